@@ -217,16 +217,42 @@ fn a_window_begins_as_it_was_left() {
 fn a_window_outlives_its_store_and_what_it_cannot_write() {
     let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
-    sandbox.write(
-        "tour.txt",
-        "settled save-scene /dev/full/no.json\nsettled save-picture no-such-folder/a.png\n0 set window.help true\n",
-    );
-    let opened = Opened::new(&display, &sandbox, &[&path, "--script", "tour.txt"]);
+    // A folder is in the picture's place.
+    std::fs::create_dir(sandbox.path("brickyard.png")).expect("a folder");
+    let opened = Opened::new(&display, &sandbox, &[&path]);
     std::fs::remove_dir_all(test.path()).expect("removed");
-    display.input("key alt+2 key Left key Left key p");
+    display.input("key ctrl+p key alt+2 key Left key Left key p");
     let document = opened.document();
     assert_eq!((&document["mode"], &document["window"]["layout"]), (&"mip".into(), &"planes".into()));
     opened.quit();
+}
+
+#[test]
+fn a_script_that_fails_says_where_and_why() {
+    let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    sandbox.write("no.txt", "no volume");
+    for (command, why) in [
+        ("export crop.tif", "crop.tif"),
+        ("save-picture no-such-folder/a.png", "no-such-folder/a.png"),
+        ("set nonsense 3", "nonsense"),
+        ("open no.txt", "no.txt"),
+        ("screenshot no-such-folder/b.png", "no-such-folder/b.png"),
+        ("save-scene no-such-folder/c.json", "no-such-folder/c.json"),
+    ] {
+        sandbox.write("tour.txt", &format!("# a tour\n0 set mode mip\n0 {command}\nsettled save-scene after.json\n"));
+        let arguments = [&path, "--backend", "cpu", "--script", "tour.txt", "--screenshot", "shot.png"];
+        let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+        let is_said = said.contains("line 3") && said.matches(why).count() == 1;
+        assert!(ended.status.code() == Some(1) && is_said, "{command}: {:?}: {said}", ended.status);
+        assert!(!sandbox.path("after.json").exists(), "{command}: the script goes on");
+    }
+    sandbox.write("tour.txt", "0 export crop.npy\n0 set mode mip\nsettled set window.panels false\n");
+    let arguments = [&path, "--backend", "cpu", "--script", "tour.txt", "--screenshot", "shot.png"];
+    let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+    assert!(sandbox.path("crop.npy").exists() && sandbox.path("shot.png").exists());
 }
 
 #[test]

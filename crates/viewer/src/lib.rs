@@ -48,7 +48,7 @@ use brickyard::volume::Scene;
 use eframe::egui::ViewportBuilder;
 use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 /// The least width and height of a window in points, unless it is smaller from the beginning.
@@ -86,7 +86,8 @@ pub struct WindowError(String);
 /// Opens a window on volumes, and returns when it is closed. There is something to show of each: see [`Openings::wait`]. Without volumes it is empty, and files are opened in it.
 ///
 /// # Errors
-/// If there is no display, nothing that can draw on it, or the device lacks what the engine needs. The message says what to do.
+/// If there is no display, nothing that can draw on it, or the device lacks what the engine needs: the message says what to do. If a command of the script
+/// fails: the message names its line.
 pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowError> {
     if let Some(path) = options.screenshot.take() {
         options.script.then(Command::Screenshot(path));
@@ -109,6 +110,8 @@ pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowE
     };
     let (state, keeper, problem) = first_state(&volumes, paths, &options).map_err(WindowError)?;
     let WindowOptions { session, script, opened, stats, .. } = options;
+    let failure = Arc::new(OnceLock::new());
+    let of_window = failure.clone();
     let ended = eframe::run_native(
         "brickyard",
         native,
@@ -118,10 +121,11 @@ pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowE
             let recent = Recent::read(keeping::state_folder().map(|folder| folder.join("recent.json")));
             let kept = (keeper, problem);
             let paced = (Pacing::new(opened), stats);
-            Ok(Box::new(Window::new(state, views, (openings, recent), script, kept, paced)))
+            Ok(Box::new(Window::new(state, views, (openings, recent), (script, of_window), kept, paced)))
         }),
     );
-    ended.map_err(|error| WindowError(refusal(&error)))
+    ended.map_err(|error| WindowError(refusal(&error)))?;
+    failure.get().map_or(Ok(()), |failure| Err(WindowError(failure.clone())))
 }
 
 /// The title of a window on what these paths name.

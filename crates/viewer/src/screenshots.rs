@@ -43,17 +43,15 @@ impl Screenshots {
         self.awaited > 0
     }
 
-    /// Writes those that have come.
-    ///
-    /// # Errors
-    /// If one of the files cannot be written; the others are.
-    pub(crate) fn write(&mut self) -> Result<(), PictureError> {
-        let mut written = Ok(());
+    /// Writes those that have come. Returns their files, and what came of each.
+    pub(crate) fn write(&mut self) -> Vec<(PathBuf, Result<(), PictureError>)> {
+        let mut written = Vec::new();
         while let Ok(Screenshot { path, image }) = self.receiver.try_recv() {
             self.awaited -= 1;
             let [width, height] = image.size.map(|side| side as u32);
             let rgb = image.pixels.iter().map(|pixel| [pixel.r(), pixel.g(), pixel.b()]).collect();
-            written = written.and(write_png(&path, &Picture { width, height, rgb }, &[]));
+            let result = write_png(&path, &Picture { width, height, rgb }, &[]);
+            written.push((path, result));
         }
         written
     }

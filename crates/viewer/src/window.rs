@@ -19,7 +19,7 @@ use crate::plane_view::PlaneView;
 use crate::planes::Grid;
 use crate::recent::Recent;
 use crate::screenshots::Screenshots;
-use crate::script::Script;
+use crate::script::{Line, Script};
 use crate::state::{Budgets, Layout, State, Theme, is_navigation};
 use crate::views::Views;
 use crate::volume_view::{Seen, VolumeView};
@@ -32,7 +32,8 @@ use brickyard::volume::Scene;
 use brickyard::volume::scene::VolumePlace;
 use eframe::egui::{self, Rect, Ui, UiBuilder, ViewportCommand, vec2};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 /// How often the window looks whether bricks have come.
@@ -55,6 +56,8 @@ pub(crate) struct Window {
     volume_view: VolumeView,
     plane_views: [PlaneView; 3],
     script: Script,
+    /// Why the script was ended, once it was: for who has opened the window.
+    failure: Arc<OnceLock<String>>,
     keeper: Keeper,
     /// The volumes that are shown, and what is being done for them.
     openings: Openings,
@@ -86,7 +89,7 @@ impl Window {
         state: State,
         views: Views,
         (openings, mut recent): (Openings, Recent),
-        script: Script,
+        (script, failure): (Script, Arc<OnceLock<String>>),
         (keeper, message): (Keeper, Option<String>),
         (pacing, stats): (Pacing, Option<PathBuf>),
     ) -> Self {
@@ -106,6 +109,7 @@ impl Window {
             volume_view: VolumeView::default(),
             plane_views: Default::default(),
             script,
+            failure,
             keeper,
             message,
             is_failing: false,
@@ -130,7 +134,37 @@ impl Window {
     fn perform(&mut self, command: &Command, egui: &egui::Context) {
         tracing::debug!("{command}");
         if let Err(problem) = self.try_perform(command, egui) {
-            self.message = Some(format!("{command}: {problem}"));
+            self.message = Some(command.failure(&problem));
+        }
+    }
+
+    /// Does what a line of the script says.
+    fn perform_line(&mut self, line: &Line, egui: &egui::Context) {
+        tracing::debug!("{}", line.command);
+        let done = self.try_perform(&line.command, egui);
+        // Meshes alone are there at once.
+        if done.is_err() || matches!(line.command, Command::Open(_) | Command::Add(_)) && self.next.is_none() {
+            self.script.ended(|command| *command == line.command);
+        }
+        if let Err(problem) = done {
+            self.fail(line, &problem);
+        }
+    }
+
+    /// Ends the script, whose line has failed. Who played it is told when the window is closed.
+    fn fail(&mut self, line: &Line, problem: &str) {
+        let problem = line.failure(problem);
+        self.script.stop();
+        self.message = Some(problem.clone());
+        self.failure.get_or_init(|| problem);
+    }
+
+    /// Says what has come of what a command began.
+    fn say_ended(&mut self, is_it: impl Fn(&Command) -> bool, ended: Result<String, String>) {
+        match (self.script.ended(is_it), ended) {
+            (_, Ok(done)) => self.message = Some(done),
+            (Some(line), Err(problem)) => self.fail(&line, &problem),
+            (None, Err(problem)) => self.message = Some(problem),
         }
     }
 
@@ -145,7 +179,7 @@ impl Window {
             Command::Redo => self.history.redo(&mut self.state).then_some(()).ok_or("there is nothing to redo")?,
             Command::SaveScene(path) => {
                 keeping::write(path, &self.state)?;
-                self.message = Some(format!("wrote {}", path.display()));
+                self.message = Some(wrote(path));
             }
             Command::SavePicture(path, size_px) => {
                 self.views.main.capture(self.state.scene.clone(), *size_px, path.clone());
@@ -209,9 +243,9 @@ impl Window {
         // A screenshot shows the frame after it was asked for: nothing may change that.
         while !self.screenshots.are_awaited()
             && self.clicks.are_done()
-            && let Some(command) = self.script.next(since_start, self.is_final())
+            && let Some(line) = self.script.next(since_start, self.is_final())
         {
-            self.perform(&command, egui);
+            self.perform_line(&line, egui);
             self.history.close();
             // What the command changed is to be drawn before the next one that waits for it.
             if self.is_final() {
@@ -261,19 +295,19 @@ impl Window {
 
     /// Writes the pictures that have come.
     fn write_pictures(&mut self) {
-        if let Err(error) = self.screenshots.write() {
-            self.message = Some(error.to_string());
+        for (path, written) in self.screenshots.write() {
+            let is_it = |command: &Command| matches!(command, Command::Screenshot(file) if *file == path);
+            let written = written.map(|()| wrote(&path)).map_err(|error| error.to_string());
+            self.say_ended(is_it, written);
         }
+        let is_picture = |command: &Command| matches!(command, Command::SavePicture(..));
         match self.views.main.captured(self.volume_view.size_px) {
             Ok(None) => {}
             Ok(Some(Captured { path, picture, scene, stats })) => {
                 let written = write_shown(&path, &picture, &scene, &stats);
-                self.message = Some(match written {
-                    Ok(()) => format!("wrote {}", path.display()),
-                    Err(error) => error.to_string(),
-                });
+                self.say_ended(is_picture, written.map(|()| wrote(&path)).map_err(|error| error.to_string()));
             }
-            Err(error) => self.message = Some(format!("the picture cannot be written: {error}")),
+            Err(error) => self.say_ended(is_picture, Err(format!("the picture cannot be written: {error}"))),
         }
     }
 
@@ -322,7 +356,7 @@ impl Window {
             });
         });
         for function in saved {
-            let written = function.write().map(|()| format!("wrote {}", function.path.display()));
+            let written = function.write().map(|()| wrote(&function.path));
             self.message = Some(written.unwrap_or_else(|error| error.to_string()));
         }
         if state.window.diagnostics {
@@ -340,6 +374,11 @@ impl Window {
             None
         })
     }
+}
+
+/// That a file has been written, and where.
+fn wrote(path: &Path) -> String {
+    format!("wrote {}", std::path::absolute(path).unwrap_or_else(|_| path.into()).display())
 }
 
 /// The quarters of an area, with a gap between them: upper left and right, lower left and right.
@@ -364,6 +403,9 @@ impl eframe::App for Window {
             self.message = Some(problem);
         }
         self.play(&egui);
+        if self.failure.get().is_some() {
+            egui.send_viewport_cmd(ViewportCommand::Close);
+        }
         if self.state.window.fullscreen != self.is_fullscreen {
             self.is_fullscreen = self.state.window.fullscreen;
             egui.send_viewport_cmd(ViewportCommand::Fullscreen(self.is_fullscreen));

@@ -10,7 +10,7 @@ use crate::opening::Openings;
 use crate::panels::dialogs::{Dialog, DialogKind};
 use brickyard::channels::default_layers;
 use brickyard::openable::is_mesh;
-use brickyard::opening::OpeningOptions;
+use brickyard::opening::{OpeningError, OpeningOptions};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{MeshLook, Scene};
 use eframe::egui::{self, Link, Rect, Ui, UiBuilder, ViewportCommand, pos2};
@@ -71,7 +71,7 @@ impl Window {
     pub(super) fn follow_files(&mut self, egui: &egui::Context) -> Result<(), String> {
         if let Some(ended) = self.exporting.as_mut().and_then(Exporting::poll) {
             self.exporting = None;
-            self.message = Some(ended?);
+            self.say_ended(|command| matches!(command, Command::Export(_)), ended);
         }
         let changes = self.openings.poll();
         if let Some(message) = changes.messages.into_iter().last() {
@@ -86,21 +86,26 @@ impl Window {
             self.views.set_volumes(volumes).map_err(|error| error.to_string())?;
         }
         if let Some((path, error)) = changes.stopped {
-            return Err(format!("{}: {error}", path.display()));
+            return Err(named(&path, &error));
         }
         let Some(next) = &mut self.next else { return Ok(()) };
         let changes = next.openings.poll();
         if let Some(message) = changes.messages.into_iter().last() {
             self.message = Some(message);
         }
+        let is_opening = |command: &Command| matches!(command, Command::Open(_) | Command::Add(_));
         if let Some((path, error)) = changes.stopped {
             self.next = None;
-            return Err(format!("{}: {error}", path.display()));
+            self.say_ended(is_opening, Err(named(&path, &error)));
+            return Ok(());
         }
-        match self.next.take_if(|next| next.openings.are_shown()) {
-            Some(next) => self.show_next(next, egui),
-            None => Ok(()),
+        let Some(next) = self.next.take_if(|next| next.openings.are_shown()) else { return Ok(()) };
+        let shown = self.show_next(next, egui);
+        match (self.script.ended(is_opening), shown) {
+            (Some(line), Err(problem)) => self.fail(&line, &problem),
+            (_, shown) => return shown,
         }
+        Ok(())
     }
 
     fn show_next(&mut self, next: Next, egui: &egui::Context) -> Result<(), String> {
@@ -204,6 +209,12 @@ impl Window {
             }
         }
     }
+}
+
+/// An error about a file, which names the file once.
+fn named(path: &Path, error: &OpeningError) -> String {
+    let (path, error) = (path.display().to_string(), error.to_string());
+    if error.contains(&path) { error } else { format!("{path}: {error}") }
 }
 
 /// Brings the crops of layers, which are in voxels, from the voxels of some volumes to those of others that take their places: a store's are more than its
