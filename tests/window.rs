@@ -91,9 +91,9 @@ fn a_mode_that_is_chosen_in_the_window_is_that_of_render() {
     let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
     assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
     for (i, mode) in modes.iter().enumerate() {
-        let line = format!("render {path} --mode {mode} --view +z --size 120x120 --backend cpu -o rendered.png");
+        let line = format!("render {path} --mode {mode} --view +z --size 120x120 --backend cpu -o rendered{i}.png");
         sandbox.run_ok(&line);
-        let [found, expected] = [format!("{i}.png"), "rendered.png".into()].map(|name| read_png(&sandbox.path(&name)));
+        let [found, expected] = [format!("{i}.png"), format!("rendered{i}.png")].map(|name| read_png(&sandbox.path(&name)));
         assert!(most(&found, &expected) <= 1, "{mode}: {}", most(&found, &expected));
     }
 }

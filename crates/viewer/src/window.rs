@@ -15,6 +15,7 @@ use crate::overlay::World;
 use crate::pacing::Pacing;
 use crate::panels;
 use crate::panels::dialogs::{Dialog, DialogKind};
+use crate::panels::status::Said;
 use crate::plane_view::PlaneView;
 use crate::planes::Grid;
 use crate::recent::Recent;
@@ -68,8 +69,10 @@ pub(crate) struct Window {
     recent: Recent,
     /// The dialog that is shown.
     dialog: Option<Dialog>,
-    /// What the user is to be told.
+    /// What has gone wrong last.
     message: Option<String>,
+    /// What has been done last, which the next command takes away.
+    note: Option<String>,
     /// Whether a picture could not be brought on in the last frame.
     is_failing: bool,
     /// Whether the window was told to fill the screen.
@@ -112,6 +115,7 @@ impl Window {
             failure,
             keeper,
             message,
+            note: None,
             is_failing: false,
             is_fullscreen: false,
             started: None,
@@ -133,6 +137,7 @@ impl Window {
     /// Does a command. What is wrong with it is said in the window.
     fn perform(&mut self, command: &Command, egui: &egui::Context) {
         tracing::debug!("{command}");
+        self.note = None;
         if let Err(problem) = self.try_perform(command, egui) {
             self.message = Some(command.failure(&problem));
         }
@@ -159,10 +164,15 @@ impl Window {
         self.failure.get_or_init(|| problem);
     }
 
+    /// Says what has been done.
+    fn note(&mut self, note: String) {
+        (self.note, self.message) = (Some(note), None);
+    }
+
     /// Says what has come of what a command began.
     fn say_ended(&mut self, is_it: impl Fn(&Command) -> bool, ended: Result<String, String>) {
         match (self.script.ended(is_it), ended) {
-            (_, Ok(done)) => self.message = Some(done),
+            (_, Ok(done)) => self.note(done),
             (Some(line), Err(problem)) => self.fail(&line, &problem),
             (None, Err(problem)) => self.message = Some(problem),
         }
@@ -179,7 +189,7 @@ impl Window {
             Command::Redo => self.history.redo(&mut self.state).then_some(()).ok_or("there is nothing to redo")?,
             Command::SaveScene(path) => {
                 keeping::write(path, &self.state)?;
-                self.message = Some(wrote(path));
+                self.note(wrote(path));
             }
             Command::SavePicture(path, size_px) => {
                 self.views.main.capture(self.state.scene.clone(), *size_px, path.clone());
@@ -338,7 +348,8 @@ impl Window {
         }
         egui::Panel::bottom("status").show(ui, |ui| {
             let views = Some(&self.views).filter(|_| has_volumes);
-            panels::status::show(ui, views, self.message.as_deref(), self.picked());
+            let said = Said { problem: self.message.as_deref(), note: self.note.as_deref(), picked: self.picked() };
+            panels::status::show(ui, views, &said);
         });
         if has_volumes {
             self.side_panels(ui, state, commands);
@@ -356,8 +367,10 @@ impl Window {
             });
         });
         for function in saved {
-            let written = function.write().map(|()| wrote(&function.path));
-            self.message = Some(written.unwrap_or_else(|error| error.to_string()));
+            match function.write() {
+                Ok(()) => self.note(wrote(&function.path)),
+                Err(error) => self.message = Some(error.to_string()),
+            }
         }
         if state.window.diagnostics {
             egui::Panel::right("diagnostics").default_size(280.0).show(ui, |ui| {

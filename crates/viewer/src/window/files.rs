@@ -74,9 +74,7 @@ impl Window {
             self.say_ended(|command| matches!(command, Command::Export(_)), ended);
         }
         let changes = self.openings.poll();
-        if let Some(message) = changes.messages.into_iter().last() {
-            self.message = Some(message);
-        }
+        self.note = changes.messages.into_iter().last().or(self.note.take());
         if changes.has_volumes {
             let volumes = self.openings.volumes();
             if scale_crops(&mut self.state.scene, self.views.volumes(), &volumes) {
@@ -90,9 +88,7 @@ impl Window {
         }
         let Some(next) = &mut self.next else { return Ok(()) };
         let changes = next.openings.poll();
-        if let Some(message) = changes.messages.into_iter().last() {
-            self.message = Some(message);
-        }
+        self.note = changes.messages.into_iter().last().or(self.note.take());
         let is_opening = |command: &Command| matches!(command, Command::Open(_) | Command::Add(_));
         if let Some((path, error)) = changes.stopped {
             self.next = None;
