@@ -31,7 +31,7 @@ use brickyard::session::{SessionError, VolumeSource};
 use brickyard::text_file::write_text;
 use brickyard::volume::Scene;
 use brickyard::volume::scene::VolumePlace;
-use eframe::egui::{self, Rect, Ui, UiBuilder, ViewportCommand, vec2};
+use eframe::egui::{self, Align2, Rect, Ui, UiBuilder, ViewportCommand, vec2};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -45,6 +45,10 @@ const OPENING_STEP: Duration = Duration::from_millis(100);
 
 /// How often the window tries again what has failed: a disk may come back.
 const FAILING_STEP: Duration = Duration::from_secs(1);
+
+/// Where what is being read or written is shown, from the middle of the window's lower end, and how wide, in points.
+const ABOVE_STATUS: [f32; 2] = [0.0, -32.0];
+const WORK_WIDTH: f32 = 420.0;
 
 /// Space between the pictures of a window, in points.
 const GAP: f32 = 3.0;
@@ -329,7 +333,9 @@ impl Window {
         let help = egui::Window::new("Help").open(&mut state.window.help).default_size(vec2(420.0, 520.0));
         help.show(ui.ctx(), panels::help::show);
         // An empty window has nothing else to show.
-        if has_volumes && !self.state.window.panels {
+        let is_bare = has_volumes && !self.state.window.panels;
+        self.over_pictures(ui.ctx(), is_bare);
+        if is_bare {
             return;
         }
         egui::Panel::top("menu").show(ui, |ui| {
@@ -339,13 +345,6 @@ impl Window {
         if let Some(kind) = wanted {
             self.show_dialog(kind);
         }
-        if self.is_busy() {
-            egui::Panel::bottom("work").show(ui, |ui| {
-                self.openings.show(ui);
-                self.next.iter().for_each(|next| next.show(ui));
-                self.exporting.iter().for_each(|exporting| exporting.show(ui));
-            });
-        }
         egui::Panel::bottom("status").show(ui, |ui| {
             let views = Some(&self.views).filter(|_| has_volumes);
             let said = Said { problem: self.message.as_deref(), note: self.note.as_deref(), picked: self.picked() };
@@ -354,6 +353,25 @@ impl Window {
         if has_volumes {
             self.side_panels(ui, state, commands);
         }
+    }
+
+    /// What lies over the lower end of the pictures: files that are being read or written, and without panels what has gone wrong. It takes no room from the
+    /// pictures: by another height they would have to be drawn again.
+    fn over_pictures(&self, egui: &egui::Context, is_bare: bool) {
+        let problem = self.message.as_deref().filter(|_| is_bare);
+        if problem.is_none() && !self.is_busy() {
+            return;
+        }
+        let area = egui::Area::new(egui::Id::unique("work")).anchor(Align2::CENTER_BOTTOM, ABOVE_STATUS);
+        area.show(egui, |ui| {
+            egui::Frame::popup(ui.style()).show(ui, |ui| {
+                ui.set_width(WORK_WIDTH);
+                self.openings.show(ui);
+                self.next.iter().for_each(|next| next.show(ui));
+                self.exporting.iter().for_each(|exporting| exporting.show(ui));
+                problem.map(|problem| ui.label(problem));
+            });
+        });
     }
 
     /// The panels beside the pictures, which are about volumes.
