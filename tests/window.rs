@@ -256,6 +256,23 @@ fn a_script_that_fails_says_where_and_why() {
 }
 
 #[test]
+fn the_dialog_of_an_empty_window_goes_once_something_is_opened() {
+    let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    sandbox.write("open.txt", &format!("0 open {path}\n0 set window.panels false\n"));
+    sandbox.write("there.txt", "0 set window.panels false\n");
+    let shot = |arguments: &[&str]| {
+        let arguments = [arguments, &["--backend", "cpu", "--screenshot", "shot.png"]].concat();
+        let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+        assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+        read_png(&sandbox.path("shot.png"))
+    };
+    let opened = shot(&["--script", "open.txt"]);
+    let there = shot(&[&path, "--script", "there.txt"]);
+    assert!(most(&opened, &there) <= 1, "something lies over the picture");
+}
+
+#[test]
 fn what_keeps_a_window_from_opening_is_said() {
     let (test, sandbox) = (store(), Sandbox::in_memory());
     let path = test.path().display().to_string();

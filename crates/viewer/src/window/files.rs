@@ -40,6 +40,7 @@ impl Window {
         if volumes.is_empty() {
             return self.add_meshes(&meshes);
         }
+        self.dialog.take_if(|dialog| dialog.is_about_opening());
         // What was said of the files before is not of these.
         let options = OpeningOptions { store: None, ..self.openings.options().clone() };
         let openings = Openings::start(volumes, options);
