@@ -234,16 +234,16 @@ fn labels_over_an_image_equal_the_oracle() {
     .into();
     for labels in [store::<u8>([0.0, 1.0, 3.0, 200.0, 255.0]), store::<u32>([0.0, 70_000.0, 70_001.0, 4e9, 5.0])] {
         let stores: [&Store; 2] = [&image.store, &labels.store];
-        let over = |opacity: f64| SceneLayer { opacity, ..SceneLayer::default() };
+        let over = |opacity: f64| SceneLayer { opacity, blend: Some(Blend::Mix), ..SceneLayer::default() };
         let both = |scene: Scene, opacity: f64| Scene { layers: vec![fog.clone(), over(opacity)], ..scene };
         let slice = looking_at(through(DVec3::new(0.3, -0.5, 0.8), 0.0), Mode::Average);
         let over_it = |mut scene: Scene| {
-            scene.layers[1].blend = Blend::Over;
+            scene.layers[1].blend = Some(Blend::Over);
             scene
         };
         // It is the last on top wherever it stands in the list.
-        let over = SceneLayer { source: Some(1), blend: Blend::Over, ..over(0.4) };
-        let bright = SceneLayer { source: Some(0), blend: Blend::Add, ..fog.clone() };
+        let over = SceneLayer { source: Some(1), blend: Some(Blend::Over), ..over(0.4) };
+        let bright = SceneLayer { source: Some(0), blend: Some(Blend::Add), ..fog.clone() };
         let turned = Placement::from_text("0.8 -0.6 0 12  0.6 0.8 0.1 -5  0 0 1.1 3").expect("a map");
         let mut apart = both(at_an_angle(), 0.5);
         apart.layers[1].world_from_volume = turned;

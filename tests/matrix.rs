@@ -149,7 +149,7 @@ fn of_layers(scene: &Scene, (count, grids): (usize, Grids)) -> Scene {
             let world_from_volume = Placement::from_text(&aside).expect("a map");
             SceneLayer { world_from_volume, ..turned.clone().into() }
         }
-        _ => SceneLayer { blend: Blend::Add, opacity: 0.4, ..function.clone().into() },
+        _ => SceneLayer { blend: Some(Blend::Add), opacity: 0.4, ..function.clone().into() },
     };
     let placed = |i: usize| match grids {
         Grids::Unlike => SceneLayer { source: Some(i % 2), ..layer(i) },

@@ -134,7 +134,7 @@ fn layers_come_and_go_in_a_live_session() {
     let stores = two();
     let volumes = volumes(&stores);
     let shown: Vec<&Store> = stores.iter().map(|test| &*test.store).collect();
-    let emission = SceneLayer { blend: Blend::Add, opacity: 0.5, ..transfer([0.1, 0.4, 0.9], 0.5).into() };
+    let emission = SceneLayer { blend: Some(Blend::Add), opacity: 0.5, ..transfer([0.1, 0.4, 0.9], 0.5).into() };
     let surface = Isosurface { value: 170.0, color: Some([0.9, 0.9, 0.2]), opacity: 0.5 };
     let solid = SceneLayer { isosurfaces: vec![surface], ..transfer([0.2, 0.9, 0.1], 0.1).into() };
     let all = |visible: [bool; 4], count: usize| {
@@ -263,7 +263,7 @@ fn a_lost_device_is_started_anew_with_the_same_picture() {
 fn two_stores_equal_the_oracle_on_every_backend() {
     let stores = two();
     let volumes = volumes(&stores);
-    let glowing = SceneLayer { blend: Blend::Add, opacity: 0.5, ..askew() };
+    let glowing = SceneLayer { blend: Some(Blend::Add), opacity: 0.5, ..askew() };
     let cropped = SceneLayer { crop: Some([DVec3::new(10.0, 4.5, -9.0), DVec3::new(50.0, 40.0, 33.0)]), ..plain() };
     let layered = vec![
         SceneLayer { isosurfaces: vec![Isosurface { opacity: 0.5, ..Isosurface::at(140.0) }], ..plain() },
@@ -345,7 +345,7 @@ fn the_channels_of_one_store_are_layers() {
     let of_channels = |source: Option<usize>| {
         let style = |(i, style): (usize, &SceneLayer)| {
             let channel = if source.is_some() { i as u32 } else { 0 };
-            SceneLayer { source, channel, blend: Blend::Add, ..style.clone() }
+            SceneLayer { source, channel, blend: Some(Blend::Add), ..style.clone() }
         };
         of(styles.iter().enumerate().map(style).collect())
     };

@@ -72,6 +72,35 @@ fn the_window_shows_what_render_writes_of_its_scene() {
     }
 }
 
+#[test]
+fn a_mode_that_is_chosen_in_the_window_is_that_of_render() {
+    let Some(display) = Display::start() else { return };
+    let extent = Extent::new(40, 33, 36);
+    let wave = |channel: u32, v: [u32; 3]| {
+        let [x, y, z] = v.map(|n| f64::from(n) * (0.2 + 0.05 * f64::from(channel)));
+        (127.0 + 60.0 * x.sin() + 60.0 * (y + z).cos()) as u8
+    };
+    let test =
+        TestStore::pack(&FunctionSource::series(extent, Geometry::default(), 1, 3, move |_, c, v| wave(c, v)), 16);
+    let (path, sandbox) = (test.path().display().to_string(), Sandbox::in_memory());
+    let modes = ["mip", "dvr", "average", "minip", "dvr"];
+    let chosen = |(i, mode): (usize, &&str)| {
+        format!("settled set mode {mode}\nsettled view +z\nsettled save-picture 120x120 {i}.png\n")
+    };
+    let tour: String = modes.iter().enumerate().map(chosen).collect();
+    sandbox.write("tour.txt", &(tour + "settled quit\n"));
+    let arguments = [&path, "--backend", "cpu", "--script", "tour.txt"];
+    let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+    for (i, mode) in modes.iter().enumerate() {
+        let line = format!("render {path} --mode {mode} --view +z --size 120x120 --backend cpu -o rendered{i}.png");
+        sandbox.run_ok(&line);
+        let [found, expected] =
+            [format!("{i}.png"), format!("rendered{i}.png")].map(|name| read_png(&sandbox.path(&name)));
+        assert!(most(&found, &expected) <= 1, "{mode}: {}", most(&found, &expected));
+    }
+}
+
 /// An open window, and the folder that it was opened in.
 struct Opened<'a> {
     display: &'a Display,
@@ -191,13 +220,11 @@ fn a_window_begins_as_it_was_left() {
 fn a_window_outlives_its_store_and_what_it_cannot_write() {
     let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
-    sandbox.write(
-        "tour.txt",
-        "settled save-scene /dev/full/no.json\nsettled save-picture no-such-folder/a.png\n0 set window.help true\n",
-    );
-    let opened = Opened::new(&display, &sandbox, &[&path, "--script", "tour.txt"]);
+    // A folder is in the picture's place.
+    std::fs::create_dir(sandbox.path("brickyard.png")).expect("a folder");
+    let opened = Opened::new(&display, &sandbox, &[&path]);
     std::fs::remove_dir_all(test.path()).expect("removed");
-    display.input("key alt+2 key Left key Left key p");
+    display.input("key ctrl+p key alt+2 key Left key Left key p");
     let document = opened.document();
     assert_eq!((&document["mode"], &document["window"]["layout"]), (&"mip".into(), &"planes".into()));
     opened.quit();
@@ -276,6 +303,51 @@ fn displays_that_cannot_show_a_window_are_said() {
     let status = window.wait().expect("it ends");
     let said = std::io::read_to_string(window.stderr.take().expect("piped")).expect("text");
     assert!(status.code() == Some(1) && !said.contains("panicked"), "{status:?}: {said}");
+}
+
+#[test]
+fn a_script_that_fails_says_where_and_why() {
+    let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    sandbox.write("no.txt", "no volume");
+    for (command, why) in [
+        ("export crop.tif", "crop.tif"),
+        ("save-picture no-such-folder/a.png", "no-such-folder/a.png"),
+        ("set nonsense 3", "nonsense"),
+        ("open no.txt", "no.txt"),
+        ("screenshot no-such-folder/b.png", "no-such-folder/b.png"),
+        ("save-scene no-such-folder/c.json", "no-such-folder/c.json"),
+    ] {
+        sandbox.write("tour.txt", &format!("# a tour\n0 set mode mip\n0 {command}\nsettled save-scene after.json\n"));
+        let arguments = [&path, "--backend", "cpu", "--script", "tour.txt", "--screenshot", "shot.png"];
+        let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+        let is_said = said.contains("line 3") && said.matches(why).count() == 1;
+        assert!(ended.status.code() == Some(1) && is_said, "{command}: {:?}: {said}", ended.status);
+        assert!(!sandbox.path("after.json").exists(), "{command}: the script goes on");
+    }
+    sandbox.write("tour.txt", "0 export crop.npy\n0 set mode mip\nsettled set window.panels false\n");
+    let arguments = [&path, "--backend", "cpu", "--script", "tour.txt", "--screenshot", "shot.png"];
+    let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+    assert!(sandbox.path("crop.npy").exists() && sandbox.path("shot.png").exists());
+}
+
+#[test]
+fn the_dialog_of_an_empty_window_goes_once_something_is_opened() {
+    let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    sandbox.write("open.txt", &format!("0 open {path}\n0 set window.panels false\n"));
+    sandbox.write("there.txt", "0 set window.panels false\n");
+    let shot = |arguments: &[&str]| {
+        let arguments = [arguments, &["--backend", "cpu", "--screenshot", "shot.png"]].concat();
+        let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+        assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+        read_png(&sandbox.path("shot.png"))
+    };
+    let opened = shot(&["--script", "open.txt"]);
+    let there = shot(&[&path, "--script", "there.txt"]);
+    assert!(most(&opened, &there) <= 1, "something lies over the picture");
 }
 
 #[test]

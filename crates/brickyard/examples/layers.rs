@@ -11,7 +11,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let volumes = vec![VolumeSource::open(first)?, VolumeSource::open(second)?];
     // Layer by layer the scene's first store, its second one, and so on: `SceneLayer::source` says another, `channel` which channel of it.
     let solid = SceneLayer { transfer: Some(TransferChoice::preset("gray")), ..SceneLayer::default() };
-    let glowing = SceneLayer { color: Some([0.2, 0.9, 0.3]), blend: Blend::Add, opacity: 0.5, ..SceneLayer::default() };
+    let glowing =
+        SceneLayer { color: Some([0.2, 0.9, 0.3]), blend: Some(Blend::Add), opacity: 0.5, ..SceneLayer::default() };
     let scene = Scene { layers: vec![solid, glowing], ..Scene::default() };
     Session::new(volumes, SessionOptions::default()).render(&scene, (640, 480))?.save(output)?;
     Ok(())

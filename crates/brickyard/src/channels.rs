@@ -2,29 +2,23 @@
 //! They are made from metadata alone.
 
 use crate::volume_source::VolumeSource;
-use brickyard_volume::{Blend, MAX_VOLUMES, Mode, SceneLayer};
+use brickyard_volume::{MAX_VOLUMES, SceneLayer};
 
 /// The layers that show every visible channel of every volume, in volumes' and channels' order. Of a single volume they are the first
 /// [`MAX_VOLUMES`]; of several volumes none is left out, even if there are more than a scene may have.
-pub fn default_layers(volumes: &[VolumeSource], mode: Mode) -> Vec<SceneLayer> {
-    let of_volume = |(i, volume): (usize, &VolumeSource)| channel_layers(i, volume, &visible_channels(volume), mode);
+pub fn default_layers(volumes: &[VolumeSource]) -> Vec<SceneLayer> {
+    let of_volume = |(i, volume): (usize, &VolumeSource)| channel_layers(i, volume, &visible_channels(volume));
     let most = if volumes.len() == 1 { MAX_VOLUMES } else { usize::MAX };
     volumes.iter().enumerate().flat_map(of_volume).take(most).collect()
 }
 
 /// The layers that show these channels of the volume with this index among the session's. The channels of an image that has several have
-/// their colours; in a projection they add, else they mix as media do. Labels lie over what others show.
-pub fn channel_layers(index: usize, volume: &VolumeSource, channels: &[u32], mode: Mode) -> Vec<SceneLayer> {
-    let blend = match volume.source.is_labels() {
-        true => Blend::Over,
-        false if mode.is_projection() && channels.len() > 1 => Blend::Add,
-        false => Blend::Mix,
-    };
+/// their colours. How they join follows from the mode: see [`Scene::blend`](brickyard_volume::Scene::blend).
+pub fn channel_layers(index: usize, volume: &VolumeSource, channels: &[u32]) -> Vec<SceneLayer> {
     let layer = |&channel: &u32| SceneLayer {
         source: Some(index),
         channel,
         color: color(volume, channel),
-        blend,
         ..SceneLayer::default()
     };
     channels.iter().map(layer).collect()

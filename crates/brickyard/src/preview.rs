@@ -466,7 +466,7 @@ mod tests {
             let facts = |v: &VolumeSource| (v.source.nodata(), v.source.has_non_finite(), v.source.is_labels());
             assert_eq!(facts(&volume), facts(&store));
             let picture = |volume: &VolumeSource| {
-                let layers = default_layers(std::slice::from_ref(volume), Mode::Dvr);
+                let layers = default_layers(std::slice::from_ref(volume));
                 let scene = Scene { layers, ..Scene::default() };
                 let options = SessionOptions { backend: BackendChoice::Cpu, ..SessionOptions::default() };
                 let mut session = Session::new(vec![volume.clone()], options);
@@ -524,7 +524,7 @@ mod tests {
         assert!(preview.held_bytes() > 2 * host_memory_bytes);
         let volume = preview.volume().unwrap();
         let (backend, mode) = (BackendChoice::Cpu, Mode::Mip);
-        let layers = default_layers(std::slice::from_ref(&volume), mode);
+        let layers = default_layers(std::slice::from_ref(&volume));
         assert_eq!(layers.len(), 3);
         let options = SessionOptions { backend, host_memory_bytes, ..SessionOptions::default() };
         let scene = Scene { mode, layers, ..Scene::default() };

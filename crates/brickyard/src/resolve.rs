@@ -335,7 +335,8 @@ impl ShownLayer<'_> {
         (table, kept): (impl FnOnce((usize, u32), &TransferFunction, &SlotEncoding) -> Arc<TransferTable>, KeptSlots),
     ) -> Result<ResolvedLayer, SceneError> {
         let Self { place, store, volume, placement, style, transfer, window, codes } = self;
-        let SceneLayer { channel, crop, opacity, blend, .. } = style;
+        let SceneLayer { channel, crop, opacity, .. } = style;
+        let blend = scene.blend(place, volume.source.is_labels());
         let (geometry, rays) = (volume.source.geometry().clone(), eyes.rays[0]);
         let is_nearest = volume.source.is_labels() || scene.sampling.filter == Filter::Nearest;
         let clip = scene.clip_for(&rays, &geometry, volume.extent(), is_nearest.then_some(&placement))?;

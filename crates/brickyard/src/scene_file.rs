@@ -64,7 +64,7 @@ struct Listed {
 pub fn open(path: impl AsRef<Path>, volumes: &[VolumeSource]) -> Result<(Scene, Vec<String>), SceneFileError> {
     let SceneFile { mut scene, lists_layers } = read(path.as_ref())?;
     if !lists_layers {
-        scene.layers = default_layers(volumes, scene.mode);
+        scene.layers = default_layers(volumes);
     }
     let remarks = read_named_files(&mut scene, volumes)?;
     Ok((scene, remarks))

@@ -138,7 +138,7 @@ impl Session {
 
     /// The scene that shows every visible channel of every volume in a mode, each in its own window and colour.
     pub fn default_scene(&self, mode: Mode) -> Scene {
-        Scene { mode, layers: default_layers(&self.volumes, mode), ..Scene::default() }
+        Scene { mode, layers: default_layers(&self.volumes), ..Scene::default() }
     }
 
     /// Whether a scene can be shown of the session's volumes. Nothing is made for it.

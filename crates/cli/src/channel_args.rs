@@ -155,7 +155,7 @@ impl ChannelArguments {
             return self.choose_of_all(scene, volumes);
         }
         let Some(text) = self.channel.as_deref() else {
-            scene.layers = default_layers(volumes, scene.mode);
+            scene.layers = default_layers(volumes);
             let channels: u64 = volumes.iter().map(|volume| u64::from(volume.source.channels())).sum();
             if scene.layers.len() == MAX_VOLUMES && channels > MAX_VOLUMES as u64 {
                 eprintln!(
@@ -169,7 +169,7 @@ impl ChannelArguments {
         for (i, volume) in volumes.iter().enumerate() {
             // Channels are those of images, where labels are shown over them.
             let channels = if has_image && volume.source.is_labels() { vec![0] } else { chosen(text, volume)? };
-            scene.layers.extend(channel_layers(i, volume, &channels, scene.mode));
+            scene.layers.extend(channel_layers(i, volume, &channels));
         }
         match scene.layers.len() {
             count if count > MAX_VOLUMES => {

@@ -5,7 +5,8 @@ use super::values::{self, short};
 use super::{print_json, print_line, store_errors};
 use brickyard::store::{ChannelDisplay, Kind, ReadError, Store};
 use brickyard::volume::channel::hex;
-use brickyard::volume::{Level, Side, counted};
+use brickyard::volume::numbers::{exact, to_place};
+use brickyard::volume::{Level, Side, VoxelType, counted};
 use clap::Args;
 use glam::DVec3;
 use serde::Serialize;
@@ -112,15 +113,10 @@ fn text(info: &Info<'_>, store: &Store) -> String {
             lines.push(format!("  channel {c}: labels from {} to {}", channel.range[0], channel.range[1]));
             continue;
         }
-        let window = store.default_window(c as u32);
         lines.push(format!(
-            "  channel {c}{}: values {} to {}, mean {:.4}, window {} to {}, {} not finite",
+            "  channel {c}{}: {}, {} not finite",
             look(&store.channel_displays()[c]),
-            channel.range[0],
-            channel.range[1],
-            channel.mean,
-            window.0,
-            window.1,
+            statistics(channel.range, channel.mean, store.default_window(c as u32), store.voxel_type()),
             channel.nan + channel.pos_inf + channel.neg_inf
         ));
     }
@@ -144,6 +140,13 @@ fn text(info: &Info<'_>, store: &Store) -> String {
         lines.push(format!("  levels 1 and up twice: by {main}, and by {second} (K/.brickyard/{second})"));
     }
     lines.join("\n")
+}
+
+/// A channel's least, greatest and mean value and its window, in words. The mean has a ten thousandth of their range, however small and far from 0 that is.
+fn statistics([low, high]: [f64; 2], mean: f64, window: (f64, f64), voxel_type: VoxelType) -> String {
+    let value = |value: f64| exact(value, voxel_type == VoxelType::F32);
+    let mean = if low < high { to_place(mean, (high - low).log10().floor() as i32 - 4) } else { value(mean) };
+    format!("values {} to {}, mean {mean}, window {} to {}", value(low), value(high), value(window.0), value(window.1))
 }
 
 /// Which voxels hold no data, and how many do, in words; `None` if no value says so.
@@ -188,6 +191,21 @@ fn triple([x, y, z]: [f64; 3]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn statistics_have_the_digits_that_tell() {
+        let small = [-5.995_736e-7f32, 1.338_123e-6].map(f64::from);
+        assert_eq!(
+            statistics(small, 4.834_123e-7, (f64::from(-3.97e-7f32), 1e-6), VoxelType::F32),
+            "values -5.995736e-7 to 1.338123e-6, mean 4.834e-7, window -3.97e-7 to 1e-6"
+        );
+        assert_eq!(
+            statistics([999_998_000.0, 1_000_002_000.0], 1_000_000_000.26, (1e9, 1_000_001_408.0), VoxelType::U32),
+            "values 999998000 to 1000002000, mean 1000000000.3, window 1e9 to 1000001408"
+        );
+        let constant = statistics([7.0, 7.0], 7.0, (6.5, 7.5), VoxelType::U8);
+        assert_eq!(constant, "values 7 to 7, mean 7, window 6.5 to 7.5");
+    }
 
     #[test]
     fn placements_are_printed_exactly_and_no_longer() {

@@ -9,8 +9,8 @@ use brickyard::scene_file::{self, SceneFile};
 use brickyard::session::VolumeSource;
 use brickyard::volume::scene::VolumePlace;
 use brickyard::volume::{
-    Blend, Camera, ClipPlane, Gradient, Isosurface, MeshLook, Mode, Projection, Scene, SceneExpression, SceneLayer,
-    Stereo, StereoLayout, TransferFunction, Viewpoint,
+    Camera, ClipPlane, Gradient, Isosurface, MeshLook, Mode, Projection, Scene, SceneExpression, SceneLayer, Stereo,
+    StereoLayout, TransferFunction, Viewpoint,
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -62,7 +62,7 @@ pub(crate) struct SceneArguments {
     gradient_opacity: Option<GradientOpacity>,
     /// How layer N looks, counted from 0; the layers are the scene file's, or else one for each store. Again and again. KEY=VALUE is
     /// one of: transfer=FILE|PRESET; window=LOW:HIGH, the values that a preset spans or the function is moved to; color=R:G:B, from
-    /// black to it over the window; gamma=G, by which colours and opacities are bent over the window; opacity=0..1; blend=mix|add;
+    /// black to it over the window; gamma=G, by which colours and opacities are bent over the window; opacity=0..1; blend=auto|mix|add;
     /// matrix=FILE or its 12 or 16 numbers row by row, from the store's world to the scene's;
     /// isovalue=VALUE[,opacity=A][,color=R:G:B], an isosurface, up to eight times;
     /// crop=X0:X1,Y0:Y1,Z0:Z1 in voxels; channel=C; visible=true|false
@@ -205,7 +205,7 @@ impl SceneArguments {
         if scene.expression.is_some() && !lists_layers {
             // What an expression takes the place of has no look of its own.
             for layer in &mut scene.layers {
-                (layer.color, layer.blend) = (None, Blend::Mix);
+                layer.color = None;
             }
         }
         self.channels.set_looks(&mut scene, volumes)?;

@@ -124,10 +124,11 @@ impl VolumeKey {
             Self::ShowLabels => layer.show_labels = Some(values::labels(value)?),
             Self::Blend => {
                 layer.blend = match value {
-                    "mix" => Blend::Mix,
-                    "add" => Blend::Add,
-                    "over" => Blend::Over,
-                    _ => return Err(format!("blend '{value}': expected mix, add or over")),
+                    "auto" => None,
+                    "mix" => Some(Blend::Mix),
+                    "add" => Some(Blend::Add),
+                    "over" => Some(Blend::Over),
+                    _ => return Err(format!("blend '{value}': expected auto, mix, add or over")),
                 }
             }
             Self::Opacity => {
@@ -174,7 +175,7 @@ mod tests {
             let VolumeSetting { key, value, .. } = volume_setting(text).unwrap();
             key.set(&mut layer, &value).unwrap();
         }
-        assert_eq!((layer.blend, layer.opacity, layer.channel, layer.visible), (Blend::Add, 0.25, 2, false));
+        assert_eq!((layer.blend, layer.opacity, layer.channel, layer.visible), (Some(Blend::Add), 0.25, 2, false));
         assert_eq!((layer.window, layer.color, layer.gamma), (Some([-4.5, 30.0]), Some([1.0, 0.5, 0.0]), 0.5));
         assert!(layer.crop.is_some() && layer.show_labels == Some(vec![3, 7]));
         assert_eq!(

@@ -55,7 +55,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
         }
         Stream::Gzip(stream) => {
             notes.push(format!(
-                "The file is compressed and cannot be read at random: {} of scratch space hold it inflated.",
+                "The file is compressed: it is unpacked into {} of scratch space first.",
                 human_bytes(expected)
             ));
             let (scratch, trailing) = inflate(stream, &body_path, &array, expected, options)?;

@@ -102,6 +102,22 @@ impl Command {
         Self::Orbit { right_deg, up_deg, about: None }
     }
 
+    /// Whether the command is over only later: it has to do with files.
+    pub(crate) fn takes_time(&self) -> bool {
+        matches!(self, Self::Open(_) | Self::Add(_) | Self::Export(_) | Self::SavePicture(..) | Self::Screenshot(_))
+    }
+
+    /// What is wrong with the command, in words. A file that the problem names already is not named again.
+    pub(crate) fn failure(&self, problem: &str) -> String {
+        let is_named = self.words().last().is_some_and(|last| last.len() > 1 && problem.contains(last.as_str()));
+        if is_named && self.names_file() { problem.into() } else { format!("{self}: {problem}") }
+    }
+
+    /// Whether the last of the command's words is a file.
+    fn names_file(&self) -> bool {
+        self.takes_time() || matches!(self, Self::SaveScene(_))
+    }
+
     /// The command's words; the first one is its name.
     fn words(&self) -> Vec<String> {
         let name = |name: &str| vec![name.to_string()];

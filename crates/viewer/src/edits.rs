@@ -7,7 +7,7 @@ use crate::state::State;
 use brickyard::channels::default_layers;
 use brickyard::scene_file::read_named_files;
 use brickyard::session::VolumeSource;
-use brickyard::volume::{Blend, Mode, Scene, TransferChoice};
+use brickyard::volume::{Mode, Scene, TransferChoice};
 use serde_json::Value;
 
 /// A state after fields of its document have been set.
@@ -36,13 +36,13 @@ pub(crate) fn edited(state: &State, volumes: &[VolumeSource], fields: &[(String,
 pub(crate) fn with_more(scene: &Scene, volumes: &[VolumeSource], before: usize) -> Result<Scene, String> {
     let mut scene = scene.clone();
     let first = scene.layers.len();
-    let shown = default_layers(volumes, scene.mode).into_iter();
+    let shown = default_layers(volumes).into_iter();
     let added = shown.filter(|layer| layer.source.is_some_and(|source| source >= before));
     scene.layers.extend(added);
     if scene.expression.is_some() {
         // What an expression takes the place of has no look of its own.
         for layer in &mut scene.layers[first..] {
-            (layer.color, layer.blend) = (None, Blend::Mix);
+            layer.color = None;
         }
     } else if scene.mode == Mode::Isosurface {
         add_surfaces(&mut scene, volumes, first);
@@ -125,8 +125,8 @@ mod tests {
         // The second layer shows the second volume by its index: that stays.
         let more = with_more(&scene, &[&volumes[..], &volumes[..]].concat(), 2).unwrap();
         assert_eq!(more.layers[..2], scene.layers);
-        let added: Vec<_> = more.layers[2..].iter().map(|layer| (layer.source, layer.channel, layer.blend)).collect();
-        assert_eq!(added, [(Some(2), 0, Blend::Mix), (Some(2), 1, Blend::Mix), (Some(3), 0, Blend::Over)]);
+        let added: Vec<_> = more.layers[2..].iter().map(|layer| (layer.source, layer.channel)).collect();
+        assert_eq!(added, [(Some(2), 0), (Some(2), 1), (Some(3), 0)]);
         let measured = [volumes[0].clone(), volumes[0].clone()];
         let surfaces = Scene { mode: Mode::Isosurface, layers: vec![layer.clone()], ..Scene::default() };
         let more = with_more(&surfaces, &measured, 1).unwrap().layers;

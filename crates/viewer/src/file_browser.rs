@@ -1,5 +1,6 @@
 //! A list of the files and folders of a folder, to choose one that is opened: a store, a file, or a folder of planes or slices. A folder is read when it is entered.
 
+use crate::keys::SCENE_FILE;
 use brickyard::openable::is_store;
 use eframe::egui::{self, Ui};
 use std::path::{Path, PathBuf};
@@ -97,7 +98,8 @@ fn entries(folder: &Path) -> std::io::Result<Vec<Entry>> {
     for entry in std::fs::read_dir(folder)? {
         let path = entry?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if name.starts_with('.') {
+        // A scene that a window saved stands beside what it shows, and is none of it.
+        if name.starts_with('.') || name == SCENE_FILE {
             continue;
         }
         let kind = match (path.is_dir(), is_store(&path)) {
@@ -122,7 +124,7 @@ mod tests {
         for name in ["z-scans", "brain.zarr"] {
             std::fs::create_dir(root.join(name)).unwrap();
         }
-        for name in ["brain.zarr/zarr.json", "a.tif", ".hidden"] {
+        for name in ["brain.zarr/zarr.json", "a.tif", ".hidden", "brickyard.json"] {
             std::fs::write(root.join(name), "").unwrap();
         }
         let mut browser = FileBrowser::new(root);

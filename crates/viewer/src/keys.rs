@@ -10,6 +10,19 @@ use serde_json::Value;
 pub(crate) const SCENE_FILE: &str = "brickyard.json";
 pub(crate) const PICTURE_FILE: &str = "brickyard.png";
 
+/// The keys that a control with the focus acts on, and that take the focus on to the next one.
+const MOVING_KEYS: [Key; 9] = [
+    Key::ArrowLeft,
+    Key::ArrowRight,
+    Key::ArrowUp,
+    Key::ArrowDown,
+    Key::Home,
+    Key::PageUp,
+    Key::PageDown,
+    Key::Tab,
+    Key::Escape,
+];
+
 /// The command that a key gives in a window of some state; `None` if it does nothing there.
 type Effect = dyn Fn(&State) -> Option<Command>;
 
@@ -115,6 +128,10 @@ fn switches() -> Vec<Shortcut> {
         switch(none, Key::A, "axes", "window.overlays.axes", |state| !state.window.overlays.axes),
         switch(none, Key::T, "ticks", "window.overlays.ticks", |state| !state.window.overlays.ticks),
         switch(none, Key::Backslash, "diagnostics", "window.diagnostics", |state| !state.window.diagnostics),
+        switch(none, Key::F10, "the pictures alone, or panels around them", "window.panels", |state| {
+            !state.window.panels
+        }),
+        switch(none, Key::F11, "the whole screen", "window.fullscreen", |state| !state.window.fullscreen),
         switch(none, Key::H, "these keys", "window.help", |state| !state.window.help),
         switch(none, Key::F1, "these keys", "window.help", |state| !state.window.help),
     ]
@@ -144,17 +161,18 @@ impl Shortcut {
 
 /// The keys that were pressed since the last frame, in their order. Each acts on what those before it have made of the state.
 pub(crate) fn pressed(egui: &egui::Context, state: &State) -> Vec<Shortcut> {
-    // A field that is typed into has the keys.
-    if egui.egui_wants_keyboard_input() {
+    // A field that is typed into has the keys; what else has the focus, such as a slider, has those that move it.
+    if egui.text_edit_focused() {
         return Vec::new();
     }
+    let has_focus = egui.egui_wants_keyboard_input();
     let is_flying = state.window.tool == Tool::Fly;
     let mut hits = Vec::new();
     egui.input_mut(|input| {
         input.events.retain(|event| {
             let Event::Key { key, modifiers, pressed: true, .. } = event else { return true };
             let is_flight = is_flying && crate::volume_view::FLIGHT_KEYS.iter().any(|(known, _)| known == key);
-            if is_flight && modifiers.is_none() {
+            if is_flight && modifiers.is_none() || has_focus && MOVING_KEYS.contains(key) {
                 return true;
             }
             let is_it = |shortcut: &Shortcut| {
@@ -173,8 +191,9 @@ pub(crate) fn pressed(egui: &egui::Context, state: &State) -> Vec<Shortcut> {
 mod tests {
     use super::*;
     use crate::edits::edited;
-    use eframe::egui::Ui;
+    use eframe::egui::{Slider, Ui};
     use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable;
 
     /// The commands that keys give, from a state on.
     fn given(state: State, keys: &[(Modifiers, Key)]) -> Vec<Command> {
@@ -214,6 +233,35 @@ mod tests {
         );
         state.window.tool = Tool::Fly;
         assert_eq!(given(state, &[(Modifiers::NONE, Key::A)]), [], "it flies");
+    }
+
+    #[test]
+    fn panels_and_screen_go_and_come() {
+        let keys = [Key::F10, Key::F11, Key::F10].map(|key| (Modifiers::NONE, key));
+        let set = Command::set;
+        let expected = [set("window.panels", false), set("window.fullscreen", true), set("window.panels", true)];
+        assert_eq!(given(State::default(), &keys), expected);
+    }
+
+    #[test]
+    fn only_a_field_that_is_typed_into_keeps_keys() {
+        let show = |ui: &mut Ui, (value, text, taken): &mut (f64, String, usize)| {
+            *taken += pressed(ui.ctx(), &State::default()).len();
+            ui.add(Slider::new(value, 0.0..=100.0).show_value(false)).accessible_name("slider");
+            ui.text_edit_singleline(text).accessible_name("text");
+        };
+        let mut harness = Harness::new_ui_state(show, (50.0, String::new(), 0));
+        for (name, expected) in [("slider", 2), ("text", 0)] {
+            harness.get_by_label(name).focus();
+            harness.run();
+            harness.state_mut().2 = 0;
+            harness.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+            harness.key_press(Key::B);
+            harness.key_press(Key::ArrowRight);
+            harness.run();
+            assert_eq!(harness.state().2, expected, "{name}");
+        }
+        assert!(harness.state().0 > 50.0, "the slider moves");
     }
 
     #[test]

@@ -86,8 +86,8 @@ pub struct WindowError(String);
 /// Opens a window on volumes, and returns when it is closed. There is something to show of each: see [`Openings::wait`]. Without volumes it is empty, and files are opened in it.
 ///
 /// # Errors
-/// If there is no display, nothing that can draw on it, the device lacks what the engine needs, or is lost and there is no other one. The message says what
-/// to do.
+/// If there is no display, nothing that can draw on it, the device lacks what the engine needs, or is lost and there is no other one: the message says what
+/// to do. If a command of the script fails: the message names its line.
 pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowError> {
     if let Some(path) = options.screenshot.take() {
         options.script.then(Command::Screenshot(path));
@@ -100,7 +100,8 @@ pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowE
     let recent = Recent::read(keeping::state_folder().map(|folder| folder.join("recent.json")));
     let (kept, paced) = ((keeper, problem), (Pacing::new(opened), stats));
     let mut window = Window::new(state, views, (openings, recent), script, kept, paced);
-    running::run(&mut window, size)
+    running::run(&mut window, size)?;
+    window.failure().map_or(Ok(()), |failure| Err(WindowError(failure.into())))
 }
 
 /// The title of a window on what these paths name.
@@ -142,6 +143,8 @@ fn first_state(
 /// If the state cannot be read, or cannot be shown any more.
 fn restored(path: &Path, volumes: &[VolumeSource]) -> Result<Option<State>, String> {
     let Some(mut state) = keeping::read(path)? else { return Ok(None) };
+    // Who does not know the keys would look for the panels in vain.
+    (state.window.panels, state.window.fullscreen) = (true, false);
     read_named_files(&mut state.scene, volumes).map_err(|error| error.to_string())?;
     let counts: Vec<_> = volumes.iter().map(VolumeSource::counts).collect();
     state.scene.check(&counts).map_err(|error| error.to_string())?;

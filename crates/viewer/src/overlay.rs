@@ -10,6 +10,7 @@ use crate::overlay::round::round_length;
 use crate::state::Overlays;
 use brickyard::lettering::edge_letters;
 use brickyard::session::VolumeSource;
+use brickyard::volume::numbers::significant;
 use brickyard::volume::{Camera, Scene, ViewRays};
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, Vec2, pos2, vec2};
 use glam::{BVec3, DVec3};
@@ -147,7 +148,7 @@ pub(crate) fn distances(lens: &Lens, distances: &[[DVec3; 2]], unit: &str) {
             }
         }
         if let Some(middle) = lens.place((*from + *to) * 0.5) {
-            let text = format!("{} {unit}", round::digits(from.distance(*to), 4));
+            let text = format!("{} {unit}", significant(from.distance(*to), 4));
             lens.text(middle + vec2(6.0, -6.0), Align2::LEFT_BOTTOM, text.trim_end(), 13.0, MEASURED);
         }
     }

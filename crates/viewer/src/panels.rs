@@ -15,7 +15,7 @@ pub(crate) mod slices;
 pub(crate) mod status;
 pub(crate) mod transfer_editor;
 pub(crate) mod view;
-mod widgets;
+pub(crate) mod widgets;
 
 use brickyard::session::VolumeSource;
 use brickyard::volume::Scene;

@@ -1,9 +1,12 @@
 //! What is under the pointer: the point of the world that is seen there, and the exact values of the voxel that it is in. A thread of its own looks, so
 //! that a slow disk does not hold up the window; it answers about the newest place alone. Costs up to 64 MiB of decoded bricks for each picture.
 
+use crate::panels::unit;
 use brickyard::pick::{Pick, Picker};
 use brickyard::session::{ResolvedScene, VolumeSource};
+use brickyard::volume::numbers::{exact, within_span};
 use eframe::egui;
+use glam::DVec3;
 use std::fmt::Write;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -102,32 +105,63 @@ fn look(picker: &mut Picker, place: &Place, volumes: &[VolumeSource]) -> Option<
         let is_label = volumes.get(values.volume)?.source.is_labels();
         (is_label && !value.is_nan()).then_some(value as i64)
     });
-    let words = words(&pick, volumes);
+    let words = words(&pick, volumes, (place.scene.world_box, place.scene.is_anatomical));
     Some(Picked { pick, label, words })
 }
 
-/// A pick in words: the place in the world, and of each volume the voxel and the values there.
-fn words(pick: &Pick, volumes: &[VolumeSource]) -> String {
+/// A pick in words: the place in the world, and of each volume, in their order, the voxel and the values there. A voxel that is that of the volume before is not said again.
+fn words(pick: &Pick, volumes: &[VolumeSource], ((low, high), is_anatomical): ((DVec3, DVec3), bool)) -> String {
+    let size = (high - low).max_element();
+    let [x, y, z] = pick.point.to_array().map(|at| within_span(at, size));
     // Writing to a string cannot fail.
-    let [x, y, z] = pick.point.to_array();
-    let mut words = format!("at {x:.4}, {y:.4}, {z:.4}");
-    for values in &pick.values {
+    let mut words = format!("at {x}, {y}, {z} {}", unit(volumes, is_anatomical)).trim_end().to_string();
+    let mut in_order: Vec<_> = pick.values.iter().collect();
+    in_order.sort_by_key(|values| values.volume);
+    let mut said = String::new();
+    for values in in_order {
         let Some(volume) = volumes.get(values.volume) else { continue };
         let stride = volume.stride();
         let [i, j, k] = std::array::from_fn(|axis| values.probe.voxel[axis] * stride[axis] + stride[axis] / 2);
         let near = if stride == [1; 3] { "voxel" } else { "about voxel" };
-        let _ = write!(words, "  {near} {i}, {j}, {k}:");
+        let voxel = format!("{near} {i}, {j}, {k}:");
+        words += "  ";
+        if voxel != said {
+            words += &voxel;
+            said = voxel;
+        }
         let is_float = volume.source.voxel_type().is_float();
         for (channel, value) in values.probe.values.iter().enumerate() {
-            // A 32-bit float has digits of its own, fewer than the same number as 64 bits.
-            let text = if is_float { (*value as f32).to_string() } else { value.to_string() };
-            let name = volume.displays().get(channel).and_then(|display| display.name.as_deref());
-            let _ = match (name, value.is_nan()) {
-                (Some(name), false) => write!(words, " {name} {text}"),
-                (None, false) => write!(words, " {text}"),
-                (_, true) => write!(words, " no data"),
+            let text = if value.is_nan() { "no data".to_string() } else { exact(*value, is_float) };
+            let name = volume.displays().get(channel).and_then(|display| display.name.clone());
+            // The volume's own name stands for that of its first channel.
+            let name = name.or_else(|| volume.name().filter(|_| channel == 0));
+            let _ = match name.filter(|name| !name.is_empty()) {
+                Some(name) => write!(words, " {name} {text}"),
+                None => write!(words, " {text}"),
             };
         }
     }
     words
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::panels::fixture;
+    use brickyard::pick::PickedValues;
+    use brickyard::probe::Probe;
+
+    #[test]
+    fn values_are_named_and_a_voxel_is_said_once() {
+        let volumes: Vec<_> = fixture::volumes().into_iter().zip(["scan", "nuclei"]).map(|(v, n)| v.named(n)).collect();
+        let values = |volume: usize, values: &[f64]| {
+            let probe = Probe { voxel: [3, 4, 5], world: DVec3::ZERO, values: values.into() };
+            PickedValues { layer: volume, volume, probe }
+        };
+        let point = DVec3::new(3.123_456, 4.0, -5.5);
+        let pick =
+            Pick { point, distance: 1.0, layer: 1, values: vec![values(1, &[7.0]), values(0, &[21.0, f64::NAN])] };
+        let words = words(&pick, &volumes, ((DVec3::ZERO, DVec3::splat(30.0)), false));
+        assert_eq!(words, "at 3.12, 4, -5.5 mm  voxel 3, 4, 5: scan 21 no data  nuclei 7");
+    }
 }

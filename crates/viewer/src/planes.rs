@@ -5,8 +5,7 @@ use crate::panels::layers::style::shown;
 use crate::state::{PlaneFilter, Planes};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{
-    Blend, Camera, Filter, Lighting, Mode, Placement, Projection, Sampling, Scene, SceneLayer, Side, Slice,
-    TransferChoice,
+    Camera, Filter, Lighting, Mode, Placement, Projection, Sampling, Scene, SceneLayer, Side, Slice, TransferChoice,
 };
 use glam::DVec3;
 
@@ -151,8 +150,6 @@ pub(crate) fn slice_scene(
         crop: None,
         transfer: layer.transfer.clone().filter(|choice| !planes.gray || is_of_labels(choice)),
         window: planes.window.filter(|_| first == Some(i)).or_else(|| spanned(layer, volumes.get(scene.store(i)))),
-        // Channels in colours of their own are light that adds up. As media in one place they would be averaged.
-        blend: if layer.color.is_some() && layer.blend == Blend::Mix { Blend::Add } else { layer.blend },
         ..layer.clone()
     });
     let is_thick = slice.thickness > 0.0 && scene.mode.is_projection();
@@ -200,6 +197,7 @@ pub(crate) fn filter(grid: &Grid, chosen: PlaneFilter, camera: &Camera, height_p
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::panels::fixture;
     use brickyard::pager::{BrickError, BrickSource};
     use brickyard::volume::{BrickId, Extent, Geometry, Orientation, Pyramid, VoxelType};
     use std::sync::Arc;

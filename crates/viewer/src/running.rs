@@ -17,6 +17,9 @@ use eframe::{CreationContext, NativeOptions};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+/// The least width and height of a window in points, unless it is smaller from the beginning.
+const LEAST_SIZE: [f32; 2] = [640.0, 400.0];
+
 /// Losses that follow each other within this time are in a row.
 const SOON: Duration = Duration::from_secs(10);
 
@@ -101,7 +104,9 @@ impl eframe::App for Shown<'_> {
 /// # Errors
 /// If it cannot be opened, or its device is lost and there is no other one, or again and again. The message says what to do.
 pub(crate) fn run(window: &mut Window, size: [f32; 2]) -> Result<(), WindowError> {
-    let mut viewport = viewport(&window.paths()).with_inner_size(size);
+    // Smaller, the panels leave no picture.
+    let least = [size[0].min(LEAST_SIZE[0]), size[1].min(LEAST_SIZE[1])];
+    let mut viewport = viewport(&window.paths()).with_inner_size(size).with_min_inner_size(least);
     let (mut losses, mut next, mut lost) = (Losses::default(), Next::Again, None);
     loop {
         let reason = lost.as_ref().map(|left: &Left| left.reason.clone());

@@ -49,18 +49,16 @@ impl Screenshots {
         std::mem::take(&mut self.awaited)
     }
 
-    /// Writes those that have come.
-    ///
-    /// # Errors
-    /// If one of the files cannot be written; the others are.
-    pub(crate) fn write(&mut self) -> Result<(), PictureError> {
-        let mut written = Ok(());
+    /// Writes those that have come. Returns their files, and what came of each.
+    pub(crate) fn write(&mut self) -> Vec<(PathBuf, Result<(), PictureError>)> {
+        let mut written = Vec::new();
         while let Ok(Screenshot { path, image }) = self.receiver.try_recv() {
             let place = self.awaited.iter().position(|awaited| *awaited == path);
             place.map(|place| self.awaited.remove(place));
             let [width, height] = image.size.map(|side| side as u32);
             let rgb = image.pixels.iter().map(|pixel| [pixel.r(), pixel.g(), pixel.b()]).collect();
-            written = written.and(write_png(&path, &Picture { width, height, rgb }, &[]));
+            let result = write_png(&path, &Picture { width, height, rgb }, &[]);
+            written.push((path, result));
         }
         written
     }

@@ -1,5 +1,6 @@
 //! Scripts: commands with the times at which they are played, for tests, documentation and tutorials. A line is `SECONDS COMMAND`, counted from the
-//! window's first frame, or `settled COMMAND`, which waits until the picture is final. Lines are played in order; `#` begins a remark.
+//! window's first frame, or `settled COMMAND`, which waits until the picture is final. Lines are played in order; `#` begins a remark. The first command that
+//! fails ends the script: a line knows its number, and what it began in the background is known until that is over.
 
 use crate::command::Command;
 use std::collections::VecDeque;
@@ -9,7 +10,28 @@ use std::time::Duration;
 /// Commands that are to be played.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Script {
-    lines: VecDeque<(When, Command)>,
+    lines: VecDeque<(When, Line)>,
+    /// What was begun and is not over yet.
+    begun: Vec<Line>,
+}
+
+/// A command of a script.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Line {
+    /// The line's number, from 1; 0 is none of the script's own.
+    pub(crate) number: usize,
+    /// What is to be done.
+    pub(crate) command: Command,
+}
+
+impl Line {
+    /// Why the line has failed, in words.
+    pub(crate) fn failure(&self, problem: &str) -> String {
+        match self.number {
+            0 => problem.into(),
+            number => format!("the script's line {number}: {}", self.command.failure(problem)),
+        }
+    }
 }
 
 /// When a command is played.
@@ -23,13 +45,27 @@ enum When {
 
 impl Script {
     /// The next command that is due, which is removed. `since_start` is the time since the window's first frame.
-    pub(crate) fn next(&mut self, since_start: Duration, is_settled: bool) -> Option<Command> {
+    pub(crate) fn next(&mut self, since_start: Duration, is_settled: bool) -> Option<Line> {
         let is_due = |when: &When| match when {
             When::At(time) => *time <= since_start,
             When::Settled => is_settled,
         };
-        let line = self.lines.pop_front_if(|(when, _)| is_due(when))?;
-        Some(line.1)
+        let (_, line) = self.lines.pop_front_if(|(when, _)| is_due(when))?;
+        if line.command.takes_time() {
+            self.begun.push(line.clone());
+        }
+        Some(line)
+    }
+
+    /// The first line that has begun what is over now, if any has: it is over only once.
+    pub(crate) fn ended(&mut self, is_it: impl Fn(&Command) -> bool) -> Option<Line> {
+        let at = self.begun.iter().position(|line| is_it(&line.command))?;
+        Some(self.begun.remove(at))
+    }
+
+    /// Leaves out what has not been played.
+    pub(crate) fn stop(&mut self) {
+        self.lines.clear();
     }
 
     /// Whether everything has been played.
@@ -39,12 +75,13 @@ impl Script {
 
     /// Adds a command that is played once the picture is final.
     pub(crate) fn then(&mut self, command: Command) {
-        self.lines.push_back((When::Settled, command));
+        self.lines.push_back((When::Settled, Line { number: 0, command }));
     }
 
-    /// Plays a command before all others, once the picture is final.
-    pub(crate) fn first(&mut self, command: Command) {
-        self.lines.push_front((When::Settled, command));
+    /// Plays a command that was begun once more, before all others, once the picture is final.
+    pub(crate) fn again(&mut self, command: Command) {
+        let line = self.ended(|begun| *begun == command).unwrap_or(Line { number: 0, command });
+        self.lines.push_front((When::Settled, line));
     }
 }
 
@@ -66,9 +103,9 @@ impl FromStr for Script {
                         .ok_or_else(|| named(format!("'{when}': expected seconds or 'settled', then a command")))?,
                 ),
             };
-            Ok((when, command.parse().map_err(named)?))
+            Ok((when, Line { number: number + 1, command: command.parse().map_err(named)? }))
         });
-        Ok(Self { lines: parsed.collect::<Result<_, String>>()? })
+        Ok(Self { lines: parsed.collect::<Result<_, String>>()?, begun: Vec::new() })
     }
 }
 
@@ -80,12 +117,24 @@ mod tests {
     fn commands_come_at_their_times_and_in_order() {
         let mut script: Script = "# a tour\n0.5 set mode mip\nsettled undo\n\n0.2 quit\n".parse().unwrap();
         let at = Duration::from_secs_f64;
+        let line = |number, command| Some(Line { number, command });
         assert_eq!(script.next(at(0.4), true), None);
-        assert_eq!(script.next(at(0.5), false).map(|command| command.to_string()), Some(r#"set mode "mip""#.into()));
+        assert_eq!(script.next(at(0.5), false), line(2, Command::set("mode", "mip")));
         assert_eq!(script.next(at(9.0), false), None, "nothing overtakes a line that waits");
-        assert_eq!(script.next(at(9.0), true), Some(Command::Undo));
+        assert_eq!(script.next(at(9.0), true), line(3, Command::Undo));
         assert!(!script.is_over());
-        assert_eq!((script.next(at(9.0), false), script.is_over()), (Some(Command::Quit), true));
+        assert_eq!((script.next(at(9.0), false), script.is_over()), (line(5, Command::Quit), true));
+    }
+
+    #[test]
+    fn what_takes_time_is_known_until_it_is_over() {
+        let mut script: Script = "0 export a.npy\n0 set mode mip\n0 export b.npy\n0 quit".parse().unwrap();
+        while script.next(Duration::ZERO, true).is_some() {}
+        let mut exported = || script.ended(|command| matches!(command, Command::Export(_)));
+        let first = exported().expect("the first export");
+        assert_eq!(first.failure("there is no room"), "the script's line 1: export a.npy: there is no room");
+        assert_eq!(first.failure("a.npy: no room"), "the script's line 1: a.npy: no room", "a file is named once");
+        assert_eq!((exported().map(|line| line.number), exported()), (Some(3), None));
     }
 
     #[test]

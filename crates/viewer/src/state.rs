@@ -17,7 +17,7 @@ pub(crate) struct State {
 }
 
 /// What a window has besides the scene.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct WindowState {
     /// The volumes that the scene's layers show: stores, and files that are packed while they are shown.
@@ -40,8 +40,32 @@ pub(crate) struct WindowState {
     pub(crate) diagnostics: bool,
     /// Whether the keys are shown.
     pub(crate) help: bool,
+    /// Whether there is anything but the pictures.
+    pub(crate) panels: bool,
+    /// Whether the window fills the screen.
+    pub(crate) fullscreen: bool,
     /// Light or dark.
     pub(crate) theme: Theme,
+}
+
+impl Default for WindowState {
+    fn default() -> Self {
+        Self {
+            volumes: Vec::new(),
+            layout: Layout::default(),
+            planes: Planes::default(),
+            overlays: Overlays::default(),
+            distances: Vec::new(),
+            motion: Motion::default(),
+            budgets_mib: None,
+            tool: Tool::default(),
+            diagnostics: false,
+            help: false,
+            panels: true,
+            fullscreen: false,
+            theme: Theme::default(),
+        }
+    }
 }
 
 /// How a window is divided.
@@ -234,12 +258,14 @@ impl State {
         self.window.tool = other.window.tool;
         self.window.diagnostics = other.window.diagnostics;
         self.window.help = other.window.help;
+        self.window.panels = other.window.panels;
+        self.window.fullscreen = other.window.fullscreen;
         self.window.theme = other.window.theme;
     }
 }
 
 /// The fields that [`State::keep_navigation_of`] keeps.
-const NAVIGATION: [&str; 9] = [
+const NAVIGATION: [&str; 11] = [
     "camera",
     "window.planes.crosshair",
     "window.planes.cameras",
@@ -248,6 +274,8 @@ const NAVIGATION: [&str; 9] = [
     "window.tool",
     "window.diagnostics",
     "window.help",
+    "window.panels",
+    "window.fullscreen",
     "window.theme",
 ];
 
@@ -302,7 +330,7 @@ pub(crate) mod tests {
             prop::sample::select(vec![Layout::Single, Layout::Planes]),
             prop::sample::select(vec![Theme::Dark, Theme::Light]),
             prop::sample::select(vec![Tool::Turn, Tool::Fly, Tool::Distance]),
-            any::<[bool; 2]>(),
+            any::<[bool; 4]>(),
         );
         (volumes, planes(), overlays(), distances, motion, budgets, kinds).prop_map(
             |(
@@ -312,7 +340,7 @@ pub(crate) mod tests {
                 distances,
                 motion,
                 budgets_mib,
-                (layout, theme, tool, [diagnostics, help]),
+                (layout, theme, tool, [diagnostics, help, panels, fullscreen]),
             )| WindowState {
                 volumes,
                 layout,
@@ -324,6 +352,8 @@ pub(crate) mod tests {
                 tool,
                 diagnostics,
                 help,
+                panels,
+                fullscreen,
                 theme,
             },
         )

@@ -18,12 +18,13 @@ use crate::overlay::World;
 use crate::pacing::Pacing;
 use crate::panels;
 use crate::panels::dialogs::{Dialog, DialogKind};
+use crate::panels::status::Said;
 use crate::plane_view::PlaneView;
 use crate::planes::Grid;
 use crate::recent::Recent;
 use crate::running::Left;
 use crate::screenshots::Screenshots;
-use crate::script::Script;
+use crate::script::{Line, Script};
 use crate::state::{Budgets, Layout, State, Theme, is_navigation};
 use crate::views::Views;
 use crate::volume_view::{Seen, VolumeView};
@@ -35,9 +36,9 @@ use brickyard::text_file::write_text;
 use brickyard::volume::Scene;
 use brickyard::volume::scene::VolumePlace;
 use eframe::egui::layers::GraphicLayers;
-use eframe::egui::{self, Rect, Ui, UiBuilder, ViewportCommand, vec2};
+use eframe::egui::{self, Align2, Rect, Ui, UiBuilder, ViewportCommand, vec2};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// How often the window looks whether bricks have come.
@@ -48,6 +49,10 @@ const OPENING_STEP: Duration = Duration::from_millis(100);
 
 /// How often the window tries again what has failed: a disk may come back.
 const FAILING_STEP: Duration = Duration::from_secs(1);
+
+/// Where what is being read or written is shown, from the middle of the window's lower end, and how wide, in points.
+const ABOVE_STATUS: [f32; 2] = [0.0, -32.0];
+const WORK_WIDTH: f32 = 420.0;
 
 /// Space between the pictures of a window, in points.
 const GAP: f32 = 3.0;
@@ -61,6 +66,8 @@ pub(crate) struct Window {
     plane_views: [PlaneView; 3],
     measuring: Measuring,
     script: Script,
+    /// Why the script was ended, once it was.
+    failure: Option<String>,
     keeper: Keeper,
     /// The volumes that are shown, and what is being done for them.
     openings: Openings,
@@ -71,12 +78,16 @@ pub(crate) struct Window {
     recent: Recent,
     /// The dialog that is shown.
     dialog: Option<Dialog>,
-    /// What the user is to be told.
+    /// What has gone wrong last.
     message: Option<String>,
     /// What was told last, in the log, too.
     told: Option<String>,
+    /// What has been done last, which the next command takes away.
+    note: Option<String>,
     /// Whether a picture could not be brought on in the last frame.
     is_failing: bool,
+    /// Whether the window was told to fill the screen.
+    is_fullscreen: bool,
     /// The time of the first frame; `None` before it.
     started: Option<Instant>,
     screenshots: Screenshots,
@@ -115,10 +126,13 @@ impl Window {
             plane_views: Default::default(),
             measuring: Measuring::default(),
             script,
+            failure: None,
             keeper,
             message,
             told: None,
+            note: None,
             is_failing: false,
+            is_fullscreen: false,
             started: None,
             screenshots: Screenshots::new(),
             clicks: Clicks::default(),
@@ -139,14 +153,46 @@ impl Window {
     /// Does a command. What is wrong with it is said in the window.
     fn perform(&mut self, command: &Command, egui: &egui::Context) {
         tracing::debug!("{command}");
+        self.note = None;
         if let Err(problem) = self.try_perform(command, egui) {
-            let words = command.to_string();
-            // Errors of files begin with their paths.
-            let problem = match words.split_once(' ').filter(|(_, rest)| problem.starts_with(rest)) {
-                Some((name, _)) => format!("{name} {problem}"),
-                None => format!("{words}: {problem}"),
-            };
-            self.message = Some(problem);
+            self.message = Some(command.failure(&problem));
+        }
+    }
+
+    /// Does what a line of the script says.
+    fn perform_line(&mut self, line: &Line, egui: &egui::Context) {
+        tracing::debug!("{}", line.command);
+        let done = self.try_perform(&line.command, egui);
+        // Meshes alone are there at once.
+        if done.is_err()
+            || matches!(line.command, Command::Open(_) | Command::Add(_) | Command::OpenAs(..)) && self.next.is_none()
+        {
+            self.script.ended(|command| *command == line.command);
+        }
+        if let Err(problem) = done {
+            self.fail(line, &problem);
+        }
+    }
+
+    /// Ends the script, whose line has failed. Who played it is told when the window is closed.
+    fn fail(&mut self, line: &Line, problem: &str) {
+        let problem = line.failure(problem);
+        self.script.stop();
+        self.message = Some(problem.clone());
+        self.failure.get_or_insert(problem);
+    }
+
+    /// Says what has been done.
+    fn note(&mut self, note: String) {
+        (self.note, self.message) = (Some(note), None);
+    }
+
+    /// Says what has come of what a command began.
+    fn say_ended(&mut self, is_it: impl Fn(&Command) -> bool, ended: Result<String, String>) {
+        match (self.script.ended(is_it), ended) {
+            (_, Ok(done)) => self.note(done),
+            (Some(line), Err(problem)) => self.fail(&line, &problem),
+            (None, Err(problem)) => self.message = Some(problem),
         }
     }
 
@@ -161,7 +207,7 @@ impl Window {
             Command::Redo => self.history.redo(&mut self.state).then_some(()).ok_or("there is nothing to redo")?,
             Command::SaveScene(path) => {
                 keeping::write(path, &self.state)?;
-                self.message = Some(format!("wrote {}", path.display()));
+                self.note(wrote(path));
             }
             Command::SavePicture(path, form) => {
                 let marks = form.marks.unwrap_or(Marks::shown(&self.state.window));
@@ -229,9 +275,9 @@ impl Window {
         // A screenshot shows the frame after it was asked for: nothing may change that.
         while !self.screenshots.are_awaited()
             && self.clicks.are_done()
-            && let Some(command) = self.script.next(since_start, self.is_final())
+            && let Some(line) = self.script.next(since_start, self.is_final())
         {
-            self.perform(&command, egui);
+            self.perform_line(&line, egui);
             self.history.close();
             // What the command changed is to be drawn before the next one that waits for it.
             if self.is_final() {
@@ -283,9 +329,12 @@ impl Window {
 
     /// Writes the pictures that have come.
     fn write_pictures(&mut self, egui: &egui::Context) {
-        if let Err(error) = self.screenshots.write() {
-            self.message = Some(error.to_string());
+        for (path, written) in self.screenshots.write() {
+            let is_it = |command: &Command| matches!(command, Command::Screenshot(file) if *file == path);
+            let written = written.map(|()| wrote(&path)).map_err(|error| error.to_string());
+            self.say_ended(is_it, written);
         }
+        let is_picture = |command: &Command| matches!(command, Command::SavePicture(..));
         match self.views.main.captured(self.volume_view.size_px) {
             Ok(None) => {}
             Ok(Some(Captured { path, mut picture, scene, stats, over })) => {
@@ -293,12 +342,9 @@ impl Window {
                 let pixels_per_point = marks::pixels_per_point(size_px, self.volume_view.size_px, scale);
                 marks::draw(&mut picture, &scene, self.views.volumes(), &over, pixels_per_point);
                 let written = write_shown(&path, &picture, &scene, &stats);
-                self.message = Some(match written {
-                    Ok(()) => format!("wrote {}", path.display()),
-                    Err(error) => error.to_string(),
-                });
+                self.say_ended(is_picture, written.map(|()| wrote(&path)).map_err(|error| error.to_string()));
             }
-            Err(error) => self.message = Some(format!("the picture cannot be written: {error}")),
+            Err(error) => self.say_ended(is_picture, Err(format!("the picture cannot be written: {error}"))),
         }
     }
 
@@ -307,6 +353,14 @@ impl Window {
         let budgets = self.views.budgets_bytes(&self.state.window);
         let budgets = Budgets { gpu: (budgets.0 >> 20) as u32, host: (budgets.1 >> 20) as u32 };
         let (mut wanted, has_volumes) = (None, !self.openings.are_none());
+        let help = egui::Window::new("Help").open(&mut state.window.help).default_size(vec2(420.0, 520.0));
+        help.show(ui.ctx(), panels::help::show);
+        // An empty window has nothing else to show.
+        let is_bare = has_volumes && !self.state.window.panels;
+        self.over_pictures(ui.ctx(), is_bare);
+        if is_bare {
+            return;
+        }
         egui::Panel::top("menu").show(ui, |ui| {
             let files = panels::menu::Files { recent: self.recent.paths(), has_volumes, wanted: &mut wanted };
             panels::menu::show(ui, state, self.history.can(), (budgets, files), commands);
@@ -314,29 +368,40 @@ impl Window {
         if let Some(kind) = wanted {
             self.show_dialog(kind);
         }
-        if self.is_busy() {
-            egui::Panel::bottom("work").show(ui, |ui| {
-                self.openings.show(ui);
-                self.next.iter().for_each(|next| next.show(ui));
-                self.exporting.iter().for_each(|exporting| exporting.show(ui));
-            });
-        }
         egui::Panel::bottom("status").show(ui, |ui| {
             let views = Some(&self.views).filter(|_| has_volumes);
-            panels::status::show(ui, views, self.message.as_deref(), self.picked());
+            let said = Said { problem: self.message.as_deref(), note: self.note.as_deref(), picked: self.picked() };
+            panels::status::show(ui, views, &said);
         });
-        let help = egui::Window::new("Help").open(&mut state.window.help).default_size(vec2(420.0, 520.0));
-        help.show(ui.ctx(), panels::help::show);
         if has_volumes {
             self.side_panels(ui, state, commands);
         }
+    }
+
+    /// What lies over the lower end of the pictures: files that are being read or written, and without panels what has gone wrong. It takes no room from the
+    /// pictures: by another height they would have to be drawn again.
+    fn over_pictures(&self, egui: &egui::Context, is_bare: bool) {
+        let problem = self.message.as_deref().filter(|_| is_bare);
+        if problem.is_none() && !self.is_busy() {
+            return;
+        }
+        let area = egui::Area::new(egui::Id::unique("work")).anchor(Align2::CENTER_BOTTOM, ABOVE_STATUS);
+        area.show(egui, |ui| {
+            egui::Frame::popup(ui.style()).show(ui, |ui| {
+                ui.set_width(WORK_WIDTH);
+                self.openings.show(ui);
+                self.next.iter().for_each(|next| next.show(ui));
+                self.exporting.iter().for_each(|exporting| exporting.show(ui));
+                problem.map(|problem| ui.label(problem));
+            });
+        });
     }
 
     /// The panels beside the pictures, which are about volumes.
     fn side_panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) {
         let mut saved = Vec::new();
         egui::Panel::left("scene").default_size(280.0).show(ui, |ui| {
-            egui::ScrollArea::vertical().show(ui, |ui| {
+            panels::widgets::within(ui, |ui| {
                 panels::view::show(ui, &mut state.scene, self.views.volumes(), commands);
                 ui.separator();
                 if state.window.layout == Layout::Planes {
@@ -346,12 +411,14 @@ impl Window {
             });
         });
         for function in saved {
-            let written = function.write().map(|()| format!("wrote {}", function.path.display()));
-            self.message = Some(written.unwrap_or_else(|error| error.to_string()));
+            match function.write() {
+                Ok(()) => self.note(wrote(&function.path)),
+                Err(error) => self.message = Some(error.to_string()),
+            }
         }
         if state.window.diagnostics {
             egui::Panel::right("diagnostics").default_size(280.0).show(ui, |ui| {
-                panels::diagnostics::show(ui, &self.views, &self.state.window);
+                panels::widgets::within(ui, |ui| panels::diagnostics::show(ui, &self.views, &self.state.window));
             });
         }
     }
@@ -364,6 +431,11 @@ impl Window {
             None
         })
     }
+}
+
+/// That a file has been written, and where.
+fn wrote(path: &Path) -> String {
+    format!("wrote {}", std::path::absolute(path).unwrap_or_else(|_| path.into()).display())
 }
 
 /// The quarters of an area, with a gap between them: upper left and right, lower left and right.
@@ -404,6 +476,11 @@ impl Window {
         self.started.is_some()
     }
 
+    /// Why the script was ended, if it was: for who has opened the window.
+    pub(crate) fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
+    }
+
     /// Draws on a device from now on, but for volumes if `is_on_cpu`.
     ///
     /// # Errors
@@ -420,7 +497,7 @@ impl Window {
     /// Goes on after its device was lost, of which the user is told. Screenshots that the old device took with it are taken again.
     pub(crate) fn take_up(&mut self, message: &str) {
         for path in self.screenshots.give_up().into_iter().rev() {
-            self.script.first(Command::Screenshot(path));
+            self.script.again(Command::Screenshot(path));
         }
         self.message = Some(message.into());
     }
@@ -455,6 +532,13 @@ impl Window {
             self.message = Some(problem);
         }
         self.play(&egui);
+        if self.failure.is_some() {
+            egui.send_viewport_cmd(ViewportCommand::Close);
+        }
+        if self.state.window.fullscreen != self.is_fullscreen {
+            self.is_fullscreen = self.state.window.fullscreen;
+            egui.send_viewport_cmd(ViewportCommand::Fullscreen(self.is_fullscreen));
+        }
         egui.set_theme(if self.state.window.theme == Theme::Dark { egui::Theme::Dark } else { egui::Theme::Light });
         let mut commands = Vec::new();
         let mut is_busy = false;

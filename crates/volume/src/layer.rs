@@ -34,8 +34,8 @@ pub struct SceneLayer {
     pub show_labels: Option<Vec<i64>>,
     /// Factor of the transfer function's opacities, in 0..=1. In projections it is the opacity of the whole layer.
     pub opacity: f64,
-    /// How the layer joins others in the same place.
-    pub blend: Blend,
+    /// How the layer joins others in the same place; `None` follows from the mode: see [`Scene::blend`](crate::Scene::blend).
+    pub blend: Option<Blend>,
     /// The layer's isosurfaces, at most [`MAX_SURFACES`](crate::surface::MAX_SURFACES). [`Mode::Isosurface`](crate::Mode::Isosurface) shows
     /// nothing else of it; in [`Mode::Dvr`](crate::Mode::Dvr) they stand in the fog, among the surfaces of all layers.
     pub isosurfaces: Vec<Isosurface>,
@@ -58,7 +58,7 @@ impl Default for SceneLayer {
             gamma: 1.0,
             show_labels: None,
             opacity: 1.0,
-            blend: Blend::Mix,
+            blend: None,
             isosurfaces: Vec::new(),
             crop: None,
             visible: true,

@@ -29,6 +29,7 @@ pub mod macrocells;
 pub mod mesh;
 pub mod mode;
 pub mod near_name;
+pub mod numbers;
 pub mod occupancy;
 pub mod orientation;
 pub mod page;

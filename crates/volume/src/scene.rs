@@ -2,6 +2,7 @@
 
 use crate::camera::{Camera, ViewRays};
 use crate::clip::{Clip, ClipError, ClipPlane};
+use crate::compositing::Blend;
 use crate::geometry::Geometry;
 use crate::layer::SceneLayer;
 use crate::lighting::Lighting;
@@ -161,6 +162,21 @@ impl Scene {
         self.layers[layer].source.unwrap_or(layer)
     }
 
+    /// How a layer joins the others. Unless it says so itself, labels lie over what others show, and in projections the channels of one image add, as
+    /// light does; what else there is mixes, as media do. `are_labels` says whether the layer's volume has labels.
+    ///
+    /// # Panics
+    /// If there is no such layer.
+    pub fn blend(&self, layer: usize, are_labels: bool) -> Blend {
+        let channel = self.layers[layer].channel;
+        let is_sibling = |other| self.store(other) == self.store(layer) && self.layers[other].channel != channel;
+        self.layers[layer].blend.unwrap_or_else(|| match are_labels {
+            true => Blend::Over,
+            false if self.mode.is_projection() && (0..self.layers.len()).any(is_sibling) => Blend::Add,
+            false => Blend::Mix,
+        })
+    }
+
     /// The map from a layer's volume's own world to the scene's.
     ///
     /// # Errors
@@ -275,13 +291,26 @@ impl Scene {
 mod tests {
     use super::*;
     use crate::camera::Projection;
-    use crate::compositing::Blend;
     use crate::jitter::Jitter;
     use crate::lighting::LightingModel;
     use crate::placement::Placement;
     use crate::sampling::Filter;
     use crate::stereo::StereoLayout;
     use crate::surface::Isosurface;
+
+    #[test]
+    fn a_blend_that_nobody_chose_follows_the_mode() {
+        let of = |channel| SceneLayer { source: Some(0), channel, ..SceneLayer::default() };
+        let alone = SceneLayer { source: Some(1), ..SceneLayer::default() };
+        let chosen = SceneLayer { blend: Some(Blend::Mix), ..of(2) };
+        let layers = vec![of(0), of(1), chosen, alone];
+        for (mode, of_channels) in [(Mode::Dvr, Blend::Mix), (Mode::Isosurface, Blend::Mix), (Mode::Mip, Blend::Add)] {
+            let scene = Scene { mode, layers: layers.clone(), ..Scene::default() };
+            let blends = [0, 1, 2, 3].map(|layer| scene.blend(layer, false));
+            assert_eq!(blends, [of_channels, of_channels, Blend::Mix, Blend::Mix], "{mode:?}");
+            assert_eq!((scene.blend(0, true), scene.blend(2, true)), (Blend::Over, Blend::Mix));
+        }
+    }
 
     #[test]
     fn scenes_round_trip_through_json() {
@@ -322,7 +351,7 @@ mod tests {
                     gamma: 0.75,
                     show_labels: Some(vec![3, -7]),
                     opacity: 0.5,
-                    blend: Blend::Add,
+                    blend: Some(Blend::Add),
                     isosurfaces: vec![Isosurface { value: -7.5, color: Some([1.0, 0.5, 0.0]), opacity: 0.25 }],
                     crop: Some([DVec3::ZERO, DVec3::ONE]),
                     visible: false,

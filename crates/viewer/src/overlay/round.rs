@@ -1,4 +1,4 @@
-//! Round numbers: lengths of 1, 2 or 5 times a power of ten, and numbers with few digits.
+//! Round numbers: lengths of 1, 2 or 5 times a power of ten, and their multiples.
 
 /// The greatest length of 1, 2 or 5 times a power of ten that is no more than `most`; `None` if there is none.
 pub(crate) fn round_length(most: f64) -> Option<f64> {
@@ -16,16 +16,6 @@ pub(crate) fn ticks(low: f64, high: f64, count: f64) -> Vec<f64> {
     let number = (((high - low) / step).floor().max(0.0) as u32).min(1000);
     let ticks = (0..=number).map(|i| (first + f64::from(i)) * step).filter(|tick| *tick <= high + 1e-9 * step);
     ticks.map(|tick| format!("{tick:.12e}").parse().unwrap_or(tick)).collect()
-}
-
-/// A number with so many significant digits, without zeros at its end.
-pub(crate) fn digits(number: f64, digits: usize) -> String {
-    let Some(rounded) = format!("{number:.*e}", digits.saturating_sub(1)).parse::<f64>().ok().filter(|n| n.is_finite())
-    else {
-        return number.to_string();
-    };
-    let size = rounded.abs();
-    if size != 0.0 && !(1e-4..1e7).contains(&size) { format!("{rounded:e}") } else { rounded.to_string() }
 }
 
 #[cfg(test)]
@@ -50,20 +40,5 @@ mod tests {
         assert_eq!(ticks(0.05, 0.31, 3.0), [0.05, 0.1, 0.15, 0.2, 0.25, 0.3]);
         assert_eq!(ticks(3.0, 3.0, 3.0), [0.0; 0]);
         assert_eq!(ticks(f64::NAN, 3.0, 3.0), [0.0; 0]);
-    }
-
-    #[test]
-    fn numbers_have_few_digits() {
-        for (number, expected) in [
-            (123.456, "123.5"),
-            (-0.0123456, "-0.01235"),
-            (0.0, "0"),
-            (7.0, "7"),
-            (12_345_678.0, "1.235e7"),
-            (1.5e-7, "1.5e-7"),
-            (f64::NAN, "NaN"),
-        ] {
-            assert_eq!(digits(number, 4), expected);
-        }
     }
 }

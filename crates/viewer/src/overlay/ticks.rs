@@ -1,7 +1,8 @@
 //! Ticks with world coordinates along three edges of a box: for each axis the edge that is outermost in the picture, so that they stand over nothing.
 
-use crate::overlay::round::{digits, ticks};
+use crate::overlay::round::ticks;
 use crate::overlay::{AXIS_COLORS, Lens, World, corner};
+use brickyard::volume::numbers::within_span;
 use eframe::egui::{Align2, Color32, Pos2, Stroke, Vec2};
 use glam::DVec3;
 
@@ -25,7 +26,7 @@ pub(crate) fn show(lens: &Lens, world: &World<'_>) {
             point[axis] = tick;
             let Some(place) = lens.place(point) else { continue };
             lens.painter.line_segment([place, place + LENGTH * outward], Stroke::new(1.0, AXIS_COLORS[axis]));
-            let text = digits(tick, 6);
+            let text = within_span(tick, high[axis] - low[axis]);
             lens.text(place + 14.0 * outward, Align2::CENTER_CENTER, &text, 10.5, Color32::from_gray(220));
         }
         let name = if world.is_anatomical { ["R", "A", "S"][axis] } else { ["x", "y", "z"][axis] };

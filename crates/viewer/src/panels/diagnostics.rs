@@ -2,10 +2,10 @@
 
 use crate::canvas::{Canvas, FrameTimes};
 use crate::overlay::bricks::level_color;
-use crate::overlay::round::digits;
 use crate::state::WindowState;
 use crate::views::Views;
 use brickyard::stats::Percentiles;
+use brickyard::volume::numbers::significant;
 use eframe::egui::{Color32, Grid, ProgressBar, Sense, Ui, pos2, vec2};
 
 /// Height of the plot of frame times, in points, and the time that it is high, in milliseconds.
@@ -75,7 +75,7 @@ fn bricks(ui: &mut Ui, canvas: &Canvas) {
     let counters = &status.counters;
     let mib = |bytes: u64| format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20));
     let error = match status.effective_error_px.is_finite() {
-        true => format!("{} of {} px", digits(status.effective_error_px, 3), status.pixel_error),
+        true => format!("{} of {} px", significant(status.effective_error_px, 3), status.pixel_error),
         false => format!("unbounded (the eye is inside), {} px wanted", status.pixel_error),
     };
     let rows = [

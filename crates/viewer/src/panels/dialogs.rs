@@ -81,6 +81,11 @@ impl Dialog {
         (self.path, self.description, self.problem) = (path.display().to_string(), said, problem);
     }
 
+    /// Whether the dialog is about files to open: it is done with once some are.
+    pub(crate) fn is_about_opening(&self) -> bool {
+        matches!(self.kind, DialogKind::Open | DialogKind::Add)
+    }
+
     /// Shows the dialog over what a window shows of a scene of volumes. Returns whether it stays, and what it was told to do.
     pub(crate) fn show(
         &mut self,

@@ -1,8 +1,8 @@
 //! A channel's histogram, with a window that is dragged on it: by one of its ends, or whole by its middle. Counts are on a logarithmic scale, or on a
 //! linear one once a right click says so. Its axis and its bars serve the editor of transfer functions, too.
 
-use crate::panels::widgets::digits;
 use brickyard::store::Histogram;
+use brickyard::volume::numbers::within_span;
 use eframe::egui::{Color32, CursorIcon, Id, Rect, Response, Sense, Stroke, Ui, pos2, vec2};
 
 const HEIGHT: f32 = 54.0;
@@ -113,7 +113,7 @@ pub(crate) fn hovered(response: Response, axis: &Axis, histogram: &Histogram, hi
     let value = axis.value(pointer.x);
     let bin = ((value - histogram.low) / histogram.width).floor();
     let count = if bin >= 0.0 { histogram.counts.get(bin as usize).copied().unwrap_or(0) } else { 0 };
-    let text = format!("{}: {} voxels near it\n{hint}", digits(value, axis.span()), grouped(count));
+    let text = format!("{}: {} voxels near it\n{hint}", within_span(value, axis.span()), grouped(count));
     response.on_hover_text_at_pointer(text)
 }
 

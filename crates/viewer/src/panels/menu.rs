@@ -137,6 +137,9 @@ fn window(ui: &mut Ui, state: &mut State, budgets: Budgets) {
         window.budgets_mib = Some(edited);
     }
     ui.separator();
+    ui.checkbox(&mut window.panels, "panels (F10)")
+        .on_hover_text("without them the pictures alone; F10 brings them back");
+    ui.checkbox(&mut window.fullscreen, "the whole screen (F11)");
     ui.checkbox(&mut window.diagnostics, "diagnostics");
     ui.radio_value(&mut window.theme, Theme::Dark, "dark");
     ui.radio_value(&mut window.theme, Theme::Light, "light");
@@ -172,6 +175,9 @@ mod tests {
         assert_eq!((state.window.layout, commands), (Layout::Planes, Vec::new()));
         assert!(clicked(&["View", "bricks"]).0.window.overlays.bricks);
         assert_eq!(clicked(&["Window", "light"]).0.window.theme, Theme::Light);
+        let window = clicked(&["Window", "panels (F10)"]).0.window;
+        assert!(!window.panels && !window.fullscreen);
+        assert!(clicked(&["Window", "the whole screen (F11)"]).0.window.fullscreen);
         assert_eq!(clicked(&["fly"]).0.window.tool, Tool::Fly);
         assert!(clicked(&["help"]).0.window.help);
     }

@@ -1,30 +1,56 @@
 //! The line below the picture: how far it is, what it takes, and what went wrong last.
 
 use crate::canvas::Canvas;
+use crate::panels::widgets::problem_color;
 use crate::views::Views;
-use eframe::egui::{Align, Color32, Label, Layout, RichText, Ui, vec2};
+use eframe::egui::{Align, Label, Layout, RichText, Ui, vec2};
 
 /// The line's height, in points.
 const HEIGHT: f32 = 20.0;
 
-const MESSAGE: Color32 = Color32::from_rgb(230, 120, 60);
+/// What the line says on its left.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Said<'a> {
+    /// What has gone wrong: nothing else is said until that is over.
+    pub(crate) problem: Option<&'a str>,
+    /// What has been done.
+    pub(crate) note: Option<&'a str>,
+    /// What is under the pointer.
+    pub(crate) picked: Option<&'a str>,
+}
 
-/// Shows how far the pictures are; `None` of an empty window. `message` is what the user is to be told, `picked` what is under the pointer; `None` if there is
-/// nothing. It is one line, whatever it says: if its height changed, so would the picture's size, and the picture would have to be drawn again.
-pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, message: Option<&str>, picked: Option<&str>) {
+/// Shows how far the pictures are; `None` of an empty window. It is one line, whatever it says: if its height changed, so would the picture's size, and the picture
+/// would have to be drawn again.
+pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, said: &Said<'_>) {
     ui.allocate_ui_with_layout(vec2(ui.available_width(), HEIGHT), Layout::right_to_left(Align::Center), |ui| {
         if let Some(views) = views {
             progress(ui, views);
         }
-        ui.with_layout(Layout::left_to_right(Align::Center), |ui| {
-            if let Some(message) = message {
-                let text = RichText::new(message.lines().collect::<Vec<_>>().join(" ")).color(MESSAGE);
-                ui.add(Label::new(text).truncate()).on_hover_text(message);
-            } else if let Some(picked) = picked {
-                ui.add(Label::new(RichText::new(picked).monospace()).truncate()).on_hover_text(picked);
-            }
-        });
+        ui.with_layout(Layout::left_to_right(Align::Center), |ui| words(ui, said));
     });
+}
+
+fn words(ui: &mut Ui, said: &Said<'_>) {
+    if let Some(problem) = said.problem {
+        let text = RichText::new(one_line(problem)).color(problem_color(ui.visuals()));
+        ui.add(Label::new(text).truncate()).on_hover_text(problem);
+        return;
+    }
+    let note = said.note.map(one_line);
+    let text = match (&note, said.picked) {
+        (Some(note), Some(picked)) => format!("{note}    {picked}"),
+        (Some(text), None) => text.clone(),
+        (None, Some(picked)) => picked.into(),
+        (None, None) => return,
+    };
+    let text = if said.picked.is_some() { RichText::new(&text).monospace() } else { RichText::new(&text) };
+    let hint = text.text().to_string();
+    ui.add(Label::new(text).truncate()).on_hover_text(hint);
+}
+
+/// A text without breaks.
+fn one_line(text: &str) -> String {
+    text.lines().collect::<Vec<_>>().join(" ")
 }
 
 /// How far the pictures are, and what memory they take, from right to left.
@@ -53,4 +79,23 @@ fn state(canvas: &Canvas) -> String {
         words += &format!(", as fine as memory allows ({:.1} px)", status.effective_error_px);
     }
     words
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable;
+
+    #[test]
+    fn what_is_done_stands_beside_values_and_a_problem_alone() {
+        let show = |ui: &mut Ui, said: &mut Said<'static>| show(ui, None, said);
+        let said = Said { note: Some("wrote a.png"), picked: Some("at 1, 2, 3 mm"), problem: None };
+        let mut harness = Harness::new_ui_state(show, said);
+        assert!(harness.query_by_label_contains("wrote a.png    at 1, 2, 3 mm").is_some());
+        harness.state_mut().problem = Some("the disk\nis full");
+        harness.run();
+        assert!(harness.query_by_label_contains("the disk is full").is_some());
+        assert!(harness.query_by_label_contains("wrote").is_none());
+    }
 }

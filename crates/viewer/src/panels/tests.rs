@@ -146,6 +146,12 @@ fn harness<'a>(scene: &Scene, theme: eframe::egui::Theme) -> Harness<'a, Scene> 
     };
     let builder = Harness::builder().with_size(vec2(WIDTH, 2600.0)).with_theme(theme);
     let mut harness = builder.build_ui_state(show, scene.clone());
+    open_groups(&mut harness);
+    harness
+}
+
+/// Opens all groups that there are.
+fn open_groups<S>(harness: &mut Harness<'_, S>) {
     for group in GROUPS {
         if let Some(heading) = harness.query_by_role_and_label(eframe::egui::accesskit::Role::DisclosureTriangle, group)
         {
@@ -153,7 +159,6 @@ fn harness<'a>(scene: &Scene, theme: eframe::egui::Theme) -> Harness<'a, Scene> 
             harness.run();
         }
     }
-    harness
 }
 
 /// The paths of all fields of a JSON document; lists of objects are as one object.
@@ -203,10 +208,39 @@ fn looking_changes_nothing() {
     }
 }
 
+/// Scenes whose clip boxes have ends of many digits.
+fn clipped() -> impl Iterator<Item = Scene> {
+    let clip = Some([DVec3::new(-99.25, -0.5, -1234.56), DVec3::new(161.25, 244.5, 161.2)]);
+    scenes().into_iter().map(move |scene| Scene { clip, ..scene })
+}
+
+#[test]
+fn a_panel_stays_as_wide_as_it_is() {
+    for mut scene in clipped() {
+        let volumes = fixture::volumes();
+        let show = move |ui: &mut Ui, width: &mut f32| {
+            let panel = eframe::egui::Panel::left("scene").default_size(WIDTH).show(ui, |ui| {
+                widgets::within(ui, |ui| {
+                    view::show(ui, &mut scene, &volumes, &mut Vec::new());
+                    layers::show(ui, &mut scene, &volumes, Some(5), &mut Vec::new());
+                    ui.allocate_space(vec2(ui.available_width() + 20.0, 10.0));
+                });
+            });
+            *width = panel.response.rect.width();
+        };
+        let mut harness = Harness::builder().with_size(vec2(1200.0, 2600.0)).build_ui_state(show, 0.0);
+        harness.run();
+        let first = *harness.state();
+        open_groups(&mut harness);
+        harness.run_steps(200);
+        assert_eq!(*harness.state(), first);
+    }
+}
+
 /// Of the narrowest panel.
 #[test]
 fn nothing_is_wider_than_the_panel() {
-    for scene in scenes() {
+    for scene in scenes().into_iter().chain(clipped()) {
         let harness = harness(&scene, eframe::egui::Theme::Dark);
         let nodes = harness.query_all(By::new());
         let right = |node: &egui_kittest::Node<'_>| node.accesskit_node().raw_bounds().map_or(0.0, |bounds| bounds.x1);

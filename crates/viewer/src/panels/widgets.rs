@@ -1,9 +1,10 @@
 //! The controls that panels are made of: rows with a label in front, numbers with as many digits as matter, colours, choices with explanations, text
 //! that is applied once it can be read. None of them changes a value by being shown, so a scene that is only looked at stays as it is.
 
+use brickyard::volume::numbers::within_span;
 use eframe::egui::{
-    Align, CollapsingHeader, Color32, ComboBox, DragValue, Id, Label, Layout, RangeSlider, Response, RichText, Slider,
-    SliderClamping, TextEdit, Ui, Visuals, vec2,
+    Align, CollapsingHeader, Color32, ComboBox, DragValue, Id, Label, Layout, RangeSlider, Response, RichText,
+    ScrollArea, Slider, SliderClamping, TextEdit, Ui, UiBuilder, Visuals, vec2,
 };
 use glam::DVec3;
 use std::ops::RangeInclusive;
@@ -13,6 +14,16 @@ const LABEL_WIDTH: f32 = 74.0;
 
 /// Width of a number beside a slider, in points.
 const NUMBER_WIDTH: f32 = 52.0;
+
+/// Shows what a panel has, from top to bottom, in exactly the room that the panel gives. What does not fit is cut off: egui would widen the panel by it, again in
+/// every frame if it fills the width that there is.
+pub(crate) fn within(ui: &mut Ui, content: impl FnOnce(&mut Ui)) {
+    let area = ui.available_rect_before_wrap();
+    let mut inside = ui.new_child(UiBuilder::new().max_rect(area));
+    inside.shrink_clip_rect(area);
+    ScrollArea::vertical().auto_shrink(false).show(&mut inside, content);
+    ui.advance_cursor_after_rect(area);
+}
 
 /// A line of controls behind a label. `content` takes the label's id, by which its controls are named.
 pub(crate) fn row<R>(ui: &mut Ui, label: &str, hint: &str, content: impl FnOnce(&mut Ui, Id) -> R) -> R {
@@ -33,30 +44,25 @@ pub(crate) fn group(ui: &mut Ui, name: &str, hint: &str, content: impl FnOnce(&m
     folded.header_response.on_hover_text(hint);
 }
 
-/// A number in words, with as many digits as it takes to tell a thousandth of `span` apart.
-pub(crate) fn digits(value: f64, span: f64) -> String {
-    let reach = if span.is_finite() && span > 0.0 { span } else { value.abs().max(f64::MIN_POSITIVE) };
-    let decimals = 3.0 - reach.log10().floor();
-    if decimals > 9.0 || value.abs() >= 1e9 {
-        return format!("{value:.3e}");
-    }
-    let text = format!("{value:.*}", decimals.max(0.0) as usize);
-    let short = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
-    if short == "-0" { "0".into() } else { short.into() }
-}
-
-/// Width of a number's field in which each of these values has room, in points.
-fn width_of(values: &[f64], span: f64, unit: &str) -> f32 {
-    let lengths = values.iter().filter(|value| value.is_finite()).map(|value| digits(*value, span).len());
-    let longest = lengths.max().unwrap_or(0) + if unit.is_empty() { 0 } else { 1 + unit.chars().count() };
-    NUMBER_WIDTH.max(10.0 + 7.4 * longest as f32)
+/// Width of a number's field in which each of these values has room, in points, and `least` or more. It is what the field takes and no less: a row that is wider
+/// than its panel would widen the panel.
+fn width_of(ui: &Ui, values: &[f64], span: f64, (unit, least): (&str, f32)) -> f32 {
+    let font = ui.style().drag_value_text_style.resolve(ui.style());
+    let written =
+        values.iter().filter(|value| value.is_finite()).map(|value| format!("{} {unit}", within_span(*value, span)));
+    let width = |text: String| {
+        let galley = ui.painter().layout_no_wrap(text.trim_end().to_string(), font.clone(), Color32::WHITE);
+        galley.size().x
+    };
+    let longest = written.map(width).fold(0.0, f32::max);
+    least.max((longest + 2.0 * ui.spacing().button_padding.x).ceil())
 }
 
 /// What `set` and `get` of egui's numbers are: a value that is changed by what the hand means, and not by the rounding of what is shown, or by the
 /// range for what is typed.
 fn access<'a>(value: &'a mut f64, range: RangeInclusive<f64>, span: f64) -> impl FnMut(Option<f64>) -> f64 + 'a {
     move |new| {
-        let shown = digits(*value, span).parse::<f64>().unwrap_or(*value);
+        let shown = within_span(*value, span).parse::<f64>().unwrap_or(*value);
         let is_as_shown = |new: f64| new == shown.max(*range.start()).min(*range.end());
         if let Some(new) = new.filter(|new| new.is_finite() && !is_as_shown(*new)) {
             *value = new;
@@ -79,7 +85,7 @@ pub(crate) fn number(
         .range(range)
         .clamp_existing_to_range(false)
         .max_decimals(15)
-        .custom_formatter(|value, _| digits(value, span))
+        .custom_formatter(|value, _| within_span(value, span))
         .clip_text(true)
         .min_size(vec2(width, ui.spacing().interact_size.y))
         .suffix(suffix);
@@ -118,7 +124,7 @@ fn slid(
 ) -> Response {
     let span = if is_logarithmic { value.abs() } else { range.end() - range.start() };
     row(ui, label, hint, |ui, label| {
-        let width = width_of(&[*range.start(), *range.end(), *value], span, unit);
+        let width = width_of(ui, &[*range.start(), *range.end(), *value], span, (unit, NUMBER_WIDTH));
         ui.spacing_mut().slider_width = (ui.available_width() - width - ui.spacing().item_spacing.x).max(24.0);
         let rail = Slider::from_get_set(range.clone(), access(value, range.clone(), span))
             .clamping(SliderClamping::Edits)
@@ -133,7 +139,7 @@ fn slid(
 /// The three numbers of a point or a direction: beside each other if they are short, else below each other.
 pub(crate) fn vector(ui: &mut Ui, label: &str, hint: &str, value: &mut DVec3, span: f64) {
     let any = f64::NEG_INFINITY..=f64::INFINITY;
-    let is_long = value.to_array().iter().any(|part| digits(*part, span).len() > 6);
+    let is_long = value.to_array().iter().any(|part| within_span(*part, span).len() > 6);
     let parts = |ui: &mut Ui, label: Id, axes: &[usize], value: &mut DVec3| {
         ui.spacing_mut().button_padding.x = 2.0;
         let gaps = ui.spacing().item_spacing.x * (axes.len() - 1) as f32;
@@ -309,7 +315,7 @@ pub(crate) fn range(
     let (first, last) = (*whole.start(), *whole.end());
     let span = last - first;
     row(ui, label, hint, |ui, label| {
-        let end = width_of(&[first, last, *low, *high], span, "") - 8.0;
+        let end = width_of(ui, &[first, last, *low, *high], span, ("", NUMBER_WIDTH - 8.0));
         number(ui, low, first..=(*high - least).max(first), span, (end, "")).labelled_by(label);
         ui.spacing_mut().slider_width = (ui.available_width() - end - ui.spacing().item_spacing.x).max(24.0);
         let (mut to_low, mut to_high) = (*low, *high);
@@ -331,24 +337,6 @@ mod tests {
     use eframe::egui::accesskit::Role;
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable;
-
-    #[test]
-    fn numbers_have_the_digits_that_matter() {
-        for (value, span, expected) in [
-            (0.5, 1.0, "0.5"),
-            (0.12345, 1.0, "0.123"),
-            (127.46, 255.0, "127.5"),
-            (1500.4, 65535.0, "1500"),
-            (-0.0, 65535.0, "0"),
-            (100.0, 65535.0, "100"),
-            (0.000_012_34, 1e-5, "0.00001234"),
-            (0.000_000_012_34, 1e-8, "1.234e-8"),
-            (1.5e12, 1e12, "1.500e12"),
-            (0.25, 0.0, "0.25"),
-        ] {
-            assert_eq!(digits(value, span), expected);
-        }
-    }
 
     #[test]
     fn a_number_that_is_only_visited_stays_what_it_is() {

@@ -14,7 +14,7 @@ use brickyard::channels::default_layers;
 use brickyard::openable::is_mesh;
 use brickyard::opening::{OpeningError, OpeningOptions};
 use brickyard::session::VolumeSource;
-use brickyard::volume::{MeshLook, Mode, Scene};
+use brickyard::volume::{MeshLook, Scene};
 use eframe::egui::{self, Link, Rect, Ui, UiBuilder, ViewportCommand, pos2};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -44,6 +44,7 @@ impl Window {
         if volumes.is_empty() {
             return self.add_meshes(&meshes);
         }
+        self.dialog.take_if(|dialog| dialog.is_about_opening());
         // What was said of the files before is not of these.
         let options = OpeningOptions { store: None, ..self.openings.options().clone() };
         self.open_next(Openings::start(volumes, options), (meshes, is_added), Description::default());
@@ -103,12 +104,10 @@ impl Window {
     pub(super) fn follow_files(&mut self, egui: &egui::Context) -> Result<(), String> {
         if let Some(ended) = self.exporting.as_mut().and_then(Exporting::poll) {
             self.exporting = None;
-            self.message = Some(ended?);
+            self.say_ended(|command| matches!(command, Command::Export(_)), ended);
         }
         let changes = self.openings.poll();
-        if let Some(message) = changes.messages.into_iter().last() {
-            self.message = Some(message);
-        }
+        self.note = changes.messages.into_iter().last().or(self.note.take());
         if changes.has_volumes {
             let volumes = self.openings.volumes();
             if scale_crops(&mut self.state.scene, self.views.volumes(), &volumes) {
@@ -122,16 +121,21 @@ impl Window {
         }
         let Some(next) = &mut self.next else { return Ok(()) };
         let changes = next.openings.poll();
-        if let Some(message) = changes.messages.into_iter().last() {
-            self.message = Some(message);
-        }
+        self.note = changes.messages.into_iter().last().or(self.note.take());
+        let is_opening =
+            |command: &Command| matches!(command, Command::Open(_) | Command::Add(_) | Command::OpenAs(..));
         if let Some((path, error)) = changes.stopped {
-            return Err(self.ask_about(&path, &error));
+            let problem = self.ask_about(&path, &error);
+            self.say_ended(is_opening, Err(problem));
+            return Ok(());
         }
-        match self.next.take_if(|next| next.openings.are_shown()) {
-            Some(next) => self.show_next(next, egui),
-            None => Ok(()),
+        let Some(next) = self.next.take_if(|next| next.openings.are_shown()) else { return Ok(()) };
+        let shown = self.show_next(next, egui);
+        match (self.script.ended(is_opening), shown) {
+            (Some(line), Err(problem)) => self.fail(&line, &problem),
+            (_, shown) => return shown,
         }
+        Ok(())
     }
 
     fn show_next(&mut self, next: Next, egui: &egui::Context) -> Result<(), String> {
@@ -165,7 +169,7 @@ impl Window {
     /// Shows other volumes in the place of those that there are, as a new window on them would.
     fn show_others(&mut self, openings: Openings) -> Result<(), String> {
         let volumes = openings.volumes();
-        let mut scene = Scene { layers: default_layers(&volumes, Mode::default()), ..Scene::default() };
+        let mut scene = Scene { layers: default_layers(&volumes), ..Scene::default() };
         let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
         let (width, height) = self.volume_view.size_px;
         let camera = scene.camera_for(&places, (width.max(1), height.max(1)));
@@ -238,9 +242,9 @@ impl Window {
     }
 }
 
-/// A problem with what it is about before it, unless it begins with that by itself, as errors of files do.
+/// A problem with what it is about before it, unless it names that by itself, as errors of files do.
 pub(super) fn about(what: &str, problem: &str) -> String {
-    if problem.starts_with(what) { problem.into() } else { format!("{what}: {problem}") }
+    if problem.contains(what) { problem.into() } else { format!("{what}: {problem}") }
 }
 
 /// Brings the crops of layers, which are in voxels, from the voxels of some volumes to those of others that take their places: a store's are more than its

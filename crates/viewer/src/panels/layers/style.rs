@@ -40,9 +40,10 @@ pub(super) fn opacity_and_blend(ui: &mut Ui, layer: &mut SceneLayer) {
     let hint = "factor of all opacities of the layer, 0 to 1";
     slider(ui, "opacity", hint, &mut layer.opacity, (0.0..=1.0, ""));
     let blends = [
-        (Blend::Mix, "mix", "a medium in the same place as the others: it hides what is behind it"),
-        (Blend::Add, "add", "light alone: its colours are added, and it hides nothing (fluorescence)"),
-        (Blend::Over, "over", "in projections and slices on top of the others (labels over an image)"),
+        (None, "auto", "as the mode has it: in projections and slices channels add and labels lie over; else all mix"),
+        (Some(Blend::Mix), "mix", "a medium in the same place as the others: it hides what is behind it"),
+        (Some(Blend::Add), "add", "light alone: its colours are added, and it hides nothing (fluorescence)"),
+        (Some(Blend::Over), "over", "in projections and slices on top of the others (labels over an image)"),
     ];
     let hint = "how the layer joins others in the same place";
     if let Some(blend) = menu(ui, "blend", hint, (layer.blend, &blends), |_| None) {
