@@ -28,8 +28,8 @@ fn images(textures: &TexturesDelta) -> HashMap<TextureId, ColorImage> {
             let ImageData::Color(image) = &delta.image;
             match delta.pos {
                 None => drop(images.insert(*id, Arc::unwrap_or_clone(image.clone()))),
-                Some(corner) => images.entry(*id).and_modify(|whole| patch(whole, image, corner)).or_default(),
-            };
+                Some(corner) => images.get_mut(id).into_iter().for_each(|whole| patch(whole, image, corner)),
+            }
         }
     }
     images

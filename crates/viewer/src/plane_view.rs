@@ -4,7 +4,6 @@ use crate::canvas::Canvas;
 use crate::command::Command;
 use crate::measuring::{Measuring, lying_in};
 use crate::navigation::{panned, point_at_target, zoomed};
-use crate::overlay::round::digits;
 use crate::overlay::{self, AXIS_COLORS, Lens};
 use crate::panels::slices::{dragged, shown_window};
 use crate::picking::{Picked, Picking};
@@ -12,6 +11,7 @@ use crate::planes::{Grid, filter, slice_scene};
 use crate::state::Tool;
 use crate::volume_view::{Seen, whole_pixels};
 use brickyard::session::SessionError;
+use brickyard::volume::numbers::within_span;
 use brickyard::volume::{Camera, Slice};
 use eframe::egui::{Align2, Color32, Event, MouseWheelUnit, PointerButton, Pos2, Response, Sense, Stroke, Ui, vec2};
 use glam::DVec3;
@@ -180,7 +180,7 @@ fn distances(
 ) {
     let unit = seen.world.as_ref().map_or("", |world| world.unit);
     if let Some(window) = shown_window(&seen.state.window.planes, &seen.state.scene, seen.volumes) {
-        let [black, white] = window.map(|value| digits(value, 5));
+        let [black, white] = window.map(|value| within_span(value, window[1] - window[0]));
         let corner = lens.area.left_bottom() + vec2(8.0, -6.0);
         lens.text(corner, Align2::LEFT_BOTTOM, &format!("{black} to {white}"), 11.0, Color32::from_gray(200));
     }

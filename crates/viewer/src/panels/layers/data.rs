@@ -1,9 +1,9 @@
 //! Which part of which volume a layer shows, and where: volume, channel, crop and placement.
 
-use crate::overlay::round::digits;
 use crate::panels::reason;
 use crate::panels::widgets::{group, menu, range, row, switch, typed, vector};
 use brickyard::session::VolumeSource;
+use brickyard::volume::numbers::significant;
 use brickyard::volume::{Placement, Scene, SceneLayer};
 use eframe::egui::{Label, Ui};
 use glam::DVec3;
@@ -51,7 +51,7 @@ fn voxels(ui: &mut Ui, volume: &VolumeSource) {
     let geometry = volume.source.geometry();
     let stride = volume.stride().map(f64::from);
     let size = geometry.spacing / DVec3::from_array(stride);
-    let [x, y, z] = size.to_array().map(|length| digits(length, 4));
+    let [x, y, z] = size.to_array().map(|length| significant(length, 4));
     let text = format!("{x} x {y} x {z} {}", geometry.unit.as_deref().unwrap_or("(no unit)"));
     let hint = "said by the file, or when it was opened: Open..., what the file does not say";
     row(ui, "voxel size", hint, |ui, _| ui.add(Label::new(text).truncate()).on_hover_text(hint));
