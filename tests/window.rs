@@ -85,7 +85,7 @@ fn a_mode_that_is_chosen_in_the_window_is_that_of_render() {
     let (path, sandbox) = (test.path().display().to_string(), Sandbox::in_memory());
     let modes = ["mip", "dvr", "average", "minip", "dvr"];
     let chosen = |(i, mode): (usize, &&str)| {
-        format!("settled set mode {mode}\nsettled view +z\nsettled save-picture 120x120 {i}.png\n")
+        format!("settled set mode {mode}\nsettled view +z\nsettled save-picture 120x120 over=none {i}.png\n")
     };
     let tour: String = modes.iter().enumerate().map(chosen).collect();
     sandbox.write("tour.txt", &(tour + "settled quit\n"));
@@ -322,7 +322,8 @@ fn a_script_that_fails_says_where_and_why() {
         let arguments = [&path, "--backend", "cpu", "--script", "tour.txt", "--screenshot", "shot.png"];
         let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
         let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-        let is_said = said.contains("line 3") && said.matches(why).count() == 1;
+        let times = if command.starts_with("set") { 2 } else { 1 };
+        let is_said = said.contains("line 3") && said.matches(why).count() == times;
         assert!(ended.status.code() == Some(1) && is_said, "{command}: {:?}: {said}", ended.status);
         assert!(!sandbox.path("after.json").exists(), "{command}: the script goes on");
     }
@@ -423,4 +424,27 @@ fn a_distance_in_a_projection_is_what_the_picture_shows() {
     let forward = (camera.target - camera.eye).normalize();
     assert!(from != to && (to - from).dot(forward).abs() < 1e-9, "{from} {to}");
     opened.quit();
+}
+
+#[test]
+fn a_saved_picture_has_what_the_window_shows_over_it() {
+    let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    let tour = "0 set window.overlays.axes false\nsettled save-picture 600x400 over=none bare.png\n\
+        settled save-picture 600x400 over=scale_bar bar.png\nsettled save-picture 600x400 shown.png\nsettled save-scene scene.json\nsettled quit\n";
+    sandbox.write("tour.txt", tour);
+    let arguments = [&path, "--backend", "cpu", "--script", "tour.txt", "--size", "900x600"];
+    let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+    let [bare, bar, shown] = ["bare.png", "bar.png", "shown.png"].map(|name| read_png(&sandbox.path(name)));
+    let differing = |picture: &Picture| -> Vec<(usize, usize)> {
+        let pixels = picture.rgb.iter().zip(&bare.rgb).enumerate().filter(|(_, (a, b))| a[0].abs_diff(b[0]) > 40);
+        pixels.map(|(i, _)| (i % 600, i / 600)).collect()
+    };
+    let of_bar = differing(&bar);
+    assert!(of_bar.len() > 50 && of_bar.iter().all(|(x, y)| *x > 400 && *y > 340), "the bar is in the lower right");
+    let of_all = differing(&shown);
+    assert!(of_all.len() > of_bar.len() && of_all.iter().any(|(x, _)| *x < 300), "the box is drawn, too");
+    sandbox.run_ok(&format!("render {path} --scene scene.json --backend cpu --size 600x400 -o rendered.png"));
+    assert!(most(&bare, &read_png(&sandbox.path("rendered.png"))) <= 1);
 }

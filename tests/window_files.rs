@@ -13,14 +13,18 @@ fn store(edge: u32) -> TestStore {
     TestStore::pack(&FunctionSource::series(extent, Geometry::default(), 2, 1, move |_, _, v| value(v)), 16)
 }
 
-/// Plays a script in a window that the CPU draws. Returns what it said.
-fn play(display: &Display, sandbox: &Sandbox, arguments: &[&str], script: &str) -> String {
+/// Plays a script in a window that the CPU draws. Returns the exit code, and what it said.
+fn play_to_end(display: &Display, sandbox: &Sandbox, arguments: &[&str], script: &str) -> (Option<i32>, String) {
     sandbox.write("script.txt", script);
     let arguments = [arguments, &["--backend", "cpu", "--size", "900x600", "--script", "script.txt"]].concat();
     let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
-    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-    assert!(ended.status.success(), "{said}");
-    said
+    (ended.status.code(), String::from_utf8_lossy(&ended.stderr).into_owned())
+}
+
+/// Plays a script that does not fail.
+fn play(display: &Display, sandbox: &Sandbox, arguments: &[&str], script: &str) {
+    let (code, said) = play_to_end(display, sandbox, arguments, script);
+    assert!(code == Some(0), "{code:?}: {said}");
 }
 
 fn document(sandbox: &Sandbox, name: &str) -> Value {
@@ -71,7 +75,7 @@ fn an_empty_window_opens_what_it_is_told_to() {
     let (Some(display), test, sandbox) = (Display::start(), store(40), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
     let script = format!(
-        "settled screenshot empty.png\n0 export none.npy\n0 add {path}\nsettled save-scene opened.json\n\
+        "settled screenshot empty.png\n0 add {path}\nsettled save-scene opened.json\n\
         settled save-picture 320x200 picture.png\nsettled quit\n"
     );
     play(&display, &sandbox, &[], &script);
@@ -80,21 +84,19 @@ fn an_empty_window_opens_what_it_is_told_to() {
     let picture = read_png(&sandbox.path("picture.png"));
     assert_eq!((picture.width, picture.height), (320, 200));
     assert!(picture.rgb.iter().any(|pixel| *pixel != picture.rgb[0]), "the volume is not in it");
-    assert!(!sandbox.path("none.npy").exists() && sandbox.path("empty.png").exists());
+    assert!(sandbox.path("empty.png").exists());
     let (code, _, said) = brickyard_tests::run(&["view", "--mode", "mip"]);
     assert!(code == 2 && said.contains("name the volumes"), "{code}: {said}");
 }
 
 #[test]
-fn one_of_several_files_that_does_not_open_leaves_the_others() {
+fn a_file_that_does_not_open_is_named_once() {
     let (Some(display), test, sandbox) = (Display::start(), store(40), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
-    let script =
-        format!("0 open {}\nsettled save-scene opened.json\nsettled quit\n", json!(["no-such.zarr", path, "nor.tif"]));
-    let said = play(&display, &sandbox, &["-v"], &script);
-    assert_eq!(document(&sandbox, "opened.json")["window"]["volumes"], json!([path]));
-    assert!(said.contains("no-such.zarr: No such file"), "{said}");
-    assert!(!said.contains("no-such.zarr: no-such.zarr"), "{said}");
+    let script = format!("0 open {}\nsettled quit\n", json!([path, "no-such.zarr"]));
+    let (code, said) = play_to_end(&display, &sandbox, &[], &script);
+    let is_told = said.contains("no-such.zarr: No such file") && !said.contains("no-such.zarr: no-such.zarr");
+    assert!(code == Some(1) && is_told, "{code:?}: {said}");
 }
 
 /// All files below a folder, with what is in them.
@@ -119,21 +121,26 @@ fn a_full_disk_is_said_and_leaves_what_was_there() {
     let names = ["scene.json", "picture.png", "screen.png"];
     names.iter().for_each(|name| sandbox.write(name, "what was there"));
     sandbox.write("scan.raw", vec![7; 30 * 20 * 10]);
-    sandbox.write(
-        "script.txt",
-        "settled save-scene scene.json\nsettled save-picture picture.png\nsettled screenshot screen.png\nsettled export box.npy\n\
-        settled set mode mip\nsettled open scan.raw\nsettled save-scene scene.json\nsettled quit\n",
-    );
+    let commands = [
+        ("save-scene scene.json", "scene.json"),
+        ("save-picture picture.png", "picture.png"),
+        ("screenshot screen.png", "screen.png"),
+        ("export box.npy", "box.npy"),
+        ("open scan.raw", "scan"),
+    ];
+    let script = |name: &str| format!("{name}.txt");
+    commands
+        .iter()
+        .for_each(|(command, name)| sandbox.write(script(name), format!("settled {command}\nsettled quit\n")));
     let before = files(&under);
-    let arguments = ["-v", &path, "--backend", "cpu", "--script", "script.txt", "--shape", "30,20,10", "--dtype", "u8"];
-    let mut view = display.view(&under, &arguments);
-    harm(&mut view, &under, "write 1+ ENOSPC");
-    let ended = view.output().expect("it runs");
-    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-    assert!(ended.status.success(), "{said}");
-    for name in names.into_iter().chain(["box.npy", "scan"]) {
+    for (command, name) in commands {
+        let (script, like) = (script(name), ["--shape", "30,20,10", "--dtype", "u8"]);
+        let mut view = display.view(&under, &[&path, "--backend", "cpu", "--script", &script]);
+        harm(view.args(like), &under, "write 1+ ENOSPC");
+        let ended = view.output().expect("it runs");
+        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
         let is_told = |line: &str| line.contains(name) && line.contains("No space left on device");
-        assert!(said.lines().any(is_told), "{name}: {said}");
+        assert!(ended.status.code() == Some(1) && said.lines().any(is_told), "{command}: {:?}: {said}", ended.status);
     }
     // The folder of the store that was to be packed is gone on with the next time.
     let after: Vec<_> = files(&under).into_iter().filter(|(path, _)| !path.starts_with(under.join("cache"))).collect();
@@ -165,4 +172,23 @@ fn a_state_that_cannot_be_kept_leaves_the_one_before() {
     let said = run("alt+3", "write 1+ ENOSPC windows/");
     assert!(said.contains("cannot be kept") && said.contains("No space left on device"), "{said}");
     assert!(files(&windows) == kept, "another state is kept");
+}
+
+#[test]
+fn a_file_opens_with_what_is_said_of_it() {
+    let (Some(display), sandbox) = (Display::start(), Sandbox::in_memory()) else { return };
+    let values: Vec<u8> = (0..20 * 16 * 12u32).map(|i| (i % 7) as u8).collect();
+    std::fs::write(sandbox.path("labels.raw"), values).expect("written");
+    let said = json!({
+        "path": "labels.raw", "shape": [20, 16, 12], "voxel_type": "u8", "labels": true,
+        "spacing": [0.5, 0.5, 2.0], "unit": "micrometer",
+    });
+    let (code, asked) = play_to_end(&display, &sandbox, &[], "0 open labels.raw\nsettled quit\n");
+    assert!(code == Some(1) && asked.contains("labels.raw"), "{code:?}: {asked}");
+    play(&display, &sandbox, &[], &format!("0 open-as {said}\nsettled save-scene opened.json\nsettled quit\n"));
+    let opened = document(&sandbox, "opened.json");
+    assert!(opened["window"]["volumes"][0].as_str().is_some_and(|path| path.ends_with("labels.raw")), "{opened}");
+    let target = opened["camera"]["target"].clone();
+    // The first voxel's centre is the origin: 20 x 16 x 12 voxels of 0.5 x 0.5 x 2.
+    assert_eq!(target, json!([4.75, 3.75, 11.0]));
 }

@@ -8,6 +8,8 @@ use std::collections::VecDeque;
 pub(crate) struct Clicks {
     waiting: VecDeque<Pos2>,
     pressed: Option<Pos2>,
+    /// Whether this frame has a release, of which it is not known yet what comes of it.
+    is_released: bool,
 }
 
 impl Clicks {
@@ -16,9 +18,9 @@ impl Clicks {
         self.waiting.push_back(pos2(x as f32, y as f32));
     }
 
-    /// Whether all clicks have been made.
+    /// Whether all clicks have been made, and the window has done what they ask for.
     pub(crate) fn are_done(&self) -> bool {
-        self.waiting.is_empty() && self.pressed.is_none()
+        self.waiting.is_empty() && self.pressed.is_none() && !self.is_released
     }
 
     /// Adds to a frame's input what is due of the clicks.
@@ -29,6 +31,7 @@ impl Clicks {
             pressed,
             modifiers: Modifiers::NONE,
         };
+        self.is_released = self.pressed.is_some();
         if let Some(pos) = self.pressed.take() {
             input.events.push(button(pos, false));
         } else if let Some(pos) = self.waiting.pop_front() {
@@ -43,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_click_takes_two_frames() {
+    fn a_click_is_done_in_the_frame_after_its_release() {
         let mut clicks = Clicks::default();
         clicks.add([3.0, 4.0]);
         let mut counts = Vec::new();
@@ -52,6 +55,6 @@ mod tests {
             clicks.play(&mut input);
             counts.push(input.events.len());
         }
-        assert_eq!(counts, [2, 1]);
+        assert_eq!(counts, [2, 1, 0]);
     }
 }

@@ -1,8 +1,8 @@
 //! Commands: everything that a hand does in the window, as words. A button, a key and a line of a script come down to the same command, so a script
 //! plays what a user does.
 
-use crate::description::Description;
 use crate::marks::Marks;
+use crate::panels::description::Description;
 use brickyard::volume::{Mode, Viewpoint};
 use glam::DVec3;
 use serde_json::{Map, Value};

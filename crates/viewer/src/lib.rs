@@ -5,7 +5,6 @@ mod canvas;
 mod clicks;
 mod clip_handles;
 mod command;
-mod description;
 mod device;
 mod edits;
 mod exporting;

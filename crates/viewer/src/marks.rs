@@ -95,7 +95,7 @@ pub(crate) fn draw(picture: &mut Picture, scene: &Scene, volumes: &[VolumeSource
     let mut input = RawInput { screen_rect: Some(area), ..RawInput::default() };
     input.viewports.entry(ViewportId::ROOT).or_default().native_pixels_per_point = Some(pixels_per_point);
     let context = Context::default();
-    let shown = context.run_ui(input, |ui| {
+    let mut shown = context.run_ui(input, |ui| {
         let Some(lens) = Lens::new(ui.painter(), area, &camera, size_px) else { return };
         overlay::show(&lens, &over.marks.overlays, (scene, &camera), volumes, &world);
         if over.marks.distances {
@@ -104,6 +104,8 @@ pub(crate) fn draw(picture: &mut Picture, scene: &Scene, volumes: &[VolumeSource
     });
     let shapes = context.tessellate(shown.shapes, shown.pixels_per_point);
     paint::put(picture, &shapes, &shown.textures_delta, shown.pixels_per_point);
+    // egui insists on that.
+    shown.textures_delta.clear();
 }
 
 #[cfg(test)]

@@ -5,7 +5,6 @@ use brickyard::volume::Picture;
 use eframe::egui::epaint::{ClippedPrimitive, Primitive, Vertex};
 use eframe::egui::{Color32, ColorImage, ImageData, Rect, TextureId, TexturesDelta, Vec2, vec2};
 use std::collections::HashMap;
-use std::sync::Arc;
 
 /// Draws tessellated shapes over a picture. `textures` are all that they use.
 pub(crate) fn put(picture: &mut Picture, shapes: &[ClippedPrimitive], textures: &TexturesDelta, pixels_per_point: f32) {
@@ -27,7 +26,7 @@ fn images(textures: &TexturesDelta) -> HashMap<TextureId, ColorImage> {
         for delta in deltas {
             let ImageData::Color(image) = &delta.image;
             match delta.pos {
-                None => drop(images.insert(*id, Arc::unwrap_or_clone(image.clone()))),
+                None => drop(images.insert(*id, ColorImage::clone(image))),
                 Some(corner) => images.get_mut(id).into_iter().for_each(|whole| patch(whole, image, corner)),
             }
         }
@@ -87,7 +86,7 @@ impl Target<'_> {
             |corner| corner.color.a().into(),
         ];
         // Premultiplied, in display-referred codes, as the window blends.
-        let ink: [f32; 4] = std::array::from_fn(|i| of(color[i]) * texel[i] / 255.0);
+        let ink: [f32; 4] = std::array::from_fn(|i| of(color[i]) * texel[i]);
         let below = &mut self.picture.rgb[pixel];
         *below = std::array::from_fn(|i| (ink[i] + f32::from(below[i]) * (1.0 - ink[3] / 255.0)).round() as u8);
     }

@@ -2,6 +2,7 @@
 //! looked at changes nothing, and what cannot be shown together is barred, with the reason where the pointer is, or mended.
 
 mod color_map;
+pub(crate) mod description;
 pub(crate) mod diagnostics;
 pub(crate) mod dialogs;
 #[cfg(test)]

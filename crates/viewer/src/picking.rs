@@ -124,11 +124,8 @@ fn words(pick: &Pick, volumes: &[VolumeSource], ((low, high), is_anatomical): ((
         let [i, j, k] = std::array::from_fn(|axis| values.probe.voxel[axis] * stride[axis] + stride[axis] / 2);
         let near = if stride == [1; 3] { "voxel" } else { "about voxel" };
         let voxel = format!("{near} {i}, {j}, {k}:");
-        words += "  ";
-        if voxel != said {
-            words += &voxel;
-            said = voxel;
-        }
+        let _ = if voxel == said { write!(words, " ") } else { write!(words, "  {voxel}") };
+        said = voxel;
         let is_float = volume.source.voxel_type().is_float();
         for (channel, value) in values.probe.values.iter().enumerate() {
             let text = if value.is_nan() { "no data".to_string() } else { exact(*value, is_float) };

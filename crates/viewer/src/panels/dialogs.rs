@@ -2,11 +2,11 @@
 //! is closed.
 
 use crate::command::{Command, PictureForm, Placing};
-use crate::description::Description;
 use crate::exporting::Part;
 use crate::file_browser::FileBrowser;
 use crate::keys::{PICTURE_FILE, SCENE_FILE};
 use crate::marks::Marks;
+use crate::panels::description::Description;
 use crate::panels::widgets::{group, row};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{Extent, Scene};

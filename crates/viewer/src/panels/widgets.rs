@@ -15,6 +15,9 @@ const LABEL_WIDTH: f32 = 74.0;
 /// Width of a number beside a slider, in points.
 const NUMBER_WIDTH: f32 = 52.0;
 
+/// Width of a rail on which there is anything to hit, in points.
+const LEAST_RAIL: f32 = 24.0;
+
 /// Shows what a panel has, from top to bottom, in exactly the room that the panel gives. What does not fit is cut off: egui would widen the panel by it, again in
 /// every frame if it fills the width that there is.
 pub(crate) fn within(ui: &mut Ui, content: impl FnOnce(&mut Ui)) {
@@ -125,7 +128,7 @@ fn slid(
     let span = if is_logarithmic { value.abs() } else { range.end() - range.start() };
     row(ui, label, hint, |ui, label| {
         let width = width_of(ui, &[*range.start(), *range.end(), *value], span, (unit, NUMBER_WIDTH));
-        ui.spacing_mut().slider_width = (ui.available_width() - width - ui.spacing().item_spacing.x).max(24.0);
+        ui.spacing_mut().slider_width = (ui.available_width() - width - ui.spacing().item_spacing.x).max(LEAST_RAIL);
         let rail = Slider::from_get_set(range.clone(), access(value, range.clone(), span))
             .clamping(SliderClamping::Edits)
             .logarithmic(is_logarithmic)
@@ -162,7 +165,8 @@ pub(crate) fn vector(ui: &mut Ui, label: &str, hint: &str, value: &mut DVec3, sp
 /// A whole number on a slider in a row of its own.
 pub(crate) fn count(ui: &mut Ui, label: &str, hint: &str, value: &mut u32, range: RangeInclusive<u32>) -> Response {
     row(ui, label, hint, |ui, label| {
-        ui.spacing_mut().slider_width = (ui.available_width() - NUMBER_WIDTH - ui.spacing().item_spacing.x).max(24.0);
+        ui.spacing_mut().slider_width =
+            (ui.available_width() - NUMBER_WIDTH - ui.spacing().item_spacing.x).max(LEAST_RAIL);
         let rail = Slider::new(value, range.clone()).clamping(SliderClamping::Edits).show_value(false);
         let rail = ui.add(rail).labelled_by(label).on_hover_text(hint);
         let mut typed = f64::from(*value);
@@ -317,14 +321,18 @@ pub(crate) fn range(
     row(ui, label, hint, |ui, label| {
         let end = width_of(ui, &[first, last, *low, *high], span, ("", NUMBER_WIDTH - 8.0));
         number(ui, low, first..=(*high - least).max(first), span, (end, "")).labelled_by(label);
-        ui.spacing_mut().slider_width = (ui.available_width() - end - ui.spacing().item_spacing.x).max(24.0);
-        let (mut to_low, mut to_high) = (*low, *high);
-        let rail = RangeSlider::new(&mut to_low, &mut to_high, whole)
-            .clamping(SliderClamping::Edits)
-            .min_separation(least)
-            .show_value(false);
-        if ui.add(rail).labelled_by(label).on_hover_text(hint).changed() {
-            (*low, *high) = (to_low, to_high);
+        let left = ui.available_width() - end - ui.spacing().item_spacing.x;
+        // Long numbers leave no room for the rail.
+        if left >= LEAST_RAIL {
+            ui.spacing_mut().slider_width = left;
+            let (mut to_low, mut to_high) = (*low, *high);
+            let rail = RangeSlider::new(&mut to_low, &mut to_high, whole)
+                .clamping(SliderClamping::Edits)
+                .min_separation(least)
+                .show_value(false);
+            if ui.add(rail).labelled_by(label).on_hover_text(hint).changed() {
+                (*low, *high) = (to_low, to_high);
+            }
         }
         number(ui, high, (*low + least).min(last)..=last, span, (end, "")).labelled_by(label);
     });

@@ -3,12 +3,12 @@
 
 use super::Window;
 use crate::command::{Command, Placing};
-use crate::description::Description;
 use crate::edits::with_more;
 use crate::exporting::{Exporting, Part};
 use crate::keeping::{self, Keeper};
 use crate::marks::Marks;
 use crate::opening::Openings;
+use crate::panels::description::Description;
 use crate::panels::dialogs::{Dialog, DialogKind};
 use brickyard::channels::default_layers;
 use brickyard::openable::is_mesh;
