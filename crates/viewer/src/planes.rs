@@ -197,7 +197,6 @@ pub(crate) fn filter(grid: &Grid, chosen: PlaneFilter, camera: &Camera, height_p
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::panels::fixture;
     use brickyard::pager::{BrickError, BrickSource};
     use brickyard::volume::{BrickId, Extent, Geometry, Orientation, Pyramid, VoxelType};
     use std::sync::Arc;
