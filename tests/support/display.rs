@@ -20,7 +20,8 @@ impl Display {
     /// Starts a display that is like this, in the server's words; `None`, and said so, where there is no such server.
     pub fn start_with(arguments: &[&str]) -> Option<Self> {
         let asked = Command::new("Xvfb")
-            .args(["-displayfd", "1", "-nolisten", "tcp"])
+            // Where windows come one after another, it does not begin anew between them: clients would find no server.
+            .args(["-displayfd", "1", "-nolisten", "tcp", "-noreset"])
             .args(arguments)
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
