@@ -110,7 +110,8 @@ struct Opened<'a> {
 
 impl<'a> Opened<'a> {
     fn new(display: &'a Display, sandbox: &'a Sandbox, arguments: &[&str]) -> Self {
-        let arguments = [arguments, &["--backend", "cpu", "--size", "900x600"]].concat();
+        let size: &[&str] = if arguments.contains(&"--size") { &[] } else { &["--size", "900x600"] };
+        let arguments = [arguments, &["--backend", "cpu"], size].concat();
         let window = display.view(sandbox.path(".").as_path(), &arguments).spawn().expect("it runs");
         display.focus();
         Self { display, sandbox, window }
@@ -178,6 +179,57 @@ fn pointer_and_keys_change_the_scene() {
     assert!(opened.document()["clip"].is_array());
     display.input("key bracketright key bracketright");
     assert_eq!(opened.scene().time, 2);
+    opened.quit();
+}
+
+/// A drag of the first button from one place to another, as xdotool has it in words.
+fn drag([x, y]: [f64; 2], [right, down]: [f64; 2]) -> String {
+    let at = |share: f64| format!("mousemove {:.0} {:.0} sleep 0.2", x + share * right, y + share * down);
+    format!("{} mousedown 1 sleep 0.2 {} {} mouseup 1", at(0.0), at(0.5), at(1.0))
+}
+
+#[test]
+fn a_handle_moves_its_face_of_the_clip_box() {
+    let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    let opened = Opened::new(&display, &sandbox, &[&path]);
+    // Without panels the picture is all of the window.
+    let document = opened.until("key F10 sleep 0.5 key c", &|document| document["clip"].is_array());
+    let scene: Scene = serde_json::from_value(document.clone()).expect("a scene");
+    let rays = scene.camera.expect("a camera").rays(900, 600).expect("rays");
+    let [low, high] = scene.clip.expect("a box");
+    let pixel = |share: f64| {
+        let at = DVec3::new(low.x + share * (high.x - low.x), 0.5 * (low.y + high.y), 0.5 * (low.z + high.z));
+        rays.pixel(at).expect("in front of the eye")
+    };
+    // A quarter of the box is cut off.
+    let (from, to) = (pixel(1.0), pixel(0.75));
+    let cut = opened.until(&drag(from, [to[0] - from[0], to[1] - from[1]]), &|now| now["clip"] != document["clip"]);
+    let clip: [[f64; 3]; 2] = serde_json::from_value(cut["clip"].clone()).expect("a box");
+    let share = (clip[1][0] - low.x) / (high.x - low.x);
+    // Pointers are moved by whole pixels, and a drag begins some pixels late.
+    assert!((0.7..0.85).contains(&share), "{share}");
+    assert_eq!((clip[0], &clip[1][1..]), (low.to_array(), &high.to_array()[1..]), "the other faces stay");
+    assert_eq!(cut["camera"], document["camera"], "the view stays");
+    opened.quit();
+}
+
+#[test]
+fn a_hand_makes_points_of_a_transfer_function_and_moves_them() {
+    let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    let opened = Opened::new(&display, &sandbox, &[&path, "--size", "900x850"]);
+    let points =
+        |document: &Value| document["layers"][0]["transfer"]["opacity"].as_array().cloned().unwrap_or_default();
+    // The editor folds out of its heading, in the panel on the left.
+    display.input("mousemove 74 632 sleep 0.3 click 1 sleep 0.7");
+    let made = opened.until("mousemove 140 703 sleep 0.3 click --repeat 2 --delay 60 1", &|now| points(now).len() == 3);
+    let moved = opened.until(&drag([140.0, 703.0], [30.0, -25.0]), &|now| points(now) != points(&made));
+    let [before, after] = [&made, &moved].map(|document| points(document)[1].clone());
+    let number = |point: &Value, i: usize| point[i].as_f64().expect("a number");
+    assert!(number(&after, 0) > number(&before, 0) && number(&after, 1) > number(&before, 1), "{before} {after}");
+    display.input("key ctrl+z");
+    assert_eq!(points(&opened.document()), points(&made), "undone");
     opened.quit();
 }
 

@@ -12,6 +12,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 /// How far some work is, and whether it is to stop: shared by the thread that works and those that watch it.
 #[derive(Debug, Default)]
@@ -160,7 +161,7 @@ impl PackingError {
 }
 
 /// Packs a source in the background into a store, whose folder is made if need be, and opens it. An unfinished pack of the same source and options is
-/// gone on with; a finished one is opened at once.
+/// gone on with; a finished one is opened at once. Where another program packs the same, its store is waited for.
 pub fn pack(source: Arc<dyn Source>, place: PathBuf, options: PackOptions) -> Background<VolumeSource, PackingError> {
     Background::start(move |meter| {
         if let Some(folder) = place.parent().filter(|folder| !folder.as_os_str().is_empty()) {
@@ -168,10 +169,23 @@ pub fn pack(source: Arc<dyn Source>, place: PathBuf, options: PackOptions) -> Ba
         }
         let voxel_bytes = source.info().voxel_type.bytes() as u64;
         let options = PackOptions { exists: Exists::Resume, ..options };
-        store::pack(&*source, &place, &options, &PackMeter { meter, voxel_bytes })?;
+        let mut is_waiting = false;
+        while let Err(error) = store::pack(&*source, &place, &options, &PackMeter { meter, voxel_bytes }) {
+            if !matches!(error, PackError::Busy { .. }) || meter.is_cancelled() {
+                return Err(error.into());
+            }
+            if !is_waiting {
+                meter.warn("another program packs these files: their store is waited for");
+                is_waiting = true;
+            }
+            std::thread::sleep(BUSY_STEP);
+        }
         Ok(VolumeSource::open(&place)?)
     })
 }
+
+/// How long to wait until it is asked again whether another pack into the same store is over.
+const BUSY_STEP: Duration = Duration::from_millis(300);
 
 /// A meter as a pack takes it.
 struct PackMeter<'a> {
@@ -273,6 +287,50 @@ mod tests {
         let mut work = pack(source, place, PackOptions::new(VoxelType::U8));
         work.wait().expect("a result").unwrap();
         assert_eq!(work.meter().progress(), (0, 0));
+    }
+
+    /// A pack that says that it has begun, and goes on only when it may.
+    #[derive(Default)]
+    struct Held {
+        has_begun: AtomicBool,
+        goes_on: AtomicBool,
+    }
+
+    impl store::Progress for Held {
+        fn planned(&self, _: &store::PackPlan) {
+            self.has_begun.store(true, Ordering::Relaxed);
+            while !self.goes_on.load(Ordering::Relaxed) {
+                std::thread::yield_now();
+            }
+        }
+    }
+
+    #[test]
+    fn the_store_that_another_packs_is_waited_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let source = SynthSource::new(SynthKind::Turbulence, Extent::new(40, 30, 20), VoxelType::U8, 1, 1).unwrap();
+        let (source, place, options) =
+            (Arc::new(source), folder.path().join("a.zarr"), PackOptions::new(VoxelType::U8));
+        let other = Held::default();
+        let volume = std::thread::scope(|scope| {
+            let first = scope.spawn(|| store::pack(&*source, &place, &options, &other));
+            while !other.has_begun.load(Ordering::Relaxed) {
+                std::thread::yield_now();
+            }
+            let mut work = pack(source.clone(), place.clone(), options.clone());
+            let said = loop {
+                assert!(work.poll().is_none(), "it is over before the other is");
+                if let Some(said) = work.meter().take_warnings().pop() {
+                    break said;
+                }
+                std::thread::yield_now();
+            };
+            other.goes_on.store(true, Ordering::Relaxed);
+            assert!(said.contains("another program packs"), "{said}");
+            assert!(!first.join().unwrap().unwrap().was_complete);
+            work.wait().expect("a result").unwrap()
+        });
+        assert_eq!(volume.source.pyramid().levels()[0].extent, Extent::new(40, 30, 20));
     }
 
     #[test]
