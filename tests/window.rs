@@ -370,7 +370,7 @@ fn a_script_that_fails_says_where_and_why() {
         ("screenshot no-such-folder/b.png", "no-such-folder/b.png"),
         ("save-scene no-such-folder/c.json", "no-such-folder/c.json"),
     ] {
-        sandbox.write("tour.txt", &format!("# a tour\n0 set mode mip\n0 {command}\nsettled save-scene after.json\n"));
+        sandbox.write("tour.txt", format!("# a tour\n0 set mode mip\n0 {command}\nsettled save-scene after.json\n"));
         let arguments = [&path, "--backend", "cpu", "--script", "tour.txt", "--screenshot", "shot.png"];
         let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
         let said = String::from_utf8_lossy(&ended.stderr).into_owned();
@@ -390,7 +390,7 @@ fn a_script_that_fails_says_where_and_why() {
 fn the_dialog_of_an_empty_window_goes_once_something_is_opened() {
     let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
-    sandbox.write("open.txt", &format!("0 open {path}\n0 set window.panels false\n"));
+    sandbox.write("open.txt", format!("0 open {path}\n0 set window.panels false\n"));
     sandbox.write("there.txt", "0 set window.panels false\n");
     let shot = |arguments: &[&str]| {
         let arguments = [arguments, &["--backend", "cpu", "--screenshot", "shot.png"]].concat();

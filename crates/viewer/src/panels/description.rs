@@ -185,10 +185,10 @@ impl Description {
         for voxel_type in types {
             let voxel_bytes = sets * voxel_type.bytes() as u64;
             let count = body / voxel_bytes;
-            if body == 0 || body % voxel_bytes != 0 {
+            if body == 0 || !body.is_multiple_of(voxel_bytes) {
                 continue;
             }
-            let sides = (2..=MOST_VOXELS).filter(|side| count % (side * side) == 0);
+            let sides = (2..=MOST_VOXELS).filter(|side| count.is_multiple_of(side * side));
             let stacks = sides.map(|side| (side, count / (side * side)));
             for (side, planes) in stacks.filter(|(side, planes)| (2..=4 * side).contains(planes)) {
                 // Scanners' planes are mostly of such sides.
