@@ -3,7 +3,6 @@
 
 use brickyard::render::wgpu;
 use brickyard::volume::Picture;
-use brickyard_shaders::{Eyes, bindings, blit};
 use eframe::egui::{PaintCallbackInfo, Painter, Rect};
 use eframe::egui_wgpu::{Callback, CallbackResources, CallbackTrait, RenderState};
 
@@ -108,8 +107,8 @@ impl Texture {
                 label: Some("picture in the window"),
                 layout: &pass.pipeline.get_bind_group_layout(0),
                 entries: &[
-                    entry(bindings::LEFT_PICTURE, wgpu::BindingResource::TextureView(&view)),
-                    entry(bindings::PICTURE_SAMPLER, wgpu::BindingResource::Sampler(sampler)),
+                    entry(0, wgpu::BindingResource::TextureView(&view)),
+                    entry(1, wgpu::BindingResource::Sampler(sampler)),
                 ],
             })
         });
@@ -119,7 +118,7 @@ impl Texture {
 
 impl Pass {
     fn new(device: &wgpu::Device, format: wgpu::TextureFormat) -> Self {
-        let source = wgpu::ShaderSource::Wgsl(blit(Eyes::One, format.is_srgb()).into());
+        let source = wgpu::ShaderSource::Wgsl(include_str!("screen.wgsl").into());
         let module =
             device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some("picture in the window"), source });
         let pipeline = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
@@ -127,13 +126,13 @@ impl Pass {
             layout: None,
             vertex: wgpu::VertexState {
                 module: &module,
-                entry_point: Some("stretched"),
+                entry_point: Some("corner"),
                 compilation_options: Default::default(),
                 buffers: &[],
             },
             fragment: Some(wgpu::FragmentState {
                 module: &module,
-                entry_point: Some("blit"),
+                entry_point: Some(if format.is_srgb() { "light" } else { "codes" }),
                 compilation_options: Default::default(),
                 targets: &[Some(format.into())],
             }),
