@@ -110,8 +110,8 @@ struct Opened<'a> {
 
 impl<'a> Opened<'a> {
     fn new(display: &'a Display, sandbox: &'a Sandbox, arguments: &[&str]) -> Self {
-        let size: &[&str] = if arguments.contains(&"--size") { &[] } else { &["--size", "900x600"] };
-        let arguments = [arguments, &["--backend", "cpu"], size].concat();
+        let unless_said = |flag, value| if arguments.contains(&flag) { Vec::new() } else { vec![flag, value] };
+        let arguments = [arguments, &unless_said("--backend", "cpu"), &unless_said("--size", "900x600")].concat();
         let window = display.view(sandbox.path(".").as_path(), &arguments).spawn().expect("it runs");
         display.focus();
         Self { display, sandbox, window }
@@ -160,26 +160,29 @@ impl<'a> Opened<'a> {
 fn pointer_and_keys_change_the_scene() {
     let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
-    let opened = Opened::new(&display, &sandbox, &[&path]);
-    let first = opened.scene();
-    let scene = |document: &Value| serde_json::from_value::<Scene>(document.clone()).expect("a scene");
-    let distance = |scene: &Scene| {
-        let Camera { eye, target, .. } = scene.camera.expect("a camera");
-        (eye - target).length()
-    };
-    let drag = "mousemove 600 300 sleep 0.2 mousedown 1 sleep 0.2 mousemove 640 300 sleep 0.2 mousemove 700 310 sleep 0.2 mouseup 1";
-    let turned = scene(&opened.until(drag, &|document| scene(document).camera != first.camera));
-    assert!((distance(&turned) / distance(&first) - 1.0).abs() < 1e-9);
-    opened.until("mousemove 600 300 click 4", &|document| distance(&scene(document)) < 0.99 * distance(&first));
-    display.input("key alt+2");
-    assert_eq!(opened.scene().mode, Mode::Mip);
-    display.input("key ctrl+z");
-    assert_eq!(opened.scene().mode, Mode::Dvr, "undone");
-    display.input("key c");
-    assert!(opened.document()["clip"].is_array());
-    display.input("key bracketright key bracketright");
-    assert_eq!(opened.scene().time, 2);
-    opened.quit();
+    for backend in ["cpu", "gpu"] {
+        let opened = Opened::new(&display, &sandbox, &[&path, "--backend", backend, "--fresh"]);
+        let first = opened.scene();
+        let scene = |document: &Value| serde_json::from_value::<Scene>(document.clone()).expect("a scene");
+        let distance = |scene: &Scene| {
+            let Camera { eye, target, .. } = scene.camera.expect("a camera");
+            (eye - target).length()
+        };
+        let drag = "mousemove 600 300 sleep 0.2 mousedown 1 sleep 0.2 mousemove 640 300 sleep 0.2 mousemove 700 310 sleep 0.2 mouseup 1";
+        let turned = scene(&opened.until(drag, &|document| scene(document).camera != first.camera));
+        assert!((distance(&turned) / distance(&first) - 1.0).abs() < 1e-9);
+        opened.until("mousemove 600 300 click 4", &|document| distance(&scene(document)) < 0.99 * distance(&first));
+        display.input("key alt+2");
+        assert_eq!(opened.scene().mode, Mode::Mip);
+        display.input("key ctrl+z");
+        assert_eq!(opened.scene().mode, Mode::Dvr, "undone");
+        display.input("key c");
+        let document = opened.document();
+        assert!(document["clip"].is_array(), "{backend}: {document}");
+        display.input("key bracketright key bracketright");
+        assert_eq!(opened.scene().time, 2);
+        opened.quit();
+    }
 }
 
 /// A drag of the first button from one place to another, as xdotool has it in words.
@@ -207,8 +210,8 @@ fn a_handle_moves_its_face_of_the_clip_box() {
     let cut = opened.until(&drag(from, [to[0] - from[0], to[1] - from[1]]), &|now| now["clip"] != document["clip"]);
     let clip: [[f64; 3]; 2] = serde_json::from_value(cut["clip"].clone()).expect("a box");
     let share = (clip[1][0] - low.x) / (high.x - low.x);
-    // Pointers are moved by whole pixels, and a drag begins some pixels late.
-    assert!((0.7..0.85).contains(&share), "{share}");
+    // Where the press and the first half of the way fall into one frame, a drag begins after them.
+    assert!((0.7..0.9).contains(&share), "{share}");
     assert_eq!((clip[0], &clip[1][1..]), (low.to_array(), &high.to_array()[1..]), "the other faces stay");
     assert_eq!(cut["camera"], document["camera"], "the view stays");
     opened.quit();
