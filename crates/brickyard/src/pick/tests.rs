@@ -6,8 +6,8 @@ use brickyard_import::{ImportError, Source, SourceInfo};
 use brickyard_pager::BrickSource;
 use brickyard_store::{PackOptions, pack};
 use brickyard_volume::{
-    BrickId, Camera, ClipPlane, Extent, Filter, Geometry, Isosurface, Placement, Projection, Pyramid, Sampling, Scene,
-    SceneExpression, SceneLayer, Slice, TransferFunction, VoxelBox, VoxelType,
+    BrickId, Camera, ClipPlane, Extent, Filter, Geometry, Isosurface, LevelPolicy, Placement, Projection, Pyramid,
+    Sampling, Scene, SceneExpression, SceneLayer, Slice, TransferFunction, VoxelBox, VoxelType,
 };
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -342,6 +342,22 @@ impl Source for BallSource {
             *voxel = if at.length() < 30.0 { 200 } else { 0 };
         }
         Ok(())
+    }
+}
+
+/// All but parallel to the volume's faces and beside it: inside of them only very far away.
+#[test]
+fn a_ray_that_passes_by_finds_nothing() {
+    let volumes = [ball()];
+    for (eye, up) in [(DVec3::Z, DVec3::Y), (DVec3::X, DVec3::Z), (DVec3::Y, DVec3::X)] {
+        let projection = Projection::Orthographic { height: 2000.0 };
+        let camera = Camera { eye: CENTRE + eye * 900.0 + up * 1e-10, target: CENTRE, up, projection };
+        let scene = Scene { camera: Some(camera), level: LevelPolicy::Locked(0), ..Scene::of(inside(1.0)) };
+        let resolved = resolve(&volumes, &scene, SIZE).unwrap();
+        for place in [[100.0, 3.5], [3.5, 80.0], [3.5, 3.5], [196.5, 156.5]] {
+            assert_eq!(Picker::default().pick(&resolved, &volumes, place).unwrap(), None, "{eye} {place:?}");
+        }
+        assert!(Picker::default().pick(&resolved, &volumes, [100.0, 80.0]).unwrap().is_some(), "{eye}");
     }
 }
 

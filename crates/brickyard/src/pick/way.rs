@@ -9,7 +9,7 @@ use glam::DVec3;
 use std::sync::Arc;
 
 /// About the most bricks of one layer that a ray is followed through from end to end: where it would meet more, a coarser level is taken.
-const MOST_BRICKS: u32 = 16;
+const MOST_BRICKS: f64 = 16.0;
 
 /// A ray's way through one layer.
 pub(super) struct Way<'a> {
@@ -37,10 +37,11 @@ impl<'a> Way<'a> {
             Some(clip) => clip.shorten(&own, inside),
             None => inside,
         };
-        let mut way =
-            Self { layer, settings, source: &*volume.source, origin, direction, stretch: [from, to], level: Level(0) };
+        // A ray that misses may do so from one infinity to the other.
+        let stretch = (from < to).then_some([from, to])?;
+        let mut way = Self { layer, settings, source: &*volume.source, origin, direction, stretch, level: Level(0) };
         way.level = way.first_level();
-        (from < to).then_some(way)
+        Some(way)
     }
 
     /// The level that the view wants where the ray enters, or the finest coarser one whose bricks are not too many.
@@ -61,7 +62,7 @@ impl<'a> Way<'a> {
 
     /// About how many bricks of a level the ray meets: those that it passes through, and as many again for each axis along which it stays so near
     /// to their faces that samples take voxels from both sides.
-    fn bricks_met(&self, level: Level) -> u32 {
+    fn bricks_met(&self, level: Level) -> f64 {
         let edge = f64::from(self.source.pyramid().edge());
         let [from, to] = self.stretch.map(|t| self.place(level, t));
         let brick = |place: f64| (place / edge).floor();
@@ -70,7 +71,7 @@ impl<'a> Way<'a> {
             let [from, to] = [from[*a], to[*a]].map(|place| (brick(place - 0.5), brick(place + 0.5)));
             from == to && from.0 < from.1
         };
-        (passed as u32 + 1) << (0..3).filter(is_between).count()
+        (passed + 1.0) * f64::from(1u8 << (0..3).filter(is_between).count())
     }
 
     /// The place at a distance, in voxels of a level.
