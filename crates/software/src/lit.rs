@@ -6,8 +6,7 @@
 use crate::frame::Frame;
 use crate::modes::{Accumulate, Dvr};
 use crate::packet::{CHUNK, LANES, PACKETS, Packet};
-use crate::ray::FAINTEST;
-use crate::ray::Ray;
+use crate::ray::{FAINTEST, Ray};
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
 use crate::sample::{Code, Portable, SampleChunk, Unit};
@@ -15,7 +14,7 @@ use crate::shade::{Shade, Shaded};
 use crate::stretch::{March, Stretch};
 use brickyard_volume::lighting::Gradient;
 use brickyard_volume::{Filter, Method, Mode};
-use glam::{DVec3, Vec4};
+use glam::Vec4;
 use std::ops::Range;
 
 /// The mode of emission and absorption, lit: a ray's sum is premultiplied colour and transmittance.
@@ -65,7 +64,7 @@ impl Accumulate for LitDvr {
     }
 }
 
-/// Passes light through the packets of a chunk that show something. Not inlined: it is large.
+/// Passes light through the packets of a chunk that show something. The work is not inlined: it is large.
 #[inline(always)]
 fn see<C: Code, U: Unit, const INVALID: bool>(
     march: &March<'_>,
@@ -103,7 +102,8 @@ fn see_on<C: Code, U: Unit, const INVALID: bool>(
     chunk: &mut SampleChunk,
     shows: u32,
 ) -> Vec4 {
-    let shade = shade(march, ray);
+    let (eye, view) = march.world_ray(ray);
+    let shade = Shade::new(&march.frame.settings.lighting, march.cell.world_from_differences, eye, view);
     let mut shaded = Shaded::EMPTY;
     let (mut color, mut light) = (ray.sum, ray.sum.w);
     for p in 0..chunk.packets.min(PACKETS) {
@@ -122,15 +122,6 @@ fn see_on<C: Code, U: Unit, const INVALID: bool>(
         }
     }
     color.with_w(light)
-}
-
-/// How places of a layer along a ray are lit.
-#[inline(always)]
-fn shade<'a>(March { frame, cell, .. }: &March<'a>, ray: &Ray) -> Shade<'a> {
-    let (geometry, placement) = (&frame.settings.geometry, &frame.settings.placement);
-    let eye = placement.world_from_volume(geometry.world_from_voxel(DVec3::from_array(ray.origin)));
-    let view = placement.world_vector(DVec3::from_array(ray.direction) * geometry.spacing);
-    Shade::new(&frame.settings.lighting, cell.world_from_differences, eye, view)
 }
 
 /// Finds what light makes of the colours of a packet of samples.

@@ -123,9 +123,7 @@ impl Dvr {
         }
         (near + far).with_w(light.x)
     }
-}
 
-impl Dvr {
     /// Puts into `entry` what each of a chunk's samples does: colour gained and light passed. Returns which packets show something, a bit for
     /// each.
     #[inline(always)]
@@ -147,7 +145,23 @@ impl Dvr {
             }
             return shows;
         }
-        let entries = Entries::of(frame);
+        shows = Self::look_up(frame, chunk);
+        for p in 0..packets {
+            if shows & 1 << p != 0 {
+                for i in 0..LANES {
+                    let passed = chunk.passed[p][i];
+                    chunk.entry[p][i] = (chunk.entry[p][i] * (1.0 - passed)).with_w(passed);
+                }
+            }
+        }
+        shows
+    }
+
+    /// Puts into `entry` the straight colour and opacity at each of a chunk's samples, and into `passed` the light that each lets through, by its
+    /// own length. Returns which packets show something, a bit for each; of the others nothing is put in.
+    #[inline(always)]
+    fn look_up(frame: &Frame<'_>, chunk: &mut SampleChunk) -> u32 {
+        let (entries, packets, mut shows) = (Entries::of(frame), chunk.packets.min(PACKETS), 0u32);
         for p in 0..packets {
             let position = entries.positions(frame, &chunk.code[p]);
             if frame.shows(&position) {
@@ -163,11 +177,6 @@ impl Dvr {
             if shows >> p & 3 != 0 {
                 [chunk.passed[p], chunk.passed[p + 1]] =
                     transmitted([&chunk.alpha[p], &chunk.alpha[p + 1]], [&chunk.weight[p], &chunk.weight[p + 1]]);
-                for i in 0..2 * LANES {
-                    let (p, i) = (p + i / LANES, i % LANES);
-                    let passed = chunk.passed[p][i];
-                    chunk.entry[p][i] = (chunk.entry[p][i] * (1.0 - passed)).with_w(passed);
-                }
             }
         }
         shows
@@ -209,29 +218,10 @@ impl Sum for Dvr {
         {
             return Self::add_whole_steps(&table, sum, chunk);
         }
-        let entries = Entries::of(frame);
-        let packets = chunk.packets.min(PACKETS);
-        let mut seen = [false; PACKETS];
-        for p in 0..packets {
-            let position = entries.positions(frame, &chunk.code[p]);
-            seen[p] = frame.shows(&position);
-            if seen[p] {
-                for i in 0..LANES {
-                    let entry = entries.lookup(position[i]);
-                    chunk.entry[p][i] = entry;
-                    chunk.alpha[p][i] = entry.w;
-                }
-            }
-        }
-        for p in (0..packets).step_by(2) {
-            if seen[p] || seen[p + 1] {
-                [chunk.passed[p], chunk.passed[p + 1]] =
-                    transmitted([&chunk.alpha[p], &chunk.alpha[p + 1]], [&chunk.weight[p], &chunk.weight[p + 1]]);
-            }
-        }
+        let shows = Self::look_up(frame, chunk);
         let (mut color, mut transmittance) = (sum, sum.w);
-        for p in 0..packets {
-            if seen[p] {
+        for p in 0..chunk.packets.min(PACKETS) {
+            if shows & 1 << p != 0 {
                 for i in 0..LANES {
                     color += chunk.entry[p][i] * (transmittance * (1.0 - chunk.passed[p][i]));
                     transmittance *= chunk.passed[p][i];

@@ -60,7 +60,7 @@ impl<'a> Path<'a> {
     #[inline(always)]
     pub(crate) fn new(march: &'a March<'a>, stretch: &'a Stretch, ray: &Ray) -> Self {
         let March { frame, cell, .. } = march;
-        let (geometry, placement) = (&frame.settings.geometry, &frame.settings.placement);
+        let (eye, direction) = march.world_ray(ray);
         let [low, high] = stretch.sampleable(frame.edge + 2 * frame.apron);
         let ticks = &frame.ticks;
         let (mut first_start, mut last_end) = (f32::NEG_INFINITY, f32::INFINITY);
@@ -71,7 +71,6 @@ impl<'a> Path<'a> {
             let tick = stretch.start + (((stretch.count - 1) as u32) << stretch.zone);
             last_end = stretch.along(ray.ends(ticks, tick).1);
         }
-        let own_direction = DVec3::from_array(ray.direction) * geometry.spacing;
         Self {
             march,
             stretch,
@@ -80,10 +79,10 @@ impl<'a> Path<'a> {
             first_start,
             last_end,
             length: stretch.length * frame.per_unit,
-            voxel: geometry.spacing / DVec3::from_array(cell.scale),
+            voxel: frame.settings.geometry.spacing / DVec3::from_array(cell.scale),
             half_code: 0.5 * frame.settings.encoding.code_width(),
-            eye: placement.world_from_volume(geometry.world_from_voxel(DVec3::from_array(ray.origin))),
-            direction: placement.world_vector(own_direction),
+            eye,
+            direction,
             is_lit: frame.is_lit,
             has_gradients: frame.is_lit || frame.grid.is_some(),
         }

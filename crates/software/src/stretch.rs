@@ -6,6 +6,7 @@ use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::ray::{NO_RANK, Ray};
 use crate::sample::{Brick, SampleChunk};
 use brickyard_volume::macrocells::CELL_EDGE;
+use glam::DVec3;
 use std::ops::Range;
 
 /// A cell of a frame and its brick, through which stretches are marched.
@@ -13,6 +14,16 @@ pub(crate) struct March<'a> {
     pub(crate) frame: &'a Frame<'a>,
     pub(crate) cell: &'a Cell<'a>,
     pub(crate) brick: Brick<'a>,
+}
+
+impl March<'_> {
+    /// Where a ray of this layer begins in the scene's world, and its unit direction there.
+    #[inline(always)]
+    pub(crate) fn world_ray(&self, ray: &Ray) -> (DVec3, DVec3) {
+        let (geometry, placement) = (&self.frame.settings.geometry, &self.frame.settings.placement);
+        let eye = placement.world_from_volume(geometry.world_from_voxel(DVec3::from_array(ray.origin)));
+        (eye, placement.world_vector(DVec3::from_array(ray.direction) * geometry.spacing))
+    }
 }
 
 /// A part of a ray's run through a cell, inside one zone: its samples are equally spaced and, but for the ray's first and last, equally long.
