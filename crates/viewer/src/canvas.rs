@@ -67,7 +67,7 @@ pub(crate) struct Captured {
     pub(crate) scene: Scene,
     /// How many bricks it has.
     pub(crate) stats: RenderStats,
-    /// What is to be drawn over it.
+    /// The marks that are to be drawn over the picture.
     pub(crate) over: Over,
 }
 

@@ -77,7 +77,7 @@ pub(crate) enum Placing {
 pub(crate) struct PictureForm {
     /// Its width and height; `None` is the size in which it is shown.
     pub(crate) size_px: Option<(u32, u32)>,
-    /// What is drawn over it; `None` is what is shown over it.
+    /// The marks that are drawn over the picture; `None` is those that the window shows.
     pub(crate) marks: Option<Marks>,
 }
 
@@ -107,7 +107,7 @@ impl Command {
         matches!(self, Self::Open(_) | Self::Add(_) | Self::Export(_) | Self::SavePicture(..) | Self::Screenshot(_))
     }
 
-    /// What is wrong with the command, in words. A file that the problem names already is not named again.
+    /// Says in words why the command failed. A file that the problem names already is not named again.
     pub(crate) fn failure(&self, problem: &str) -> String {
         let is_named = self.words().last().is_some_and(|last| last.len() > 1 && problem.contains(last.as_str()));
         if is_named && self.names_file() { problem.into() } else { format!("{self}: {problem}") }

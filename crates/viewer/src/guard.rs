@@ -44,7 +44,7 @@ fn quiet() {
     });
 }
 
-/// What a panic says.
+/// Reads the message of a panic out of what was thrown.
 fn words(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(ToString::to_string);
     let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "it says nothing".into());

@@ -1,4 +1,4 @@
-//! What is drawn over a picture that is written: the same that a window shows over it, in the picture's own resolution. The window's own drawing makes
+//! Marks over a picture that is written: the overlays that a window shows over it, in the picture's own resolution. The window's own drawing makes
 //! the shapes; the CPU puts them on the picture, so that this needs no device, and costs what the shapes cover.
 
 use crate::overlay::{self, Lens, World};

@@ -38,7 +38,7 @@ impl Measuring {
         Some(Command::set("window.distances", json!(distances)))
     }
 
-    /// The same in a slice, where a distance that was begun beside it is begun anew.
+    /// Takes a click in a slice as the end of a distance. A distance that was begun beside the slice is begun anew.
     pub(crate) fn click_in(&mut self, slice: &Slice, reach: f64, place: DVec3, state: &State) -> Option<Command> {
         self.from = self.from.filter(|from| is_in(slice, reach, *from));
         self.click(place, state)

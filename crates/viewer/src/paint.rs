@@ -112,7 +112,7 @@ fn crossed(places: &[Vec2; 3], y: f32) -> (f32, f32) {
             (left, right) = (left.min(x), right.max(x));
         }
     }
-    // What is rounded away here is looked at pixel by pixel.
+    // Rounding may lose a pixel at either end: these are looked at one by one.
     (left - 0.5, right + 0.5)
 }
 
@@ -160,7 +160,7 @@ mod tests {
     use eframe::egui::epaint::{ImageDelta, Mesh};
     use eframe::egui::{TextureOptions, pos2};
 
-    /// What a mesh in points makes of a picture of 8 x 8 pixels of one gray.
+    /// Draws a mesh, whose places are in points, on a picture of 8 x 8 gray pixels, and returns its pixels.
     fn drawn(mesh: Mesh, clip_rect: Rect, pixels_per_point: f32) -> Vec<[u8; 3]> {
         let mut picture = Picture { width: 8, height: 8, rgb: vec![[100; 3]; 64] };
         let mut textures = TexturesDelta::default();
