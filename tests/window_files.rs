@@ -185,6 +185,13 @@ fn a_file_opens_with_what_is_said_of_it() {
     });
     let (code, asked) = play_to_end(&display, &sandbox, &[], "0 open labels.raw\nsettled quit\n");
     assert!(code == Some(1) && asked.contains("labels.raw"), "{code:?}: {asked}");
+    let wrong = json!({"path": "labels.raw", "shape": [3, 3, 3], "voxel_type": "u8"});
+    let script = format!("0 open-as {wrong}\nsettled save-scene wrong.json\nsettled quit\n");
+    let (code, refused) = play_to_end(&display, &sandbox, &[], &script);
+    assert!(
+        code == Some(1) && refused.contains("line 1") && !sandbox.path("wrong.json").exists(),
+        "{code:?}: {refused}"
+    );
     play(&display, &sandbox, &[], &format!("0 open-as {said}\nsettled save-scene opened.json\nsettled quit\n"));
     let opened = document(&sandbox, "opened.json");
     assert!(opened["window"]["volumes"][0].as_str().is_some_and(|path| path.ends_with("labels.raw")), "{opened}");

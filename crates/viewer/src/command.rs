@@ -104,7 +104,12 @@ impl Command {
 
     /// Whether the command is over only later: it has to do with files.
     pub(crate) fn takes_time(&self) -> bool {
-        matches!(self, Self::Open(_) | Self::Add(_) | Self::Export(_) | Self::SavePicture(..) | Self::Screenshot(_))
+        self.opens() || matches!(self, Self::Export(_) | Self::SavePicture(..) | Self::Screenshot(_))
+    }
+
+    /// Whether the command opens files.
+    pub(crate) fn opens(&self) -> bool {
+        matches!(self, Self::Open(_) | Self::Add(_) | Self::OpenAs(..))
     }
 
     /// Says in words why the command failed. A file that the problem names already is not named again.

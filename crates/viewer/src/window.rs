@@ -4,7 +4,7 @@
 mod files;
 
 use crate::canvas::Captured;
-use crate::command::Command;
+use crate::command::{Command, Placing};
 use crate::device::Device;
 use crate::edits::{changes, edited};
 use crate::exporting::Exporting;
@@ -164,9 +164,7 @@ impl Window {
         tracing::debug!("{}", line.command);
         let done = self.try_perform(&line.command, egui);
         // Meshes alone are there at once.
-        if done.is_err()
-            || matches!(line.command, Command::Open(_) | Command::Add(_) | Command::OpenAs(..)) && self.next.is_none()
-        {
+        if done.is_err() || line.command.opens() && self.next.is_none() {
             self.script.ended(|command| *command == line.command);
         }
         if let Err(problem) = done {
@@ -218,8 +216,8 @@ impl Window {
             Command::Click(place) => self.clicks.add(*place),
             Command::Quit => egui.send_viewport_cmd(ViewportCommand::Close),
             Command::LoseGpu => self.views.device().into_iter().for_each(Device::lose),
-            Command::Open(paths) => self.open(paths, false)?,
-            Command::Add(paths) => self.open(paths, true)?,
+            Command::Open(paths) => self.open(paths, Placing::Instead)?,
+            Command::Add(paths) => self.open(paths, Placing::Beside)?,
             Command::OpenAs(path, description, placing) => self.open_as(path, description, *placing)?,
             Command::Export(path) => self.export(path)?,
             _ => {

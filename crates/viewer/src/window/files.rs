@@ -24,8 +24,7 @@ pub(super) struct Next {
     openings: Openings,
     /// Meshes that are shown with it.
     meshes: Vec<PathBuf>,
-    /// Whether it is shown beside what there is, and not in its place.
-    is_added: bool,
+    placing: Placing,
     /// What was said of the files.
     said: Description,
 }
@@ -39,7 +38,7 @@ impl Next {
 
 impl Window {
     /// Begins to open volumes and meshes, which are shown in the place of those that there are, or beside them. Meshes alone are always shown beside volumes.
-    pub(super) fn open(&mut self, paths: &[PathBuf], is_added: bool) -> Result<(), String> {
+    pub(super) fn open(&mut self, paths: &[PathBuf], placing: Placing) -> Result<(), String> {
         let (meshes, volumes): (Vec<_>, Vec<_>) = paths.iter().cloned().partition(|path| is_mesh(path));
         if volumes.is_empty() {
             return self.add_meshes(&meshes);
@@ -47,26 +46,26 @@ impl Window {
         self.dialog.take_if(|dialog| dialog.is_about_opening());
         // What was said of the files before is not of these.
         let options = OpeningOptions { store: None, ..self.openings.options().clone() };
-        self.open_next(Openings::start(volumes, options), (meshes, is_added), Description::default());
+        self.open_next(Openings::start(volumes, options), (meshes, placing), Description::default());
         Ok(())
     }
 
     /// Begins to open a file of which something is said.
     pub(super) fn open_as(&mut self, path: &Path, said: &Description, placing: Placing) -> Result<(), String> {
         let openings = Openings::start(vec![path.to_owned()], said.options(self.openings.options())?);
-        self.open_next(openings, (Vec::new(), placing == Placing::Beside), said.clone());
+        self.open_next(openings, (Vec::new(), placing), said.clone());
         Ok(())
     }
 
-    fn open_next(&mut self, openings: Openings, (meshes, is_added): (Vec<PathBuf>, bool), said: Description) {
+    fn open_next(&mut self, openings: Openings, (meshes, placing): (Vec<PathBuf>, Placing), said: Description) {
         match &mut self.next {
-            Some(next) if is_added => {
+            Some(next) if placing == Placing::Beside => {
                 next.openings.add(openings);
                 next.meshes.extend(meshes);
             }
             next => {
-                let is_added = is_added && !self.openings.are_none();
-                *next = Some(Next { openings, meshes, is_added, said });
+                let placing = if self.openings.are_none() { Placing::Instead } else { placing };
+                *next = Some(Next { openings, meshes, placing, said });
             }
         }
     }
@@ -77,8 +76,7 @@ impl Window {
         if let Some(next) = &self.next
             && (error.wants_options() || next.said != Description::default() && !error.is_cancelled())
         {
-            let placing = if next.is_added { Placing::Beside } else { Placing::Instead };
-            let said = next.said.clone();
+            let (placing, said) = (next.placing, next.said.clone());
             self.show_dialog(DialogKind::Describe(placing));
             self.dialog.iter_mut().for_each(|dialog| dialog.ask_about(path, said.clone(), error.to_string()));
         }
@@ -122,16 +120,14 @@ impl Window {
         let Some(next) = &mut self.next else { return Ok(()) };
         let changes = next.openings.poll();
         self.note = changes.messages.into_iter().last().or(self.note.take());
-        let is_opening =
-            |command: &Command| matches!(command, Command::Open(_) | Command::Add(_) | Command::OpenAs(..));
         if let Some((path, error)) = changes.stopped {
             let problem = self.ask_about(&path, &error);
-            self.say_ended(is_opening, Err(problem));
+            self.say_ended(Command::opens, Err(problem));
             return Ok(());
         }
         let Some(next) = self.next.take_if(|next| next.openings.are_shown()) else { return Ok(()) };
         let shown = self.show_next(next, egui);
-        match (self.script.ended(is_opening), shown) {
+        match (self.script.ended(Command::opens), shown) {
             (Some(line), Err(problem)) => self.fail(&line, &problem),
             (_, shown) => return shown,
         }
@@ -139,12 +135,11 @@ impl Window {
     }
 
     fn show_next(&mut self, next: Next, egui: &egui::Context) -> Result<(), String> {
-        let Next { openings, meshes, is_added, .. } = next;
+        let Next { openings, meshes, placing, .. } = next;
         let paths = openings.paths();
-        if is_added {
-            self.show_more(openings)?;
-        } else {
-            self.show_others(openings)?;
+        match placing {
+            Placing::Instead => self.show_others(openings)?,
+            Placing::Beside => self.show_more(openings)?,
         }
         egui.send_viewport_cmd(ViewportCommand::Title(crate::title(&self.state.window.volumes)));
         self.add_meshes(&meshes)?;
