@@ -5,7 +5,7 @@
 //! STORE/.brickyard-journal             only while packing
 //! STORE/.brickyard-lock                only while packing, and after one that was killed
 //! STORE/K/zarr.json                    level K
-//! STORE/K/c/[t/][c/]z/y/x              its shards (axes t and c only where there is more than one step or channel)
+//! STORE/K/c/[t/][c/]z/y/x              its shards (axes t and c only where there is, or may be, more than one step or channel)
 //! STORE/K/.brickyard/{ranges,hashes,shards}/   its side data
 //! STORE/K/.brickyard/aprons/           the aprons of K's bricks, if they are stored: zarr.json, shards and .brickyard/shards
 //! STORE/K/.brickyard/METHOD/           level K >= 1 of a second pyramid, which shares level 0: all that K has above
@@ -86,6 +86,8 @@ pub struct Layout {
     pub times: u32,
     /// Number of channels, at least 1.
     pub channels: u32,
+    /// Whether the store has an axis of time though it may have one step: more may be appended.
+    has_time: bool,
     /// Most bricks along a shard's edge.
     max_shard_bricks: u32,
     /// What names the folders of levels 1 and up, if they are a second pyramid's.
@@ -98,7 +100,12 @@ impl Layout {
     /// A layout with shards of at most `shard_edge` voxels along each axis, but of at least one brick.
     pub fn new(pyramid: Pyramid, times: u32, channels: u32, shard_edge: u32) -> Self {
         let max_shard_bricks = (shard_edge / pyramid.edge()).max(1);
-        Self { pyramid, times, channels, max_shard_bricks, second: None, is_aprons: false }
+        Self { pyramid, times, channels, has_time: times > 1, max_shard_bricks, second: None, is_aprons: false }
+    }
+
+    /// This layout with an axis of time, however many steps there are.
+    pub fn with_time(self) -> Self {
+        Self { has_time: true, ..self }
     }
 
     /// This layout with levels 1 and up in the folders of a second pyramid, made by `method`.
@@ -116,17 +123,17 @@ impl Layout {
         self.second
     }
 
-    /// The store's axes, slowest first: `t` only if there is more than one time step, `c` only if there is more than
-    /// one channel, then `z`, `y`, `x`.
+    /// The store's axes, slowest first: `t` only if there is [more than one time step, or may be](Layout::with_time), `c` only if
+    /// there is more than one channel, then `z`, `y`, `x`.
     pub fn axes(&self) -> Vec<&'static str> {
-        let t = (self.times > 1).then_some("t");
+        let t = self.has_time.then_some("t");
         let c = (self.channels > 1).then_some("c");
         t.into_iter().chain(c).chain(["z", "y", "x"]).collect()
     }
 
     /// A value per axis, in the order of [`Layout::axes`], from the values for t, c and `[x, y, z]`.
     pub fn per_axis<T: Copy>(&self, t: T, c: T, [x, y, z]: [T; 3]) -> Vec<T> {
-        let t = (self.times > 1).then_some(t);
+        let t = self.has_time.then_some(t);
         let c = (self.channels > 1).then_some(c);
         t.into_iter().chain(c).chain([z, y, x]).collect()
     }
@@ -278,6 +285,7 @@ mod tests {
         assert_eq!(path(layout(2, 3), shard), "a.zarr/0/c/1/2/3/0/1");
         assert_eq!(path(layout(1, 3), ShardId { time: 0, ..shard }), "a.zarr/0/c/2/3/0/1");
         assert_eq!(path(layout(1, 1), ShardId { time: 0, channel: 0, ..shard }), "a.zarr/0/c/3/0/1");
+        assert_eq!(path(layout(1, 1).with_time(), ShardId { time: 0, channel: 0, ..shard }), "a.zarr/0/c/0/3/0/1");
     }
 
     #[test]

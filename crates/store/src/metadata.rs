@@ -500,7 +500,8 @@ pub(crate) fn parse_layout(
         return Err(OpenError::invalid(level_path, field, expected, &level_0["shape"]));
     }
     info.check(root_path, channels)?;
-    Ok(Layout::new(Pyramid::new(extent, info.spacing, info.edge), times, channels, info.shard))
+    let layout = Layout::new(Pyramid::new(extent, info.spacing, info.edge), times, channels, info.shard);
+    Ok(if names[0] == "t" { layout.with_time() } else { layout })
 }
 
 /// Reads the placement from the pyramid's multiscale, and checks that every level's agrees with level 0's.

@@ -47,6 +47,7 @@ pub mod slot_encoding;
 pub mod space;
 pub mod stereo;
 pub mod surface;
+mod time_axis;
 pub mod transfer;
 mod viewpoint;
 pub mod voxel_type;
@@ -87,6 +88,7 @@ pub use slot_encoding::{FloatSlots, SlotEncoding, SlotFormat};
 pub use space::{BrickId, BrickIndex, Extent, Level, VoxelBox, VoxelIndex};
 pub use stereo::{Stereo, StereoError, StereoLayout};
 pub use surface::{Isosurface, Surface};
+pub use time_axis::TimeAxis;
 pub use transfer::{
     Region, Shape, Subject, TransferChoice, TransferFile, TransferFunction, TransferGrid, TransferTable,
 };
