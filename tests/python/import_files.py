@@ -90,6 +90,14 @@ def nifti_scaled():
 def nifti_series():
     array = noise("u2", 21, 17, 19, 3)
     pack([nifti("a.nii", array)], array.T, "tzyx", **PLACE)
+    for kind in [nibabel.Nifti1Image, nibabel.Nifti2Image]:
+        image = kind(array, np.diag([0.5, 0.75, 2.0, 1.0]))
+        image.header.set_xyzt_units("mm", "msec")
+        image.header.set_zooms((0.5, 0.75, 2.0, 2200.0))
+        image.header["toffset"] = 0.5
+        image.to_filename(FOLDER / "a.nii")
+        pack(["a.nii"], array.T, "tzyx", **PLACE)
+        check(info("o.zarr")["time_axis"] == {"start": 0.5, "step": 2200.0, "unit": "millisecond"}, info("o.zarr")["time_axis"])
 
 
 def nifti_2():

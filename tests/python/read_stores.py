@@ -26,12 +26,15 @@ WIDE_APRONS = ["--aprons", "2"]
 class Volume:
     """A volume to be packed: an array (t, c, z, y, x), its place in the world (x, y, z), and flags."""
 
-    def __init__(self, array, flags=(), spacing=(1.0, 1.0, 1.0), origin=(0.0, 0.0, 0.0), unit=None, nodata=None):
+    def __init__(self, array, flags=(), spacing=(1.0, 1.0, 1.0), origin=(0.0, 0.0, 0.0), unit=None, nodata=None, time=(1.0, 0.0, None), stamps=None):
         self.array, self.flags = np.ascontiguousarray(array), list(flags)
+        self.time, self.stamps = time, stamps  # Step, start and unit as OME-Zarr has them; the times of irregular steps.
         self.spacing, self.origin, self.unit, self.nodata = spacing, origin, unit, nodata
 
     def pack(self, name):
         (FOLDER / f"{name}.raw").write_bytes(self.array.tobytes())
+        if self.stamps:
+            (FOLDER / "stamps.txt").write_text("".join(f"{stamp}\n" for stamp in self.stamps))
         times, channels, z, y, x = self.array.shape
         triple = lambda v: ",".join(repr(float(n)) for n in v)
         unit = ["--unit", self.unit] if self.unit else []
@@ -65,6 +68,10 @@ def volumes():
         made[f"{d}-constant"] = Volume(np.full((1, 1, 20, 30, 40), 7, d), MEDIUM)
         made[f"{d}-zero"] = Volume(np.zeros((1, 1, 20, 30, 40), d), MEDIUM)
         made[f"{d}-plain"] = Volume(noise(d, 20, 30, 40), MEDIUM + APRONS + ["--codec", "none"])
+    made["u2-timed"] = Volume(noise("u2", 3, 1, 18, 17, 19), SMALL + TWO + ["--time-step", "0.1", "--time-unit", "ms"],
+                              time=(0.1, 0.0, "millisecond"))
+    made["u2-stamped"] = Volume(noise("u2", 4, 1, 18, 17, 19), SMALL + ["--time-stamps", "stamps.txt", "--time-unit", "h"],
+                                time=(0.5, -1.0, "hour"), stamps=[-1.0, -0.5, 0.25, 0.75])
     made["u8-100x37x211"] = Volume(noise("u1", 211, 37, 100), MEDIUM)
     made["u16-100x37x211"] = Volume(noise("u2", 211, 37, 100))  # One brick shape for all defaults.
     made["u16-zstd"] = Volume(noise("u2", 20, 30, 40), MEDIUM + ["--codec", "zstd:3"])
@@ -161,7 +168,7 @@ def check_metadata(volume, root):
     units = {"um": "micrometer", "mm": "millimeter", None: None}
     for axis in multiscale["axes"]:
         kind = {"t": "time", "c": "channel"}.get(axis["name"], "space")
-        unit = units[volume.unit] if kind == "space" else None
+        unit = {"space": units[volume.unit], "time": volume.time[2], "channel": None}[kind]
         check(axis["type"] == kind and axis.get("unit") == unit, axis)
     scales = []
     for k, dataset in enumerate(multiscale["datasets"]):
@@ -170,7 +177,9 @@ def check_metadata(volume, root):
         check(scale["type"] == "scale" and translation["type"] == "translation", dataset)
         scale, translation = np.array(scale["scale"]), np.array(translation["translation"])
         check(len(scale) == len(translation) == len(axes), dataset)
-        check((scale[:-3] == 1).all() and (translation[:-3] == 0).all(), dataset)
+        step, start = volume.time[:2]
+        check(list(scale[:-3]) == [step] * (times > 1) + [1] * (channels > 1), dataset)
+        check(list(translation[:-3]) == [start] * (times > 1) + [0] * (channels > 1), dataset)
         # The first voxel's box starts where level 0's does, half a voxel before its centre.
         spacing, origin = np.array(volume.spacing[::-1]), np.array(volume.origin[::-1])
         corner = translation[-3:] - scale[-3:] / 2
@@ -178,6 +187,7 @@ def check_metadata(volume, root):
         factor = scale[-3:] / spacing
         check(np.allclose(factor, 2.0 ** np.round(np.log2(factor)), rtol=1e-12), k, factor)
         scales.append(scale[-3:])
+    check(root["attributes"]["brickyard"].get("time", {}).get("stamps") == volume.stamps, volume.stamps)
     check(np.allclose(scales[0], volume.spacing[::-1], rtol=1e-12), scales[0])
     return scales
 

@@ -58,6 +58,7 @@ impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> FunctionSource<T, F
             calibrated: true,
             orientation: None,
             channel_looks: Vec::new(),
+            time: None,
             nodata: None,
             identity: "a function".into(),
             notes: Vec::new(),

@@ -349,6 +349,7 @@ mod tests {
             calibrated: true,
             orientation: None,
             channel_looks: Vec::new(),
+            time: None,
             nodata: None,
             identity: "computed".into(),
             notes: Vec::new(),

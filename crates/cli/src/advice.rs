@@ -21,7 +21,7 @@ pub(super) fn advised<E: Advice>(error: &E) -> String {
 }
 
 /// Options of the library by the names that its messages have them under, and the command's flags for them.
-const FLAGS: [(&str, &str); 21] = [
+const FLAGS: [(&str, &str); 24] = [
     ("`allow_lossy`", "--allow-lossy"),
     ("`aprons`", "--aprons"),
     ("`axes`", "--axes"),
@@ -41,6 +41,9 @@ const FLAGS: [(&str, &str); 21] = [
     ("`shard_edge`", "--shard"),
     ("`spacing`", "--spacing"),
     ("`threads`", "-j"),
+    ("`time_stamps`", "--time-stamps"),
+    ("`time_step`", "--time-step"),
+    ("`time_unit`", "--time-unit"),
     ("`times`", "--times"),
     ("`voxel_type`", "--dtype"),
 ];

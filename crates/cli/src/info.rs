@@ -6,7 +6,7 @@ use super::{print_json, print_line, store_errors};
 use brickyard::store::{ChannelDisplay, Kind, ReadError, Store};
 use brickyard::volume::channel::hex;
 use brickyard::volume::numbers::{exact, to_place};
-use brickyard::volume::{Level, Side, VoxelType, counted};
+use brickyard::volume::{Level, Side, TimeAxis, VoxelType, counted};
 use clap::Args;
 use glam::DVec3;
 use serde::Serialize;
@@ -28,6 +28,8 @@ struct Info<'a> {
     path: &'a std::path::Path,
     axes: String,
     times: u32,
+    /// When the time steps were taken.
+    time_axis: Option<&'a TimeAxis>,
     channels: u32,
     voxel_type: &'a str,
     spacing: [f64; 3],
@@ -82,6 +84,7 @@ fn describe<'a>(path: &'a std::path::Path, store: &'a Store) -> Result<Info<'a>,
         path,
         axes: store.layout().axes().concat(),
         times: store.times(),
+        time_axis: store.time_axis(),
         channels: store.channels(),
         voxel_type: store.voxel_type().name(),
         spacing: geometry.spacing.to_array(),
@@ -99,7 +102,7 @@ fn text(info: &Info<'_>, store: &Store) -> String {
     let unit = info.unit.unwrap_or(if info.calibrated { "no unit given" } else { "uncalibrated" });
     let mut lines = vec![
         format!("{}: {} volume, axes {}", info.path.display(), info.voxel_type, info.axes),
-        format!("  {}, {}", counted(info.times.into(), "time step"), counted(info.channels.into(), "channel")),
+        format!("  {}, {}", time_steps(store), counted(info.channels.into(), "channel")),
         format!("  spacing {} ({unit}), first voxel centre at {}", triple(info.spacing), triple(info.origin)),
         orientation(store),
         format!("  bricks of {} voxels, codec {}", store.pyramid().edge(), info.store.codec),
@@ -147,6 +150,12 @@ fn statistics([low, high]: [f64; 2], mean: f64, window: (f64, f64), voxel_type: 
     let value = |value: f64| exact(value, voxel_type == VoxelType::F32);
     let mean = if low < high { to_place(mean, (high - low).log10().floor() as i32 - 4) } else { value(mean) };
     format!("values {} to {}, mean {mean}, window {} to {}", value(low), value(high), value(window.0), value(window.1))
+}
+
+/// How many time steps there are, and when they were taken, in words.
+fn time_steps(store: &Store) -> String {
+    let count = counted(store.times().into(), "time step");
+    store.time_axis().map_or(count.clone(), |axis| format!("{count}, {}", axis.describe()))
 }
 
 /// Which voxels hold no data, and how many do, in words; `None` if no value says so.

@@ -44,6 +44,15 @@ pub(crate) struct InputArguments {
     /// World unit: nm, um, mm, cm, m, or a UDUNITS name; overrides the file's
     #[arg(long)]
     unit: Option<String>,
+    /// Time from one step to the next, where steps are evenly spaced; overrides the file's
+    #[arg(long, value_name = "TIME", conflicts_with = "time_stamps")]
+    time_step: Option<f64>,
+    /// Unit of time: s, ms, us, ns, min, h, d, or a UDUNITS name; overrides the file's
+    #[arg(long, value_name = "UNIT")]
+    time_unit: Option<String>,
+    /// File with the time of each step, where they are not evenly spaced: one number a line, ascending
+    #[arg(long, value_name = "FILE")]
+    time_stamps: Option<PathBuf>,
     /// Value of voxels that hold no data, such as -9999: these are not drawn, averaged or counted; none for a file whose own value
     /// (DICOM's padding, GDAL's tag in TIFF) is data [default: the file's]
     #[arg(long, value_name = "VALUE|none", value_parser = values::nodata, allow_hyphen_values = true)]
@@ -89,6 +98,9 @@ impl InputArguments {
             spacing: self.spacing,
             origin: self.origin,
             unit: self.unit.as_deref().map(unit_name),
+            time_step: self.time_step,
+            time_unit: self.time_unit,
+            time_stamps: self.time_stamps,
             nodata: self.nodata.unwrap_or_default(),
             allow_lossy: self.allow_lossy,
             scratch_dir: self.scratch,

@@ -41,6 +41,7 @@ mod strided;
 mod synth;
 #[cfg(test)]
 mod testing;
+mod time;
 #[cfg(feature = "tiff")]
 mod tiff_stack;
 mod write_raw;

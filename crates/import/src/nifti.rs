@@ -67,6 +67,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     }
     let mut info = SourceInfo { identity: identity("nifti", &[&header_path, &body_path])?, ..array.info() };
     placement::place(&header, &mut info, &mut notes);
+    placement::set_time(&header, &mut info, &mut notes);
     info.notes = notes;
     // Header and body were opened one after the other, and inflating takes its time.
     stamp.check(&header_path)?;
@@ -215,6 +216,7 @@ mod tests {
         datatype: i16,
         bitpix: i16,
         pixdim: [f32; 4],
+        time: [f32; 2],
         slope: f32,
         intercept: f32,
         units: u8,
@@ -234,6 +236,7 @@ mod tests {
                 datatype,
                 bitpix,
                 pixdim: [1.0, 0.5, 0.75, 2.0],
+                time: [0.0; 2],
                 slope: 0.0,
                 intercept: 0.0,
                 units: 2,
@@ -265,6 +268,8 @@ mod tests {
                 dim.iter().enumerate().for_each(|(i, d)| put(16 + 8 * i, d.to_le_bytes().to_vec()));
                 let mut put64 = |at: usize, v: f32| put(at, (v as f64).to_le_bytes().to_vec());
                 self.pixdim.iter().enumerate().for_each(|(i, &p)| put64(104 + 8 * i, p));
+                put64(136, self.time[0]);
+                put64(216, self.time[1]);
                 put64(176, self.slope);
                 put64(184, self.intercept);
                 quaternion.iter().enumerate().for_each(|(i, &q)| put64(352 + 8 * i, q));
@@ -280,6 +285,8 @@ mod tests {
                 put(72, self.bitpix.to_le_bytes().to_vec());
                 let mut put32 = |at: usize, v: f32| put(at, v.to_le_bytes().to_vec());
                 self.pixdim.iter().enumerate().for_each(|(i, &p)| put32(76 + 4 * i, p));
+                put32(92, self.time[0]);
+                put32(136, self.time[1]);
                 put32(108, offset as f32);
                 put32(112, self.slope);
                 put32(116, self.intercept);
@@ -428,6 +435,38 @@ mod tests {
 
         let (_folder, path) = write(Written { pixdim: [1.0, 0.0, 1.0, 1.0], ..plain() });
         assert!(!open(&path, &options()).unwrap().info().calibrated);
+    }
+
+    #[test]
+    fn the_fourth_axis_has_the_headers_times() {
+        let axis = |start, step, unit: &str| {
+            let unit = (!unit.is_empty()).then(|| unit.to_owned());
+            Some(brickyard_volume::TimeAxis { start, step, stamps: Vec::new(), unit })
+        };
+        for (time, units, times, expected, notes) in [
+            ([2.2, 0.5], 8, 3, axis(0.5, 2.2, "second"), 0),
+            ([2200.0, 0.0], 16, 3, axis(0.0, 2200.0, "millisecond"), 0),
+            ([1.0, 0.0], 24, 3, axis(0.0, 1.0, "microsecond"), 0),
+            ([3.0, 0.0], 0, 3, axis(0.0, 3.0, ""), 0),
+            // What is there where nobody said anything; a frequency; a step that is none; one step.
+            ([1.0, 0.0], 0, 3, None, 0),
+            ([0.0, 0.0], 0, 3, None, 0),
+            ([100.0, 0.0], 32, 3, None, 1),
+            ([-2.0, 0.0], 8, 3, None, 1),
+            ([2.0, 0.0], 8, 1, None, 0),
+        ] {
+            for two in [false, true] {
+                let written = Written { two, time, units: 2 | units, ..Written::new(&[1, 1, 1, times], 2, 8) };
+                let (_folder, path) = temp_file("a.nii", &[written.header(), vec![7; 3]].concat());
+                let info = open(&path, &options()).unwrap().info().clone();
+                let found = info.time.map(|axis| brickyard_volume::TimeAxis { step: axis.step as f32 as f64, ..axis });
+                let expected =
+                    expected.clone().map(|axis| brickyard_volume::TimeAxis { step: axis.step as f32 as f64, ..axis });
+                assert_eq!(found, expected, "{time:?} {units}");
+                let trailing = usize::from(times == 1);
+                assert_eq!(info.notes.len(), notes + trailing, "{:?}", info.notes);
+            }
+        }
     }
 
     #[test]

@@ -9,6 +9,7 @@ use crate::options::{NoData, OpenOptions};
 use crate::raw::{RawLayout, RawSource};
 use crate::series::Series;
 use crate::source::{Access, Lent, Source, SourceInfo};
+use crate::time::override_time;
 use crate::{dicom, foreign, nifti, npy, tiff_stack};
 use brickyard_volume::VoxelBox;
 use std::path::{Path, PathBuf};
@@ -74,6 +75,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     info.notes.extend(order_note);
     override_geometry(&mut info, &paths[0], options)?;
     override_nodata(&mut info, &paths[0], options.nodata)?;
+    override_time(&mut info, &paths[0], options)?;
     Ok(Box::new(Described { info, source }))
 }
 

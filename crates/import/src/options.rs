@@ -56,6 +56,12 @@ pub struct OpenOptions {
     pub origin: Option<DVec3>,
     /// UDUNITS name of the unit of length (`micrometer`), in place of the file's.
     pub unit: Option<String>,
+    /// The time from one step to the next in place of the file's, where steps are evenly spaced; above 0.
+    pub time_step: Option<f64>,
+    /// The unit of time in place of the file's: a name of OME-Zarr's (`second`) or its symbol (`s`).
+    pub time_unit: Option<String>,
+    /// A file with the time of each step, where they are not evenly spaced: one number a line, ascending.
+    pub time_stamps: Option<PathBuf>,
     /// Which voxels hold no data. The voxels' type must hold the value.
     pub nodata: NoData,
     /// Whether values that a voxel cannot hold may be rounded, clamped or become infinite: 64-bit numbers, and scaled

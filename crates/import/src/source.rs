@@ -3,7 +3,7 @@
 use crate::axes::Sizes;
 use crate::error::ImportError;
 use crate::mapped::MappedFile;
-use brickyard_volume::{ChannelLook, Extent, Geometry, Orientation, VoxelBox, VoxelType};
+use brickyard_volume::{ChannelLook, Extent, Geometry, Orientation, TimeAxis, VoxelBox, VoxelType};
 
 /// What a source says of itself before any voxel is read.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,6 +14,8 @@ pub struct SourceInfo {
     pub channels: u32,
     /// Number of time steps, at least 1.
     pub times: u32,
+    /// When the time steps were taken; `None` where nothing is known of that.
+    pub time: Option<TimeAxis>,
     /// Voxel type that [`Source::read_box`] delivers.
     pub voxel_type: VoxelType,
     /// Spacing, origin and unit, as far as the format has them.
@@ -40,6 +42,7 @@ impl SourceInfo {
             extent: sizes.extent,
             channels: sizes.channels,
             times: sizes.times,
+            time: None,
             voxel_type,
             geometry: Geometry::default(),
             calibrated: false,

@@ -183,6 +183,7 @@ mod tests {
             calibrated: true,
             orientation: None,
             channel_looks: Vec::new(),
+            time: None,
             nodata,
             identity: "voxels".into(),
             notes: Vec::new(),

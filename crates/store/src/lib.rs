@@ -23,6 +23,7 @@ mod stats;
 mod store;
 #[cfg(test)]
 mod test_store;
+mod time;
 mod value_counts;
 mod value_table;
 pub mod verify;

@@ -8,11 +8,12 @@ use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
 use crate::error::OpenError;
 use crate::layout::{Layout, check_edges, check_size};
+use crate::time;
 pub use crate::version::FORMAT_VERSION;
 use brickyard_volume::channel;
 use brickyard_volume::{
     Apron, ChannelLook, Extent, Geometry, LabelColor, Level, MAX_APRON, OccupancyBins, Orientation, Placement, Pyramid,
-    VoxelType,
+    TimeAxis, VoxelType,
 };
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -210,6 +211,10 @@ pub struct StoreInfo {
     /// How the volume lies in a patient, where the source said it.
     #[serde(default)]
     pub orientation: Option<Orientation>,
+    /// When the time steps were taken, where the source or the user said it. Its step, start and unit are in `attributes.ome` too, and those
+    /// count: [`Store::time_axis`](crate::Store::time_axis) has what counts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time: Option<TimeAxis>,
     /// Statistics, one per channel.
     pub channels: Vec<ChannelStatistics>,
     /// What the store was packed from: the identity that its source gave.
@@ -285,8 +290,8 @@ impl StoreInfo {
 pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> Value {
     let multiscale = |layout: &Layout, method: Downsample| {
         json!([{
-            "axes": axes(layout, geometry),
-            "datasets": datasets(layout, geometry),
+            "axes": axes(layout, geometry, time::unit(info)),
+            "datasets": datasets(layout, geometry, time::step_and_start(info)),
             "type": method.name(),
         }])
     };
@@ -305,9 +310,12 @@ pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> 
     document
 }
 
-fn axes(layout: &Layout, geometry: &Geometry) -> Value {
+fn axes(layout: &Layout, geometry: &Geometry, time_unit: Option<&str>) -> Value {
     let axis = |name: &str| match name {
-        "t" => json!({ "name": name, "type": "time" }),
+        "t" => match time_unit {
+            Some(unit) => json!({ "name": name, "type": "time", "unit": unit }),
+            None => json!({ "name": name, "type": "time" }),
+        },
         "c" => json!({ "name": name, "type": "channel" }),
         _ => match &geometry.unit {
             Some(unit) => json!({ "name": name, "type": "space", "unit": unit }),
@@ -317,14 +325,14 @@ fn axes(layout: &Layout, geometry: &Geometry) -> Value {
     layout.axes().into_iter().map(axis).collect()
 }
 
-fn datasets(layout: &Layout, geometry: &Geometry) -> Value {
+fn datasets(layout: &Layout, geometry: &Geometry, (step, start): (f64, f64)) -> Value {
     let dataset = |(k, level): (usize, &brickyard_volume::LevelGrid)| {
         let (scale, translation) = geometry.level_placement(level.factor);
         json!({
             "path": layout.level_path(Level(k as u8)),
             "coordinateTransformations": [
-                { "type": "scale", "scale": layout.per_axis(1.0, 1.0, scale.to_array()) },
-                { "type": "translation", "translation": layout.per_axis(0.0, 0.0, translation.to_array()) },
+                { "type": "scale", "scale": layout.per_axis(step, 1.0, scale.to_array()) },
+                { "type": "translation", "translation": layout.per_axis(start, 0.0, translation.to_array()) },
             ],
         })
     };

@@ -465,6 +465,9 @@ fn settings(source: &dyn Source, options: &PackOptions) -> Value {
     if let Some(nodata) = info.nodata {
         settings["nodata"] = json!(nodata);
     }
+    if let Some(time) = &info.time {
+        settings["time"] = json!(time);
+    }
     settings
 }
 
@@ -537,6 +540,7 @@ fn write_metadata(
         spacing: info.geometry.spacing.to_array(),
         calibrated: info.calibrated,
         orientation: info.orientation,
+        time: info.time.clone(),
         channels: with_looks(passed.channels, &info.channel_looks),
         source: info.identity.clone(),
         settings_fingerprint: fingerprint(settings),

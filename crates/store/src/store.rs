@@ -15,9 +15,10 @@ use crate::metadata::{
 };
 use crate::shard_file::IoMode;
 use crate::side::{RangePage, SideArray, SidePages, level_arrays, read_json};
+use crate::time::parse_time;
 use brickyard_volume::{
     Apron, BrickId, BrickIndex, Geometry, LabelColor, Level, Occupancy, OccupancyBins, PageId, Placement, Pyramid,
-    VoxelBox, VoxelType,
+    TimeAxis, VoxelBox, VoxelType,
 };
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -27,6 +28,7 @@ pub struct Store {
     path: PathBuf,
     geometry: Geometry,
     placement: Placement,
+    time: Option<TimeAxis>,
     info: StoreInfo,
     /// One for each channel.
     displays: Vec<ChannelDisplay>,
@@ -81,6 +83,7 @@ impl Store {
         }
         let geometry = parse_geometry(&root_path, &root, &layout)?;
         let placement = parse_placement(&root_path, &info, &geometry)?;
+        let time = parse_time(&root_path, &root, &layout, &info)?;
         for k in 0..layout.pyramid.levels().len() {
             let level = Level(k as u8);
             let document_path = path.join(layout.level_path(level)).join("zarr.json");
@@ -94,7 +97,7 @@ impl Store {
         let codec = BrickCodec::new(info.codec, info.voxel_type, info.edge);
         let sides = SidePages::new(&path, &layout, info.voxel_type);
         let cores = Chunks::new(&path, layout, codec, mode);
-        Ok(Self { path, geometry, placement, info, displays, label_colors, sides, cores, aprons })
+        Ok(Self { path, geometry, placement, time, info, displays, label_colors, sides, cores, aprons })
     }
 
     /// The store's directory.
@@ -141,6 +144,12 @@ impl Store {
     /// Number of time steps.
     pub fn times(&self) -> u32 {
         self.layout().times
+    }
+
+    /// When the time steps were taken: by OME's metadata, which other tools can edit, but for the times of steps that are not evenly
+    /// spaced. `None` where nothing is known of that.
+    pub fn time_axis(&self) -> Option<&TimeAxis> {
+        self.time.as_ref()
     }
 
     /// Number of channels.

@@ -11,7 +11,7 @@ use crate::side::{SideArray, core_hash, level_arrays};
 use crate::stats::{ChannelTotals, Counter, Measure, Tally};
 use crate::version::FORMAT_VERSION;
 use brickyard_volume::{
-    BrickId, Extent, Geometry, Level, PageId, Pyramid, Voxel, VoxelBox, VoxelType, with_voxel_type,
+    BrickId, Extent, Geometry, Level, PageId, Pyramid, TimeAxis, Voxel, VoxelBox, VoxelType, with_voxel_type,
 };
 use glam::DVec3;
 use std::collections::BTreeMap;
@@ -21,6 +21,7 @@ pub(crate) struct TestStore {
     pub(crate) extent: [u32; 3],
     pub(crate) spacing: [f64; 3],
     pub(crate) times: u32,
+    pub(crate) time: Option<TimeAxis>,
     pub(crate) channels: u32,
     pub(crate) voxel_type: VoxelType,
     pub(crate) codec: Codec,
@@ -42,6 +43,7 @@ impl Default for TestStore {
             extent: [37, 20, 19],
             spacing: [1.0; 3],
             times: 1,
+            time: None,
             channels: 1,
             voxel_type: VoxelType::U16,
             codec: Codec::ShuffleZstd(1),
@@ -181,6 +183,7 @@ impl TestStore {
             spacing: self.spacing,
             calibrated: true,
             orientation: None,
+            time: self.time.clone(),
             channels,
             source: "test".into(),
             settings_fingerprint: "test".into(),

@@ -48,6 +48,7 @@ pub mod space;
 pub mod stereo;
 pub mod surface;
 mod time_axis;
+mod time_unit;
 pub mod transfer;
 mod viewpoint;
 pub mod voxel_type;
@@ -88,7 +89,8 @@ pub use slot_encoding::{FloatSlots, SlotEncoding, SlotFormat};
 pub use space::{BrickId, BrickIndex, Extent, Level, VoxelBox, VoxelIndex};
 pub use stereo::{Stereo, StereoError, StereoLayout};
 pub use surface::{Isosurface, Surface};
-pub use time_axis::TimeAxis;
+pub use time_axis::{TimeAxis, TimeProblem};
+pub use time_unit::{time_symbol, time_unit};
 pub use transfer::{
     Region, Shape, Subject, TransferChoice, TransferFile, TransferFunction, TransferGrid, TransferTable,
 };

@@ -1,6 +1,10 @@
 //! The time axis of a volume: when each of its time steps was taken, and which step shows a moment.
 
+use crate::time_unit::time_symbol;
 use serde::{Deserialize, Serialize};
+
+/// By which part of a step stamps may be off from evenly spaced ones.
+const EVEN: f64 = 1e-6;
 
 /// When each time step of a volume was taken.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -24,7 +28,103 @@ impl Default for TimeAxis {
     }
 }
 
+/// Why a time axis is none: the field, what is expected of it, and what it holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TimeProblem {
+    /// The name of the field.
+    pub field: &'static str,
+    /// What the field should hold.
+    pub expected: String,
+    /// What the field holds.
+    pub found: String,
+}
+
+impl std::fmt::Display for TimeProblem {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: expected {}, found {}", self.field, self.expected, self.found)
+    }
+}
+
 impl TimeAxis {
+    /// The axis of steps that are taken at these times: without stamps where these are evenly spaced. The step of others is their
+    /// median difference.
+    ///
+    /// # Errors
+    /// If the times are not ascending, or one is not finite.
+    pub fn of_stamps(stamps: Vec<f64>, unit: Option<String>) -> Result<Self, TimeProblem> {
+        let mut gaps: Vec<f64> = stamps.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        gaps.sort_by(f64::total_cmp);
+        let step = if gaps.is_empty() { 1.0 } else { gaps[gaps.len() / 2] };
+        let axis = Self { start: stamps.first().copied().unwrap_or(0.0), step, stamps, unit };
+        axis.check(axis.stamps.len() as u32)?;
+        let (first, last) = (axis.start, axis.stamps.last().copied().unwrap_or(axis.start));
+        let even = Self {
+            step: if gaps.is_empty() { 1.0 } else { (last - first) / gaps.len() as f64 },
+            stamps: Vec::new(),
+            ..axis.clone()
+        };
+        let is_even = (0..).zip(&axis.stamps).all(|(i, stamp)| (even.at(i) - stamp).abs() <= EVEN * even.step);
+        if !is_even {
+            return Ok(axis);
+        }
+        // Rather the difference of two stamps than one with the roundings of a division, where both say the same.
+        let is_same =
+            (0..).zip(&axis.stamps).all(|(i, stamp)| (first + step * f64::from(i) - stamp).abs() <= EVEN * step);
+        Ok(if is_same { Self { step, ..even } } else { even })
+    }
+
+    /// Checks that the axis can be one of `times` steps: finite times that ascend.
+    ///
+    /// # Errors
+    /// With the first field that cannot be.
+    pub fn check(&self, times: u32) -> Result<(), TimeProblem> {
+        let problem = |field, expected: String, found: String| Err(TimeProblem { field, expected, found });
+        if !(self.step.is_finite() && self.step > 0.0) {
+            return problem("step", "a positive number".into(), self.step.to_string());
+        }
+        if !self.start.is_finite() {
+            return problem("start", "a finite number".into(), self.start.to_string());
+        }
+        let last = self.start + self.step * f64::from(times.saturating_sub(1));
+        if !last.is_finite() {
+            return problem("step", "one by which all steps have finite times".into(), self.step.to_string());
+        }
+        if self.stamps.is_empty() {
+            return Ok(());
+        }
+        if self.stamps.len() != times as usize {
+            return problem("stamps", format!("{times}, one for each time step"), self.stamps.len().to_string());
+        }
+        if let Some(stamp) = self.stamps.iter().find(|stamp| !stamp.is_finite()) {
+            return problem("stamps", "finite numbers".into(), stamp.to_string());
+        }
+        match self.stamps.windows(2).position(|pair| pair[0] >= pair[1]) {
+            Some(i) => {
+                let found = format!("{} of step {} after {} of step {i}", self.stamps[i + 1], i + 1, self.stamps[i]);
+                problem("stamps", "ascending times".into(), found)
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// A time with the symbol of the unit, in words.
+    pub fn in_words(&self, time: f64) -> String {
+        match &self.unit {
+            Some(unit) => format!("{time} {}", time_symbol(unit)),
+            None => time.to_string(),
+        }
+    }
+
+    /// When the steps are taken, in words, such as `0.5 s apart, from 0 s`.
+    pub fn describe(&self) -> String {
+        match (self.stamps.first(), self.stamps.last()) {
+            (Some(first), Some(last)) => {
+                format!("irregular, from {} to {}", self.in_words(*first), self.in_words(*last))
+            }
+            _ => format!("{} apart, from {}", self.in_words(self.step), self.in_words(self.start)),
+        }
+    }
+
     /// The time of a step.
     pub fn at(&self, step: u32) -> f64 {
         self.stamps.get(step as usize).copied().unwrap_or(self.start + self.step * f64::from(step))
@@ -60,5 +160,45 @@ mod tests {
             assert_eq!([f64::NEG_INFINITY, f64::NAN].map(|time| axis.step_at(time, times)), [0, 0]);
             assert_eq!(axis.step_at(f64::INFINITY, times), times - 1);
         }
+    }
+
+    #[test]
+    fn stamps_that_are_even_are_a_step() {
+        let even: Vec<f64> = (0..7).map(|i| 0.1 * f64::from(i) + 3.0).collect();
+        let axis = TimeAxis::of_stamps(even.clone(), Some("second".into())).unwrap();
+        assert!(axis.stamps.is_empty() && axis.start == 3.0, "{axis:?}");
+        assert!((0..).zip(&even).all(|(i, stamp)| (axis.at(i) - stamp).abs() < 1e-12));
+        let uneven = vec![0.0, 0.5, 0.75, 3.0];
+        let axis = TimeAxis::of_stamps(uneven.clone(), None).unwrap();
+        assert_eq!((axis.start, axis.step, &axis.stamps), (0.0, 0.5, &uneven));
+        let one = TimeAxis::of_stamps(vec![4.0], None).unwrap();
+        assert_eq!((one.start, one.step, one.stamps), (4.0, 1.0, vec![]));
+    }
+
+    #[test]
+    fn what_is_no_axis_names_its_field() {
+        let of = |stamps: &[f64]| TimeAxis::of_stamps(stamps.to_vec(), None).unwrap_err().to_string();
+        assert_eq!(of(&[0.0, 2.0, 1.0]), "stamps: expected ascending times, found 1 of step 2 after 2 of step 1");
+        assert!(of(&[0.0, 1.0, 1.0, 5.0]).contains("1 of step 2 after 1 of step 1"));
+        assert!(of(&[0.0, f64::NAN, 1.0, 2.0, 3.0]).contains("NaN"));
+        for (axis, field) in [
+            (TimeAxis { step: 0.0, ..TimeAxis::default() }, "step"),
+            (TimeAxis { step: f64::NAN, ..TimeAxis::default() }, "step"),
+            (TimeAxis { step: 1e308, ..TimeAxis::default() }, "step"),
+            (TimeAxis { start: f64::INFINITY, ..TimeAxis::default() }, "start"),
+            (TimeAxis { stamps: vec![0.0, 1.0], ..TimeAxis::default() }, "stamps"),
+        ] {
+            assert_eq!(axis.check(3).unwrap_err().field, field);
+        }
+        assert_eq!(TimeAxis::default().check(3), Ok(()));
+    }
+
+    #[test]
+    fn an_axis_is_told_in_words() {
+        let axis = TimeAxis { step: 0.5, unit: Some("second".into()), ..TimeAxis::default() };
+        assert_eq!(axis.describe(), "0.5 s apart, from 0 s");
+        let axis = TimeAxis::of_stamps(vec![-1.0, 0.5, 9.0], Some("day".into())).unwrap();
+        assert_eq!(axis.describe(), "irregular, from -1 d to 9 d");
+        assert_eq!(TimeAxis::default().describe(), "1 apart, from 0");
     }
 }

@@ -375,6 +375,7 @@ fn what_is_empty_is_not_read() {
         calibrated: true,
         orientation: None,
         channel_looks: Vec::new(),
+        time: None,
         nodata: None,
         identity: "a ball".into(),
         notes: Vec::new(),

@@ -24,6 +24,12 @@ pub(super) struct Header {
     pub(super) scale: Option<Scale>,
     /// The code for the unit of length in `xyzt_units`: 1 metre, 2 millimetre, 3 micrometre.
     pub(super) space_unit: u8,
+    /// The distance from one time step to the next, or from one to the next of what the fourth axis is.
+    pub(super) time_step: f64,
+    /// The code for the unit of the fourth axis in `xyzt_units`: 8 second, 16 millisecond, 24 microsecond; greater ones are no times.
+    pub(super) time_unit: u8,
+    /// The time of the first step.
+    pub(super) time_start: f64,
     pub(super) qform_code: i32,
     pub(super) sform_code: i32,
     /// Components b, c, d of the rotation quaternion of the qform.
@@ -85,7 +91,8 @@ struct RawHeader {
     dim: [i64; 8],
     datatype: i16,
     bitpix: i16,
-    pixdim: [f64; 4],
+    pixdim: [f64; 5],
+    time_start: f64,
     vox_offset: f64,
     slope: f64,
     intercept: f64,
@@ -109,9 +116,12 @@ impl RawHeader {
             channels,
             element,
             body_offset: self.body_offset(single_file, header_bytes)?,
-            pixdim: self.pixdim,
+            pixdim: [0, 1, 2, 3].map(|i| self.pixdim[i]),
             scale: self.scale()?,
             space_unit: self.xyzt_units & 7,
+            time_step: self.pixdim[4],
+            time_unit: self.xyzt_units & 56,
+            time_start: self.time_start,
             qform_code: self.qform_code,
             sform_code: self.sform_code,
             quaternion: self.quaternion,
@@ -257,6 +267,7 @@ impl Fields<'_> {
             datatype: self.i16(70),
             bitpix: self.i16(72),
             pixdim: std::array::from_fn(f32s(76)),
+            time_start: self.f32(136),
             vox_offset: self.f32(108),
             slope: self.exact_f32(112),
             intercept: self.exact_f32(116),
@@ -276,6 +287,7 @@ impl Fields<'_> {
             datatype: self.i16(12),
             bitpix: self.i16(14),
             pixdim: std::array::from_fn(f64s(104)),
+            time_start: self.f64(216),
             vox_offset: self.i64(168) as f64,
             slope: self.f64(176),
             intercept: self.f64(184),

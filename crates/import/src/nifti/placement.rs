@@ -1,8 +1,10 @@
-//! Where a NIfTI volume stands: spacing from `pixdim`, position from the sform or, without one, the qform.
+//! Where a NIfTI volume stands: spacing from `pixdim`, position from the sform or, without one, the qform. And when: steps from
+//! `pixdim` and `toffset`.
 
 use super::header::Header;
 use crate::placement::set_matrix;
 use crate::source::SourceInfo;
+use brickyard_volume::TimeAxis;
 use glam::DVec3;
 
 /// Spacings of `pixdim` and of the affine may differ by this part.
@@ -39,6 +41,33 @@ pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Stri
                 spacing[a]
             ));
         }
+    }
+}
+
+/// Fills the time axis of `info` from a header, and adds a note where its steps are of no time.
+pub(super) fn set_time(header: &Header, info: &mut SourceInfo, notes: &mut Vec<String>) {
+    if info.times < 2 {
+        return;
+    }
+    let unit = match header.time_unit {
+        0 => None,
+        8 => Some("second"),
+        16 => Some("millisecond"),
+        24 => Some("microsecond"),
+        _ => {
+            notes.push("The fourth axis is none of time, by the header (xyzt_units): its steps are numbered.".into());
+            return;
+        }
+    };
+    // What programs leave there that know of no time.
+    if unit.is_none() && (header.time_step == 1.0 || header.time_step == 0.0) && header.time_start == 0.0 {
+        return;
+    }
+    let start = header.time_start;
+    let axis = TimeAxis { start, step: header.time_step, stamps: Vec::new(), unit: unit.map(str::to_owned) };
+    match axis.check(info.times) {
+        Ok(()) => info.time = Some(axis),
+        Err(problem) => notes.push(format!("The header's time axis is left out: {problem}.")),
     }
 }
 

@@ -8,7 +8,7 @@ use crate::axes::{Axis, Sizes};
 use crate::element::{Element, Scale};
 use crate::options::NoData;
 use crate::source::SourceInfo;
-use brickyard_volume::{ChannelLook, Extent};
+use brickyard_volume::{ChannelLook, Extent, TimeAxis, time_unit};
 use glam::DVec3;
 
 /// Everything that is taken from a TIFF file's image description.
@@ -20,6 +20,8 @@ pub(super) struct Description {
     spacing: Option<[f64; 3]>,
     /// UDUNITS name.
     unit: Option<&'static str>,
+    /// When the time steps were taken.
+    time: Option<TimeAxis>,
     /// How stored numbers become values; `None` if they are the values.
     pub(super) calibration: Option<Calibration>,
     /// The stored number of pixels without data, which GDAL keeps in a tag of its own.
@@ -110,6 +112,12 @@ impl Description {
             let (x, y) = resolution.unwrap_or((1.0, 1.0));
             description.spacing = Some([size(x), size(y), depth.unwrap_or(1.0)]);
         }
+        let interval = value("finterval").and_then(|v| v.parse::<f64>().ok()).filter(|step| *step != 0.0);
+        if let Some(step) = interval.filter(|_| frames > 1) {
+            let unit = value("tunit").unwrap_or("s");
+            let axis = TimeAxis { step, ..TimeAxis::default() };
+            description.set_time(axis, unit, frames);
+        }
         description
     }
 
@@ -143,7 +151,51 @@ impl Description {
                 description.notes.push("The description gives no spacing along z; 1 is taken.".into());
             }
         }
+        let times = description.declared.as_ref().map_or(1, |declared| declared.times);
+        if times > 1 {
+            description.set_time_of_ome(text, pixels, times);
+        }
         description
+    }
+
+    /// OME-XML: the increment, or else when the first plane of each step was taken, if every step has one.
+    fn set_time_of_ome(&mut self, text: &str, pixels: &StartTag, times: u32) {
+        if let Some(step) = pixels.number::<f64>("TimeIncrement") {
+            let unit = pixels.attribute("TimeIncrementUnit").unwrap_or("s");
+            return self.set_time(TimeAxis { step, ..TimeAxis::default() }, unit, times);
+        }
+        let first =
+            |plane: &StartTag| ["TheZ", "TheC"].iter().all(|place| plane.number::<u32>(place).unwrap_or(0) == 0);
+        let mut stamps: Vec<(u32, f64)> = Vec::new();
+        let mut unit = "s";
+        for plane in StartTag::all(text, "Plane").filter(first) {
+            if let Some(stamp) = plane.number("TheT").zip(plane.number("DeltaT")) {
+                stamps.push(stamp);
+                unit = plane.attribute("DeltaTUnit").unwrap_or("s");
+            }
+        }
+        stamps.sort_by_key(|(step, _)| *step);
+        if !stamps.iter().map(|(step, _)| *step).eq(0..times) {
+            return;
+        }
+        match TimeAxis::of_stamps(stamps.into_iter().map(|(_, stamp)| stamp).collect(), None) {
+            Ok(axis) => self.set_time(axis, unit, times),
+            Err(problem) => self.notes.push(format!("The description's times are left out: {problem}.")),
+        }
+    }
+
+    /// Takes a time axis, as far as it can be one of `times` steps.
+    fn set_time(&mut self, axis: TimeAxis, unit: &str, times: u32) {
+        match axis.check(times) {
+            Ok(()) => {
+                let known = time_unit(unit).map(str::to_owned);
+                if known.is_err() {
+                    self.notes.push(format!("The unit of time '{unit}' is not known; times are kept without a unit."));
+                }
+                self.time = Some(TimeAxis { unit: known.ok(), ..axis });
+            }
+            Err(problem) => self.notes.push(format!("The description's times are left out: {problem}.")),
+        }
     }
 
     fn set_unit(&mut self, name: Option<&str>) {
@@ -176,6 +228,10 @@ impl Description {
             info.calibrated = true;
         }
         info.geometry.unit = self.unit.map(str::to_owned);
+        // Times of some other number of steps are of something else.
+        if self.declared.as_ref().is_some_and(|declared| declared.times == info.times) {
+            info.time.clone_from(&self.time);
+        }
         // Looks of some other number of channels are of something else.
         if self.channel_looks.len() == info.channels as usize {
             info.channel_looks.clone_from(&self.channel_looks);
@@ -372,6 +428,38 @@ mod tests {
         let named = ChannelLook { name: Some("A & µ<".into()), color: Some([255, 0, 0]), window: None };
         assert_eq!(Description::parse(&text, None).channel_looks, [ChannelLook::default(), named]);
         assert_eq!(Description::parse(&text[..text.len() - 3], None).channel_looks, [], "not whole");
+    }
+
+    #[test]
+    fn frames_are_taken_when_the_description_says() {
+        let of = |text: &str| Description::parse(text, None);
+        let axis = |step, unit: &str| Some(TimeAxis { step, unit: Some(unit.into()), ..TimeAxis::default() });
+        let imagej = "ImageJ=1.53\nimages=6\nframes=3\nslices=2\n";
+        assert_eq!(of(&format!("{imagej}finterval=0.25\n")).time, axis(0.25, "second"));
+        assert_eq!(of(&format!("{imagej}finterval=0.25\ntunit=min\n")).time, axis(0.25, "minute"));
+        assert_eq!((of(imagej).time, of(&format!("{imagej}finterval=0\n")).time), (None, None));
+        assert_eq!(of("ImageJ=1.53\nimages=6\nfinterval=0.25\n").time, None);
+        let bad = of(&format!("{imagej}finterval=-2\n"));
+        assert!(bad.time.is_none() && bad.notes[0].contains("found -2"), "{:?}", bad.notes);
+        let odd = of(&format!("{imagej}finterval=2\ntunit=moon\n"));
+        assert!(odd.time.is_some_and(|axis| axis.unit.is_none()) && odd.notes[0].contains("'moon'"), "{:?}", odd.notes);
+
+        let ome = OME.replace("PhysicalSizeX", r#"TimeIncrement="40" TimeIncrementUnit="ms" PhysicalSizeX"#);
+        assert_eq!(of(&ome).time, axis(40.0, "millisecond"));
+        let planes = |stamps: [f64; 3]| {
+            let plane = |(t, stamp)| {
+                format!(
+                    r#"<Plane TheT="{t}" TheZ="0" TheC="0" DeltaT="{stamp}"/><Plane TheT="{t}" TheZ="1" DeltaT="77"/>"#
+                )
+            };
+            OME.replace("TIFFDATA", &(0..3).zip(stamps).map(plane).collect::<String>())
+        };
+        assert_eq!(of(&planes([0.0, 1.5, 3.0])).time, axis(1.5, "second"));
+        let irregular = of(&planes([1.0, 1.5, 9.0])).time.unwrap();
+        assert_eq!((irregular.stamps, irregular.unit.as_deref()), (vec![1.0, 1.5, 9.0], Some("second")));
+        let back = of(&planes([1.0, 0.5, 9.0]));
+        assert!(back.time.is_none() && back.notes[0].contains("0.5 of step 1 after 1 of step 0"), "{:?}", back.notes);
+        assert_eq!(of(OME).time, None);
     }
 
     #[test]

@@ -42,6 +42,8 @@ const MIB: u64 = 1 << 20;
 const PROGRAM_BYTES: u64 = 24 * MIB;
 /// The root document with so many channels' statistics stays below what is read of a document.
 const MAX_CHANNELS: u32 = 4096;
+/// As many times of single steps take at most a third of what is read of a document.
+const MAX_STAMPS: usize = 1 << 19;
 /// More than any level's voxels are larger than level 0's.
 const MOST_FACTOR: f64 = (1u64 << 33) as f64;
 /// A kept shell's place in the table of shells, and what the allocator adds.
@@ -191,6 +193,15 @@ fn check_input(info: &SourceInfo) -> Result<(), PackError> {
         let expected = format!("a value that {} voxels hold", info.voxel_type);
         return unfit("value for no data is", nodata.to_string(), &expected, "give another with `nodata`");
     }
+    let stamps = info.time.as_ref().map_or(0, |axis| axis.stamps.len());
+    if stamps > MAX_STAMPS {
+        let expected = format!("at most {MAX_STAMPS}");
+        return unfit("times of steps are", stamps.to_string(), &expected, "give an even step with `time_step`");
+    }
+    if let Some(Err(problem)) = info.time.as_ref().map(|axis| axis.check(info.times)) {
+        let found = format!("{}: {}", problem.field, problem.found);
+        return unfit("time axis has", found, &problem.expected, "give another with `time_step` or `time_stamps`");
+    }
     if let Some(Err(error)) = info.orientation.map(|orientation| orientation.placement(&info.geometry)) {
         let expected = "one that fits the voxel spacing";
         return unfit("orientation has", error.to_string(), expected, "mend its header, or give `spacing` X,Y,Z");
@@ -210,6 +221,8 @@ impl Draft {
         let info = source.info();
         let pyramid = Pyramid::new(info.extent, info.geometry.spacing.to_array(), options.edge);
         let layout = Layout::new(pyramid, info.times, info.channels, options.shard_edge);
+        // Who says when a single step was taken means to have more.
+        let layout = if info.time.is_some() { layout.with_time() } else { layout };
         let stages = stages(&layout, source.access(), info.voxel_type, options.downsample);
         let voxels: u64 = stages.iter().map(|stage| stage.grid().extent.volume()).sum();
         let mut plan = PackPlan {

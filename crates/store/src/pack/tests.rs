@@ -12,7 +12,7 @@ use crate::shard_file::IoMode;
 use crate::store::Store;
 use brickyard_import::{Access, SourceInfo};
 use brickyard_volume::{
-    BrickId, BrickIndex, Extent, Geometry, Level, OccupancyBins, Orientation, Pyramid, Voxel, VoxelBox,
+    BrickId, BrickIndex, Extent, Geometry, Level, OccupancyBins, Orientation, Pyramid, TimeAxis, Voxel, VoxelBox,
 };
 use proptest::prelude::*;
 use std::collections::BTreeMap;
@@ -50,6 +50,7 @@ impl<T: Voxel> Array<T> {
             calibrated: false,
             orientation: None,
             channel_looks: Vec::new(),
+            time: None,
             nodata: None,
             identity: "array".into(),
             notes: Vec::new(),
@@ -369,6 +370,51 @@ fn voxels_without_data_are_left_out_of_statistics() {
     check(&marked(extent, |p| (value(p) as i32 - 100) as i16, -2000));
     check(&marked(extent, |p| value(p) as u16 * 7, 0));
     check(&marked(extent, |p| (value(p) * 1e6) as i32, -9999));
+}
+
+#[test]
+fn when_steps_were_taken_is_kept_and_is_a_setting() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("s.zarr");
+    let with = |time: Option<TimeAxis>, exists| {
+        let mut source = Array::series([20, 20, 20], 2, 1, |i, p| (value(p) + f64::from(i)) as u8);
+        source.info.time = time;
+        let options = PackOptions { exists, ..options(VoxelType::U8) };
+        let named = super::settings(&source, &options);
+        pack(&source, &path, &options, &()).map(|report| (report.was_complete, named))
+    };
+    let (_, named) = with(None, Exists::Refuse).unwrap();
+    assert!(named.get("time").is_none(), "what is not known must not change the fingerprints of stores that there are");
+    assert_eq!(Store::open(&path).unwrap().time_axis(), None);
+    let unit = Some("second".to_owned());
+    let even = TimeAxis { start: 0.5, step: 0.25, stamps: Vec::new(), unit };
+    assert!(matches!(with(Some(even.clone()), Exists::Resume), Err(PackError::Mismatch { .. })));
+    assert!(
+        !with(Some(even.clone()), Exists::Overwrite).unwrap().0 && with(Some(even.clone()), Exists::Resume).unwrap().0
+    );
+    assert_eq!(Store::open(&path).unwrap().time_axis(), Some(&even));
+    for (axis, word) in [
+        (TimeAxis { step: 0.0, ..even.clone() }, "step: 0: expected a positive number"),
+        (TimeAxis { stamps: vec![1.0], ..even.clone() }, "stamps: 1: expected 2, one for each time step"),
+        (TimeAxis { stamps: vec![2.0, 1.0], ..even }, "stamps: 1 of step 1 after 2 of step 0: expected ascending"),
+    ] {
+        let refused = with(Some(axis), Exists::Overwrite).unwrap_err().to_string();
+        assert!(refused.contains(word) && refused.contains("`time_step`"), "{refused}");
+    }
+}
+
+#[test]
+fn a_single_step_with_a_time_has_an_axis() {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, time, axes) in [("a", None, "zyx"), ("b", Some(TimeAxis::default()), "tzyx")] {
+        let mut source = Array::new([20, 20, 20], |p| value(p) as u8);
+        source.info.time = time.clone();
+        let path = dir.path().join(name);
+        pack(&source, &path, &options(VoxelType::U8), &()).unwrap();
+        let store = Store::open(&path).unwrap();
+        assert_eq!((store.layout().axes().concat(), store.time_axis()), (axes.into(), time.as_ref()));
+        assert_eq!(crate::verify::verify(&path, |_, _| {}).unwrap().problems, []);
+    }
 }
 
 #[test]

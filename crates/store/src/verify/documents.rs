@@ -85,6 +85,7 @@ mod tests {
     use crate::store::Store;
     use crate::test_store::{TestStore, bumps};
     use crate::verify::verify;
+    use brickyard_volume::TimeAxis;
     use serde_json::{Value, json};
     use std::path::{Path, PathBuf};
 
@@ -147,9 +148,13 @@ mod tests {
     /// Of stores of one level too, where no number is there twice.
     #[test]
     fn every_edit_of_what_was_written_is_found() {
-        for extent in [[8, 8, 8], [20, 20, 20]] {
+        let time = TimeAxis::of_stamps(vec![0.25, 2.0, 2.5], Some("second".into())).unwrap();
+        let series = TestStore { times: 3, time: Some(time), ..TestStore::default() };
+        for (extent, spec) in
+            [([8, 8, 8], TestStore::default()), ([20, 20, 20], TestStore::default()), ([20, 8, 8], series)]
+        {
             let dir = tempfile::tempdir().unwrap();
-            TestStore { extent, channels: 2, ..TestStore::default() }.write(dir.path(), bumps);
+            TestStore { extent, channels: 2, ..spec }.write(dir.path(), bumps);
             for path in documents(dir.path()) {
                 let sound = std::fs::read(&path).unwrap();
                 let document: Value = serde_json::from_slice(&sound).unwrap();

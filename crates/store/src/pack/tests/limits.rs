@@ -43,8 +43,14 @@ fn source_info() -> impl Strategy<Value = SourceInfo> {
     let nodata =
         prop::option::weighted(0.4, prop_oneof![4 => Just(0.0), 4 => (0u8..40).prop_map(f64::from), 1 => odd_number()]);
     let voxel_type = prop::sample::select(VoxelType::ALL.to_vec());
-    (shape, voxel_type, placed, prop::bool::weighted(0.3), orientation, words, nodata).prop_map(
-        |((extent, times, channels), voxel_type, numbers, is_origin, orientation, unit, nodata)| {
+    let time = prop::option::of((odd_number(), odd_number(), any::<bool>()));
+    (shape, voxel_type, placed, prop::bool::weighted(0.3), orientation, words, nodata, time).prop_map(
+        |((extent, times, channels), voxel_type, numbers, is_origin, orientation, unit, nodata, time)| {
+            let time = time.map(|(start, step, is_irregular)| {
+                let stamps = (0..times).map(|i| start + step * f64::from(i * i)).collect();
+                let stamps = if is_irregular { stamps } else { Vec::new() };
+                TimeAxis { start, step, stamps, unit: unit.clone() }
+            });
             let mut geometry = Geometry { unit: unit.clone(), ..Geometry::default() };
             *(if is_origin { &mut geometry.origin } else { &mut geometry.spacing }) = numbers.into();
             let (extent, identity) = (Extent::from_array(extent), unit.unwrap_or_default());
@@ -58,6 +64,7 @@ fn source_info() -> impl Strategy<Value = SourceInfo> {
                 calibrated,
                 orientation,
                 channel_looks: Vec::new(),
+                time,
                 nodata,
                 identity,
                 notes,
@@ -89,6 +96,7 @@ fn check_opens<T: Voxel>(info: &SourceInfo, options: &PackOptions, seed: u32) {
     for method in std::iter::once(options.downsample.main()).chain(options.downsample.second()) {
         let store = Store::open_reduced(&path, method, IoMode::default()).unwrap_or_else(|error| panic!("{error}"));
         assert_eq!(store.geometry(), &info.geometry);
+        assert_eq!(store.time_axis(), info.time.as_ref());
         assert_eq!(
             (store.pyramid().level(Level(0)).extent, store.times(), store.channels()),
             (info.extent, info.times, info.channels)

@@ -1,0 +1,80 @@
+//! Units of time: their names in OME-Zarr, which are UDUNITS's, and their usual symbols.
+
+/// Names that OME-Zarr knows, and the symbols that stand for them, the usual one first.
+const UNITS: &[(&str, &[&str])] = &[
+    ("second", &["s", "sec", "secs"]),
+    ("millisecond", &["ms", "msec"]),
+    ("microsecond", &["us", "µs", "μs", "usec"]),
+    ("nanosecond", &["ns", "nsec"]),
+    ("minute", &["min"]),
+    ("hour", &["h", "hr"]),
+    ("day", &["d"]),
+    ("attosecond", &["as"]),
+    ("centisecond", &["cs"]),
+    ("decisecond", &["ds"]),
+    ("exasecond", &["Es"]),
+    ("femtosecond", &["fs"]),
+    ("gigasecond", &["Gs"]),
+    ("hectosecond", &["hs"]),
+    ("kilosecond", &["ks"]),
+    ("megasecond", &["Ms"]),
+    ("petasecond", &["Ps"]),
+    ("picosecond", &["ps"]),
+    ("terasecond", &["Ts"]),
+    ("yoctosecond", &["ys"]),
+    ("yottasecond", &["Ys"]),
+    ("zeptosecond", &["zs"]),
+    ("zettasecond", &["Zs"]),
+];
+
+/// How many of [`UNITS`] a message lists.
+const SHOWN: usize = 7;
+
+/// The name of a unit of time as OME-Zarr has it, from that name, its plural or a usual symbol.
+///
+/// # Errors
+/// If there is no such unit of time: a message that lists some.
+pub fn time_unit(text: &str) -> Result<&'static str, String> {
+    let is_it =
+        |(name, symbols): &&(&str, &[&str])| text.strip_suffix('s').unwrap_or(text) == *name || symbols.contains(&text);
+    UNITS.iter().find(is_it).map(|(name, _)| *name).ok_or_else(|| {
+        let some: Vec<String> =
+            UNITS[..SHOWN].iter().map(|(name, symbols)| format!("{name} ({})", symbols[0])).collect();
+        format!("'{text}' is no unit of time: expected one such as {}", some.join(", "))
+    })
+}
+
+/// The usual symbol of a unit of time; other names as they are.
+pub fn time_symbol(name: &str) -> &str {
+    UNITS.iter().find(|(known, _)| *known == name).map_or(name, |(_, symbols)| symbols[0])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn symbols_and_names_are_one_unit_each() {
+        for (text, name) in [("s", "second"), ("seconds", "second"), ("ms", "millisecond"), ("us", "microsecond")] {
+            assert_eq!(time_unit(text), Ok(name));
+        }
+        for (text, name) in
+            [("µs", "microsecond"), ("ns", "nanosecond"), ("min", "minute"), ("h", "hour"), ("d", "day")]
+        {
+            assert_eq!(time_unit(text), Ok(name));
+        }
+        for (name, symbols) in UNITS {
+            assert_eq!((time_unit(name), time_symbol(name)), (Ok(*name), symbols[0]));
+            assert!(symbols.iter().all(|symbol| time_unit(symbol) == Ok(name)), "{name}");
+        }
+        assert_eq!(time_symbol("fortnight"), "fortnight");
+    }
+
+    #[test]
+    fn what_is_no_time_is_refused_with_what_is() {
+        for text in ["mm", "m", "", "S", "secondss", "Hz"] {
+            let message = time_unit(text).unwrap_err();
+            assert!(message.contains(text) && message.contains("second (s), millisecond (ms)"), "{message}");
+        }
+    }
+}
