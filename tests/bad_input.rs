@@ -433,6 +433,42 @@ fn outputs_that_exist_are_kept() {
 }
 
 #[test]
+fn times_and_steps_that_cannot_be() {
+    let sandbox = Sandbox::default();
+    ["one", "two"].iter().for_each(|folder| std::fs::create_dir(sandbox.path(folder)).unwrap());
+    for name in ["s_1.raw", "s_2.raw", "s_4.raw", "one/a_1.raw", "one/a_01.raw", "two/b.npy", "two/c.nii"] {
+        sandbox.write(name, vec![1; 8]);
+    }
+    sandbox.write("t.raw", vec![1; 24]);
+    sandbox.write("good.txt", "0\n1\n5\n");
+    sandbox.write("short.txt", "0\n1\n");
+    sandbox.write("back.txt", "0\n5\n1\n");
+    sandbox.write("words.txt", "0\none\n2\n");
+    let raw = |rest: &str| format!("pack {rest} --shape 2,2,2 --dtype u8");
+    let timed = |rest: &str| raw(&format!("t.raw o.zarr --times 3 {rest}"));
+    check(
+        &sandbox,
+        &[
+            (&timed("--time-step 0"), USAGE, &["--time-step", "positive", "found 0"]),
+            (&timed("--time-step=-1"), USAGE, &["--time-step", "found -1"]),
+            (&timed("--time-unit mm"), USAGE, &["--time-unit", "'mm'", "second (s), millisecond (ms)"]),
+            (&timed("--time-stamps gone.txt"), BAD_INPUT, &["gone.txt", "No such file"]),
+            (&timed("--time-stamps short.txt"), USAGE, &["short.txt", "--time-stamps", "2 numbers", "3 time steps"]),
+            (&timed("--time-stamps back.txt"), BAD_INPUT, &["back.txt", "ascending", "1 of step 2 after 5 of step 1"]),
+            (&timed("--time-stamps words.txt"), BAD_INPUT, &["words.txt", "line 2", "'one'"]),
+            (&timed("--time-stamps good.txt --time-step 1"), USAGE, &["--time-stamps", "--time-step"]),
+            (&raw("s_*.raw o.zarr"), USAGE, &["without 3", "--order natural"]),
+            (&raw("s_%d.raw o.zarr"), USAGE, &["without 3", "--order natural"]),
+            (&raw("x_*.raw o.zarr"), USAGE, &["x_*.raw", "no file fits", "s_1.raw"]),
+            (&raw("s_%4d.raw o.zarr"), USAGE, &["%4d", "expected %d"]),
+            (&raw("one o.zarr"), USAGE, &["a_01.raw and a_1.raw have the same number"]),
+            (&raw("s_1.raw s_2.raw s_1.raw o.zarr"), USAGE, &["s_1.raw", "named twice", "--order given"]),
+            ("pack two o.zarr", USAGE, &["two", "1 .npy and 1 NIfTI files"]),
+        ],
+    );
+}
+
+#[test]
 fn requests_that_a_store_cannot_meet() {
     let sandbox = with_good_store();
     check(

@@ -90,7 +90,7 @@ mod tests {
         let text = folder.path().join("notes.txt");
         std::fs::write(&text, "not a volume").unwrap();
         assert!(problem(&text).contains("not a format that is read"), "{}", problem(&text));
-        assert!(problem(folder.path()).contains("without TIFF or DICOM files"), "{}", problem(folder.path()));
+        assert!(problem(folder.path()).contains("without files that are read"), "{}", problem(folder.path()));
         assert!(problem(&folder.path().join("gone")).contains("No such file"));
         // A pack that was killed has a journal and no root document.
         std::fs::rename(store.join("zarr.json"), store.join(JOURNAL_NAME)).unwrap();

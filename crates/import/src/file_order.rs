@@ -18,7 +18,7 @@ pub(crate) struct FileList {
 }
 
 impl FileList {
-    /// Sorts the files of a folder by the numbers in their names. `told` is the order that the caller asks for.
+    /// Sorts the files of a folder, or of a pattern, by the numbers in their names. `told` is the order that the caller asks for.
     /// `are_planes` says that each file is one plane, so that an error message may suggest `axes`.
     ///
     /// # Errors
@@ -31,7 +31,7 @@ impl FileList {
         are_planes: bool,
     ) -> Result<Self, ImportError> {
         if told == Some(FileOrder::Given) {
-            let problem = "`order` given: the files of a folder are in no given order; name the files";
+            let problem = "`order` given: the files of a folder or a pattern are in no given order; name the files";
             return Err(ImportError::options(folder, problem));
         }
         let list = Self::by_numbers(paths);

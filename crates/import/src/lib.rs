@@ -22,6 +22,7 @@ mod element;
 mod error;
 mod file_order;
 mod files;
+mod folder;
 mod foreign;
 mod losses;
 mod mapped;
@@ -32,18 +33,21 @@ mod npy;
 mod numbering;
 mod open;
 mod options;
+mod pattern;
 mod placement;
 mod raw;
 mod series;
 mod source;
 mod stamp;
+#[cfg(test)]
+mod steps_tests;
 mod strided;
 mod synth;
 #[cfg(test)]
 mod testing;
-mod time;
 #[cfg(feature = "tiff")]
 mod tiff_stack;
+mod time;
 mod write_raw;
 
 #[cfg(not(feature = "dicom"))]

@@ -1,17 +1,20 @@
 //! Opening whatever the user names: picks the reader by flags, name and first bytes, joins several files, and applies
 //! what the user knows better than the file.
 
-use crate::dicom_files::{self, MAGIC_BYTES, is_dicom};
+use crate::dicom_files::{MAGIC_BYTES, is_dicom};
 use crate::error::ImportError;
 use crate::file_order::{FileList, in_natural_order};
-use crate::files::{first_bytes, is_file};
-use crate::options::{NoData, OpenOptions};
+use crate::files::first_bytes;
+use crate::folder::{files_of, is_tiff_name};
+use crate::options::{FileOrder, NoData, OpenOptions};
+use crate::pattern;
 use crate::raw::{RawLayout, RawSource};
 use crate::series::Series;
 use crate::source::{Access, Lent, Source, SourceInfo};
 use crate::time::override_time;
 use crate::{dicom, foreign, nifti, npy, tiff_stack};
 use brickyard_volume::VoxelBox;
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,21 +28,26 @@ enum Format {
 
 /// Formats and their names, for the message that none fits.
 const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy, NIfTI (.nii, .nii.gz, \
-                    .hdr with .img), TIFF (.tif, .tiff, or a folder of them), DICOM (a folder, files or one file of a series)";
+                    .hdr with .img), TIFF (.tif, .tiff), DICOM (a folder, files or one file of a series), and folders of files of one of these";
 
-/// Opens an input: a file, a list of files, or a folder of TIFF or DICOM files. Several files are one time step each
-/// or, if they are TIFF files of a single page, one plane each; [`OpenOptions::order`] is their order. DICOM files must
-/// be of one series, and are sorted by the positions in their headers.
+/// Opens an input: a file, a list of files, a folder of files of one format, or a pattern of file names, with `*` and `?` or with
+/// one number as `%04d`. Several files are one time step each or, if they are TIFF files of a single page, one plane each;
+/// [`OpenOptions::order`] is their order. DICOM files must be of one series, and are sorted by the positions in their headers.
 ///
 /// # Errors
 /// If the input cannot be read. The message says which file, why, and which option would help; it names options of
 /// [`OpenOptions`] in backticks.
 pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
-    let (paths, folder) = match inputs {
+    // Whether nobody has put the files in order.
+    let (paths, folder, unordered) = match inputs {
         [] => return Err(ImportError::options(Path::new("input"), "none given")),
-        [folder] if folder.is_dir() => (slices_in(folder)?, true),
-        files => (files.to_vec(), false),
+        [folder] if folder.is_dir() => (files_of(folder, options, READ)?, true, true),
+        [one] => pattern::expand(one)?.map_or_else(|| (vec![one.clone()], false, false), |files| (files, false, true)),
+        files => (files.to_vec(), false, false),
     };
+    if options.order != Some(FileOrder::Given) {
+        check_named_once(&paths)?;
+    }
     let format = format_of(&paths[0], options)?;
     for path in &paths[1..] {
         if format_of(path, options)? != format {
@@ -52,9 +60,9 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
             return Err(ImportError::options(&paths[0], problem));
         }
         Format::Dicom => (in_natural_order(&paths), None),
-        _ if folder || paths.len() > 1 => {
+        _ if unordered || paths.len() > 1 => {
             let are_planes = format == Format::Tiff && !tiff_stack::is_multi_page(&paths[0])?;
-            let list = match folder {
+            let list = match unordered {
                 true => FileList::of_folder(&inputs[0], &paths, options.order, are_planes)?,
                 false => FileList::of_list(&paths, options.order, are_planes)?,
             };
@@ -77,6 +85,17 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     override_nodata(&mut info, &paths[0], options.nodata)?;
     override_time(&mut info, &paths[0], options)?;
     Ok(Box::new(Described { info, source }))
+}
+
+/// Refuses a file that is named twice.
+fn check_named_once(paths: &[PathBuf]) -> Result<(), ImportError> {
+    let mut seen = HashSet::new();
+    let twice =
+        paths.iter().find(|path| !seen.insert(std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf())));
+    twice.map_or(Ok(()), |path| {
+        let problem = "is named twice: name it once, or pass `order` given to take the files as they are named";
+        Err(ImportError::options(path, problem))
+    })
 }
 
 fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
@@ -151,36 +170,6 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
         return Ok(Format::Raw);
     }
     Err(ImportError::options(path, format!("not a format that is read: {READ}")))
-}
-
-fn is_tiff_name(path: &Path) -> bool {
-    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-    ["tif", "tiff", "btf", "tf8"].iter().any(|e| extension == *e)
-}
-
-/// The TIFF files of a folder, or its DICOM files.
-fn slices_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    let dicom = dicom_files::files_in(folder)?;
-    let mut planes = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
-        let path = entry.map_err(ImportError::io(folder))?.path();
-        let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
-        if is_tiff_name(&path) && !hidden && is_file(&path)? && !dicom.contains(&path) {
-            planes.push(path);
-        }
-    }
-    match (planes.len(), dicom.len()) {
-        (0, 0) => {
-            foreign::refuse_folder(folder)?;
-            Err(ImportError::invalid(folder, format!("a folder without TIFF or DICOM files; what is read: {READ}")))
-        }
-        (0, _) => Ok(dicom),
-        (_, 0) => Ok(planes),
-        (tiffs, dicoms) => {
-            let problem = format!("holds {tiffs} TIFF and {dicoms} DICOM files: name the files that you mean");
-            Err(ImportError::options(folder, problem))
-        }
-    }
 }
 
 /// Puts the user's spacing, origin and unit in place of the file's.
@@ -295,7 +284,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         std::os::unix::fs::symlink("nowhere", folder.path().join("p_2.tif")).unwrap();
         assert!(refusal(folder.path(), &OpenOptions::default()).contains("p_2.tif: No such file"));
-        assert!(dicom_files::files_in(folder.path()).unwrap_err().to_string().contains("p_2.tif: No such file"));
+        assert!(crate::dicom_files::files_in(folder.path()).unwrap_err().to_string().contains("p_2.tif: No such file"));
     }
 
     #[test]

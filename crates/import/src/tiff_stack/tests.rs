@@ -684,7 +684,7 @@ fn planes_that_disagree_name_the_odd_one() {
     let message = opened(folder.path()).err().unwrap().to_string();
     assert!(message.contains("s2.tif") && message.contains("several pages"), "{message}");
     let empty = tempfile::tempdir().unwrap();
-    assert!(opened(empty.path()).err().unwrap().to_string().contains("without TIFF or DICOM files"));
+    assert!(opened(empty.path()).err().unwrap().to_string().contains("without files that are read"));
 }
 
 #[test]

@@ -1,0 +1,115 @@
+//! Which files of a folder are meant: those of the one format that it holds. Each is a time step, or a slice of a volume.
+
+use crate::error::ImportError;
+use crate::files::is_file;
+use crate::options::OpenOptions;
+use crate::{dicom_files, foreign};
+use std::path::{Path, PathBuf};
+
+/// The formats that a folder may hold, as messages name them.
+const KINDS: [&str; 5] = ["TIFF", "DICOM", ".npy", "NIfTI", "raw"];
+
+const TIFF: usize = 0;
+const DICOM: usize = 1;
+const NPY: usize = 2;
+const NIFTI: usize = 3;
+const RAW: usize = 4;
+
+/// Lists the files of a folder that are meant, in no order. Raw files say nothing of themselves, so they count only where the caller says what
+/// they hold, or where nothing else is there. `read` says what is read, for messages.
+///
+/// # Errors
+/// If the folder cannot be read, or holds no such files, or those of several formats.
+pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Result<Vec<PathBuf>, ImportError> {
+    let dicom = dicom_files::files_in(folder)?;
+    let mut found: [Vec<PathBuf>; 5] = Default::default();
+    for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
+        let path = entry.map_err(ImportError::io(folder))?.path();
+        let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
+        let Some(kind) = kind_by_name(&path).filter(|_| !hidden && !dicom.contains(&path)) else { continue };
+        if is_file(&path)? {
+            found[kind].push(path);
+        }
+    }
+    found[DICOM] = dicom;
+    if options.shape.is_none() && found[..RAW].iter().any(|files| !files.is_empty()) {
+        found[RAW].clear();
+    }
+    let counts: Vec<String> = (0..KINDS.len())
+        .filter(|kind| !found[*kind].is_empty())
+        .map(|kind| format!("{} {}", found[kind].len(), KINDS[kind]))
+        .collect();
+    match &counts[..] {
+        [] => {
+            foreign::refuse_folder(folder)?;
+            Err(ImportError::invalid(folder, format!("a folder without files that are read; what is: {read}")))
+        }
+        [_] => Ok(found.into_iter().flatten().collect()),
+        [first @ .., last] => {
+            let list = format!("{} and {last}", first.join(", "));
+            let problem =
+                format!("holds {list} files: name the files that you mean, or a pattern of their names in quotes");
+            Err(ImportError::options(folder, problem))
+        }
+    }
+}
+
+/// The format that a file's name says; `None` if it says none, or if the file is the second one of a pair.
+fn kind_by_name(path: &Path) -> Option<usize> {
+    let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
+    let ends = |extensions: &[&str]| extensions.iter().any(|end| name.ends_with(end));
+    if is_tiff_name(path) {
+        return Some(TIFF);
+    }
+    match () {
+        () if ends(&[".npy"]) => Some(NPY),
+        () if ends(&[".nii", ".nii.gz", ".hdr", ".hdr.gz"]) => Some(NIFTI),
+        () if ends(&[".raw", ".bin", ".dat"]) => Some(RAW),
+        () => None,
+    }
+}
+
+/// Whether a file's name is that of a TIFF file.
+pub(crate) fn is_tiff_name(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    ["tif", "tiff", "btf", "tf8"].iter().any(|e| extension == *e)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn files(names: &[&str], options: &OpenOptions) -> Result<Vec<String>, String> {
+        let folder = tempfile::tempdir().unwrap();
+        for name in names {
+            std::fs::write(folder.path().join(name), "x").unwrap();
+        }
+        let found = files_of(folder.path(), options, "things").map_err(|error| error.to_string())?;
+        let mut names: Vec<_> =
+            found.iter().map(|path| path.file_name().unwrap().to_str().unwrap().to_owned()).collect();
+        names.sort();
+        Ok(names)
+    }
+
+    #[test]
+    fn the_one_format_of_a_folder_is_meant() {
+        let none = OpenOptions::default();
+        let told = OpenOptions { shape: Some(brickyard_volume::Extent::new(1, 1, 1)), ..none.clone() };
+        let found = |names: &[&str], options: &OpenOptions| files(names, options).unwrap().join(" ");
+        assert_eq!(found(&["s1.npy", "s2.npy", "notes.txt", ".s3.npy"], &none), "s1.npy s2.npy");
+        assert_eq!(found(&["a.nii.gz", "b.nii", "c.hdr", "c.img", "c.json"], &none), "a.nii.gz b.nii c.hdr");
+        assert_eq!(found(&["s1.raw", "s2.RAW", "s3.bin"], &none), "s1.raw s2.RAW s3.bin");
+        // A file beside planes that says nothing of itself is not meant, unless it is said what such files hold.
+        assert_eq!(found(&["p1.tif", "p2.tif", "thumbs.dat"], &none), "p1.tif p2.tif");
+        assert_eq!(found(&["s1.raw", "s2.raw"], &told), "s1.raw s2.raw");
+        for (names, options, words) in [
+            (&["a.npy", "b.npy", "c.tif"][..], &none, "holds 1 TIFF and 2 .npy files"),
+            (&["a.npy", "b.nii", "c.tif"], &none, "holds 1 TIFF, 1 .npy and 1 NIfTI files"),
+            (&["a.npy", "b.raw"], &told, "holds 1 .npy and 1 raw files"),
+            (&["a.txt"], &none, "a folder without files that are read; what is: things"),
+        ] {
+            let message = files(names, options).unwrap_err();
+            assert!(message.contains(words), "{message}");
+        }
+    }
+}

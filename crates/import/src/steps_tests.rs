@@ -1,0 +1,146 @@
+//! Time steps however they lie: one file each, in lists, folders and patterns, or all in one file of three to five dimensions.
+
+use crate::open::open;
+use crate::options::{FileOrder, OpenOptions};
+use crate::testing::{Field, assert_boxes};
+use brickyard_volume::{Extent, VoxelType};
+use std::path::{Path, PathBuf};
+
+const FIELD: Field = Field { sizes: [7, 5, 4, 1, 3], voxel_type: VoxelType::U16 };
+
+/// A `.npy` file of an array of u16.
+fn npy(shape: &str, bytes: &[u8]) -> Vec<u8> {
+    let header = format!("{{'descr': '<u2', 'fortran_order': False, 'shape': {shape}, }}");
+    [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), bytes].concat()
+}
+
+/// A NIfTI file of an array of u16, with these sizes and a spacing along x.
+fn nifti(sizes: &[u16], spacing: f32, bytes: &[u8]) -> Vec<u8> {
+    let mut header = vec![0; 352];
+    header[..4].copy_from_slice(&348i32.to_le_bytes());
+    header[40..42].copy_from_slice(&(sizes.len() as u16).to_le_bytes());
+    sizes.iter().enumerate().for_each(|(i, size)| header[42 + 2 * i..][..2].copy_from_slice(&size.to_le_bytes()));
+    header[70..74].copy_from_slice(&[0, 2, 16, 0]);
+    [1.0, spacing, 1.0, 1.0]
+        .iter()
+        .enumerate()
+        .for_each(|(i, p)| header[76 + 4 * i..][..4].copy_from_slice(&f32::to_le_bytes(*p)));
+    header[344..348].copy_from_slice(b"n+1\0");
+    [header, bytes.to_vec()].concat()
+}
+
+/// A folder with the field's steps, a file each, as a format has them.
+fn steps_in(names: &[&str], file: impl Fn(&[u8]) -> Vec<u8>) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = FIELD.bytes("tczyx", false);
+    for (name, step) in names.iter().zip(bytes.chunks(bytes.len() / 3)) {
+        std::fs::write(folder.path().join(name), file(step)).unwrap();
+    }
+    folder
+}
+
+fn refusal(inputs: &[PathBuf], options: &OpenOptions) -> String {
+    open(inputs, options).err().unwrap().to_string()
+}
+
+fn told() -> OpenOptions {
+    OpenOptions { shape: Some(Extent::new(7, 5, 4)), voxel_type: Some(VoxelType::U16), ..OpenOptions::default() }
+}
+
+#[test]
+fn a_file_for_each_step_by_list_folder_and_pattern() {
+    let none = OpenOptions::default();
+    let raw = |step: &[u8]| step.to_vec();
+    let of_npy = |step: &[u8]| npy("(4, 5, 7)", step);
+    let of_nifti = |step: &[u8]| nifti(&[7, 5, 4], 1.0, step);
+    let check = |folder: &Path, extension: &str, options: &OpenOptions| {
+        let names = ["s_08", "s_09", "s_10"].map(|name| folder.join(format!("{name}.{extension}")));
+        let patterns = ["s_*.E", "s_??.E", "*", "s_%02d.E"].map(|pattern| folder.join(pattern.replace('E', extension)));
+        for inputs in [&names[..], &[folder.to_owned()]].into_iter().chain(patterns.iter().map(std::slice::from_ref)) {
+            let source = open(inputs, options).unwrap_or_else(|error| panic!("{error}"));
+            assert_boxes(&*source, FIELD);
+            assert!(
+                source.info().notes.iter().any(|note| note.contains("3 files in natural order, from s_08")),
+                "{inputs:?}"
+            );
+        }
+    };
+    let names = |extension: &str| ["s_08", "s_09", "s_10"].map(|name| format!("{name}.{extension}"));
+    for (extension, options, file) in
+        [("raw", &told(), &raw as &dyn Fn(&[u8]) -> Vec<u8>), ("npy", &none, &of_npy), ("nii", &none, &of_nifti)]
+    {
+        let names = names(extension);
+        let folder = steps_in(&names.each_ref().map(|name| &**name), file);
+        check(folder.path(), extension, options);
+    }
+}
+
+#[test]
+fn all_steps_in_one_file_of_any_dimensions() {
+    let (folder, none) = (tempfile::tempdir().unwrap(), OpenOptions::default());
+    let check = |name: &str, bytes: Vec<u8>, options: &OpenOptions, field: Field| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        assert_boxes(&*open(&[path], options).unwrap_or_else(|error| panic!("{name}: {error}")), field);
+    };
+    let axes = |axes: &str| OpenOptions { axes: Some(axes.parse().unwrap()), ..none.clone() };
+    let of_five = Field { sizes: [7, 5, 4, 2, 3], ..FIELD };
+    let flat = Field { sizes: [7, 5, 1, 1, 3], ..FIELD };
+    check("4.npy", npy("(3, 4, 5, 7)", &FIELD.bytes("tzyx", false)), &axes("tzyx"), FIELD);
+    check("5.npy", npy("(3, 2, 4, 5, 7)", &of_five.bytes("tczyx", false)), &axes("tczyx"), of_five);
+    check("3.npy", npy("(3, 5, 7)", &flat.bytes("tyx", false)), &axes("tyx"), flat);
+    check("4.nii", nifti(&[7, 5, 4, 3], 1.0, &FIELD.bytes("tzyx", false)), &none, FIELD);
+    check("5.nii", nifti(&[7, 5, 4, 3, 2], 1.0, &of_five.bytes("ctzyx", false)), &none, of_five);
+    check("3.nii", nifti(&[7, 5, 1, 3], 1.0, &flat.bytes("tyx", false)), &none, flat);
+    let raw = |field: Field| {
+        let [x, y, z, channels, times] = field.sizes;
+        OpenOptions { shape: Some(Extent::new(x, y, z)), channels: Some(channels), times: Some(times), ..told() }
+    };
+    check("4.raw", FIELD.bytes("tzyx", false), &raw(FIELD), FIELD);
+    check("5.raw", of_five.bytes("tczyx", false), &raw(of_five), of_five);
+    check("3.raw", flat.bytes("tyx", false), &OpenOptions { axes: axes("tyx").axes, ..raw(flat) }, flat);
+}
+
+#[test]
+fn a_missing_a_doubled_and_an_unlike_step_are_named() {
+    let none = OpenOptions::default();
+    let of_npy = |step: &[u8]| npy("(4, 5, 7)", step);
+    let gap = steps_in(&["s_1.npy", "s_2.npy", "s_4.npy"], of_npy);
+    for name in ["s_*.npy", "s_%d.npy"] {
+        let message = refusal(&[gap.path().join(name)], &none);
+        assert!(message.contains("without 3"), "{message}");
+        let natural = OpenOptions { order: Some(FileOrder::Natural), ..none.clone() };
+        assert_eq!(open(&[gap.path().join(name)], &natural).unwrap().info().times, 3);
+    }
+    assert!(refusal(&[gap.path().to_owned()], &none).contains("without 3"));
+    let twice = steps_in(&["s_1.npy", "s_01.npy", "s_2.npy"], of_npy);
+    let message = refusal(&[twice.path().join("s_*.npy")], &none);
+    assert!(message.contains("s_01.npy and s_1.npy have the same number"), "{message}");
+    let [one, two] = ["s_1.npy", "s_2.npy"].map(|name| twice.path().join(name));
+    let message = refusal(&[one.clone(), two.clone(), one.clone()], &none);
+    assert!(message.contains("s_1.npy: is named twice"), "{message}");
+    let given = OpenOptions { order: Some(FileOrder::Given), ..none.clone() };
+    assert_eq!(open(&[one.clone(), two, one], &given).unwrap().info().times, 3);
+    let message = refusal(&[twice.path().join("t_%03d.npy")], &none);
+    assert!(
+        message.contains("t_%03d.npy: no file fits this pattern") && message.contains("s_01.npy, s_1.npy"),
+        "{message}"
+    );
+
+    let of_nifti = |step: &[u8]| nifti(&[7, 5, 4], 1.0, step);
+    let unlike = |file: Vec<u8>, words: [&str; 2]| {
+        let folder = steps_in(&["s_1.nii", "s_2.nii", "s_3.nii"], of_nifti);
+        std::fs::write(folder.path().join("s_2.nii"), file).unwrap();
+        let message = refusal(&[folder.path().to_owned()], &none);
+        assert!(message.contains("s_2.nii: is") && message.contains("s_1.nii is"), "{message}");
+        assert!(words.iter().all(|word| message.contains(word)), "{message}");
+    };
+    let voxels = [0; 280];
+    unlike(nifti(&[5, 7, 4], 1.0, &voxels), ["5,7,4", "7,5,4"]);
+    unlike(nifti(&[7, 5, 4], 0.5, &voxels), ["spacing [0.5, 1, 1]", "spacing [1, 1, 1]"]);
+    let mut signed = nifti(&[7, 5, 4], 1.0, &voxels);
+    signed[70..72].copy_from_slice(&4i16.to_le_bytes());
+    unlike(signed, ["i16", "u16"]);
+    let several = steps_in(&["s_1.nii", "s_2.npy"], of_npy);
+    assert!(refusal(&[several.path().to_owned()], &none).contains("holds 1 .npy and 1 NIfTI files"));
+}
