@@ -37,7 +37,7 @@ pub(crate) fn expand(path: &Path) -> Result<Option<Vec<PathBuf>>, ImportError> {
         let file = parent.map_or_else(|| PathBuf::from(&name), |parent| parent.join(&name));
         let name = name.to_string_lossy();
         // Like a shell: hidden files are asked for by name.
-        if pattern.fits(&name) && !(name.starts_with('.') && !pattern.is_hidden()) && is_file(&file)? {
+        if pattern.fits(&name) && (!name.starts_with('.') || pattern.is_hidden()) && is_file(&file)? {
             found.push(file);
         } else if !name.starts_with('.') {
             others.push(name.into_owned());
