@@ -75,6 +75,7 @@
 pub mod backend;
 pub mod background;
 pub mod channels;
+pub mod curve;
 mod device;
 mod device_losses;
 #[cfg(feature = "gpu")]

@@ -1,11 +1,12 @@
-//! `brickyard export`: a level, or a box of it, to a plain file.
+//! `brickyard export`: a level, or a box of it, of one time step or several, to a plain file.
 
 use super::failure::Failure;
 use super::output::may_write;
 use super::progress::{Progress, ProgressStyleArgument};
+use super::step_range::StepRange;
 use super::{store_errors, values};
-use brickyard::store::{self, ExportRequest};
-use brickyard::volume::{Level, VoxelBox};
+use brickyard::store::{self, ExportRequest, ExportTime};
+use brickyard::volume::{Level, VoxelBox, counted};
 use clap::Args;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -23,9 +24,9 @@ pub(crate) struct ExportArguments {
     /// Box in voxels of that level, ends excluded [default: the whole level]
     #[arg(long, value_name = "x0:x1,y0:y1,z0:z1", value_parser = values::voxel_box)]
     roi: Option<VoxelBox>,
-    /// Time step
-    #[arg(long, default_value_t = 0)]
-    time: u32,
+    /// Time step N; or several, A:B, A:B:S (B excluded) or all, as an array whose slowest axis is time
+    #[arg(long, value_name = "N|A:B[:S]|all", default_value = "0")]
+    time: StepRange,
     /// Channel
     #[arg(long, default_value_t = 0)]
     channel: u32,
@@ -44,8 +45,13 @@ pub(crate) struct ExportArguments {
 pub(crate) fn run(arguments: &ExportArguments) -> Result<(), Failure> {
     let store = store_errors::open(&arguments.store)?;
     may_write(&arguments.output, arguments.overwrite)?;
+    let (first, end, stride) = arguments.time.within(store.times())?;
+    let time = match arguments.time {
+        StepRange::One(step) => ExportTime::Step(step),
+        StepRange::Some { .. } => ExportTime::Steps { first, end, stride },
+    };
     let request = ExportRequest {
-        time: arguments.time,
+        time,
         channel: arguments.channel,
         level: Level(arguments.level),
         region: arguments.roi,
@@ -58,8 +64,12 @@ pub(crate) fn run(arguments: &ExportArguments) -> Result<(), Failure> {
     });
     progress.finish();
     let extent = exported.map_err(store_errors::export_failure)?;
+    let steps = match time {
+        ExportTime::Step(_) => String::new(),
+        ExportTime::Steps { .. } => counted(u64::from((end - first).div_ceil(stride)), "step") + " of ",
+    };
     eprintln!(
-        "{}: {} x {} x {} {}, x fastest, little-endian",
+        "{}: {steps}{} x {} x {} {}, x fastest, little-endian",
         arguments.output.display(),
         extent.x,
         extent.y,

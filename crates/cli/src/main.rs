@@ -22,6 +22,7 @@ mod scene_args;
 mod session_args;
 mod session_errors;
 mod slice_argument;
+mod step_range;
 mod store_errors;
 mod synth;
 mod values;

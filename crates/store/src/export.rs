@@ -1,7 +1,7 @@
-//! Export: one level, or a box of it, of one time step and channel, as one file.
+//! Export: one level, or a box of it, of one channel and of one time step or several, as one file.
 //!
-//! `.raw` is the voxels alone, little-endian, x fastest; `.npy` is NumPy's format, shape (z, y, x). Rows of bricks are
-//! decoded on all threads and written at their places, so a thread holds one row of bricks whatever the size of the box.
+//! `.raw` is the voxels alone, little-endian, x fastest; `.npy` is NumPy's format, shape (z, y, x), or (t, z, y, x)
+//! of a range of steps. Rows of bricks are decoded on all threads and written at their places, so a thread holds one row of bricks whatever the size of the box.
 //! The file gets its name when it is whole; until then it has a temporary one beside it.
 
 use crate::error::ExportError;
@@ -15,13 +15,46 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+/// The time steps to export.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExportTime {
+    /// One step, as an array that has no axis of time.
+    Step(u32),
+    /// Steps one after another, as an array whose slowest axis is time.
+    Steps {
+        /// The first step.
+        first: u32,
+        /// The step at which the range ends, which is excluded.
+        end: u32,
+        /// From a step to the next one that is exported; at least 1.
+        stride: u32,
+    },
+}
+
+impl Default for ExportTime {
+    fn default() -> Self {
+        Self::Step(0)
+    }
+}
+
+impl ExportTime {
+    /// The steps, in order.
+    fn steps(self) -> impl Iterator<Item = u32> {
+        let (first, end, stride) = match self {
+            Self::Step(step) => (step, step.saturating_add(1), 1),
+            Self::Steps { first, end, stride } => (first, end, stride),
+        };
+        (first..end).step_by(stride.max(1) as usize)
+    }
+}
+
 /// Which part of a store to export, and whether an existing file may be replaced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ExportRequest {
     /// The level to export.
     pub level: Level,
-    /// The time step to export.
-    pub time: u32,
+    /// The time steps to export.
+    pub time: ExportTime,
     /// The channel to export.
     pub channel: u32,
     /// The box to export, in the level's voxels; `None` exports the whole level.
@@ -31,7 +64,7 @@ pub struct ExportRequest {
 }
 
 /// Writes voxels of a store to `output`, whose extension (`.raw` or `.npy`) chooses the format. Calls `progress` with
-/// the bytes written so far and the bytes in all, after each row of bricks: it may break the export off. Returns the extent written.
+/// the bytes written so far and the bytes in all, after each row of bricks: it may break the export off. Returns the extent of each step written.
 ///
 /// # Errors
 /// If the output exists and may not be replaced, its extension is not known, the request is outside the store, a brick
@@ -46,7 +79,7 @@ pub fn export(
     let extent = region.extent();
     let header = match output.extension().and_then(|e| e.to_str()) {
         Some("raw") => Vec::new(),
-        Some("npy") => npy_header(store.voxel_type(), extent),
+        Some("npy") => npy_header(store.voxel_type(), extent, request.time),
         _ => return Err(ExportError::Extension { path: output.into() }),
     };
     if !request.overwrite && output.symlink_metadata().is_ok() {
@@ -76,7 +109,11 @@ fn checked_region(store: &Store, request: &ExportRequest) -> Result<VoxelBox, Ex
         }
     };
     below("level", request.level.0.into(), store.pyramid().levels().len() as u32)?;
-    below("time step", request.time, store.times())?;
+    let last = request.time.steps().last().ok_or_else(|| {
+        let found = format!("{:?}", request.time);
+        ExportError::Outside { what: "time steps", found, expected: "at least one".into() }
+    })?;
+    below("time step", last, store.times())?;
     below("channel", request.channel, store.channels())?;
     let whole = store.pyramid().level(request.level).extent.full_box();
     let region = request.region.unwrap_or(whole);
@@ -104,7 +141,8 @@ fn write_voxels(
     let edge = store.pyramid().edge();
     let voxel_bytes = store.voxel_type().bytes() as u64;
     let extent = region.extent();
-    let total = extent.volume() * voxel_bytes;
+    let step_bytes = extent.volume() * voxel_bytes;
+    let total = step_bytes.saturating_mul(request.time.steps().count() as u64);
     let done = AtomicU64::new(0);
     let bars: Vec<VoxelBox> = cuts(region.min.z, region.max.z, edge)
         .flat_map(|(z0, z1)| {
@@ -112,14 +150,16 @@ fn write_voxels(
                 .map(move |(y0, y1)| VoxelBox::new([region.min.x, y0, z0], [region.max.x, y1, z1]))
         })
         .collect();
-    bars.into_par_iter().try_for_each_init(Vec::new, |buffer, bar| {
+    let parts = (0..).zip(request.time.steps()).flat_map(|step| bars.iter().map(move |bar| (step, *bar)));
+    parts.par_bridge().try_for_each_init(Vec::new, |buffer, ((i, time), bar)| {
         buffer.resize((bar.extent().volume() * voxel_bytes) as usize, 0);
-        store.read_box(request.time, request.channel, request.level, bar, buffer)?;
+        store.read_box(time, request.channel, request.level, bar, buffer)?;
         // The rows of one slice of the bar lie together in the file.
         let slice_bytes = bar.extent().x as usize * bar.extent().y as usize * voxel_bytes as usize;
         for (z, slice) in (bar.min.z..).zip(buffer.chunks_exact(slice_bytes)) {
             let at = extent.linear([0, bar.min.y - region.min.y, z - region.min.z]) * voxel_bytes;
-            file.write_all_at(slice, start + at).map_err(|error| ExportError::Io { path: output.into(), error })?;
+            file.write_all_at(slice, start + i * step_bytes + at)
+                .map_err(|error| ExportError::Io { path: output.into(), error })?;
         }
         let bytes = buffer.len() as u64;
         match progress(done.fetch_add(bytes, Ordering::Relaxed) + bytes, total) {
@@ -135,7 +175,7 @@ fn cuts(from: u32, to: u32, edge: u32) -> impl Iterator<Item = (u32, u32)> {
 }
 
 /// The header of a version 1.0 `.npy` file: a Python dictionary, padded so that the data start at a multiple of 64.
-fn npy_header(voxel_type: VoxelType, extent: Extent) -> Vec<u8> {
+fn npy_header(voxel_type: VoxelType, extent: Extent, time: ExportTime) -> Vec<u8> {
     let descr = match voxel_type {
         VoxelType::U8 => "|u1",
         VoxelType::I8 => "|i1",
@@ -146,7 +186,11 @@ fn npy_header(voxel_type: VoxelType, extent: Extent) -> Vec<u8> {
         VoxelType::F32 => "<f4",
     };
     let Extent { x, y, z } = extent;
-    let dictionary = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({z}, {y}, {x}), }}");
+    let steps = match time {
+        ExportTime::Step(_) => String::new(),
+        ExportTime::Steps { .. } => format!("{}, ", time.steps().count()),
+    };
+    let dictionary = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({steps}{z}, {y}, {x}), }}");
     const MAGIC: &[u8] = b"\x93NUMPY\x01\x00";
     let bytes = (MAGIC.len() + 2 + dictionary.len() + 1).next_multiple_of(64);
     let padded = format!("{dictionary:width$}\n", width = bytes - MAGIC.len() - 3);
@@ -210,8 +254,13 @@ mod tests {
         let output = dir.path().join("out.raw");
         let whole = AtomicBool::new(false);
         for level in 0..store.pyramid().levels().len() {
-            let request =
-                ExportRequest { level: Level(level as u8), time: 1, channel: 1, overwrite: true, region: None };
+            let request = ExportRequest {
+                level: Level(level as u8),
+                time: ExportTime::Step(1),
+                channel: 1,
+                overwrite: true,
+                region: None,
+            };
             let watch = |done, total| {
                 whole.store(done == total, Ordering::Relaxed);
                 ControlFlow::Continue(())
@@ -243,6 +292,41 @@ mod tests {
     }
 
     #[test]
+    fn steps_follow_one_another() {
+        let spec = TestStore { times: 6, ..TestStore::default() };
+        let (dir, store) = store(&spec);
+        let region = VoxelBox::new([3, 8, 2], [36, 17, 19]);
+        for (first, end, stride, steps) in [(1, 6, 2, &[1, 3, 5][..]), (0, 6, 4, &[0, 4]), (2, 3, 1, &[2])] {
+            let time = ExportTime::Steps { first, end, stride };
+            let request = ExportRequest { time, region: Some(region), overwrite: true, ..ExportRequest::default() };
+            let of_step = |&step: &u32| voxels(region).map(move |v| bumps(step, 0, v));
+            let expected: Vec<u8> = steps.iter().flat_map(of_step).flat_map(|value| spec.bytes_of(value)).collect();
+            let [raw, npy] = ["out.raw", "out.npy"].map(|name| {
+                let whole = AtomicBool::new(false);
+                let watch = |done, total| {
+                    whole.fetch_or(done == total && total == expected.len() as u64, Ordering::Relaxed);
+                    ControlFlow::Continue(())
+                };
+                export(&store, &dir.path().join(name), &request, watch).unwrap();
+                assert!(whole.into_inner());
+                std::fs::read(dir.path().join(name)).unwrap()
+            });
+            assert!(raw == expected, "{steps:?}");
+            let header = u16::from_le_bytes([npy[8], npy[9]]) as usize + 10;
+            assert!(npy[header..] == expected, "{steps:?}");
+            let text = std::str::from_utf8(&npy[10..header]).unwrap();
+            assert!(text.contains(&format!("'shape': ({}, 17, 9, 33)", steps.len())), "{text}");
+        }
+        for (first, end, stride, word) in
+            [(0, 7, 1, "time step 6"), (0, 8, 3, "time step 6"), (3, 3, 1, "at least one")]
+        {
+            let request = ExportRequest { time: ExportTime::Steps { first, end, stride }, ..ExportRequest::default() };
+            let message = export(&store, &dir.path().join("no.raw"), &request, go_on).unwrap_err().to_string();
+            assert!(message.contains(word), "{message}");
+        }
+    }
+
+    #[test]
     fn refusals_leave_nothing_behind() {
         let (dir, store) = store(&TestStore::default());
         let out = tempfile::tempdir().unwrap();
@@ -252,7 +336,7 @@ mod tests {
         let request = ExportRequest::default();
         assert!(attempt("a.tif", request).contains(".raw, .npy"));
         assert!(attempt("a.raw", ExportRequest { level: Level(9), ..request }).contains("expected 0 to 3"));
-        assert!(attempt("a.raw", ExportRequest { time: 1, ..request }).contains("time step 1"));
+        assert!(attempt("a.raw", ExportRequest { time: ExportTime::Step(1), ..request }).contains("time step 1"));
         assert!(attempt("a.raw", ExportRequest { channel: 1, ..request }).contains("channel 1"));
         let region = Some(VoxelBox::new([0, 0, 0], [38, 1, 1]));
         assert!(attempt("a.raw", ExportRequest { region, ..request }).contains("inside 0:37,0:20,0:19"));

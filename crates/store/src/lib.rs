@@ -32,7 +32,7 @@ mod version;
 pub use codec::{BrickCodec, Codec};
 pub use downsample::{Downsample, Reductions};
 pub use error::{CodecError, ExportError, OpenError, ReadError, ShardError};
-pub use export::{ExportRequest, export};
+pub use export::{ExportRequest, ExportTime, export};
 pub use layout::{Layout, ShardId};
 pub use level_bricks::LevelBricks;
 pub use metadata::{ChannelDisplay, ChannelStatistics, Histogram, Kind, Percentiles, StoreInfo};

@@ -4,7 +4,7 @@ use crate::planes::{Grid, first_shown};
 use crate::work_row;
 use brickyard::background::{self, Background};
 use brickyard::session::VolumeSource;
-use brickyard::store::{ExportError, ExportRequest, Store};
+use brickyard::store::{ExportError, ExportRequest, ExportTime, Store};
 use brickyard::volume::{Extent, Scene, VoxelBox, VoxelType};
 use eframe::egui::Ui;
 use glam::DVec3;
@@ -44,7 +44,7 @@ impl Part {
         if region.is_empty() {
             return Err("the clip box and the crop leave nothing of the first layer that is shown".into());
         }
-        let (time, channel) = (scene.time, scene.layers[layer].channel);
+        let (time, channel) = (ExportTime::Step(scene.time), scene.layers[layer].channel);
         let request = ExportRequest { time, channel, region: Some(region), ..ExportRequest::default() };
         Ok(Self { store, request, extent: region.extent() })
     }

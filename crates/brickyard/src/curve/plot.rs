@@ -1,0 +1,112 @@
+//! A curve as an SVG picture: a line for each channel, over time where the steps have times, else over steps.
+
+use super::Curve;
+use brickyard_volume::{TimeAxis, time_symbol};
+use plotters::prelude::*;
+use std::path::Path;
+
+/// The picture's size, pixels.
+const SIZE_PX: (u32, u32) = (760, 420);
+
+/// Colours of lines on white, told apart by all eyes (Okabe and Ito's), again and again.
+const COLORS: [RGBColor; 6] = [
+    RGBColor(0, 0, 0),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(0, 114, 178),
+    RGBColor(214, 158, 0),
+    RGBColor(204, 121, 167),
+];
+
+/// Draws a curve into an SVG file. `names` are the channels'; where a channel has no value its line is broken.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write(path: &Path, curve: &Curve, axis: Option<&TimeAxis>, names: &[String]) -> Result<(), String> {
+    draw(path, curve, axis, names).map_err(|error| format!("{}: {error}", path.display()))
+}
+
+fn draw(
+    path: &Path,
+    curve: &Curve,
+    axis: Option<&TimeAxis>,
+    names: &[String],
+) -> Result<(), Box<dyn std::error::Error>> {
+    let time = |step: u32| axis.map_or(f64::from(step), |axis| axis.at(step));
+    let times: Vec<f64> = curve.steps.iter().map(|step| time(*step)).collect();
+    let x_desc = match axis {
+        Some(axis) => axis.unit.as_ref().map_or("time".into(), |unit| format!("time, {}", time_symbol(unit))),
+        None => "step".into(),
+    };
+    let root = SVGBackend::new(path, SIZE_PX).into_drawing_area();
+    root.fill(&WHITE)?;
+    let [i, j, k] = curve.voxel;
+    let mut chart = ChartBuilder::on(&root)
+        .caption(format!("voxel {i},{j},{k}"), ("sans-serif", 15))
+        .margin(10)
+        .x_label_area_size(36)
+        .y_label_area_size(64)
+        .build_cartesian_2d(padded(times.iter().copied()), padded(curve.values.iter().flatten().copied()))?;
+    chart
+        .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(BLACK.mix(0.12))
+        .x_desc(x_desc)
+        .y_desc("value")
+        .draw()?;
+    for (channel, values) in curve.values.iter().enumerate() {
+        let color = COLORS[channel % COLORS.len()];
+        let points: Vec<(f64, f64)> = times.iter().copied().zip(values.iter().copied()).collect();
+        let runs = points.split(|(_, value)| !value.is_finite()).filter(|run| !run.is_empty());
+        for (i, run) in runs.enumerate() {
+            let line = chart.draw_series(LineSeries::new(run.to_vec(), color.stroke_width(2)).point_size(2))?;
+            if i == 0 {
+                let name = names.get(channel).cloned().unwrap_or_else(|| format!("channel {channel}"));
+                let key = move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(2));
+                line.label(name).legend(key);
+            }
+        }
+    }
+    let mut labels = chart.configure_series_labels();
+    labels.position(SeriesLabelPosition::UpperRight).background_style(WHITE.mix(0.8)).border_style(BLACK.mix(0.3));
+    labels.draw()?;
+    root.present()?;
+    Ok(())
+}
+
+/// A range around all finite numbers, never empty.
+fn padded(numbers: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
+    let finite = numbers.filter(|number| number.is_finite());
+    let (least, most) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), n| (a.min(n), b.max(n)));
+    let (least, most) = if least <= most { (least, most) } else { (0.0, 0.0) };
+    let pad = ((most - least) * 0.04).max(most.abs().max(1.0) * 1e-6);
+    least - pad..most + pad
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn every_channel_has_a_line_which_breaks_where_there_is_no_value() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("curve.svg");
+        let values = vec![vec![1.0, f64::NAN, 3.0, 4.0], vec![7.0; 4], vec![f64::NAN; 4]];
+        let curve = Curve { voxel: [3, 4, 5], world: DVec3::ZERO, steps: vec![0, 2, 4, 6], values };
+        let names = ["heat".to_owned(), "flow".to_owned()];
+        let seconds = TimeAxis { step: 0.5, unit: Some("second".into()), ..TimeAxis::default() };
+        for (axis, word) in [(None, "step"), (Some(&seconds), "time, s")] {
+            write(&path, &curve, axis, &names).unwrap();
+            let text = std::fs::read_to_string(&path).unwrap();
+            for word in ["voxel 3,4,5", "heat", "flow", word] {
+                assert_eq!(text.lines().filter(|line| line.trim() == word).count(), 1, "{word}");
+            }
+            // A line of two values, and one of one, which is a point, and those of the second channel.
+            assert_eq!(text.matches("<circle").count(), 3 + 4);
+            assert!(!text.contains("NaN"));
+        }
+        let error = write(Path::new("/nonexistent/a.svg"), &curve, None, &names).unwrap_err();
+        assert!(error.contains("/nonexistent/a.svg"), "{error}");
+    }
+}
