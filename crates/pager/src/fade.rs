@@ -74,7 +74,7 @@ impl Fades {
 mod tests {
     use super::*;
     use crate::cut::{Cut, View, roots};
-    use crate::residency::{Arrival, Residency, Wants};
+    use crate::residency::{Arrival, Goal, Residency, Wants};
     use crate::source::BrickSource;
     use crate::test_source::{TestSource, box_view};
     use crate::visible_cells::VisibleCells;
@@ -113,8 +113,8 @@ mod tests {
             let mut sight = VisibleCells::new(source, &cut, &view);
             sight.cells.retain(|_| is_seen);
             let (pyramid, roots) = (source.pyramid(), &roots(source, 0, 0));
-            let wants = Wants { pyramid, cut: &cut, sight: &sight, roots };
-            let step = residency.step(&[wants], &[], Default::default(), Duration::from_millis(at_ms));
+            let wants = Wants { goal: Goal { pyramid, cut: &cut, roots }, sight: &sight };
+            let step = residency.step(&[wants], Default::default(), Default::default(), Duration::from_millis(at_ms));
             let draw = &step.volumes[0].draw;
             assert!(!(step.settled && draw.is_fading()));
             let mut cells: Vec<Vec<_>> = draw.cells.chunk_by(|a, b| a.cell == b.cell).map(<[_]>::to_vec).collect();

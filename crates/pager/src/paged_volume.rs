@@ -7,7 +7,7 @@ use crate::layout::Layout;
 use crate::paged_occupancy::{PageReader, PagedOccupancy, kept_bytes};
 use crate::planner::Planning;
 use crate::ram_cache::{KeptCores, RamCache};
-use crate::residency::{Residency, Wants};
+use crate::residency::{Goal, Residency, Wants};
 use crate::slot_contents::{SlotContents, scratch_bytes};
 use crate::source::{BrickError, BrickSource};
 use crate::status::Counters;
@@ -127,13 +127,22 @@ impl PagedVolume {
         self.occupancy.as_ref().map_or_else(|| self.source.clone(), |(occupancy, _)| occupancy.clone())
     }
 
-    /// Begins a frame: takes in the bricks that have arrived, and the view. `number` is the volume's index among those of the residency.
+    /// Checks that the source has a view's time step and channel.
+    ///
+    /// # Panics
+    /// If it does not.
+    pub(crate) fn expect(&self, view: &View) {
+        assert!(view.time < self.source.times(), "time step {} of {}", view.time, self.source.times());
+        assert!(view.channel < self.source.channels(), "channel {} of {}", view.channel, self.source.channels());
+    }
+
+    /// Begins a frame: takes in the bricks that have arrived, and the view. `number` is the volume's index among those of the residency. While
+    /// the volume plays, one step after the other, what has failed is not tried again for each.
     ///
     /// # Panics
     /// If the source has no such time step or channel.
-    pub(crate) fn begin_frame(&mut self, number: usize, view: &View, residency: &mut Residency) {
-        assert!(view.time < self.source.times(), "time step {} of {}", view.time, self.source.times());
-        assert!(view.channel < self.source.channels(), "channel {} of {}", view.channel, self.source.channels());
+    pub(crate) fn begin_frame(&mut self, number: usize, view: &View, is_playing: bool, residency: &mut Residency) {
+        self.expect(view);
         self.take_back();
         self.gone_by = self.visibility.as_ref().map_or(0, |(number, _)| *number);
         while let Some(arrival) = self.workers.try_receive() {
@@ -144,7 +153,9 @@ impl PagedVolume {
             self.roots = roots(&*self.source, view.time, view.channel);
         }
         if last != Some(view) {
-            residency.forget_failures(number, &self.cache.renew_failures());
+            if !is_playing {
+                residency.forget_failures(number, &self.cache.renew_failures());
+            }
             self.confirmed = 0;
             self.occupancy.iter().for_each(|(occupancy, _)| occupancy.begin_view());
             self.view = Some(view.clone());
@@ -164,7 +175,7 @@ impl PagedVolume {
 
     /// What a frame wants of the volume, given its cut and what the frame's view sees of the cut.
     pub(crate) fn wants<'a>(&'a self, cut: &'a Cut, sight: &'a VisibleCells) -> Wants<'a> {
-        Wants { pyramid: self.source.pyramid(), cut, sight, roots: &self.roots }
+        Wants { goal: Goal { pyramid: self.source.pyramid(), cut, roots: &self.roots }, sight }
     }
 
     /// Remembers which cells the frame's draw lists have entries for, as feedback will be about them.

@@ -5,7 +5,7 @@
 //! bricks fit the same slots share them: the worst cell of any volume is split first, and what is most urgent is read first.
 
 use crate::budget::{BufferSizes, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, least_host};
-use crate::cut::{Cut, View};
+use crate::cut::{Cut, View, roots};
 use crate::draw_list::DrawList;
 use crate::layers::{BudgetRequest, share};
 use crate::layout::Layout;
@@ -13,12 +13,13 @@ use crate::motion::Motion;
 use crate::paged_volume::{DrawnCells, PagedVolume, Seen, buffer_sizes};
 use crate::planner::{Job, Outlook, Planner};
 use crate::ram_cache::{KeptCores, layout_of};
-use crate::residency::{Residency, Step, Upload, UploadLimit, VolumeStep};
+use crate::residency::{Ahead, Goal, Residency, Step, Upload, UploadLimit, VolumeStep};
 use crate::slot_contents::SlotContents;
 use crate::source::BrickSource;
-use crate::status::{Counters, Status};
+use crate::status::{Counters, Readiness, Status};
 use crate::upload_budget::Governor;
 use crate::visible_cells::VisibleCells;
+use brickyard_volume::BrickId;
 use crossbeam_channel::Select;
 use std::sync::Arc;
 use std::time::Duration;
@@ -33,6 +34,8 @@ pub struct Frame {
     pub volumes: Vec<VolumeDraw>,
     /// How far the views are from settled, and what they have cost.
     pub status: Status,
+    /// How far each of the [views that come next](Pager::expect) is, in their order.
+    pub coming: Vec<Readiness>,
 }
 
 /// What to draw of one volume in a frame.
@@ -73,6 +76,8 @@ pub struct Pager {
     residency: Residency,
     planner: Planner,
     last: Option<LastFrame>,
+    /// The views that come next.
+    coming: Arc<[Vec<View>]>,
     motion: Motion,
     governor: Governor,
     /// What the next frame's uploads must not pass.
@@ -152,6 +157,7 @@ impl Pager {
             meter,
             volumes,
             last: None,
+            coming: [].into(),
             motion: Motion::default(),
             last_at: Duration::ZERO,
             slot_bytes,
@@ -182,26 +188,37 @@ impl Pager {
     pub fn frame(&mut self, views: &[View], at: Duration) -> Frame {
         assert_eq!(views.len(), self.volumes.len(), "views of other volumes");
         for (i, (volume, view)) in self.volumes.iter_mut().zip(views).enumerate() {
-            volume.begin_frame(i, view, &mut self.residency);
+            volume.begin_frame(i, view, !self.coming.is_empty(), &mut self.residency);
         }
         self.motion.see(at, &views[0].rays);
         let occupancy: Vec<u64> = self.volumes.iter().map(PagedVolume::occupancy_version).collect();
-        let Outlook { cuts, ahead, .. } = self.planner.outlook(Job {
+        let outlook = self.planner.outlook(Job {
             views: views.to_vec(),
+            coming: self.coming.clone(),
             visibility: self.volumes.iter().map(|volume| volume.visibility.clone()).collect(),
             ahead: self.config.prefetch.then(|| self.motion.foresee(FETCH_TIME)),
             occupancy: occupancy.clone(),
         });
+        let coming_roots: Vec<_> = self.coming.iter().map(|views| roots_of(&self.volumes, views)).collect();
+        let coming = self.coming.iter().zip(&coming_roots);
+        let coming: Vec<_> = coming.map(|(views, roots)| goals(&self.volumes, &outlook, views, roots)).collect();
+        let cuts = outlook.cuts.clone();
         let sights = match self.last.take() {
             Some(last) if last.is_of(views, &cuts) => last.sights,
             _ => VisibleCells::all(&planned_sources(&self.volumes), &cuts, views),
         };
         let wants = self.volumes.iter().zip(&cuts).zip(&sights).map(|((volume, cut), sight)| volume.wants(cut, sight));
         let limit = UploadLimit {
-            goal_bytes: self.governor.bytes(at.saturating_sub(self.last_at)),
+            goal_bytes: self.governor.bytes(at.saturating_sub(self.last_at), !self.coming.is_empty()),
             room_bytes: self.upload_room.take(),
         };
-        let Step { uploads, volumes, settled } = self.residency.step(&wants.collect::<Vec<_>>(), &ahead, limit, at);
+        let ahead = Ahead { coming: &coming, listed: &outlook.ahead };
+        let Step { uploads, volumes, settled, coming: mut readiness } =
+            self.residency.step(&wants.collect::<Vec<_>>(), ahead, limit, at);
+        for ((ready, goals), views) in readiness.iter_mut().zip(&coming).zip(self.coming.iter()) {
+            // A camera that moves is ahead of the cuts; a level that changes is waited for.
+            ready.is_planned &= goals.iter().zip(views).all(|(goal, view)| goal.cut.view.pixel_error == view.pixel_error);
+        }
         self.last_at = at;
         self.governor.spent(uploads.iter().map(|upload| upload.codes.len() as u64).sum());
         let is_known = self.volumes.iter().zip(&occupancy).all(|(volume, &version)| volume.knows_since(version));
@@ -219,7 +236,21 @@ impl Pager {
         }
         let status = self.status(&cuts, seen);
         self.last = Some(LastFrame { views: views.to_vec(), cuts, sights });
-        Frame { uploads, volumes: drawn, status }
+        Frame { uploads, volumes: drawn, status, coming: readiness }
+    }
+
+    /// Sets the views that come next, the nearest first, each a view of each volume: the same at later time steps. Their bricks are fetched
+    /// ahead of all others that the present views do not need, into the slots that these leave; and no cut takes more than half of the
+    /// slots, so that the next views' bricks fit beside the present ones. Later frames go on with them until others are set, or none.
+    ///
+    /// # Panics
+    /// If there are not as many views as volumes in each, or a source does not have a view's time step or channel.
+    pub fn expect(&mut self, coming: Vec<Vec<View>>) {
+        for views in &coming {
+            assert_eq!(views.len(), self.volumes.len(), "views of other volumes");
+            self.volumes.iter().zip(views).for_each(|(volume, view)| volume.expect(view));
+        }
+        self.coming = coming.into();
     }
 
     /// What the last frame drew of a volume, to be given to [`Pager::feedback`] later; `None` before the first frame.
@@ -351,6 +382,28 @@ impl Pager {
 
 fn planner(volumes: &[PagedVolume], config: &PagerConfig) -> std::io::Result<Planner> {
     Planner::new(&planned_sources(volumes), config.slots, config.planning)
+}
+
+/// The coarsest bricks of each volume, for a view of each.
+fn roots_of(volumes: &[PagedVolume], views: &[View]) -> Vec<Vec<BrickId>> {
+    let of_volume = |(volume, view): (&PagedVolume, &View)| roots(&*volume.source, view.time, view.channel);
+    volumes.iter().zip(views).map(of_volume).collect()
+}
+
+/// What views that come next want of each volume; nothing while their cuts are not made.
+fn goals<'a>(
+    volumes: &'a [PagedVolume],
+    outlook: &'a Outlook,
+    views: &[View],
+    roots: &'a [Vec<BrickId>],
+) -> Vec<Goal<'a>> {
+    let cuts = outlook.coming(views).unwrap_or_default();
+    let goal = |((volume, cut), roots): ((&'a PagedVolume, &'a Arc<Cut>), &'a Vec<BrickId>)| Goal {
+        pyramid: volume.source.pyramid(),
+        cut,
+        roots,
+    };
+    volumes.iter().zip(cuts).zip(roots).map(goal).collect()
 }
 
 /// The sources that cuts are made from.

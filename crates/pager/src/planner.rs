@@ -2,7 +2,9 @@
 //! thread of its own or at once.
 //!
 //! Ahead of the view there are two tiers, each with a share of the slots: bricks of the cuts of the foreseen camera
-//! that these cuts lack, and the face neighbours of their cells just outside of the frustum.
+//! that these cuts lack, and the face neighbours of their cells just outside of the frustum. Before both come the cuts of the views that come
+//! next, of later time steps. While there are any, each cut has half of the cells, so that two steps fit. When a step's time has come,
+//! its cut is there.
 //!
 //! On a thread, views go in and cuts come out through channels of one place, each emptied before it is filled: what is newer
 //! replaces what nobody has taken. A frame with a new view waits a millisecond, which is enough for the usual cut; else it
@@ -43,6 +45,8 @@ const PATIENCE: Duration = Duration::from_millis(1);
 pub(crate) struct Job {
     /// The view of each volume.
     pub(crate) views: Vec<View>,
+    /// The views that come next, the nearest first.
+    pub(crate) coming: Arc<[Vec<View>]>,
     /// What is known of the visibility of each volume's cells, with a number that changes with it; `None` if nothing is known.
     pub(crate) visibility: Vec<Option<(u64, Arc<Visibility>)>>,
     /// Whether to look ahead: `None` if not; else the camera that is foreseen, or `Some(None)` if none is.
@@ -57,12 +61,15 @@ impl Job {
         fn numbers(job: &Job) -> impl Iterator<Item = Option<u64>> {
             job.visibility.iter().map(|known| known.as_ref().map(|(number, _)| *number))
         }
-        self.views == other.views && numbers(self).eq(numbers(other)) && self.occupancy == other.occupancy
+        let is_same_view = self.views == other.views && self.coming == other.coming;
+        is_same_view && numbers(self).eq(numbers(other)) && self.occupancy == other.occupancy
     }
+}
 
-    fn times(&self) -> impl Iterator<Item = (u32, u32)> {
-        self.views.iter().map(|view| (view.time, view.channel))
-    }
+/// Whether cuts are of the views' time steps and channels.
+fn are_of_times(cuts: &[Arc<Cut>], views: &[View]) -> bool {
+    let times = |view: &View| (view.time, view.channel);
+    cuts.iter().map(|cut| times(&cut.view)).eq(views.iter().map(times))
 }
 
 /// What has been planned for a job: cuts, and bricks to fetch ahead.
@@ -70,32 +77,52 @@ impl Job {
 pub(crate) struct Outlook {
     /// The cut of each volume.
     pub(crate) cuts: Vec<Arc<Cut>>,
+    /// The cuts of views that come next, as far as there is room for them.
+    pub(crate) coming: Arc<[Vec<Arc<Cut>>]>,
     /// The bricks to fetch ahead, the most urgent first.
     pub(crate) ahead: Arc<[(Tier, VolumeBrick)]>,
-    /// Whether `ahead` is of these cuts; if not, the same cuts come once more, with what is.
+    /// Whether `coming` and `ahead` are of this job; if not, the same cuts come once more, with what is.
     pub(crate) is_whole: bool,
+}
+
+impl Outlook {
+    /// The cuts for views that come next; `None` if there are none yet.
+    pub(crate) fn coming(&self, views: &[View]) -> Option<&[Arc<Cut>]> {
+        self.coming.iter().find(|cuts| are_of_times(cuts, views)).map(Vec::as_slice)
+    }
 }
 
 /// Makes one plan after the other.
 struct Desk {
     sources: Vec<Arc<dyn BrickSource>>,
     slots: usize,
-    max_cells: usize,
+    roots: usize,
     is_incremental: bool,
     last: Vec<Arc<Cut>>,
+    /// The cuts of views that come next, and the version of the occupancy that they were made by.
+    coming: Arc<[Vec<Arc<Cut>>]>,
+    coming_occupancy: Vec<u64>,
 }
 
 impl Desk {
     fn new(sources: &[Arc<dyn BrickSource>], slots: u32, planning: Planning) -> Self {
         let roots = |source: &Arc<dyn BrickSource>| source.pyramid().level(source.pyramid().coarsest()).bricks.volume();
         let roots: u64 = sources.iter().map(roots).sum();
-        let max_cells = cut_capacity(slots, roots as usize);
         let (sources, is_incremental) = (sources.to_vec(), planning == Planning::Thread);
-        Self { sources, slots: slots as usize, max_cells, is_incremental, last: Vec::new() }
+        Self {
+            sources,
+            slots: slots as usize,
+            roots: roots as usize,
+            is_incremental,
+            last: Vec::new(),
+            coming: [].into(),
+            coming_occupancy: Vec::new(),
+        }
     }
 
+    /// The cuts of a job's own views. Those of a step that was coming follow what was made for it then.
     fn cuts(&mut self, job: &Job) -> Vec<Arc<Cut>> {
-        let cuts = self.cuts_for(&job.views, job, &self.last);
+        let cuts = self.cuts_for(&job.views, job, self.last_for(&job.views));
         if self.is_incremental {
             self.last.clone_from(&cuts);
         }
@@ -104,9 +131,45 @@ impl Desk {
 
     /// The cuts for views that are a job's own or near them.
     fn cuts_for(&self, views: &[View], job: &Job, last: &[Arc<Cut>]) -> Vec<Arc<Cut>> {
+        self.cuts_of(&subjects(&self.sources, views, &job.visibility), !job.coming.is_empty(), last)
+    }
+
+    fn cuts_of(&self, subjects: &[Subject<'_>], has_coming: bool, last: &[Arc<Cut>]) -> Vec<Arc<Cut>> {
+        let slots = if has_coming { self.slots / 2 } else { self.slots };
         let last: Vec<&Cut> = last.iter().map(|cut| &**cut).collect();
-        let cuts = split::cuts(&subjects(&self.sources, views, job), self.max_cells, &last);
+        let cuts = split::cuts(subjects, cut_capacity(slots as u32, self.roots), &last);
         cuts.into_iter().map(Arc::new).collect()
+    }
+
+    /// The cuts that those for these views are to follow.
+    fn last_for(&self, views: &[View]) -> &[Arc<Cut>] {
+        let known = self.coming.iter().find(|cuts| self.is_incremental && are_of_times(cuts, views));
+        known.map_or(&self.last, |cuts| cuts)
+    }
+
+    /// Makes the cuts of the views that come next, until these want as many cells as there are slots. What is seen of the present step says
+    /// nothing of later ones.
+    fn make_coming(&mut self, job: &Job) {
+        let is_known = self.coming_occupancy == job.occupancy;
+        let is_same = |cuts: &&Vec<Arc<Cut>>, views: &[View]| {
+            is_known && cuts.iter().map(|cut| &cut.view).eq(views)
+        };
+        let mut coming: Vec<Vec<Arc<Cut>>> = Vec::new();
+        let mut room = self.slots;
+        for views in job.coming.iter() {
+            let cuts = match self.coming.iter().find(|cuts| is_same(cuts, views)) {
+                Some(cuts) => cuts.clone(),
+                None => self.cuts_of(&subjects(&self.sources, views, &[]), true, self.last_for(views)),
+            };
+            let wanted: usize = cuts.iter().map(|cut| cut.wanted()).sum();
+            if wanted > room && !coming.is_empty() {
+                break;
+            }
+            room = room.saturating_sub(wanted);
+            coming.push(cuts);
+        }
+        self.coming = coming.into();
+        self.coming_occupancy.clone_from(&job.occupancy);
     }
 
     /// What to fetch ahead of a job's cuts.
@@ -141,10 +204,14 @@ impl Desk {
     }
 }
 
-/// What is to be cut of each volume, seen by these views, with what a job knows.
-fn subjects<'a>(sources: &'a [Arc<dyn BrickSource>], views: &'a [View], job: &'a Job) -> Vec<Subject<'a>> {
-    let visibility = job.visibility.iter().map(|known| known.as_ref().map(|(_, visibility)| &**visibility));
-    let all = sources.iter().zip(views).zip(visibility);
+/// What is to be cut of each volume, seen by these views, with what is known of the visibility of the volumes' cells.
+fn subjects<'a>(
+    sources: &'a [Arc<dyn BrickSource>],
+    views: &'a [View],
+    visibility: &'a [Option<(u64, Arc<Visibility>)>],
+) -> Vec<Subject<'a>> {
+    let known = visibility.iter().map(|known| known.as_ref().map(|(_, visibility)| &**visibility));
+    let all = sources.iter().zip(views).zip(known.chain(std::iter::repeat(None)));
     all.map(|((source, view), visibility)| Subject { source: &**source, view, visibility }).collect()
 }
 
@@ -207,14 +274,15 @@ impl Planner {
             match &mut self.place {
                 Place::Inline(desk) => {
                     let cuts = desk.cuts(&job);
-                    let ahead = desk.look_ahead(&job, &cuts);
-                    self.newest = Some((self.number, Outlook { cuts, ahead, is_whole: true }));
+                    desk.make_coming(&job);
+                    let (coming, ahead) = (desk.coming.clone(), desk.look_ahead(&job, &cuts));
+                    self.newest = Some((self.number, Outlook { cuts, coming, ahead, is_whole: true }));
                 }
                 Place::Thread(thread) => {
                     thread.ask(self.number, job.clone());
                     self.newest = thread.newest(PATIENCE).or(self.newest.take());
                     // Cells of one grid have one order only in cuts that are made together: those are waited for.
-                    let subjects = subjects(&self.sources, &job.views, &job);
+                    let subjects = subjects(&self.sources, &job.views, &[]);
                     while self.newest.as_ref().is_some_and(|(_, newest)| !split::share_trees(&subjects, &newest.cuts)) {
                         self.newest = thread.newest(PATIENCE).or(self.newest.take());
                     }
@@ -222,17 +290,19 @@ impl Planner {
             }
             self.asked = Some(job.clone());
         }
-        let guess = |cuts| (0, Outlook { cuts, ahead: [].into(), is_whole: false });
+        let guess = |cuts, coming| (0, Outlook { cuts, coming, ahead: [].into(), is_whole: false });
         let newest = match self.newest.take() {
             // Before the first: the coarsest level.
             None => {
-                let cuts = split::cuts(&subjects(&self.sources, &job.views, &job), 0, &[]);
-                guess(cuts.into_iter().map(Arc::new).collect())
+                let cuts = split::cuts(&subjects(&self.sources, &job.views, &job.visibility), 0, &[]);
+                guess(cuts.into_iter().map(Arc::new).collect(), [].into())
             }
-            Some((_, Outlook { cuts, .. }))
-                if !job.times().eq(cuts.iter().map(|cut| (cut.view.time, cut.view.channel))) =>
-            {
-                guess(split::recut(&cuts, &self.sources, &job.views))
+            Some((_, newest)) if !are_of_times(&newest.cuts, &job.views) => {
+                let cuts = match newest.coming(&job.views) {
+                    Some(cuts) => cuts.to_vec(),
+                    None => split::recut(&newest.cuts, &self.sources, &job.views),
+                };
+                guess(cuts, newest.coming)
             }
             Some(newest) => newest,
         };
@@ -277,9 +347,12 @@ impl PlannerThread {
             for (number, job) in inbox {
                 // A frame may be waiting for the cuts.
                 let cuts = desk.cuts(&job);
-                let mut goes_on = finish(number, Outlook { cuts: cuts.clone(), ahead, is_whole: false });
+                let coming = desk.coming.clone();
+                let mut goes_on = finish(number, Outlook { cuts: cuts.clone(), coming, ahead, is_whole: false });
+                desk.make_coming(&job);
                 ahead = desk.look_ahead(&job, &cuts);
-                goes_on = goes_on && finish(number, Outlook { cuts, ahead: ahead.clone(), is_whole: true });
+                let (coming, ahead) = (desk.coming.clone(), ahead.clone());
+                goes_on = goes_on && finish(number, Outlook { cuts, coming, ahead, is_whole: true });
                 if !goes_on {
                     return;
                 }

@@ -7,7 +7,7 @@ use crate::dither::PixelShare;
 use crate::draw_list::DrawList;
 use crate::pager::Pager;
 use crate::planner::Planning;
-use crate::residency::{Arrival, Residency, Step, Upload, UploadLimit, VolumeStep, Wants};
+use crate::residency::{Ahead, Arrival, Goal, Residency, Step, Upload, UploadLimit, VolumeStep, Wants};
 use crate::retry::Failure;
 use crate::slots::VolumeBrick;
 use crate::source::{BrickError, BrickSource};
@@ -463,6 +463,8 @@ struct Bench<'a> {
     now: Duration,
     /// When bricks have got their slots.
     came: HashMap<VolumeBrick, Duration>,
+    /// The cuts of each view that comes next.
+    coming: Vec<Vec<Cut>>,
 }
 
 /// Bytes of the pretended padded bricks.
@@ -473,6 +475,11 @@ struct Wanted<'a> {
     cut: &'a Cut,
     sight: VisibleCells,
     roots: Vec<BrickId>,
+}
+
+fn goals<'a>(sources: &'a [TestSource], cuts: &'a [Cut], roots: &'a [Vec<BrickId>]) -> Vec<Goal<'a>> {
+    let all = sources.iter().zip(cuts).zip(roots);
+    all.map(|((source, cut), roots)| Goal { pyramid: source.pyramid(), cut, roots }).collect()
 }
 
 impl Bench<'_> {
@@ -492,7 +499,7 @@ impl Bench<'_> {
         let all: Vec<Wants<'_>> = wanted
             .iter()
             .zip(self.sources)
-            .map(|(Wanted { cut, sight, roots }, source)| Wants { pyramid: source.pyramid(), cut, sight, roots })
+            .map(|(Wanted { cut, sight, roots }, source)| Wants { goal: Goal { pyramid: source.pyramid(), cut, roots }, sight })
             .collect();
         let before: HashSet<VolumeBrick> = self.atlas.values().copied().collect();
         self.now += Duration::from_millis(self.dice.next() % 60);
@@ -501,7 +508,13 @@ impl Bench<'_> {
         let room_bytes = self.dice.next().is_multiple_of(4).then_some(room);
         self.has_room = room_bytes.is_none_or(|room| room >= PADDED);
         let (limit, now) = (UploadLimit { goal_bytes: self.upload_bytes, room_bytes }, self.now);
-        let [step, twin] = self.twins.each_mut().map(|r| r.step(&all, &ahead, limit, now));
+        let coming_roots: Vec<Vec<Vec<BrickId>>> = self.coming.iter().map(|cuts| self.roots(cuts)).collect();
+        let coming = self.coming.iter().zip(&coming_roots).map(|(cuts, roots)| goals(self.sources, cuts, roots));
+        let coming: Vec<Vec<Goal<'_>>> = coming.collect();
+        let ahead_of_all = Ahead { coming: &coming, listed: &ahead };
+        let [step, twin] = self.twins.each_mut().map(|r| r.step(&all, ahead_of_all, limit, now));
+        assert_eq!(step.coming, twin.coming);
+        self.check_coming(&coming, &step);
         let names = |step: &Step| step.uploads.iter().map(|u| (u.slot, u.volume, u.brick)).collect::<Vec<_>>();
         let plans = |step: &Step| step.volumes.iter().map(|v| (v.draw.clone(), v.requests.clone())).collect::<Vec<_>>();
         assert_eq!((names(&step), plans(&step)), (names(&twin), plans(&twin)));
@@ -524,7 +537,9 @@ impl Bench<'_> {
         let tier_of = |brick: VolumeBrick| {
             ahead.iter().find(|(_, other)| *other == brick).map_or(Tier::Visible, |(tier, _)| *tier)
         };
-        for tier in [Tier::Predicted, Tier::Ring] {
+        // Coming steps leave less room for the others than these were listed for.
+        let tiers: &[Tier] = if self.coming.is_empty() { &[Tier::Predicted, Tier::Ring] } else { &[] };
+        for &tier in tiers {
             let gone = ahead.iter().filter(|(of, brick)| *of == tier && !stays(*brick)).count();
             let uploads = step.uploads.iter().map(|upload| VolumeBrick { volume: upload.volume, id: upload.brick });
             let earlier = uploads.filter(|&brick| tier_of(brick) < tier).count();
@@ -540,6 +555,38 @@ impl Bench<'_> {
             }
         }
         step
+    }
+
+    fn roots(&self, cuts: &[Cut]) -> Vec<Vec<BrickId>> {
+        self.sources.iter().zip(cuts).map(|(source, cut)| roots(source, cut.view.time, 0)).collect()
+    }
+
+    /// What is said to be whole has all that it wants, and the other way round.
+    fn check_coming(&self, coming: &[Vec<Goal<'_>>], step: &Step) {
+        assert_eq!(step.coming.len(), coming.len());
+        for (ready, goals) in step.coming.iter().zip(coming) {
+            let is_there = |brick: VolumeBrick| {
+                let failing = self.twins[0].failure(brick.volume, brick.id).is_some();
+                failing || self.twins[0].is_resident(brick)
+            };
+            let of_volume = |(volume, goal): (usize, &Goal<'_>)| {
+                let all = goal.roots.iter().copied().chain(goal.cut.cells());
+                all.map(|id| VolumeBrick { volume, id }).collect::<Vec<_>>()
+            };
+            let all: Vec<VolumeBrick> = goals.iter().enumerate().flat_map(of_volume).collect();
+            assert!(!ready.is_whole || ready.is_covered && all.iter().all(|&brick| is_there(brick)));
+            assert!(ready.is_whole == (ready.missing == 0 && ready.is_planned));
+        }
+    }
+
+    /// Whether the first of the coming steps has room beside the present one, whatever it lacks at first.
+    fn has_room_for_coming(&self, wanted: &[Wanted<'_>]) -> bool {
+        let Some(cuts) = self.coming.first() else { return false };
+        let cells: usize = wanted.iter().map(|wanted| wanted.cut.wanted() + wanted.roots.len()).sum();
+        let roots: usize = self.roots(cuts).iter().map(Vec::len).sum();
+        // A cell that cannot be read wants an ancestor, too.
+        let coming: usize = cuts.iter().map(|cut| 2 * cut.wanted()).sum();
+        cells + coming + roots <= self.slots as usize
     }
 
     /// Some bricks to fetch ahead, no more than there is room for, the same as long as the cuts are the same.
@@ -658,7 +705,7 @@ impl Bench<'_> {
         let mut levels: HashMap<(usize, BrickId, u8), Level> = HashMap::new();
         // Each round a request is answered or an upload made; the bound allows every brick ten empty rounds.
         let bricks: u64 = self.sources.iter().map(|source| source.pyramid().brick_count()).sum();
-        let rounds = 100 + 10 * bricks;
+        let rounds = 100 + 10 * bricks * (1 + self.coming.len() as u64);
         for _ in 0..rounds {
             let staged = self.twins[0].has_staged();
             let step = self.frame(&wanted);
@@ -676,7 +723,7 @@ impl Bench<'_> {
                 }
             }
             assert!(levels.len() == drawn, "a cell vanished");
-            if step.settled {
+            if step.settled && (!self.has_room_for_coming(&wanted) || step.coming[0].is_whole) {
                 return self.check_settled(&wanted, &step);
             }
             self.ask(&step);
@@ -707,7 +754,7 @@ proptest! {
     fn paging_is_safe_live_and_deterministic(
         volumes in prop::collection::vec((volumes(), any::<bool>()), 1..4), shots in prop::collection::vec(shots(), 1..4),
         slots in 1u32..120, upload_bytes in prop::option::of(0u64..80), fade_ms in prop::option::of(50u64..300),
-        seed in any::<u64>(),
+        coming in 0u32..3, seed in any::<u64>(),
     ) {
         let sources: Vec<TestSource> = shared(volumes).iter().map(Volume::source).collect();
         let all_roots: usize = sources.iter().map(|source| roots(source, 0, 0).len()).sum();
@@ -716,12 +763,14 @@ proptest! {
         let twins = [(); 2].map(|()| Residency::new(sources.len(), slots, fade));
         let (atlas, in_flight, now, came) = Default::default();
         let (sources, dice) = (&sources[..], Dice(seed));
-        let mut bench = Bench { sources, twins, atlas, in_flight, dice, slots, seed, upload_bytes, has_room: true, fade, now, came };
-        let max_cells = cut_capacity(slots, all_roots);
+        let mut bench = Bench { sources, twins, atlas, in_flight, dice, slots, seed, upload_bytes, has_room: true, fade, now, came, coming: Vec::new() };
+        let max_cells = cut_capacity(if coming > 0 { slots / 2 } else { slots }, all_roots);
         let mut cuts = joint(sources, &views(&shots[0], sources), max_cells, &[]);
         for views in shots.iter().map(|shot| views(shot, sources)) {
             bench.fly(&cuts, &views);
             cuts = joint(sources, &views, max_cells, &cuts);
+            let at_step = |time| views.iter().map(|view| View { time, ..view.clone() }).collect::<Vec<_>>();
+            bench.coming = (1..=coming).map(|time| joint(sources, &at_step(time), max_cells, &[])).collect();
             bench.settle(&cuts, &views);
         }
     }

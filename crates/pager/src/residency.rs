@@ -8,18 +8,22 @@
 //! wanted cells and at most one stand-in for each missing one, and pins the roots, which the cuts count; together no more
 //! than the cuts' count, which is below the number of slots (or is the roots alone, which need no stand-ins). Cells that the cut
 //! does not want, but that a newer view sees, are drawn with whatever is left: the list is made after the slots are given.
+//!
+//! What comes next, the cuts of later time steps, has the slots that this leaves, the nearest step first: what is resident of a step
+//! is kept, and what it lacks is requested, so that the step is whole when its time comes.
 
 use crate::cut::{Cut, NodeId};
 use crate::draw_list::{DrawList, Slot, StandIns};
 use crate::fade::{Fades, Fading};
-use crate::plan::{self, State};
+use crate::plan::{self, Key, State};
 use crate::retry::Failure;
 use crate::slots::{SlotTable, VolumeBrick};
 use crate::source::BrickError;
+use crate::status::Readiness;
 use crate::tier::Tier;
 use crate::visible_cells::{Ranked, VisibleCells};
 use brickyard_volume::{BrickId, Pyramid};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -51,6 +55,8 @@ pub(crate) struct Step {
     pub(crate) volumes: Vec<VolumeStep>,
     /// Whether every wanted brick is resident, or has failed and its stand-in is resident, and no brick fades in any more.
     pub(crate) settled: bool,
+    /// How far each coming step is.
+    pub(crate) coming: Vec<Readiness>,
 }
 
 /// What one frame does with a volume.
@@ -65,14 +71,34 @@ pub(crate) struct VolumeStep {
     pub(crate) stale: Vec<Arc<[u8]>>,
 }
 
+/// The bricks of a volume that a view wants.
+#[derive(Clone, Copy)]
+pub(crate) struct Goal<'a> {
+    pub(crate) pyramid: &'a Pyramid,
+    pub(crate) cut: &'a Cut,
+    /// The volume's coarsest bricks, without which nothing is drawn.
+    pub(crate) roots: &'a [BrickId],
+}
+
 /// What a frame wants of a volume.
 #[derive(Clone, Copy)]
 pub(crate) struct Wants<'a> {
-    pub(crate) pyramid: &'a Pyramid,
-    pub(crate) cut: &'a Cut,
+    /// The bricks of the frame's view, whose roots are pinned.
+    pub(crate) goal: Goal<'a>,
     pub(crate) sight: &'a VisibleCells,
-    /// The volume's coarsest bricks, which are pinned.
-    pub(crate) roots: &'a [BrickId],
+}
+
+/// What is fetched ahead of a frame's views.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Ahead<'a> {
+    /// What the views that come next want of each volume, the nearest views first. Those whose cuts are not made yet are empty.
+    pub(crate) coming: &'a [Vec<Goal<'a>>],
+    /// Other bricks, tier by tier.
+    pub(crate) listed: &'a [(Tier, VolumeBrick)],
+}
+
+fn bricks_of(volume: usize, ids: &[BrickId]) -> impl Iterator<Item = VolumeBrick> {
+    ids.iter().map(move |&id| VolumeBrick { volume, id })
 }
 
 /// Which bricks of the volumes that share slots are staged, resident or failed.
@@ -155,6 +181,11 @@ impl Residency {
         self.slots.get(VolumeBrick { volume, id })
     }
 
+    #[cfg(test)]
+    pub(crate) fn is_resident(&self, brick: VolumeBrick) -> bool {
+        self.slots.get(brick).is_some()
+    }
+
     fn state(&self, volume: usize, id: BrickId) -> State {
         match self.slot(volume, id) {
             Some(_) => State::Resident,
@@ -164,30 +195,28 @@ impl Residency {
     }
 
     /// One frame of all volumes: places staged bricks, in the plan's order and within a limit, into slots that nothing wanted is drawn from;
-    /// then makes the draw lists and plans from what is resident. `ahead` are bricks to fetch ahead, tier by tier; `at` is the frame's
-    /// time.
-    pub(crate) fn step(
-        &mut self,
-        wants: &[Wants<'_>],
-        ahead: &[(Tier, VolumeBrick)],
-        limit: UploadLimit,
-        at: Duration,
-    ) -> Step {
+    /// then makes the draw lists and plans from what is resident. `ahead` is what to fetch ahead; `at` is the frame's time.
+    pub(crate) fn step(&mut self, wants: &[Wants<'_>], ahead: Ahead<'_>, limit: UploadLimit, at: Duration) -> Step {
         self.slots.begin_frame();
-        let pins = wants.iter().enumerate().flat_map(|(volume, wants)| wants.roots.iter().map(move |&id| (volume, id)));
-        self.slots.set_pins(pins.map(|(volume, id)| VolumeBrick { volume, id }).collect());
+        let of_volume = |(volume, wants): (usize, &Wants<'_>)| bricks_of(volume, wants.goal.roots).collect::<Vec<_>>();
+        self.slots.set_pins(wants.iter().enumerate().flat_map(of_volume).collect());
         self.volumes.iter_mut().for_each(|bricks| bricks.fades.advance(at));
         let mut stand_ins = self.stand_ins(wants);
-        self.claim(wants, ahead, &stand_ins);
-        let mut requests = self.plan(wants, ahead, &stand_ins);
+        let (mut bricks_ahead, mut coming) = self.ahead(wants, ahead);
+        self.claim(wants, &bricks_ahead, &stand_ins);
+        let mut requests = self.plan(wants, &bricks_ahead, &stand_ins);
         let (mut uploads, mut stale) = (Vec::new(), vec![Vec::new(); wants.len()]);
         if self.has_staged() {
             uploads = self.place(&requests, limit, &mut stale);
         }
         if !uploads.is_empty() {
             let before = std::mem::replace(&mut stand_ins, self.stand_ins(wants));
-            self.begin_fades(wants, &before, &stand_ins);
-            requests = self.plan(wants, ahead, &stand_ins);
+            // While steps follow one another, the next one comes before a fade would end.
+            if ahead.coming.is_empty() {
+                self.begin_fades(wants, &before, &stand_ins);
+            }
+            (bricks_ahead, coming) = self.ahead(wants, ahead);
+            requests = self.plan(wants, &bricks_ahead, &stand_ins);
         }
         let draw = |(volume, (wants, stand_ins)): (usize, (&Wants<'_>, &StandIns))| VolumeStep {
             draw: self.draw(volume, wants, stand_ins),
@@ -203,11 +232,11 @@ impl Residency {
                 volumes[volume].requests.push((tier, id));
             }
         }
-        Step { uploads, volumes, settled }
+        Step { uploads, volumes, settled, coming }
     }
 
     fn draw(&mut self, volume: usize, wants: &Wants<'_>, stand_ins: &StandIns) -> DrawList {
-        let &Wants { pyramid, cut, sight, roots } = wants;
+        let &Wants { goal: Goal { pyramid, cut, roots }, sight } = wants;
         // A finer brick may come before a root, from another worker, but a picture with holes is none.
         if !roots.iter().all(|&root| self.state(volume, root) != State::Absent) {
             return DrawList::default();
@@ -218,7 +247,7 @@ impl Residency {
     }
 
     fn stand_ins(&self, wants: &[Wants<'_>]) -> Vec<StandIns> {
-        let of_volume = |(volume, &Wants { cut, sight, .. }): (usize, &Wants<'_>)| {
+        let of_volume = |(volume, &Wants { goal: Goal { cut, .. }, sight }): (usize, &Wants<'_>)| {
             let concerns = |node: NodeId| cut.is_visible(node) || !sight.is_planned;
             StandIns::new(cut, concerns, |id| self.slot(volume, id))
         };
@@ -236,7 +265,7 @@ impl Residency {
                 if let (Some((before, _)), Some((now, _))) = (before.of(cell), now.of(cell))
                     && now > before
                 {
-                    bricks.fades.begin(wants.cut.id(now), wants.cut.id(before));
+                    bricks.fades.begin(wants.goal.cut.id(now), wants.goal.cut.id(before));
                 }
             }
         }
@@ -255,58 +284,98 @@ impl Residency {
     /// Claims what stands for the wanted cells, and what is fetched ahead. What else is drawn comes next to be kept.
     fn claim(&mut self, wants: &[Wants<'_>], ahead: &[(Tier, VolumeBrick)], stand_ins: &[StandIns]) {
         for (volume, (bricks, wants)) in self.volumes.iter().zip(wants).enumerate() {
-            let (cut, stand_ins) = (wants.cut, &stand_ins[volume]);
+            let (cut, stand_ins) = (wants.goal.cut, &stand_ins[volume]);
             bricks.fades.before().for_each(|id| self.slots.touch(VolumeBrick { volume, id }));
             let others = wants.sight.cells.iter().filter(|ranked| !cut.is_wanted(ranked.cell));
             let drawn = others.filter_map(|ranked| stand_ins.of(ranked.cell));
             drawn.for_each(|(stand_in, _)| self.slots.touch(VolumeBrick { volume, id: cut.id(stand_in) }));
         }
-        self.ahead(wants, ahead).into_iter().rev().for_each(|(tier, brick)| self.slots.claim(brick, tier));
-        for (volume, wants) in wants.iter().enumerate() {
-            let wanted = wants.cut.wanted_cells().filter_map(|cell| stand_ins[volume].of(cell));
+        ahead.iter().rev().for_each(|&(tier, brick)| self.slots.claim(brick, tier));
+        for (volume, Wants { goal, .. }) in wants.iter().enumerate() {
+            let wanted = goal.cut.wanted_cells().filter_map(|cell| stand_ins[volume].of(cell));
             for (stand_in, _) in wanted {
-                self.slots.claim(VolumeBrick { volume, id: wants.cut.id(stand_in) }, Tier::Visible);
+                self.slots.claim(VolumeBrick { volume, id: goal.cut.id(stand_in) }, Tier::Visible);
             }
         }
     }
 
     /// What is kept and fetched ahead of the view, as far as there is room beside the view's own bricks: so that each gets a
-    /// slot when it comes. What is there already comes before what is not: bricks of a tier do not displace each other.
-    fn ahead(&self, wants: &[Wants<'_>], listed: &[(Tier, VolumeBrick)]) -> Vec<(Tier, VolumeBrick)> {
-        let needed: usize = wants.iter().map(|wants| wants.cut.wanted() + wants.roots.len()).sum();
+    /// slot when it comes; and how far each coming step is. Of coming steps the nearest come first. Of a later tier, what is there already
+    /// comes before what is not: bricks of a tier do not displace each other.
+    fn ahead(&self, wants: &[Wants<'_>], ahead: Ahead<'_>) -> (Vec<(Tier, VolumeBrick)>, Vec<Readiness>) {
+        let needed: usize = wants.iter().map(|Wants { goal, .. }| goal.cut.wanted() + goal.roots.len()).sum();
         let mut room = self.slots.count().saturating_sub(needed);
-        let mut ahead = Vec::new();
-        for of_tier in listed.chunk_by(|a, b| a.0 == b.0) {
+        let coming = ahead.coming.iter().enumerate().map(|(i, goals)| self.coming(goals, i == 0, &mut room));
+        let (bricks, readiness): (Vec<Vec<VolumeBrick>>, Vec<Readiness>) = coming.unzip();
+        let mut bricks: Vec<_> = bricks.into_iter().flatten().map(|brick| (Tier::Coming, brick)).collect();
+        for of_tier in ahead.listed.chunk_by(|a, b| a.0 == b.0) {
             let state = |brick: &VolumeBrick| self.state(brick.volume, brick.id);
             let readable = of_tier.iter().copied().filter(|(_, brick)| state(brick) != State::Failed);
             let (there, missing): (Vec<_>, Vec<_>) = readable.partition(|(_, brick)| state(brick) == State::Resident);
             let share = of_tier[0].0.slots(self.slots.count()).min(room);
-            let before = ahead.len();
-            ahead.extend(there.into_iter().chain(missing).take(share));
-            room -= ahead.len() - before;
+            let before = bricks.len();
+            bricks.extend(there.into_iter().chain(missing).take(share));
+            room -= bricks.len() - before;
         }
-        ahead
+        (bricks, readiness)
     }
 
-    /// What is to be read, first things first, of any volume.
+    /// What a coming step is to keep and lacks, and how far the step is. `room` is lowered by it. A step that does not fit waits, and with it all
+    /// after it: half a step is of no use, and its bricks would come and go. Of the first one as much is kept as there is room for.
+    fn coming(&self, goals: &[Goal<'_>], is_first: bool, room: &mut usize) -> (Vec<VolumeBrick>, Readiness) {
+        if goals.is_empty() || *room == 0 {
+            return Default::default();
+        }
+        let (mut bricks, mut missing, mut is_covered) = (Vec::new(), Vec::new(), true);
+        for (volume, goal) in goals.iter().enumerate() {
+            let cut = goal.cut;
+            let stand_ins = StandIns::new(cut, |node| cut.is_visible(node), |id| self.slot(volume, id));
+            let resident_roots = goal.roots.iter().filter(|&&root| self.state(volume, root) == State::Resident);
+            let mut there: Vec<BrickId> = resident_roots.copied().collect();
+            is_covered &= goal.roots.iter().all(|&root| self.state(volume, root) != State::Absent);
+            there.extend(cut.wanted_cells().filter_map(|cell| stand_ins.of(cell)).map(|(node, _)| cut.id(node)));
+            there.sort_unstable();
+            there.dedup();
+            bricks.extend(bricks_of(volume, &there));
+            missing.extend(self.missing(volume, goal, &stand_ins));
+        }
+        let wanted = goals.iter().map(|goal| goal.cut.wanted()).sum();
+        let readiness =
+            Readiness { wanted, is_planned: true, missing: missing.len(), is_covered, is_whole: missing.is_empty() };
+        bricks.extend(plan::in_order(missing).into_iter().map(|(_, brick)| brick));
+        if !is_first && bricks.len() > *room {
+            *room = 0;
+        }
+        bricks.truncate(*room);
+        *room -= bricks.len();
+        (bricks, readiness)
+    }
+
+    /// What a volume's goal lacks, each brick with its place in the order of reading.
+    fn missing(&self, volume: usize, goal: &Goal<'_>, stand_ins: &StandIns) -> Vec<(Key, VolumeBrick)> {
+        let &Goal { pyramid, cut, roots } = goal;
+        let state_of = |node| match stand_ins.is_resident(node) {
+            true => State::Resident,
+            false if self.failure(volume, cut.id(node)).is_some() => State::Failed,
+            false => State::Absent,
+        };
+        let keyed = plan::requests(pyramid, cut, roots, state_of, |id| self.state(volume, id));
+        keyed.into_iter().map(|(key, id)| (key, VolumeBrick { volume, id })).collect()
+    }
+
+    /// What is to be read, first things first, of any volume. `ahead` is what is kept and fetched ahead.
     fn plan(
         &self,
         wants: &[Wants<'_>],
         ahead: &[(Tier, VolumeBrick)],
         stand_ins: &[StandIns],
     ) -> Vec<(Tier, VolumeBrick)> {
-        let of_volume = |(volume, &Wants { pyramid, cut, roots, .. }): (usize, &Wants<'_>)| {
-            let state_of = |node| match stand_ins[volume].is_resident(node) {
-                true => State::Resident,
-                false if self.failure(volume, cut.id(node)).is_some() => State::Failed,
-                false => State::Absent,
-            };
-            let keyed = plan::requests(pyramid, cut, roots, state_of, |id| self.state(volume, id));
-            keyed.into_iter().map(move |(key, id)| (key, VolumeBrick { volume, id }))
-        };
+        let of_volume = |(volume, wants): (usize, &Wants<'_>)| self.missing(volume, &wants.goal, &stand_ins[volume]);
         let mut requests = plan::in_order(wants.iter().enumerate().flat_map(of_volume).collect());
+        // A step may come twice, or again.
+        let mut listed: HashSet<VolumeBrick> = requests.iter().map(|(_, brick)| *brick).collect();
         let is_absent = |brick: &VolumeBrick| self.state(brick.volume, brick.id) == State::Absent;
-        requests.extend(self.ahead(wants, ahead).into_iter().filter(|(_, brick)| is_absent(brick)));
+        requests.extend(ahead.iter().filter(|(_, brick)| is_absent(brick) && listed.insert(*brick)));
         requests
     }
 

@@ -67,6 +67,34 @@ impl Status {
     }
 }
 
+/// How far a view is that comes next: whether it can be shown when its time comes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Readiness {
+    /// The number of cells that the view wants; 0 while that is not known.
+    pub wanted: usize,
+    /// Whether `wanted` is of the view's own pixel error.
+    pub is_planned: bool,
+    /// The number of bricks that are still to come.
+    pub missing: usize,
+    /// Whether something can be drawn in every cell: the coarsest bricks are resident, or have failed.
+    pub is_covered: bool,
+    /// Whether every brick that the view wants is resident, or has failed and its stand-in is resident.
+    pub is_whole: bool,
+}
+
+impl Readiness {
+    /// Combines this readiness with another pager's for the same view.
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            wanted: self.wanted + other.wanted,
+            is_planned: self.is_planned && other.is_planned,
+            missing: self.missing + other.missing,
+            is_covered: self.is_covered && other.is_covered,
+            is_whole: self.is_whole && other.is_whole,
+        }
+    }
+}
+
 /// Totals since the pager was made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {

@@ -31,6 +31,8 @@ pub(crate) struct TestSource {
     pub(crate) passing: Mutex<HashMap<BrickId, u32>>,
     /// How often each brick that fails was read.
     pub(crate) reads: Mutex<HashMap<BrickId, u32>>,
+    /// The number of time steps.
+    times: u32,
     /// Width of the stored aprons.
     stored_apron: u32,
     pub(crate) failing_aprons: HashSet<BrickId>,
@@ -64,6 +66,7 @@ impl TestSource {
             panicking,
             passing,
             reads,
+            times: 2,
             stored_apron: 0,
             failing_aprons,
             bytes_read,
@@ -90,6 +93,11 @@ impl TestSource {
         }
         *self.reads.lock().unwrap().entry(id).or_default() += 1;
         Err(BrickError { id, reason: "told to fail".into(), is_passing })
+    }
+
+    /// This source, with so many time steps.
+    pub(crate) fn with_times(self, times: u32) -> Self {
+        Self { times, ..self }
     }
 
     /// This source, with stored aprons of this width.
@@ -135,7 +143,7 @@ impl BrickSource for TestSource {
         false
     }
     fn times(&self) -> u32 {
-        2
+        self.times
     }
     fn channels(&self) -> u32 {
         2

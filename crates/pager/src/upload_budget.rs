@@ -41,14 +41,16 @@ impl Governor {
         Self { limits, costs: VecDeque::new(), unmeasured: 0 }
     }
 
-    /// The bytes that a frame may upload, given the time since the last one; `None` if there is no limit.
-    pub(crate) fn bytes(&self, since_last: Duration) -> Option<u64> {
+    /// The bytes that a frame may upload, given the time since the last one; `None` if there is no limit. While time steps are played, frames
+    /// wait for uploads: then what half of the time between frames can carry is allowed, however many bytes that is.
+    pub(crate) fn bytes(&self, since_last: Duration, is_playing: bool) -> Option<u64> {
         let UploadLimits { bytes, time } = self.limits?;
         let frames = since_last.as_secs_f64() / UploadLimits::FRAME.as_secs_f64();
-        let bytes = (bytes as f64 * frames.max(1.0)) as u64;
+        let bytes = if is_playing { u64::MAX } else { (bytes as f64 * frames.max(1.0)) as u64 };
+        let share = if is_playing { since_last / 2 } else { since_last / 8 };
         let mut costs: Vec<f64> = self.costs.iter().copied().collect();
         costs.sort_by(f64::total_cmp);
-        let affordable = |cost: &f64| time.max(since_last / 8).as_secs_f64() / cost;
+        let affordable = |cost: &f64| time.max(share).as_secs_f64() / cost;
         // Saturates.
         Some(bytes.min(costs.get(costs.len() / 2).map_or(f64::INFINITY, affordable) as u64))
     }
@@ -82,7 +84,7 @@ mod tests {
     fn frames(governor: &mut Governor, count: usize, rate: f64) -> Vec<f64> {
         let brick = 300_000;
         let frame = |_| {
-            let bytes = (governor.bytes(FRAME).unwrap() / brick).max(1) * brick;
+            let bytes = (governor.bytes(FRAME, false).unwrap() / brick).max(1) * brick;
             let seconds = bytes as f64 / rate;
             governor.spent(bytes);
             governor.took(Duration::from_secs_f64(seconds));
@@ -96,24 +98,24 @@ mod tests {
         let mut governor = Governor::new(Some(LIMITS));
         // 10 GB/s: the limit in bytes decides. 500 MB/s: the time. 10 MB/s: one brick, 30 ms, is more than the goal.
         assert!(frames(&mut governor, 20, 10e9).iter().all(|&s| s < 0.001));
-        assert_eq!(governor.bytes(FRAME), Some(LIMITS.bytes));
+        assert_eq!(governor.bytes(FRAME, false), Some(LIMITS.bytes));
         let slow = frames(&mut governor, 20, 500e6);
         // A change is believed once it is the middle one of five.
         assert!(slow[..3].iter().all(|&s| s > 0.004), "{slow:?}");
         assert!(slow[3..].iter().all(|&s| s > 0.003 && s < 0.004 + 1e-9), "{slow:?}");
         assert!(frames(&mut governor, 20, 10e6)[3..].iter().all(|&s| s == 0.03));
         frames(&mut governor, 3, 10e9);
-        assert_eq!(governor.bytes(FRAME), Some(LIMITS.bytes));
+        assert_eq!(governor.bytes(FRAME, false), Some(LIMITS.bytes));
         // One interruption, or two, is nothing.
         frames(&mut governor, 2, 1e6);
-        assert_eq!(governor.bytes(FRAME), Some(LIMITS.bytes));
+        assert_eq!(governor.bytes(FRAME, false), Some(LIMITS.bytes));
     }
 
     #[test]
     fn slow_frames_leave_time_for_more() {
         let mut governor = Governor::new(Some(LIMITS));
         frames(&mut governor, 5, 100e6);
-        let bytes = |millis| governor.bytes(Duration::from_millis(millis)).unwrap();
+        let bytes = |millis| governor.bytes(Duration::from_millis(millis), false).unwrap();
         // 4 ms, 4 ms and 20 ms at 100 MB/s; rounded down from a measured cost.
         assert!([(0, 400_000), (30, 400_000), (160, 2_000_000)].iter().all(|&(ms, b)| bytes(ms).abs_diff(b) <= 1));
     }
@@ -123,9 +125,9 @@ mod tests {
         let mut unlimited = Governor::new(None);
         unlimited.spent(100);
         unlimited.took(Duration::from_secs(9));
-        assert_eq!(unlimited.bytes(FRAME), None);
+        assert_eq!(unlimited.bytes(FRAME, false), None);
         let mut governor = Governor::new(Some(LIMITS));
         governor.took(Duration::from_secs(9));
-        assert_eq!(governor.bytes(FRAME), Some(LIMITS.bytes));
+        assert_eq!(governor.bytes(FRAME, false), Some(LIMITS.bytes));
     }
 }

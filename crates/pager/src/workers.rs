@@ -19,9 +19,6 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-/// The share of the padded bricks in flight that may be fetched ahead of the view.
-const SHARE_AHEAD: f64 = 0.25;
-
 /// Bricks advised at a time. Cold reads with batches of 16 are several times faster than plain page faults.
 const ADVISE_BATCH: usize = 16;
 
@@ -55,8 +52,8 @@ struct Queue {
     busy: HashSet<BrickId>,
     /// Padded bricks that may still be started.
     permits: usize,
-    /// Buffers that are not for bricks fetched ahead.
-    reserved: usize,
+    /// All padded bricks that may be on their way together.
+    staged: usize,
     /// Buffers to use again; never more than permits.
     free: Vec<Arc<[u8]>>,
     stop: bool,
@@ -94,7 +91,7 @@ impl Queue {
     }
 
     fn has_permit(&self, tier: Tier) -> bool {
-        self.permits > if tier.is_ahead() { self.reserved } else { 0 }
+        self.permits > self.staged - tier.staged(self.staged)
     }
 
     fn is_due(&self, id: BrickId, now: Instant) -> bool {
@@ -117,8 +114,7 @@ impl Workers {
         meter: Arc<Meter>,
     ) -> std::io::Result<Self> {
         let padded_bytes = cache.layout().padded_bytes();
-        let reserved = (staged as f64 * (1.0 - SHARE_AHEAD)) as usize;
-        let queue = Mutex::new(Queue { permits: staged, reserved, ..Queue::default() });
+        let queue = Mutex::new(Queue { permits: staged, staged, ..Queue::default() });
         let shared = Arc::new(Shared { queue, wake: Condvar::new(), padded_bytes, meter });
         let (sender, arrivals) = bounded(staged);
         let mut workers = Self { shared, arrivals: Some(arrivals), threads: Vec::new() };

@@ -13,6 +13,8 @@ use brickyard_volume::{
 use std::collections::HashMap;
 use std::slice::from_ref;
 
+mod coming;
+
 fn brick(level: u8, index: [u32; 3]) -> BrickId {
     BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::from_array(index) }
 }
