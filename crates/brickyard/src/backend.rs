@@ -5,7 +5,7 @@ use crate::device::Device;
 use crate::gpu_backend;
 use crate::options::SessionOptions;
 pub use crate::options::{BackendChoice, CompositorChoice};
-use brickyard_pager::{BrickSource, Layer, Upload, VolumeNeeds};
+use brickyard_pager::{BrickSource, Layer, MOST_COMING, Upload, VolumeNeeds};
 #[cfg(feature = "gpu")]
 use brickyard_render::{Compiled, GpuError, GpuPreference, GpuRenderer};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
@@ -156,12 +156,14 @@ impl Renderer for SoftwareRenderer {
     }
 }
 
-/// Returns what a layer with the bricks of a source needs of a renderer. `bricks` is what pictures need of the bricks.
-pub(crate) fn layer_needs(source: &dyn BrickSource, encoding: SlotEncoding, bricks: Needs) -> VolumeNeeds {
+/// Returns what a layer with the bricks of a source needs of a renderer. `bricks` is what pictures need of the bricks. If `plays`, several time steps
+/// are to be there at once.
+pub(crate) fn layer_needs(source: &dyn BrickSource, encoding: SlotEncoding, bricks: Needs, plays: bool) -> VolumeNeeds {
     let pyramid = source.pyramid();
-    // Slots that could ever be filled at one time step and channel, and a tenth more so that the cut may have them all.
+    // Slots that could ever be filled with one channel, and an eighth more so that the cut may have them all.
+    let steps = if plays { u64::from(source.times()).min(1 + MOST_COMING as u64) } else { 1 };
     let count = pyramid.brick_count();
-    let most_slots = u32::try_from(count + count / 8 + 2).unwrap_or(u32::MAX);
+    let most_slots = u32::try_from((count + count / 8 + 2) * steps).unwrap_or(u32::MAX);
     // All of the coarsest level, and one to refine with.
     let roots = pyramid.level(pyramid.coarsest()).bricks.volume();
     VolumeNeeds {

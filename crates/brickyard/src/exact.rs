@@ -82,7 +82,7 @@ impl ExactRenderer {
             return Err(ExactPictureError::Way);
         }
         let options = SessionOptions { compositor: CompositorChoice::Sorted, ..*options };
-        let needs = layer_needs(&*source, encoding, bricks);
+        let needs = layer_needs(&*source, encoding, bricks, false);
         let pictures = Pictures { size_px: max_size_px, has_expressions: false };
         let (renderer, backend_line) =
             open_gpu(GpuPreference::Any, &mut Device::default(), &[needs], &pictures, &options)?;

@@ -16,8 +16,8 @@ use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, slot_contents};
 use crate::session_error::SessionError;
 use crate::volume_source::VolumeSource;
 use brickyard_pager::{
-    BrickSource, BudgetRequest, DrawList, KeptCores, Layer, Pager, PagerConfig, PagerError, Planning, SlotContents,
-    Status, UploadLimits, View, VolumeNeeds, pools, share,
+    BrickSource, BudgetRequest, DrawList, KeptCores, Layer, Pager, PagerConfig, PagerError, Planning, Readiness,
+    ShownStep, SlotContents, Status, UploadLimits, View, VolumeNeeds, pools, share,
 };
 use brickyard_volume::{LabelCodes, Needs, Picture, SlotEncoding};
 #[cfg(feature = "gpu")]
@@ -151,7 +151,7 @@ impl Fit {
     ) -> Result<Self, SessionError> {
         let sources: Vec<_> = demand.layers.iter().map(|layer| volumes[layer.volume].source.clone()).collect();
         let needs = demand.layers.iter().zip(&sources);
-        let needs = needs.map(|(layer, source)| layer_needs(&**source, layer.encoding, demand.bricks));
+        let needs = needs.map(|(layer, source)| layer_needs(&**source, layer.encoding, demand.bricks, options.live));
         let needs: Vec<VolumeNeeds> = needs.collect();
         let contents: Vec<SlotContents> = demand.layers.iter().map(DemandLayer::contents).collect();
         let (backend, backend_line) = backend::open(device, &needs, &demand.pictures, options)?;
@@ -212,18 +212,35 @@ impl Fit {
         self.layers.iter().filter_map(view).collect()
     }
 
-    /// Streams one step towards `views`, one for each layer: takes in bricks, plans and uploads. `at` is the time of
-    /// the step. Returns the status of all layers together; `None` if there are no layers.
-    pub(crate) fn step(&mut self, views: &[View], at: Duration) -> Result<Option<Status>, BackendError> {
-        let mut whole: Option<Status> = None;
+    /// The views of [`Fit::views`] at another step of the scene's timeline.
+    pub(crate) fn views_at(&self, scene: &ResolvedScene, ShownStep { step, level_bias }: ShownStep) -> Vec<View> {
+        let mut views = self.views(scene);
+        for (view, own) in views.iter_mut().zip(&self.layers) {
+            view.time = scene.timeline.step_of(own.asked.volume, step);
+            view.pixel_error *= level_bias.exp2();
+        }
+        views
+    }
+
+    /// Streams one step towards `views`, one for each layer: takes in bricks, plans and uploads. `coming` are the views that come next, the
+    /// nearest first. `at` is the time of the step. Returns the status of all layers together, and how far each of the coming views is;
+    /// `None` if there are no layers.
+    pub(crate) fn step(
+        &mut self,
+        views: &[View],
+        coming: &[Vec<View>],
+        at: Duration,
+    ) -> Result<Option<(Status, Vec<Readiness>)>, BackendError> {
+        let mut whole: Option<(Status, Vec<Readiness>)> = None;
         #[cfg(feature = "gpu")]
         self.hear()?;
         for pool in &mut self.pools {
             if let Some(room) = self.backend.upload_room_bytes(pool.layers[0]) {
                 pool.pager.limit_uploads(room);
             }
-            let of_pool: Vec<View> = pool.layers.iter().map(|&layer| views[layer].clone()).collect();
-            let frame = pool.pager.frame(&of_pool, at);
+            let of_pool = |views: &[View]| pool.layers.iter().map(|&layer| views[layer].clone()).collect::<Vec<_>>();
+            pool.pager.expect(coming.iter().map(|views| of_pool(views)).collect());
+            let frame = pool.pager.frame(&of_pool(views), at);
             let begun = Instant::now();
             let mut uploads = frame.uploads.iter();
             uploads.try_for_each(|upload| self.backend.upload(pool.layers[upload.volume], upload))?;
@@ -236,8 +253,11 @@ impl Fit {
             }
             pool.is_settled = frame.status.settled;
             whole = Some(match whole {
-                None => frame.status,
-                Some(before) => before.and(&frame.status),
+                None => (frame.status, frame.coming),
+                Some((status, coming)) => {
+                    let coming = coming.into_iter().zip(frame.coming).map(|(a, b)| a.and(b)).collect();
+                    (status.and(&frame.status), coming)
+                }
             });
         }
         Ok(whole)

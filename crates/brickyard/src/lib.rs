@@ -98,6 +98,8 @@ mod options;
 pub mod oracle;
 pub mod pick;
 pub mod picture_file;
+mod player;
+pub mod playing;
 pub mod preview;
 pub mod probe;
 mod resolve;

@@ -9,7 +9,7 @@ use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
     Camera, Clip, Combination, Filter, FrameSettings, KeptSlots, LabelCodes, Lattice, LayerError, LevelPolicy, Mode,
     Needs, Occupancy, Picture, Placement, Region, Scene, SceneError, SceneLayer, ShownMesh, Slice, SlotEncoding,
-    StereoLayout, StoreCounts, Surface, TransferFunction, TransferTable, ViewRays, VolumeFrame,
+    StereoLayout, StoreCounts, Surface, Timeline, TransferFunction, TransferTable, ViewRays, VolumeFrame,
 };
 use glam::DVec3;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -22,6 +22,10 @@ pub struct ResolvedScene {
     pub layers: Vec<ResolvedLayer>,
     /// The layers that are not shown.
     pub hidden: Vec<HiddenLayer>,
+    /// The time step that is shown, of those of the timeline.
+    pub time: u32,
+    /// The time steps of all layers.
+    pub timeline: Timeline,
     /// How the pictures of two eyes become one; `None` is one eye.
     pub stereo: Option<StereoLayout>,
     /// What a pixel's samples become.
@@ -78,7 +82,7 @@ impl ResolvedScene {
     /// Returns `scene`, from which this one was resolved, with the camera and transfer functions that were left open
     /// filled in.
     pub fn shown(&self, scene: &Scene) -> Scene {
-        let mut shown = Scene { camera: Some(self.camera), ..scene.clone() };
+        let mut shown = Scene { camera: Some(self.camera), time: self.time, ..scene.clone() };
         for layer in &self.layers {
             shown.layers[layer.place].clone_from(&layer.style);
         }
@@ -86,6 +90,20 @@ impl ResolvedScene {
             expression.transfer = Some(combination.transfer.clone().into());
         }
         shown
+    }
+
+    /// Returns this scene at another time step of its timeline. Each layer shows the step of its volume that was taken by then.
+    pub fn at_step(&self, time: u32) -> Self {
+        let mut scene = self.clone();
+        scene.set_step(time);
+        scene
+    }
+
+    fn set_step(&mut self, time: u32) {
+        let Self { layers, hidden, timeline, .. } = self;
+        layers.iter_mut().for_each(|layer| layer.view.time = timeline.step_of(layer.volume, time));
+        hidden.iter_mut().for_each(|layer| layer.view.time = timeline.step_of(layer.volume, time));
+        self.time = time;
     }
 
     /// Makes the picture of the scene. `draw` draws an eye's picture, given its number: 0 for the only or left eye, 1
@@ -189,9 +207,11 @@ pub(crate) fn resolve_with(
         let appearance = joint_appearance(&layers, combination.as_ref());
         layers.iter_mut().for_each(|layer| layer.view.appearance = appearance);
     }
-    Ok(ResolvedScene {
+    let mut resolved = ResolvedScene {
         layers,
         hidden,
+        time: scene.time,
+        timeline: VolumeSource::timeline(volumes, scene),
         stereo: eyes.layout,
         mode: scene.mode,
         slice: scene.slice,
@@ -200,7 +220,9 @@ pub(crate) fn resolve_with(
         is_anatomical,
         needs: scene.needs(),
         combination,
-    })
+    };
+    resolved.set_step(scene.time);
+    Ok(resolved)
 }
 
 /// What slots hold of a layer's voxels, given its encoding and the codes of its labels, if they have codes by their look.

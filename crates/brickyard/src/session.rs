@@ -14,13 +14,15 @@ use crate::device_losses::Losses;
 use crate::fit::{Demand, Fit};
 use crate::options::CompositorChoice;
 pub use crate::options::SessionOptions;
+pub use crate::player::ComingStep;
+use crate::player::Player;
 use crate::resolve::resolve_with;
 pub use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, resolve};
 pub use crate::session_error::SessionError;
 use crate::slot_change::{Shot, SlotChange};
 use crate::table_cache::VolumeTables;
 pub use crate::volume_source::VolumeSource;
-use brickyard_pager::{Counters, DrawList, KeptCores, Status, View};
+use brickyard_pager::{Counters, DrawList, KeptCores, Playback, Readiness, ShownStep, Status, Tally, View};
 use brickyard_volume::{
     FloatSlots, FrameSettings, KeptSlots, Mode, Picture, Scene, SceneError, SlotEncoding, TransferFunction,
 };
@@ -34,8 +36,11 @@ pub struct Frame {
     /// The resolved scene. Anything that needs no other bricks may be changed before drawing: jitter, step length,
     /// resolution ([`Quality::frame`](crate::frame_governor::Quality::frame)).
     pub scene: Arc<ResolvedScene>,
-    /// How far the view is: how many bricks it wants, how many are resident, and whether it has settled.
+    /// How far the view is: how many bricks it wants, how many are resident, and whether it has settled. A view has not settled while another
+    /// time step than its own is shown.
     pub status: Status,
+    /// The time steps that come next, the nearest first: of a live session that plays, or that has jumped to a step.
+    pub coming: Vec<ComingStep>,
     /// The number of the step.
     step: u64,
 }
@@ -103,6 +108,8 @@ pub struct Session {
     clock: Option<Instant>,
     /// A live session's change of what slots hold.
     pub(crate) slot_change: SlotChange,
+    /// Which time step a live session shows.
+    player: Player,
 }
 
 impl Session {
@@ -133,6 +140,7 @@ impl Session {
             shown: None,
             clock: options.live.then(Instant::now),
             slot_change: SlotChange::default(),
+            player: Player::default(),
         }
     }
 
@@ -237,6 +245,7 @@ impl Session {
     /// Takes leave of the backend and its pagers.
     fn take_fit(&mut self) -> Option<Fit> {
         (self.past, self.last) = (self.counted, None);
+        self.player.forget();
         #[cfg(feature = "gpu")]
         drop(self.shown.take());
         self.fit.take()
@@ -345,41 +354,78 @@ impl Session {
     }
 
     /// Takes a step as [`Session::step`] does, towards a scene that has been [resolved](Session::resolve) for these
-    /// volumes.
+    /// volumes. In a live session the frame's scene is at the time step that is shown, which while it plays is not the one that is asked for.
     ///
     /// # Errors
     /// As [`Session::step`].
     pub fn step_resolved(&mut self, scene: &ResolvedScene) -> Result<Frame, SessionError> {
         self.fit(scene)?;
-        let views = self.fit.as_ref().map(|fit| fit.views(scene)).unwrap_or_default();
+        let (shown, next) = match self.clock {
+            Some(began) => self.player.turn(scene, began.elapsed()),
+            None => (ShownStep { step: scene.time, level_bias: 0.0 }, Vec::new()),
+        };
+        let at_step = |step: &ShownStep| self.fit.as_ref().map(|fit| fit.views_at(scene, *step)).unwrap_or_default();
+        let (views, coming) = (at_step(&shown), next.iter().map(at_step).collect::<Vec<_>>());
         self.steps += 1;
-        let status = self.step_to(views)?;
-        Ok(Frame { scene: Arc::new(scene.clone()), status, step: self.steps })
+        let (mut status, ready) = self.step_to(views, &coming)?;
+        status.settled &= !self.player.is_seeking();
+        let coming: Vec<_> = next.into_iter().zip(ready).map(|(step, ready)| ComingStep { step, ready }).collect();
+        self.player.note(coming.clone());
+        Ok(Frame { scene: Arc::new(scene.at_step(shown.step)), status, coming, step: self.steps })
     }
 
     /// A lost device is made anew.
-    fn step_to(&mut self, views: Vec<View>) -> Result<Status, SessionError> {
+    fn step_to(&mut self, views: Vec<View>, coming: &[Vec<View>]) -> Result<(Status, Vec<Readiness>), SessionError> {
         let at = self.clock.map_or(Duration::ZERO, |began| began.elapsed());
-        let status = loop {
+        let stepped = loop {
             let Some(fit) = &mut self.fit else { return Err(SceneError::NothingVisible.into()) };
-            match fit.step(&views, at) {
-                Ok(status) => break status,
+            match fit.step(&views, coming, at) {
+                Ok(stepped) => break stepped,
                 Err(error) => self.recover(error)?,
             }
         };
-        let mut status = status.ok_or(SceneError::NothingVisible)?;
+        let (mut status, ready) = stepped.ok_or(SceneError::NothingVisible)?;
         self.past.add_to(&mut status);
         self.counted = Past { counters: status.counters, host_bytes_peak: status.host_bytes_peak };
         self.last = Some((views, status.settled));
         match status.error {
             Some(error) => Err(SessionError::Unreadable(error)),
-            None => Ok(status),
+            None => Ok((status, ready)),
         }
     }
 
-    /// Waits until a brick has arrived, at most for `timeout`. Returns at once before the first step.
+    /// Waits until a brick has arrived or a time step is due, at most for `timeout`. Returns at once before the first step.
     pub fn wait(&mut self, timeout: Duration) {
+        let timeout = self.next_due().map_or(timeout, |due| timeout.min(due));
         self.fit.iter_mut().for_each(|fit| fit.wait(timeout));
+    }
+
+    /// Plays the time steps of a live session from the one that is shown on, or changes how they are played; `None` stands still. From the next
+    /// step of streaming on, frames show the steps that are due. A scene that asks for another step than the last one did is a jump
+    /// there.
+    pub fn play(&mut self, playback: Option<Playback>) {
+        self.player.play(playback.filter(|_| self.options.live));
+    }
+
+    /// How time steps follow one another; `None` while they do not. A playback that is to stop at the last step ends there by itself.
+    pub fn playback(&self) -> Option<Playback> {
+        self.player.playback()
+    }
+
+    /// Whether a time step that was jumped to is not shown yet.
+    pub fn is_seeking(&self) -> bool {
+        self.player.is_seeking()
+    }
+
+    /// How many time steps have been shown while playing, and how many were late or passed over.
+    pub fn playback_tally(&self) -> Tally {
+        self.player.tally()
+    }
+
+    /// How long it is until the next time step is due; `None` if none is.
+    pub fn next_due(&self) -> Option<Duration> {
+        let due = self.player.next_due()?;
+        self.clock.map(|began| due.saturating_sub(began.elapsed()))
     }
 
     /// Renders the last step's frame from the bricks in the slots, both eyes from the same bricks. If the device turns
@@ -420,6 +466,7 @@ impl Session {
             return Err(error.into());
         }
         self.losses.record(error)?;
+        self.player.forget();
         self.fit.as_mut().map_or(Ok(()), Fit::renew)
     }
 
@@ -427,7 +474,7 @@ impl Session {
     fn refill(&mut self) -> Result<(), SessionError> {
         let Some((views, was_settled)) = self.last.clone() else { return Ok(()) };
         loop {
-            let status = self.step_to(views.clone())?;
+            let (status, _) = self.step_to(views.clone(), &[])?;
             if status.settled || status.awaits_feedback || status.covered && !was_settled {
                 return Ok(());
             }

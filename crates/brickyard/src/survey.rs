@@ -13,7 +13,7 @@ pub mod plot;
 
 use crate::offline::{OfflineError, render_settled};
 use crate::session::{ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
-use crate::stats::{Percentiles, RenderStats, ms};
+use crate::stats::{Percentiles, RenderStats, ms, processor_ms};
 use brickyard_volume::sampling::VIRTUAL_SAMPLES;
 use brickyard_volume::{Filter, Jitter, LevelPolicy, LightingModel, Method, Picture, Sampling, Scene};
 use noise::{ColorSpace, Series, Truth};
@@ -234,10 +234,4 @@ impl Shots {
             cpu_ms: cpu_ms.iter().copied().fold(f64::INFINITY, f64::min),
         }
     }
-}
-
-/// Processor time of this process.
-fn processor_ms() -> f64 {
-    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
-    time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6
 }

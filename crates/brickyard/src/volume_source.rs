@@ -7,8 +7,8 @@ use brickyard_volume::channel::default_color;
 use brickyard_volume::layer::label_codes;
 use brickyard_volume::scene::VolumePlace;
 use brickyard_volume::{
-    Extent, LabelCodes, LayerError, Mode, Orientation, Placement, PlacementError, SceneLayer, SlotEncoding,
-    StoreCounts, Subject, TransferFunction,
+    Extent, LabelCodes, LayerError, Mode, Orientation, Placement, PlacementError, Scene, SceneLayer, SlotEncoding,
+    StoreCounts, Subject, TimeAxis, Timeline, TransferFunction, VolumeTime,
 };
 use std::path::Path;
 use std::sync::Arc;
@@ -30,6 +30,8 @@ pub struct VolumeSource {
     store: Option<Arc<Store>>,
     /// What the volume is called, if that is not its store's name.
     name: Option<String>,
+    /// When the time steps were taken; `None` if that is not known.
+    time_axis: Option<Arc<TimeAxis>>,
     /// See [`VolumeSource::held_bytes`].
     held_bytes: u64,
     /// See [`VolumeSource::stride`].
@@ -56,6 +58,7 @@ impl VolumeSource {
             placement,
             store: None,
             name: None,
+            time_axis: None,
             held_bytes: 0,
             stride: [1; 3],
         }
@@ -73,6 +76,11 @@ impl VolumeSource {
     /// This volume, under another name.
     pub fn named(self, name: impl Into<String>) -> Self {
         Self { name: Some(name.into()), ..self }
+    }
+
+    /// This volume, whose time steps were taken at these times.
+    pub fn taken_at(self, time_axis: TimeAxis) -> Self {
+        Self { time_axis: Some(Arc::new(time_axis)), ..self }
     }
 
     /// This volume, which takes so much memory itself: see [`VolumeSource::held_bytes`].
@@ -117,6 +125,7 @@ impl VolumeSource {
             placement: *store.placement(),
             store: Some(store.clone()),
             name: None,
+            time_axis: store.time_axis().cloned().map(Arc::new),
             held_bytes: 0,
             stride: [1; 3],
         }
@@ -234,6 +243,17 @@ impl VolumeSource {
         let levels = self.source.pyramid().levels().len();
         let (times, channels) = (self.source.times(), self.source.channels());
         StoreCounts { levels, times, channels, is_labels: self.source.is_labels() }
+    }
+
+    /// When the volume's time steps were taken; `None` if that is not known.
+    pub fn time_axis(&self) -> Option<&TimeAxis> {
+        self.time_axis.as_deref()
+    }
+
+    /// The time steps that a scene's layers have together, of these volumes.
+    pub fn timeline(volumes: &[Self], scene: &Scene) -> Timeline {
+        let time = |volume: &Self| VolumeTime { steps: volume.source.times(), axis: volume.time_axis.clone() };
+        Timeline::new(volumes.iter().map(time).collect(), (0..scene.layers.len()).map(|layer| scene.store(layer)))
     }
 
     pub(crate) fn extent(&self) -> Extent {

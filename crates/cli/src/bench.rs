@@ -1,6 +1,8 @@
-//! `brickyard bench`: measured flights over stores, as a table.
+//! `brickyard bench`: measured flights over stores and playbacks of their time steps, as tables.
 
+use super::bench_play::{self, PlayArguments};
 use super::failure::Failure;
+use super::output::{may_write, write_json};
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
@@ -8,6 +10,7 @@ use super::session_errors::session_failure;
 use super::{print_json, print_line, store_errors, values};
 use brickyard::backend::CompositorChoice;
 use brickyard::flight::{FlightError, FlightPlan, FlightReport, fly, forget_pages};
+use brickyard::playing::{PlayPlan, PlayReport, play};
 use brickyard::scenario::Scenario;
 use brickyard::session::SessionOptions;
 use clap::{Args, ValueEnum};
@@ -25,9 +28,11 @@ pub(crate) struct BenchArguments {
     /// Fly over all stores in one picture, not over one after the other
     #[arg(long)]
     together: bool,
-    /// What to fly
+    /// What to fly, or `play` or `scrub` for time steps
     #[arg(long, value_delimiter = ',', default_value = "orbit,fly,zoom,sweep")]
     scenario: Vec<ScenarioArgument>,
+    #[command(flatten)]
+    play: PlayArguments,
     /// Frames of a flight
     #[arg(long, default_value_t = 120, value_parser = clap::value_parser!(u32).range(1..))]
     frames: u32,
@@ -68,6 +73,12 @@ pub(crate) struct BenchArguments {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    /// Write what was measured (JSON), too
+    #[arg(long, value_name = "stats.json")]
+    stats: Option<PathBuf>,
+    /// Replace existing statistics
+    #[arg(long, requires = "stats")]
+    overwrite: bool,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -86,6 +97,10 @@ enum ScenarioArgument {
     Zoom,
     Sweep,
     Random,
+    /// Play the time steps
+    Play,
+    /// Jump from time step to time step
+    Scrub,
 }
 
 #[derive(Serialize)]
@@ -98,7 +113,20 @@ struct Row<'a> {
     host_memory: u64,
     cold: bool,
     #[serde(flatten)]
-    report: FlightReport,
+    report: Report,
+}
+
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Report {
+    Flight(FlightReport),
+    Play {
+        scenario: &'static str,
+        /// Steps a second that were asked for; `None` for jumps.
+        rate: Option<f64>,
+        #[serde(flatten)]
+        report: PlayReport,
+    },
 }
 
 /// Runs `bench`.
@@ -106,34 +134,43 @@ struct Row<'a> {
 /// # Errors
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Failure> {
-    let mut rows = Vec::new();
-    if !arguments.json {
-        print_line(HEAD)?;
+    if let Some(path) = &arguments.stats {
+        may_write(path, arguments.overwrite)?;
     }
+    let mut rows = Vec::new();
+    let mut head = "";
     let paths: Vec<&Path> = arguments.stores.iter().map(PathBuf::as_path).collect();
     for stores in paths.chunks(if arguments.together { paths.len() } else { 1 }) {
         for &scenario in &arguments.scenario {
-            let (extents, report) = flight(arguments, stores, scenario.into())?;
+            let (extents, report) = measured(arguments, stores, scenario)?;
             let BenchArguments { cold, size: size_px, gpu_memory, host_memory, .. } = *arguments;
             let row = Row { stores, extents, size_px, gpu_memory, host_memory, cold, report };
             if !arguments.json {
+                let own_head = if matches!(row.report, Report::Flight(_)) { HEAD } else { bench_play::HEAD };
+                if head != own_head {
+                    print_line(own_head)?;
+                    head = own_head;
+                }
                 print_line(&line(&row))?;
             }
             rows.push(row);
         }
     }
+    if let Some(path) = &arguments.stats {
+        write_json(path, &rows)?;
+    }
     if arguments.json { print_json(&rows) } else { Ok(()) }
 }
 
-fn flight(
+fn measured(
     arguments: &BenchArguments,
     paths: &[&Path],
-    scenario: Scenario,
-) -> Result<(Vec<[u32; 3]>, FlightReport), Failure> {
+    scenario: ScenarioArgument,
+) -> Result<(Vec<[u32; 3]>, Report), Failure> {
     // Opened once before the clock starts: for the scene, and so that a store that does not open says so as elsewhere.
     let volumes = store_errors::open_volumes(paths)?;
     let extents = volumes.iter().map(|volume| volume.source.pyramid().levels()[0].extent.to_array()).collect();
-    let scene = arguments.sampling.of(arguments.scene.scene(&volumes, arguments.size)?);
+    let scene = arguments.sampling.of(arguments.scene.scene_of_one_step(&volumes, arguments.size)?);
     drop(volumes);
     for path in paths.iter().filter(|_| arguments.cold) {
         forget_pages(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
@@ -152,15 +189,23 @@ fn flight(
         skips_empty: !arguments.no_skipping,
         live: true,
     };
-    let plan = FlightPlan {
-        scenario,
-        scene: &scene,
-        frames: arguments.frames,
-        size_px: arguments.size,
-        seed: arguments.seed,
-        frame_goal: arguments.frame_goal.map(|ms| Duration::from_millis(ms.into())),
+    let frame_goal = arguments.frame_goal.map(|ms| Duration::from_millis(ms.into()));
+    let (scene, size_px) = (&scene, arguments.size);
+    let report = match scenario.flight() {
+        Some(scenario) => {
+            let (frames, seed) = (arguments.frames, arguments.seed);
+            fly(paths, &FlightPlan { scenario, scene, frames, size_px, seed, frame_goal }, &options).map(Report::Flight)
+        }
+        None => {
+            let PlayArguments { steps, no_drawing, .. } = arguments.play;
+            let playback = matches!(scenario, ScenarioArgument::Play).then(|| arguments.play.playback());
+            let plan = PlayPlan { scene, playback, steps, size_px, draws: !no_drawing, frame_goal };
+            let rate = playback.map(|playback| playback.steps_per_second);
+            let name = if playback.is_some() { "play" } else { "scrub" };
+            play(paths, &plan, &options).map(|report| Report::Play { scenario: name, rate, report })
+        }
     };
-    let report = fly(paths, &plan, &options).map_err(|error| match error {
+    let report = report.map_err(|error| match error {
         FlightError::Session(error) => session_failure(error),
         FlightError::Open(_) | FlightError::NotSettled(_) => Failure::failed(error),
     })?;
@@ -173,16 +218,22 @@ read / decoded / uploaded MiB | decoded per upload | uploaded again | backend / 
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
 
 fn line(row: &Row<'_>) -> String {
-    let r = &row.report;
-    let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
-    let share = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
     let names: Vec<_> = row.stores.iter().map(|path| path.file_name().unwrap_or_default().to_string_lossy()).collect();
     let stores = names.join(" + ");
+    let cold = if row.cold { ", cold" } else { "" };
+    let r = match &row.report {
+        Report::Flight(report) => report,
+        Report::Play { scenario, report, .. } => {
+            return bench_play::line(&stores, &format!("{scenario}{cold}"), report);
+        }
+    };
+    let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;
+    let share = |part: u64, whole: u64| if whole == 0 { 0.0 } else { part as f64 / whole as f64 };
     format!(
         "| {stores} | {}{} | {:.1} | {:.0} | {:.0} | {:.0} / {:.0} / {:.0} | {:.0} % | {:.0} | {:.1} % | {:.0} / {:.0} / {:.0} | {:.2} | \
          {:.1} % | {:.0} / {:.0} / {:.0} | {}, {} |",
         r.scenario.name(),
-        if row.cold { ", cold" } else { "" },
+        cold,
         r.open_ms,
         r.first_picture_ms,
         r.settled_ms,
@@ -205,15 +256,17 @@ fn line(row: &Row<'_>) -> String {
     )
 }
 
-impl From<ScenarioArgument> for Scenario {
-    fn from(scenario: ScenarioArgument) -> Self {
-        match scenario {
-            ScenarioArgument::Still => Self::Still,
-            ScenarioArgument::Orbit => Self::Orbit,
-            ScenarioArgument::Fly => Self::Fly,
-            ScenarioArgument::Zoom => Self::Zoom,
-            ScenarioArgument::Sweep => Self::Sweep,
-            ScenarioArgument::Random => Self::Random,
+impl ScenarioArgument {
+    /// The flight that it is; `None` for what is played.
+    fn flight(self) -> Option<Scenario> {
+        match self {
+            Self::Still => Some(Scenario::Still),
+            Self::Orbit => Some(Scenario::Orbit),
+            Self::Fly => Some(Scenario::Fly),
+            Self::Zoom => Some(Scenario::Zoom),
+            Self::Sweep => Some(Scenario::Sweep),
+            Self::Random => Some(Scenario::Random),
+            Self::Play | Self::Scrub => None,
         }
     }
 }

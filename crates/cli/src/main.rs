@@ -3,6 +3,7 @@
 
 mod advice;
 mod bench;
+mod bench_play;
 mod channel_args;
 mod doctor;
 mod export;

@@ -5,6 +5,7 @@ use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::volume::counted;
 use brickyard::volume::transfer::shown_window;
+use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -21,6 +22,15 @@ pub(crate) fn may_write(path: &Path, overwrite: bool) -> Result<(), Failure> {
         (false, true) => return Ok(()),
     };
     Err(Failure::usage(format!("{}: {what}; {advice}", path.display())))
+}
+
+/// Writes a value to a file, as JSON.
+///
+/// # Errors
+/// If the file cannot be written.
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(value).map_err(Failure::failed)?;
+    std::fs::write(path, text + "\n").map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
 }
 
 /// Says what a picture cannot show by itself: that a channel has a single value, or none. Nothing is said of what there is not.

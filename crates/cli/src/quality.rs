@@ -89,7 +89,7 @@ struct Table<'a> {
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: &QualityArguments) -> Result<(), Failure> {
     let volume = VolumeSource::of_store(&Arc::new(store_errors::open(&arguments.store)?));
-    let scene = arguments.scene.scene(std::slice::from_ref(&volume), arguments.size)?;
+    let scene = arguments.scene.scene_of_one_step(std::slice::from_ref(&volume), arguments.size)?;
     check(arguments, &scene)?;
     let plan = arguments.plan(&scene);
     make_folder(&arguments.output, arguments.overwrite)?;

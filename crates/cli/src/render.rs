@@ -39,7 +39,8 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let shown = scene.layers.iter().enumerate().filter(|(_, layer)| layer.visible);
     let windows: BTreeSet<_> = shown.map(|(i, layer)| (scene.store(i), layer.channel)).collect();
     windows.into_iter().for_each(|(store, channel)| note_window(stores.get(store), channel));
-    let views = Views::new(&arguments, scene)?;
+    let steps = arguments.scene.steps(&scene, &volumes)?;
+    let views = Views::new(&arguments, scene, steps)?;
     let mut pictures =
         Pictures { arguments: &arguments, stores, volumes, views, started, stats: RenderStats::default() };
     match arguments.compositor() {

@@ -1,6 +1,7 @@
 //! The flags of `render`, and what follows from them.
 
 use super::failure::Failure;
+use super::output::write_json;
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
@@ -29,7 +30,7 @@ pub(crate) struct RenderArguments {
     pub(super) scene: SceneArguments,
     #[command(flatten)]
     pub(super) sampling: SamplingArguments,
-    /// Turn the camera once around its target in N pictures
+    /// Turn the camera once around its target in N pictures; where there are more time steps, in as many as those
     #[arg(long, value_name = "N", conflicts_with = "path")]
     pub(super) orbit: Option<u32>,
     /// Cameras of several pictures (JSON list)
@@ -104,9 +105,7 @@ impl RenderArguments {
 
     /// Writes the statistics, where they are asked for.
     pub(super) fn write_stats(&self, stats: &RenderStats) -> Result<(), Failure> {
-        let Some(path) = &self.stats else { return Ok(()) };
-        let text = serde_json::to_string_pretty(stats).map_err(Failure::failed)?;
-        std::fs::write(path, text + "\n").map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
+        self.stats.as_ref().map_or(Ok(()), |path| write_json(path, stats))
     }
 
     pub(super) fn max_wait(&self) -> Duration {

@@ -3,6 +3,7 @@
 use super::channel_args::{ChannelArguments, layers_of_kind};
 use super::failure::Failure;
 use super::slice_argument::{self, SliceArgument};
+use super::step_range::StepRange;
 use super::values::{self, GradientOpacity};
 use super::volume_args::{VolumeKey, VolumeSetting, set_transfer, transfer_choice, volume_setting};
 use brickyard::scene_file::{self, SceneFile};
@@ -80,9 +81,9 @@ pub(crate) struct SceneArguments {
     /// Colour behind the volume, each 0..1 [default: 0,0,0]
     #[arg(long, value_name = "R,G,B", value_parser = values::color)]
     background: Option<[f64; 3]>,
-    /// Time step
-    #[arg(long)]
-    time: Option<u32>,
+    /// Time step N; in `render` also several, a picture each: A:B, A:B:S (B excluded) or all
+    #[arg(long, value_name = "N|A:B[:S]|all")]
+    time: Option<StepRange>,
     #[command(flatten)]
     channels: ChannelArguments,
     /// Show only this box, world units
@@ -210,6 +211,7 @@ impl SceneArguments {
         }
         self.channels.set_looks(&mut scene, volumes)?;
         self.set_slice(&mut scene, volumes)?;
+        scene.time = self.steps(&scene, volumes)?[0];
         for remark in scene_file::read_named_files(&mut scene, volumes).map_err(Failure::bad_input)? {
             eprintln!("note: {remark}");
         }
@@ -217,6 +219,28 @@ impl SceneArguments {
         let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
         scene.camera = Some(self.camera(&scene, &places, size_px)?);
         Ok(scene)
+    }
+
+    /// As [`Self::scene`], of one time step.
+    ///
+    /// # Errors
+    /// As there; and exit code 2 if the flags ask for several steps.
+    pub(crate) fn scene_of_one_step(&self, volumes: &[VolumeSource], size_px: (u32, u32)) -> Result<Scene, Failure> {
+        match &self.time {
+            None | Some(StepRange::One(_)) => self.scene(volumes, size_px),
+            Some(steps) => Err(Failure::usage(format!("--time {steps}: expected one time step"))),
+        }
+    }
+
+    /// The time steps of the pictures: those of the flags, else the scene's own.
+    ///
+    /// # Errors
+    /// Exit code 2 if the scene has no such steps.
+    pub(crate) fn steps(&self, scene: &Scene, volumes: &[VolumeSource]) -> Result<Vec<u32>, Failure> {
+        match &self.time {
+            Some(steps) => Ok(steps.steps(VolumeSource::timeline(volumes, scene).steps())?.collect()),
+            None => Ok(vec![scene.time]),
+        }
     }
 
     /// Sets what of a scene is the same for all of its layers.
@@ -231,7 +255,6 @@ impl SceneArguments {
             scene.lighting.lights = self.light.clone();
         }
         scene.background = self.background.unwrap_or(scene.background);
-        scene.time = self.time.unwrap_or(scene.time);
         scene.clip = self.clip.or(scene.clip);
         if !self.clip_plane.is_empty() {
             scene.clip_planes.clone_from(&self.clip_plane);

@@ -143,7 +143,7 @@ pub(crate) fn run(arguments: ViewArguments, matches: &ArgMatches) -> Result<(), 
     };
     let openings = opened(paths, options)?;
     let volumes = openings.volumes();
-    let scene = arguments.sampling.of(arguments.scene.scene(&volumes, arguments.size)?);
+    let scene = arguments.sampling.of(arguments.scene.scene_of_one_step(&volumes, arguments.size)?);
     let session = SessionOptions {
         backend: arguments.backend.into(),
         gpu_memory_bytes: arguments.gpu_memory,

@@ -1,5 +1,8 @@
-//! The pictures that one `render` makes: one, an orbit, or those of a path. Each view is made when its turn comes, so that their
-//! number costs no memory.
+//! The pictures that one `render` makes: of one time step or several, from one camera, an orbit or those of a path. Each view is made when its turn
+//! comes, so that their number costs no memory.
+//!
+//! Where there are several cameras and several steps, both run over all the pictures, of which there are as many as of the more numerous: time goes on
+//! while the camera moves.
 
 use super::failure::Failure;
 use super::output::may_write;
@@ -15,6 +18,8 @@ pub(super) const MOST_PICTURES: u32 = 1_000_000;
 pub(super) struct Views {
     scene: Scene,
     cameras: Cameras,
+    /// The time steps; at least one.
+    steps: Vec<u32>,
     output: PathBuf,
 }
 
@@ -25,11 +30,11 @@ enum Cameras {
 }
 
 impl Views {
-    /// The views of a scene, which has a camera. All their files may be written, and the statistics'.
+    /// The views of a scene, which has a camera, at some time steps. All their files may be written, and the statistics'.
     ///
     /// # Errors
     /// If not, or if the path cannot be read or there is nothing to show.
-    pub(super) fn new(arguments: &RenderArguments, scene: Scene) -> Result<Self, Failure> {
+    pub(super) fn new(arguments: &RenderArguments, scene: Scene, steps: Vec<u32>) -> Result<Self, Failure> {
         let cameras = match (arguments.orbit, scene.camera, &arguments.path) {
             (Some(count), Some(start), _) => {
                 if !(1..=MOST_PICTURES).contains(&count) {
@@ -40,7 +45,7 @@ impl Views {
             (_, _, Some(path)) => Cameras::Path(cameras(path)?),
             _ => Cameras::One,
         };
-        let views = Self { scene, cameras, output: arguments.output.clone() };
+        let views = Self { scene, cameras, steps, output: arguments.output.clone() };
         for i in 0..views.count() {
             let path = views.output(i);
             may_write(&path, arguments.overwrite)?;
@@ -54,11 +59,12 @@ impl Views {
     }
 
     fn count(&self) -> usize {
-        match &self.cameras {
+        let cameras = match &self.cameras {
             Cameras::One => 1,
             Cameras::Orbit { count, .. } => *count as usize,
             Cameras::Path(cameras) => cameras.len(),
-        }
+        };
+        cameras.max(self.steps.len())
     }
 
     /// The first scene.
@@ -67,12 +73,13 @@ impl Views {
     }
 
     fn scene(&self, i: usize) -> Scene {
+        let count = self.count();
         let camera = match &self.cameras {
             Cameras::One => self.scene.camera,
-            Cameras::Orbit { start, count } => Some(start.orbited(360.0 * i as f64 / *count as f64)),
-            Cameras::Path(cameras) => cameras.get(i).copied(),
+            Cameras::Orbit { start, .. } => Some(start.orbited(360.0 * i as f64 / count as f64)),
+            Cameras::Path(cameras) => cameras.get(i * cameras.len() / count).copied(),
         };
-        Scene { camera, ..self.scene.clone() }
+        Scene { camera, time: self.steps[i * self.steps.len() / count], ..self.scene.clone() }
     }
 
     fn output(&self, i: usize) -> PathBuf {
@@ -126,9 +133,26 @@ mod tests {
         let scene = Scene { camera: Some(Camera::looking_at_box((DVec3::ZERO, DVec3::ONE))), ..Scene::default() };
         let start = scene.camera.unwrap();
         let cameras = Cameras::Orbit { start, count: MOST_PICTURES };
-        let views = Views { scene, cameras, output: "o.png".into() };
+        let views = Views { scene, cameras, steps: vec![3], output: "o.png".into() };
         let (scene, output) = views.iter().nth(MOST_PICTURES as usize / 2).unwrap();
         assert_eq!((scene.camera.unwrap(), output), (start.orbited(180.0), "o_500000.png".into()));
         assert_eq!(views.iter().count(), MOST_PICTURES as usize);
+    }
+
+    #[test]
+    fn time_goes_on_while_the_camera_moves() {
+        let start = Camera::looking_at_box((DVec3::ZERO, DVec3::ONE));
+        let scene = Scene { camera: Some(start), ..Scene::default() };
+        let [a, b] = [0.0, 90.0].map(|turn_deg| start.orbited(turn_deg));
+        let views = |cameras, steps: &[u32]| {
+            let views = Views { scene: scene.clone(), cameras, steps: steps.to_vec(), output: "o.png".into() };
+            views.iter().map(|(scene, _)| (scene.camera.unwrap(), scene.time)).collect::<Vec<_>>()
+        };
+        assert_eq!(views(Cameras::One, &[4, 6]), [(start, 4), (start, 6)]);
+        assert_eq!(views(Cameras::Path(vec![a, b]), &[1, 2, 3, 4]), [(a, 1), (a, 2), (b, 3), (b, 4)]);
+        let orbit = views(Cameras::Orbit { start, count: 4 }, &[7, 9]);
+        assert_eq!(orbit, [(start, 7), (b, 7), (start.orbited(180.0), 9), (start.orbited(270.0), 9)]);
+        // As many pictures as steps, evenly around.
+        assert_eq!(views(Cameras::Orbit { start, count: 2 }, &[0, 1, 2, 3])[1], (b, 1));
     }
 }

@@ -78,8 +78,8 @@ pub struct Tally {
     pub dropped: u64,
 }
 
-/// How many steps are planned ahead at most.
-const MOST_COMING: usize = 8;
+/// How many time steps a clock plans ahead of the one that is shown, at most.
+pub const MOST_COMING: usize = 8;
 
 /// Changes of the bias, in levels: where a step is late, and where there is time to spare.
 const COARSER: f64 = 0.5;
@@ -211,6 +211,11 @@ impl Clock {
     /// Jumps to a step: it is shown as soon as something of it can be drawn in every place. A clock that plays goes on from there.
     pub fn seek(&mut self, step: u32) {
         self.sought = (step != self.shown.step).then_some(step);
+    }
+
+    /// Whether a step that was jumped to is not shown yet.
+    pub fn is_seeking(&self) -> bool {
+        self.sought.is_some()
     }
 
     /// Tells how many steps there are now: no fewer than before.

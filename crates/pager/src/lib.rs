@@ -49,7 +49,7 @@ mod workers;
 
 pub use assemble::PaddedReader;
 pub use budget::{PagerConfig, PagerError};
-pub use clock::{Clock, Ending, Playback, Policy, ShownStep, Tally};
+pub use clock::{Clock, Ending, MOST_COMING, Playback, Policy, ShownStep, Tally};
 pub use cut::{Cut, View, cut_capacity};
 pub use dither::PixelShare;
 pub use draw_list::{DrawCell, DrawList, Slot};

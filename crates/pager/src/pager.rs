@@ -5,13 +5,14 @@
 //! bricks fit the same slots share them: the worst cell of any volume is split first, and what is most urgent is read first.
 
 use crate::budget::{BufferSizes, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, least_host};
+use crate::clock::MOST_COMING;
 use crate::cut::{Cut, View, roots};
 use crate::draw_list::DrawList;
 use crate::layers::{BudgetRequest, share};
 use crate::layout::Layout;
 use crate::motion::Motion;
 use crate::paged_volume::{DrawnCells, PagedVolume, Seen, buffer_sizes};
-use crate::planner::{Job, Outlook, Planner};
+use crate::planner::{Job, Outlook, Planner, Planning};
 use crate::ram_cache::{KeptCores, layout_of};
 use crate::residency::{Ahead, Goal, Residency, Step, Upload, UploadLimit, VolumeStep};
 use crate::slot_contents::SlotContents;
@@ -217,7 +218,8 @@ impl Pager {
             self.residency.step(&wants.collect::<Vec<_>>(), ahead, limit, at);
         for ((ready, goals), views) in readiness.iter_mut().zip(&coming).zip(self.coming.iter()) {
             // A camera that moves is ahead of the cuts; a level that changes is waited for.
-            ready.is_planned &= goals.iter().zip(views).all(|(goal, view)| goal.cut.view.pixel_error == view.pixel_error);
+            ready.is_planned &=
+                goals.iter().zip(views).all(|(goal, view)| goal.cut.view.pixel_error == view.pixel_error);
         }
         self.last_at = at;
         self.governor.spent(uploads.iter().map(|upload| upload.codes.len() as u64).sum());
@@ -421,8 +423,12 @@ fn volume_request(
     let sizes = buffer_sizes(source, &layout, config.planning, config.host_bytes);
     let BufferSizes { fixed, scratch, core, padded } = sizes;
     let workers = config.workers.max(1) as u64;
-    // A cache of every brick, and an eighth of it all for those on their way.
-    let cores = source.pyramid().brick_count().saturating_mul(core);
+    // A cache of every brick of the steps that may be played, and an eighth of it all for those on their way.
+    let steps = match config.planning {
+        Planning::Inline => 1,
+        Planning::Thread => u64::from(source.times()).min(1 + MOST_COMING as u64),
+    };
+    let cores = source.pyramid().brick_count().saturating_mul(steps).saturating_mul(core);
     let most = cores.saturating_add(fixed + workers * (scratch + core + padded)).saturating_mul(8) / 7;
     Ok(BudgetRequest { bytes: 1, least: least_host(sizes), most })
 }

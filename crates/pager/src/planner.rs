@@ -151,9 +151,7 @@ impl Desk {
     /// nothing of later ones.
     fn make_coming(&mut self, job: &Job) {
         let is_known = self.coming_occupancy == job.occupancy;
-        let is_same = |cuts: &&Vec<Arc<Cut>>, views: &[View]| {
-            is_known && cuts.iter().map(|cut| &cut.view).eq(views)
-        };
+        let is_same = |cuts: &&Vec<Arc<Cut>>, views: &[View]| is_known && cuts.iter().map(|cut| &cut.view).eq(views);
         let mut coming: Vec<Vec<Arc<Cut>>> = Vec::new();
         let mut room = self.slots;
         for views in job.coming.iter() {

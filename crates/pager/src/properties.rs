@@ -499,7 +499,10 @@ impl Bench<'_> {
         let all: Vec<Wants<'_>> = wanted
             .iter()
             .zip(self.sources)
-            .map(|(Wanted { cut, sight, roots }, source)| Wants { goal: Goal { pyramid: source.pyramid(), cut, roots }, sight })
+            .map(|(Wanted { cut, sight, roots }, source)| Wants {
+                goal: Goal { pyramid: source.pyramid(), cut, roots },
+                sight,
+            })
             .collect();
         let before: HashSet<VolumeBrick> = self.atlas.values().copied().collect();
         self.now += Duration::from_millis(self.dice.next() % 60);

@@ -44,7 +44,8 @@ impl Part {
         if region.is_empty() {
             return Err("the clip box and the crop leave nothing of the first layer that is shown".into());
         }
-        let (time, channel) = (ExportTime::Step(scene.time), scene.layers[layer].channel);
+        let step = VolumeSource::timeline(volumes, scene).step_of(scene.store(layer), scene.time);
+        let (time, channel) = (ExportTime::Step(step), scene.layers[layer].channel);
         let request = ExportRequest { time, channel, region: Some(region), ..ExportRequest::default() };
         Ok(Self { store, request, extent: region.extent() })
     }

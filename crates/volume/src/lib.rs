@@ -49,6 +49,7 @@ pub mod stereo;
 pub mod surface;
 mod time_axis;
 mod time_unit;
+mod timeline;
 pub mod transfer;
 mod viewpoint;
 pub mod voxel_type;
@@ -91,6 +92,7 @@ pub use stereo::{Stereo, StereoError, StereoLayout};
 pub use surface::{Isosurface, Surface};
 pub use time_axis::{TimeAxis, TimeProblem};
 pub use time_unit::{time_symbol, time_unit};
+pub use timeline::{Timeline, VolumeTime};
 pub use transfer::{
     Region, Shape, Subject, TransferChoice, TransferFile, TransferFunction, TransferGrid, TransferTable,
 };

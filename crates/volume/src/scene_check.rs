@@ -101,6 +101,9 @@ impl Scene {
         if channel >= channels {
             return Err(LayerError::Channel { channel, channels });
         }
+        // Those with fewer steps show the one that was taken by then.
+        let all = (0..self.layers.len()).filter_map(|layer| stores.get(self.store(layer)));
+        let times = all.map(|store| store.times).fold(times, u32::max);
         if time >= times {
             return Err(LayerError::Time { time, times });
         }

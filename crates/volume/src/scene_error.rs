@@ -132,12 +132,12 @@ pub enum LayerError {
         /// Number of channels that the store has.
         channels: u32,
     },
-    /// The scene's time step does not exist in the layer's store.
+    /// The scene's time step does not exist in any layer's store.
     #[error("time step {time} does not exist: the store has {times}, numbered from 0")]
     Time {
         /// The time step that the scene asks for.
         time: u32,
-        /// Number of time steps that the store has.
+        /// Number of time steps of the store that has most.
         times: u32,
     },
     /// The layer's opacity is not in 0..=1.

@@ -44,6 +44,38 @@ pub fn time_unit(text: &str) -> Result<&'static str, String> {
     })
 }
 
+/// How many seconds a unit of time has, by its name; `None` if it is none of OME-Zarr's.
+pub(crate) fn time_unit_s(name: &str) -> Option<f64> {
+    let prefixes = [
+        ("yocto", 1e-24),
+        ("zepto", 1e-21),
+        ("atto", 1e-18),
+        ("femto", 1e-15),
+        ("pico", 1e-12),
+        ("nano", 1e-9),
+        ("micro", 1e-6),
+        ("milli", 1e-3),
+        ("centi", 1e-2),
+        ("deci", 1e-1),
+        ("", 1.0),
+        ("hecto", 1e2),
+        ("kilo", 1e3),
+        ("mega", 1e6),
+        ("giga", 1e9),
+        ("tera", 1e12),
+        ("peta", 1e15),
+        ("exa", 1e18),
+        ("zetta", 1e21),
+        ("yotta", 1e24),
+    ];
+    match (name, name.strip_suffix("second")) {
+        ("minute", _) => Some(60.0),
+        ("hour", _) => Some(3600.0),
+        ("day", _) => Some(86_400.0),
+        (_, prefix) => prefixes.iter().find(|(known, _)| Some(*known) == prefix).map(|(_, factor)| *factor),
+    }
+}
+
 /// The usual symbol of a unit of time; other names as they are.
 pub fn time_symbol(name: &str) -> &str {
     UNITS.iter().find(|(known, _)| *known == name).map_or(name, |(_, symbols)| symbols[0])
@@ -66,8 +98,11 @@ mod tests {
         for (name, symbols) in UNITS {
             assert_eq!((time_unit(name), time_symbol(name)), (Ok(*name), symbols[0]));
             assert!(symbols.iter().all(|symbol| time_unit(symbol) == Ok(name)), "{name}");
+            assert!(time_unit_s(name).is_some(), "{name}");
         }
         assert_eq!(time_symbol("fortnight"), "fortnight");
+        assert_eq!(["millisecond", "second", "hour"].map(time_unit_s), [Some(1e-3), Some(1.0), Some(3600.0)]);
+        assert_eq!(["fortnight", "kilo", "s"].map(time_unit_s), [None; 3]);
     }
 
     #[test]

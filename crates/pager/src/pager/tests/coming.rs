@@ -111,7 +111,10 @@ fn a_step_that_comes_twice_or_is_shown_already_is_read_once() {
     let (_, mut pager, view) = played(900, Planning::Inline);
     pager.expect([1, 0, 1, 1].map(|time| vec![at_step(&view, time)]).into());
     let frame = fetch(&mut pager, &view, &mut HashMap::new());
-    assert_eq!(frame.coming, [Readiness { wanted: 125, is_planned: true, missing: 0, is_covered: true, is_whole: true }; 4]);
+    assert_eq!(
+        frame.coming,
+        [Readiness { wanted: 125, is_planned: true, missing: 0, is_covered: true, is_whole: true }; 4]
+    );
     let counters = frame.status.counters;
     assert!(counters.uploaded <= 2 * BRICKS && (LEAST..=BRICKS).contains(&counters.uploaded_ahead), "{counters:?}");
 }

@@ -1,0 +1,325 @@
+//! A measured playback: opens stores, waits for the first view, plays their time steps or jumps among them, and says how many steps were shown, at
+//! which levels, and what each took.
+
+use crate::backend::Renderer;
+use crate::flight::FlightError;
+use crate::frame_governor::{Change, Quality, QualityControl};
+use crate::memory::ProcessMemory;
+use crate::session::{Frame, ResolvedScene, Session, SessionOptions, VolumeSource};
+use crate::stats::{ByteCounts, Percentiles, ms, processor_ms};
+use brickyard_pager::{Counters, Playback, Tally};
+use brickyard_volume::Scene;
+use serde::Serialize;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// The plan of a playback.
+#[derive(Clone, Copy, Debug)]
+pub struct PlayPlan<'a> {
+    /// What is shown. Its time step is the first one.
+    pub scene: &'a Scene,
+    /// How steps follow one another; `None` jumps from step to step in no order, and waits at each until it is whole.
+    pub playback: Option<Playback>,
+    /// Steps of the path to play, or jumps.
+    pub steps: u32,
+    /// Size of the pictures, pixels.
+    pub size_px: (u32, u32),
+    /// Whether frames are drawn. If not, what is measured is the streaming: read, decode, assemble, upload, flip.
+    pub draws: bool,
+    /// How long a frame may take; `None` draws all frames exactly.
+    pub frame_goal: Option<Duration>,
+}
+
+/// What was measured of a playback.
+#[derive(Clone, Debug, Serialize)]
+pub struct PlayReport {
+    /// A line that describes the backend.
+    pub adapter: String,
+    /// The compositor's name.
+    pub compositor: &'static str,
+    /// Number of slots for bricks.
+    pub slots: u64,
+    /// Seconds that it took.
+    pub seconds: f64,
+    /// Steps shown a second.
+    pub steps_per_second: f64,
+    /// Steps shown.
+    pub shown: u64,
+    /// Steps among them that were not whole when they were due.
+    pub late: u64,
+    /// Steps passed over.
+    pub dropped: u64,
+    /// Frames in which some cell had no brick to be drawn with.
+    pub uncovered: u32,
+    /// Frames in which some brick was of another step than the frame.
+    pub mixed: u32,
+    /// Frames drawn.
+    pub frames: u32,
+    /// Mean share of an exact frame's work that frames were drawn with.
+    pub quality: f64,
+    /// Shares of the cells that steps were first shown with, by level, finest first.
+    pub levels: Vec<f64>,
+    /// Milliseconds from a jump until the step is shown, and until it is whole; zero while playing.
+    pub jump_ms: Percentiles,
+    /// Milliseconds from a jump until the step is whole; zero while playing.
+    pub settle_ms: Percentiles,
+    /// Milliseconds of a step of streaming on the frame loop's thread: taking in bricks, planning, uploading.
+    pub step_ms: Percentiles,
+    /// Milliseconds that drawing a frame took.
+    pub draw_ms: Percentiles,
+    /// Processor milliseconds of all threads for each step shown.
+    pub processor_ms_per_step: f64,
+    /// Bricks decoded and uploaded for each step shown.
+    pub decoded_per_step: f64,
+    /// Bricks uploaded for each step shown.
+    pub uploaded_per_step: f64,
+    /// Bytes read, decoded and uploaded for each step shown.
+    pub bytes_per_step: ByteCounts,
+    /// What the steps wait for: `drawing`, `processors` (decoding and assembling), `reading`, or `rate` if nothing holds them up.
+    pub limit: &'static str,
+    /// Highest accounted bytes of the backend.
+    pub gpu_bytes_peak: u64,
+    /// Highest accounted bytes of decoded bricks, staging and scratch.
+    pub host_bytes_peak: u64,
+    /// Highest anonymous memory of the process, bytes.
+    pub anonymous_peak: u64,
+}
+
+/// The longest time that a playback may take.
+const LONGEST: Duration = Duration::from_secs(600);
+
+/// Opens stores and plays them in one picture.
+///
+/// # Errors
+/// If a store does not open, the session fails, or a step does not come within ten minutes.
+pub fn play(stores: &[&Path], plan: &PlayPlan<'_>, options: &SessionOptions) -> Result<PlayReport, FlightError> {
+    let open = |store: &&Path| VolumeSource::open(store)?.suited(plan.scene.mode);
+    let volumes = stores.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+    let mut session = Session::new(volumes, SessionOptions { live: true, ..*options });
+    let scene = session.resolve(plan.scene, plan.size_px)?;
+    let mut run = Run::new(plan, &mut session);
+    run.until(&scene, |frame| frame.status.settled)?;
+    run.begin();
+    match plan.playback {
+        Some(playback) => run.play(&scene, playback)?,
+        None => run.jump(&scene)?,
+    }
+    Ok(run.report(options))
+}
+
+/// A playback that is being measured.
+struct Run<'a> {
+    plan: &'a PlayPlan<'a>,
+    session: &'a mut Session,
+    control: Option<QualityControl>,
+    begun: Instant,
+    processor_ms: f64,
+    before: Counters,
+    last: Counters,
+    host_bytes_peak: u64,
+    gpu_bytes_peak: u64,
+    anonymous_peak: u64,
+    /// The step that the last frame showed.
+    shown: u32,
+    flips: u64,
+    uncovered: u32,
+    mixed: u32,
+    quality: f64,
+    levels: Vec<u64>,
+    jump_ms: Vec<f64>,
+    settle_ms: Vec<f64>,
+    step_ms: Vec<f64>,
+    draw_ms: Vec<f64>,
+}
+
+impl<'a> Run<'a> {
+    fn new(plan: &'a PlayPlan<'a>, session: &'a mut Session) -> Self {
+        Self {
+            plan,
+            session,
+            control: plan.frame_goal.map(QualityControl::new),
+            begun: Instant::now(),
+            processor_ms: 0.0,
+            before: Counters::default(),
+            last: Counters::default(),
+            host_bytes_peak: 0,
+            gpu_bytes_peak: 0,
+            anonymous_peak: 0,
+            shown: plan.scene.time,
+            flips: 0,
+            uncovered: 0,
+            mixed: 0,
+            quality: 0.0,
+            levels: Vec::new(),
+            jump_ms: Vec::new(),
+            settle_ms: Vec::new(),
+            step_ms: Vec::new(),
+            draw_ms: Vec::new(),
+        }
+    }
+
+    /// Begins to measure.
+    fn begin(&mut self) {
+        (self.before, self.flips, self.uncovered, self.mixed, self.quality) = (self.last, 0, 0, 0, 0.0);
+        (self.levels, self.step_ms, self.draw_ms) = Default::default();
+        (self.begun, self.processor_ms) = (Instant::now(), processor_ms());
+    }
+
+    fn play(&mut self, scene: &ResolvedScene, playback: Playback) -> Result<(), FlightError> {
+        self.session.play(Some(playback));
+        let passed = |tally: Tally| tally.shown + tally.dropped;
+        while passed(self.session.playback_tally()) < u64::from(self.plan.steps) {
+            let frame = self.step(scene)?;
+            let is_over = self.session.playback().is_none();
+            self.draw(&frame)?;
+            if is_over {
+                break;
+            }
+            self.check_time()?;
+            // A frame that shows nothing new is not worth drawing.
+            if !self.plan.draws || frame.status.settled {
+                self.session.wait(Duration::from_millis(50));
+            }
+        }
+        self.session.play(None);
+        Ok(())
+    }
+
+    fn jump(&mut self, scene: &ResolvedScene) -> Result<(), FlightError> {
+        let steps = scene.timeline.steps();
+        for i in 1..=self.plan.steps {
+            // Far from the last one, and each step before any comes again: the golden ratio of the steps.
+            let to = (f64::from(i) * 0.618_033_988_749_895).fract() * f64::from(steps);
+            let target = scene.at_step((to as u32).min(steps - 1));
+            let begun = Instant::now();
+            let mut jump_ms = None;
+            let is_shown = |frame: &Frame| frame.scene.time == target.time && frame.status.covered;
+            self.until(&target, |frame| {
+                if is_shown(frame) && jump_ms.is_none() {
+                    jump_ms = Some(ms(begun));
+                }
+                frame.status.settled
+            })?;
+            self.jump_ms.extend(jump_ms);
+            self.settle_ms.push(ms(begun));
+        }
+        Ok(())
+    }
+
+    /// Streams and draws until a frame is as it should be.
+    fn until(&mut self, scene: &ResolvedScene, mut done: impl FnMut(&Frame) -> bool) -> Result<(), FlightError> {
+        loop {
+            let frame = self.step(scene)?;
+            self.draw(&frame)?;
+            if done(&frame) {
+                return Ok(());
+            }
+            self.check_time()?;
+            if !frame.status.awaits_feedback {
+                self.session.wait(Duration::from_millis(50));
+            } else if !self.plan.draws {
+                // What is seen has to be told once.
+                self.session.draw(&frame)?;
+            }
+        }
+    }
+
+    fn check_time(&self) -> Result<(), FlightError> {
+        if self.begun.elapsed() > LONGEST { Err(FlightError::NotSettled(LONGEST.as_secs_f64())) } else { Ok(()) }
+    }
+
+    fn step(&mut self, scene: &ResolvedScene) -> Result<Frame, FlightError> {
+        let begun = Instant::now();
+        let frame = self.session.step_resolved(scene)?;
+        self.step_ms.push(ms(begun));
+        let is_flip = frame.scene.time != self.shown;
+        (self.shown, self.last) = (frame.scene.time, frame.status.counters);
+        self.uncovered += !frame.status.covered as u32;
+        self.host_bytes_peak = frame.status.host_bytes_peak;
+        let of_layers = frame.scene.layers.iter().map(|layer| layer.view.time);
+        let mut mixed = false;
+        for (list, time) in self.session.draw_lists().zip(of_layers) {
+            for cell in &list.cells {
+                mixed |= cell.brick.time != time;
+                let level = cell.brick.level.index();
+                if self.levels.len() <= level {
+                    self.levels.resize(level + 1, 0);
+                }
+                self.levels[level] += is_flip as u64;
+            }
+        }
+        self.mixed += mixed as u32;
+        if is_flip {
+            self.flips += 1;
+            self.gpu_bytes_peak = self.gpu_bytes_peak.max(self.session.backend_bytes());
+            self.anonymous_peak = self.anonymous_peak.max(ProcessMemory::now().anonymous_bytes);
+        }
+        Ok(frame)
+    }
+
+    fn draw(&mut self, frame: &Frame) -> Result<(), FlightError> {
+        if !self.plan.draws {
+            return Ok(());
+        }
+        const CHANGED: Change = Change { moved: true, refined: true };
+        let quality = self.control.as_mut().and_then(|control| control.next(CHANGED)).unwrap_or(Quality::EXACT);
+        let begun = Instant::now();
+        self.session.draw(&quality.frame(frame))?;
+        if let Some(control) = &mut self.control {
+            control.took(begun.elapsed());
+        }
+        self.draw_ms.push(ms(begun));
+        self.quality += quality.share();
+        Ok(())
+    }
+
+    fn report(&self, options: &SessionOptions) -> PlayReport {
+        let seconds = self.begun.elapsed().as_secs_f64();
+        let processor_ms = processor_ms() - self.processor_ms;
+        let Tally { late, dropped, .. } = self.session.playback_tally();
+        let shown = self.flips;
+        let per_step = |total: f64| total / shown.max(1) as f64;
+        let grown = |of: fn(&Counters) -> u64| of(&self.last) - of(&self.before);
+        let bytes = |of: fn(&Counters) -> u64| per_step(grown(of) as f64) as u64;
+        let cells: u64 = self.levels.iter().sum();
+        let draw_share = self.draw_ms.iter().sum::<f64>() / (seconds * 1e3);
+        let processor_share = processor_ms / (seconds * 1e3 * options.threads.max(1) as f64);
+        let asked = self.plan.playback.map_or(f64::INFINITY, |playback| playback.steps_per_second);
+        PlayReport {
+            adapter: self.session.backend_line().into(),
+            compositor: self.session.backend().map_or("", Renderer::compositor),
+            slots: self.session.slots(),
+            seconds,
+            steps_per_second: shown as f64 / seconds,
+            shown,
+            late,
+            dropped,
+            uncovered: self.uncovered,
+            mixed: self.mixed,
+            frames: self.draw_ms.len() as u32,
+            quality: self.quality / self.draw_ms.len().max(1) as f64,
+            levels: self.levels.iter().map(|count| *count as f64 / cells.max(1) as f64).collect(),
+            jump_ms: Percentiles::of(&self.jump_ms),
+            settle_ms: Percentiles::of(&self.settle_ms),
+            step_ms: Percentiles::of(&self.step_ms),
+            draw_ms: Percentiles::of(&self.draw_ms),
+            processor_ms_per_step: per_step(processor_ms),
+            decoded_per_step: per_step(grown(|counters| counters.decoded) as f64),
+            uploaded_per_step: per_step(grown(|counters| counters.uploaded) as f64),
+            bytes_per_step: ByteCounts {
+                read: bytes(|counters| counters.bytes_read),
+                decoded: bytes(|counters| counters.bytes_decoded),
+                uploaded: bytes(|counters| counters.bytes_uploaded),
+            },
+            limit: match () {
+                () if shown as f64 / seconds >= 0.95 * asked => "rate",
+                () if draw_share > 0.6 => "drawing",
+                () if processor_share > 0.7 => "processors",
+                () => "reading",
+            },
+            gpu_bytes_peak: self.gpu_bytes_peak,
+            host_bytes_peak: self.host_bytes_peak,
+            anonymous_peak: self.anonymous_peak,
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! `brickyard bench --scenario play,scrub`: measured playbacks of time steps, as a table.
+
+use super::values;
+use brickyard::pager::{Ending, Playback, Policy};
+use brickyard::playing::PlayReport;
+use clap::{Args, ValueEnum};
+
+/// The flags of playbacks.
+#[derive(Args)]
+pub(super) struct PlayArguments {
+    /// Steps a second that `play` asks for
+    #[arg(long, value_name = "R", default_value = "20", value_parser = values::positive)]
+    rate: f64,
+    /// What gives way where `play` cannot hold the rate
+    #[arg(long, value_enum, default_value_t = PolicyArgument::HoldRate)]
+    policy: PolicyArgument,
+    /// Time steps that `play` passes and `scrub` jumps to, again and again if the stores have fewer
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..))]
+    pub(super) steps: u32,
+    /// Draw nothing in `play` and `scrub`: measure streaming alone, from reading to what would be drawn
+    #[arg(long)]
+    pub(super) no_drawing: bool,
+}
+
+/// [`Policy`] on the command line.
+#[derive(Clone, Copy, ValueEnum)]
+enum PolicyArgument {
+    /// Steps come when they are due, as coarse as that takes
+    HoldRate,
+    /// Steps that are shown are whole at the level that the view wants; others are left out
+    HoldQuality,
+    /// Every step is shown, whole, however long that takes
+    EveryStep,
+}
+
+impl PlayArguments {
+    pub(super) fn playback(&self) -> Playback {
+        let policy = match self.policy {
+            PolicyArgument::HoldRate => Policy::HoldRate,
+            PolicyArgument::HoldQuality => Policy::HoldQuality,
+            PolicyArgument::EveryStep => Policy::EveryStep,
+        };
+        Playback { steps_per_second: self.rate, is_backward: false, ending: Ending::Loop, policy }
+    }
+}
+
+/// The head of the table of playbacks.
+pub(super) const HEAD: &str = "\
+| stores | scenario | steps/s | shown, late, dropped | levels shown, finest first | jump ms p50 / p95 | whole ms p50 / p95 | quality | draw ms p50 / p95 | \
+stream ms p50 / p95 | CPU ms a step | bricks decoded / uploaded a step | read / decoded / uploaded KiB a step | limit | backend / host / anonymous MiB | uncovered, mixed |
+| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
+
+/// A playback's line of the table.
+pub(super) fn line(stores: &str, scenario: &str, r: &PlayReport) -> String {
+    let (kib, mib) = (|bytes: u64| bytes as f64 / 1024.0, |bytes: u64| bytes as f64 / (1 << 20) as f64);
+    let levels: Vec<String> = r.levels.iter().map(|share| format!("{:.0} %", share * 100.0)).collect();
+    format!(
+        "| {stores} | {scenario} | {:.1} | {}, {}, {} | {} | {:.0} / {:.0} | {:.0} / {:.0} | {:.0} % | {:.1} / {:.1} | {:.2} / {:.2} | {:.1} | \
+         {:.1} / {:.1} | {:.0} / {:.0} / {:.0} | {} | {:.0} / {:.0} / {:.0} | {}, {} |",
+        r.steps_per_second,
+        r.shown,
+        r.late,
+        r.dropped,
+        levels.join(" "),
+        r.jump_ms.p50,
+        r.jump_ms.p95,
+        r.settle_ms.p50,
+        r.settle_ms.p95,
+        r.quality * 100.0,
+        r.draw_ms.p50,
+        r.draw_ms.p95,
+        r.step_ms.p50,
+        r.step_ms.p95,
+        r.processor_ms_per_step,
+        r.decoded_per_step,
+        r.uploaded_per_step,
+        kib(r.bytes_per_step.read),
+        kib(r.bytes_per_step.decoded),
+        kib(r.bytes_per_step.uploaded),
+        r.limit,
+        mib(r.gpu_bytes_peak),
+        mib(r.host_bytes_peak),
+        mib(r.anonymous_peak),
+        r.uncovered,
+        r.mixed,
+    )
+}
