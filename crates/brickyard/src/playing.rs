@@ -210,7 +210,10 @@ impl<'a> Run<'a> {
     fn until(&mut self, scene: &ResolvedScene, mut done: impl FnMut(&Frame) -> bool) -> Result<(), FlightError> {
         loop {
             let frame = self.step(scene)?;
-            self.draw(&frame)?;
+            // The step before is on the screen already.
+            if !self.session.is_seeking() {
+                self.draw(&frame)?;
+            }
             if done(&frame) {
                 return Ok(());
             }

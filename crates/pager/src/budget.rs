@@ -148,7 +148,8 @@ pub(crate) struct HostSplit {
 }
 
 /// Bytes that the slot table, the cuts, the plan and the draw list take for each slot, rounded up: all are linear in the slots. Most
-/// of it goes to up to four cuts (drawn, last, being made, foreseen) with about two nodes of 88 bytes for a cell.
+/// of it goes to up to four cuts (drawn, last, being made, foreseen) with about two nodes of 88 bytes for a cell. While time steps are played, a cut
+/// has half of the cells, and those of the coming steps together as many as there are slots, before and after they are made anew.
 pub(crate) const TABLE_BYTES_PER_SLOT: u64 = 1024;
 
 /// Padded bricks in flight at most: more only delays what a newer plan wants.

@@ -1,10 +1,11 @@
 //! The plan: the ordered list of bricks to read, from the cut and from what is resident. Each plan replaces the last.
 //!
-//! Four tiers:
+//! Five tiers:
 //! - *cover*: all bricks of the coarsest level; the ancestors two or more levels above missing cells, as far as nothing
 //!   finer stands in already (under 2 % more bricks, and a whole picture at a quarter of the resolution early); and,
 //!   for a cell whose brick cannot be read, its nearest readable ancestor.
 //! - *visible*: the cells' own bricks;
+//! - *coming*: what the views of the next time steps lack, step by step, while steps are played;
 //! - *predicted* and *ring*: what the next views may want, as the [planner](crate::planner) lists it.
 //!
 //! The first two are what the view needs. The others never take a slot from them, and a share of the slots and of the
