@@ -493,7 +493,11 @@ fn requests_that_a_store_cannot_meet() {
             ("render good.zarr", USAGE, &["--output"]),
             ("render good.zarr -o o.png --level 3", USAGE, &["level 3", "3"]),
             ("render good.zarr -o o.png --level fine", USAGE, &["fine", "auto"]),
-            ("render good.zarr -o o.png --time 2", USAGE, &["time step 2", "2"]),
+            ("render good.zarr -o o.png --time 2", USAGE, &["--time 2", "2 time steps"]),
+            ("render good.zarr -o o.png --time 0:3", USAGE, &["--time 0:3", "2 time steps"]),
+            ("bench good.zarr --time 0:2", USAGE, &["--time 0:2", "one time step"]),
+            ("bench good.zarr --scenario play --rate 0", USAGE, &["--rate", "0"]),
+            ("bench good.zarr --scenario play --stats no/such/s.json --steps 1 --no-drawing", 1, &["no/such/s.json"]),
             ("render good.zarr -o o.png --channel 1", USAGE, &["no channel '1'", "the store has 0"]),
             ("render good.zarr -o o.png --channel 1 --transfer gray", USAGE, &["no channel '1'", "the store has 0"]),
             (

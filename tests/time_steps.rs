@@ -1,6 +1,6 @@
 //! Several time steps at once, by the command: a voxel's curve as text, JSON, CSV and a plot, and exports of a range of steps.
 
-use brickyard_tests::Sandbox;
+use brickyard_tests::{Sandbox, read_png};
 
 const EXTENT: [u16; 3] = [9, 8, 7];
 const STEPS: u16 = 6;
@@ -84,4 +84,23 @@ fn steps_are_exported_one_after_another() {
         sandbox.run_ok("export back.zarr back.raw --time all --overwrite --progress none");
         assert!(sandbox.read("back.raw") == bytes(steps, EXTENT.map(|voxels| 0..voxels)), "{time}");
     }
+}
+
+#[test]
+fn pictures_of_steps_are_numbered_and_the_same_each_time() {
+    let sandbox = packed();
+    let scene = "--mode mip --window 0:6000 --backend cpu --size 24x24";
+    for run in ["a", "b"] {
+        sandbox.run_ok(&format!("render flow.zarr -o {run}.png --time 1:6:2 --orbit 2 {scene}"));
+    }
+    for i in 0..3 {
+        let [a, b] = ["a", "b"].map(|run| read_png(&sandbox.path(format!("{run}_00{i}.png"))));
+        assert_eq!(a, b, "picture {i}");
+        // Each is what its step and camera show by themselves: a third of the orbit later, two steps later.
+        sandbox.run_ok(&format!("render flow.zarr -o one.png --overwrite --time {} --orbit 3 {scene}", 2 * i + 1));
+        assert_eq!(a, read_png(&sandbox.path(format!("one_00{i}.png"))), "picture {i}");
+    }
+    assert!(!sandbox.path("a_003.png").exists());
+    let brightest = |i| read_png(&sandbox.path(format!("a_00{i}.png"))).rgb.into_iter().map(|rgb| rgb[0]).max();
+    assert!(brightest(0) < brightest(1) && brightest(1) < brightest(2));
 }
