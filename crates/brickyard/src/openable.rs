@@ -90,6 +90,9 @@ mod tests {
         let text = folder.path().join("notes.txt");
         std::fs::write(&text, "not a volume").unwrap();
         assert!(problem(&text).contains("not a format that is read"), "{}", problem(&text));
+        // A folder's raw files are its time steps.
+        assert!(problem(folder.path()).contains("pass `shape`"), "{}", problem(folder.path()));
+        std::fs::remove_file(&raw).unwrap();
         assert!(problem(folder.path()).contains("without files that are read"), "{}", problem(folder.path()));
         assert!(problem(&folder.path().join("gone")).contains("No such file"));
         // A pack that was killed has a journal and no root document.
