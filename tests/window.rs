@@ -5,6 +5,7 @@ use brickyard::volume::{Camera, Extent, Geometry, LightingModel, Mode, Picture, 
 use brickyard_tests::{Display, FunctionSource, Sandbox, TestStore, command, read_png, run};
 use glam::DVec3;
 use serde_json::Value;
+use std::collections::HashSet;
 use std::process::Child;
 use std::time::{Duration, Instant};
 
@@ -183,6 +184,53 @@ fn pointer_and_keys_change_the_scene() {
         assert_eq!(opened.scene().time, 2);
         opened.quit();
     }
+}
+
+#[test]
+fn time_steps_are_played_and_the_picture_is_of_the_step_that_is_said() {
+    let (Some(display), sandbox) = (Display::start(), Sandbox::in_memory()) else { return };
+    let value = |time: u32, _: u32, [x, _, z]: [u32; 3]| (20 * time + 3 * x + z) as u8;
+    let source = FunctionSource::series(Extent::new(24, 20, 16), Geometry::default(), 9, 1, value);
+    let test = TestStore::pack(&source, 16);
+    let path = test.path().display().to_string();
+    // "settled" comes once the last step is shown.
+    let tour = format!(
+        "0 set window.overlays {BARE}\nsettled set time 2\nsettled set window.play.steps_per_second 50\n\
+        settled set window.play.ending stop\nsettled set window.play.on true\nsettled save-scene scene.json\n\
+        settled save-picture picture.png\nsettled screenshot last.png\nsettled quit\n"
+    );
+    sandbox.write("tour.txt", &tour);
+    for backend in ["cpu", "gpu"] {
+        let arguments = [&path, "--backend", backend, "--script", "tour.txt", "--size", "900x600", "--fresh"];
+        let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+        assert!(ended.status.success(), "{backend}: {}", String::from_utf8_lossy(&ended.stderr));
+        let document: Value = serde_json::from_slice(&sandbox.read("scene.json")).expect("a scene");
+        assert_eq!((&document["time"], &document["window"]["play"]["on"]), (&8.into(), &false.into()), "{backend}");
+        let picture = read_png(&sandbox.path("picture.png"));
+        let size = format!("{}x{}", picture.width, picture.height);
+        let line =
+            format!("render {path} --scene scene.json --backend {backend} --size {size} -o rendered.png --overwrite");
+        sandbox.run_ok(&line);
+        let rendered = read_png(&sandbox.path("rendered.png"));
+        assert!(most(&picture, &rendered) <= 1, "{backend}: {}", most(&picture, &rendered));
+        assert!(is_in(&read_png(&sandbox.path("last.png")), &rendered), "{backend}: the window shows another picture");
+    }
+    // Round and round, until the key stops it.
+    let opened = Opened::new(&display, &sandbox, &[&path, "--backend", "cpu", "--fresh"]);
+    let is_on = |document: &Value| document["window"]["play"]["on"] == true;
+    display.input("key space");
+    let mut seen = HashSet::new();
+    let begun = Instant::now();
+    while seen.len() < 4 {
+        let document = opened.document();
+        assert!(begun.elapsed() < Duration::from_secs(60), "{document}");
+        seen.insert(document["time"].as_u64());
+    }
+    display.input("key space");
+    let stopped = opened.document();
+    assert!(!is_on(&stopped), "{stopped}");
+    assert_eq!(opened.document()["time"], stopped["time"]);
+    opened.quit();
 }
 
 /// A drag of the first button from one place to another, as xdotool has it in words.

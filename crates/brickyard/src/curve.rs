@@ -12,6 +12,10 @@ use glam::DVec3;
 #[cfg(feature = "survey")]
 pub use plot::write as write_plot;
 
+/// Colours of the lines of channels on white, sRGB, told apart by all eyes (Okabe and Ito's), again and again.
+pub const LINE_COLORS: [[u8; 3]; 6] =
+    [[0, 0, 0], [213, 94, 0], [0, 158, 115], [0, 114, 178], [214, 158, 0], [204, 121, 167]];
+
 /// The values of all channels of a volume in one voxel of the finest level, at several time steps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {

@@ -6,9 +6,9 @@ use crate::marks::Over;
 use crate::screen::{FORMAT, Screen};
 use brickyard::backend::BackendChoice;
 use brickyard::frame_governor::{Change, Quality, QualityControl};
-use brickyard::pager::{DrawList, Status};
+use brickyard::pager::{DrawList, Playback, Status};
 use brickyard::render::{Gpu, Target};
-use brickyard::session::{Frame, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
+use brickyard::session::{ComingStep, Frame, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
 use brickyard::stats::RenderStats;
 use brickyard::volume::{Picture, Scene, SceneError};
 use eframe::egui::{Painter, Rect};
@@ -31,6 +31,8 @@ pub(crate) struct Canvas {
     control: QualityControl,
     /// Whether the picture is drawn coarser while the view moves.
     pub(crate) is_adaptive: bool,
+    /// How time steps are played, as the session was told.
+    playback: Option<Playback>,
     shown: Option<Shown>,
     /// What the last frames took, oldest first.
     times: VecDeque<FrameTimes>,
@@ -81,6 +83,14 @@ struct Shown {
     is_final: bool,
 }
 
+impl Shown {
+    /// Whether this picture has all that a later frame of the same scene would show.
+    fn shows_as_much_as(&self, later: &Frame) -> bool {
+        let what = |frame: &Frame| (frame.scene.time, frame.status.resident, frame.status.wanted);
+        what(&self.frame) == what(later)
+    }
+}
+
 impl Canvas {
     /// Makes a session of volumes, on the window's device unless there is none, the options say the CPU, or leave the choice and the device is a software one.
     ///
@@ -103,6 +113,7 @@ impl Canvas {
             gpu: gpu_device.cloned(),
             control: QualityControl::new(Duration::from_millis(50)),
             is_adaptive: true,
+            playback: None,
             shown: None,
             times: VecDeque::new(),
             spent: FrameTimes::default(),
@@ -166,6 +177,8 @@ impl Canvas {
     /// If it cannot be drawn; it is given up then, unless another device may draw it.
     pub(crate) fn captured(&mut self, size_px: (u32, u32)) -> Result<Option<Captured>, SessionError> {
         let Some(capture) = self.captures.front() else { return Ok(None) };
+        // The picture is of the step that its scene says.
+        self.session.play(None);
         let drawn = draw_if_final(&mut self.session, &capture.scene, capture.size_px.unwrap_or(size_px));
         // The session's slots are those of another picture now.
         self.shown.iter_mut().for_each(|shown| shown.is_final = false);
@@ -174,6 +187,7 @@ impl Canvas {
         }
         let Some((picture, frame)) = drawn? else { return Ok(None) };
         let Some(Capture { scene, path, over, .. }) = self.captures.pop_front() else { return Ok(None) };
+        self.session.play(self.playback);
         let mut stats = RenderStats::default();
         stats.record(&frame.status, self.session.backend_bytes());
         Ok(Some(Captured { path, picture, scene: frame.scene.shown(&scene), stats, over }))
@@ -185,12 +199,20 @@ impl Canvas {
     /// If the scene cannot be drawn, or the device fails. The texture keeps what it shows.
     pub(crate) fn show(&mut self, scene: &Scene, size_px: (u32, u32)) -> Result<(), SessionError> {
         let is_same = |shown: &Shown| shown.scene == *scene && shown.size_px == size_px;
-        if self.shown.as_ref().is_some_and(|shown| is_same(shown) && shown.is_final) {
+        if self.shown.as_ref().is_some_and(|shown| is_same(shown) && shown.is_final) && !self.is_playing() {
             return Ok(());
         }
         let begun = Instant::now();
         let frame = self.session.step(scene, size_px)?;
         let step = begun.elapsed();
+        if let Some(shown) = self.shown.as_mut().filter(|shown| is_same(shown) && self.session.playback().is_some())
+            && shown.shows_as_much_as(&frame)
+        {
+            // Until the next step is due, the picture is as good as it gets.
+            shown.frame.coming = frame.coming;
+            self.spent.step += step;
+            return Ok(());
+        }
         // What still streams is drawn as a moving view is: the exact picture comes once, when all is there.
         let moved = !(self.shown.as_ref().is_some_and(is_same) && frame.status.settled);
         let quality = self.control.next(Change { moved, refined: true }).unwrap_or(Quality::EXACT);
@@ -212,6 +234,30 @@ impl Canvas {
         let is_final = is_whole && frame.status.settled && quality == Quality::EXACT;
         self.shown = Some(Shown { scene: scene.clone(), size_px, frame, quality, is_final });
         Ok(())
+    }
+
+    /// Plays time steps from the one that is shown on, or in another way; `None` stands still.
+    pub(crate) fn play(&mut self, playback: Option<Playback>) {
+        if self.playback != playback {
+            self.playback = playback;
+            self.session.play(playback);
+            self.shown.iter_mut().for_each(|shown| shown.is_final = false);
+        }
+    }
+
+    /// Whether time steps are played: not any more once the last one is shown of a playback that stops there.
+    pub(crate) fn is_playing(&self) -> bool {
+        self.session.playback().is_some()
+    }
+
+    /// The time step that is shown; `None` before the first picture, and while another one is sought.
+    pub(crate) fn step_shown(&self) -> Option<u32> {
+        self.shown.as_ref().filter(|_| !self.session.is_seeking()).map(|shown| shown.frame.scene.time)
+    }
+
+    /// The time steps that come next.
+    pub(crate) fn coming(&self) -> &[ComingStep] {
+        self.shown.as_ref().map_or(&[], |shown| &shown.frame.coming)
     }
 
     /// Draws a frame into the texture, which has `size_px` pixels on a GPU. Returns whether the texture shows this frame, and all of it.

@@ -11,7 +11,8 @@ pub(crate) const SCENE_FILE: &str = "brickyard.json";
 pub(crate) const PICTURE_FILE: &str = "brickyard.png";
 
 /// The keys that a control with the focus acts on, and that take the focus on to the next one.
-const MOVING_KEYS: [Key; 9] = [
+const MOVING_KEYS: [Key; 10] = [
+    Key::Space,
     Key::ArrowLeft,
     Key::ArrowRight,
     Key::ArrowUp,
@@ -101,6 +102,7 @@ fn navigation() -> Vec<Shortcut> {
         plain(none, Key::PageDown, "farther", nearer(1.0 / 1.1)),
         plain(none, Key::Comma, "roll left", Command::Roll { angle_deg: -5.0 }),
         plain(none, Key::Period, "roll right", Command::Roll { angle_deg: 5.0 }),
+        switch(none, Key::Space, "play the time steps, or stop", "window.play.on", |state| !state.window.play.on),
         shortcut(none, Key::OpenBracket, "time step before", step(-1)),
         shortcut(none, Key::CloseBracket, "next time step", step(1)),
     ]

@@ -12,6 +12,7 @@ pub(crate) mod histogram;
 pub(crate) mod layers;
 pub(crate) mod mending;
 pub(crate) mod menu;
+pub(crate) mod playing;
 pub(crate) mod slices;
 pub(crate) mod status;
 pub(crate) mod transfer_editor;

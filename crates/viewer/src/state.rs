@@ -1,6 +1,7 @@
 //! All that a window shows, as one document: the scene, as `brickyard render --scene` takes it, and beside it, as the field `window`, what only a window
 //! has. Saving, restoring, undoing and scripts all work on this document. Costs a walk through the scene each time it is written or read.
 
+use crate::play::Play;
 use brickyard::volume::{Camera, Scene};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -32,6 +33,8 @@ pub(crate) struct WindowState {
     pub(crate) distances: Vec<[DVec3; 2]>,
     /// How pictures are drawn while they change.
     pub(crate) motion: Motion,
+    /// How time steps are played.
+    pub(crate) play: Play,
     /// Limits of memory in MiB; `None` are those that the window was opened with.
     pub(crate) budgets_mib: Option<Budgets>,
     /// What dragging and clicking in the scene's picture does.
@@ -57,6 +60,7 @@ impl Default for WindowState {
             overlays: Overlays::default(),
             distances: Vec::new(),
             motion: Motion::default(),
+            play: Play::default(),
             budgets_mib: None,
             tool: Tool::default(),
             diagnostics: false,
@@ -248,9 +252,11 @@ impl State {
         Ok(Self { window: window?, scene: serde_json::from_value(document)? })
     }
 
-    /// Takes over what is no edit: where the views stand, which volumes there are, what memory they may take, and what the window is like.
+    /// Takes over what is no edit: where the views stand in space and time, which volumes there are, what memory they may take, and what the window is like.
     pub(crate) fn keep_navigation_of(&mut self, other: &Self) {
         self.scene.camera = other.scene.camera;
+        self.scene.time = other.scene.time;
+        self.window.play = other.window.play;
         self.window.volumes.clone_from(&other.window.volumes);
         self.window.planes.crosshair = other.window.planes.crosshair;
         self.window.planes.cameras = other.window.planes.cameras;
@@ -265,8 +271,10 @@ impl State {
 }
 
 /// The fields that [`State::keep_navigation_of`] keeps.
-const NAVIGATION: [&str; 11] = [
+const NAVIGATION: [&str; 13] = [
     "camera",
+    "time",
+    "window.play",
     "window.planes.crosshair",
     "window.planes.cameras",
     "window.budgets_mib",
@@ -289,6 +297,7 @@ pub(crate) fn is_navigation(field: &str) -> bool {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::play::tests::play;
     use proptest::prelude::*;
 
     fn point() -> impl Strategy<Value = DVec3> {
@@ -332,13 +341,14 @@ pub(crate) mod tests {
             prop::sample::select(vec![Tool::Turn, Tool::Fly, Tool::Distance]),
             any::<[bool; 4]>(),
         );
+        let motion = (motion, play());
         (volumes, planes(), overlays(), distances, motion, budgets, kinds).prop_map(
             |(
                 volumes,
                 planes,
                 overlays,
                 distances,
-                motion,
+                (motion, play),
                 budgets_mib,
                 (layout, theme, tool, [diagnostics, help, panels, fullscreen]),
             )| WindowState {
@@ -348,6 +358,7 @@ pub(crate) mod tests {
                 overlays,
                 distances,
                 motion,
+                play,
                 budgets_mib,
                 tool,
                 diagnostics,

@@ -117,6 +117,8 @@ impl Views {
         for canvas in self.all_mut() {
             canvas.is_adaptive = window.motion.adaptive;
         }
+        // Slices follow the scene's own picture.
+        self.main.play(window.play.playback());
         Ok(())
     }
 

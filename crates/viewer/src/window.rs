@@ -19,13 +19,16 @@ use crate::pacing::Pacing;
 use crate::panels;
 use crate::panels::dialogs::{Dialog, DialogKind};
 use crate::panels::status::Said;
+use crate::picking::Picked;
 use crate::plane_view::PlaneView;
 use crate::planes::Grid;
+use crate::play::Play;
 use crate::recent::Recent;
 use crate::running::Left;
 use crate::screenshots::Screenshots;
 use crate::script::{Line, Script};
 use crate::state::{Budgets, Layout, State, Theme, is_navigation};
+use crate::value_curve::{CurveReader, ValueCurve};
 use crate::views::Views;
 use crate::volume_view::{Seen, VolumeView};
 use crate::window::files::Next;
@@ -65,6 +68,7 @@ pub(crate) struct Window {
     volume_view: VolumeView,
     plane_views: [PlaneView; 3],
     measuring: Measuring,
+    curves: CurveReader,
     script: Script,
     /// Why the script was ended, once it was.
     failure: Option<String>,
@@ -125,6 +129,7 @@ impl Window {
             volume_view: VolumeView::default(),
             plane_views: Default::default(),
             measuring: Measuring::default(),
+            curves: CurveReader::default(),
             script,
             failure: None,
             keeper,
@@ -318,11 +323,26 @@ impl Window {
         self.volume_view.picked.as_ref().and_then(|picked| picked.label)
     }
 
-    /// What is under the pointer, in words.
-    fn picked(&self) -> Option<&str> {
+    /// What is under the pointer.
+    fn picked(&self) -> Option<&Picked> {
         let planes = self.plane_views.iter().filter(|_| !self.views.planes.is_empty());
         let pictures = planes.map(|view| &view.picked).chain([&self.volume_view.picked]);
-        pictures.flatten().next().map(|picked| picked.words.as_str())
+        pictures.flatten().next()
+    }
+
+    /// The values over time of the voxel under the pointer, if they are asked for; of the last one that there was, where there is none or
+    /// pictures change.
+    fn value_curve(&mut self, egui: &egui::Context, play: &Play) -> Option<ValueCurve> {
+        if !play.curve {
+            return None;
+        }
+        let picked = self.picked().filter(|_| !play.on).and_then(|picked| picked.pick.values.first());
+        if let Some((index, voxel)) = picked.map(|values| (values.volume, values.probe.voxel))
+            && let Some(volume) = self.views.volumes().get(index)
+        {
+            self.curves.read(egui, (index, volume), voxel);
+        }
+        self.curves.curve(self.views.volumes())
     }
 
     /// Writes the pictures that have come.
@@ -368,10 +388,23 @@ impl Window {
         }
         egui::Panel::bottom("status").show(ui, |ui| {
             let views = Some(&self.views).filter(|_| has_volumes);
-            let said = Said { problem: self.message.as_deref(), note: self.note.as_deref(), picked: self.picked() };
+            let said = Said {
+                problem: self.message.as_deref(),
+                note: self.note.as_deref(),
+                picked: self.picked().map(|picked| picked.words.as_str()),
+            };
             panels::status::show(ui, views, &said);
         });
         if has_volumes {
+            let timeline = VolumeSource::timeline(self.views.volumes(), &state.scene);
+            if timeline.steps() > 1 {
+                let curve = self.value_curve(ui.ctx(), &state.window.play);
+                let coming = self.views.main.coming();
+                let steps = panels::playing::Steps { timeline: &timeline, coming, curve: curve.as_ref() };
+                egui::Panel::bottom("playing").show(ui, |ui| {
+                    panels::playing::show(ui, (&mut state.scene.time, &mut state.window.play), &steps);
+                });
+            }
             self.side_panels(ui, state, commands);
         }
     }
@@ -419,6 +452,15 @@ impl Window {
                 panels::widgets::within(ui, |ui| panels::diagnostics::show(ui, &self.views, &self.state.window));
             });
         }
+    }
+
+    /// Takes over which time step the picture shows while it plays, and that it has stopped. Neither is an edit.
+    fn follow_clock(&mut self) {
+        if !self.state.window.play.on || self.openings.are_none() {
+            return;
+        }
+        self.state.scene.time = self.views.main.step_shown().unwrap_or(self.state.scene.time);
+        self.state.window.play.on = self.views.main.is_playing();
     }
 
     /// Keeps the state for the next time. Returns how long until that is to be tried again, if it is.
@@ -560,6 +602,7 @@ impl Window {
             true => self.welcome(ui, &mut commands),
             false => drawn = self.pictures(ui, &mut commands),
         });
+        self.follow_clock();
         self.is_failing = drawn.is_err();
         if let Err(error) = drawn {
             self.message = Some(error.to_string());

@@ -1,22 +1,12 @@
 //! A curve as an SVG picture: a line for each channel, over time where the steps have times, else over steps.
 
-use super::Curve;
+use super::{Curve, LINE_COLORS};
 use brickyard_volume::{TimeAxis, time_symbol};
 use plotters::prelude::*;
 use std::path::Path;
 
 /// The picture's size, pixels.
 const SIZE_PX: (u32, u32) = (760, 420);
-
-/// Colours of lines on white, told apart by all eyes (Okabe and Ito's), again and again.
-const COLORS: [RGBColor; 6] = [
-    RGBColor(0, 0, 0),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(0, 114, 178),
-    RGBColor(214, 158, 0),
-    RGBColor(204, 121, 167),
-];
 
 /// Draws a curve into an SVG file. `names` are the channels'; where a channel has no value its line is broken.
 ///
@@ -55,7 +45,8 @@ fn draw(
         .y_desc("value")
         .draw()?;
     for (channel, values) in curve.values.iter().enumerate() {
-        let color = COLORS[channel % COLORS.len()];
+        let [r, g, b] = LINE_COLORS[channel % LINE_COLORS.len()];
+        let color = RGBColor(r, g, b);
         let points: Vec<(f64, f64)> = times.iter().copied().zip(values.iter().copied()).collect();
         let runs = points.split(|(_, value)| !value.is_finite()).filter(|run| !run.is_empty());
         for (i, run) in runs.enumerate() {

@@ -1,0 +1,112 @@
+//! How a window plays time steps: what its document says of it, and what sessions make of that.
+
+use brickyard::pager;
+use serde::{Deserialize, Serialize};
+
+/// How a window plays time steps.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct Play {
+    /// Whether it plays now.
+    pub(crate) on: bool,
+    /// Steps a second.
+    pub(crate) steps_per_second: f64,
+    /// Whether it begins by running from later steps to earlier ones.
+    pub(crate) backward: bool,
+    /// What follows the last step.
+    pub(crate) ending: Ending,
+    /// What gives way where the rate cannot be held.
+    pub(crate) policy: Policy,
+    /// Whether the values of the voxel under the pointer are drawn over the bar of steps.
+    pub(crate) curve: bool,
+}
+
+/// What follows the last step.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Ending {
+    /// Nothing.
+    Stop,
+    /// The first step.
+    #[default]
+    Loop,
+    /// The step before: to and fro.
+    Bounce,
+}
+
+/// What gives way where the rate cannot be held.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Policy {
+    /// The level.
+    #[default]
+    HoldRate,
+    /// Steps.
+    HoldQuality,
+    /// Time.
+    EveryStep,
+}
+
+/// The rates that can be asked for, in steps a second.
+pub(crate) const RATES: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
+
+impl Default for Play {
+    fn default() -> Self {
+        let (ending, policy) = (Ending::Loop, Policy::HoldRate);
+        Self { on: false, steps_per_second: 10.0, backward: false, ending, policy, curve: false }
+    }
+}
+
+impl Play {
+    /// How sessions are to play; `None` while nothing plays.
+    pub(crate) fn playback(&self) -> Option<pager::Playback> {
+        // A document may hold any number.
+        let rate = if self.steps_per_second.is_nan() { *RATES.start() } else { self.steps_per_second };
+        let playback = pager::Playback {
+            steps_per_second: rate.clamp(*RATES.start(), *RATES.end()),
+            is_backward: self.backward,
+            ending: match self.ending {
+                Ending::Stop => pager::Ending::Stop,
+                Ending::Loop => pager::Ending::Loop,
+                Ending::Bounce => pager::Ending::Bounce,
+            },
+            policy: match self.policy {
+                Policy::HoldRate => pager::Policy::HoldRate,
+                Policy::HoldQuality => pager::Policy::HoldQuality,
+                Policy::EveryStep => pager::Policy::EveryStep,
+            },
+        };
+        self.on.then_some(playback)
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Any way to play.
+    pub(crate) fn play() -> impl Strategy<Value = Play> {
+        let endings = prop::sample::select(vec![Ending::Stop, Ending::Loop, Ending::Bounce]);
+        let policies = prop::sample::select(vec![Policy::HoldRate, Policy::HoldQuality, Policy::EveryStep]);
+        (any::<[bool; 3]>(), 0.1..1000.0, endings, policies).prop_map(
+            |([on, backward, curve], steps_per_second, ending, policy)| Play {
+                on,
+                steps_per_second,
+                backward,
+                ending,
+                policy,
+                curve,
+            },
+        )
+    }
+
+    #[test]
+    fn rates_of_documents_are_brought_into_their_range() {
+        for (written, rate) in [(f64::NAN, 0.1), (-1.0, 0.1), (0.0, 0.1), (24.0, 24.0), (1e300, 1000.0)] {
+            let play = Play { on: true, steps_per_second: written, ..Play::default() };
+            assert_eq!(play.playback().map(|playback| playback.steps_per_second), Some(rate));
+        }
+        assert_eq!(Play::default().playback(), None);
+    }
+}
