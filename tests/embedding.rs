@@ -10,8 +10,8 @@ use brickyard::volume::{
     StereoLayout, TransferFunction,
 };
 use brickyard_tests::{FunctionSource, TestStore, leave_out, oracle};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 use wgpu::TextureFormat;
 
@@ -38,8 +38,10 @@ struct Application {
 
 impl Application {
     fn new() -> Option<Self> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
-        let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+        // Never dropped: threads that have used EGL crash at their end when it is unloaded.
+        static INSTANCE: LazyLock<wgpu::Instance> =
+            LazyLock::new(|| wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env()));
+        let adapters = pollster::block_on(INSTANCE.enumerate_adapters(wgpu::Backends::all()));
         let Some(adapter) = adapters.into_iter().next() else {
             leave_out("gpu", "nothing was drawn on an application's device");
             return None;

@@ -5,6 +5,7 @@
 use crate::error::GpuError;
 use brickyard_volume::{SlotEncoding, SlotFormat};
 use std::fmt;
+use std::sync::{LazyLock, Mutex, PoisonError};
 use wgpu::{Backends, DeviceType, DownlevelFlags, Features, Limits, TextureFormat, TextureFormatFeatureFlags};
 
 /// Which adapters may be used.
@@ -145,16 +146,24 @@ fn is_software(adapter: &wgpu::Adapter) -> bool {
     adapter.get_info().device_type == DeviceType::Cpu
 }
 
-/// All adapters, the one that [`GpuPreference::Any`] takes first. Costs about 30 ms.
+/// All adapters, the one that [`GpuPreference::Any`] takes first. The first call of a process costs about 30 ms.
 pub fn adapters() -> Vec<AdapterReport> {
     ranked_adapters().iter().map(AdapterReport::of).collect()
 }
 
-fn ranked_adapters() -> Vec<wgpu::Adapter> {
+/// The one instance of the process, which is never dropped: with it EGL would be unloaded, and threads that have used EGL crash at their end when it is
+/// not there any more (<https://github.com/gfx-rs/wgpu/issues/7655>).
+static INSTANCE: LazyLock<Mutex<wgpu::Instance>> = LazyLock::new(|| {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
     // Drivers that page instead of failing would otherwise take more than there is.
     descriptor.memory_budget_thresholds.for_resource_creation.get_or_insert(90);
-    let mut found = pollster::block_on(wgpu::Instance::new(descriptor).enumerate_adapters(Backends::all()));
+    Mutex::new(wgpu::Instance::new(descriptor))
+});
+
+fn ranked_adapters() -> Vec<wgpu::Adapter> {
+    let instance = INSTANCE.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut found = pollster::block_on(instance.enumerate_adapters(Backends::all()));
+    drop(instance);
     if let Ok(name) = std::env::var("WGPU_ADAPTER_NAME") {
         found.retain(|a| a.get_info().name.to_lowercase().contains(&name.to_lowercase()));
     }
