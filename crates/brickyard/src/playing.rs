@@ -69,10 +69,12 @@ pub struct PlayReport {
     pub draw_ms: Percentiles,
     /// Processor milliseconds of all threads for each step shown.
     pub processor_ms_per_step: f64,
-    /// Bricks decoded and uploaded for each step shown.
+    /// Bricks' cores decoded for each step shown.
     pub decoded_per_step: f64,
     /// Bricks uploaded for each step shown.
     pub uploaded_per_step: f64,
+    /// Bricks for each step shown that were neither read nor uploaded, since a slot held the same voxels of another step.
+    pub shared_per_step: f64,
     /// Bytes read, decoded and uploaded for each step shown.
     pub bytes_per_step: ByteCounts,
     /// What the steps wait for: `drawing`, `processors` (decoding and assembling), `reading`, or `rate` if nothing holds them up.
@@ -308,6 +310,7 @@ impl<'a> Run<'a> {
             draw_ms: Percentiles::of(&self.draw_ms),
             processor_ms_per_step: per_step(processor_ms),
             decoded_per_step: per_step(grown(|counters| counters.decoded) as f64),
+            shared_per_step: per_step(grown(|counters| counters.shared) as f64),
             uploaded_per_step: per_step(grown(|counters| counters.uploaded) as f64),
             bytes_per_step: ByteCounts {
                 read: bytes(|counters| counters.bytes_read),

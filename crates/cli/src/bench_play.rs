@@ -47,7 +47,7 @@ impl PlayArguments {
 /// The head of the table of playbacks.
 pub(super) const HEAD: &str = "\
 | stores | scenario | steps/s | shown, late, dropped | levels shown, finest first | jump ms p50 / p95 | whole ms p50 / p95 | quality | draw ms p50 / p95 | \
-stream ms p50 / p95 | CPU ms a step | bricks decoded / uploaded a step | read / decoded / uploaded KiB a step | limit | backend / host / anonymous MiB | uncovered, mixed |
+stream ms p50 / p95 | CPU ms a step | bricks decoded / uploaded / shared a step | read / decoded / uploaded KiB a step | limit | backend / host / anonymous MiB | uncovered, mixed |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
 
 /// A playback's line of the table.
@@ -56,7 +56,7 @@ pub(super) fn line(stores: &str, scenario: &str, r: &PlayReport) -> String {
     let levels: Vec<String> = r.levels.iter().map(|share| format!("{:.0} %", share * 100.0)).collect();
     format!(
         "| {stores} | {scenario} | {:.1} | {}, {}, {} | {} | {:.0} / {:.0} | {:.0} / {:.0} | {:.0} % | {:.1} / {:.1} | {:.2} / {:.2} | {:.1} | \
-         {:.1} / {:.1} | {:.0} / {:.0} / {:.0} | {} | {:.0} / {:.0} / {:.0} | {}, {} |",
+         {:.1} / {:.1} / {:.1} | {:.0} / {:.0} / {:.0} | {} | {:.0} / {:.0} / {:.0} | {}, {} |",
         r.steps_per_second,
         r.shown,
         r.late,
@@ -74,6 +74,7 @@ pub(super) fn line(stores: &str, scenario: &str, r: &PlayReport) -> String {
         r.processor_ms_per_step,
         r.decoded_per_step,
         r.uploaded_per_step,
+        r.shared_per_step,
         kib(r.bytes_per_step.read),
         kib(r.bytes_per_step.decoded),
         kib(r.bytes_per_step.uploaded),

@@ -14,6 +14,7 @@ use crate::layout::Layout;
 use crate::neighbourhood::{Part, Span, spans};
 use crate::ram_cache::{RamCache, Whole};
 use crate::retry::Failure;
+use crate::sameness::Content;
 use crate::slot_contents::Encoder;
 use crate::source::BrickError;
 use brickyard_volume::{BrickId, PaddedCodes, SlotEncoding};
@@ -53,14 +54,21 @@ impl PaddedReader {
                 Err(Failure { again: Some(again), .. }) => {
                     std::thread::sleep(again.saturating_duration_since(Instant::now()));
                 }
-                other => return other.map_err(|failure| failure.error),
+                Err(failure) => return Err(failure.error),
+                Ok(_) => return Ok(()),
             }
         }
     }
 
+    /// What a padded brick holds, to be compared with those of other time steps; `None` if that is not known.
+    pub(crate) fn content(&self, id: BrickId) -> Option<Content> {
+        self.cache.content(id)
+    }
+
     /// Does what [`PaddedReader::read`] does, but without waiting: the failure says when to try again. While a neighbour may yet be read, the
-    /// brick is not made without that neighbour's voxels.
-    pub(crate) fn try_read(&mut self, id: BrickId, out: &mut [u8]) -> Result<(), Failure> {
+    /// brick is not made without that neighbour's voxels. Returns whether all voxels are those of the volume, and none is repeated for a neighbour
+    /// that cannot be read.
+    pub(crate) fn try_read(&mut self, id: BrickId, out: &mut [u8]) -> Result<bool, Failure> {
         let pyramid = self.cache.source().pyramid();
         let extent = pyramid.level(id.level).extent.to_array();
         let index = id.index.to_array();
@@ -68,12 +76,12 @@ impl PaddedReader {
         let spans = std::array::from_fn(|a| spans(&layout, index[a] as usize, extent[a] as usize));
         let (codes, gradients) = out.split_at_mut(layout.padded_code_bytes());
         let Self { cache, encoder, .. } = self;
+        let mut is_whole = true;
         encoder.encode(id.channel, codes, |voxels| {
-            if layout.has_stored() {
-                paste_whole(cache, id, spans, voxels)?;
-            } else {
-                gather(cache, id, spans, voxels)?;
-            }
+            is_whole = match layout.has_stored() {
+                true => paste_whole(cache, id, spans, voxels)?,
+                false => gather(cache, id, spans, voxels)?,
+            };
             repeat_level_faces(&layout, spans.map(|[before, _, after]| before.to..after.target().end), voxels);
             Ok(())
         })?;
@@ -85,12 +93,12 @@ impl PaddedReader {
             let brick = PaddedCodes { codes, format, has_invalid, unit, apron: layout.apron as u32 };
             layout.gradients.fill(brick, &inside, gradients);
         }
-        Ok(())
+        Ok(is_whole)
     }
 }
 
-/// Puts a padded brick together from its core and its neighbours' shells.
-fn gather(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<(), Failure> {
+/// Puts a padded brick together from its core and its neighbours' shells. Returns whether all of them could be read.
+fn gather(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<bool, Failure> {
     let layout = cache.layout();
     let place = |part: Part| place(&spans, part);
     let mut lenders = [None; Part::COUNT];
@@ -103,19 +111,24 @@ fn gather(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) 
         paste(&layout, bar.map(block), out);
     }
     let is_missing = cached.map(|voxels| voxels.is_none());
+    let mut is_whole = true;
     for part in Part::all().filter(|part| is_missing[part.number()]) {
         let Some(lender) = lenders[part.number()] else { continue };
         match cache.part(part, lender) {
             Ok(codes) => paste(&layout, [None, Some(Block::new(&layout, part, &codes, place(part))), None], out),
             Err(failure) if part == Part::OWN || failure.again.is_some() => return Err(failure),
-            Err(_) => repeat_own_edge(&layout, place(part), place(Part::OWN), out),
+            Err(_) => {
+                repeat_own_edge(&layout, place(part), place(Part::OWN), out);
+                is_whole = false;
+            }
         }
     }
-    Ok(())
+    Ok(is_whole)
 }
 
-/// Puts a padded brick together from its core and its stored apron, or its neighbours' cores where the apron cannot be read.
-fn paste_whole(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<(), Failure> {
+/// Puts a padded brick together from its core and its stored apron, or its neighbours' cores where the apron cannot be read. Returns whether
+/// all voxels could be read.
+fn paste_whole(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<bool, Failure> {
     let layout = cache.layout();
     let own = place(&spans, Part::OWN);
     let Whole { voxels, has_apron } = cache.whole(id)?;
@@ -127,6 +140,7 @@ fn paste_whole(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [
     // To be dropped before asking for another.
     drop(voxels);
     let missing = Part::all().filter(|&part| part != Part::OWN && !has_apron);
+    let mut is_whole = true;
     for part in missing {
         let region = place(&spans, part);
         if region.iter().any(|span| span.len == 0) {
@@ -136,10 +150,13 @@ fn paste_whole(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [
         match cache.whole(lender) {
             Ok(whole) => copy_of_core(&layout, &whole.voxels, region, out),
             Err(failure) if failure.again.is_some() => return Err(failure),
-            Err(_) => repeat_own_edge(&layout, region, own, out),
+            Err(_) => {
+                repeat_own_edge(&layout, region, own, out);
+                is_whole = false;
+            }
         }
     }
-    Ok(())
+    Ok(is_whole)
 }
 
 /// Copies a box of a neighbour's core to where it goes in the apron, voxel by voxel.

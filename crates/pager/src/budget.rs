@@ -127,7 +127,7 @@ impl Meter {
 /// Sizes, in bytes, of the buffers that a host budget is split into.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BufferSizes {
-    /// Bytes that the source and its pages of occupancy take, whatever is read.
+    /// Bytes that the source, its pages of occupancy and those of hashes take, whatever is read.
     pub(crate) fixed: u64,
     /// Bytes that a worker needs to make codes of voxels.
     pub(crate) scratch: u64,
@@ -149,8 +149,9 @@ pub(crate) struct HostSplit {
 
 /// Bytes that the slot table, the cuts, the plan and the draw list take for each slot, rounded up: all are linear in the slots. Most
 /// of it goes to up to four cuts (drawn, last, being made, foreseen) with about two nodes of 88 bytes for a cell. While time steps are played, a cut
-/// has half of the cells, and those of the coming steps together as many as there are slots, before and after they are made anew.
-pub(crate) const TABLE_BYTES_PER_SLOT: u64 = 1024;
+/// has half of the cells, and those of the coming steps together as many as there are slots, before and after they are made anew. Up to two bricks
+/// are known to be in a slot, at 120 bytes, and the slot's content at 100.
+pub(crate) const TABLE_BYTES_PER_SLOT: u64 = 1280;
 
 /// Padded bricks in flight at most: more only delays what a newer plan wants.
 const MAX_STAGED: u64 = 256;

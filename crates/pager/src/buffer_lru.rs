@@ -1,4 +1,4 @@
-//! A shelf of the RAM cache: buffers of one size under brick ids, at most so many, and which of them goes first.
+//! A shelf of the RAM cache: buffers of one size under the keys of cores, at most so many, and which of them goes first.
 //!
 //! Each entry knows which of its parts (see [`Part`](crate::neighbourhood::Part)) nobody has taken yet. One whose parts have all
 //! been taken is *done*: in a sweep over a volume nobody will ask for it again, so the done ones go first, the least
@@ -7,7 +7,7 @@
 //! allocation on, whoever holds it. Cost: a hash lookup or two for each call.
 
 use crate::budget::Meter;
-use brickyard_volume::BrickId;
+use crate::sameness::CoreKey;
 use lru::LruCache;
 use std::sync::Arc;
 
@@ -18,9 +18,9 @@ pub(crate) struct Shelf {
     /// Buffers allocated, in whatever hands.
     allocated: usize,
     free: Vec<Arc<[u8]>>,
-    entries: LruCache<BrickId, Entry>,
+    entries: LruCache<CoreKey, Entry>,
     /// The entries that are done.
-    done: LruCache<BrickId, ()>,
+    done: LruCache<CoreKey, ()>,
 }
 
 struct Entry {
@@ -36,25 +36,25 @@ impl Shelf {
     }
 
     /// Returns a brick's codes, if they are on the shelf, and marks these parts of the brick as taken.
-    pub(crate) fn take(&mut self, id: BrickId, parts: u32) -> Option<Arc<[u8]>> {
-        let entry = self.entries.get_mut(&id)?;
+    pub(crate) fn take(&mut self, key: CoreKey, parts: u32) -> Option<Arc<[u8]>> {
+        let entry = self.entries.get_mut(&key)?;
         entry.untaken &= !parts;
         if entry.untaken == 0 {
-            self.done.put(id, ());
+            self.done.put(key, ());
         }
         Some(entry.codes.clone())
     }
 
     /// Returns a brick's codes, if they are on the shelf, without counting this as a use.
-    pub(crate) fn peek(&self, id: BrickId) -> Option<&Arc<[u8]>> {
-        self.entries.peek(&id).map(|entry| &entry.codes)
+    pub(crate) fn peek(&self, key: CoreKey) -> Option<&Arc<[u8]>> {
+        self.entries.peek(&key).map(|entry| &entry.codes)
     }
 
     /// Adds the codes of a brick that is not on the shelf yet; these parts of it will be taken.
-    pub(crate) fn put(&mut self, id: BrickId, codes: Arc<[u8]>, parts: u32) {
-        self.entries.put(id, Entry { codes, untaken: parts });
+    pub(crate) fn put(&mut self, key: CoreKey, codes: Arc<[u8]>, parts: u32) {
+        self.entries.put(key, Entry { codes, untaken: parts });
         if parts == 0 {
-            self.done.put(id, ());
+            self.done.put(key, ());
         }
     }
 
@@ -65,16 +65,16 @@ impl Shelf {
 
     /// Adds an entry of another shelf with buffers of the same size; these parts of it will be taken. There must be
     /// [room](Self::room).
-    pub(crate) fn adopt(&mut self, id: BrickId, codes: Arc<[u8]>, parts: u32) {
+    pub(crate) fn adopt(&mut self, key: CoreKey, codes: Arc<[u8]>, parts: u32) {
         debug_assert!(codes.len() == self.buffer_bytes && self.room() > 0);
         self.allocated += 1;
         self.meter.charge(self.buffer_bytes as u64);
-        self.put(id, codes, parts);
+        self.put(key, codes, parts);
     }
 
     /// All entries on the shelf, the most recently used first.
-    pub(crate) fn entries(&self) -> impl Iterator<Item = (BrickId, &Arc<[u8]>)> {
-        self.entries.iter().map(|(&id, entry)| (id, &entry.codes))
+    pub(crate) fn entries(&self) -> impl Iterator<Item = (CoreKey, &Arc<[u8]>)> {
+        self.entries.iter().map(|(&key, entry)| (key, &entry.codes))
     }
 
     /// A buffer that nobody else holds: a free one, a new one within the capacity, or the buffer of the entry that goes first, which
@@ -88,12 +88,12 @@ impl Shelf {
             self.meter.charge(self.buffer_bytes as u64);
             return Some(zeroed(self.buffer_bytes));
         }
-        let is_unused = |id: &&BrickId| self.peek(**id).is_some_and(|codes| Arc::strong_count(codes) == 1);
-        let done = self.done.iter().rev().map(|(id, ())| id);
-        let others = self.entries.iter().rev().map(|(id, _)| id);
-        let id = *done.chain(others).find(is_unused)?;
-        self.done.pop(&id);
-        self.entries.pop(&id).map(|entry| entry.codes)
+        let is_unused = |key: &&CoreKey| self.peek(**key).is_some_and(|codes| Arc::strong_count(codes) == 1);
+        let done = self.done.iter().rev().map(|(key, ())| key);
+        let others = self.entries.iter().rev().map(|(key, _)| key);
+        let key = *done.chain(others).find(is_unused)?;
+        self.done.pop(&key);
+        self.entries.pop(&key).map(|entry| entry.codes)
     }
 
     /// Takes back a buffer that was not put to use.
@@ -112,10 +112,10 @@ pub(crate) fn zeroed(bytes: usize) -> Arc<[u8]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::{BrickIndex, Level};
+    use brickyard_volume::{BrickId, BrickIndex, Level};
 
-    fn brick(x: u32) -> BrickId {
-        BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) }
+    fn brick(x: u32) -> CoreKey {
+        CoreKey::new(BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) }, None)
     }
 
     /// A full shelf of bricks 0 to 3, each with two parts to take.

@@ -74,7 +74,7 @@ impl Fades {
 mod tests {
     use super::*;
     use crate::cut::{Cut, View, roots};
-    use crate::residency::{Arrival, Goal, Residency, Wants};
+    use crate::residency::{Arrival, Arrived, Goal, Residency, Wants};
     use crate::source::BrickSource;
     use crate::test_source::{TestSource, box_view};
     use crate::visible_cells::VisibleCells;
@@ -96,7 +96,7 @@ mod tests {
     impl Row {
         fn new(slots: u32, fade_ms: Option<u64>) -> Self {
             let pyramid = Pyramid::new(Extent::new(32, 8, 8), [1.0; 3], 8);
-            let residency = Residency::new(1, slots, fade_ms.map(Duration::from_millis));
+            let residency = Residency::new(vec![Arc::default()], slots, fade_ms.map(Duration::from_millis));
             Self { source: TestSource::new(pyramid, [1.0; 3], VoxelType::U8), residency }
         }
 
@@ -105,7 +105,10 @@ mod tests {
         fn frame(&mut self, level: u8, is_seen: bool, bricks: &[(u8, u32)], at_ms: u64) -> Vec<Vec<((u8, u32), u8)>> {
             let Self { source, residency } = self;
             for &id in bricks {
-                residency.arrive(0, Arrival { id: brick(id), result: Ok(Arc::from([0; 9])) });
+                residency.arrive(
+                    0,
+                    Arrival { id: brick(id), result: Ok(Arrived::Read { codes: Arc::from([0; 9]), content: None }) },
+                );
             }
             let view = box_view(source, Projection::Orthographic { height: 99.0 });
             let view = View { level: LevelPolicy::Locked(level), ..view };

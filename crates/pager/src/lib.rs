@@ -33,6 +33,7 @@ mod properties;
 mod ram_cache;
 mod residency;
 mod retry;
+mod sameness;
 mod slot_contents;
 mod slots;
 mod source;

@@ -42,6 +42,12 @@ impl Part {
         1 << self.number()
     }
 
+    /// Whether there is a brick that lends this part to `taker`, in a grid of bricks.
+    pub(crate) fn has_lender(self, taker: BrickIndex, grid: Extent) -> bool {
+        let (taker, grid) = (taker.to_array(), grid.to_array());
+        (0..3).all(|a| (1..=grid[a]).contains(&(taker[a] + self.side[a] as u32)))
+    }
+
     /// The brick that lends this part to `taker`; there must be such a brick.
     pub(crate) fn lender(self, taker: BrickIndex) -> BrickIndex {
         let taker = taker.to_array();

@@ -205,6 +205,12 @@ impl BrickSource for PagedOccupancy {
     fn read_occupancy(&self, page: PageId) -> Result<Vec<Occupancy>, BrickError> {
         self.source.read_occupancy(page)
     }
+    fn keeps_hashes(&self) -> bool {
+        self.source.keeps_hashes()
+    }
+    fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, BrickError> {
+        self.source.read_hashes(page)
+    }
     fn advise(&self, ids: &[BrickId]) {
         self.source.advise(ids);
     }

@@ -8,6 +8,7 @@ use crate::paged_occupancy::{PageReader, PagedOccupancy, kept_bytes};
 use crate::planner::Planning;
 use crate::ram_cache::{KeptCores, RamCache};
 use crate::residency::{Goal, Residency, Wants};
+use crate::sameness::{SlotsByContent, kept_hash_bytes};
 use crate::slot_contents::{SlotContents, scratch_bytes};
 use crate::source::{BrickError, BrickSource};
 use crate::status::Counters;
@@ -76,8 +77,8 @@ pub(crate) struct Seen {
 }
 
 impl PagedVolume {
-    /// Starts the workers of a volume within its share of the host budget, which `meter` is charged with. `kept` are cores that have been read
-    /// before.
+    /// Starts the workers of a volume within its share of the host budget, which `meter` is charged with. `held` is what its slots hold; `kept` are
+    /// cores that have been read before.
     ///
     /// # Errors
     /// If the share cannot feed one worker, or no thread can be started.
@@ -85,15 +86,16 @@ impl PagedVolume {
         source: &Arc<dyn BrickSource>,
         (layout, contents): (Layout, SlotContents),
         host_bytes: u64,
-        (config, meter): (&PagerConfig, &Arc<Meter>),
+        (config, meter, held): (&PagerConfig, &Arc<Meter>, &Arc<SlotsByContent>),
         kept: Option<KeptCores>,
     ) -> Result<Self, PagerError> {
         let sizes = buffer_sizes(&**source, &layout, config.planning, host_bytes);
         let HostSplit { workers, staged, cores } = split_host(host_bytes, config.workers, sizes)?;
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch);
-        let cache = Arc::new(RamCache::with_meter(source.clone(), (layout, contents), cores, meter.clone()));
+        let cache = RamCache::with_meter(source.clone(), (layout, contents), cores, meter.clone());
+        let cache = Arc::new(cache.comparing(kept_hash_bytes(&**source, host_bytes)));
         kept.into_iter().for_each(|kept| cache.adopt(kept));
-        let workers = Workers::start(&cache, workers, staged, meter.clone())?;
+        let workers = Workers::start(&cache, workers, staged, (meter.clone(), held.clone()))?;
         let paged = |kept_bytes| PagedOccupancy::start(source.clone(), kept_bytes);
         let occupancy = match config.planning {
             Planning::Inline => None,
@@ -313,7 +315,7 @@ pub(crate) fn buffer_sizes(
         Planning::Thread => kept_bytes(source, host_bytes),
     };
     BufferSizes {
-        fixed: source.cache_bytes() + pages,
+        fixed: source.cache_bytes() + pages + kept_hash_bytes(source, host_bytes),
         scratch: scratch_bytes(source, layout),
         core: layout.cached_bytes() as u64,
         padded: layout.padded_bytes() as u64,

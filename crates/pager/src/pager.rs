@@ -15,6 +15,7 @@ use crate::paged_volume::{DrawnCells, PagedVolume, Seen, buffer_sizes};
 use crate::planner::{Job, Outlook, Planner, Planning};
 use crate::ram_cache::{KeptCores, layout_of};
 use crate::residency::{Ahead, Goal, Residency, Step, Upload, UploadLimit, VolumeStep};
+use crate::sameness::SlotsByContent;
 use crate::slot_contents::SlotContents;
 use crate::source::BrickSource;
 use crate::status::{Counters, Readiness, Status};
@@ -140,9 +141,11 @@ impl Pager {
         };
         meter.charge(tables.min(given));
         let layouts = layouts.into_iter().zip(config.contents_of_all().cloned());
-        let volumes = sources.iter().zip(layouts).zip(shares).map(|((source, layout), host_bytes)| {
+        let held: Vec<Arc<SlotsByContent>> = sources.iter().map(|_| Arc::default()).collect();
+        let shares = shares.into_iter().zip(&held);
+        let volumes = sources.iter().zip(layouts).zip(shares).map(|((source, layout), (host_bytes, held))| {
             let own = kept.iter().position(|cores: &KeptCores| cores.is_of(source)).map(|i| kept.remove(i));
-            let started = PagedVolume::start(source, layout, host_bytes, (&config, &meter), own);
+            let started = PagedVolume::start(source, layout, host_bytes, (&config, &meter, held), own);
             started.map_err(|error| match error {
                 PagerError::HostMemory { least, .. } => PagerError::HostMemory { given, least: least + tables },
                 other => other,
@@ -151,7 +154,7 @@ impl Pager {
         let volumes = volumes.collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
             planner: planner(&volumes, &config)?,
-            residency: Residency::new(volumes.len(), config.slots, config.fade),
+            residency: Residency::new(held, config.slots, config.fade),
             governor: Governor::new(config.uploads),
             upload_room: None,
             config,
@@ -350,6 +353,7 @@ impl Pager {
             reuploaded: residency.reuploaded,
             uploaded_ahead: residency.uploaded_ahead,
             bytes_uploaded: residency.bytes_uploaded,
+            shared: residency.shared,
             ..Counters::default()
         };
         for (i, volume) in self.volumes.iter().enumerate() {

@@ -7,7 +7,7 @@ use crate::dither::PixelShare;
 use crate::draw_list::DrawList;
 use crate::pager::Pager;
 use crate::planner::Planning;
-use crate::residency::{Ahead, Arrival, Goal, Residency, Step, Upload, UploadLimit, VolumeStep, Wants};
+use crate::residency::{Ahead, Arrival, Arrived, Goal, Residency, Step, Upload, UploadLimit, VolumeStep, Wants};
 use crate::retry::Failure;
 use crate::slots::VolumeBrick;
 use crate::source::{BrickError, BrickSource};
@@ -635,7 +635,8 @@ impl Bench<'_> {
             let error = BrickError { id, reason: "told to fail".into(), is_passing: false };
             let failed = Failure { error, again: None };
             let failing = self.sources[volume].failing.contains(&id);
-            let result = if failing { Err(failed) } else { Ok(Arc::from([0; PADDED as usize])) };
+            let read = Arrived::Read { codes: Arc::from([0; PADDED as usize]), content: None };
+            let result = if failing { Err(failed) } else { Ok(read) };
             self.twins.iter_mut().for_each(|r| r.arrive(volume, Arrival { id, result: result.clone() }));
         }
     }
@@ -763,7 +764,7 @@ proptest! {
         let all_roots: usize = sources.iter().map(|source| roots(source, 0, 0).len()).sum();
         let slots = slots.max(all_roots as u32);
         let fade = fade_ms.map(Duration::from_millis);
-        let twins = [(); 2].map(|()| Residency::new(sources.len(), slots, fade));
+        let twins = [(); 2].map(|()| Residency::new(sources.iter().map(|_| Arc::default()).collect(), slots, fade));
         let (atlas, in_flight, now, came) = Default::default();
         let (sources, dice) = (&sources[..], Dice(seed));
         let mut bench = Bench { sources, twins, atlas, in_flight, dice, slots, seed, upload_bytes, has_room: true, fade, now, came, coming: Vec::new() };

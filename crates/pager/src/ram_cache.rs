@@ -9,6 +9,8 @@
 //! Where the source has aprons stored, a decode gives a core and its apron, and no brick is decoded for a neighbour's sake:
 //! there are no shells, and a shelf's entry is all that its padded brick is made of.
 //!
+//! Cores that are the same in several time steps are kept once, and decoded once, where the source keeps hashes (`sameness.rs`).
+//!
 //! Nobody waits while holding a buffer, so a buffer of each kind is enough for any number of threads. Cores that could not be
 //! read are remembered, logged once, and read again where the reason may pass (`retry.rs`). Cost: one lock for all parts of a padded brick that are there.
 
@@ -18,6 +20,7 @@ use crate::buffer_lru::Shelf;
 use crate::layout::Layout;
 use crate::neighbourhood::Part;
 use crate::retry::{Failure, Failures};
+use crate::sameness::{Content, CoreHashes, CoreKey};
 use crate::slot_contents::SlotContents;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::sampling::MAX_REACH;
@@ -33,6 +36,8 @@ pub struct RamCache {
     layout: Layout,
     /// What the slots hold that padded bricks are for.
     contents: SlotContents,
+    /// By what cores of several time steps are found equal; `None` where none are.
+    hashes: Option<CoreHashes>,
     inner: Mutex<Inner>,
     /// Somebody who made something is done with it.
     made: Condvar,
@@ -43,11 +48,11 @@ struct Inner {
     shells: Shelf,
     failures: Failures,
     /// Bricks whose stored aprons could not be read.
-    failed_aprons: HashSet<BrickId>,
+    failed_aprons: HashSet<CoreKey>,
     /// Whether cores are cut into shells.
     has_shells: bool,
     /// Bricks of which some thread is making the core or the shell.
-    making: HashSet<BrickId>,
+    making: HashSet<CoreKey>,
     counters: DecodeCounters,
 }
 
@@ -57,7 +62,7 @@ pub struct KeptCores {
     /// Voxels on each side in the aprons behind the cores; 0 if there are none.
     stored_apron: usize,
     /// The most recently used first.
-    cores: Vec<(BrickId, Arc<[u8]>)>,
+    cores: Vec<(CoreKey, Arc<[u8]>)>,
 }
 
 /// What a thread makes of a brick, in buffers that nobody else sees yet.
@@ -121,15 +126,34 @@ impl RamCache {
             making: HashSet::new(),
             counters: DecodeCounters::default(),
         };
-        Self { source, layout, contents, inner: Mutex::new(inner), made: Condvar::new() }
+        Self { source, layout, contents, hashes: None, inner: Mutex::new(inner), made: Condvar::new() }
+    }
+
+    /// This cache, with cores that several time steps have in common kept once. At most `kept_bytes` of pages of hashes are kept for that.
+    pub(crate) fn comparing(self, kept_bytes: u64) -> Self {
+        Self { hashes: CoreHashes::new(&self.source, kept_bytes), ..self }
+    }
+
+    /// What a padded brick holds, to be compared with those of other time steps; `None` if that is not known.
+    pub(crate) fn content(&self, id: BrickId) -> Option<Content> {
+        self.hashes.as_ref()?.of_padded(id)
+    }
+
+    /// What a brick's core is found by. A stored apron belongs to the core, and is made of the neighbours' voxels.
+    fn key(&self, id: BrickId) -> CoreKey {
+        let hash = self.hashes.as_ref().and_then(|hashes| match self.layout.has_stored() {
+            true => hashes.of_padded(id).map(|content| content.hash()),
+            false => hashes.of_core(id),
+        });
+        CoreKey::new(id, hash)
     }
 
     /// The cached cores, with their stored aprons where there are any; cores whose apron could not be read are left out. To be called once
     /// nobody reads through the cache any more.
     pub(crate) fn kept_cores(&self) -> KeptCores {
         let inner = self.lock();
-        let is_whole = |(id, _): &(BrickId, &Arc<[u8]>)| !inner.failed_aprons.contains(id);
-        let cores = inner.cores.entries().filter(is_whole).map(|(id, voxels)| (id, voxels.clone())).collect();
+        let is_whole = |(key, _): &(CoreKey, &Arc<[u8]>)| !inner.failed_aprons.contains(key);
+        let cores = inner.cores.entries().filter(is_whole).map(|(key, voxels)| (key, voxels.clone())).collect();
         KeptCores { source: self.source.clone(), stored_apron: self.layout.stored, cores }
     }
 
@@ -141,8 +165,8 @@ impl RamCache {
         }
         let mut inner = self.lock();
         let count = inner.cores.room().min(kept.cores.len());
-        for (id, voxels) in kept.cores.into_iter().take(count).rev() {
-            inner.cores.adopt(id, voxels, Part::OWN.bit());
+        for (key, voxels) in kept.cores.into_iter().take(count).rev() {
+            inner.cores.adopt(key, voxels, Part::OWN.bit());
         }
     }
 
@@ -167,28 +191,33 @@ impl RamCache {
     /// For each part of a padded brick, the cached voxels to take it from: the brick's own core, or a neighbour's shell. `None` where these are
     /// not cached, or there is no lender. The voxels are to be dropped before asking for more.
     pub(crate) fn cached(&self, lenders: &[Option<BrickId>; Part::COUNT]) -> [Option<Arc<[u8]>>; Part::COUNT] {
+        let keys = lenders.map(|lender| lender.map(|lender| self.key(lender)));
         let mut inner = self.lock();
         let mut voxels = [const { None }; Part::COUNT];
         for part in Part::all() {
-            voxels[part.number()] = lenders[part.number()].and_then(|lender| inner.take(part, lender));
+            voxels[part.number()] = keys[part.number()].and_then(|key| inner.take(part, key));
         }
         voxels
     }
 
     /// The voxels to take one part of a padded brick from, decoded if need be. They are to be dropped before asking for others.
     pub(crate) fn part(&self, part: Part, lender: BrickId) -> Result<Arc<[u8]>, Failure> {
+        self.part_of(part, (lender, self.key(lender)))
+    }
+
+    fn part_of(&self, part: Part, (lender, key): (BrickId, CoreKey)) -> Result<Arc<[u8]>, Failure> {
         let mut inner = self.lock();
         loop {
-            if let Some(voxels) = inner.take(part, lender) {
+            if let Some(voxels) = inner.take(part, key) {
                 return Ok(voxels);
             }
             if let Some(failure) = inner.failures.of(lender) {
                 return Err(failure);
             }
-            inner = match inner.start(lender) {
+            inner = match inner.start(key) {
                 Some(making) => {
                     drop(inner);
-                    self.make(lender, making)
+                    self.make((lender, key), making)
                 }
                 None => self.wait(inner),
             };
@@ -197,8 +226,9 @@ impl RamCache {
 
     /// A core with its stored apron, decoded if need be. It is to be dropped before asking for another.
     pub(crate) fn whole(&self, id: BrickId) -> Result<Whole, Failure> {
-        let voxels = self.part(Part::OWN, id)?;
-        Ok(Whole { voxels, has_apron: !self.lock().failed_aprons.contains(&id) })
+        let key = self.key(id);
+        let voxels = self.part_of(Part::OWN, (id, key))?;
+        Ok(Whole { voxels, has_apron: !self.lock().failed_aprons.contains(&key) })
     }
 
     /// Gives bricks that failed for reasons that may have passed one more try. Returns which bricks these are.
@@ -207,11 +237,11 @@ impl RamCache {
     }
 
     /// Decodes what is to be made and caches it, or the failure.
-    fn make(&self, id: BrickId, mut making: Making) -> MutexGuard<'_, Inner> {
+    fn make(&self, (id, key): (BrickId, CoreKey), mut making: Making) -> MutexGuard<'_, Inner> {
         let result = self.fill(id, &mut making);
         let lent = Part::lent_by(id.index, self.source.pyramid().level(id.level).bricks);
         let mut inner = self.lock();
-        inner.making.remove(&id);
+        inner.making.remove(&key);
         // A core whose apron may yet be read is not taken without it.
         let result = match result {
             Ok(Some(Err(err))) if !inner.failures.is_last_try(id, &err) => Err(err),
@@ -223,12 +253,12 @@ impl RamCache {
                 if !making.is_cached {
                     inner.counters.decoded += 1;
                     inner.counters.bytes_decoded += self.layout.core_bytes() as u64;
-                    inner.cores.put(id, making.core, Part::OWN.bit());
+                    inner.cores.put(key, making.core, Part::OWN.bit());
                 }
                 if let Some(shell) = making.shell {
-                    inner.shells.put(id, shell, lent);
+                    inner.shells.put(key, shell, lent);
                 }
-                inner.note_apron(id, apron, self.layout.stored_apron_bytes() as u64);
+                inner.note_apron(key, apron, self.layout.stored_apron_bytes() as u64);
             }
             Err(err) => {
                 inner.give_back(making);
@@ -291,13 +321,13 @@ impl KeptCores {
 
 impl Inner {
     /// Takes note of how a stored apron went.
-    fn note_apron(&mut self, id: BrickId, apron: Option<Result<(), BrickError>>, bytes: u64) {
+    fn note_apron(&mut self, key: CoreKey, apron: Option<Result<(), BrickError>>, bytes: u64) {
         match apron {
             Some(Ok(())) => {
                 self.counters.bytes_decoded += bytes;
-                self.failed_aprons.remove(&id);
+                self.failed_aprons.remove(&key);
             }
-            Some(Err(err)) if self.failed_aprons.insert(id) => {
+            Some(Err(err)) if self.failed_aprons.insert(key) => {
                 tracing::warn!("apron of {err}; the neighbours' own voxels stand in");
                 self.counters.failed += 1;
             }
@@ -306,28 +336,28 @@ impl Inner {
     }
 
     /// The voxels to take a part from, if they are cached.
-    fn take(&mut self, part: Part, lender: BrickId) -> Option<Arc<[u8]>> {
+    fn take(&mut self, part: Part, lender: CoreKey) -> Option<Arc<[u8]>> {
         let shelf = if part == Part::OWN { &mut self.cores } else { &mut self.shells };
         shelf.take(lender, part.bit())
     }
 
     /// Claims a brick and buffers for what is not cached of it; `None` while somebody else has the brick or the buffers.
-    fn start(&mut self, id: BrickId) -> Option<Making> {
-        if self.making.contains(&id) {
+    fn start(&mut self, key: CoreKey) -> Option<Making> {
+        if self.making.contains(&key) {
             return None;
         }
-        let cached = self.cores.peek(id).cloned();
+        let cached = self.cores.peek(key).cloned();
         let is_cached = cached.is_some();
         let core = cached.or_else(|| self.cores.buffer())?;
         let mut making = Making { core, is_cached, shell: None };
-        if self.has_shells && self.shells.peek(id).is_none() {
+        if self.has_shells && self.shells.peek(key).is_none() {
             making.shell = self.shells.buffer();
             if making.shell.is_none() {
                 self.give_back(making);
                 return None;
             }
         }
-        self.making.insert(id);
+        self.making.insert(key);
         Some(making)
     }
 
@@ -419,7 +449,8 @@ mod tests {
         for (part, x) in [(NEXT, 3), (NEXT, 2), (NEXT, 1), (previous, 1), (NEXT, 4), (NEXT, 5)] {
             cache.part(part, brick(x)).unwrap();
         }
-        let cached: Vec<u32> = (0..8).filter(|&x| cache.lock().shells.peek(brick(x)).is_some()).collect();
+        let cached: Vec<u32> =
+            (0..8).filter(|&x| cache.lock().shells.peek(CoreKey::new(brick(x), None)).is_some()).collect();
         assert_eq!(cached, [2, 3, 4, 5]);
     }
 
@@ -434,7 +465,7 @@ mod tests {
             cache.part(Part::OWN, id).unwrap();
         }
         drop(core);
-        assert!(cache.lock().shells.peek(brick(0)).is_none());
+        assert!(cache.lock().shells.peek(CoreKey::new(brick(0), None)).is_none());
         let decoded = cache.counters().decoded;
         assert_eq!(cache.part(NEXT, brick(0)).unwrap()[..], before);
         assert_eq!(cache.counters().decoded, decoded);

@@ -9,6 +9,8 @@
 //! than the cuts' count, which is below the number of slots (or is the roots alone, which need no stand-ins). Cells that the cut
 //! does not want, but that a newer view sees, are drawn with whatever is left: the list is made after the slots are given.
 //!
+//! A brick that is the same as one in a slot, of another time step, shares the slot.
+//!
 //! What comes next, the cuts of later time steps, has the slots that this leaves, the nearest step first: what is resident of a step
 //! is kept, and what it lacks is requested, so that the step is whole when its time comes.
 
@@ -17,6 +19,7 @@ use crate::draw_list::{DrawList, Slot, StandIns};
 use crate::fade::{Fades, Fading};
 use crate::plan::{self, Key, State};
 use crate::retry::Failure;
+use crate::sameness::{Content, SlotsByContent};
 use crate::slots::{SlotTable, VolumeBrick};
 use crate::source::BrickError;
 use crate::status::Readiness;
@@ -40,11 +43,20 @@ pub struct Upload {
     pub codes: Arc<[u8]>,
 }
 
-/// A brick that the workers have read, or could not read.
+/// A brick that the workers have read, found in a slot, or could not read.
 #[derive(Clone, Debug)]
 pub(crate) struct Arrival {
     pub(crate) id: BrickId,
-    pub(crate) result: Result<Arc<[u8]>, Failure>,
+    pub(crate) result: Result<Arrived, Failure>,
+}
+
+/// How a brick has come.
+#[derive(Clone, Debug)]
+pub(crate) enum Arrived {
+    /// It was read. What it holds is `None` where that is not known.
+    Read { codes: Arc<[u8]>, content: Option<Content> },
+    /// A slot held it already, for another time step.
+    Held(Content),
 }
 
 /// What one frame does with all volumes.
@@ -109,11 +121,18 @@ pub(crate) struct Residency {
     pub(crate) reuploaded: u64,
     pub(crate) uploaded_ahead: u64,
     pub(crate) bytes_uploaded: u64,
+    pub(crate) shared: u64,
+}
+
+/// A brick that was read, and waits for a slot.
+struct Staged {
+    codes: Arc<[u8]>,
+    content: Option<Content>,
 }
 
 /// A volume's bricks that are staged, have failed, or fade in.
 struct Bricks {
-    staged: BTreeMap<BrickId, Arc<[u8]>>,
+    staged: BTreeMap<BrickId, Staged>,
     failed: HashMap<BrickId, BrickError>,
     fades: Fades,
 }
@@ -136,24 +155,30 @@ impl UploadLimit {
 }
 
 impl Residency {
-    /// The state with nothing resident, for this many volumes and slots. Bricks that come take the time `fade` to fade in; with `None` they are
-    /// drawn at once.
-    pub(crate) fn new(volumes: usize, slots: u32, fade: Option<Duration>) -> Self {
+    /// The state with nothing resident, for the volumes whose slots' contents are kept in `held`, and this many slots. Bricks that come take the time
+    /// `fade` to fade in; with `None` they are drawn at once.
+    pub(crate) fn new(held: Vec<Arc<SlotsByContent>>, slots: u32, fade: Option<Duration>) -> Self {
         let bricks = || Bricks { staged: BTreeMap::new(), failed: HashMap::new(), fades: Fades::new(fade) };
         Self {
-            slots: SlotTable::new(slots),
-            volumes: (0..volumes).map(|_| bricks()).collect(),
+            volumes: held.iter().map(|_| bricks()).collect(),
+            slots: SlotTable::new(slots, held),
             uploaded: 0,
             reuploaded: 0,
             uploaded_ahead: 0,
             bytes_uploaded: 0,
+            shared: 0,
         }
     }
 
     pub(crate) fn arrive(&mut self, volume: usize, arrival: Arrival) {
         let Bricks { staged, failed, .. } = &mut self.volumes[volume];
         match arrival.result {
-            Ok(codes) => drop(staged.insert(arrival.id, codes)),
+            Ok(Arrived::Read { codes, content }) => drop(staged.insert(arrival.id, Staged { codes, content })),
+            // If the slot has been given away meanwhile, the brick is requested again.
+            Ok(Arrived::Held(content)) => {
+                let brick = VolumeBrick { volume, id: arrival.id };
+                self.shared += self.slots.share(brick, content, Tier::Ring) as u64;
+            }
             Err(Failure { again: Some(_), .. }) => {}
             Err(Failure { error, again: None }) => drop(failed.insert(arrival.id, error)),
         }
@@ -166,7 +191,7 @@ impl Residency {
 
     /// Forgets what is in the slots. From here on there are `slots` of them.
     pub(crate) fn forget_slots(&mut self, slots: u32) {
-        self.slots = SlotTable::new(slots);
+        self.slots.forget(slots);
     }
 
     pub(crate) fn has_staged(&self) -> bool {
@@ -206,10 +231,11 @@ impl Residency {
         self.claim(wants, &bricks_ahead, &stand_ins);
         let mut requests = self.plan(wants, &bricks_ahead, &stand_ins);
         let (mut uploads, mut stale) = (Vec::new(), vec![Vec::new(); wants.len()]);
+        let shared = self.shared;
         if self.has_staged() {
             uploads = self.place(&requests, limit, &mut stale);
         }
-        if !uploads.is_empty() {
+        if !uploads.is_empty() || self.shared > shared {
             let before = std::mem::replace(&mut stand_ins, self.stand_ins(wants));
             // While steps follow one another, the next one comes before a fade would end.
             if ahead.coming.is_empty() {
@@ -386,12 +412,19 @@ impl Residency {
         stale: &mut [Vec<Arc<[u8]>>],
     ) -> Vec<Upload> {
         let mut uploads: Vec<Upload> = Vec::new();
-        let (mut kept, mut bytes) = (vec![BTreeMap::new(); self.volumes.len()], 0);
+        let (mut kept, mut bytes): (Vec<BTreeMap<BrickId, Staged>>, u64) =
+            (self.volumes.iter().map(|_| BTreeMap::new()).collect(), 0);
         for &(tier, brick) in requests {
             let VolumeBrick { volume, id } = brick;
-            let Some(codes) = self.volumes[volume].staged.remove(&id) else { continue };
+            let Some(Staged { codes, content }) = self.volumes[volume].staged.remove(&id) else { continue };
+            // Another step's may have come first.
+            if content.is_some_and(|content| self.slots.share(brick, content, tier)) {
+                self.shared += 1;
+                stale[volume].push(codes);
+                continue;
+            }
             let size = codes.len() as u64;
-            let acquired = if limit.allows(bytes, size) { self.slots.acquire(brick, tier) } else { None };
+            let acquired = if limit.allows(bytes, size) { self.slots.acquire(brick, content, tier) } else { None };
             match acquired {
                 Some(acquired) => {
                     bytes += size;
@@ -399,11 +432,12 @@ impl Residency {
                     self.uploaded_ahead += tier.is_ahead() as u64;
                     uploads.push(Upload { volume, slot: acquired.slot, brick: id, codes });
                 }
-                None => drop(kept[volume].insert(id, codes)),
+                None => drop(kept[volume].insert(id, Staged { codes, content })),
             }
         }
         for ((bricks, kept), stale) in self.volumes.iter_mut().zip(kept).zip(stale) {
-            stale.extend(std::mem::replace(&mut bricks.staged, kept).into_values());
+            let left = std::mem::replace(&mut bricks.staged, kept).into_values();
+            stale.extend(left.map(|staged| staged.codes));
         }
         self.uploaded += uploads.len() as u64;
         self.bytes_uploaded += bytes;

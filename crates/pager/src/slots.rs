@@ -1,4 +1,5 @@
-//! The slot table: which volume's brick is in which slot, who may not be evicted, and who goes next.
+//! The slot table: which volume's brick is in which slot, who may not be evicted, and who goes next. Bricks of several time steps that are the same share a
+//! slot, which is free once the last of them has gone.
 //!
 //! *Pinned* bricks stay, and so do those *claimed* in the current frame for the view; those claimed for a tier ahead of it are evicted
 //! for earlier tiers alone; all others go first, least recently used first. Claiming a brick moves it to the recent end. Later tiers
@@ -6,9 +7,11 @@
 //! equal tables.
 
 use crate::draw_list::Slot;
+use crate::sameness::{Content, SlotsByContent};
 use crate::tier::Tier;
 use brickyard_volume::BrickId;
 use lru::LruCache;
+use std::sync::Arc;
 
 /// A brick of one of the volumes that share the slots, with the volume's index among them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -24,10 +27,26 @@ struct Entry {
     tier: Tier,
 }
 
+/// What a slot holds.
+#[derive(Default)]
+struct Holding {
+    /// How many bricks share the slot.
+    bricks: u32,
+    /// The volume and the content, where that is known.
+    content: Option<(usize, Content)>,
+}
+
+/// How many bricks may be known to be in slots, for each slot.
+const BRICKS_PER_SLOT: usize = 2;
+
 pub(crate) struct SlotTable {
     entries: LruCache<VolumeBrick, Entry>,
-    /// Slots never used so far are `next..count`; none is ever free again.
-    next: u32,
+    /// Slots never used so far are those past the end of `holdings`.
+    holdings: Vec<Holding>,
+    /// Slots that no brick is in any more.
+    free: Vec<Slot>,
+    /// Each volume's slots by their contents.
+    held: Vec<Arc<SlotsByContent>>,
     count: u32,
     frame: u64,
     /// Sorted.
@@ -45,16 +64,24 @@ pub(crate) struct Acquired {
 }
 
 impl SlotTable {
-    pub(crate) fn new(count: u32) -> Self {
+    pub(crate) fn new(count: u32, held: Vec<Arc<SlotsByContent>>) -> Self {
+        held.iter().for_each(|held| held.clear());
         let remembered = std::num::NonZeroUsize::new(count as usize).unwrap_or(std::num::NonZeroUsize::MIN);
         Self {
             entries: LruCache::unbounded(),
-            next: 0,
+            holdings: Vec::new(),
+            free: Vec::new(),
+            held,
             count,
             frame: 0,
             pinned: Vec::new(),
             evicted: LruCache::sparse(remembered),
         }
+    }
+
+    /// Forgets what is in the slots. From here on there are `count` of them.
+    pub(crate) fn forget(&mut self, count: u32) {
+        *self = Self::new(count, std::mem::take(&mut self.held));
     }
 
     pub(crate) fn count(&self) -> usize {
@@ -92,19 +119,54 @@ impl SlotTable {
     /// Gives a slot to a brick that has none, and claims it for this frame. `None` if all slots are pinned, or claimed for the view, for this
     /// tier or for an earlier one. (Even a brick that covers a hole takes no slot from a brick that the view shows at its own level: the next
     /// frame no longer claims the bricks whose cells have been covered.)
-    pub(crate) fn acquire(&mut self, brick: VolumeBrick, tier: Tier) -> Option<Acquired> {
+    pub(crate) fn acquire(&mut self, brick: VolumeBrick, content: Option<Content>, tier: Tier) -> Option<Acquired> {
         debug_assert!(!self.entries.contains(&brick), "{brick:?} has a slot");
-        let (slot, victim) = if self.next < self.count {
-            self.next += 1;
-            (Slot(self.next - 1), None)
-        } else {
-            let victim = self.victim(tier)?;
-            (self.entries.pop(&victim)?.slot, Some(victim))
-        };
-        let again = self.evicted.pop(&brick).is_some();
-        victim.map(|victim| self.evicted.put(victim, ()));
+        // Those evicted now may push it out.
+        let again = self.evicted.contains(&brick);
+        while self.free.is_empty() && self.holdings.len() == self.count as usize {
+            self.evict(self.victim(tier)?);
+        }
+        let slot = self.free.pop().unwrap_or(Slot(self.holdings.len() as u32));
+        if slot.0 as usize == self.holdings.len() {
+            self.holdings.push(Holding::default());
+        }
+        let content = content.map(|content| (brick.volume, content));
+        content.iter().for_each(|(volume, content)| self.held[*volume].insert(*content, slot));
+        self.holdings[slot.0 as usize] = Holding { bricks: 1, content };
+        self.evicted.pop(&brick);
         self.entries.put(brick, Entry { slot, frame: self.frame, tier });
         Some(Acquired { slot, again })
+    }
+
+    /// Gives a brick the slot that holds what it holds, and claims it for this frame. Returns whether there is one.
+    pub(crate) fn share(&mut self, brick: VolumeBrick, content: Content, tier: Tier) -> bool {
+        let Some(slot) = self.held[brick.volume].get(&content) else { return false };
+        if self.entries.contains(&brick) {
+            return true;
+        }
+        self.holdings[slot.0 as usize].bricks += 1;
+        self.entries.put(brick, Entry { slot, frame: self.frame, tier });
+        // Bricks that nothing is drawn from would become ever more.
+        while self.entries.len() > BRICKS_PER_SLOT * self.count as usize
+            && let Some(victim) = self.victim(Tier::Ring)
+        {
+            self.evict(victim);
+        }
+        true
+    }
+
+    /// Takes a brick out of its slot.
+    fn evict(&mut self, brick: VolumeBrick) {
+        let Some(Entry { slot, .. }) = self.entries.pop(&brick) else { return };
+        self.evicted.put(brick, ());
+        let holding = &mut self.holdings[slot.0 as usize];
+        holding.bricks -= 1;
+        if holding.bricks == 0 {
+            if let Some((volume, content)) = holding.content.take() {
+                self.held[volume].remove(&content);
+            }
+            self.free.push(slot);
+        }
     }
 
     fn victim(&self, tier: Tier) -> Option<VolumeBrick> {
@@ -125,13 +187,17 @@ mod tests {
         VolumeBrick { volume: 0, id }
     }
 
+    fn table(count: u32) -> SlotTable {
+        SlotTable::new(count, vec![Arc::default()])
+    }
+
     fn slot(table: &mut SlotTable, x: u32) -> Option<u32> {
-        table.acquire(brick(x), Tier::Visible).map(|a| a.slot.0)
+        table.acquire(brick(x), None, Tier::Visible).map(|a| a.slot.0)
     }
 
     #[test]
     fn the_oldest_unclaimed_unpinned_brick_goes() {
-        let mut table = SlotTable::new(3);
+        let mut table = table(3);
         table.set_pins(vec![brick(0)]);
         assert_eq!([0, 1, 2].map(|x| slot(&mut table, x)), [Some(0), Some(1), Some(2)]);
         assert_eq!(slot(&mut table, 3), None, "all are this frame's");
@@ -146,7 +212,7 @@ mod tests {
 
     #[test]
     fn a_touched_brick_outlives_one_that_is_not() {
-        let mut table = SlotTable::new(2);
+        let mut table = table(2);
         assert_eq!([0, 1].map(|x| slot(&mut table, x)), [Some(0), Some(1)]);
         table.begin_frame();
         table.touch(brick(0));
@@ -155,13 +221,13 @@ mod tests {
 
     #[test]
     fn only_later_tiers_are_evicted() {
-        let mut table = SlotTable::new(4);
+        let mut table = table(4);
         (0..4).for_each(|x| assert_eq!(slot(&mut table, x), Some(x)));
         table.begin_frame();
         for (x, tier) in [(3, Tier::Ring), (2, Tier::Predicted), (1, Tier::Visible)] {
             table.claim(brick(x), tier);
         }
-        let mut evicts = |x, tier| table.acquire(brick(x), tier).map(|a| a.slot.0);
+        let mut evicts = |x, tier| table.acquire(brick(x), None, tier).map(|a| a.slot.0);
         assert_eq!(evicts(4, Tier::Ring), Some(0), "nobody claims 0");
         assert_eq!(evicts(5, Tier::Ring), None);
         assert_eq!(evicts(6, Tier::Predicted), Some(3));
@@ -171,11 +237,46 @@ mod tests {
     }
 
     #[test]
+    fn a_shared_slot_is_free_after_the_last_of_its_bricks() {
+        let same = |time| VolumeBrick { volume: 0, id: BrickId { time, ..brick(0).id } };
+        let content = Content::for_test(brick(0).id, 7);
+        let mut table = table(2);
+        assert!(!table.share(same(0), content, Tier::Visible), "no slot holds it");
+        assert_eq!(table.acquire(same(0), Some(content), Tier::Visible).map(|a| a.slot.0), Some(0));
+        assert!(table.share(same(1), content, Tier::Visible));
+        assert_eq!(table.get(same(1)), Some(Slot(0)));
+        table.begin_frame();
+        table.claim(same(1), Tier::Visible);
+        assert_eq!(slot(&mut table, 1), Some(1));
+        assert_eq!(slot(&mut table, 2), None, "step 0 gives up its share, and step 1 needs the slot");
+        assert_eq!(table.get(same(0)), None);
+        table.begin_frame();
+        assert_eq!(slot(&mut table, 2), Some(0), "brick 1 came later");
+        assert_eq!(slot(&mut table, 3), Some(1));
+        assert!(!table.share(same(2), content, Tier::Visible), "the slot holds something else");
+    }
+
+    #[test]
+    fn no_slot_is_shared_by_ever_more_bricks() {
+        let same = |time| VolumeBrick { volume: 0, id: BrickId { time, ..brick(0).id } };
+        let content = Content::for_test(brick(0).id, 7);
+        let mut table = table(2);
+        table.acquire(same(0), Some(content), Tier::Visible).unwrap();
+        for time in 1..100 {
+            table.begin_frame();
+            assert!(table.share(same(time), content, Tier::Visible));
+        }
+        let held: Vec<u32> = (0..100).filter(|&time| table.get(same(time)).is_some()).collect();
+        assert_eq!(held, [96, 97, 98, 99]);
+        assert_eq!([1, 2].map(|x| slot(&mut table, x)), [Some(1), None], "the slot is the frame's");
+    }
+
+    #[test]
     fn a_brick_that_comes_back_is_told() {
-        let mut table = SlotTable::new(1);
+        let mut table = table(1);
         for (x, again) in [(0, false), (1, false), (0, true)] {
             table.begin_frame();
-            assert_eq!(table.acquire(brick(x), Tier::Visible).map(|a| a.again), Some(again));
+            assert_eq!(table.acquire(brick(x), None, Tier::Visible).map(|a| a.again), Some(again));
         }
     }
 }

@@ -1,7 +1,7 @@
 //! What the pager asks of a volume: geometry, what bricks can show, and decoded bricks. A store answers from its files; a program may
 //! answer from its own arrays, or compute.
 
-use brickyard_volume::{BrickId, Geometry, Occupancy, OccupancyBins, PageId, Pyramid, VoxelType};
+use brickyard_volume::{BrickId, BrickIndex, Geometry, Occupancy, OccupancyBins, PageId, Pyramid, VoxelType};
 
 /// Why a brick could not be read. If the reason may pass, the pager tries again a few times; in the end it marks the brick failed and
 /// draws an ancestor.
@@ -108,6 +108,19 @@ pub trait BrickSource: Send + Sync {
             occupancy[place] = self.occupancy(id);
         }
         Ok(occupancy)
+    }
+    /// Whether the source keeps hashes of its bricks' cores, by which bricks that are the same in several time steps are found.
+    fn keeps_hashes(&self) -> bool {
+        false
+    }
+    /// Reads the hashes of the cores of all bricks of a page, each at its [place](Pyramid::page_of). Cores of the same hash are taken for equal.
+    /// Only called where hashes are kept.
+    ///
+    /// # Errors
+    /// If the page cannot be read. Its bricks are taken for changed then.
+    fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, BrickError> {
+        let id = BrickId { time: page.time, channel: page.channel, level: page.level, index: BrickIndex::default() };
+        Err(BrickError { id, reason: "no hashes are kept".into(), is_passing: false })
     }
     /// Tells the source that these bricks, and their aprons where they are stored, are about to be read, so that it may ask the operating system
     /// to read ahead.

@@ -115,6 +115,8 @@ pub struct Counters {
     pub uploaded_ahead: u64,
     /// Bytes uploaded to slots.
     pub bytes_uploaded: u64,
+    /// Bricks that were neither read nor uploaded, since a slot held the same voxels of another time step.
+    pub shared: u64,
 }
 
 impl Counters {
@@ -129,6 +131,7 @@ impl Counters {
             reuploaded: self.reuploaded + other.reuploaded,
             uploaded_ahead: self.uploaded_ahead + other.uploaded_ahead,
             bytes_uploaded: self.bytes_uploaded + other.bytes_uploaded,
+            shared: self.shared + other.shared,
         }
     }
 }

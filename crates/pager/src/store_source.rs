@@ -57,15 +57,17 @@ impl BrickSource for Store {
     }
 
     fn read_occupancy(&self, page: PageId) -> Result<Vec<Occupancy>, BrickError> {
-        let failed = |error: ReadError| {
-            let corner = self.pyramid().paging(page.level).cells([page.x, page.y, page.z]).min;
-            let index = BrickIndex::from_array(corner.to_array());
-            let id = BrickId { time: page.time, channel: page.channel, level: page.level, index };
-            brick_error(id, &error)
-        };
-        let ranges = self.read_ranges(page).map_err(failed)?;
+        let ranges = self.read_ranges(page).map_err(|error| page_error(self, page, &error))?;
         let (bins, places) = (self.occupancy_bins(page.channel), self.pyramid().paging(page.level).page_cells());
         Ok((0..places).map(|place| ranges.occupancy(place, bins)).collect())
+    }
+
+    fn keeps_hashes(&self) -> bool {
+        true
+    }
+
+    fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, BrickError> {
+        self.read_hashes(page).map_err(|error| page_error(self, page, &error))
     }
 
     fn advise(&self, ids: &[BrickId]) {
@@ -91,6 +93,13 @@ impl BrickSource for Store {
     fn cache_bytes(&self) -> u64 {
         self.cache_bytes()
     }
+}
+
+/// An error about a page's first brick.
+fn page_error(store: &Store, page: PageId, error: &ReadError) -> BrickError {
+    let corner = store.pyramid().paging(page.level).cells([page.x, page.y, page.z]).min;
+    let index = BrickIndex::from_array(corner.to_array());
+    brick_error(BrickId { time: page.time, channel: page.channel, level: page.level, index }, error)
 }
 
 fn brick_error(id: BrickId, error: &ReadError) -> BrickError {

@@ -36,6 +36,9 @@ pub(crate) struct TestSource {
     /// Width of the stored aprons.
     stored_apron: u32,
     pub(crate) failing_aprons: HashSet<BrickId>,
+    /// Whether hashes of cores are kept, and the pages of them that cannot be read.
+    keeps_hashes: bool,
+    pub(crate) failing_hashes: HashSet<PageId>,
     bytes_read: AtomicU64,
 }
 
@@ -69,6 +72,8 @@ impl TestSource {
             times: 2,
             stored_apron: 0,
             failing_aprons,
+            keeps_hashes: false,
+            failing_hashes: HashSet::new(),
             bytes_read,
         }
     }
@@ -81,6 +86,23 @@ impl TestSource {
     /// A row of `n` bricks of 8^3 along x, filled by one line of 8-bit voxels.
     pub(crate) fn row(n: u32) -> Self {
         Self::new(Pyramid::new(Extent::new(8 * n, 1, 1), [1.0; 3], 8), [1.0; 3], VoxelType::U8)
+    }
+
+    /// The voxels of a brick's core.
+    fn core(&self, id: BrickId) -> Vec<u8> {
+        let core = self.pyramid.brick_box(id.level, id.index);
+        let (low, high) = (core.min.to_array(), core.max.to_array());
+        let (edge, bytes) = (self.pyramid.edge(), self.voxel_type.bytes());
+        // Past the level's extent the bytes are unspecified: make them wrong.
+        let mut out = vec![0xAA; edge.pow(3) as usize * bytes];
+        for (i, voxel) in out.chunks_exact_mut(bytes).enumerate() {
+            let i = i as u32;
+            let v = [low[0] + i % edge, low[1] + i / edge % edge, low[2] + i / edge / edge];
+            if (0..3).all(|a| v[a] < high[a]) {
+                (self.voxel_at)(id, v, voxel);
+            }
+        }
+        out
     }
 
     /// Fails as told.
@@ -98,6 +120,11 @@ impl TestSource {
     /// This source, with so many time steps.
     pub(crate) fn with_times(self, times: u32) -> Self {
         Self { times, ..self }
+    }
+
+    /// This source, with hashes of its cores.
+    pub(crate) fn with_hashes(self) -> Self {
+        Self { keeps_hashes: true, ..self }
     }
 
     /// This source, with stored aprons of this width.
@@ -164,6 +191,20 @@ impl BrickSource for TestSource {
         bricks.into_iter().for_each(|(id, place)| occupancy[place] = self.occupancy(id));
         Ok(occupancy)
     }
+    fn keeps_hashes(&self) -> bool {
+        self.keeps_hashes
+    }
+    fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, BrickError> {
+        let bricks: Vec<_> = self.pyramid.bricks_of_page(page).collect();
+        if self.failing_hashes.contains(&page) {
+            return Err(BrickError { id: bricks[0].0, reason: "told to fail".into(), is_passing: false });
+        }
+        let mut hashes = vec![0; self.pyramid.paging(page.level).page_cells()];
+        for (id, place) in bricks {
+            hashes[place] = xxhash_rust::xxh3::xxh3_128(&self.core(id));
+        }
+        Ok(hashes)
+    }
     fn advise(&self, _: &[BrickId]) {}
 
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
@@ -177,18 +218,7 @@ impl BrickSource for TestSource {
             _ => {}
         }
         self.bytes_read.fetch_add(out.len() as u64, Ordering::Relaxed);
-        let core = self.pyramid.brick_box(id.level, id.index);
-        let (low, high) = (core.min.to_array(), core.max.to_array());
-        let (edge, bytes) = (self.pyramid.edge(), self.voxel_type.bytes());
-        for (i, voxel) in out.chunks_exact_mut(bytes).enumerate() {
-            let i = i as u32;
-            let v = [low[0] + i % edge, low[1] + i / edge % edge, low[2] + i / edge / edge];
-            // Past the level's extent the bytes are unspecified: make them wrong.
-            voxel.fill(0xAA);
-            if (0..3).all(|a| v[a] < high[a]) {
-                (self.voxel_at)(id, v, voxel);
-            }
-        }
+        out.copy_from_slice(&self.core(id));
         Ok(())
     }
     fn stored_apron(&self) -> u32 {

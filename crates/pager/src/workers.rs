@@ -10,7 +10,8 @@ use crate::assemble::PaddedReader;
 use crate::budget::Meter;
 use crate::buffer_lru::zeroed;
 use crate::ram_cache::RamCache;
-use crate::residency::Arrival;
+use crate::residency::{Arrival, Arrived};
+use crate::sameness::{Content, SlotsByContent};
 use crate::tier::Tier;
 use brickyard_volume::BrickId;
 use crossbeam_channel::{Receiver, Sender, bounded};
@@ -35,6 +36,8 @@ struct Shared {
     wake: Condvar,
     padded_bytes: usize,
     meter: Arc<Meter>,
+    /// What the slots hold.
+    held: Arc<SlotsByContent>,
 }
 
 #[derive(Default)]
@@ -106,16 +109,16 @@ impl Queue {
 }
 
 impl Workers {
-    /// Starts `threads` workers, which together have at most `staged` padded bricks on their way.
+    /// Starts `threads` workers, which together have at most `staged` padded bricks on their way. What the slots hold, `held`, is not read.
     pub(crate) fn start(
         cache: &Arc<RamCache>,
         threads: u32,
         staged: usize,
-        meter: Arc<Meter>,
+        (meter, held): (Arc<Meter>, Arc<SlotsByContent>),
     ) -> std::io::Result<Self> {
         let padded_bytes = cache.layout().padded_bytes();
         let queue = Mutex::new(Queue { permits: staged, staged, ..Queue::default() });
-        let shared = Arc::new(Shared { queue, wake: Condvar::new(), padded_bytes, meter });
+        let shared = Arc::new(Shared { queue, wake: Condvar::new(), padded_bytes, meter, held });
         let (sender, arrivals) = bounded(staged);
         let mut workers = Self { shared, arrivals: Some(arrivals), threads: Vec::new() };
         for i in 0..threads {
@@ -178,13 +181,25 @@ impl Drop for Workers {
 impl Shared {
     fn work(&self, mut reader: PaddedReader, sender: &Sender<Arrival>, advise: impl Fn(&[BrickId])) {
         while let Some(Job { id, mut buffer, advise: batch }) = self.take() {
+            let is_held = |content: &Content| self.held.get(content).is_some();
+            let to_read = |id: &BrickId| !reader.content(*id).as_ref().is_some_and(is_held);
+            let batch: Vec<BrickId> = batch.into_iter().filter(to_read).collect();
             if !batch.is_empty() {
                 advise(&batch);
+            }
+            let content = reader.content(id);
+            if let Some(content) = content.filter(is_held) {
+                self.give_back(buffer);
+                if sender.send(Arrival { id, result: Ok(Arrived::Held(content)) }).is_err() {
+                    return;
+                }
+                continue;
             }
             // A buffer from `take` has one holder, so the copy never happens.
             let result = reader.try_read(id, Arc::make_mut(&mut buffer));
             let result = match result {
-                Ok(()) => Ok(buffer),
+                // What a neighbour should have lent may be there in another step.
+                Ok(is_whole) => Ok(Arrived::Read { codes: buffer, content: content.filter(|_| is_whole) }),
                 Err(failure) => {
                     failure.again.map(|again| self.lock().not_before.insert(id, again));
                     self.give_back(buffer);

@@ -14,6 +14,7 @@ use std::collections::HashMap;
 use std::slice::from_ref;
 
 mod coming;
+mod same;
 
 fn brick(level: u8, index: [u32; 3]) -> BrickId {
     BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::from_array(index) }
@@ -227,7 +228,7 @@ fn a_volume_without_a_readable_brick_is_an_error() {
 #[test]
 fn a_planner_thread_that_looks_ahead_settles_on_what_a_cold_cut_wants() {
     let source = Arc::new(TestSource::cube(64));
-    let live = PagerConfig { planning: Planning::Thread, prefetch: true, ..config(900, 1 << 20) };
+    let live = PagerConfig { planning: Planning::Thread, prefetch: true, ..config(900, 5 << 18) };
     let mut pager = pager_of(&source, live);
     let projection = Projection::Perspective { fov_y_deg: 60.0 };
     let mut view = View { pixel_error: 5.0, ..box_view(&source, projection) };

@@ -86,6 +86,7 @@ fn bricks(ui: &mut Ui, canvas: &Canvas) {
         ("read, decoded", format!("{}, {}", mib(counters.bytes_read), mib(counters.bytes_decoded))),
         ("uploaded", format!("{}: {} bricks", mib(counters.bytes_uploaded), counters.uploaded)),
         ("of these again, ahead", format!("{}, {}", counters.reuploaded, counters.uploaded_ahead)),
+        ("the same as in another step", format!("{} bricks", counters.shared)),
         ("could not be read", counters.failed.to_string()),
     ];
     Grid::new("bricks").num_columns(2).show(ui, |ui| {

@@ -1,0 +1,138 @@
+//! Bricks that are the same in several time steps: they are read and uploaded once, and every slot holds what its brick holds.
+
+use super::*;
+use crate::assemble::PaddedReader;
+use crate::ram_cache::RamCache;
+use crate::sameness::CoreHashes;
+use brickyard_volume::PageId;
+use std::collections::HashSet;
+
+/// Time steps after which the object is back.
+const PERIOD: u32 = 5;
+
+/// A box as large as a brick of level 0 that moves along x, in a volume that stands still.
+fn moving_box(id: BrickId, v: [u32; 3], out: &mut [u8]) {
+    let low = [8 * (id.time % PERIOD), 16, 16].map(|at| at >> id.level.0);
+    let is_inside = (0..3).all(|axis| (low[axis]..low[axis] + (8 >> id.level.0).max(1)).contains(&v[axis]));
+    let still = (v[0] ^ v[1].wrapping_mul(77) ^ v[2].wrapping_mul(1013)).wrapping_mul(2_654_435_761) >> 25;
+    out.fill(still as u8 + if is_inside { 128 } else { 0 });
+}
+
+fn moving() -> TestSource {
+    let mut source = TestSource::cube(8 * PERIOD).with_times(4 * PERIOD);
+    source.voxel_at = moving_box;
+    source
+}
+
+fn at_step(view: &View, time: u32) -> View {
+    View { time, ..view.clone() }
+}
+
+/// Every slot that is drawn from holds its brick with its apron, voxel by voxel.
+fn check_slots(source: &Arc<TestSource>, frame: &Frame, atlas: &HashMap<u32, Vec<u8>>) {
+    // It compares nothing.
+    let mut oracle = PaddedReader::new(Arc::new(RamCache::new(source.clone(), 1, 64 << 20).unwrap()));
+    let mut expected = vec![0; oracle.padded_bytes()];
+    assert!(!frame.volumes[0].draw.cells.is_empty());
+    for cell in &frame.volumes[0].draw.cells {
+        oracle.read(cell.brick, &mut expected).unwrap();
+        assert!(atlas[&cell.slot.0] == expected, "{}", cell.brick);
+    }
+}
+
+#[test]
+fn what_stays_the_same_is_neither_read_nor_uploaded_again() {
+    for (planning, apron) in [(Planning::Inline, 0), (Planning::Thread, 0), (Planning::Inline, 1)] {
+        let source = Arc::new(moving().with_hashes().with_aprons(apron));
+        let hashes = CoreHashes::new(&(source.clone() as Arc<dyn BrickSource>), 1 << 20).unwrap();
+        let mut pager = pager_of(&source, PagerConfig { planning, ..config(2000, 16 << 20) });
+        let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+        let (mut atlas, mut held, mut before) = (HashMap::new(), HashSet::new(), Default::default());
+        for time in 0..4 * PERIOD {
+            pager.expect((time + 1..(4 * PERIOD).min(time + 3)).map(|time| vec![at_step(&view, time)]).collect());
+            let frame = loop {
+                let frame = pager.frame(&[at_step(&view, time)], Duration::ZERO);
+                for upload in &frame.uploads {
+                    atlas.insert(upload.slot.0, upload.codes.to_vec());
+                    assert!(held.insert(hashes.of_padded(upload.brick)), "{} is in a slot", upload.brick);
+                }
+                if frame.status.settled && frame.coming.iter().all(|ready| ready.is_whole) {
+                    break frame;
+                }
+                drop(frame);
+                assert!(pager.wait(Duration::from_secs(9)), "{planning:?} {time}");
+            };
+            check_slots(&source, &frame, &atlas);
+            let counters = frame.status.counters;
+            let (first, ahead): (Counters, u32) = (before, 2);
+            if time > PERIOD + ahead {
+                let now = (counters.decoded, counters.uploaded);
+                assert_eq!(now, (first.decoded, first.uploaded), "{planning:?} {time}");
+                assert!(counters.shared > first.shared || time + ahead >= 4 * PERIOD);
+            } else if time > 0 && apron == 0 {
+                // Where the object was and where it is, in every level.
+                let decoded = counters.decoded - first.decoded;
+                assert!(decoded <= 2 * source.pyramid().levels().len() as u64, "{planning:?} {time}: {decoded}");
+            }
+            before = counters;
+        }
+    }
+}
+
+#[test]
+fn every_slot_holds_its_brick_whatever_is_evicted_and_wherever_time_jumps() {
+    for (slots, apron) in [(20, 0), (60, 0), (150, 1), (300, 0)] {
+        let mut source = moving().with_hashes().with_aprons(apron);
+        let last = PageId { time: 3, channel: 0, level: Level(0), z: 0, y: 0, x: 0 };
+        source.failing_hashes = [last].into();
+        let source = Arc::new(source);
+        let mut pager = pager_of(&source, config(slots, 4 << 20));
+        let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+        let (mut atlas, mut time) = (HashMap::new(), 0);
+        for i in 0..60 {
+            time = (time + if i % 7 == 0 { 13 } else { 1 }) % (4 * PERIOD);
+            pager.expect((1..4).map(|n| vec![at_step(&view, (time + n) % (4 * PERIOD))]).collect());
+            // Some steps are left before they are whole.
+            for _ in 0..i % 4 {
+                let frame = pager.frame(&[at_step(&view, time)], Duration::ZERO);
+                frame.uploads.iter().for_each(|upload| drop(atlas.insert(upload.slot.0, upload.codes.to_vec())));
+            }
+            let frame = settle(&mut pager, &[at_step(&view, time)], &mut atlas);
+            check_slots(&source, &frame, &atlas);
+        }
+        assert!(pager.frame(&[at_step(&view, time)], Duration::ZERO).status.counters.shared > 0);
+    }
+}
+
+#[test]
+fn a_brick_that_was_made_without_a_neighbour_is_no_other_steps() {
+    let still: fn(BrickId, [u32; 3], &mut [u8]) = |id, v, out| moving_box(BrickId { time: 0, ..id }, v, out);
+    for apron in [0, 1] {
+        let mut source = moving().with_hashes().with_aprons(apron);
+        source.voxel_at = still;
+        let damaged = BrickId { time: 1, ..brick(0, [1, 1, 1]) };
+        source.failing = [damaged].into();
+        source.failing_aprons = [0, 1, 2].map(|x| BrickId { time: 1, ..brick(0, [x, 1, 2]) }).into();
+        let source = Arc::new(source);
+        let mut pager = pager_of(&source, config(900, 4 << 20));
+        let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+        let mut atlas = HashMap::new();
+        assert_eq!(settle(&mut pager, &[at_step(&view, 1)], &mut atlas).status.failed, 1);
+        let frame = settle(&mut pager, &[at_step(&view, 2)], &mut atlas);
+        assert_eq!(frame.status.failed, 0);
+        check_slots(&source, &frame, &atlas);
+        assert!(frame.status.counters.shared > 0);
+    }
+}
+
+#[test]
+fn slots_that_were_lost_hold_nothing() {
+    let source = Arc::new(moving().with_hashes());
+    let mut pager = pager_of(&source, config(900, 4 << 20));
+    let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+    settle(&mut pager, from_ref(&view), &mut HashMap::new());
+    pager.forget_slots(800).unwrap();
+    let mut atlas = HashMap::new();
+    let frame = settle(&mut pager, &[at_step(&view, PERIOD)], &mut atlas);
+    check_slots(&source, &frame, &atlas);
+}
