@@ -67,7 +67,7 @@
 //!
 //! [`session`] joins volumes, their pagers and a rendering backend; [`offline`] renders settled pictures with it, [`flight`] measures it along
 //! scripted paths, `survey` compares ways to sample. [`volume`] has the words: scenes, layers, cameras, transfer functions.
-//! [`pager::BrickSource`] is what a program's own bricks take to be shown. Foreign files become stores by [`import::open`] and [`store::pack()`];
+//! [`pager::BrickSource`] is what a program's own bricks take to be shown. Foreign files become stores by [`import::open`] and [`store::pack()`], and grow by [`store::Appender`];
 //! [`openable`] says of a path whether it is a store or such a file, [`preview`] shows the file before it is packed, [`background`] packs beside that, and an [`opening`] does one after
 //! the other for a window.
 //! The parts are re-exported under their own names. `examples` has whole programs.

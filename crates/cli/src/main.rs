@@ -2,6 +2,7 @@
 //! code. 0 ok, 1 failed, 2 usage, 3 bad input, 4 incomplete but resumable, 5 verification failed.
 
 mod advice;
+mod append;
 mod bench;
 mod bench_play;
 mod channel_args;
@@ -57,6 +58,8 @@ struct Arguments {
 enum Command {
     /// Turn scans and simulations into a brick store
     Pack(Box<pack::PackArguments>),
+    /// Add time steps to a store, one file each; the first one makes it
+    Append(Box<append::AppendArguments>),
     /// Say what a store holds
     Info(info::InfoArguments),
     /// Say the values of all channels at one place
@@ -106,6 +109,7 @@ fn main() -> ExitCode {
 fn run(command: Command, matches: &ArgMatches) -> Result<(), Failure> {
     match command {
         Command::Pack(arguments) => pack::run(*arguments),
+        Command::Append(arguments) => append::run(*arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Probe(arguments) => probe::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),

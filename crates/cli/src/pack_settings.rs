@@ -1,11 +1,11 @@
-//! The flags that decide how a store is packed, shared by `pack` and `synth`.
+//! The flags that decide how a store is packed, shared by `pack` and `synth`; what of them decides its bytes, also by `append`.
 
 use super::advice::with_flags;
 use super::failure::Failure;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::{store_errors, values};
 use brickyard::import::Source;
-use brickyard::store::{self, Codec, Downsample, Exists, Kind, PackOptions, PackPlan, Reductions};
+use brickyard::store::{self, Codec, Downsample, Exists, Kind, PackOptions, PackPlan, Reductions, Store};
 use brickyard::volume::{MAX_APRON, VoxelType, counted};
 use clap::{Args, ValueEnum};
 use std::num::NonZeroUsize;
@@ -13,18 +13,18 @@ use std::path::Path;
 use std::sync::OnceLock;
 use std::time::Instant;
 
-/// How to pack.
+/// What decides a store's bytes.
 #[derive(Args, Clone, Debug)]
-pub(crate) struct PackSettings {
-    /// What the voxels mean; labels are never averaged
-    #[arg(long, value_enum, default_value_t = KindArgument::Image)]
-    kind: KindArgument,
-    /// Voxels along a brick's edge; a power of two
-    #[arg(long, default_value_t = 64)]
-    brick: u32,
-    /// Voxels along a shard file's edge
-    #[arg(long, default_value_t = 512)]
-    shard: u32,
+pub(crate) struct StoreSettings {
+    /// What the voxels mean; labels are never averaged [default: image]
+    #[arg(long, value_enum)]
+    kind: Option<KindArgument>,
+    /// Voxels along a brick's edge; a power of two [default: 64]
+    #[arg(long)]
+    brick: Option<u32>,
+    /// Voxels along a shard file's edge [default: 512]
+    #[arg(long)]
+    shard: Option<u32>,
     /// zstd:LEVEL, shuffle-zstd:LEVEL or none [default: zstd:1 for 8-bit data, shuffle-zstd:1 for wider]
     #[arg(long)]
     codec: Option<Codec>,
@@ -36,6 +36,13 @@ pub(crate) struct PackSettings {
     /// decodes no brick just for its neighbour's sake
     #[arg(long, value_name = "VOXELS", value_parser = clap::value_parser!(u32).range(1..=MAX_APRON as i64))]
     aprons: Option<u32>,
+}
+
+/// How to pack.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct PackSettings {
+    #[command(flatten)]
+    store: StoreSettings,
     /// Limit of the process's own memory
     #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     memory: u64,
@@ -69,19 +76,13 @@ impl From<KindArgument> for Kind {
     }
 }
 
-impl PackSettings {
-    /// Whether an existing output may be replaced.
-    pub(crate) fn overwrite(&self) -> bool {
-        self.overwrite
-    }
-
-    /// How to show progress.
-    pub(crate) fn progress(&self) -> ProgressStyleArgument {
-        self.progress
-    }
-
-    fn options(&self, voxel_type: VoxelType) -> Result<PackOptions, Failure> {
-        let kind = self.kind.into();
+impl StoreSettings {
+    /// The options of a new store of voxels of this type.
+    ///
+    /// # Errors
+    /// Exit code 2 if they contradict each other.
+    pub(crate) fn options(&self, voxel_type: VoxelType) -> Result<PackOptions, Failure> {
+        let kind = self.kind.map_or(Kind::Image, Kind::from);
         let by_kind = match kind {
             Kind::Image => Downsample::Mean,
             Kind::Labels => Downsample::Mode,
@@ -95,23 +96,66 @@ impl PackSettings {
         if kind == Kind::Labels && voxel_type.is_float() {
             eprintln!("note: labels are whole numbers: what is not is shown as the nearest one");
         }
+        let defaults = PackOptions::new(voxel_type);
+        Ok(PackOptions {
+            edge: self.brick.unwrap_or(defaults.edge),
+            shard_edge: self.shard.unwrap_or(defaults.shard_edge),
+            codec: self.codec.unwrap_or(defaults.codec),
+            downsample,
+            kind,
+            aprons: self.aprons.unwrap_or(0),
+            ..defaults
+        })
+    }
+
+    /// Checks that what is given is how a store was packed.
+    ///
+    /// # Errors
+    /// Exit code 2 for a flag that says otherwise.
+    pub(crate) fn check(&self, store: &Store) -> Result<(), Failure> {
+        let info = store.info();
+        let codec = self.codec.map(|codec| codec.for_voxel_type(info.voxel_type));
+        let in_words = |kind: Kind| if kind == Kind::Labels { "labels" } else { "image" };
+        let flags = [
+            ("--kind", self.kind.map(|kind| in_words(kind.into()).to_owned()), in_words(info.kind).to_owned()),
+            ("--brick", self.brick.map(|edge| edge.to_string()), info.edge.to_string()),
+            ("--shard", self.shard.map(|edge| edge.to_string()), info.shard.to_string()),
+            ("--codec", codec.map(|codec| codec.to_string()), info.codec.to_string()),
+            ("--downsample", self.downsample.map(|methods| methods.to_string()), info.downsample.to_string()),
+            ("--aprons", self.aprons.map(|width| width.to_string()), info.aprons.to_string()),
+        ];
+        let differs =
+            |(flag, given, found): (&str, Option<String>, String)| Some((flag, given.filter(|g| *g != found)?, found));
+        match flags.into_iter().find_map(differs) {
+            Some((flag, given, found)) => Err(Failure::usage(format!(
+                "{flag} {given}: {} was packed with {found}, and stays so; leave {flag} out",
+                store.path().display()
+            ))),
+            None => Ok(()),
+        }
+    }
+}
+
+impl PackSettings {
+    /// Whether an existing output may be replaced.
+    pub(crate) fn overwrite(&self) -> bool {
+        self.overwrite
+    }
+
+    /// How to show progress.
+    pub(crate) fn progress(&self) -> ProgressStyleArgument {
+        self.progress
+    }
+
+    fn options(&self, voxel_type: VoxelType) -> Result<PackOptions, Failure> {
         let exists = match (self.resume, self.overwrite) {
             (true, _) => Exists::Resume,
             (_, true) => Exists::Overwrite,
             _ => Exists::Refuse,
         };
-        let defaults = PackOptions::new(voxel_type);
-        Ok(PackOptions {
-            edge: self.brick,
-            shard_edge: self.shard,
-            codec: self.codec.unwrap_or(defaults.codec),
-            downsample,
-            kind,
-            aprons: self.aprons.unwrap_or(0),
-            memory_bytes: self.memory,
-            threads: self.threads.map_or(defaults.threads, NonZeroUsize::get),
-            exists,
-        })
+        let options = self.store.options(voxel_type)?;
+        let threads = self.threads.map_or(options.threads, NonZeroUsize::get);
+        Ok(PackOptions { memory_bytes: self.memory, threads, exists, ..options })
     }
 
     /// Packs a source into a store, saying the plan first and the result last.

@@ -3,7 +3,7 @@
 use super::failure::{ExitKind, Failure};
 use brickyard::import::ImportError;
 use brickyard::session::VolumeSource;
-use brickyard::store::{ExportError, OpenError, PackError, ReadError, Store, VerifyError};
+use brickyard::store::{AppendError, ExportError, OpenError, PackError, ReadError, Store, VerifyError};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -62,7 +62,11 @@ pub(crate) fn import_failure(error: &ImportError) -> Failure {
 
 /// The failure for a pack that did not finish.
 pub(crate) fn pack_failure(error: PackError) -> Failure {
-    let kind = match &error {
+    Failure::new(pack_kind(&error), error)
+}
+
+fn pack_kind(error: &PackError) -> ExitKind {
+    match error {
         PackError::Incomplete { .. } | PackError::Cancelled { .. } => ExitKind::Incomplete,
         PackError::Source { .. } | PackError::Unfit { .. } => ExitKind::BadInput,
         PackError::Options(_)
@@ -78,6 +82,24 @@ pub(crate) fn pack_failure(error: PackError) -> Failure {
         | PackError::Panic { .. }
         | PackError::Io { .. }
         | PackError::Threads(_) => ExitKind::Failed,
+    }
+}
+
+/// The failure for a step that was not appended.
+pub(crate) fn append_failure(error: AppendError) -> Failure {
+    let kind = match &error {
+        AppendError::Open(error) => return open_failure(error),
+        AppendError::Read(error) => return read_failure(error),
+        AppendError::Pack(error) => pack_kind(error),
+        AppendError::Time { .. } => ExitKind::Usage,
+        AppendError::Mismatch { .. }
+        | AppendError::Several { .. }
+        | AppendError::NoTime { .. }
+        | AppendError::Source { .. } => ExitKind::BadInput,
+        AppendError::Unfinished { .. } | AppendError::Cancelled { .. } | AppendError::Incomplete { .. } => {
+            ExitKind::Incomplete
+        }
+        AppendError::Panic { .. } => ExitKind::Failed,
     };
     Failure::new(kind, error)
 }

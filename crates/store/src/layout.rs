@@ -3,10 +3,11 @@
 //! ```text
 //! STORE/zarr.json                      root group, written last: the completion marker
 //! STORE/.brickyard-journal             only while packing
-//! STORE/.brickyard-lock                only while packing, and after one that was killed
+//! STORE/.brickyard-lock                only while packing or appending, and after one that was killed
 //! STORE/K/zarr.json                    level K
 //! STORE/K/c/[t/][c/]z/y/x              its shards (axes t and c only where there is, or may be, more than one step or channel)
 //! STORE/K/.brickyard/{ranges,hashes,shards}/   its side data
+//! STORE/0/.brickyard/counts/N/C         counts of the values of channel C in the first N steps, where steps are appended
 //! STORE/K/.brickyard/aprons/           the aprons of K's bricks, if they are stored: zarr.json, shards and .brickyard/shards
 //! STORE/K/.brickyard/METHOD/           level K >= 1 of a second pyramid, which shares level 0: all that K has above
 //! ```
@@ -31,6 +32,9 @@ pub const LOCK_NAME: &str = ".brickyard-lock";
 
 /// The name of the folder of side data inside a level's folder, which other readers leave alone.
 pub(crate) const SIDE_NAME: &str = ".brickyard";
+
+/// The folder of counts of values, among the side data of level 0.
+pub(crate) const COUNTS_NAME: &str = "counts";
 
 /// The folder of a level's aprons, among its side data.
 const APRONS_NAME: &str = "aprons";
@@ -106,6 +110,11 @@ impl Layout {
     /// This layout with an axis of time, however many steps there are.
     pub fn with_time(self) -> Self {
         Self { has_time: true, ..self }
+    }
+
+    /// This layout with so many time steps.
+    pub fn with_times(&self, times: u32) -> Self {
+        Self { times, ..self.clone() }
     }
 
     /// This layout with levels 1 and up in the folders of a second pyramid, made by `method`.

@@ -4,9 +4,11 @@
 //! frames many of them into one file, [`side`] holds statistics per brick and fingerprints per shard, [`layout`] says
 //! which file holds what, and [`metadata`] writes and checks the `zarr.json` documents. [`Store`] reads all that.
 
+pub mod append;
 mod blosc;
 mod chunks;
 pub mod codec;
+mod counts;
 pub mod downsample;
 pub mod error;
 pub mod export;
@@ -29,6 +31,7 @@ mod value_table;
 pub mod verify;
 mod version;
 
+pub use append::{AppendError, AppendOptions, AppendReport, Appender};
 pub use codec::{BrickCodec, Codec};
 pub use downsample::{Downsample, Reductions};
 pub use error::{CodecError, ExportError, OpenError, ReadError, ShardError};

@@ -215,6 +215,10 @@ pub struct StoreInfo {
     /// count: [`Store::time_axis`](crate::Store::time_axis) has what counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time: Option<TimeAxis>,
+    /// Number of time steps that the store has, where steps are appended to it: its arrays may have one more, whose commit was cut off.
+    /// `None` where all steps were packed at once, and the arrays say how many.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub times: Option<u32>,
     /// Statistics, one per channel.
     pub channels: Vec<ChannelStatistics>,
     /// What the store was packed from: the identity that its source gave.
@@ -441,16 +445,43 @@ pub fn document_bytes(document: &Value) -> Vec<u8> {
     text.into_bytes()
 }
 
+/// How many time steps the arrays of a store may have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Steps {
+    /// As many as the layout has.
+    Exactly,
+    /// As many as the layout has, or more: the store is appended to, and the commit of a step may have been cut off.
+    AtLeast,
+}
+
+impl Steps {
+    /// How many time steps the arrays of a store with these settings may have.
+    pub(crate) fn of(info: &StoreInfo) -> Self {
+        if info.times.is_some() { Self::AtLeast } else { Self::Exactly }
+    }
+
+    /// Whether an array that is to have the shape `expected`, whose first axis is time, may have the shape `found`.
+    fn allow(self, expected: &Value, found: &Value) -> bool {
+        let (Self::AtLeast, Some(expected), Some(found)) = (self, expected.as_array(), found.as_array()) else {
+            return false;
+        };
+        let times = |shape: &[Value]| shape.first().and_then(Value::as_u64);
+        expected[1..] == found[found.len().min(1)..] && times(expected) <= times(found)
+    }
+}
+
 /// Compares an array document with the one that the settings call for; an error names the first field that differs.
-pub(crate) fn check_array(path: &Path, expected: &Value, found: &Value) -> Result<(), OpenError> {
+pub(crate) fn check_array(path: &Path, expected: &Value, found: &Value, steps: Steps) -> Result<(), OpenError> {
     const FIELDS: [&str; 8] =
         ["zarr_format", "node_type", "shape", "data_type", "chunk_grid", "chunk_key_encoding", "fill_value", "codecs"];
     for field in FIELDS {
         let (want, have) = (&expected[field], &found[field]);
         // 0 and 0.0 are one fill value.
         let same = want == have || (want.as_f64().is_some() && want.as_f64() == have.as_f64());
-        if !same {
-            return Err(OpenError::invalid(path, field, want, have));
+        if !(same || field == "shape" && steps.allow(want, have)) {
+            let or_more =
+                if field == "shape" && steps == Steps::AtLeast { ", or more in its first number" } else { "" };
+            return Err(OpenError::invalid(path, field, format!("{want}{or_more}"), have));
         }
     }
     Ok(())
@@ -502,7 +533,8 @@ pub(crate) fn parse_layout(
         return Err(OpenError::invalid(level_path, "shape", expected, &level_0["shape"]));
     };
     let size = |name: &str| names.iter().position(|n| *n == name).map_or(1, |i| shape[i]);
-    let (times, channels) = (size("t"), size("c"));
+    let times = committed_times(root_path, info, &names, level_path, size("t"))?;
+    let channels = size("c");
     let extent = Extent::new(size("x"), size("y"), size("z"));
     if let Err((field, expected)) = check_size(extent, times, channels) {
         return Err(OpenError::invalid(level_path, field, expected, &level_0["shape"]));
@@ -510,6 +542,26 @@ pub(crate) fn parse_layout(
     info.check(root_path, channels)?;
     let layout = Layout::new(Pyramid::new(extent, info.spacing, info.edge), times, channels, info.shard);
     Ok(if names[0] == "t" { layout.with_time() } else { layout })
+}
+
+/// The number of time steps: as many as level 0 has, unless the root document counts them, which then has the last word.
+fn committed_times(
+    root_path: &Path,
+    info: &StoreInfo,
+    axes: &[&str],
+    level_path: &Path,
+    times_of_level: u32,
+) -> Result<u32, OpenError> {
+    let Some(times) = info.times else { return Ok(times_of_level) };
+    if axes[0] != "t" || times == 0 {
+        let expected = if times == 0 { "at least 1" } else { "none where there is no axis t" };
+        return Err(OpenError::invalid(root_path, "attributes.brickyard.times", expected, times));
+    }
+    if times_of_level < times {
+        let expected = format!("at least {times} time steps, as attributes.brickyard.times of the root document says");
+        return Err(OpenError::invalid(level_path, "shape", expected, times_of_level));
+    }
+    Ok(times)
 }
 
 /// Reads the placement from the pyramid's multiscale, and checks that every level's agrees with level 0's.

@@ -16,22 +16,22 @@
 //! nor writes the shards that are there. A finished store is replaced only by a finished one: [`Exists::Overwrite`] packs
 //! into `STORE.packing` beside it and exchanges the two in one step at the end.
 
-mod aprons;
+pub(crate) mod aprons;
 pub(crate) mod brick;
 pub(crate) mod cascade;
-mod disk;
-mod journal;
-mod lock;
-mod ours;
-mod output;
+pub(crate) mod disk;
+pub(crate) mod journal;
+pub(crate) mod lock;
+pub(crate) mod ours;
+pub(crate) mod output;
 mod parts;
-mod plan;
+pub(crate) mod plan;
 mod sequence;
 mod shards;
 mod shells;
 mod side_pages;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod window;
 
 pub use lock::Holder;
@@ -44,6 +44,7 @@ use crate::layout::{DEFAULT_SHARD_EDGE, Layout, check_edges};
 use crate::metadata::ChannelStatistics;
 use crate::metadata::{Kind, StoreInfo, apron_document, document_bytes, level_document, root_document};
 use crate::side::{SideArray, level_arrays};
+use crate::stats::ChannelTotals;
 use crate::version::FORMAT_VERSION;
 use aprons::ApronPass;
 use brickyard_import::{ImportError, Source};
@@ -111,7 +112,7 @@ impl PackOptions {
     }
 
     /// The shape of the aprons to store, if there are to be any.
-    fn apron(&self) -> Option<Apron> {
+    pub(crate) fn apron(&self) -> Option<Apron> {
         (self.aprons > 0).then_some(Apron { edge: self.edge, width: self.aprons })
     }
 
@@ -378,7 +379,7 @@ pub fn pack(
     pack_on(&Disk::default(), source, store, options, progress)
 }
 
-fn pack_on(
+pub(crate) fn pack_on(
     disk: &Disk,
     source: &dyn Source,
     store: &Path,
@@ -414,7 +415,7 @@ fn pack_on(
     progress.planned(&plan);
     let resumed = output.journal.finished_count();
     let pass = Pass { source, store: &output.dir, options, plan: &plan, disk, progress };
-    let passed = with_voxel_type!(source.info().voxel_type, T => pass.run::<T>(&mut output.journal));
+    let passed = with_voxel_type!(source.info().voxel_type, T => pass.run::<T>(&mut output.journal, no_totals(source)));
     let passed = passed.map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, shards))?;
     let voxel_type = source.info().voxel_type;
     let aprons = options.apron().map(|apron| {
@@ -424,7 +425,7 @@ fn pack_on(
         catch_unwind(run).unwrap_or_else(|panic| Err((Stop::panic(panic), Reached::new(cores, 0, 0, plan.apron_bytes))))
     });
     let aprons = aprons.transpose().map_err(|(stop, reached)| stopped(stop, &reached, &output.dir, shards))?;
-    let non_finite = passed.channels.iter().map(|c| c.nan + c.pos_inf + c.neg_inf).sum();
+    let non_finite = passed.channels.iter().map(ChannelTotals::non_finite).sum();
     let nodata = passed.channels.iter().map(|c| c.nodata).sum();
     let written_bytes = passed.written_bytes + aprons.unwrap_or_default();
     let finished = write_metadata(disk, &output.dir, source, options, &plan, &settings, passed);
@@ -510,6 +511,12 @@ fn warn_of_space(dir: &Path, plan: &PackPlan, progress: &dyn Progress) {
     }
 }
 
+/// The totals of a source's channels of which nothing is counted yet.
+fn no_totals(source: &dyn Source) -> Vec<ChannelTotals> {
+    let info = source.info();
+    (0..info.channels).map(|_| ChannelTotals::new(info.voxel_type)).collect()
+}
+
 /// Statistics of channels that look as their source says.
 fn with_looks(mut channels: Vec<ChannelStatistics>, looks: &[ChannelLook]) -> Vec<ChannelStatistics> {
     channels.iter_mut().zip(looks).for_each(|(channel, look)| channel.take_look(look));
@@ -541,7 +548,8 @@ fn write_metadata(
         calibrated: info.calibrated,
         orientation: info.orientation,
         time: info.time.clone(),
-        channels: with_looks(passed.channels, &info.channel_looks),
+        times: None,
+        channels: with_looks(passed.channels.iter().map(ChannelTotals::finish).collect(), &info.channel_looks),
         source: info.identity.clone(),
         settings_fingerprint: fingerprint(settings),
         complete: true,

@@ -14,7 +14,7 @@
 
 use crate::error::{OpenError, ReadError};
 use crate::layout::{Layout, place_at};
-use crate::metadata::{array_document, bytes_codec, check_array, document_bytes};
+use crate::metadata::{Steps, array_document, bytes_codec, check_array, document_bytes};
 use crate::shard::Fingerprint;
 use brickyard_volume::{BrickId, Extent, Level, Occupancy, OccupancyBins, PageId, Paging, VoxelType};
 use lru::LruCache;
@@ -79,7 +79,13 @@ impl SideArray {
         self.paging().page_cells() * self.values as usize * self.element_bytes
     }
 
-    fn document_path(&self) -> PathBuf {
+    /// The folder of the array.
+    pub(crate) fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// The path of the array's document.
+    pub(crate) fn document_path(&self) -> PathBuf {
         self.dir.join("zarr.json")
     }
 
@@ -100,9 +106,9 @@ impl SideArray {
     }
 
     /// Compares the array's document with the one that the layout calls for.
-    pub(crate) fn check(&self) -> Result<(), OpenError> {
+    pub(crate) fn check(&self, steps: Steps) -> Result<(), OpenError> {
         let path = self.document_path();
-        check_array(&path, &self.document(), &read_json(&path)?)
+        check_array(&path, &self.document(), &read_json(&path)?, steps)
     }
 
     /// Reads and decodes a page.
@@ -124,7 +130,8 @@ impl SideArray {
         PageId { time, channel, level, z, y, x }
     }
 
-    fn document(&self) -> Value {
+    /// The document of the array.
+    pub(crate) fn document(&self) -> Value {
         let (grid, page) = (self.grid, self.paging().page_extent());
         let shape = [self.times, self.channels, grid.z, grid.y, grid.x, self.values];
         let chunk = [1, 1, page.z, page.y, page.x, self.values];
@@ -239,7 +246,7 @@ pub(crate) fn core_hash(core: &[u8]) -> u128 {
     xxhash_rust::xxh3::xxh3_128(core)
 }
 
-fn encode(bytes: &[u8]) -> Vec<u8> {
+pub(crate) fn encode(bytes: &[u8]) -> Vec<u8> {
     let mut encoded = Vec::new();
     crate::scratch::Scratch::default().compress(1, bytes, &mut encoded);
     let crc = crc32c::crc32c(&encoded);
@@ -263,7 +270,7 @@ fn decode(encoded: &[u8], expected_bytes: usize) -> Result<Vec<u8>, String> {
 }
 
 /// A file's bytes; an error where there are more.
-fn read_at_most(path: &Path, most: u64) -> std::io::Result<Vec<u8>> {
+pub(crate) fn read_at_most(path: &Path, most: u64) -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     std::fs::File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most {
@@ -274,7 +281,16 @@ fn read_at_most(path: &Path, most: u64) -> std::io::Result<Vec<u8>> {
 
 /// Reads a metadata document of at most 64 MiB.
 pub(crate) fn read_json(path: &Path) -> Result<Value, OpenError> {
+    parse_json(path, &read_document(path)?)
+}
+
+/// Reads the bytes of a metadata document of at most 64 MiB.
+pub(crate) fn read_document(path: &Path) -> Result<Vec<u8>, OpenError> {
     const CAP: u64 = 64 << 20;
-    let text = read_at_most(path, CAP).map_err(|error| OpenError::Io { path: path.into(), error })?;
-    serde_json::from_slice(&text).map_err(|e| OpenError::invalid(path, "document", "JSON", e))
+    read_at_most(path, CAP).map_err(|error| OpenError::Io { path: path.into(), error })
+}
+
+/// Parses the bytes of a metadata document, which were read from `path`.
+pub(crate) fn parse_json(path: &Path, text: &[u8]) -> Result<Value, OpenError> {
+    serde_json::from_slice(text).map_err(|e| OpenError::invalid(path, "document", "JSON", e))
 }

@@ -14,7 +14,7 @@
 
 use crate::downsample::Reduce;
 use crate::metadata::{ChannelStatistics, HISTOGRAM_BINS, Histogram, Percentiles};
-use crate::value_counts::ValueCounts;
+use crate::value_counts::{Classes, ValueCounts};
 use crate::value_table::ValueTable;
 use brickyard_volume::{OccupancyBins, VoxelType};
 
@@ -410,6 +410,50 @@ impl ChannelTotals {
         bins.map(move |(i, &n)| (low + i as f64, low + i as f64, n)).chain(self.values.classes())
     }
 
+    /// Appends all that is counted to a list of words, from which [`ChannelTotals::from_words`] makes it anew.
+    pub(crate) fn to_words(&self, words: &mut Vec<u64>) {
+        let (low, high) = self.range.unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
+        words.extend([low, high, self.sum].map(f64::to_bits));
+        words.extend([self.nan, self.positive_infinite, self.negative_infinite, self.nodata]);
+        let bins = (0..).zip(&self.bins).filter(|(_, count)| **count > 0).map(|(bin, count)| (bin, *count));
+        let Classes { shift, counts } = self.values.classes_of_ordinals();
+        let counts: Vec<(i64, u64)> = bins.chain(counts.iter().copied()).collect();
+        words.extend([*shift as u64, counts.len() as u64]);
+        words.extend(counts.iter().flat_map(|&(class, count)| [class as u64, count]));
+    }
+
+    /// Makes totals of a type from the words that [`ChannelTotals::to_words`] gave; `None` where no totals give such words.
+    pub(crate) fn from_words(voxel_type: VoxelType, words: &mut impl Iterator<Item = u64>) -> Option<Self> {
+        let mut next = || words.next();
+        let [low, high, sum] = [next()?, next()?, next()?].map(f64::from_bits);
+        let [nan, positive_infinite, negative_infinite, nodata, shift, length] =
+            [next()?, next()?, next()?, next()?, next()?, next()?];
+        let range = (low <= high).then_some((low, high));
+        let empty = Self::new(voxel_type);
+        let mut totals = Self { range, nan, positive_infinite, negative_infinite, nodata, sum, ..empty };
+        let mut counts = Vec::new();
+        for _ in 0..length {
+            counts.push((next()? as i64, next()?));
+        }
+        if Self::bins(voxel_type) == 0 {
+            totals.values = ValueCounts::of_classes(voxel_type, Classes { shift: shift.try_into().ok()?, counts })?;
+            return Some(totals);
+        }
+        for (bin, count) in counts {
+            *totals.bins.get_mut(usize::try_from(bin).ok()?)? = count;
+        }
+        Some(totals)
+    }
+
+    /// Whether these are the totals of the same voxels, though added up in another order, which a sum of floats depends on in its last
+    /// digits.
+    pub(crate) fn is_near(&self, other: &Self) -> bool {
+        let voxels = (self.valid() + self.non_finite() + self.nodata).max(1) as f64;
+        let largest = self.range.map_or(0.0, |(low, high)| low.abs().max(high.abs()));
+        let is_same_but_sum = Self { sum: other.sum, ..self.clone() } == *other;
+        is_same_but_sum && (self.sum - other.sum).abs() <= 1e-9 * largest * voxels
+    }
+
     pub(crate) fn add_tally(&mut self, tally: &Tally) {
         self.sum += tally.sum;
         self.nan += tally.nan;
@@ -423,6 +467,11 @@ impl ChannelTotals {
             (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
             (a, b) => a.or(b),
         };
+    }
+
+    /// The number of voxels that are NaN or infinite.
+    pub(crate) fn non_finite(&self) -> u64 {
+        self.nan + self.positive_infinite + self.negative_infinite
     }
 
     /// The number of valid voxels.

@@ -10,22 +10,27 @@ use crate::downsample::Downsample;
 use crate::error::{OpenError, ReadError};
 use crate::layout::{JOURNAL_NAME, Layout, journal_percent};
 use crate::metadata::{
-    ChannelDisplay, ChannelStatistics, StoreInfo, apron_document, check_array, level_document, parse_displays,
+    ChannelDisplay, ChannelStatistics, Steps, StoreInfo, apron_document, check_array, level_document, parse_displays,
     parse_geometry, parse_info, parse_label_colors, parse_layout, parse_placement,
 };
 use crate::shard_file::IoMode;
-use crate::side::{RangePage, SideArray, SidePages, level_arrays, read_json};
+use crate::side::{RangePage, SideArray, SidePages, level_arrays, parse_json, read_document, read_json};
 use crate::time::parse_time;
 use brickyard_volume::{
     Apron, BrickId, BrickIndex, Geometry, LabelColor, Level, Occupancy, OccupancyBins, PageId, Placement, Pyramid,
     TimeAxis, VoxelBox, VoxelType,
 };
-use serde_json::Value;
 use std::path::{Path, PathBuf};
+
+/// How often a store may change while it is opened.
+const MOST_CHANGES: u32 = 100;
 
 /// A finished brick store that is open: one of its pyramids, if it has two.
 pub struct Store {
     path: PathBuf,
+    mode: IoMode,
+    /// The hash of the bytes of the root document, by which a newer one is told.
+    root_hash: u64,
     geometry: Geometry,
     placement: Placement,
     time: Option<TimeAxis>,
@@ -67,7 +72,30 @@ impl Store {
     /// Opens the main pyramid, or the one that is made by `method`.
     fn open_view(path: PathBuf, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
         let root_path = path.join("zarr.json");
-        let root = read_root(&path, &root_path)?;
+        let mut text = read_root(&path, &root_path)?;
+        for _ in 0..MOST_CHANGES {
+            let opened = Self::open_with_root(path.clone(), mode, method, &text);
+            if opened.is_ok() {
+                return opened;
+            }
+            // Documents that contradict each other may be of before and after a change, which ends with the root document.
+            match read_root(&path, &root_path) {
+                Ok(now) if now != text => text = now,
+                _ => return opened,
+            }
+        }
+        Self::open_with_root(path, mode, method, &text)
+    }
+
+    /// Opens the main pyramid, or the one that is made by `method`, of a store whose root document has these bytes.
+    pub(crate) fn open_with_root(
+        path: PathBuf,
+        mode: IoMode,
+        method: Option<Downsample>,
+        text: &[u8],
+    ) -> Result<Self, OpenError> {
+        let root_path = path.join("zarr.json");
+        let root = parse_json(&root_path, text)?;
         let info = parse_info(&root_path, &root)?;
         if !info.complete {
             return Err(OpenError::Incomplete { percent: journal_percent(&path).unwrap_or(0), path });
@@ -84,20 +112,59 @@ impl Store {
         let geometry = parse_geometry(&root_path, &root, &layout)?;
         let placement = parse_placement(&root_path, &info, &geometry)?;
         let time = parse_time(&root_path, &root, &layout, &info)?;
+        let steps = Steps::of(&info);
         for k in 0..layout.pyramid.levels().len() {
             let level = Level(k as u8);
             let document_path = path.join(layout.level_path(level)).join("zarr.json");
             let document = read_json(&document_path)?;
-            check_array(&document_path, &level_document(&layout, level, &info), &document)?;
-            level_arrays(&path, &layout, level, info.voxel_type).iter().try_for_each(SideArray::check)?;
+            check_array(&document_path, &level_document(&layout, level, &info), &document, steps)?;
+            let arrays = level_arrays(&path, &layout, level, info.voxel_type);
+            arrays.iter().try_for_each(|array| array.check(steps))?;
         }
         let displays = parse_displays(&root, &info);
         let label_colors = parse_label_colors(&root);
         let aprons = open_aprons(&path, &layout, &info, mode)?;
         let codec = BrickCodec::new(info.codec, info.voxel_type, info.edge);
+        let root_hash = hash(text);
         let sides = SidePages::new(&path, &layout, info.voxel_type);
         let cores = Chunks::new(&path, layout, codec, mode);
-        Ok(Self { path, geometry, placement, time, info, displays, label_colors, sides, cores, aprons })
+        Ok(Self {
+            path,
+            mode,
+            root_hash,
+            geometry,
+            placement,
+            time,
+            info,
+            displays,
+            label_colors,
+            sides,
+            cores,
+            aprons,
+        })
+    }
+
+    /// Opens the store anew if time steps were appended to it since it was opened; `None` if there is none. This store stays what it is:
+    /// nothing that it reads ever changes. As long as nothing was written, this reads the root document alone, and does not parse it.
+    ///
+    /// # Errors
+    /// As for [`Store::open`], or if another store has taken this one's place.
+    pub fn newer(&self) -> Result<Option<Self>, OpenError> {
+        let root_path = self.path.join("zarr.json");
+        let text = read_root(&self.path, &root_path)?;
+        if hash(&text) == self.root_hash {
+            return Ok(None);
+        }
+        let info = parse_info(&root_path, &parse_json(&root_path, &text)?)?;
+        let (ours, found) = (&self.info.settings_fingerprint, &info.settings_fingerprint);
+        if ours != found {
+            let field = "attributes.brickyard.settings_fingerprint";
+            return Err(OpenError::invalid(&root_path, field, format!("{ours}, as when the store was opened"), found));
+        }
+        if info.times.is_none_or(|times| times <= self.times()) {
+            return Ok(None);
+        }
+        Self::open_view(self.path.clone(), self.mode, self.layout().second()).map(Some)
     }
 
     /// The store's directory.
@@ -409,8 +476,9 @@ fn open_aprons(path: &Path, layout: &Layout, info: &StoreInfo, mode: IoMode) -> 
     for k in 0..layout.pyramid.levels().len() {
         let level = Level(k as u8);
         let document_path = path.join(layout.level_path(level)).join("zarr.json");
-        check_array(&document_path, &apron_document(&layout, level, apron, info), &read_json(&document_path)?)?;
-        SideArray::fingerprints(path, &layout, level).check()?;
+        let document = read_json(&document_path)?;
+        check_array(&document_path, &apron_document(&layout, level, apron, info), &document, Steps::of(info))?;
+        SideArray::fingerprints(path, &layout, level).check(Steps::of(info))?;
     }
     let codec = BrickCodec::of_aprons(info.codec, info.voxel_type, apron);
     Ok(Some(Chunks::new(path, layout, codec, mode)))
@@ -428,9 +496,13 @@ pub(crate) fn bricks_of(region: VoxelBox, edge: u32) -> impl Iterator<Item = Bri
         .filter(move |_| !empty)
 }
 
-/// The root document, or what is there instead.
-fn read_root(store: &Path, root_path: &Path) -> Result<Value, OpenError> {
-    match read_json(root_path) {
+fn hash(text: &[u8]) -> u64 {
+    xxhash_rust::xxh3::xxh3_64(text)
+}
+
+/// The bytes of the root document, or what is there instead.
+fn read_root(store: &Path, root_path: &Path) -> Result<Vec<u8>, OpenError> {
+    match read_document(root_path) {
         Err(OpenError::Io { error, .. }) if error.kind() == std::io::ErrorKind::NotFound => {}
         Err(OpenError::Io { error, .. }) if error.kind() == std::io::ErrorKind::NotADirectory => {}
         other => return other,
@@ -453,7 +525,7 @@ mod tests {
     use crate::codec::Codec;
     use crate::test_store::{TestStore, bumps};
     use brickyard_volume::Extent;
-    use serde_json::json;
+    use serde_json::{Value, json};
 
     fn written(spec: &TestStore) -> tempfile::TempDir {
         let dir = tempfile::tempdir().unwrap();

@@ -184,6 +184,7 @@ impl TestStore {
             calibrated: true,
             orientation: None,
             time: self.time.clone(),
+            times: None,
             channels,
             source: "test".into(),
             settings_fingerprint: "test".into(),

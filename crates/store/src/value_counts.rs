@@ -103,6 +103,22 @@ impl ValueCounts {
         Self { voxel_type, most, classes: Classes::default() }
     }
 
+    /// Makes counts of these classes; `None` if there can be none such.
+    pub(crate) fn of_classes(voxel_type: VoxelType, classes: Classes) -> Option<Self> {
+        let Classes { shift, counts } = &classes;
+        let is_ordinal = |class: i64| class.unsigned_abs() <= (1 << 32 >> shift) + 1;
+        let is_sound = *shift <= 32
+            && counts.len() <= MOST_CLASSES
+            && counts.is_sorted_by(|a, b| a.0 < b.0)
+            && counts.iter().all(|&(class, count)| is_ordinal(class) && count > 0);
+        is_sound.then_some(Self { voxel_type, most: MOST_CLASSES, classes })
+    }
+
+    /// The classes and their counts, ascending.
+    pub(crate) fn classes_of_ordinals(&self) -> &Classes {
+        &self.classes
+    }
+
     pub(crate) fn add(&mut self, mut other: Classes) {
         let shift = self.classes.shift.max(other.shift);
         self.classes.raise_to(shift);

@@ -16,6 +16,7 @@ mod documents;
 mod tests;
 
 use crate::chunks::Chunks;
+use crate::counts::Counts;
 use crate::error::{OpenError, ReadError};
 use crate::layout::ShardId;
 use crate::metadata::ChannelStatistics;
@@ -573,6 +574,7 @@ impl<'a> Verifier<'a> {
 
     fn check_statistics(&self, problems: &mut Vec<VerifyProblem>) {
         let totals = self.totals.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        problems.extend(check_counts(&self.views[0], &totals));
         for (c, (totals, stored)) in totals.iter().zip(&self.views[0].info().channels).enumerate() {
             let mut computed = totals.finish();
             // A float's mean depends in its last digits on the order of summation; the window is a choice.
@@ -626,6 +628,30 @@ impl<'a> Verifier<'a> {
 impl Block<'_> {
     fn brick(&self, index: BrickIndex) -> BrickId {
         BrickId { time: self.time, channel: self.channel, level: self.level, index }
+    }
+}
+
+/// Compares the counts that a store keeps which steps are appended to.
+fn check_counts(store: &Store, totals: &[ChannelTotals]) -> Option<VerifyProblem> {
+    let times = store.info().times?;
+    let counts = Counts::of(store.path(), store.layout());
+    let problem = |path: PathBuf, what: String| Some(VerifyProblem { brick: None, path, what });
+    match counts.read(times, store.channels(), store.voxel_type()) {
+        Ok(Some(kept)) => {
+            let wrong = kept.iter().zip(totals).position(|(kept, counted)| !kept.is_near(counted))?;
+            problem(
+                counts.dir(times).join(wrong.to_string()),
+                "these are not the counts of the channel's values".into(),
+            )
+        }
+        // They go when another step is appended, and then those of one step more are there.
+        Ok(None) | Err(_) if store.newer().is_ok_and(|newer| newer.is_some()) => None,
+        Ok(None) => problem(counts.dir(times), "missing".into()),
+        Err(error) => {
+            let path = error.path().to_path_buf();
+            let what = documents::without_path(&error.to_string(), &path);
+            problem(path, what)
+        }
     }
 }
 

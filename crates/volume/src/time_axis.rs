@@ -73,6 +73,23 @@ impl TimeAxis {
         Ok(if is_same { Self { step, ..even } } else { even })
     }
 
+    /// The axis of these `times` steps, at least one, and one more that is taken at `stamp`: this very axis where that is evenly spaced
+    /// from the others.
+    ///
+    /// # Errors
+    /// If `stamp` is not a time after the last step's.
+    pub fn followed_by(&self, times: u32, stamp: f64) -> Result<Self, TimeProblem> {
+        let last = self.at(times.saturating_sub(1));
+        if !(stamp.is_finite() && stamp > last) {
+            let expected = format!("a time after {last} of step {}", times.saturating_sub(1));
+            return Err(TimeProblem { field: "stamp", expected, found: stamp.to_string() });
+        }
+        if self.stamps.is_empty() && (self.at(times) - stamp).abs() <= EVEN * self.step {
+            return Ok(self.clone());
+        }
+        Self::of_stamps((0..times).map(|step| self.at(step)).chain([stamp]).collect(), self.unit.clone())
+    }
+
     /// Checks that the axis can be one of `times` steps: finite times that ascend.
     ///
     /// # Errors
@@ -173,6 +190,24 @@ mod tests {
         assert_eq!((axis.start, axis.step, &axis.stamps), (0.0, 0.5, &uneven));
         let one = TimeAxis::of_stamps(vec![4.0], None).unwrap();
         assert_eq!((one.start, one.step, one.stamps), (4.0, 1.0, vec![]));
+    }
+
+    #[test]
+    fn an_axis_goes_on_evenly_as_long_as_its_steps_do() {
+        let mut axis = TimeAxis { start: 1.0, step: 0.1, unit: Some("day".into()), stamps: Vec::new() };
+        for times in 1..50 {
+            assert_eq!(axis.followed_by(times, 1.0 + 0.1 * f64::from(times)), Ok(axis.clone()));
+        }
+        // The step of a single one is known when the second comes.
+        axis = axis.followed_by(1, 1.5).unwrap();
+        assert_eq!((axis.step, &axis.stamps[..]), (0.5, &[][..]));
+        axis = axis.followed_by(2, 2.25).unwrap();
+        assert_eq!((axis.start, &axis.stamps[..], axis.unit.as_deref()), (1.0, &[1.0, 1.5, 2.25][..], Some("day")));
+        assert_eq!(axis.followed_by(3, 9.0).unwrap().stamps, [1.0, 1.5, 2.25, 9.0]);
+        for stamp in [2.25, 0.0, f64::NAN, f64::INFINITY] {
+            let problem = axis.followed_by(3, stamp).unwrap_err().to_string();
+            assert_eq!(problem, format!("stamp: expected a time after 2.25 of step 2, found {stamp}"));
+        }
     }
 
     #[test]

@@ -110,8 +110,8 @@ impl<'a> StagePass<'a> {
     fn run(mut self, journal: &mut Journal, made: &mut Made) -> Result<(), Stop> {
         let ApronPass { store, disk, plan, progress, .. } = *self.pass;
         let (mut shard_pages, mut pages) = (ShardPages::new(store, &self.layout, self.level), Vec::new());
-        for i in 0..self.layout.level_shards(self.level) {
-            let id = self.layout.shard_at(self.level, i);
+        let layout = self.layout.clone();
+        for id in plan.shards(&layout, self.level) {
             let earlier = journal.finished(&self.layout, id);
             let fingerprint = earlier.map_or_else(|| self.shard(id, journal, made), Ok)?;
             shard_pages.add(id, fingerprint, &mut pages);

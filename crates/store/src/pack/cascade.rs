@@ -16,7 +16,6 @@
 use crate::codec::BrickCodec;
 use crate::error::ReadError;
 use crate::layout::ShardId;
-use crate::metadata::ChannelStatistics;
 use crate::pack::brick::{Summary, Workspace, run_length};
 use crate::pack::disk::{Disk, DiskError};
 use crate::pack::journal::Journal;
@@ -38,9 +37,9 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError, RwLock, mpsc};
 
-/// What a whole pass gives besides the files: each channel's statistics, and the bytes written to shards.
+/// What a whole pass gives besides the files: what is counted of each channel, and the bytes written to shards.
 pub(crate) struct Passed {
-    pub(crate) channels: Vec<ChannelStatistics>,
+    pub(crate) channels: Vec<ChannelTotals>,
     pub(crate) written_bytes: u64,
 }
 
@@ -164,8 +163,13 @@ impl<T> Shared<'_, T> {
 }
 
 impl Pass<'_> {
-    /// Packs all time steps and channels. On failure, finished shards stay and are noted in the journal.
-    pub(crate) fn run<T: Measure>(&self, journal: &mut Journal) -> Result<Passed, (Stop, Reached)> {
+    /// Packs the time steps of the plan, all channels, and adds their voxels to the channels' totals. On failure, finished shards stay
+    /// and are noted in the journal.
+    pub(crate) fn run<T: Measure>(
+        &self,
+        journal: &mut Journal,
+        mut channels: Vec<ChannelTotals>,
+    ) -> Result<Passed, (Stop, Reached)> {
         let threads = self.options.threads;
         let edge = self.options.edge as usize;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
@@ -173,7 +177,7 @@ impl Pass<'_> {
         let pool = pool.map_err(|e| (Stop::Threads(e.to_string()), self.reached(0, &written)))?;
         let earlier = |stage: &Stage| {
             let finished = |shard| Some((shard, journal.finished(&stage.layout, shard)?));
-            stage.layout.shards(stage.level).filter_map(finished).collect()
+            self.plan.shards(&stage.layout, stage.level).filter_map(finished).collect()
         };
         let (kept, blanked) = no_data(self.source.info().nodata);
         let worker = || Mutex::new(Worker { workspace: Workspace::<T>::new(edge, kept), scratch: Scratch::default() });
@@ -188,7 +192,6 @@ impl Pass<'_> {
             stop: Mutex::default(),
         };
         let earlier_shards = journal.finished_count();
-        let mut channels: Vec<_> = (0..self.plan.layout.channels).map(|_| ChannelTotals::new(T::TYPE)).collect();
         let (statistics, settled_shards) = std::thread::scope(|scope| {
             let (to_settler, finished) = mpsc::channel();
             let writer = scope.spawn(|| {
@@ -215,7 +218,6 @@ impl Pass<'_> {
             channel.add_range(seen.0.to_f64());
             channel.add_tally(&seen.1);
         }
-        let channels = channels.iter().map(ChannelTotals::finish).collect();
         Ok(Passed { channels, written_bytes: written.bytes })
     }
 
@@ -231,7 +233,7 @@ impl<T: Measure> Shared<'_, T> {
     fn stream(&self, pool: &rayon::ThreadPool, channels: &mut [ChannelTotals]) -> Result<(), Stop> {
         let layout = &self.pass.plan.layout;
         let mut number = 0;
-        for time in 0..layout.times {
+        for time in self.pass.plan.steps.clone() {
             for channel in 0..layout.channels {
                 let windows = self.windows().map_err(Stop::Disk)?;
                 let mut volume = Volume { shared: self, pool, time, channel, windows, number };

@@ -23,7 +23,8 @@ use std::path::{Path, PathBuf};
 
 pub(crate) struct Journal {
     path: PathBuf,
-    file: File,
+    /// `None` where nothing is noted.
+    file: Option<File>,
     head: Head,
     /// Shards finished by earlier runs, by path below the store.
     finished: HashMap<PathBuf, Fingerprint>,
@@ -60,18 +61,23 @@ impl Head {
 const MOST_HEAD_BYTES: u64 = 16 << 20;
 
 impl Journal {
+    /// A journal that notes nothing: of a step that is appended, which is made anew where it was cut off.
+    pub(crate) fn none() -> Self {
+        Self { path: PathBuf::new(), file: None, head: Head::default(), finished: HashMap::new() }
+    }
+
     /// Starts a journal in a store directory, and replaces the journal that is there, if any.
     pub(crate) fn create(disk: &Disk, store: &Path, head: Head) -> Result<Self, DiskError> {
         let path = store.join(JOURNAL_NAME);
         disk.write(&path, format!("{}\n", json!(head)).as_bytes())?;
         disk.sync_dir(store)?;
-        Ok(Self { file: disk.reopen(&path)?, path, head, finished: HashMap::new() })
+        Ok(Self { file: Some(disk.reopen(&path)?), path, head, finished: HashMap::new() })
     }
 
     /// Opens the journal of an unfinished pack, and reads its head.
     pub(crate) fn open(disk: &Disk, store: &Path) -> Result<Self, PackError> {
         let path = store.join(JOURNAL_NAME);
-        Ok(Self { file: disk.reopen(&path)?, path, head: Head::of(store)?, finished: HashMap::new() })
+        Ok(Self { file: Some(disk.reopen(&path)?), path, head: Head::of(store)?, finished: HashMap::new() })
     }
 
     /// The settings' fingerprint of the finished store that the pack is to replace; `None` if it replaces none.
@@ -95,7 +101,7 @@ impl Journal {
         self.finished = lines[..complete].lines().filter_map(|line| parse(store, line)).collect();
         if complete < lines.len() {
             // A torn last line: end it, so that the next one starts afresh, in a way that no shard's line ends.
-            disk.append(&self.path, &mut self.file, b" torn\n")?;
+            self.append(disk, b" torn\n")?;
         }
         Ok(())
     }
@@ -114,7 +120,11 @@ impl Journal {
     pub(crate) fn add(&mut self, disk: &Disk, path: &Path, fingerprint: Fingerprint) -> Result<(), DiskError> {
         let Fingerprint { file_bytes, index_crc } = fingerprint;
         let line = format!("{file_bytes} {index_crc:08x} {}\n", path.display());
-        disk.append(&self.path, &mut self.file, line.as_bytes())
+        self.append(disk, line.as_bytes())
+    }
+
+    fn append(&mut self, disk: &Disk, bytes: &[u8]) -> Result<(), DiskError> {
+        self.file.as_mut().map_or(Ok(()), |file| disk.append(&self.path, file, bytes))
     }
 }
 

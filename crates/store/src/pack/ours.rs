@@ -2,7 +2,7 @@
 //! replace the store is refused.
 
 use crate::downsample::Downsample;
-use crate::layout::{JOURNAL_NAME, LOCK_NAME, SIDE_NAME};
+use crate::layout::{COUNTS_NAME, JOURNAL_NAME, LOCK_NAME, SIDE_NAME};
 use crate::pack::disk::{Disk, DiskError, temporary};
 use std::fs::DirEntry;
 use std::io;
@@ -43,6 +43,7 @@ impl Folder {
             Self::Array if name == "c" => Some(Self::Chunks),
             Self::Array => (name == SIDE_NAME).then_some(Self::Side),
             Self::Chunks => is_number(name).then_some(Self::Chunks),
+            Self::Side if name == COUNTS_NAME => Some(Self::Chunks),
             Self::Side => is_side().then_some(Self::Array),
         }
     }
@@ -105,6 +106,18 @@ pub(crate) fn remove(disk: &Disk, store: &Path) -> Result<(), DiskError> {
     remove_in(disk, Folder::Store, store)
 }
 
+/// Deletes a folder of chunks, if it is there.
+///
+/// # Errors
+/// If something cannot be deleted, such as a folder that holds something else.
+pub(crate) fn remove_chunks(disk: &Disk, dir: &Path) -> Result<(), DiskError> {
+    match dir.try_exists() {
+        Ok(false) => Ok(()),
+        Ok(true) => remove_in(disk, Folder::Chunks, dir).and_then(|()| disk.remove_dir(dir)),
+        Err(error) => Err(DiskError { path: dir.into(), error }),
+    }
+}
+
 fn remove_in(disk: &Disk, folder: Folder, dir: &Path) -> Result<(), DiskError> {
     let io = |error| DiskError { path: dir.into(), error };
     for entry in std::fs::read_dir(dir).map_err(io)? {
@@ -123,7 +136,8 @@ fn remove_in(disk: &Disk, folder: Folder, dir: &Path) -> Result<(), DiskError> {
     Ok(())
 }
 
-fn remove_file(disk: &Disk, path: &Path) -> Result<(), DiskError> {
+/// Deletes a file, if it is there.
+pub(crate) fn remove_file(disk: &Disk, path: &Path) -> Result<(), DiskError> {
     match disk.remove_file(path) {
         Err(DiskError { error, .. }) if error.kind() == io::ErrorKind::NotFound => Ok(()),
         other => other,

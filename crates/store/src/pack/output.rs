@@ -5,7 +5,7 @@
 //! | nothing, or an unfinished pack | in place |
 //! | a finished store | in `STORE.packing` beside it; at the end the two are exchanged, and the old one is deleted |
 //!
-//! A directory is touched only by who has its lock (`lock.rs`). What was seen before the lock was taken is looked at again
+//! A directory is touched only by who has its lock (`lock.rs`); who replaces a store has the store's as well. What was seen before the lock was taken is looked at again
 //! after. A pack made beside says so in its journal, and is told by that from a store that happens to have such a name.
 //!
 //! The journal goes last: a pack that is stopped between exchange and end is an unfinished one under the final name, whose
@@ -35,6 +35,8 @@ pub(crate) struct Output {
     store: PathBuf,
     pub(crate) journal: Journal,
     lock: DirLock,
+    /// The lock of the store that is to be replaced: nobody appends to it meanwhile.
+    replaced: Option<DirLock>,
 }
 
 /// What stands under a name.
@@ -92,12 +94,16 @@ impl Output {
             if dir != store {
                 lock.takes_dir_along();
             }
+            let replaced = (dir != store && is_there(&store)?).then(|| DirLock::take(disk, &store)).transpose()?;
             if decide(disk, &store, exists, settings)? != Some((step, dir.clone())) {
                 continue;
             }
             if let Some(journal) = prepare(disk, &store, &dir, step, &lock, (settings, shards))? {
                 made.iter().try_for_each(|dir| disk.sync_dir(parent(dir)))?;
-                return Ok(Some(Self { dir, store, journal, lock }));
+                if let Some(replaced) = &replaced {
+                    replaced.declare(disk)?;
+                }
+                return Ok(Some(Self { dir, store, journal, lock, replaced }));
             }
         }
         Err(PackError::Busy { store, holder: None })
@@ -110,6 +116,9 @@ impl Output {
             refuse_foreign(&self.store)?;
             exchange(disk, &self.dir, &self.store)?;
             disk.meanwhile("the names are exchanged");
+            if let Some(mut replaced) = self.replaced.take() {
+                replaced.moved(&self.dir);
+            }
             self.lock.moved(&self.store);
         }
         tidy(disk, &self.store, self.journal.replaces())
@@ -294,7 +303,7 @@ fn find(path: &Path) -> Result<Found, PackError> {
 }
 
 /// The directory that a name means: where links lead, and with a name of its own, beside which there can be others.
-fn resolve(store: &Path) -> Result<PathBuf, PackError> {
+pub(crate) fn resolve(store: &Path) -> Result<PathBuf, PackError> {
     // Without a slash at the end, behind which a link is followed.
     let store = store.components().as_path();
     let is_link = std::fs::symlink_metadata(store).is_ok_and(|file| file.is_symlink());
@@ -313,7 +322,7 @@ fn ancestors_to_make(dir: &Path) -> Vec<PathBuf> {
 }
 
 /// A store's name with something after it.
-fn with_suffix(store: &Path, suffix: &str) -> PathBuf {
+pub(crate) fn with_suffix(store: &Path, suffix: &str) -> PathBuf {
     let mut name = store.as_os_str().to_owned();
     name.push(suffix);
     name.into()
@@ -324,7 +333,7 @@ fn aside(store: &Path) -> PathBuf {
     with_suffix(store, ".replaced")
 }
 
-fn parent(path: &Path) -> &Path {
+pub(crate) fn parent(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 

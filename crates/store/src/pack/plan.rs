@@ -26,7 +26,7 @@
 use crate::chunks::Chunks;
 use crate::codec::{BrickCodec, Codec};
 use crate::downsample::{Downsample, Reductions};
-use crate::layout::{Layout, check_size};
+use crate::layout::{Layout, ShardId, check_size};
 use crate::pack::brick::Workspace;
 use crate::pack::shards::OPEN_BYTES_PER_BRICK;
 use crate::pack::shells::ApronMaker;
@@ -36,6 +36,7 @@ use crate::shard_file::IoMode;
 use crate::stats::ChannelTotals;
 use brickyard_import::{Access, Source, SourceInfo};
 use brickyard_volume::{Extent, Level, LevelGrid, PAGE_EDGE_BRICKS, Pyramid, VoxelType};
+use std::ops::Range;
 use std::path::Path;
 
 const MIB: u64 = 1 << 20;
@@ -43,7 +44,7 @@ const PROGRAM_BYTES: u64 = 24 * MIB;
 /// The root document with so many channels' statistics stays below what is read of a document.
 const MAX_CHANNELS: u32 = 4096;
 /// As many times of single steps take at most a third of what is read of a document.
-const MAX_STAMPS: usize = 1 << 19;
+pub(crate) const MAX_STAMPS: usize = 1 << 19;
 /// More than any level's voxels are larger than level 0's.
 const MOST_FACTOR: f64 = (1u64 << 33) as f64;
 /// A kept shell's place in the table of shells, and what the allocator adds.
@@ -54,6 +55,8 @@ const SHELL_ENTRY_BYTES: u64 = 160;
 pub struct PackPlan {
     /// The arrangement of the store's main pyramid.
     pub layout: Layout,
+    /// The time steps that are packed.
+    pub(crate) steps: Range<u32>,
     /// The most anonymous memory that the pack takes, in bytes; at most what the options allow.
     pub memory_bytes: u64,
     /// Bytes of scratch files that the pack keeps in the store's directory while it runs.
@@ -104,6 +107,13 @@ impl PackPlan {
         self.stages.iter().enumerate().filter_map(follows)
     }
 
+    /// The shards of a level of the time steps that are packed, in their order.
+    pub(crate) fn shards<'a>(&self, layout: &'a Layout, level: Level) -> impl Iterator<Item = ShardId> + use<'a> {
+        let of_step = layout.channels as u64 * layout.shard_grid(level).volume();
+        let shards = self.steps.start as u64 * of_step..self.steps.end as u64 * of_step;
+        shards.map(move |i| layout.shard_at(level, i))
+    }
+
     /// Number of shards of all stages, time steps and channels, those of aprons included.
     pub(crate) fn shard_count(&self) -> u64 {
         if self.apron_bytes > 0 { 2 * self.core_shard_count() } else { self.core_shard_count() }
@@ -126,7 +136,7 @@ impl PackPlan {
     }
 
     fn volumes(&self) -> u64 {
-        self.layout.times as u64 * self.layout.channels as u64
+        self.steps.len() as u64 * self.layout.channels as u64
     }
 }
 
@@ -143,7 +153,26 @@ pub(crate) fn bricks_ahead(threads: usize) -> u64 {
 pub fn plan(source: &dyn Source, options: &PackOptions) -> Result<PackPlan, PackError> {
     options.check()?;
     check_input(source.info())?;
-    let Draft { mut plan, streaming, aprons } = Draft::new(source, options);
+    within_memory(Draft::new(source, options), source, options)
+}
+
+/// Computes what packing the steps of `source` as the last ones of a store needs, which then has this layout.
+///
+/// # Errors
+/// As for [`plan`].
+pub(crate) fn plan_last(source: &dyn Source, options: &PackOptions, layout: &Layout) -> Result<PackPlan, PackError> {
+    options.check()?;
+    check_input(source.info())?;
+    if let Err((_, expected)) = check_size(source.info().extent, layout.times, layout.channels) {
+        let found = format!("{:?} in {} steps", source.info().extent.to_array(), layout.times);
+        return Err(PackError::Unfit { what: "shape is", found, expected, cure: "begin another store" });
+    }
+    within_memory(Draft::of_last(source, options, layout.clone()), source, options)
+}
+
+/// Decides which windows are kept in memory.
+fn within_memory(draft: Draft, source: &dyn Source, options: &PackOptions) -> Result<PackPlan, PackError> {
+    let Draft { mut plan, streaming, aprons } = draft;
     let needed_bytes = least(streaming, aprons.as_ref());
     if needed_bytes > options.memory_bytes {
         let advice = advice(source, options);
@@ -223,10 +252,18 @@ impl Draft {
         let layout = Layout::new(pyramid, info.times, info.channels, options.shard_edge);
         // Who says when a single step was taken means to have more.
         let layout = if info.time.is_some() { layout.with_time() } else { layout };
+        Self::of_last(source, options, layout)
+    }
+
+    /// The plan for steps that are the last ones of a store with this layout.
+    fn of_last(source: &dyn Source, options: &PackOptions, layout: Layout) -> Self {
+        let info = source.info();
+        let steps = layout.times - info.times..layout.times;
         let stages = stages(&layout, source.access(), info.voxel_type, options.downsample);
         let voxels: u64 = stages.iter().map(|stage| stage.grid().extent.volume()).sum();
         let mut plan = PackPlan {
             layout,
+            steps,
             memory_bytes: 0,
             scratch_bytes: 0,
             output_bytes_at_most: 0,

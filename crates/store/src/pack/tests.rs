@@ -19,12 +19,12 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicI64, AtomicU32, Ordering};
 
 /// A source over an array in memory.
-struct Array<T> {
-    info: SourceInfo,
+pub(crate) struct Array<T> {
+    pub(crate) info: SourceInfo,
     voxels: Vec<T>,
-    access: Access,
+    pub(crate) access: Access,
     /// Reads until all further ones fail.
-    fuse: AtomicI64,
+    pub(crate) fuse: AtomicI64,
     /// Boxes asked for.
     reads: AtomicU32,
 }
@@ -34,7 +34,7 @@ impl<T: Voxel> Array<T> {
         Self::series(extent, 1, 1, |_, p| value(p))
     }
 
-    fn series(extent: [u32; 3], times: u32, channels: u32, value: impl Fn(u32, [u32; 3]) -> T) -> Self {
+    pub(crate) fn series(extent: [u32; 3], times: u32, channels: u32, value: impl Fn(u32, [u32; 3]) -> T) -> Self {
         let extent = Extent::from_array(extent);
         let volume = |i: u32| {
             let value = &value;
@@ -95,17 +95,17 @@ impl<T: Voxel> Source for Array<T> {
 }
 
 /// Smooth, with noise in the low bits, and with an empty corner.
-fn value([x, y, z]: [u32; 3]) -> f64 {
+pub(crate) fn value([x, y, z]: [u32; 3]) -> f64 {
     let noise = (x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ z.wrapping_mul(83_492_791)) >> 7 & 7;
     if x < 20 && y < 20 { 0.0 } else { ((x + y) / 2 + z / 4 + noise) as f64 }
 }
 
-fn options(voxel_type: VoxelType) -> PackOptions {
+pub(crate) fn options(voxel_type: VoxelType) -> PackOptions {
     PackOptions { edge: 16, shard_edge: 32, threads: 2, memory_bytes: 1 << 30, ..PackOptions::new(voxel_type) }
 }
 
 /// All files of a store.
-fn files(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+pub(crate) fn files(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     fn walk(root: &Path, dir: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
         for entry in std::fs::read_dir(dir).unwrap() {
             let path = entry.unwrap().path();
@@ -122,7 +122,7 @@ fn files(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 /// Compares without printing megabytes.
-fn assert_same(a: &BTreeMap<PathBuf, Vec<u8>>, b: &BTreeMap<PathBuf, Vec<u8>>, what: &str) {
+pub(crate) fn assert_same(a: &BTreeMap<PathBuf, Vec<u8>>, b: &BTreeMap<PathBuf, Vec<u8>>, what: &str) {
     assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>(), "{what}");
     for (path, bytes) in a {
         assert!(bytes == &b[path], "{what}: {} differs", path.display());
@@ -136,7 +136,7 @@ fn packed<T: Voxel>(source: &Array<T>, options: &PackOptions) -> BTreeMap<PathBu
     files(&store)
 }
 
-fn level_voxels(store: &Store, time: u32, channel: u32, level: Level) -> Vec<f64> {
+pub(crate) fn level_voxels(store: &Store, time: u32, channel: u32, level: Level) -> Vec<f64> {
     let region = store.pyramid().level(level).extent.full_box();
     let voxel_type = store.voxel_type();
     let mut bytes = vec![0; region.extent().volume() as usize * voxel_type.bytes()];
@@ -266,7 +266,7 @@ fn check_aprons<T: Voxel>(source: &Array<T>, options: &PackOptions) {
     assert_eq!(report.problems, [], "{} aprons of {}", T::TYPE, options.aprons);
 }
 
-fn mean_and_max() -> Reductions {
+pub(crate) fn mean_and_max() -> Reductions {
     "mean,max".parse().unwrap()
 }
 

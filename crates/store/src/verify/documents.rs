@@ -6,18 +6,20 @@
 
 use crate::error::OpenError;
 use crate::metadata::{apron_document, level_document, root_document};
-use crate::side::read_json;
+use crate::side::{SideArray, level_arrays, read_json};
 use crate::store::Store;
 use crate::verify::VerifyProblem;
 use brickyard_volume::Level;
 use serde_json::Value;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 /// Checks the root document of the main pyramid, and the documents of these levels, each with the store of its pyramid.
 /// Returns the problems.
 pub(super) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, Level)>) -> Vec<VerifyProblem> {
     let root = root_document(main.layout(), main.geometry(), main.info());
-    let mut documents = vec![(main.path().join("zarr.json"), root)];
+    let root_path = main.path().join("zarr.json");
+    let mut documents = vec![(root_path.clone(), root)];
     for (store, level) in levels {
         let (layout, info) = (store.layout(), store.info());
         let path = |of: &crate::layout::Layout| store.path().join(of.level_path(level)).join("zarr.json");
@@ -26,12 +28,45 @@ pub(super) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, L
             let layout = layout.of_aprons();
             documents.push((path(&layout), apron_document(&layout, level, apron, info)));
         }
+        if info.times.is_some() {
+            documents.extend(side_documents(store, level));
+        }
     }
-    documents.into_iter().filter_map(|(path, expected)| check_one(path, &expected)).collect()
+    let found: Vec<_> = documents.iter().map(|(path, _)| read_json(path)).collect();
+    // Read after the arrays: so they have at most one step more, of a commit that was cut off or is under way.
+    let times = main.info().times.map(|times| times..=count_of(&root_path).unwrap_or(times).saturating_add(1));
+    let checked = documents.into_iter().zip(found).map(|((path, expected), found)| {
+        let found = found.map(|found| with_committed_times(&expected, found, times.as_ref()));
+        check_one(path, &expected, found)
+    });
+    checked.flatten().collect()
 }
 
-fn check_one(path: PathBuf, expected: &Value) -> Option<VerifyProblem> {
-    let what = match read_json(&path) {
+/// The documents of a level's side data, and of its aprons'. Where no step is appended, opening has compared them.
+fn side_documents(store: &Store, level: Level) -> Vec<(PathBuf, Value)> {
+    let arrays = level_arrays(store.path(), store.layout(), level, store.voxel_type());
+    let aprons = store.aprons().map(|aprons| SideArray::fingerprints(store.path(), aprons.layout(), level));
+    arrays.iter().chain(&aprons).map(|array| (array.document_path(), array.document())).collect()
+}
+
+/// The number of time steps that the root document counts; `None` where it does not, or cannot be read.
+fn count_of(root_path: &Path) -> Option<u32> {
+    read_json(root_path).ok()?["attributes"]["brickyard"]["times"].as_u64()?.try_into().ok()
+}
+
+/// An array's document with the number of time steps that is expected of it, where it has one that it may have.
+fn with_committed_times(expected: &Value, mut found: Value, times: Option<&RangeInclusive<u32>>) -> Value {
+    let may_be = |steps: u64| times.is_some_and(|times| u32::try_from(steps).is_ok_and(|steps| times.contains(&steps)));
+    if let Some(steps) = found.pointer_mut("/shape/0")
+        && steps.as_u64().is_some_and(may_be)
+    {
+        *steps = expected["shape"][0].clone();
+    }
+    found
+}
+
+fn check_one(path: PathBuf, expected: &Value, found: Result<Value, OpenError>) -> Option<VerifyProblem> {
+    let what = match found {
         Ok(found) => difference(expected, &found, &mut String::new())?,
         Err(OpenError::Io { error, .. }) => error.to_string(),
         Err(error) => without_path(&error.to_string(), &path),

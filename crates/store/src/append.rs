@@ -1,0 +1,457 @@
+//! Appending: time steps that come one at a time, as from a simulation that runs, join a store while others read it.
+//!
+//! A step is packed by the pass that packs stores (`pack/cascade.rs`), as the last one of the store: its files are at its number in each array, and
+//! no other file changes but documents. So an append costs what packing the step costs, however many there are.
+//!
+//! The *commit* of a step is the order in which it becomes part of the store:
+//!
+//! 1. its shards and pages of side data, and the counts of values of all steps ([`Counts`]), are written and synced;
+//! 2. each array's document says that there is a step more, coarse levels first, level 0 last;
+//! 3. the root document counts it, with the times and statistics of all steps.
+//!
+//! What this program reads, it reads as the root document counts. Whoever is killed before that leaves files and documents of a step that nobody
+//! counts: they are taken back by the next one who opens an [`Appender`], before anything is written. A document is replaced in one step.
+//!
+//! A store that was packed counts its steps from its first commit on, before any array says that there is one more.
+
+mod documents;
+mod error;
+mod step;
+#[cfg(test)]
+mod tests;
+
+pub use error::AppendError;
+
+use crate::counts::{Counts, count_store};
+use crate::error::{OpenError, ReadError};
+use crate::layout::JOURNAL_NAME;
+use crate::metadata::{ChannelStatistics, StoreInfo, document_bytes, root_document};
+use crate::pack::aprons::ApronPass;
+use crate::pack::cascade::{Pass, Passed, Reached, Stop};
+use crate::pack::disk::{Disk, DiskError, temporary};
+use crate::pack::journal::Journal;
+use crate::pack::lock::DirLock;
+use crate::pack::plan::plan_last;
+use crate::pack::{Exists, PackError, PackOptions, PackPlan, Progress, ours, output, pack_on};
+use crate::shard_file::IoMode;
+use crate::side::{parse_json, read_document, read_json};
+use crate::stats::ChannelTotals;
+use crate::store::Store;
+use brickyard_import::Source;
+use brickyard_volume::{TimeAxis, with_voxel_type};
+use documents::{array_dirs, update_root};
+use serde_json::{Value, json};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use step::{Step, next_axis};
+
+/// How steps are appended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AppendOptions {
+    /// The most anonymous memory that appending may take, in bytes.
+    pub memory_bytes: u64,
+    /// Number of worker threads, at least 1. Reading whole planes and writing files take further threads.
+    pub threads: usize,
+}
+
+/// 2 GiB of memory, and one thread per processor.
+impl Default for AppendOptions {
+    fn default() -> Self {
+        Self { memory_bytes: 2 << 30, threads: std::thread::available_parallelism().map_or(1, usize::from) }
+    }
+}
+
+/// What appending a step did.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AppendReport {
+    /// The number of the step.
+    pub step: u32,
+    /// Bytes that were written to shards.
+    pub written_bytes: u64,
+    /// Number of the step's voxels of level 0 that are NaN or infinite.
+    pub non_finite: u64,
+    /// Number of the step's voxels of level 0 that are the integer for no data.
+    pub nodata: u64,
+}
+
+/// Appends time steps to a store. While there is one, nobody else packs into the store or appends to it, in this process or another; others
+/// may read it.
+pub struct Appender {
+    disk: Disk,
+    dir: PathBuf,
+    options: AppendOptions,
+    times: u32,
+    _lock: DirLock,
+}
+
+/// The next step of a store, which may be appended.
+struct Next<'a> {
+    store: &'a Store,
+    plan: PackPlan,
+    options: PackOptions,
+    time: Option<TimeAxis>,
+}
+
+impl Appender {
+    /// Opens a store to append to it, and takes back what an append left that was cut off.
+    ///
+    /// # Errors
+    /// If it is no store, is unfinished, has no axis of time, cannot be written, or somebody else writes to it.
+    pub fn open(store: &Path, options: AppendOptions) -> Result<Self, AppendError> {
+        Self::open_on(Disk::default(), store, options)
+    }
+
+    /// Packs the first step of a new store, and opens it to append more. The step is taken at `stamp`, or at the source's time; where neither is known,
+    /// steps are counted. A step that was cut off is resumed.
+    ///
+    /// # Errors
+    /// If a finished store is there, as packing with [`Exists::Resume`] does, or as [`Appender::open`] does.
+    pub fn create(
+        store: &Path,
+        source: &dyn Source,
+        stamp: Option<f64>,
+        options: &PackOptions,
+        progress: &dyn Progress,
+    ) -> Result<Self, AppendError> {
+        Self::create_on(Disk::default(), store, source, stamp, options, progress)
+    }
+
+    fn create_on(
+        disk: Disk,
+        store: &Path,
+        source: &dyn Source,
+        stamp: Option<f64>,
+        options: &PackOptions,
+        progress: &dyn Progress,
+    ) -> Result<Self, AppendError> {
+        let first = Step::first(source, stamp)?;
+        let options = PackOptions { exists: Exists::Resume, ..options.clone() };
+        if pack_on(&disk, &first, store, &options, progress)?.was_complete {
+            return Err(PackError::Exists { path: store.into(), unfinished: false }.into());
+        }
+        let PackOptions { memory_bytes, threads, .. } = options;
+        Self::open_on(disk, store, AppendOptions { memory_bytes, threads })
+    }
+
+    fn open_on(disk: Disk, store: &Path, options: AppendOptions) -> Result<Self, AppendError> {
+        let dir = output::resolve(store)?;
+        refuse_unfinished(&dir)?;
+        let has_time = |store: &Store| store.layout().axes()[0] == "t";
+        if !has_time(&Store::open(&dir)?) {
+            return Err(AppendError::NoTime { store: dir });
+        }
+        let lock = DirLock::take(&disk, &dir)?;
+        // Looked at again: another one may have been at work until now.
+        refuse_unfinished(&dir)?;
+        lock.declare(&disk).map_err(PackError::from)?;
+        let mut appender = Self { disk, dir, options, times: 0, _lock: lock };
+        appender.take_back().map_err(|error| appender.stopped(error))?;
+        if !has_time(&appender.open_store()?) {
+            return Err(AppendError::NoTime { store: appender.dir });
+        }
+        Ok(appender)
+    }
+
+    /// Number of time steps that the store has.
+    pub fn times(&self) -> u32 {
+        self.times
+    }
+
+    /// The directory of the store.
+    pub fn path(&self) -> &Path {
+        &self.dir
+    }
+
+    /// Appends the only step of a source, which was taken at `stamp`. Where no stamp is given, the source's own time counts if it begins elsewhere
+    /// than the store's, and else steps go on evenly. When this returns, the step survives a crash.
+    ///
+    /// # Errors
+    /// If the step does not fit the store or its time is not after the last one's, or if the source or the disk fails. The store then has the steps
+    /// that it had ([`Appender::times`]), and the same step can be appended again.
+    pub fn append(
+        &mut self,
+        source: &dyn Source,
+        stamp: Option<f64>,
+        progress: &dyn Progress,
+    ) -> Result<AppendReport, AppendError> {
+        let appended = self.take_back().and_then(|()| self.append_next(source, stamp, progress));
+        appended.map_err(|error| {
+            // What cannot be taken back now is so before the next step.
+            let _ = self.take_back();
+            self.stopped(error)
+        })
+    }
+
+    fn append_next(
+        &mut self,
+        source: &dyn Source,
+        stamp: Option<f64>,
+        progress: &dyn Progress,
+    ) -> Result<AppendReport, Failed> {
+        let store = self.open_store()?;
+        let step = Step::next(source, &store)?;
+        let time = next_axis(&store, source.info().time.as_ref(), stamp)?;
+        let options = self.pack_options(store.info());
+        let times = store.times().checked_add(1).ok_or_else(|| too_many(&store))?;
+        let plan = plan_last(&step, &options, &store.layout().with_times(times)).map_err(AppendError::from)?;
+        let counted = self.counted(&store, progress)?;
+        let before: Vec<ChannelStatistics> = counted.iter().map(ChannelTotals::finish).collect();
+        source.info().notes.iter().for_each(|note| progress.warn(note));
+        progress.planned(&plan);
+        let next = Next { store: &store, plan, options, time };
+        let passed = self.pack_step(&next, &step, counted, progress)?;
+        self.commit(&next, &before, &passed.channels)?;
+        self.times = times;
+        let after: Vec<ChannelStatistics> = passed.channels.iter().map(ChannelTotals::finish).collect();
+        let more = |of: fn(&ChannelStatistics) -> u64| {
+            let sum = |channels: &[ChannelStatistics]| channels.iter().map(of).sum::<u64>();
+            sum(&after) - sum(&before)
+        };
+        Ok(AppendReport {
+            step: times - 1,
+            written_bytes: passed.written_bytes,
+            non_finite: more(|channel| channel.nan + channel.pos_inf + channel.neg_inf),
+            nodata: more(|channel| channel.nodata),
+        })
+    }
+
+    /// Opens the store, and checks the documents of its second pyramid as well, if there is one.
+    fn open_store(&self) -> Result<Store, OpenError> {
+        let store = Store::open(&self.dir)?;
+        if let Some(method) = store.info().downsample.second() {
+            Store::open_reduced(&self.dir, method, IoMode::default())?;
+        }
+        Ok(store)
+    }
+
+    /// The options by which the store was packed.
+    fn pack_options(&self, info: &StoreInfo) -> PackOptions {
+        PackOptions {
+            edge: info.edge,
+            shard_edge: info.shard,
+            codec: info.codec,
+            downsample: info.downsample,
+            kind: info.kind,
+            aprons: info.aprons,
+            memory_bytes: self.options.memory_bytes,
+            threads: self.options.threads,
+            exists: Exists::Resume,
+        }
+    }
+
+    /// What is counted of the steps that the store has: as the store keeps it, or by reading all of them, once.
+    fn counted(&self, store: &Store, progress: &dyn Progress) -> Result<Vec<ChannelTotals>, Failed> {
+        let counts = Counts::of(&self.dir, store.layout());
+        let kept = counts.read(store.times(), store.channels(), store.voxel_type()).map_err(AppendError::from)?;
+        if let Some(kept) = kept {
+            return check_counts(store, &counts, &kept).map(|()| kept).map_err(|error| AppendError::from(error).into());
+        }
+        if store.times() > 1 {
+            let what = "keeps no counts of its values yet: they are counted once, in all of its steps";
+            progress.warn(&format!("{}: {what}", self.dir.display()));
+        }
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.options.threads).build();
+        let pool = pool.map_err(|error| AppendError::from(PackError::Threads(error.to_string())))?;
+        let count = || with_voxel_type!(store.voxel_type(), T => count_store::<T>(store));
+        Ok(pool.install(count).map_err(AppendError::from)?)
+    }
+
+    /// Writes the step's shards and pages, so that they survive a crash.
+    fn pack_step(
+        &self,
+        next: &Next,
+        source: &dyn Source,
+        counted: Vec<ChannelTotals>,
+        progress: &dyn Progress,
+    ) -> Result<Passed, Failed> {
+        let Next { plan, options, .. } = next;
+        let (store, disk, voxel_type) = (&self.dir, &self.disk, source.info().voxel_type);
+        let mut journal = Journal::none();
+        let pass = Pass { source, store, options, plan, disk, progress };
+        let mut passed = with_voxel_type!(voxel_type, T => pass.run::<T>(&mut journal, counted))?;
+        if let Some(apron) = options.apron() {
+            let pass = ApronPass { store, voxel_type, apron, options, plan, disk, progress };
+            let run = AssertUnwindSafe(|| pass.run(&mut journal));
+            let written = catch_unwind(run).unwrap_or_else(|panic| Err((Stop::panic(panic), Reached::new(0, 0, 0, 0))));
+            passed.written_bytes += written?;
+        }
+        for dir in array_dirs(next.store) {
+            let of_step = chunks_of(&dir, plan.steps.start);
+            if of_step.try_exists().map_err(|error| DiskError { path: of_step.clone(), error })? {
+                output::sync_tree(disk, &of_step)?;
+                disk.sync_dir(output::parent(&of_step))?;
+                disk.sync_dir(&dir)?;
+            }
+        }
+        Ok(passed)
+    }
+
+    /// Makes the step, whose files are there, part of the store. `before` and `after` is what is counted without it and with it.
+    fn commit(&self, next: &Next, before: &[ChannelStatistics], after: &[ChannelTotals]) -> Result<(), Failed> {
+        let root_path = self.dir.join("zarr.json");
+        let text = read_document(&root_path)?;
+        let mut root = parse_json(&root_path, &text)?;
+        // As others may have edited it meanwhile.
+        let store = Store::open_with_root(self.dir.clone(), IoMode::default(), None, &text)?;
+        let info = store.info();
+        let (first, times) = (next.plan.steps.start, next.plan.steps.end);
+        if store.times() != first {
+            let expected = format!("{first}, as before the step was packed");
+            return Err(OpenError::invalid(&root_path, "attributes.brickyard.times", expected, store.times()).into());
+        }
+        let counts = Counts::of(&self.dir, store.layout());
+        counts.write(&self.disk, times, after)?;
+        let written = |info: &StoreInfo| root_document(store.layout(), store.geometry(), info);
+        let counting = StoreInfo { times: Some(store.times()), ..info.clone() };
+        if info.times.is_none() {
+            update_root(&written(info), &written(&counting), &mut root);
+            self.write_synced(&root_path, &root)?;
+        }
+        for dir in array_dirs(&store) {
+            self.set_steps(&dir, times)?;
+        }
+        let grown = StoreInfo {
+            times: Some(times),
+            time: next.time.clone(),
+            channels: statistics(info, before, after),
+            ..info.clone()
+        };
+        update_root(&written(&counting), &written(&grown), &mut root);
+        self.write_synced(&root_path, &root)?;
+        Ok(counts.keep_only(&self.disk, times)?)
+    }
+
+    /// Makes an array's document say that the array has so many steps, and leaves the rest of it as it is.
+    fn set_steps(&self, dir: &Path, times: u32) -> Result<(), Failed> {
+        let path = dir.join("zarr.json");
+        let mut document = read_json(&path)?;
+        let Some(steps) = document.pointer_mut("/shape/0") else {
+            return Err(OpenError::invalid(&path, "shape", "a list of numbers", &document["shape"]).into());
+        };
+        *steps = json!(times);
+        Ok(self.write_synced(&path, &document)?)
+    }
+
+    fn write_synced(&self, path: &Path, document: &Value) -> Result<(), DiskError> {
+        self.disk.write(path, &document_bytes(document))?;
+        self.disk.sync_dir(output::parent(path))
+    }
+
+    /// Takes back what an append left that was cut off, in the order opposite to a commit's; and learns how many steps there are.
+    fn take_back(&mut self) -> Result<(), Failed> {
+        let store = self.open_store()?;
+        self.times = store.times();
+        let dirs = array_dirs(&store);
+        for dir in dirs.iter().rev() {
+            let document = read_json(&dir.join("zarr.json"))?;
+            if document["shape"][0] != json!(self.times) && store.info().times.is_some() {
+                self.set_steps(dir, self.times)?;
+            }
+        }
+        for dir in &dirs {
+            let left = chunks_of(dir, self.times);
+            if left.try_exists().map_err(|error| DiskError { path: left.clone(), error })? {
+                ours::remove_chunks(&self.disk, &left)?;
+                // A step of which nothing is stored makes no folder here, whose sync would tell.
+                self.disk.sync_dir(output::parent(&left))?;
+            }
+            ours::remove_file(&self.disk, &temporary(&dir.join("zarr.json")))?;
+        }
+        ours::remove_file(&self.disk, &temporary(&self.dir.join("zarr.json")))?;
+        Ok(Counts::of(&self.dir, store.layout()).keep_only(&self.disk, self.times)?)
+    }
+
+    /// The error for what stopped an append.
+    fn stopped(&self, failed: Failed) -> AppendError {
+        let (store, times) = (self.dir.clone(), self.times);
+        match failed {
+            Failed::Append(error) => *error,
+            Failed::Stop(Stop::Disk(DiskError { path, error })) => {
+                AppendError::Incomplete { path, error, store, times }
+            }
+            Failed::Stop(Stop::Source(error)) => AppendError::Source { error, store, times },
+            Failed::Stop(Stop::Panic(words)) => AppendError::Panic { words, store, times },
+            Failed::Stop(Stop::Cancelled) => AppendError::Cancelled { store, times },
+            Failed::Stop(Stop::ReadBack(error)) => AppendError::Read(error),
+            Failed::Stop(Stop::Threads(problem)) => PackError::Threads(problem).into(),
+        }
+    }
+}
+
+/// Why an append stopped, before it is known how many steps the store has then.
+enum Failed {
+    Append(Box<AppendError>),
+    Stop(Stop),
+}
+
+impl From<AppendError> for Failed {
+    fn from(error: AppendError) -> Self {
+        Self::Append(Box::new(error))
+    }
+}
+
+impl From<OpenError> for Failed {
+    fn from(error: OpenError) -> Self {
+        AppendError::from(error).into()
+    }
+}
+
+impl From<DiskError> for Failed {
+    fn from(error: DiskError) -> Self {
+        Self::Stop(Stop::Disk(error))
+    }
+}
+
+impl From<(Stop, Reached)> for Failed {
+    fn from((stop, _): (Stop, Reached)) -> Self {
+        Self::Stop(stop)
+    }
+}
+
+/// Refuses a directory whose pack is not finished, or that a pack is to replace which is not.
+fn refuse_unfinished(dir: &Path) -> Result<(), AppendError> {
+    for path in [dir.to_path_buf(), output::with_suffix(dir, ".packing")] {
+        let journal = path.join(JOURNAL_NAME);
+        match journal.try_exists() {
+            Ok(false) => {}
+            Ok(true) => return Err(AppendError::Unfinished { path }),
+            Err(error) if error.kind() == std::io::ErrorKind::NotADirectory => {}
+            Err(error) => return Err(PackError::Io { path: journal, error }.into()),
+        }
+    }
+    Ok(())
+}
+
+/// Checks that counts are of the store's voxels, as far as the root document tells.
+fn check_counts(store: &Store, counts: &Counts, kept: &[ChannelTotals]) -> Result<(), ReadError> {
+    for (of_root, kept) in store.info().channels.iter().zip(kept.iter().map(ChannelTotals::finish)) {
+        let numbers = |channel: &ChannelStatistics| format!("{} values, {:?}", channel.count, channel.range);
+        if numbers(of_root) != numbers(&kept) {
+            let what = format!("expected {}, as in the root document, found {}", numbers(of_root), numbers(&kept));
+            return Err(ReadError::CorruptPage { path: counts.dir(store.times()), what });
+        }
+    }
+    Ok(())
+}
+
+fn too_many(store: &Store) -> AppendError {
+    let (expected, found) = (format!("fewer than {} steps", u32::MAX), store.times().to_string());
+    PackError::Unfit { what: "shape is", found, expected, cure: "begin another store" }.into()
+}
+
+/// The folder of the chunks of one step of the array in a folder.
+fn chunks_of(dir: &Path, step: u32) -> PathBuf {
+    dir.join("c").join(step.to_string())
+}
+
+/// The statistics of all steps. Windows that a source gave stay; others follow from the values.
+fn statistics(info: &StoreInfo, before: &[ChannelStatistics], after: &[ChannelTotals]) -> Vec<ChannelStatistics> {
+    let mut grown: Vec<ChannelStatistics> = after.iter().map(ChannelTotals::finish).collect();
+    for ((grown, channel), before) in grown.iter_mut().zip(&info.channels).zip(before) {
+        (grown.name, grown.color) = (channel.name.clone(), channel.color);
+        if before.window != channel.window {
+            grown.window = channel.window;
+        }
+    }
+    grown
+}

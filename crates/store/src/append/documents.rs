@@ -1,0 +1,139 @@
+//! The documents of a store that has one step more: only what the step changes is changed, and what other programs wrote stays.
+
+use crate::layout::Layout;
+use crate::side::{SideArray, level_arrays};
+use crate::store::Store;
+use brickyard_volume::Level;
+use serde_json::Value;
+use std::path::PathBuf;
+
+/// The folders of all arrays of a store, in the order in which their documents come to say that there is a step more: coarse levels first, and
+/// what belongs to a level before the level itself.
+pub(super) fn array_dirs(store: &Store) -> Vec<PathBuf> {
+    let (path, main, info) = (store.path(), store.layout(), store.info());
+    let second = info.downsample.second().map(|method| main.of_second(method));
+    let mut dirs = Vec::new();
+    for level in (0..main.pyramid.levels().len()).rev().map(|k| Level(k as u8)) {
+        for layout in second.iter().filter(|_| level > Level(0)).chain([main]) {
+            let dir = |layout: &Layout| path.join(layout.level_path(level));
+            if info.apron().is_some() {
+                let aprons = layout.of_aprons();
+                dirs.extend([SideArray::fingerprints(path, &aprons, level).dir().into(), dir(&aprons)]);
+            }
+            dirs.extend(level_arrays(path, layout, level, info.voxel_type).map(|array| array.dir().into()));
+            dirs.push(dir(layout));
+        }
+    }
+    dirs
+}
+
+/// Whose word counts where a document is not as it was written.
+#[derive(Clone, Copy, PartialEq)]
+enum Owner {
+    /// The store's own part.
+    Ours,
+    /// What other programs may edit.
+    Anybody,
+}
+
+/// Puts what `new` says in place of what `old` said into the root document that was found: everywhere in the store's own part, elsewhere only where
+/// nobody has written anything else. Keys that neither has stay.
+pub(super) fn update_root(old: &Value, new: &Value, found: &mut Value) {
+    update(old, new, found, Owner::Anybody);
+    update(
+        &old["attributes"]["brickyard"],
+        &new["attributes"]["brickyard"],
+        &mut found["attributes"]["brickyard"],
+        Owner::Ours,
+    );
+}
+
+fn update(old: &Value, new: &Value, found: &mut Value, owner: Owner) {
+    match (new, &mut *found) {
+        (Value::Object(new), Value::Object(found)) => {
+            if let Some(old) = old.as_object() {
+                let is_theirs = |old: &Value, value: &Value| owner == Owner::Anybody && !is_same(old, value);
+                found
+                    .retain(|key, value| new.contains_key(key) || old.get(key).is_none_or(|old| is_theirs(old, value)));
+            }
+            for (key, new) in new {
+                match found.get_mut(key) {
+                    Some(found) => update(&old[key], new, found, owner),
+                    None if owner == Owner::Ours || old.get(key).is_none() => {
+                        found.insert(key.clone(), new.clone());
+                    }
+                    // Somebody took it away.
+                    None => {}
+                }
+            }
+        }
+        (Value::Array(new), Value::Array(found)) if new.len() == found.len() => {
+            for (i, (new, found)) in new.iter().zip(found).enumerate() {
+                update(&old[i], new, found, owner);
+            }
+        }
+        (_, found) => {
+            if owner == Owner::Ours || is_same(old, found) {
+                *found = new.clone();
+            }
+        }
+    }
+}
+
+/// Whether two values are the same; 1 and 1.0 are one number, and others may write either.
+fn is_same(a: &Value, b: &Value) -> bool {
+    match (a, b) {
+        (Value::Number(x), Value::Number(y)) => x == y || x.as_f64() == y.as_f64(),
+        (Value::Array(x), Value::Array(y)) => x.len() == y.len() && x.iter().zip(y).all(|(x, y)| is_same(x, y)),
+        _ => a == b,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn what_others_wrote_stays_and_what_a_step_changes_is_changed() {
+        let document = |end: f64, ours: Value| {
+            let window = json!({ "min": 0.0, "max": end, "start": 0.0, "end": end });
+            let omero = json!({ "channels": [{ "window": window, "color": "FFFFFF" }] });
+            json!({ "attributes": { "ome": { "omero": omero }, "brickyard": ours } })
+        };
+        let old = document(3.0, json!({ "times": 1, "gone": 7, "channels": [{ "range": [0, 3] }] }));
+        let new = document(4.0, json!({ "times": 2, "stamps": [1, 2], "channels": [{ "range": [0, 4] }] }));
+        let mut found = old.clone();
+        found["consolidated_metadata"] = json!(null);
+        let ome = &mut found["attributes"]["ome"];
+        ome["name"] = json!("flow");
+        ome["omero"]["channels"][0]["window"]["end"] = json!(2.5);
+        ome["omero"]["channels"][0]["label"] = json!("density");
+        found["attributes"]["brickyard"]["theirs"] = json!([1]);
+        found["attributes"]["brickyard"]["channels"][0]["note"] = json!("x");
+        // A number that another tool wrote in another way is still the one that was written.
+        found["attributes"]["ome"]["omero"]["channels"][0]["window"]["max"] = json!(3);
+        update_root(&old, &new, &mut found);
+        let mut expected = new.clone();
+        expected["consolidated_metadata"] = json!(null);
+        let ome = &mut expected["attributes"]["ome"];
+        ome["name"] = json!("flow");
+        ome["omero"]["channels"][0]["window"]["end"] = json!(2.5);
+        ome["omero"]["channels"][0]["label"] = json!("density");
+        expected["attributes"]["brickyard"]["theirs"] = json!([1]);
+        expected["attributes"]["brickyard"]["channels"][0]["note"] = json!("x");
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn what_others_took_away_stays_away() {
+        let document =
+            |n: u32| json!({ "attributes": { "ome": { "a": n, "b": [n, n] }, "brickyard": { "times": n } } });
+        let mut found = document(1);
+        found["attributes"]["ome"].as_object_mut().unwrap().remove("a");
+        found["attributes"]["ome"]["b"] = json!([1]);
+        found["attributes"]["brickyard"] = json!({});
+        update_root(&document(1), &document(2), &mut found);
+        assert_eq!(found, json!({ "attributes": { "ome": { "b": [1] }, "brickyard": { "times": 2 } } }));
+    }
+}

@@ -1,0 +1,123 @@
+//! Why a step could not be appended.
+
+use crate::error::{OpenError, ReadError};
+use crate::pack::PackError;
+use brickyard_import::ImportError;
+use std::io::ErrorKind;
+use std::path::PathBuf;
+
+/// Why a step was not appended. The steps that a store had, it still has, whole; what a cut-off step left is nobody's, and goes with the next one.
+#[derive(Debug, thiserror::Error)]
+pub enum AppendError {
+    /// There is no store that can be opened.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// Options, memory or the input do not allow it, or another process writes to the store; or the first step of a new store was not packed.
+    #[error(transparent)]
+    Pack(#[from] PackError),
+    /// The store is still packed, or is to be replaced by a pack that has not ended.
+    #[error("{path}: is an unfinished pack; finish it with `resume`, and then append", path = path.display())]
+    Unfinished {
+        /// The directory of the unfinished pack: the store, or what is to take its place.
+        path: PathBuf,
+    },
+    /// The store has a single volume, and no axis of time along which there could be more.
+    #[error(
+        "{store}: has no axis of time, so no step can be appended; pack its first step anew, with `time_step`", store = store.display()
+    )]
+    NoTime {
+        /// The store.
+        store: PathBuf,
+    },
+    /// The source has several time steps, which are appended one at a time.
+    #[error("the input holds {times} time steps; expected one: steps are appended one at a time")]
+    Several {
+        /// Number of time steps of the source.
+        times: u32,
+    },
+    /// The step is not of the same volume as the steps that are there.
+    #[error(
+        "step {step}: its {what} is {found}, but that of {steps} of {store} is {expected}", store = store.display(),
+        steps = if *step == 1 { "step 0".to_owned() } else { format!("steps 0 to {}", step - 1) }
+    )]
+    Mismatch {
+        /// The store.
+        store: PathBuf,
+        /// The number that the step was to have.
+        step: u32,
+        /// What differs, in a word or two.
+        what: &'static str,
+        /// What the store has.
+        expected: String,
+        /// What the step has.
+        found: String,
+    },
+    /// The step cannot have the time that was given, or needs one.
+    #[error("step {step}: time: expected {expected}, found {found}")]
+    Time {
+        /// The number that the step was to have.
+        step: u32,
+        /// What the time should be.
+        expected: String,
+        /// What was given.
+        found: String,
+    },
+    /// Something of the store that appending needs cannot be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// Whoever watches told it to stop, by [`Progress::is_cancelled`](crate::Progress::is_cancelled).
+    #[error("cancelled; {store} has {times} time steps", store = store.display())]
+    Cancelled {
+        /// The store.
+        store: PathBuf,
+        /// Number of its steps.
+        times: u32,
+    },
+    /// The source failed midway.
+    #[error("{error}; {store} has {times} time steps: mend the input and append it again", store = store.display())]
+    Source {
+        /// The source's error.
+        #[source]
+        error: ImportError,
+        /// The store.
+        store: PathBuf,
+        /// Number of its steps.
+        times: u32,
+    },
+    /// A change to the file system failed: a full disk, mostly.
+    #[error(
+        "{path}: {error}; {store} has {times} time steps: {cure} and go on with the next", path = path.display(), store = store.display(),
+        cure = cure(error)
+    )]
+    Incomplete {
+        /// The file that was being written.
+        path: PathBuf,
+        /// The operating system's error.
+        #[source]
+        error: std::io::Error,
+        /// The store.
+        store: PathBuf,
+        /// Number of its steps.
+        times: u32,
+    },
+    /// A thread of the packer, or of the source, panicked.
+    #[error(
+        "this program (or the reader of the input) has a fault: {words:?}; {store} has {times} time steps; please report this",
+        store = store.display()
+    )]
+    Panic {
+        /// The panic's message.
+        words: String,
+        /// The store.
+        store: PathBuf,
+        /// Number of its steps.
+        times: u32,
+    },
+}
+
+fn cure(error: &std::io::Error) -> &'static str {
+    match error.kind() {
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "make room",
+        _ => "see to that",
+    }
+}

@@ -1,0 +1,158 @@
+//! One step of a source on its way into a store: whether it fits the steps that are there, when it was taken, and what it reads as.
+
+use super::AppendError;
+use crate::pack::plan::MAX_STAMPS;
+use crate::store::Store;
+use brickyard_import::{Access, ImportError, Lent, Source, SourceInfo};
+use brickyard_volume::{Geometry, TimeAxis, VoxelBox};
+
+/// By which part of a voxel spacings and origins of steps may differ.
+const TOLERANCE: f64 = 1e-4;
+
+/// A source of a single time step, which is read as any step, under a description of its own.
+pub(super) struct Step<'a> {
+    info: SourceInfo,
+    source: &'a dyn Source,
+}
+
+impl<'a> Step<'a> {
+    /// The first step of a new store, which is taken at `stamp`; where neither that nor the source's time is known, at 0, each step 1 after the last.
+    pub(super) fn first(source: &'a dyn Source, stamp: Option<f64>) -> Result<Self, AppendError> {
+        let mut info = one_step(source)?.clone();
+        let axis = info.time.take().unwrap_or_default();
+        info.time = Some(TimeAxis { start: stamp.unwrap_or(axis.start), ..axis });
+        Ok(Self { info, source })
+    }
+
+    /// The next step of a store: its voxels mean what those of the others do.
+    pub(super) fn next(source: &'a dyn Source, store: &Store) -> Result<Self, AppendError> {
+        let mut info = one_step(source)?.clone();
+        check(&info, store)?;
+        if !info.voxel_type.is_float() {
+            info.nodata = store.info().nodata.map(|nodata| nodata as f64);
+        }
+        Ok(Self { info, source })
+    }
+}
+
+fn one_step(source: &dyn Source) -> Result<&SourceInfo, AppendError> {
+    match source.info() {
+        info if info.times == 1 => Ok(info),
+        info => Err(AppendError::Several { times: info.times }),
+    }
+}
+
+/// Checks that a step is of the same volume as a store's: in shape and type, and in place, unit and no data where it says these.
+fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
+    let differs = |what, found: String, expected: String| {
+        let (store, step) = (store.path().into(), store.times());
+        Err(AppendError::Mismatch { store, step, what, expected, found })
+    };
+    let (ours, theirs) = (store.geometry(), &step.geometry);
+    let extent = store.layout().pyramid.levels()[0].extent;
+    if step.extent != extent {
+        return differs("shape (x, y, z)", step.extent.to_string(), extent.to_string());
+    }
+    if step.voxel_type != store.voxel_type() {
+        return differs("voxel type", step.voxel_type.to_string(), store.voxel_type().to_string());
+    }
+    if step.channels != store.channels() {
+        return differs("number of channels", step.channels.to_string(), store.channels().to_string());
+    }
+    let is_near =
+        |a: glam::DVec3, b: glam::DVec3| (a - b).abs().max_element() <= TOLERANCE * ours.spacing.min_element();
+    let in_words = |v: glam::DVec3| format!("{:?}", v.to_array());
+    if step.calibrated && !is_near(theirs.spacing, ours.spacing) {
+        return differs("voxel spacing (x, y, z)", in_words(theirs.spacing), in_words(ours.spacing));
+    }
+    let says_origin = step.calibrated || theirs.origin != Geometry::default().origin;
+    if says_origin && !is_near(theirs.origin, ours.origin) {
+        return differs("origin (x, y, z)", in_words(theirs.origin), in_words(ours.origin));
+    }
+    let or_none = |word: &Option<String>| word.clone().unwrap_or_else(|| "not known".into());
+    if theirs.unit.is_some() && theirs.unit != ours.unit {
+        return differs("unit of length", or_none(&theirs.unit), or_none(&ours.unit));
+    }
+    if let Some(theirs) = step.orientation
+        && !store.info().orientation.is_some_and(|ours| theirs.agrees(&ours, extent))
+    {
+        let rows = |orientation: brickyard_volume::Orientation| format!("{:?}", orientation.rows());
+        return differs("orientation", rows(theirs), store.info().orientation.map_or("not known".into(), rows));
+    }
+    let nodata = store.info().nodata.map(|nodata| nodata as f64);
+    if !step.voxel_type.is_float() && step.nodata.is_some() && step.nodata != nodata {
+        let value = |nodata: Option<f64>| nodata.map_or("none".into(), |nodata| nodata.to_string());
+        return differs("value for no data", value(step.nodata), value(nodata));
+    }
+    Ok(())
+}
+
+/// The time axis of a store with one step more, which was taken at `stamp`. `said` is what the source knows: where it begins when the store does, it
+/// is the store's own axis, else its beginning is the step's time.
+pub(super) fn next_axis(
+    store: &Store,
+    said: Option<&TimeAxis>,
+    stamp: Option<f64>,
+) -> Result<Option<TimeAxis>, AppendError> {
+    let (step, times) = (store.times(), store.times());
+    let time = |expected: String, found: String| Err(AppendError::Time { step, expected, found });
+    let Some(axis) = store.time_axis() else {
+        return match stamp.or(said.map(|said| said.start)) {
+            None => Ok(None),
+            Some(stamp) => time("none, as the store knows none of its steps' times".into(), stamp.to_string()),
+        };
+    };
+    if let Some(unit) = said.and_then(|said| said.unit.as_ref()).filter(|unit| Some(*unit) != axis.unit.as_ref()) {
+        let ours = axis.unit.as_deref().unwrap_or("no unit");
+        return time(format!("the unit of the store, {ours}"), unit.clone());
+    }
+    let stamp = match (stamp, said) {
+        (Some(stamp), _) => stamp,
+        (None, Some(said)) if said.start != axis.start => said.start,
+        (None, _) if !axis.stamps.is_empty() => {
+            return time("one, as the steps are not evenly spaced".into(), "none".into());
+        }
+        (None, Some(said)) if (said.step - axis.step).abs() > TOLERANCE * axis.step => {
+            return time(format!("steps that are {} apart", axis.in_words(axis.step)), axis.in_words(said.step));
+        }
+        (None, _) => axis.at(times),
+    };
+    let next = match axis.followed_by(times, stamp) {
+        Ok(next) => next,
+        Err(problem) => return time(problem.expected, problem.found),
+    };
+    if next.stamps.len() > MAX_STAMPS {
+        return time(format!("even steps, or at most {MAX_STAMPS} that are not"), next.stamps.len().to_string());
+    }
+    Ok(Some(next))
+}
+
+impl Source for Step<'_> {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn access(&self) -> Access {
+        self.source.access()
+    }
+
+    fn reader_bytes(&self) -> u64 {
+        self.source.reader_bytes()
+    }
+
+    fn read_box(&self, _time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        self.source.read_box(0, channel, region, out)
+    }
+
+    fn lend(&self, _time: u32, channel: u32, region: VoxelBox) -> Option<Lent<'_>> {
+        self.source.lend(0, channel, region)
+    }
+
+    fn announce(&self, _time: u32, channel: u32, region: VoxelBox) {
+        self.source.announce(0, channel, region);
+    }
+
+    fn constant_in(&self, _time: u32, channel: u32, region: VoxelBox) -> Option<f64> {
+        self.source.constant_in(0, channel, region)
+    }
+}

@@ -1,0 +1,585 @@
+//! Steps that are appended beside steps that were packed at once; appends that stop at every change, and what readers see.
+
+use super::*;
+use crate::downsample::Downsample;
+use crate::pack::pack;
+use crate::pack::tests::{Array, assert_same, files, level_voxels, mean_and_max, options, value};
+use crate::verify::verify;
+use brickyard_import::{Access, ImportError, SourceInfo};
+use brickyard_volume::{BrickId, BrickIndex, Level, Orientation, Voxel, VoxelBox, VoxelType};
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicI64, Ordering};
+
+const EXTENT: [u32; 3] = [40, 33, 35];
+
+/// A step of which other parts are empty than of the others.
+fn voxel(step: u32, channel: u32, [x, y, z]: [u32; 3]) -> f64 {
+    let is_empty = (x / 16 + y / 16 + z / 16 + step).is_multiple_of(3);
+    if is_empty { 0.0 } else { value([x + 20, y + 7 * channel, z + 3 * step]) + f64::from(10 * step + channel) }
+}
+
+fn step_of<T: Voxel>(step: u32, channels: u32) -> Array<T> {
+    let mut array = Array::series(EXTENT, 1, channels, |channel, p| T::from_f64_rounded(voxel(step, channel, p)));
+    array.info.identity = format!("step {step}");
+    array
+}
+
+fn byte_step(step: u32) -> Array<u8> {
+    step_of(step, 1)
+}
+
+fn few() -> AppendOptions {
+    AppendOptions { memory_bytes: 1 << 30, threads: 2 }
+}
+
+fn byte_options() -> PackOptions {
+    PackOptions { aprons: 1, downsample: mean_and_max(), ..options(VoxelType::U8) }
+}
+
+/// A store of these steps, appended one by one.
+fn store_of(dir: &Path, steps: std::ops::Range<u32>) -> PathBuf {
+    let path = dir.join("s.zarr");
+    let first = byte_step(steps.start);
+    let mut appender = Appender::create(&path, &first, None, &byte_options(), &()).unwrap();
+    for step in steps.skip(1) {
+        appender.append(&byte_step(step), None, &()).unwrap();
+    }
+    path
+}
+
+fn append(path: &Path, step: u32) -> Result<AppendReport, AppendError> {
+    Appender::open(path, few())?.append(&byte_step(step), None, &())
+}
+
+fn root_of(path: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(path.join("zarr.json")).unwrap()).unwrap()
+}
+
+fn edit(path: &Path, change: impl FnOnce(&mut Value)) {
+    let mut document: Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+    change(&mut document);
+    std::fs::write(path, document_bytes(&document)).unwrap();
+}
+
+fn assert_sound(path: &Path, what: &str) {
+    assert_eq!(verify(path, |_, _| {}).unwrap().problems, [], "{what}");
+}
+
+/// All voxels of level 0 of the first steps, and one of the coarsest level.
+fn assert_steps(store: &Store, steps: u32, what: &str) {
+    assert_eq!(store.times(), steps, "{what}");
+    for step in 0..steps {
+        let expected: Vec<f64> = crate::test_store::voxels(VoxelBox::new([0; 3], EXTENT))
+            .map(|p| u8::from_f64_rounded(voxel(step, 0, p)).to_f64())
+            .collect();
+        assert!(level_voxels(store, step, 0, Level(0)) == expected, "{what}: step {step}");
+        level_voxels(store, step, 0, store.pyramid().coarsest());
+    }
+}
+
+/// All but what says how the steps came to be there.
+fn essence(path: &Path) -> (BTreeMap<PathBuf, Vec<u8>>, Value) {
+    let mut found = files(path);
+    found.retain(|path, _| path != Path::new("zarr.json") && !path.to_string_lossy().contains("/counts/"));
+    let mut root = root_of(path);
+    let ours = root["attributes"]["brickyard"].as_object_mut().unwrap();
+    for key in ["times", "source", "settings_fingerprint", "checksum"] {
+        ours.remove(key);
+    }
+    (found, root)
+}
+
+/// Steps appended one by one beside the same steps packed at once.
+fn check_series<T: Voxel>(
+    channels: u32,
+    access: Access,
+    options: &PackOptions,
+    value: impl Fn(u32, u32, [u32; 3]) -> T,
+) {
+    let dir = tempfile::tempdir().unwrap();
+    let [appended, packed] = ["appended", "packed"].map(|name| dir.path().join(name));
+    let prepared = |mut array: Array<T>| {
+        array.access = access;
+        array.info.nodata = (T::TYPE == VoxelType::I16).then_some(7.0);
+        array
+    };
+    let step = |step| prepared(Array::series(EXTENT, 1, channels, |channel, p| value(step, channel, p)));
+    let mut all = prepared(Array::series(EXTENT, 3, channels, |i, p| value(i / channels, i % channels, p)));
+    all.info.time = Some(TimeAxis::default());
+    pack(&all, &packed, options, &()).unwrap();
+    let mut appender = Appender::create(&appended, &step(0), None, options, &()).unwrap();
+    for i in 1..3 {
+        assert_eq!((appender.times(), appender.append(&step(i), None, &()).unwrap().step), (i, i));
+    }
+    drop(appender);
+    let what = format!("{} {channels} {access:?}", T::TYPE);
+    let ((files, root), (expected_files, mut expected)) = (essence(&appended), essence(&packed));
+    assert_same(&files, &expected_files, &what);
+    for (i, channel) in expected["attributes"]["brickyard"]["channels"].as_array_mut().unwrap().iter_mut().enumerate() {
+        // The mean of floats depends in its last digits on the order of addition.
+        let mean = &root["attributes"]["brickyard"]["channels"][i]["mean"];
+        assert!((mean.as_f64().unwrap() - channel["mean"].as_f64().unwrap()).abs() < 1e-9, "{what}");
+        channel["mean"] = mean.clone();
+    }
+    assert_eq!(root, expected, "{what}");
+    assert_sound(&appended, &what);
+}
+
+#[test]
+fn steps_appended_one_by_one_are_a_series_packed_at_once() {
+    let plain = |t| PackOptions { aprons: 0, downsample: Downsample::Mean.into(), ..options(t) };
+    let rich = |t| PackOptions { aprons: 2, downsample: mean_and_max(), ..options(t) };
+    for access in [Access::Box, Access::Planes] {
+        check_series(1, access, &plain(VoxelType::U8), |t, c, p| voxel(t, c, p) as u8);
+        check_series(2, access, &rich(VoxelType::I16), |t, c, p| voxel(t, c, p) as i16);
+    }
+    check_series(3, Access::Box, &plain(VoxelType::U16), |t, c, p| (voxel(t, c, p) * 200.0) as u16);
+    check_series(1, Access::Box, &plain(VoxelType::I32), |t, c, p| (voxel(t, c, p) * 1e6) as i32 - 7);
+    let holes = |t, c, p: [u32; 3]| if p[0].is_multiple_of(7) { f32::NAN } else { (voxel(t, c, p) as f32).sin() };
+    check_series(2, Access::Box, &rich(VoxelType::F32), holes);
+}
+
+/// Killed at any change to the file system, first while it appends other data: the store has whole steps, and the next append goes on to the same bytes.
+#[test]
+fn an_append_that_stops_anywhere_leaves_whole_steps_and_is_made_again() {
+    let dir = tempfile::tempdir().unwrap();
+    for steps in [1u32, 2] {
+        let made = dir.path().join(format!("of {steps}"));
+        std::fs::create_dir(&made).unwrap();
+        let path = store_of(&made, 0..steps);
+        let before = files(&path);
+        let all = changes_of_append(&path, steps);
+        let expected = files(&path);
+        // What is written before anything is committed is much alike.
+        let moments: Vec<i64> = (0..all).filter(|n| n % 15 == i64::from(steps) || *n > all - 100).collect();
+        let mut committed = 0;
+        for moment in moments {
+            write_files(&path, &before);
+            let disk = Disk { fuse: Some(AtomicI64::new(moment)), ..Disk::default() };
+            let stopped = Appender::open_on(disk, &path, few()).and_then(|mut appender| {
+                // Other voxels than the ones that come after: where these have nothing, files must not stay.
+                let other = byte_step(steps + 1 + moment as u32 % 3);
+                let step = if moment % 2 == 0 { other } else { byte_step(steps) };
+                appender.append(&step, None, &())
+            });
+            let what = format!("{steps} steps, stopped after {moment} of {all} changes");
+            let store = Store::open(&path).unwrap_or_else(|error| panic!("{what}: {error}"));
+            let message = stopped.err().map(|error| error.to_string());
+            if store.times() == steps {
+                assert!(message.is_some_and(|message| message.contains("s.zarr")), "{what}");
+                assert_steps(&store, steps, &what);
+                let report = append(&path, steps).unwrap_or_else(|error| panic!("{what}: {error}"));
+                assert_eq!(report.step, steps, "{what}");
+                assert_same(&files(&path), &expected, &what);
+                continue;
+            }
+            committed += 1;
+            drop(Appender::open(&path, few()).unwrap());
+            assert_sound(&path, &what);
+            if moment % 2 == 1 {
+                assert_same(&files(&path), &expected, &what);
+            }
+        }
+        assert!((1..50).contains(&committed), "{committed} stopped after the commit");
+    }
+}
+
+/// Appends a step, and counts the changes to the file system that this takes.
+fn changes_of_append(path: &Path, step: u32) -> i64 {
+    let mut appender = Appender::open(path, few()).unwrap();
+    appender.append(&byte_step(step), None, &()).unwrap();
+    let changes = appender.disk.log.lock().unwrap().len();
+    changes as i64
+}
+
+fn write_files(path: &Path, files: &BTreeMap<PathBuf, Vec<u8>>) {
+    std::fs::remove_dir_all(path).unwrap();
+    for (name, bytes) in files {
+        let file = path.join(name);
+        std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+        std::fs::write(file, bytes).unwrap();
+    }
+}
+
+#[test]
+fn a_failed_append_takes_back_what_it_wrote() {
+    struct Cancelled;
+    impl Progress for Cancelled {
+        fn advanced(&self, _: u64, _: u64) {
+            CALLS.fetch_add(1, Ordering::Relaxed);
+        }
+        fn is_cancelled(&self) -> bool {
+            CALLS.load(Ordering::Relaxed) > 5
+        }
+    }
+    static CALLS: AtomicI64 = AtomicI64::new(0);
+    struct Panicking(Array<u8>);
+    impl Source for Panicking {
+        fn info(&self) -> &SourceInfo {
+            self.0.info()
+        }
+        fn read_box(&self, _: u32, _: u32, region: VoxelBox, _: &mut [u8]) -> Result<(), ImportError> {
+            assert!(region.min.z < 16, "a fault of the reader, say");
+            Ok(())
+        }
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let path = store_of(dir.path(), 0..2);
+    let before = files(&path);
+    let mut appender = Appender::open(&path, few()).unwrap();
+    let failing = byte_step(2);
+    failing.fuse.store(9, Ordering::Relaxed);
+    let check = |error: AppendError, says: &str| {
+        let message = error.to_string();
+        assert!(message.contains(says) && message.contains("has 2 time steps"), "{message}");
+        let mut now = files(&path);
+        now.remove(Path::new(".brickyard-lock"));
+        assert_same(&now, &before, says);
+    };
+    check(appender.append(&failing, None, &()).unwrap_err(), "array");
+    check(appender.append(&byte_step(2), None, &Cancelled).unwrap_err(), "cancelled");
+    check(appender.append(&Panicking(byte_step(2)), None, &()).unwrap_err(), "a fault of the reader, say");
+    appender.append(&byte_step(2), None, &()).unwrap();
+    drop(appender);
+    let other = tempfile::tempdir().unwrap();
+    assert_same(&files(&path), &files(&store_of(other.path(), 0..3)), "after failures");
+}
+
+#[test]
+fn readers_see_whole_steps_and_follow() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = store_of(dir.path(), 0..1);
+    let mut store = Store::open(&path).unwrap();
+    assert!(store.newer().unwrap().is_none());
+    let done = std::sync::atomic::AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let reader = scope.spawn(|| {
+            let (mut seen, mut store) = (1, Store::open(&path).unwrap());
+            while !done.load(Ordering::Relaxed) || store.times() < 6 {
+                if let Some(newer) = store.newer().unwrap() {
+                    assert!(newer.times() > seen && newer.times() <= 6);
+                    seen = newer.times();
+                    assert_steps(&newer, seen, "followed");
+                    store = newer;
+                }
+                assert!(Store::open(&path).unwrap().times() >= seen);
+            }
+        });
+        let mut appender = Appender::open(&path, few()).unwrap();
+        for step in 1..6 {
+            appender.append(&byte_step(step), None, &()).unwrap();
+        }
+        done.store(true, Ordering::Relaxed);
+        reader.join().unwrap();
+    });
+    assert_steps(&store, 1, "opened before");
+    store = Store::open_reduced(&path, Downsample::Max, IoMode::Pread).unwrap();
+    append(&path, 6).unwrap();
+    let newer = store.newer().unwrap().unwrap();
+    assert_eq!((newer.downsample(), newer.times()), (Downsample::Max, 7));
+    // An edit is no step, and another store is not this one.
+    edit(&path.join("zarr.json"), |root| root["theirs"] = json!(1));
+    assert!(newer.newer().unwrap().is_none());
+    pack(&byte_step(3), &path, &PackOptions { exists: Exists::Overwrite, ..byte_options() }, &()).unwrap();
+    let message = newer.newer().err().unwrap().to_string();
+    assert!(message.contains("settings_fingerprint"), "{message}");
+    assert!(!path.join("0/.brickyard/counts").exists());
+}
+
+#[test]
+fn one_at_a_time_appends_or_packs() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = store_of(dir.path(), 0..1);
+    let overwrite = PackOptions { exists: Exists::Overwrite, ..byte_options() };
+    let is_busy = |error: &PackError| matches!(error, PackError::Busy { holder: Some(holder), .. } if holder.pid == std::process::id());
+    let appender = Appender::open(&path, few()).unwrap();
+    let second = Appender::open(&path, few()).err().unwrap();
+    assert!(matches!(&second, AppendError::Pack(error) if is_busy(error)), "{second}");
+    assert!(is_busy(&pack(&byte_step(5), &path, &overwrite, &()).unwrap_err()));
+    drop(appender);
+    assert!(!path.join(".brickyard-lock").exists() && !dir.path().join("s.zarr.packing").exists());
+
+    /// Appends while a pack is at work.
+    struct Meanwhile<'a>(&'a Path, std::sync::Mutex<Vec<AppendError>>);
+    impl Progress for Meanwhile<'_> {
+        fn planned(&self, _: &PackPlan) {
+            self.1.lock().unwrap().extend(append(self.0, 1).err());
+        }
+    }
+    let meanwhile = Meanwhile(&path, Default::default());
+    pack(&byte_step(5), &path, &overwrite, &meanwhile).unwrap();
+    let refused = meanwhile.1.into_inner().unwrap();
+    assert!(
+        matches!(&refused[..], [AppendError::Unfinished { path }] if path.ends_with("s.zarr.packing")),
+        "{refused:?}"
+    );
+    assert!(!dir.path().join("s.zarr.packing").exists());
+    // One that came before the journal was there waits for the store's lock.
+    let path = store_of(
+        &{
+            let d = dir.path().join("b");
+            std::fs::create_dir(&d).unwrap();
+            d
+        },
+        0..1,
+    );
+    let lock = DirLock::take(&Disk::default(), &path).unwrap();
+    lock.declare(&Disk::default()).unwrap();
+    assert!(matches!(append(&path, 1), Err(AppendError::Pack(error)) if is_busy(&error)));
+    drop(lock);
+    append(&path, 1).unwrap();
+}
+
+#[test]
+fn what_other_programs_wrote_survives() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = store_of(dir.path(), 0..2);
+    let dirs = array_dirs(&Store::open(&path).unwrap());
+    assert_eq!(dirs.last(), Some(&path.join("0")));
+    for dir in &dirs {
+        edit(&dir.join("zarr.json"), |document| document["attributes"]["theirs"] = json!({ "a": [1] }));
+    }
+    edit(&path.join("zarr.json"), |root| {
+        root["consolidated_metadata"] = json!(null);
+        root["attributes"]["other"] = json!("x");
+        let ome = &mut root["attributes"]["ome"];
+        ome["name"] = json!("flow");
+        ome["omero"]["channels"][0]["window"]["end"] = json!(33.0);
+        ome["omero"]["channels"][0]["color"] = json!("00FF00");
+        ome["omero"]["rdefs"] = json!({ "model": "color" });
+    });
+    append(&path, 2).unwrap();
+    let store = Store::open(&path).unwrap();
+    assert_steps(&store, 3, "edited");
+    assert_eq!((store.default_window(0).1, store.channel_displays()[0].color), (33.0, [0, 255, 0]));
+    let root = root_of(&path);
+    assert!(root.as_object().unwrap().contains_key("consolidated_metadata"));
+    assert_eq!([&root["attributes"]["other"], &root["attributes"]["ome"]["name"]], [&json!("x"), &json!("flow")]);
+    assert_eq!(root["attributes"]["ome"]["omero"]["rdefs"]["model"], "color");
+    // What nobody has edited follows the values.
+    let window = &root["attributes"]["ome"]["omero"]["channels"][0]["window"];
+    assert_eq!(window["max"], json!(store.channel_range(0).1));
+    for dir in &dirs {
+        let document = read_json(&dir.join("zarr.json")).unwrap();
+        assert_eq!(
+            (&document["attributes"]["theirs"]["a"], &document["shape"][0]),
+            (&json!([1]), &json!(3)),
+            "{dir:?}"
+        );
+    }
+    // All but the edits of what was written is sound.
+    let problems = verify(&path, |_, _| {}).unwrap().problems;
+    assert!(problems.len() == 1 && problems[0].what.contains("omero"), "{problems:?}");
+}
+
+#[test]
+fn steps_that_do_not_fit_are_named_with_both_values() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("s.zarr");
+    let mut first = step_of::<i16>(0, 1);
+    first.info.geometry.spacing = glam::DVec3::new(0.5, 0.5, 2.0);
+    first.info.geometry.origin = glam::DVec3::new(1.0, 2.0, 3.0);
+    first.info.geometry.unit = Some("millimeter".into());
+    first.info.calibrated = true;
+    first.info.nodata = Some(-9.0);
+    first.info.time = Some(TimeAxis { step: 0.5, unit: Some("second".into()), ..TimeAxis::default() });
+    let info = first.info.clone();
+    Appender::create(&path, &first, None, &options(VoxelType::I16), &()).unwrap();
+    let before = files(&path);
+    let refused = |source: &dyn Source, stamp, words: &[&str]| {
+        let error = Appender::open(&path, few()).unwrap().append(source, stamp, &()).unwrap_err();
+        let message = error.to_string();
+        assert!(words.iter().all(|word| message.contains(word)), "{words:?}: {message}");
+        assert_same(&files(&path), &before, &message);
+    };
+    let mut small = Array::series([40, 33, 34], 1, 1, |_, _| 1i16);
+    small.info.calibrated = false;
+    refused(&small, None, &["step 1", "shape", "40,33,34", "step 0 of", "s.zarr", "40,33,35"]);
+    refused(&step_of::<u16>(1, 1), None, &["voxel type is u16", "is i16"]);
+    refused(&step_of::<i16>(1, 2), None, &["channels is 2", "is 1"]);
+    refused(&Array::series(EXTENT, 2, 1, |_, _| 1i16), None, &["2 time steps"]);
+    let with = |change: &dyn Fn(&mut SourceInfo)| {
+        let mut step = step_of::<i16>(1, 1);
+        step.info = info.clone();
+        change(&mut step.info);
+        step
+    };
+    refused(&with(&|i| i.geometry.spacing.x = 0.6), None, &["spacing", "[0.6, 0.5, 2.0]", "[0.5, 0.5, 2.0]"]);
+    refused(&with(&|i| i.geometry.origin.z = 4.0), None, &["origin", "[1.0, 2.0, 4.0]", "[1.0, 2.0, 3.0]"]);
+    refused(&with(&|i| i.geometry.unit = Some("meter".into())), None, &["unit", "meter", "millimeter"]);
+    let rows = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+    refused(&with(&|i| i.orientation = Orientation::new(rows).ok()), None, &["orientation", "not known"]);
+    refused(&with(&|i| i.nodata = Some(5.0)), None, &["no data is 5", "-9"]);
+    refused(&with(&|i| i.time.as_mut().unwrap().step = 0.25), None, &["0.5 s apart", "0.25 s"]);
+    refused(&with(&|i| i.time.as_mut().unwrap().unit = Some("day".into())), None, &["second", "day"]);
+    refused(&with(&|_| {}), Some(0.0), &["time", "after 0 of step 0", "found 0"]);
+    refused(&with(&|_| {}), Some(f64::NAN), &["after 0", "NaN"]);
+    // What says less, fits; and integers without data are the store's.
+    let mut plain = step_of::<i16>(1, 1);
+    plain.info.nodata = None;
+    Appender::open(&path, few()).unwrap().append(&plain, None, &()).unwrap();
+    Appender::open(&path, few()).unwrap().append(&with(&|_| {}), None, &()).unwrap();
+    assert_sound(&path, "fits");
+    let axis = Store::open(&path).unwrap().time_axis().cloned();
+    assert_eq!(axis, info.time);
+}
+
+#[test]
+fn what_cannot_be_appended_to_is_refused_and_left_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let refusal = |path: &Path| Appender::open(path, few()).err().unwrap().to_string();
+    assert!(refusal(&dir.path().join("nowhere")).contains("nowhere"));
+    let empty = dir.path().join("empty");
+    std::fs::create_dir(&empty).unwrap();
+    assert!(refusal(&empty).contains("not a brick store") && files(&empty).is_empty());
+    std::fs::write(empty.join("zarr.json"), r#"{"zarr_format":3,"node_type":"group","attributes":{"ome":{}}}"#)
+        .unwrap();
+    assert!(refusal(&empty).contains("without brickyard's side data"));
+    let still = dir.path().join("still.zarr");
+    pack(&byte_step(0), &still, &byte_options(), &()).unwrap();
+    let before = files(&still);
+    assert!(refusal(&still).contains("no axis of time"));
+    assert_same(&files(&still), &before, "without time");
+    let unfinished = dir.path().join("u.zarr");
+    let failing = byte_step(0);
+    failing.fuse.store(9, Ordering::Relaxed);
+    let create = |source: &Array<u8>| Appender::create(&unfinished, source, None, &byte_options(), &());
+    create(&failing).err().unwrap();
+    assert!(refusal(&unfinished).contains("unfinished pack"));
+    // The first step goes on, another one does not; and a store is not created twice.
+    let message = create(&byte_step(1)).err().unwrap().to_string();
+    assert!(message.contains("cannot be resumed"), "{message}");
+    create(&byte_step(0)).unwrap();
+    assert!(create(&byte_step(0)).err().unwrap().to_string().contains("exists already"));
+    append(&unfinished, 1).unwrap();
+    let other = tempfile::tempdir().unwrap();
+    assert_same(&files(&unfinished), &files(&store_of(other.path(), 0..2)), "created twice");
+    let limits = AppendOptions { memory_bytes: 1 << 20, threads: 2 };
+    let error = Appender::open(&unfinished, limits).unwrap().append(&byte_step(2), None, &()).unwrap_err();
+    assert!(error.to_string().contains("`memory` 1 MiB is too little"), "{error}");
+}
+
+#[test]
+fn times_go_on_evenly_or_are_kept_one_by_one() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("s.zarr");
+    let options = options(VoxelType::U8);
+    let mut appender = Appender::create(&path, &byte_step(0), Some(2.0), &options, &()).unwrap();
+    let axis = || Store::open(&path).unwrap().time_axis().cloned().unwrap();
+    assert_eq!((axis().start, axis().step), (2.0, 1.0));
+    appender.append(&byte_step(1), Some(2.5), &()).unwrap();
+    appender.append(&byte_step(2), None, &()).unwrap();
+    assert_eq!((axis().start, axis().step, axis().stamps), (2.0, 0.5, vec![]));
+    // The source's own time, since it is not that of the first step.
+    let mut late = byte_step(3);
+    late.info.time = Some(TimeAxis { start: 7.0, ..TimeAxis::default() });
+    appender.append(&late, None, &()).unwrap();
+    assert_eq!(axis().stamps, [2.0, 2.5, 3.0, 7.0]);
+    let message = appender.append(&byte_step(4), None, &()).unwrap_err().to_string();
+    assert!(message.contains("not evenly spaced"), "{message}");
+    let message = appender.append(&late, None, &()).unwrap_err().to_string();
+    assert!(message.contains("after 7 of step 3, found 7"), "{message}");
+    appender.append(&byte_step(4), Some(7.25), &()).unwrap();
+    assert_steps(&Store::open(&path).unwrap(), 5, "irregular");
+    assert_sound(&path, "irregular");
+    // A series whose times nobody knew stays one.
+    let series = dir.path().join("series.zarr");
+    pack(&Array::series(EXTENT, 2, 1, |t, p| voxel(t, 0, p) as u8), &series, &options, &()).unwrap();
+    let mut appender = Appender::open(&series, few()).unwrap();
+    let message = appender.append(&byte_step(2), Some(2.0), &()).unwrap_err().to_string();
+    assert!(message.contains("knows none"), "{message}");
+    appender.append(&byte_step(2), None, &()).unwrap();
+    let store = Store::open(&series).unwrap();
+    assert_eq!(store.time_axis(), None);
+    assert_steps(&store, 3, "unknown times");
+    assert_sound(&series, "unknown times");
+}
+
+#[test]
+fn counts_that_are_missing_are_made_anew_and_damaged_ones_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = store_of(dir.path(), 0..3);
+    let expected = files(&path);
+    append(&path, 3).unwrap();
+    let whole = files(&path);
+    write_files(&path, &expected);
+    let counts = path.join("0/.brickyard/counts");
+    std::fs::remove_dir_all(&counts).unwrap();
+    let problems = verify(&path, |_, _| {}).unwrap().problems;
+    assert!(problems.len() == 1 && problems[0].path.ends_with("counts/3"), "{problems:?}");
+    append(&path, 3).unwrap();
+    assert_same(&files(&path), &whole, "counted anew");
+    write_files(&path, &expected);
+    let file = counts.join("3/0");
+    let sound = std::fs::read(&file).unwrap();
+    for i in 0..sound.len() {
+        let mut bad = sound.clone();
+        bad[i] ^= 4;
+        std::fs::write(&file, &bad).unwrap();
+        if i % 40 == 0 {
+            assert!(!verify(&path, |_, _| {}).unwrap().problems.is_empty(), "byte {i}");
+        }
+        let message = append(&path, 3).unwrap_err().to_string();
+        assert!(message.contains("counts/3/0") && message.contains("damaged"), "byte {i}: {message}");
+    }
+    // Another store's.
+    let other = tempfile::tempdir().unwrap();
+    let theirs = store_of(other.path(), 1..4);
+    std::fs::copy(theirs.join("0/.brickyard/counts/3/0"), &file).unwrap();
+    let message = append(&path, 3).unwrap_err().to_string();
+    assert!(message.contains("counts/3") && message.contains("as in the root document"), "{message}");
+    assert!(verify(&path, |_, _| {}).unwrap().problems[0].what.contains("not the counts"));
+}
+
+#[test]
+fn arrays_may_be_one_step_ahead_and_never_behind() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = store_of(dir.path(), 0..2);
+    for dir in array_dirs(&Store::open(&path).unwrap()) {
+        let document = dir.join("zarr.json");
+        edit(&document, |document| document["shape"][0] = json!(3));
+        assert_sound(&path, "one ahead");
+        edit(&document, |document| document["shape"][0] = json!(4));
+        assert_eq!(Store::open(&path).unwrap().times(), 2);
+        let problems = verify(&path, |_, _| {}).unwrap().problems;
+        assert!(problems.len() == 1 && problems[0].path == document, "{problems:?}");
+        edit(&document, |document| document["shape"][0] = json!(1));
+        let opened = [Store::open(&path), Store::open_reduced(&path, Downsample::Max, IoMode::Mmap)];
+        let messages: Vec<_> = opened.into_iter().filter_map(|opened| Some(opened.err()?.to_string())).collect();
+        let is_named = |message: &String| message.contains(document.to_str().unwrap()) && message.contains("shape");
+        assert!(!messages.is_empty() && messages.iter().all(is_named), "{document:?}: {messages:?}");
+        edit(&document, |document| document["shape"][0] = json!(2));
+    }
+    for times in [json!(0), json!("2"), json!(-1), json!(4_294_967_296u64)] {
+        edit(&path.join("zarr.json"), |root| root["attributes"]["brickyard"]["times"] = times);
+        let message = Store::open(&path).err().unwrap().to_string();
+        assert!(message.contains("attributes.brickyard"), "{message}");
+    }
+}
+
+/// Files that are written for a step are as many for the tenth as for the third, and none of another step is touched.
+#[test]
+fn an_append_costs_the_same_however_many_steps_there_are() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = store_of(dir.path(), 0..2);
+    let mut changes = Vec::new();
+    for step in 2..12 {
+        let mut appender = Appender::open(&path, few()).unwrap();
+        appender.disk.log.lock().unwrap().clear();
+        // The same voxels each time.
+        let report = appender.append(&byte_step(0), None, &()).unwrap();
+        assert_eq!(report.step, step);
+        let log = appender.disk.log.lock().unwrap();
+        changes.push(log.len());
+        let of_other = |path: &PathBuf| {
+            (0..step - 1).any(|other| {
+                path.to_string_lossy().contains(&format!("/c/{other}/"))
+                    && !path.to_string_lossy().contains(&format!("/c/{step}/"))
+            })
+        };
+        assert!(!log.iter().any(|(_, path)| of_other(path)), "step {step}");
+    }
+    assert!(changes.windows(2).all(|pair| pair[0] == pair[1]), "{changes:?}");
+    let id = BrickId { time: 11, channel: 0, level: Level(0), index: BrickIndex::new(1, 1, 0) };
+    Store::open(&path).unwrap().occupancy(id).unwrap();
+}

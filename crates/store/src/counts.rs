@@ -1,0 +1,167 @@
+//! Counts of values: how often each value occurs in the steps that a store has. A store that steps are appended to keeps them, so that the
+//! statistics with one step more are exact, and no other step is read for them.
+//!
+//! `STORE/0/.brickyard/counts/N/C` is about the first N steps of channel C: what [`ChannelTotals`] knows, as 64-bit little-endian words in one
+//! Zstandard frame, and its crc32c. The files of N + 1 steps are there before the root document counts that many, and those of N steps go after.
+
+use crate::error::ReadError;
+use crate::layout::{COUNTS_NAME, Layout};
+use crate::pack::brick::Workspace;
+use crate::pack::cascade::shape;
+use crate::pack::disk::{Disk, DiskError};
+use crate::pack::{ours, output};
+use crate::side::{encode, read_at_most};
+use crate::stats::{ChannelTotals, Measure, Range, Tally};
+use crate::store::{Store, bricks_of};
+use crate::value_counts::MOST_CLASSES;
+use brickyard_volume::{BrickId, BrickIndex, Level, VoxelType};
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// The first word of a file.
+const VERSION: u64 = 1;
+
+/// Words of a file at most: its version, some totals, and two words for each class of values.
+const MOST_WORDS: usize = 16 + 2 * MOST_CLASSES;
+
+/// Bricks that one thread counts before it adds them to the channel's.
+const BRICKS_AT_A_TIME: usize = 16;
+
+/// The folder of the counts of a store.
+pub(crate) struct Counts {
+    dir: PathBuf,
+}
+
+impl Counts {
+    /// The counts of the store at `store`, whose main pyramid has this layout.
+    pub(crate) fn of(store: &Path, layout: &Layout) -> Self {
+        Self { dir: layout.side_dir(store, Level(0)).join(COUNTS_NAME) }
+    }
+
+    /// The folder with the counts of the first `times` steps.
+    pub(crate) fn dir(&self, times: u32) -> PathBuf {
+        self.dir.join(times.to_string())
+    }
+
+    fn path(&self, times: u32, channel: usize) -> PathBuf {
+        self.dir(times).join(channel.to_string())
+    }
+
+    /// Writes the counts of the first `times` steps, one for each channel, so that they survive a crash.
+    pub(crate) fn write(&self, disk: &Disk, times: u32, channels: &[ChannelTotals]) -> Result<(), DiskError> {
+        for (channel, totals) in channels.iter().enumerate() {
+            let mut words = vec![VERSION];
+            totals.to_words(&mut words);
+            let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+            disk.write_with_parents(&self.path(times, channel), &encode(&bytes))?;
+        }
+        output::sync_tree(disk, &self.dir)?;
+        disk.sync_dir(output::parent(&self.dir))
+    }
+
+    /// Reads the counts of the first `times` steps of as many channels; `None` if the store has none.
+    pub(crate) fn read(
+        &self,
+        times: u32,
+        channels: u32,
+        voxel_type: VoxelType,
+    ) -> Result<Option<Vec<ChannelTotals>>, ReadError> {
+        let dir = self.dir(times);
+        if !dir.try_exists().map_err(|error| ReadError::Io { path: dir, error })? {
+            return Ok(None);
+        }
+        let read = |channel| {
+            let path = self.path(times, channel);
+            let most = zstd::zstd_safe::compress_bound(MOST_WORDS * 8) as u64 + 4;
+            let file = read_at_most(&path, most).map_err(|error| ReadError::Io { path: path.clone(), error })?;
+            decode(&file, voxel_type).map_err(|what| ReadError::CorruptPage { path, what })
+        };
+        (0..channels as usize).map(read).collect::<Result<_, _>>().map(Some)
+    }
+
+    /// Deletes all counts but those of the first `times` steps.
+    pub(crate) fn keep_only(&self, disk: &Disk, times: u32) -> Result<(), DiskError> {
+        let io = |error| DiskError { path: self.dir.clone(), error };
+        let entries = match std::fs::read_dir(&self.dir) {
+            Ok(entries) => entries,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+            Err(error) => return Err(io(error)),
+        };
+        let kept = self.dir(times);
+        for entry in entries {
+            let path = entry.map_err(io)?.path();
+            if path != kept {
+                ours::remove_chunks(disk, &path)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The totals that a file holds, or what is wrong with it.
+fn decode(file: &[u8], voxel_type: VoxelType) -> Result<ChannelTotals, String> {
+    let (frame, crc) = file.split_last_chunk::<4>().ok_or("it is shorter than its checksum")?;
+    let (stored, computed) = (u32::from_le_bytes(*crc), crc32c::crc32c(frame));
+    if stored != computed {
+        return Err(format!("checksum: stored {stored:08x}, computed {computed:08x}"));
+    }
+    let bytes = zstd::bulk::decompress(frame, MOST_WORDS * 8).map_err(|error| error.to_string())?;
+    let (words, rest) = bytes.as_chunks::<8>();
+    let mut words = words.iter().map(|word| u64::from_le_bytes(*word));
+    let version = words.next();
+    if version != Some(VERSION) {
+        return Err(format!("version of counts: expected {VERSION}, found {version:?}"));
+    }
+    let totals =
+        ChannelTotals::from_words(voxel_type, &mut words).filter(|_| rest.is_empty() && words.next().is_none());
+    totals.ok_or_else(|| format!("it holds no counts of {voxel_type} voxels"))
+}
+
+/// Counts all voxels of level 0 of a store: for the first step that is appended to one that was packed.
+pub(crate) fn count_store<T: Measure>(store: &Store) -> Result<Vec<ChannelTotals>, ReadError> {
+    let mut channels = Vec::new();
+    for channel in 0..store.channels() {
+        let mut totals = ChannelTotals::new(T::TYPE);
+        for time in 0..store.times() {
+            count_volume::<T>(store, time, channel, &mut totals)?;
+        }
+        channels.push(totals);
+    }
+    Ok(channels)
+}
+
+/// Adds all voxels of level 0 of one step of a channel to its totals.
+fn count_volume<T: Measure>(
+    store: &Store,
+    time: u32,
+    channel: u32,
+    totals: &mut ChannelTotals,
+) -> Result<(), ReadError> {
+    let edge = store.pyramid().edge() as usize;
+    let nodata = store.info().nodata.map(|nodata| T::from_f64_rounded(nodata as f64));
+    let bricks = store.pyramid().level(Level(0)).bricks;
+    let indices: Vec<BrickIndex> = bricks_of(bricks.full_box(), 1).collect();
+    let shared = Mutex::new(&mut *totals);
+    let of_brick = |workspace: &mut Workspace<T>, index| {
+        let id = BrickId { time, channel, level: Level(0), index };
+        store.read_core(id, bytemuck::cast_slice_mut(workspace.core_mut(0)))?;
+        let summary = workspace.digest(0, shape(store.pyramid().brick_box(Level(0), index)), true);
+        Ok((summary.parts.whole(), summary.tally))
+    };
+    let of_some = |workspace: &mut Workspace<T>, indices: &[BrickIndex]| {
+        let found = indices.iter().map(|&index| of_brick(workspace, index)).collect::<Result<Vec<_>, ReadError>>()?;
+        workspace.counter.drain_into(&mut shared.lock().unwrap_or_else(PoisonError::into_inner));
+        Ok(found)
+    };
+    let found: Vec<Vec<(Range<T>, Tally)>> = indices
+        .par_chunks(BRICKS_AT_A_TIME)
+        .map_init(|| Workspace::new(edge, nodata), of_some)
+        .collect::<Result<_, ReadError>>()?;
+    // In the order of the bricks, so that rounding does not depend on threads.
+    for (range, tally) in found.iter().flatten() {
+        totals.add_range(range.to_f64());
+        totals.add_tally(tally);
+    }
+    Ok(())
+}

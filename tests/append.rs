@@ -1,0 +1,228 @@
+//! Time steps that are appended while others read: the command killed at any moment, a reader that follows, two at once, input that does not fit, and
+//! zarr-python.
+
+use brickyard::store::{OpenError, Store};
+use brickyard::volume::Level;
+use brickyard_tests::{Random, Sandbox, tree, tree_difference};
+use std::path::Path;
+use std::process::Stdio;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+const EXTENT: [usize; 3] = [24, 20, 18];
+const STEPS: u32 = 12;
+
+/// Small steps of many files: two pyramids, with aprons.
+const FLAGS: &str = "--shape 24,20,18 --dtype u8 --brick 8 --shard 16 --downsample mean,max --aprons 1 -j 2 --time-step 0.5 \
+                     --time-unit s --progress none";
+
+/// The voxels of a step, of which other parts are empty than of the others.
+fn step(number: u32) -> Vec<u8> {
+    let [nx, ny, nz] = EXTENT;
+    let voxel = |x: usize, y: usize, z: usize| {
+        let is_empty = (x / 8 + y / 8 + z / 8 + number as usize).is_multiple_of(3);
+        if is_empty { 0 } else { (x * 7 + y * 3 + z * 11 + number as usize * 17) as u8 }
+    };
+    (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| voxel(x, y, z)))).collect()
+}
+
+/// A sandbox with the files of all steps, `s0.raw` and so on.
+fn with_steps() -> Sandbox {
+    let sandbox = Sandbox::in_memory();
+    (0..STEPS).for_each(|number| sandbox.write(format!("s{number}.raw"), step(number)));
+    sandbox
+}
+
+/// The command that appends these steps to a store.
+fn append(store: &str, steps: std::ops::Range<u32>) -> String {
+    let files: String = steps.map(|number| format!("s{number}.raw ")).collect();
+    format!("append {store} {files}{FLAGS}")
+}
+
+/// Checks that a store has whole steps only, and returns how many; 0 where there is none yet.
+fn whole_steps(path: &Path) -> u32 {
+    let store = match Store::open(path) {
+        Ok(store) => store,
+        Err(OpenError::NotAStore { .. } | OpenError::Incomplete { .. }) => return 0,
+        Err(OpenError::Io { .. }) if !path.exists() => return 0,
+        Err(error) => panic!("{error}"),
+    };
+    assert_whole(&store);
+    store.times()
+}
+
+fn assert_whole(store: &Store) {
+    for time in 0..store.times() {
+        let mut found = vec![1; EXTENT.iter().product()];
+        let whole = store.pyramid().level(Level(0)).extent.full_box();
+        store.read_box(time, 0, Level(0), whole, &mut found).unwrap_or_else(|error| panic!("step {time}: {error}"));
+        assert!(found == step(time), "step {time} of {}", store.times());
+        let coarsest = store.pyramid().coarsest();
+        let region = store.pyramid().level(coarsest).extent.full_box();
+        let mut found = vec![0; region.extent().volume() as usize];
+        store.read_box(time, 0, coarsest, region, &mut found).unwrap_or_else(|error| panic!("step {time}: {error}"));
+    }
+}
+
+/// Follows a store as a viewer does, until it is told to stop; how many times it grew.
+fn follow(path: &Path, is_done: &AtomicBool) -> u32 {
+    let (mut open, mut grown): (Option<Store>, u32) = (None, 0);
+    while !is_done.load(Ordering::Relaxed) {
+        open = match open.take() {
+            None => Store::open(path).ok(),
+            // The store is gone, and begun anew.
+            Some(_) if !path.join("zarr.json").exists() => None,
+            Some(store) => match store.newer() {
+                Ok(Some(newer)) => {
+                    assert!(newer.times() > store.times());
+                    assert_whole(&newer);
+                    grown += 1;
+                    Some(newer)
+                }
+                Ok(None) => Some(store),
+                Err(error) => {
+                    assert!(!path.join("zarr.json").exists(), "{error}");
+                    None
+                }
+            },
+        };
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    grown
+}
+
+#[test]
+fn killed_at_any_moment_every_step_is_whole_and_the_next_append_goes_on() {
+    let sandbox = with_steps();
+    let started = Instant::now();
+    sandbox.run_ok(&append("whole.zarr", 0..STEPS));
+    let all_at_once = started.elapsed();
+    let expected = tree(&sandbox.path("whole.zarr"));
+    let path = sandbox.path("out.zarr");
+    let is_done = AtomicBool::new(false);
+    let mut random = Random(3);
+    let (mut within, mut rounds, mut furthest) = (0, 0, 0);
+    let grown = std::thread::scope(|scope| {
+        let reader = scope.spawn(|| follow(&path, &is_done));
+        let mut times = 0;
+        for kill in 0..50 {
+            let mut child = sandbox
+                .command()
+                .args(append("out.zarr", times..STEPS).split(' '))
+                .stderr(Stdio::null())
+                .spawn()
+                .expect("the command starts");
+            std::thread::sleep(all_at_once.mul_f64(0.6 * random.unit()));
+            child.kill().expect("a child");
+            let was_killed = !child.wait().expect("a child").success();
+            let now = whole_steps(&path);
+            assert!(now >= times, "kill {kill}: {now} steps after {times}");
+            if now > 0 && kill % 5 == 0 {
+                sandbox.run_ok("verify out.zarr --progress none");
+            }
+            within += u32::from(was_killed && path.join(".brickyard-lock").exists());
+            (times, furthest) = (now, furthest.max(now));
+            if times == STEPS || kill == 49 {
+                if times < STEPS {
+                    sandbox.run_ok(&append("out.zarr", times..STEPS));
+                } else {
+                    // What the last one left that was killed goes with the next, which is refused: the file is of another shape.
+                    sandbox.write("other.raw", [1; 8]);
+                    let (code, _, stderr) =
+                        sandbox.run("append out.zarr other.raw --shape 2,2,2 --dtype u8 --progress none");
+                    assert_eq!(code, 3, "{stderr}");
+                }
+                assert_eq!(tree_difference(&tree(&path), &expected), [""; 0], "after kill {kill}");
+                std::fs::remove_dir_all(&path).expect("the sandbox is writable");
+                (times, rounds) = (0, rounds + 1);
+            }
+        }
+        is_done.store(true, Ordering::Relaxed);
+        reader.join().expect("a reader that sees whole steps")
+    });
+    // Machines are uneven, but if all kills come too early the test has tested nothing.
+    assert!(within >= 15 && rounds >= 1 && furthest == STEPS || rounds > 1, "{within} of 50 at work, {rounds} rounds");
+    assert!(grown > 0, "the reader has seen no step come");
+}
+
+#[test]
+fn two_at_once_exclude_each_other() {
+    let sandbox = with_steps();
+    sandbox.run_ok(&append("out.zarr", 0..1));
+    let files: String = (0..400).map(|i| format!("s{}.raw ", i % STEPS)).collect();
+    let mut child = sandbox
+        .command()
+        .args(format!("append out.zarr {files}{FLAGS}").split(' '))
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("the command starts");
+    let started = Instant::now();
+    while !sandbox.path("out.zarr/.brickyard-lock").exists() {
+        assert!(started.elapsed() < Duration::from_secs(60), "it does not begin");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let process = format!("process {}", child.id());
+    let pack = format!("pack s1.raw out.zarr --overwrite {FLAGS}");
+    for line in [append("out.zarr", 1..2), pack] {
+        let (code, _, stderr) = sandbox.run(&line);
+        assert!(
+            code == 1 && stderr.contains("another pack is at work") && stderr.contains(&process),
+            "{line}: {stderr}"
+        );
+    }
+    assert!(child.try_wait().expect("a child").is_none(), "it was done before the others came");
+    child.kill().expect("a child");
+    child.wait().expect("a child");
+    let times = Store::open(sandbox.path("out.zarr")).expect("a store").times();
+    sandbox.run_ok(&append("out.zarr", 1..2));
+    assert_eq!(Store::open(sandbox.path("out.zarr")).expect("a store").times(), times + 1);
+    sandbox.run_ok("verify out.zarr --progress none");
+}
+
+#[test]
+fn what_does_not_fit_is_refused_with_both_values_and_changes_nothing() {
+    let sandbox = with_steps();
+    sandbox.run_ok(&format!("{} --spacing 1,1,2 --time 1.5,2", append("out.zarr", 0..2)));
+    sandbox.run_ok("pack s0.raw still.zarr --shape 24,20,18 --dtype u8 --progress none");
+    std::fs::create_dir_all(sandbox.path("other.zarr")).expect("the sandbox is writable");
+    sandbox.write("other.zarr/zarr.json", r#"{"zarr_format":3,"node_type":"group","attributes":{"ome":{}}}"#);
+    std::fs::create_dir_all(sandbox.path("folder")).expect("the sandbox is writable");
+    sandbox.write("folder/notes.txt", "mine");
+    let before = tree(&sandbox.path(""));
+    let raw = "--shape 24,20,18 --dtype u8 --progress none";
+    for (line, code, words) in [
+        (
+            "append out.zarr s2.raw --shape 24,18,20 --dtype u8",
+            3,
+            &["s2.raw", "step 2", "24,18,20", "out.zarr", "24,20,18"][..],
+        ),
+        ("append out.zarr s2.raw --shape 12,20,18 --dtype u16", 3, &["s2.raw", "shape"]),
+        ("append out.zarr s2.raw --shape 24,20,18 --dtype i8", 3, &["s2.raw", "i8", "steps 0 to 1", "u8"]),
+        (
+            &format!("append out.zarr s2.raw {raw} --spacing 1,1,3"),
+            3,
+            &["spacing", "[1.0, 1.0, 3.0]", "[1.0, 1.0, 2.0]"],
+        ),
+        (&format!("append out.zarr s2.raw {raw} --time 2"), 2, &["s2.raw", "after 2 of step 1", "found 2"]),
+        (&format!("append out.zarr s2.raw s3.raw {raw} --time 9"), 2, &["--time", "1 time for 2 files"]),
+        (&format!("append out.zarr s2.raw {raw} --time-unit ms"), 2, &["second", "millisecond"]),
+        (&format!("append out.zarr s2.raw {raw} --brick 16"), 2, &["--brick 16", "out.zarr", "8"]),
+        (&format!("append out.zarr s2.raw {raw} --downsample max"), 2, &["--downsample max", "mean,max"]),
+        (&format!("append out.zarr nothing.raw {raw}"), 3, &["nothing.raw"]),
+        (&format!("append out.zarr s2.raw {raw} --memory 1MiB"), 2, &["--memory"]),
+        (&format!("append still.zarr s2.raw {raw}"), 3, &["still.zarr", "no axis of time", "--time-step"]),
+        (&format!("append other.zarr s2.raw {raw}"), 3, &["without brickyard's side data"]),
+        (&format!("append folder s2.raw {raw}"), 2, &["folder", "left alone"]),
+        ("append out.zarr", 2, &["FILE"]),
+    ] {
+        let (found, _, stderr) = sandbox.run(line);
+        assert_eq!(found, code, "brickyard {line}: {stderr}");
+        assert!(words.iter().all(|word| stderr.contains(word)), "brickyard {line}: {words:?}: {stderr}");
+        assert_eq!(tree_difference(&tree(&sandbox.path("")), &before), [""; 0], "brickyard {line}");
+    }
+}
+
+#[test]
+fn zarr_python_reads_and_edits_what_is_appended() {
+    Sandbox::default().python("append_steps.py");
+}
