@@ -87,6 +87,7 @@ fn raw_files_that_do_not_fit_their_flags() {
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --brick 0", USAGE, &["power of two"]),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --shard 100", USAGE, &["100", "multiple"]),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --shard 16384", USAGE, &["16384", "8192"]),
+            ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --shard-time 0", USAGE, &["--shard-time", "0"]),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --codec lzma:9", USAGE, &["lzma:9", "zstd"]),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --memory 12parsecs", USAGE, &["parsecs", "MiB"]),
             ("pack a.raw o.zarr --shape 20,30,40 --dtype u8 --memory 1KiB", USAGE, &["--memory", "at least"]),

@@ -25,6 +25,10 @@ const OLD_PACK: &str = "pack in.raw out.zarr --shape 20,17,12 --dtype u16 --bric
 /// The extent of both.
 const SMALL: [usize; 3] = [20, 17, 12];
 
+/// Three steps that are the same, two of them in a shard: what its file holds is read back while it is written.
+const SERIES_PACK: &str = "pack in.raw out.zarr --shape 20,17,12 --times 3 --shard-time 2 --dtype u16 --brick 8 --shard 16 \
+                           --aprons 1 --progress none -j 2";
+
 /// A store to read: shards of several pages.
 const READ_PACK: &str =
     "pack in.raw out.zarr --shape 36,33,20 --dtype u16 --brick 8 --shard 32 --aprons 1 --progress none -j 2";
@@ -328,6 +332,27 @@ fn a_pack_that_meets_a_fault_is_right_or_resumed() {
         300,
         || Packed::raw(PACK, SMALL),
         |packed| [rules(&OF_WRITING, &packed.run, ""), rules(&OF_FILES, &packed.run, "in.raw")].concat(),
+        |packed, rule| {
+            packed.clear();
+            packed.is_whole_or_resumed(packed.pack, rule)
+        },
+    );
+}
+
+/// The same for one whose shards hold several time steps, and for what it reads back of them.
+#[test]
+fn a_pack_of_a_series_that_meets_a_fault_is_right_or_resumed() {
+    const OF_READING_BACK: [Fault; 4] =
+        [("read", ONCE, "EIO"), ("read", ONCE, "EINTR"), ("read", ONCE, "short"), ("read", ON_THAT_FILE, "ESTALE")];
+    let input = voxels(SMALL).repeat(3);
+    in_two(
+        120,
+        || Packed::new(SERIES_PACK, vec![("in.raw", input.clone())]),
+        |packed| {
+            let read_back = rules(&OF_READING_BACK, &packed.run, ".tmp");
+            assert!(read_back.iter().all(|rules| !rules.is_empty()), "nothing is read back");
+            [rules(&OF_WRITING, &packed.run, ""), read_back].concat()
+        },
         |packed, rule| {
             packed.clear();
             packed.is_whole_or_resumed(packed.pack, rule)

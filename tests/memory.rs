@@ -76,6 +76,10 @@ fn packing_stays_within_its_memory() {
         check(&sandbox, &line, mib * MIB);
         check(&sandbox, &format!("{} --aprons 1", line.replace(".zarr", "a.zarr")), mib * MIB);
     }
+    // The same file as a series, all of whose shards are open until the last step: 37,000 small bricks.
+    let series =
+        "pack t.raw s.zarr --shape 256,256,16 --times 16 --dtype f32 --brick 8 --shard 64 --shard-time 16 -j 2";
+    check(&sandbox, &format!("{series} --memory 48MiB --progress none"), 48 * MIB);
 }
 
 #[test]

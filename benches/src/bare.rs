@@ -146,7 +146,7 @@ impl Shard {
         let path = store.layout().shard_path(store.path(), id);
         let fail = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
         let file = std::fs::read(&path).map_err(|e| fail(&e))?;
-        let bricks = store.layout().shard_bricks(id.level).volume() as usize;
+        let bricks = store.layout().shard_slots(id.level);
         let cap = BrickCodec::new(store.info().codec, store.voxel_type(), store.info().edge).encoded_cap();
         let shard = Self { file, bricks, cap };
         shard.index().and_then(|index| index.check()).map_err(|e| fail(&e))?;

@@ -1,7 +1,7 @@
 """Stores made by `brickyard pack`, read by zarr-python and tensorstore.
 
 For every voxel type and for volumes of every awkward shape: all readers see what `export` gives, bit for bit; every level
-is the mean of the finer one (or, in a second pyramid, the maximum); stored aprons are what surrounds the bricks; the OME metadata
+is the mean of the finer one (or, in a second pyramid, the maximum); shards of several time steps share bytes; stored aprons are what surrounds the bricks; the OME metadata
 places every level right; and nothing but the levels is listed.
 """
 
@@ -21,6 +21,7 @@ MEDIUM = ["--brick", "16", "--shard", "64"]
 TWO = ["--downsample", "mean,max"]
 APRONS = ["--aprons", "1"]
 WIDE_APRONS = ["--aprons", "2"]
+STEPS_IN_SHARDS = "--shard-time"
 
 
 class Volume:
@@ -52,6 +53,17 @@ def noise(dtype, *shape):
         return (random.standard_normal(shape) * 10.0 ** random.integers(-3, 4, shape)).astype("f4")
     limits = np.iinfo(dtype)
     return random.integers(limits.min, limits.max, shape, dtype, endpoint=True)
+
+
+def moving(dtype, times, channels):
+    """A cube that moves through noise that stays as it is."""
+    still = noise(dtype, 1, channels, 30, 25, 41)
+    if dtype == "f4":
+        still = still.astype("i4").astype("f4")
+    made = np.repeat(still, times, axis=0)
+    for t in range(times):
+        made[t, :, 3:9, 4:12, 5 * t : 5 * t + 6] = 99
+    return made
 
 
 def volumes():
@@ -87,6 +99,9 @@ def volumes():
         padded = noise(d, 41, 35, 30) // 7
         padded[0, 0, ::5, ::3, 1::4] = padded[0, 0, 8:24, 8:24, 8:24] = padded[0, 0, :, :, 25:] = nodata
         made[f"{d}-nodata"] = Volume(padded, SMALL + TWO + APRONS + [f"--nodata={nodata}"], nodata=nodata)
+    # Bricks that stay as they are over the steps of a shard have one range of bytes for all of them.
+    for d, times, steps, more in [("u1", 5, 2, TWO + APRONS), ("u2", 7, 3, WIDE_APRONS), ("f4", 4, 9, ["--codec", "none"])]:
+        made[f"{d}-shared"] = Volume(moving(d, times, 2), SMALL + more + [STEPS_IN_SHARDS, str(steps)])
     spots = np.zeros((1, 1, 40, 40, 40), "u2")
     spots[..., 3, 33, 20] = 65535
     made["u2-spot"] = Volume(spots, SMALL + TWO + APRONS)
@@ -261,6 +276,32 @@ def check_second(path, root, scales, nodata):
         finer = found
 
 
+def check_shared(path, array, steps):
+    """Shards of the level at `path` hold so many steps, and of their bricks those of one content have one range."""
+    inner, outer, times = array.chunks, array.shards, array.shape[0]
+    check(outer[0] == min(steps, times) and inner[0] == 1, outer, inner)
+    grid = [o // i for o, i in zip(outer, inner)]
+    voxels = array[...]
+    stored = kept = 0
+    for file in sorted(p for p in (path / "c").rglob("*") if p.is_file()):
+        corner = [int(n) * o for n, o in zip(file.relative_to(path / "c").parts, outer, strict=True)]
+        index = np.frombuffer(file.read_bytes()[-4 - 16 * int(np.prod(grid)) : -4], "<u8").reshape(*grid, 2)
+        places = {}
+        for place in np.ndindex(*grid):
+            first = [c + p * i for c, p, i in zip(corner, place, inner)]
+            is_there = all(f < n for f, n in zip(first, array.shape))
+            if index[place][0] == 2**64 - 1:
+                continue
+            check(is_there, f"{file}: a brick past the end at {place}")
+            brick = voxels[tuple(slice(f, f + i) for f, i in zip(first, inner))]
+            # At the far faces bricks hold more than the array does, which repeats what it has.
+            places.setdefault((brick.shape, brick.tobytes()), set()).add(tuple(index[place]))
+        check(all(len(ranges) == 1 for ranges in places.values()), f"{file}: bricks of one content have several ranges")
+        stored += int((index[..., 0] != 2**64 - 1).sum())
+        kept += len(places)
+    check(kept < 0.8 * stored, f"{path}: {kept} of {stored} bricks are kept")
+
+
 def check_store(name, volume):
     volume.pack(name)
     path = FOLDER / f"{name}.zarr"
@@ -280,6 +321,8 @@ def check_store(name, volume):
         check(array.metadata.dimension_names == names and store.domain.labels == names, store.domain)
         check(same_bits(store.read().result(), ours), f"level {k}: tensorstore and export differ")
         check_aprons(path / str(k), ours, root)
+        if k == 0 and STEPS_IN_SHARDS in volume.flags:
+            check_shared(path / "0", array, int(volume.flags[volume.flags.index(STEPS_IN_SHARDS) + 1]))
         # The name that xarray and others go by, as CF has it.
         check(array.attrs.get("_FillValue") == volume.nodata, f"level {k}:", dict(array.attrs))
         if finer is None:

@@ -21,7 +21,7 @@ pub(super) fn advised<E: Advice>(error: &E) -> String {
 }
 
 /// Options of the library by the names that its messages have them under, and the command's flags for them.
-const FLAGS: [(&str, &str); 24] = [
+const FLAGS: [(&str, &str); 25] = [
     ("`allow_lossy`", "--allow-lossy"),
     ("`aprons`", "--aprons"),
     ("`axes`", "--axes"),
@@ -39,6 +39,7 @@ const FLAGS: [(&str, &str); 24] = [
     ("`scratch_dir`", "--scratch"),
     ("`shape`", "--shape"),
     ("`shard_edge`", "--shard"),
+    ("`shard_times`", "--shard-time"),
     ("`spacing`", "--spacing"),
     ("`threads`", "-j"),
     ("`time_stamps`", "--time-stamps"),

@@ -43,6 +43,10 @@ pub(crate) struct StoreSettings {
 pub(crate) struct PackSettings {
     #[command(flatten)]
     store: StoreSettings,
+    /// Time steps in a shard file, at most all: for a series of many small steps, fewer files, and bricks that are the same in several
+    /// steps of a file are stored once
+    #[arg(long, value_name = "STEPS", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    shard_time: u32,
     /// Limit of the process's own memory
     #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     memory: u64,
@@ -124,9 +128,10 @@ impl StoreSettings {
             ("--downsample", self.downsample.map(|methods| methods.to_string()), info.downsample.to_string()),
             ("--aprons", self.aprons.map(|width| width.to_string()), info.aprons.to_string()),
         ];
-        let differs =
-            |(flag, given, found): (&str, Option<String>, String)| Some((flag, given.filter(|g| *g != found)?, found));
-        match flags.into_iter().find_map(differs) {
+        match flags
+            .into_iter()
+            .find_map(|(flag, given, found)| Some((flag, given.filter(|given| *given != found)?, found)))
+        {
             Some((flag, given, found)) => Err(Failure::usage(format!(
                 "{flag} {given}: {} was packed with {found}, and stays so; leave {flag} out",
                 store.path().display()
@@ -155,7 +160,7 @@ impl PackSettings {
         };
         let options = self.store.options(voxel_type)?;
         let threads = self.threads.map_or(options.threads, NonZeroUsize::get);
-        Ok(PackOptions { memory_bytes: self.memory, threads, exists, ..options })
+        Ok(PackOptions { shard_times: self.shard_time, memory_bytes: self.memory, threads, exists, ..options })
     }
 
     /// Packs a source into a store, saying the plan first and the result last.

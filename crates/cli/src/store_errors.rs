@@ -95,6 +95,7 @@ pub(crate) fn append_failure(error: AppendError) -> Failure {
         AppendError::Mismatch { .. }
         | AppendError::Several { .. }
         | AppendError::NoTime { .. }
+        | AppendError::Grouped { .. }
         | AppendError::Source { .. } => ExitKind::BadInput,
         AppendError::Unfinished { .. } | AppendError::Cancelled { .. } | AppendError::Incomplete { .. } => {
             ExitKind::Incomplete

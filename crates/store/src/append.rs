@@ -84,6 +84,17 @@ pub struct Appender {
     _lock: DirLock,
 }
 
+/// Refuses a store to which no step can be appended.
+fn can_grow(store: &Store) -> Result<(), AppendError> {
+    let steps = store.layout().shard_times;
+    let path = || store.path().to_owned();
+    match store.can_grow() {
+        true => Ok(()),
+        false if steps > 1 => Err(AppendError::Grouped { store: path(), steps }),
+        false => Err(AppendError::NoTime { store: path() }),
+    }
+}
+
 /// The next step of a store, which may be appended.
 struct Next<'a> {
     store: &'a Store,
@@ -136,19 +147,14 @@ impl Appender {
     fn open_on(disk: Disk, store: &Path, options: AppendOptions) -> Result<Self, AppendError> {
         let dir = output::resolve(store)?;
         refuse_unfinished(&dir)?;
-        let has_time = |store: &Store| store.layout().axes()[0] == "t";
-        if !has_time(&Store::open(&dir)?) {
-            return Err(AppendError::NoTime { store: dir });
-        }
+        can_grow(&Store::open(&dir)?)?;
         let lock = DirLock::take(&disk, &dir)?;
         // Looked at again: another one may have been at work until now.
         refuse_unfinished(&dir)?;
         lock.declare(&disk).map_err(PackError::from)?;
         let mut appender = Self { disk, dir, options, times: 0, _lock: lock };
         appender.take_back().map_err(|error| appender.stopped(error))?;
-        if !has_time(&appender.open_store()?) {
-            return Err(AppendError::NoTime { store: appender.dir });
-        }
+        can_grow(&appender.open_store()?)?;
         Ok(appender)
     }
 
@@ -229,6 +235,7 @@ impl Appender {
         PackOptions {
             edge: info.edge,
             shard_edge: info.shard,
+            shard_times: 1,
             codec: info.codec,
             downsample: info.downsample,
             kind: info.kind,

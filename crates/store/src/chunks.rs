@@ -163,8 +163,8 @@ impl Chunks {
         if !fingerprint.has_file() {
             return Ok(None);
         }
-        let bricks = self.layout.shard_bricks(id.level).volume() as usize;
-        let shard = ShardFile::open(&self.path(id), fingerprint, bricks, self.codec.encoded_cap(), self.mode)?;
+        let slots = self.layout.shard_slots(id.level);
+        let shard = ShardFile::open(&self.path(id), fingerprint, slots, self.codec.encoded_cap(), self.mode)?;
         let shard = Arc::new(shard);
         // What goes is closed when its last reader is done, outside of the lock.
         let _evicted = lock(&self.open).push(id, shard.clone());
@@ -173,7 +173,7 @@ impl Chunks {
 
     fn fingerprint(&self, id: ShardId) -> Result<Fingerprint, ReadError> {
         let ([x, y, z], place) = Paging::new(self.layout.shard_grid(id.level)).locate([id.x, id.y, id.z]);
-        let page = PageId { time: id.time, channel: id.channel, level: id.level, z, y, x };
+        let page = PageId { time: id.group, channel: id.channel, level: id.level, z, y, x };
         if let Some(kept) = lock(&self.fingerprints).get(&page) {
             return Ok(kept[place]);
         }
@@ -194,7 +194,7 @@ const SHARD_BYTES: u64 = 256;
 
 /// Bytes of the index of a shard of level 0, which has the most bricks.
 fn shard_index_bytes(layout: &Layout) -> usize {
-    index_bytes(layout.shard_bricks(Level(0)).volume() as usize)
+    index_bytes(layout.shard_slots(Level(0)))
 }
 
 fn most_open(layout: &Layout, mode: IoMode) -> NonZeroUsize {

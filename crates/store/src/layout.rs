@@ -5,7 +5,8 @@
 //! STORE/.brickyard-journal             only while packing
 //! STORE/.brickyard-lock                only while packing or appending, and after one that was killed
 //! STORE/K/zarr.json                    level K
-//! STORE/K/c/[t/][c/]z/y/x              its shards (axes t and c only where there is, or may be, more than one step or channel)
+//! STORE/K/c/[t/][c/]z/y/x              its shards (axes t and c only where there is, or may be, more than one step or channel);
+//!                                      t counts groups of time steps, whose bricks share shards
 //! STORE/K/.brickyard/{ranges,hashes,shards}/   its side data
 //! STORE/0/.brickyard/counts/N/C         counts of the values of channel C in the first N steps, where steps are appended
 //! STORE/K/.brickyard/aprons/           the aprons of K's bricks, if they are stored: zarr.json, shards and .brickyard/shards
@@ -14,6 +15,7 @@
 
 use crate::downsample::Downsample;
 use brickyard_volume::{BrickId, BrickIndex, Extent, Level, Pyramid};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The most voxels along a shard's edge unless a store says otherwise.
@@ -21,6 +23,9 @@ pub const DEFAULT_SHARD_EDGE: u32 = 512;
 
 /// The greatest number of voxels along a shard's edge that a store may have.
 pub const MAX_SHARD_EDGE: u32 = 8192;
+
+/// The most bricks that a shard of several time steps may have: as many as the largest shards have of bricks of 64 voxels.
+const MAX_SERIES_BRICKS: u64 = (MAX_SHARD_EDGE as u64 / 64).pow(3);
 
 /// The name of the journal, a file that is in a store directory exactly while a pack is unfinished. Its first line is a
 /// JSON object whose `shards` is the number of shards in all; every further complete line is one finished shard.
@@ -64,11 +69,22 @@ pub(crate) fn check_size(extent: Extent, times: u32, channels: u32) -> Result<()
     }
 }
 
+/// Checks that the shards of a store may hold as many time steps as its layout says. Packing and opening make the same
+/// check.
+pub(crate) fn check_shard_times(layout: &Layout) -> Result<(), Unfit> {
+    let bricks = layout.shard_bricks(Level(0)).volume();
+    if layout.shard_times > 1 && bricks.saturating_mul(layout.shard_times.into()) > MAX_SERIES_BRICKS {
+        let most = (MAX_SERIES_BRICKS / bricks).max(1);
+        return Err(("shard_times", format!("at most {most}, as shards have {bricks} bricks of each time step")));
+    }
+    Ok(())
+}
+
 /// The key of one shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ShardId {
-    /// The shard's time step.
-    pub time: u32,
+    /// Index of the shard's group of time steps: the shard's index along t, and no time step.
+    pub group: u32,
     /// The shard's channel.
     pub channel: u32,
     /// The shard's level.
@@ -90,6 +106,8 @@ pub struct Layout {
     pub times: u32,
     /// Number of channels, at least 1.
     pub channels: u32,
+    /// Number of time steps in a group, whose bricks share shards; from 1 to all. The last group may have fewer.
+    pub(crate) shard_times: u32,
     /// Whether the store has an axis of time though it may have one step: more may be appended.
     has_time: bool,
     /// Most bricks along a shard's edge.
@@ -101,10 +119,19 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// A layout with shards of at most `shard_edge` voxels along each axis, but of at least one brick.
+    /// A layout with shards of at most `shard_edge` voxels along each axis, but of at least one brick, and of one time step.
     pub fn new(pyramid: Pyramid, times: u32, channels: u32, shard_edge: u32) -> Self {
         let max_shard_bricks = (shard_edge / pyramid.edge()).max(1);
-        Self { pyramid, times, channels, has_time: times > 1, max_shard_bricks, second: None, is_aprons: false }
+        Self {
+            pyramid,
+            times,
+            channels,
+            shard_times: 1,
+            has_time: times > 1,
+            max_shard_bricks,
+            second: None,
+            is_aprons: false,
+        }
     }
 
     /// This layout with an axis of time, however many steps there are.
@@ -115,6 +142,11 @@ impl Layout {
     /// This layout with so many time steps.
     pub fn with_times(&self, times: u32) -> Self {
         Self { times, ..self.clone() }
+    }
+
+    /// This layout with shards of `steps` time steps: at least one, and at most all there are.
+    pub fn with_shard_times(self, steps: u32) -> Self {
+        Self { shard_times: steps.clamp(1, self.times.max(1)), ..self }
     }
 
     /// This layout with levels 1 and up in the folders of a second pyramid, made by `method`.
@@ -147,14 +179,30 @@ impl Layout {
         t.into_iter().chain(c).chain([z, y, x]).collect()
     }
 
-    /// Bricks of a level's shards along each axis. Shards at the far faces are of this size too, and may reach past the
+    /// Bricks of a level's shards along each axis, of one time step. Shards at the far faces are of this size too, and may reach past the
     /// grid of bricks.
     pub fn shard_bricks(&self, level: Level) -> Extent {
         let bricks = self.pyramid.level(level).bricks.to_array();
         Extent::from_array(bricks.map(|n| n.min(self.max_shard_bricks)))
     }
 
-    /// Number of shards of a level along each axis, for one time step and channel.
+    /// Number of entries in the index of each of a level's shards: one for each brick of each of its time steps.
+    pub fn shard_slots(&self, level: Level) -> usize {
+        self.shard_times as usize * self.shard_bricks(level).volume() as usize
+    }
+
+    /// Number of groups of time steps: of shards along t.
+    pub fn shard_groups(&self) -> u32 {
+        self.times.div_ceil(self.shard_times)
+    }
+
+    /// The time steps of a group.
+    pub fn steps_of(&self, group: u32) -> Range<u32> {
+        let first = group.saturating_mul(self.shard_times);
+        first.min(self.times)..first.saturating_add(self.shard_times).min(self.times)
+    }
+
+    /// Number of shards of a level along each axis of space, for one group of time steps and one channel.
     pub fn shard_grid(&self, level: Level) -> Extent {
         let bricks = self.pyramid.level(level).bricks.to_array();
         let shard = self.shard_bricks(level).to_array();
@@ -166,19 +214,24 @@ impl Layout {
         let shard = self.shard_bricks(id.level);
         let (i, s) = (id.index.to_array(), shard.to_array());
         let [x, y, z] = std::array::from_fn(|a| i[a] / s[a]);
-        let slot = shard.linear(std::array::from_fn(|a| i[a] % s[a])) as usize;
-        (ShardId { time: id.time, channel: id.channel, level: id.level, z, y, x }, slot)
+        let (group, step) = (id.time / self.shard_times, id.time % self.shard_times);
+        let slot = step as u64 * shard.volume() + shard.linear(std::array::from_fn(|a| i[a] % s[a]));
+        (ShardId { group, channel: id.channel, level: id.level, z, y, x }, slot as usize)
     }
 
-    /// The brick of entry `slot` of a shard's index; `None` where the shard reaches past the grid.
+    /// The brick of entry `slot` of a shard's index; `None` where the shard reaches past the grid, or past the last time
+    /// step.
     pub fn brick_at(&self, shard: ShardId, slot: usize) -> Option<BrickId> {
-        let s = self.shard_bricks(shard.level).to_array();
-        let slot = slot as u32;
+        let bricks = self.shard_bricks(shard.level);
+        let s = bricks.to_array();
+        let (step, slot) = (slot as u64 / bricks.volume(), (slot as u64 % bricks.volume()) as u32);
+        let time = shard.group.checked_mul(self.shard_times)?.checked_add(step.try_into().ok()?)?;
         let inner = [slot % s[0], slot / s[0] % s[1], slot / (s[0] * s[1])];
         let corner = [shard.x, shard.y, shard.z];
         let index: [u32; 3] = std::array::from_fn(|a| corner[a] * s[a] + inner[a]);
-        self.pyramid.level(shard.level).bricks.contains(index).then_some(BrickId {
-            time: shard.time,
+        let is_there = time < self.times && self.pyramid.level(shard.level).bricks.contains(index);
+        is_there.then_some(BrickId {
+            time,
             channel: shard.channel,
             level: shard.level,
             index: BrickIndex::from_array(index),
@@ -192,13 +245,13 @@ impl Layout {
 
     /// Number of shards of a level, over all time steps and channels.
     pub fn level_shards(&self, level: Level) -> u64 {
-        self.times as u64 * self.channels as u64 * self.shard_grid(level).volume()
+        self.shard_groups() as u64 * self.channels as u64 * self.shard_grid(level).volume()
     }
 
     /// Shard number `i` of a level, counted row-major in (t, c, z, y, x).
     pub fn shard_at(&self, level: Level, i: u64) -> ShardId {
-        let [time, channel, z, y, x] = place_at(i, self.channels, self.shard_grid(level));
-        ShardId { time, channel, level, z, y, x }
+        let [group, channel, z, y, x] = place_at(i, self.channels, self.shard_grid(level));
+        ShardId { group, channel, level, z, y, x }
     }
 
     /// Number of shards of all levels, time steps and channels.
@@ -224,7 +277,7 @@ impl Layout {
     pub fn shard_path(&self, store: &Path, id: ShardId) -> PathBuf {
         let mut path = store.join(self.level_path(id.level));
         path.push("c");
-        path.extend(self.per_axis(id.time, id.channel, [id.x, id.y, id.z]).iter().map(u32::to_string));
+        path.extend(self.per_axis(id.group, id.channel, [id.x, id.y, id.z]).iter().map(u32::to_string));
         if self.is_aprons {
             // Their last axis, over the voxels of an apron, has one chunk.
             path.push("0");
@@ -241,7 +294,7 @@ impl Layout {
     }
 }
 
-/// `[t, c, z, y, x]` of cell `i`, counted row-major over all time steps, `channels` channels and the cells of `grid`.
+/// `[t, c, z, y, x]` of cell `i`, counted row-major over all time steps or groups of them, `channels` channels and the cells of `grid`.
 pub(crate) fn place_at(i: u64, channels: u32, grid: Extent) -> [u32; 5] {
     let (volume, cell) = (i / grid.volume(), i % grid.volume());
     let (gx, gy, channels) = (grid.x as u64, grid.y as u64, channels as u64);
@@ -287,21 +340,54 @@ mod tests {
         }
     }
 
+    /// Of groups that are whole, and a last one that is not; more steps than there are count as all.
+    #[test]
+    fn shards_of_several_time_steps_map_both_ways() {
+        for (asked, steps, groups) in [(1, 1, 5), (2, 2, 3), (3, 3, 2), (5, 5, 1), (7, 5, 1), (0, 1, 5)] {
+            let l = layout(5, 2).with_shard_times(asked);
+            assert_eq!((l.shard_times, l.shard_groups()), (steps, groups));
+            let all_steps: Vec<u32> = (0..groups).flat_map(|group| l.steps_of(group)).collect();
+            assert_eq!(all_steps, [0, 1, 2, 3, 4]);
+            let mut seen = HashSet::new();
+            for level in (0..l.pyramid.levels().len()).map(|k| Level(k as u8)) {
+                assert_eq!(l.level_shards(level), groups as u64 * 2 * l.shard_grid(level).volume());
+                for shard in l.shards(level) {
+                    for slot in 0..l.shard_slots(level) {
+                        let Some(id) = l.brick_at(shard, slot) else { continue };
+                        assert_eq!(l.shard_of(id), (shard, slot));
+                        assert!(l.steps_of(shard.group).contains(&id.time) && seen.insert(id));
+                    }
+                }
+            }
+            assert_eq!(seen.len() as u64, 10 * l.pyramid.brick_count());
+        }
+    }
+
+    #[test]
+    fn shards_of_several_time_steps_have_so_many_bricks_at_most() {
+        let of = |steps| {
+            let pyramid = Pyramid::new(Extent::new(1024, 1024, 1024), [1.0; 3], 8);
+            Layout::new(pyramid, 9, 1, 1024).with_shard_times(steps)
+        };
+        assert_eq!(check_shard_times(&of(1)), Ok(()));
+        assert!(check_shard_times(&of(2)).unwrap_err().1.contains("at most 1, as shards have 2097152 bricks"));
+    }
+
     #[test]
     fn paths_name_only_the_axes_there_are() {
-        let shard = ShardId { time: 1, channel: 2, level: Level(0), z: 3, y: 0, x: 1 };
+        let shard = ShardId { group: 1, channel: 2, level: Level(0), z: 3, y: 0, x: 1 };
         let path = |l: Layout, s| l.shard_path(Path::new("a.zarr"), s).to_string_lossy().into_owned();
         assert_eq!(path(layout(2, 3), shard), "a.zarr/0/c/1/2/3/0/1");
-        assert_eq!(path(layout(1, 3), ShardId { time: 0, ..shard }), "a.zarr/0/c/2/3/0/1");
-        assert_eq!(path(layout(1, 1), ShardId { time: 0, channel: 0, ..shard }), "a.zarr/0/c/3/0/1");
-        assert_eq!(path(layout(1, 1).with_time(), ShardId { time: 0, channel: 0, ..shard }), "a.zarr/0/c/0/3/0/1");
+        assert_eq!(path(layout(1, 3), ShardId { group: 0, ..shard }), "a.zarr/0/c/2/3/0/1");
+        assert_eq!(path(layout(1, 1), ShardId { group: 0, channel: 0, ..shard }), "a.zarr/0/c/3/0/1");
+        assert_eq!(path(layout(1, 1).with_time(), ShardId { group: 0, channel: 0, ..shard }), "a.zarr/0/c/0/3/0/1");
     }
 
     #[test]
     fn a_second_pyramid_shares_level_0_and_nothing_else() {
         let (main, store) = (layout(1, 1), Path::new("a.zarr"));
         let second = main.of_second(Downsample::Max);
-        let shard = |level| ShardId { time: 0, channel: 0, level: Level(level), z: 0, y: 0, x: 1 };
+        let shard = |level| ShardId { group: 0, channel: 0, level: Level(level), z: 0, y: 0, x: 1 };
         assert_eq!(second.shard_path(store, shard(0)), main.shard_path(store, shard(0)));
         assert_eq!(second.side_dir(store, Level(0)), main.side_dir(store, Level(0)));
         assert_eq!(second.shard_path(store, shard(2)), Path::new("a.zarr/2/.brickyard/max/c/0/0/1"));
@@ -311,7 +397,7 @@ mod tests {
     #[test]
     fn aprons_lie_beside_the_side_data_of_their_bricks() {
         let (main, store) = (layout(2, 1), Path::new("a.zarr"));
-        let shard = ShardId { time: 1, channel: 0, level: Level(2), z: 3, y: 0, x: 1 };
+        let shard = ShardId { group: 1, channel: 0, level: Level(2), z: 3, y: 0, x: 1 };
         let path = |l: Layout| l.shard_path(store, shard).to_string_lossy().into_owned();
         assert_eq!(path(main.of_aprons()), "a.zarr/2/.brickyard/aprons/c/1/3/0/1/0");
         let second = main.of_second(Downsample::Max).of_aprons();

@@ -7,7 +7,7 @@
 use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
 use crate::error::OpenError;
-use crate::layout::{Layout, check_edges, check_size};
+use crate::layout::{Layout, check_edges, check_shard_times, check_size};
 use crate::time;
 pub use crate::version::FORMAT_VERSION;
 use brickyard_volume::channel;
@@ -189,6 +189,9 @@ pub struct StoreInfo {
     pub edge: u32,
     /// The most voxels along a shard's edge.
     pub shard: u32,
+    /// Number of time steps in a shard; at most as many as there are.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub shard_times: u32,
     /// Type of a voxel.
     pub voxel_type: VoxelType,
     /// How bricks are compressed.
@@ -227,6 +230,14 @@ pub struct StoreInfo {
     pub settings_fingerprint: String,
     /// Whether the store is finished; always true in a finished store.
     pub complete: bool,
+}
+
+fn one() -> u32 {
+    1
+}
+
+fn is_one(n: &u32) -> bool {
+    *n == 1
 }
 
 fn is_zero(n: &u32) -> bool {
@@ -362,7 +373,7 @@ fn omero(info: &StoreInfo) -> Value {
 pub fn level_document(layout: &Layout, level: Level, info: &StoreInfo) -> Value {
     let extent = layout.pyramid.level(level).extent.to_array();
     let shape = layout.per_axis(layout.times, layout.channels, extent);
-    let shard = layout.per_axis(1, 1, layout.shard_bricks(level).to_array().map(|n| n * info.edge));
+    let shard = layout.per_axis(layout.shard_times, 1, layout.shard_bricks(level).to_array().map(|n| n * info.edge));
     let mut document = sharded_document(&shape, &shard, &layout.per_axis(1, 1, [info.edge; 3]), info);
     document["dimension_names"] = json!(layout.axes());
     if let Some(nodata) = info.nodata {
@@ -377,7 +388,7 @@ pub(crate) fn apron_document(layout: &Layout, level: Level, apron: Apron, info: 
     let with_voxels = |per_axis: Vec<u32>| [per_axis, vec![apron.voxels() as u32]].concat();
     let bricks = layout.pyramid.level(level).bricks.to_array();
     let shape = with_voxels(layout.per_axis(layout.times, layout.channels, bricks));
-    let shard = with_voxels(layout.per_axis(1, 1, layout.shard_bricks(level).to_array()));
+    let shard = with_voxels(layout.per_axis(layout.shard_times, 1, layout.shard_bricks(level).to_array()));
     sharded_document(&shape, &shard, &with_voxels(layout.per_axis(1, 1, [1; 3])), info)
 }
 
@@ -540,7 +551,14 @@ pub(crate) fn parse_layout(
         return Err(OpenError::invalid(level_path, field, expected, &level_0["shape"]));
     }
     info.check(root_path, channels)?;
-    let layout = Layout::new(Pyramid::new(extent, info.spacing, info.edge), times, channels, info.shard);
+    let pyramid = Pyramid::new(extent, info.spacing, info.edge);
+    let layout = Layout::new(pyramid, times, channels, info.shard).with_shard_times(info.shard_times);
+    let unfit =
+        |expected| OpenError::invalid(root_path, "attributes.brickyard.shard_times", expected, info.shard_times);
+    if layout.shard_times != info.shard_times {
+        return Err(unfit(format!("1 to {times}, the number of time steps")));
+    }
+    check_shard_times(&layout).map_err(|(_, expected)| unfit(expected))?;
     Ok(if names[0] == "t" { layout.with_time() } else { layout })
 }
 

@@ -78,6 +78,10 @@ pub struct PackOptions {
     /// The most voxels along a shard's edge: a multiple of `edge`, at most
     /// [`MAX_SHARD_EDGE`](crate::layout::MAX_SHARD_EDGE). Larger shards mean fewer files.
     pub shard_edge: u32,
+    /// Number of time steps in a shard, at least 1; more than there are count as all. Then there are fewer files, bricks of the same content
+    /// in a shard's steps are stored once, a pack that goes on begins again with the first step of a shard, and no step can be appended
+    /// without packing anew.
+    pub shard_times: u32,
     /// How bricks are compressed. zstd 3 gives 3 % smaller stores than zstd 1 in twice the time.
     pub codec: Codec,
     /// How coarser levels are made.
@@ -101,6 +105,7 @@ impl PackOptions {
         Self {
             edge: DEFAULT_BRICK_EDGE,
             shard_edge: DEFAULT_SHARD_EDGE,
+            shard_times: 1,
             codec: Codec::default_for(voxel_type),
             downsample: Downsample::Mean.into(),
             kind: Kind::Image,
@@ -124,6 +129,8 @@ impl PackOptions {
             format!("`aprons` {}: expected 1 or {MAX_APRON} voxels", self.aprons)
         } else if let Err(problem) = self.codec.to_string().parse::<Codec>() {
             format!("`codec` {}: {problem}", self.codec)
+        } else if self.shard_times == 0 {
+            "`shard_times` 0: expected at least one time step".into()
         } else if self.threads == 0 {
             "`threads` 0: expected at least one thread".into()
         } else {
@@ -469,6 +476,10 @@ fn settings(source: &dyn Source, options: &PackOptions) -> Value {
     if let Some(time) = &info.time {
         settings["time"] = json!(time);
     }
+    let shard_times = options.shard_times.min(info.times);
+    if shard_times > 1 {
+        settings["shard_times"] = json!(shard_times);
+    }
     settings
 }
 
@@ -538,6 +549,7 @@ fn write_metadata(
         version: FORMAT_VERSION,
         edge: options.edge,
         shard: options.shard_edge,
+        shard_times: layout.shard_times,
         voxel_type: info.voxel_type,
         codec: options.codec.for_voxel_type(info.voxel_type),
         downsample: options.downsample,

@@ -1,7 +1,7 @@
 //! The frame of a shard file: encoded bricks back to back, then the index, then the index's crc32c.
 //!
 //! The index is two little-endian u64 per brick, offset and length, row-major; both are 2^64 - 1 for a brick that is not
-//! stored (all fill value). Nothing in it is trusted: the checksum is compared first, and every range must lie before the
+//! stored (all fill value). Bricks of the same content may have one range. Nothing in it is trusted: the checksum is compared first, and every range must lie before the
 //! index and be no longer than an encoded brick can be.
 
 use crate::error::ShardError;
@@ -122,6 +122,23 @@ impl<'a> ShardIndex<'a> {
         }
     }
 
+    /// Two bricks, by their entries, that have some bytes in common but not all; `None` if there are none. Bricks of the same
+    /// content may have all bytes in common. Entries whose ranges do not fit are left out.
+    pub fn overlap(&self) -> Option<(usize, usize)> {
+        let entry = |slot| self.range(slot).ok()?.map(|BrickRange { offset, length }| (offset, length, slot));
+        let mut ranges: Vec<_> = (0..self.bricks()).filter_map(entry).collect();
+        ranges.sort_unstable();
+        ranges.dedup_by_key(|(offset, length, _)| (*offset, *length));
+        let is_apart = |pair: &[(u64, u64, usize)]| pair[0].0 + pair[0].1 <= pair[1].0;
+        // Of ranges in order that are all apart from the next, any two are.
+        ranges.windows(2).find(|pair| !is_apart(pair)).map(|pair| (pair[0].2, pair[1].2))
+    }
+
+    /// The most memory in bytes that [`ShardIndex::overlap`] takes for a shard of this many bricks.
+    pub const fn overlap_bytes(bricks: usize) -> u64 {
+        bricks as u64 * size_of::<(u64, u64, usize)>() as u64
+    }
+
     /// The number of entries, one for each brick.
     pub fn bricks(&self) -> usize {
         self.entries().len() / 16
@@ -190,6 +207,23 @@ mod tests {
         let index = one(0, CAP + 1);
         let huge = parse(&index, 1 << 40, 1);
         assert!(matches!(huge, Err(ShardError::Range { .. })), "longer than any encoded brick");
+    }
+
+    #[test]
+    fn ranges_may_be_shared_whole_but_not_in_part() {
+        let overlap = |ranges: &[Option<(u64, u64)>]| {
+            let range = |range: &Option<(u64, u64)>| range.map(|(offset, length)| BrickRange { offset, length });
+            let (bytes, _) = encode_index(&ranges.iter().map(range).collect::<Vec<_>>());
+            parse(&bytes, 300, ranges.len()).unwrap().overlap()
+        };
+        assert_eq!(overlap(&[]), None);
+        assert_eq!(
+            overlap(&[Some((0, 40)), None, Some((40, 60)), Some((0, 40)), Some((100, 1)), Some((40, 60))]),
+            None
+        );
+        assert_eq!(overlap(&[Some((39, 60)), None, Some((0, 40)), Some((0, 40))]), Some((2, 0)));
+        assert_eq!(overlap(&[Some((0, 40)), Some((0, 41))]), Some((0, 1)));
+        assert_eq!(overlap(&[Some((10, 5)), Some((200, 5)), Some((0, 100))]), Some((2, 0)));
     }
 
     #[test]

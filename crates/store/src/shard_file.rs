@@ -88,6 +88,12 @@ impl ShardFile {
         ShardIndex::new(&self.index, self.file_bytes, bricks, self.cap)?.range(slot)
     }
 
+    /// Two bricks, by their index entries, that have some bytes in common but not all; `None` if there are none.
+    pub(crate) fn overlap(&self) -> Result<Option<(usize, usize)>, ShardError> {
+        let bricks = self.index.len() / 16;
+        Ok(ShardIndex::new(&self.index, self.file_bytes, bricks, self.cap)?.overlap())
+    }
+
     /// A brick's encoded bytes, borrowed from the map or read into `buffer`.
     pub(crate) fn bytes<'a>(&'a self, range: BrickRange, buffer: &'a mut Vec<u8>) -> std::io::Result<&'a [u8]> {
         match &self.body {

@@ -8,6 +8,8 @@
 //!
 //! A brick's ranges include its descendants'. Where aprons are stored, the array `aprons` of each level has a `shards` of its own.
 //!
+//! Where shards hold several time steps, `t` of `shards` counts groups of them, as it does in the shards' paths.
+//!
 //! All axes are always there. A chunk is a *page*: one time step, one channel, 16³ bricks (or shards); bytes, zstd, crc32c. So
 //! a store opens without reading any of it, a page is read when something in its box is looked at, and new time steps
 //! leave old pages as they are. A page of ranges takes 16 KiB to 64 KiB in memory.
@@ -30,6 +32,7 @@ pub(crate) struct SideArray {
     dir: PathBuf,
     data_type: &'static str,
     element_bytes: usize,
+    /// Number of time steps, or of groups of them.
     times: u32,
     channels: u32,
     grid: Extent,
@@ -51,7 +54,8 @@ impl SideArray {
 
     /// The array of the fingerprints of a level's shards, or of its aprons' shards, in the store at `store`.
     pub(crate) fn fingerprints(store: &Path, layout: &Layout, level: Level) -> Self {
-        Self::new(store, layout, level, "shards", "uint64", 8, layout.shard_grid(level), 2)
+        let of_steps = Self::new(store, layout, level, "shards", "uint64", 8, layout.shard_grid(level), 2);
+        Self { times: layout.shard_groups(), ..of_steps }
     }
 
     #[expect(clippy::too_many_arguments, reason = "a table's row, named by the three functions above")]
@@ -119,7 +123,7 @@ impl SideArray {
         decode(&encoded, self.page_bytes()).map_err(|what| ReadError::CorruptPage { path, what })
     }
 
-    /// The number of pages of the array, over all time steps and channels.
+    /// The number of pages of the array, over all time steps (or groups of them) and channels.
     pub(crate) fn page_count(&self) -> u64 {
         self.times as u64 * self.channels as u64 * self.paging().page_grid().volume()
     }

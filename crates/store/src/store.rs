@@ -167,6 +167,11 @@ impl Store {
         Self::open_view(self.path.clone(), self.mode, self.layout().second()).map(Some)
     }
 
+    /// Whether time steps can be appended to the store: it has an axis of time, and shards of one step.
+    pub fn can_grow(&self) -> bool {
+        self.layout().axes()[0] == "t" && self.layout().shard_times == 1
+    }
+
     /// The store's directory.
     pub fn path(&self) -> &Path {
         &self.path
@@ -537,8 +542,10 @@ mod tests {
     #[test]
     fn stores_read_back_bit_for_bit() {
         for voxel_type in VoxelType::ALL {
-            for (codec, times, channels) in [(Codec::default_for(voxel_type), 2, 3), (Codec::None, 1, 1)] {
-                let spec = TestStore { voxel_type, codec, times, channels, ..TestStore::default() };
+            for (codec, times, channels, shard_times) in
+                [(Codec::default_for(voxel_type), 2, 3, 1), (Codec::None, 1, 1, 1), (Codec::None, 3, 2, 2)]
+            {
+                let spec = TestStore { voxel_type, codec, times, channels, shard_times, ..TestStore::default() };
                 let dir = written(&spec);
                 for mode in [IoMode::Mmap, IoMode::Pread] {
                     let store = Store::open_with(dir.path(), mode).unwrap();
@@ -701,13 +708,16 @@ mod tests {
     /// Each contradiction in the metadata is refused by a message that names the field.
     #[test]
     fn contradictions_name_their_field() {
-        let dir = written(&TestStore { times: 2, ..TestStore::default() });
-        let cases: [(&str, &str, Value, &str); 20] = [
+        let dir = written(&TestStore { times: 3, shard_times: 2, ..TestStore::default() });
+        let cases: [(&str, &str, Value, &str); 23] = [
             ("zarr.json", "/attributes/brickyard/version", json!(3), "version 3"),
             ("zarr.json", "/attributes/brickyard/version", json!(1), "pack it anew"),
             ("zarr.json", "/attributes/brickyard/edge", json!(0), "edge"),
             ("zarr.json", "/attributes/brickyard/edge", json!(16), "datasets"),
             ("zarr.json", "/attributes/brickyard/shard", json!(0), "shard"),
+            ("zarr.json", "/attributes/brickyard/shard_times", json!(0), "shard_times: expected 1 to 3"),
+            ("zarr.json", "/attributes/brickyard/shard_times", json!(4), "shard_times: expected 1 to 3"),
+            ("zarr.json", "/attributes/brickyard/shard_times", json!(1), "chunk_grid"),
             ("zarr.json", "/attributes/brickyard/codec", json!("lzma:3"), "lzma"),
             ("zarr.json", "/attributes/brickyard/codec", json!("zstd:3"), "codecs"),
             ("zarr.json", "/attributes/brickyard/voxel_type", json!("u8"), "data_type"),

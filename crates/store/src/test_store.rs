@@ -27,6 +27,8 @@ pub(crate) struct TestStore {
     pub(crate) codec: Codec,
     pub(crate) edge: u32,
     pub(crate) shard: u32,
+    /// Number of time steps in a shard.
+    pub(crate) shard_times: u32,
 }
 
 /// What side data hold of a brick; an empty range has its ends crossed.
@@ -49,6 +51,7 @@ impl Default for TestStore {
             codec: Codec::ShuffleZstd(1),
             edge: 8,
             shard: 16,
+            shard_times: 1,
         }
     }
 }
@@ -56,7 +59,7 @@ impl Default for TestStore {
 impl TestStore {
     pub(crate) fn layout(&self) -> Layout {
         let pyramid = Pyramid::new(Extent::from_array(self.extent), self.spacing, self.edge);
-        Layout::new(pyramid, self.times, self.channels, self.shard)
+        Layout::new(pyramid, self.times, self.channels, self.shard).with_shard_times(self.shard_times)
     }
 
     pub(crate) fn geometry(&self) -> Geometry {
@@ -96,19 +99,20 @@ impl TestStore {
         let layout = self.layout();
         let info = self.info(&value);
         let (mut bricks, mut shards) = (BTreeMap::new(), BTreeMap::new());
-        for (time, channel) in (0..self.times).flat_map(|t| (0..self.channels).map(move |c| (t, c))) {
-            let levels = self.levels(|v| value(time, channel, v));
+        let volumes: Vec<(u32, u32)> = (0..self.times).flat_map(|t| (0..self.channels).map(move |c| (t, c))).collect();
+        let levels: BTreeMap<_, _> =
+            volumes.into_iter().map(|(t, c)| ((t, c), self.levels(|v| value(t, c, v)))).collect();
+        for (&(time, channel), levels) in &levels {
             for (k, level) in levels.iter().enumerate() {
                 self.add_ranges(&layout, &mut bricks, (time, channel, Level(k as u8)), level);
-                for shard in layout.shards(Level(k as u8)).filter(|s| (s.time, s.channel) == (time, channel)) {
-                    shards.insert(shard, self.write_shard(store, &layout, shard, level));
-                    for slot in 0..layout.shard_bricks(shard.level).volume() as usize {
-                        if let Some(id) = layout.brick_at(shard, slot) {
-                            bricks.get_mut(&id).unwrap().hash = core_hash(&self.core(&layout, id, level));
-                        }
-                    }
-                }
             }
+        }
+        let core = |id: BrickId| self.core(&layout, id, &levels[&(id.time, id.channel)][id.level.index()]);
+        for (id, brick) in &mut bricks {
+            brick.hash = core_hash(&core(*id));
+        }
+        for shard in (0..layout.pyramid.levels().len()).flat_map(|k| layout.shards(Level(k as u8))) {
+            shards.insert(shard, self.write_shard(store, &layout, shard, core));
         }
         for k in 0..layout.pyramid.levels().len() {
             let level = Level(k as u8);
@@ -132,7 +136,7 @@ impl TestStore {
                 let mut of_shards = vec![Fingerprint::default(); fingerprints.paging().page_cells()];
                 for shard in voxels(fingerprints.paging().cells([page.x, page.y, page.z])) {
                     let [x, y, z] = shard;
-                    let id = ShardId { time: page.time, channel: page.channel, level, z, y, x };
+                    let id = ShardId { group: page.time, channel: page.channel, level, z, y, x };
                     of_shards[fingerprints.paging().locate(shard).1] = shards[&id];
                 }
                 files.push(fingerprints.page_file(page, bytemuck::cast_slice(&of_shards)));
@@ -174,6 +178,7 @@ impl TestStore {
             version: FORMAT_VERSION,
             edge: self.edge,
             shard: self.shard,
+            shard_times: self.shard_times,
             voxel_type: self.voxel_type,
             codec: self.codec,
             downsample: Downsample::Mean.into(),
@@ -235,12 +240,18 @@ impl TestStore {
         voxels(Extent::new(edge, edge, edge).full_box()).flat_map(|v| self.bytes_of(value(v))).collect()
     }
 
-    fn write_shard(&self, store: &Path, layout: &Layout, shard: ShardId, level: &[f64]) -> Fingerprint {
+    fn write_shard(
+        &self,
+        store: &Path,
+        layout: &Layout,
+        shard: ShardId,
+        core: impl Fn(BrickId) -> Vec<u8>,
+    ) -> Fingerprint {
         let codec = BrickCodec::new(self.codec, self.voxel_type, self.edge);
         let mut file = Vec::new();
         let mut scratch = Scratch::default();
         let range = |slot: usize| {
-            let core = self.core(layout, layout.brick_at(shard, slot)?, level);
+            let core = core(layout.brick_at(shard, slot)?);
             if core.iter().all(|&b| b == 0) {
                 return None;
             }
@@ -248,7 +259,7 @@ impl TestStore {
             codec.encode(&mut scratch, &core, &mut file);
             Some(BrickRange { offset, length: file.len() as u64 - offset })
         };
-        let ranges: Vec<_> = (0..layout.shard_bricks(shard.level).volume() as usize).map(range).collect();
+        let ranges: Vec<_> = (0..layout.shard_slots(shard.level)).map(range).collect();
         if file.is_empty() {
             return Fingerprint::default();
         }

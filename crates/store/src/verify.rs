@@ -1,7 +1,7 @@
 //! Verification: reads everything and recomputes what a store says of itself.
 //!
 //! It checks every document against the one that packing would write (`verify/documents.rs`), every page of side data, every
-//! shard's index, and every brick's checksum, length, hash and ranges. It checks that parents' ranges cover their children's,
+//! shard's index (bricks may share all of their bytes, but not some), and every brick's checksum, length, hash and ranges. It checks that parents' ranges cover their children's,
 //! that each level is what the finer one gives, that stored aprons are the neighbours' voxels, and the statistics in the root
 //! document. If there are two pyramids, both are checked in one pass over level 0. Verification goes on after a problem and
 //! reports all of them. A brick that cannot be read is reported once, not again by what depends on it.
@@ -22,6 +22,7 @@ use crate::layout::ShardId;
 use crate::metadata::ChannelStatistics;
 use crate::nodata;
 use crate::pack::brick::Workspace;
+use crate::shard::ShardIndex;
 use crate::shard_file::IoMode;
 use crate::side::{SideArray, core_hash, level_arrays};
 use crate::stats::{ChannelTotals, Measure, Range, Tally};
@@ -145,7 +146,9 @@ fn block_edge(views: &[Store], memory_bytes: u64, threads: usize) -> Result<(u32
         // A brick, encoded and shuffled and decoded.
         let brick = 3 * store.core_bytes() as u64 + apron;
         let workspace = Workspace::<u8>::bytes(store.pyramid().edge() as usize, voxel_type.bytes()) as u64;
-        (volume((edge + around) as u64) + coarse) * voxel_bytes + brick + workspace
+        let block = (volume((edge + around) as u64) + coarse) * voxel_bytes + brick + workspace;
+        // Before blocks are checked, indexes are.
+        block.max(ShardIndex::overlap_bytes(store.layout().shard_slots(Level(0))))
     };
     let edges = [256, 128, 64, 32, 16, 8].into_iter().filter(|&edge| edge >= store.pyramid().edge());
     let least = edges.clone().last().unwrap_or(store.pyramid().edge());
@@ -291,7 +294,14 @@ impl<'a> Verifier<'a> {
                 let what = "file of a shard that was packed without one (all fill value)".into();
                 Some(VerifyProblem { brick: None, path, what })
             }
-            Ok(_) => None,
+            Ok(None) => None,
+            Ok(Some(shard)) => {
+                let brick = |slot| chunks.layout().brick_at(id, slot).map_or("one outside".into(), |id| id.to_string());
+                // The index was checked as the shard was opened.
+                let (a, b) = shard.overlap().ok()??;
+                let what = format!("bricks {} and {} have some bytes in common, but not all", brick(a), brick(b));
+                Some(VerifyProblem { brick: None, path, what })
+            }
             Err(error) => self.unread(error),
         }
     }

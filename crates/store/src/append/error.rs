@@ -29,6 +29,16 @@ pub enum AppendError {
         /// The store.
         store: PathBuf,
     },
+    /// A shard of the store holds several time steps, which are only written together.
+    #[error(
+        "{store}: has {steps} time steps in a shard, so no step can be appended; pack it anew with `shard_times` 1", store = store.display()
+    )]
+    Grouped {
+        /// The store.
+        store: PathBuf,
+        /// Number of time steps in a shard.
+        steps: u32,
+    },
     /// The source has several time steps, which are appended one at a time.
     #[error("the input holds {times} time steps; expected one: steps are appended one at a time")]
     Several {

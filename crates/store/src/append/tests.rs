@@ -440,6 +440,10 @@ fn what_cannot_be_appended_to_is_refused_and_left_alone() {
     let before = files(&still);
     assert!(refusal(&still).contains("no axis of time"));
     assert_same(&files(&still), &before, "without time");
+    let grouped = dir.path().join("grouped.zarr");
+    let series = Array::series(EXTENT, 3, 1, |step, p| u8::from_f64_rounded(voxel(step, 0, p)));
+    pack(&series, &grouped, &PackOptions { shard_times: 2, ..byte_options() }, &()).unwrap();
+    assert!(refusal(&grouped).contains("2 time steps in a shard"));
     let unfinished = dir.path().join("u.zarr");
     let failing = byte_step(0);
     failing.fuse.store(9, Ordering::Relaxed);

@@ -1,10 +1,11 @@
 //! The second pass, where aprons are stored: made from the cores that the first pass wrote, shard by shard.
 //!
-//! For each layer of bricks of a shard, the shells (`shells.rs`) of its bricks and their neighbours are fetched: from memory, or
+//! For each layer of bricks of each time step of a shard, the shells (`shells.rs`) of its bricks and their neighbours are fetched: from memory, or
 //! by decoding the core. Then its aprons are made, encoded, and appended in the order of the index. A shell is 11 times
 //! smaller than its core, and those last used stay as far as `--memory` reaches. Where a layer of shards and its neighbours fits
 //! (at 4096^3 of 8 bits 1 GB), every core is decoded once; where only a row of shards does, 1.25 times; in the least memory,
-//! about twice.
+//! about twice. Where shards hold several time steps, they are still made one after another, so that few are open at a time; the same
+//! then takes as many times the memory.
 //!
 //! Finished shards are journalled like those of cores, so a pass that was interrupted goes on after the last of them.
 
@@ -16,13 +17,14 @@ use crate::pack::cascade::{Reached, Stop};
 use crate::pack::disk::Disk;
 use crate::pack::journal::Journal;
 use crate::pack::plan::{PackPlan, Stage};
-use crate::pack::shards::{ShardWriter, settle};
+use crate::pack::shards::{Encoded, ShardWriter, settle};
 use crate::pack::shells::ApronMaker;
 use crate::pack::side_pages::ShardPages;
 use crate::pack::{PackOptions, Progress};
 use crate::scratch::Scratch;
 use crate::shard::Fingerprint;
 use crate::shard_file::IoMode;
+use crate::side::core_hash;
 use crate::store::bricks_of;
 use brickyard_volume::{Apron, BrickId, Extent, Level, VoxelBox, VoxelType};
 use lru::LruCache;
@@ -119,13 +121,13 @@ impl<'a> StagePass<'a> {
                 disk.write_with_parents(&path, &bytes).map_err(Stop::Disk)?;
             }
             made.shards += 1;
-            made.bricks += self.bricks(id).extent().volume();
+            made.bricks += self.layout.steps_of(id.group).len() as u64 * self.bricks(id).extent().volume();
             progress.aprons(made.bricks * self.maker.apron_bytes() as u64, plan.apron_bytes);
         }
         Ok(())
     }
 
-    /// The bricks of a shard, as a box of the level's grid.
+    /// The bricks of each time step of a shard, as a box of the level's grid.
     fn bricks(&self, id: ShardId) -> VoxelBox {
         let size = self.layout.shard_bricks(self.level).to_array();
         let first = [id.x * size[0], id.y * size[1], id.z * size[2]];
@@ -136,10 +138,11 @@ impl<'a> StagePass<'a> {
         let ApronPass { store, disk, progress, .. } = *self.pass;
         let layout = self.layout.clone();
         let mut writer = ShardWriter::new(disk, store, &layout);
-        let brick = |index| BrickId { time: id.time, channel: id.channel, level: id.level, index };
         let bricks = self.bricks(id);
         let mut fingerprint = Fingerprint::default();
-        for z in bricks.min.z..bricks.max.z {
+        let layers = layout.steps_of(id.group).flat_map(|time| (bricks.min.z..bricks.max.z).map(move |z| (time, z)));
+        for (time, z) in layers {
+            let brick = |index| BrickId { time, channel: id.channel, level: id.level, index };
             if progress.is_cancelled() {
                 return Err(Stop::Cancelled);
             }
@@ -148,8 +151,9 @@ impl<'a> StagePass<'a> {
             let ids: Vec<BrickId> = bricks_of(layer, 1).map(brick).collect();
             self.fetch_shells(&bricks_of(around(layer, self.grid), 1).map(brick).collect::<Vec<_>>())
                 .map_err(Stop::ReadBack)?;
-            for (id, encoded) in ids.iter().zip(self.encode(&ids)) {
-                if let Some(finished) = writer.add(*id, encoded.as_deref(), |_| None).map_err(Stop::Disk)? {
+            for (id, apron) in ids.iter().zip(self.encode(&ids)) {
+                let encoded = apron.as_ref().map(|(bytes, hash)| Encoded { bytes, hash: *hash });
+                if let Some(finished) = writer.add(*id, encoded, |_| None).map_err(Stop::Disk)? {
                     settle(disk, store, &layout, journal, &finished).map_err(Stop::Disk)?;
                     fingerprint = finished.fingerprint;
                 }
@@ -184,14 +188,15 @@ impl<'a> StagePass<'a> {
         Ok(())
     }
 
-    /// The encoded aprons of bricks whose shells, and whose neighbours', are at hand; `None` for one that is all fill.
-    fn encode(&self, ids: &[BrickId]) -> Vec<Option<Vec<u8>>> {
+    /// The encoded aprons of bricks whose shells, and whose neighbours', are at hand, each with the apron's hash; `None` for one
+    /// that is all fill.
+    fn encode(&self, ids: &[BrickId]) -> Vec<Option<(Vec<u8>, u128)>> {
         let encode = |apron: &mut Vec<u8>, &id: &BrickId| {
             let shell_of = |index| self.shells.peek(&BrickId { index, ..id }).map(|shell| &shell[..]);
             self.maker.make(id.index, self.grid, shell_of, apron).then(|| {
                 let mut encoded = Vec::new();
                 Scratch::with(|scratch| self.codec.encode(scratch, apron, &mut encoded));
-                encoded
+                (encoded, core_hash(apron))
             })
         };
         ids.par_iter().map_init(|| vec![0; self.maker.apron_bytes()], encode).collect()

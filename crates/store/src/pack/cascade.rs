@@ -21,7 +21,7 @@ use crate::pack::disk::{Disk, DiskError};
 use crate::pack::journal::Journal;
 use crate::pack::plan::{PackPlan, Stage, bricks_ahead};
 use crate::pack::sequence::Sequence;
-use crate::pack::shards::{Finished, ShardWriter, settle};
+use crate::pack::shards::{Encoded, Finished, ShardWriter, settle};
 use crate::pack::side_pages::{BrickPages, PageFile, ShardPages};
 use crate::pack::window::Window;
 use crate::pack::{PackError, PackOptions, Progress};
@@ -276,7 +276,8 @@ impl<T: Measure> Shared<'_, T> {
             let s = brick.stage;
             brick_pages.add(s, brick.id, &brick.summary.parts, brick.hash, &mut pages);
             let done_before = |shard| self.earlier[s].get(&shard).copied();
-            match writers[s].add(brick.id, brick.encoded.as_deref(), done_before) {
+            let encoded = brick.encoded.as_deref().zip(brick.hash).map(|(bytes, hash)| Encoded { bytes, hash });
+            match writers[s].add(brick.id, encoded, done_before) {
                 Ok(Some(finished)) => {
                     shard_pages[s].add(finished.id, finished.fingerprint, &mut pages);
                     // The settler is gone only after it failed, which stops the sequence.

@@ -1,7 +1,7 @@
 //! Every change that packing makes to the file system goes through here, but for the lock's (`lock.rs`): one place for paths
 //! in errors, syncs, and tests' injected failures.
 
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -76,14 +76,14 @@ impl Disk {
         self.run("create_dir_all", path, || std::fs::create_dir_all(path))
     }
 
-    /// Creates an empty file, or empties the one that is there, and opens it for writing.
+    /// Creates an empty file, or empties the one that is there, and opens it for writing and reading.
     pub(crate) fn create(&self, path: &Path) -> Result<File> {
-        self.run("create", path, || File::create(path))
+        self.run("create", path, || File::options().read(true).write(true).create(true).truncate(true).open(path))
     }
 
-    /// Opens a file to append to what is there.
+    /// Opens a file to append to what is there, and to read it.
     pub(crate) fn reopen(&self, path: &Path) -> Result<File> {
-        self.run("reopen", path, || OpenOptions::new().append(true).open(path))
+        self.run("reopen", path, || File::options().read(true).append(true).open(path))
     }
 
     pub(crate) fn append(&self, path: &Path, file: &mut File, bytes: &[u8]) -> Result<()> {

@@ -4,6 +4,8 @@
 //! memory = fixed + reading + windows kept in memory + 24 MiB (program, stacks, allocator)
 //! fixed  = threads * (buffers(edge) + compressor) + (3 threads + 6) * greatest encoded brick
 //!        + side data on their way + open shards' indexes + channels' counts
+//! open shards = those of a layer of each stage, 24 bytes a brick; where they hold several time steps all of each stage that hold one step,
+//!        over all channels, 24 bytes and a place in a hash table (20 to 40) for each brick of each of their steps; 16 bytes a brick of one shard
 //! side data = at most 20 layers of each stage's bricks * (4 voxels + 16 bytes), 16 of its shards * 16 bytes
 //! stages = level 0, and levels k >= 1 of each pyramid
 //! reading = a plane of level 0 + what the source's reader says it takes    (one thread reads whole planes)
@@ -17,7 +19,7 @@
 //!
 //! ```text
 //! threads * (core + apron + compressor) + the caches of an open store
-//!        + a shard's layer of encoded aprons + shells (at least those of a shard's layer and its neighbours) + 24 MiB
+//!        + a shard's layer of encoded aprons + an open shard's index + shells (at least those of a shard's layer and its neighbours) + 24 MiB
 //! ```
 //!
 //! The greater of both counts. Windows are kept in memory, the smallest first, as far as `memory_bytes` reaches; the others are
@@ -26,9 +28,9 @@
 use crate::chunks::Chunks;
 use crate::codec::{BrickCodec, Codec};
 use crate::downsample::{Downsample, Reductions};
-use crate::layout::{Layout, ShardId, check_size};
+use crate::layout::{Layout, ShardId, check_shard_times, check_size};
 use crate::pack::brick::Workspace;
-use crate::pack::shards::OPEN_BYTES_PER_BRICK;
+use crate::pack::shards::{finishing_bytes, open_bytes};
 use crate::pack::shells::ApronMaker;
 use crate::pack::{PackError, PackOptions};
 use crate::shard::Fingerprint;
@@ -121,8 +123,7 @@ impl PackPlan {
 
     /// Number of shards of cores, over all stages, time steps and channels.
     pub(crate) fn core_shard_count(&self) -> u64 {
-        let shards = |stage: &Stage| stage.layout.shard_grid(stage.level).volume();
-        self.volumes() * self.stages.iter().map(shards).sum::<u64>()
+        self.stages.iter().map(|stage| stage.layout.level_shards(stage.level)).sum()
     }
 
     /// Number of bricks of all stages, time steps and channels.
@@ -153,7 +154,7 @@ pub(crate) fn bricks_ahead(threads: usize) -> u64 {
 pub fn plan(source: &dyn Source, options: &PackOptions) -> Result<PackPlan, PackError> {
     options.check()?;
     check_input(source.info())?;
-    within_memory(Draft::new(source, options), source, options)
+    within_memory(Draft::new(source, options)?, source, options)
 }
 
 /// Computes what packing the steps of `source` as the last ones of a store needs, which then has this layout.
@@ -246,13 +247,17 @@ struct Draft {
 }
 
 impl Draft {
-    fn new(source: &dyn Source, options: &PackOptions) -> Self {
+    fn new(source: &dyn Source, options: &PackOptions) -> Result<Self, PackError> {
         let info = source.info();
         let pyramid = Pyramid::new(info.extent, info.geometry.spacing.to_array(), options.edge);
         let layout = Layout::new(pyramid, info.times, info.channels, options.shard_edge);
+        let layout = layout.with_shard_times(options.shard_times);
+        check_shard_times(&layout).map_err(|(field, expected)| {
+            PackError::Options(format!("`{field}` {}: expected {expected}", layout.shard_times))
+        })?;
         // Who says when a single step was taken means to have more.
         let layout = if info.time.is_some() { layout.with_time() } else { layout };
-        Self::of_last(source, options, layout)
+        Ok(Self::of_last(source, options, layout))
     }
 
     /// The plan for steps that are the last ones of a store with this layout.
@@ -287,11 +292,12 @@ fn least(streaming: u64, aprons: Option<&ApronMemory>) -> u64 {
     streaming.max(aprons.map_or(0, ApronMemory::least))
 }
 
-/// The options nearest to these that need no more than what they allow, in words: fewer threads, or else other bricks.
+/// The options nearest to these that need no more than what they allow, in words: fewer time steps in a shard, fewer threads, or
+/// else other bricks.
 fn advice(source: &dyn Source, options: &PackOptions) -> String {
     let fits = |options: &PackOptions| {
-        let draft = Draft::new(source, options);
-        options.check().is_ok() && least(draft.streaming, draft.aprons.as_ref()) <= options.memory_bytes
+        let is_enough = |draft: Draft| least(draft.streaming, draft.aprons.as_ref()) <= options.memory_bytes;
+        options.check().is_ok() && Draft::new(source, options).is_ok_and(is_enough)
     };
     let threads = (1..options.threads).rev().map(|threads| PackOptions { threads, ..options.clone() }).find(fits);
     let edges = || {
@@ -303,7 +309,11 @@ fn advice(source: &dyn Source, options: &PackOptions) -> String {
         let with_edge = |edge| PackOptions { edge, threads, ..options.clone() };
         edges().into_iter().map(with_edge).find(fits)
     };
-    match (threads, with_threads(options.threads)) {
+    let half = |steps: &u32| Some(steps / 2).filter(|&steps| steps > 0);
+    let steps = std::iter::successors(half(&options.shard_times.min(source.info().times)), half)
+        .find(|&shard_times| fits(&PackOptions { shard_times, ..options.clone() }))
+        .map(|steps| format!(", or put fewer time steps in a shard (`shard_times` {steps})"));
+    let others = match (threads, with_threads(options.threads)) {
         (Some(PackOptions { threads, .. }), Some(PackOptions { edge, .. })) => {
             format!(", or use fewer threads (`threads` {threads}) or other bricks (`edge` {edge})")
         }
@@ -312,7 +322,8 @@ fn advice(source: &dyn Source, options: &PackOptions) -> String {
         (None, None) => with_threads(1).map_or_else(String::new, |PackOptions { edge, .. }| {
             format!(", or use one thread and other bricks (`threads` 1 `edge` {edge})")
         }),
-    }
+    };
+    steps.unwrap_or_default() + &others
 }
 
 /// What the pass for aprons needs.
@@ -334,13 +345,15 @@ impl ApronMemory {
             size.x as u64 * size.y as u64
         };
         let most = |of: &dyn Fn(&Stage) -> u64| plan.stages.iter().map(of).max().unwrap_or(0);
+        let shard_bytes =
+            |stage: &Stage| open_bytes(&stage.layout, stage.level) + finishing_bytes(&stage.layout, stage.level);
         let threads =
             options.threads as u64 * (core + maker.apron_bytes() as u64 + compressor_bytes(core, options.codec));
         let codec = BrickCodec::new(options.codec, voxel_type, options.edge);
         let chunks =
             |stage: &Stage| Chunks::new(Path::new(""), stage.layout.clone(), codec, IoMode::Mmap).cache_bytes();
         Self {
-            fixed: threads + most(&chunks) + most(&in_layer) * encoded + PROGRAM_BYTES,
+            fixed: threads + most(&chunks) + most(&in_layer) * encoded + most(&shard_bytes) + PROGRAM_BYTES,
             shell: maker.shell_bytes() as u64 + SHELL_ENTRY_BYTES,
             least_shells: most(&least_shells),
             most_shells: plan.volumes() * most(&|stage: &Stage| stage.grid().bricks.volume()),
@@ -392,14 +405,22 @@ fn fixed_bytes(plan: &PackPlan, voxel_type: VoxelType, options: &PackOptions) ->
     let compressor = compressor_bytes(codec.core_bytes() as u64, options.codec);
     let in_flight = (bricks_ahead(options.threads) + threads + 2) * codec.encoded_cap();
     let side_data = plan.stages.iter().map(|stage| waiting_bytes(stage, voxel_type.bytes() as u64)).sum::<u64>();
-    let open_shards = |stage: &Stage| {
-        let grid = stage.layout.shard_grid(stage.level);
-        grid.x as u64 * grid.y as u64 * stage.layout.shard_bricks(stage.level).volume()
-    };
-    let indexes = plan.stages.iter().map(open_shards).sum::<u64>() * OPEN_BYTES_PER_BRICK as u64;
+    let open = |stage: &Stage| open_shards(stage).saturating_mul(open_bytes(&stage.layout, stage.level));
+    let finishing = plan.stages.iter().map(|stage| finishing_bytes(&stage.layout, stage.level)).max();
+    let indexes = plan.stages.iter().map(open).fold(finishing.unwrap_or(0), u64::saturating_add);
     let channels =
         plan.layout.channels as u64 * ChannelTotals::bytes(voxel_type) + ChannelTotals::adding_bytes(voxel_type);
-    threads * (buffers + compressor) + in_flight + side_data + indexes + channels
+    (threads * (buffers + compressor) + in_flight + side_data + channels).saturating_add(indexes)
+}
+
+/// How many shards of a stage are open at a time: those of one layer, or where they hold several time steps, all that hold
+/// the step at hand.
+fn open_shards(stage: &Stage) -> u64 {
+    let grid = stage.layout.shard_grid(stage.level);
+    match stage.layout.shard_times {
+        1 => grid.x as u64 * grid.y as u64,
+        _ => grid.volume() * stage.layout.channels as u64,
+    }
 }
 
 /// What threads hold of a source while they read it.

@@ -1,16 +1,21 @@
 //! Writes a stage's bricks, in their order, to their shards' files: appended under a temporary name as they come, finished
 //! with an index, synced and renamed by a thread of its own, then noted in the journal.
 //!
-//! A shard that spans several layers of bricks stays open as a place in memory (its index so far), not as a file: one
-//! file a stage is open at a time.
+//! A shard that spans several layers of bricks, or several time steps, stays open as a place in memory (its index so far), not
+//! as a file: one file a stage is open at a time.
+//!
+//! In shards of several time steps, bricks of the same content are stored once, and their entries in the index have one range. Hashes
+//! find them; whether the bytes are the same is read back from the file.
 
 use crate::layout::{Layout, ShardId};
 use crate::pack::disk::{Disk, DiskError, temporary};
 use crate::pack::journal::Journal;
-use crate::shard::{BrickRange, Fingerprint, encode_index};
-use brickyard_volume::BrickId;
+use crate::shard::{BrickRange, Fingerprint, encode_index, index_bytes};
+use brickyard_volume::{BrickId, Level};
 use std::collections::HashMap;
 use std::fs::File;
+use std::io;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 /// A shard whose bricks have all been appended, before [`settle`] makes it durable.
@@ -21,8 +26,35 @@ pub(crate) struct Finished {
     done_before: bool,
 }
 
-/// Bytes kept in memory per brick of a shard that is being written.
-pub(crate) const OPEN_BYTES_PER_BRICK: usize = size_of::<Option<BrickRange>>();
+/// What is to be stored of a brick.
+#[derive(Clone, Copy)]
+pub(crate) struct Encoded<'a> {
+    pub(crate) bytes: &'a [u8],
+    /// The hash of what the bytes decode to.
+    pub(crate) hash: u128,
+}
+
+/// Bytes that a shard of a level takes in memory while it is written.
+pub(crate) fn open_bytes(layout: &Layout, level: Level) -> u64 {
+    let slots = layout.shard_slots(level) as u64;
+    let known = if layout.shard_times > 1 { table_bytes(slots) } else { 0 };
+    slots * size_of::<Option<BrickRange>>() as u64 + known
+}
+
+/// Bytes that a shard of a level takes besides, once, while it is finished: its index.
+pub(crate) fn finishing_bytes(layout: &Layout, level: Level) -> u64 {
+    index_bytes(layout.shard_slots(level)) as u64
+}
+
+/// The most bytes of a table of [`Known`] that was made for so many bricks: powers of two of places, of which an eighth at
+/// least stays free, with a byte for each.
+fn table_bytes(bricks: u64) -> u64 {
+    let places = (bricks * 8 / 7 + 1).next_power_of_two().max(16);
+    places * (size_of::<(u64, u32)>() as u64 + 1) + 64
+}
+
+/// By half of the hash of its content, the entry of the first brick that was appended with it.
+type Known = HashMap<u64, u32>;
 
 struct OpenShard {
     ranges: Vec<Option<BrickRange>>,
@@ -30,6 +62,28 @@ struct OpenShard {
     /// Bricks inside the grid that are still to come.
     missing: usize,
     done_before: Option<Fingerprint>,
+    /// In a shard of one time step `None`: each brick has bytes of its own.
+    known: Option<Known>,
+}
+
+impl OpenShard {
+    fn new(layout: &Layout, id: ShardId, done_before: Option<Fingerprint>) -> Self {
+        let slots = layout.shard_slots(id.level);
+        let stored = if done_before.is_some() { 0 } else { slots };
+        Self {
+            ranges: vec![None; stored],
+            length: 0,
+            missing: (0..slots).filter(|&slot| layout.brick_at(id, slot).is_some()).count(),
+            done_before,
+            known: (layout.shard_times > 1).then(|| Known::with_capacity(stored)),
+        }
+    }
+
+    /// Where bytes of this length stand that were made from a brick of the same hash, if there was one.
+    fn candidate(&self, encoded: Encoded) -> Option<BrickRange> {
+        let slot = *self.known.as_ref()?.get(&(encoded.hash as u64))?;
+        self.ranges[slot as usize].filter(|range| range.length == encoded.bytes.len() as u64)
+    }
 }
 
 pub(crate) struct ShardWriter<'a> {
@@ -49,39 +103,55 @@ impl<'a> ShardWriter<'a> {
     }
 
     /// Adds the next brick: its encoded bytes, or `None` if it is all fill or its shard is `done_before`. Returns the
-    /// shard if this was its last brick; `None` if not.
+    /// shard if this was its last brick; `None` if not. After an error the shard is lost.
     pub(crate) fn add(
         &mut self,
         id: BrickId,
-        encoded: Option<&[u8]>,
+        encoded: Option<Encoded>,
         done_before: impl FnOnce(ShardId) -> Option<Fingerprint>,
     ) -> Result<Option<Finished>, DiskError> {
         let (shard_id, slot) = self.layout.shard_of(id);
-        let layout = self.layout;
-        let shard = self.open.entry(shard_id).or_insert_with(|| {
-            let slots = layout.shard_bricks(shard_id.level).volume() as usize;
-            OpenShard {
-                ranges: vec![None; slots],
-                length: 0,
-                missing: (0..slots).filter(|&slot| layout.brick_at(shard_id, slot).is_some()).count(),
-                done_before: done_before(shard_id),
-            }
-        });
+        let open = self.open.remove(&shard_id);
+        let mut shard = open.unwrap_or_else(|| OpenShard::new(self.layout, shard_id, done_before(shard_id)));
         shard.missing -= 1;
-        let is_last = shard.missing == 0;
         if let Some(encoded) = encoded.filter(|_| shard.done_before.is_none()) {
-            shard.ranges[slot] = Some(BrickRange { offset: shard.length, length: encoded.len() as u64 });
-            let is_first = shard.length == 0;
-            shard.length += encoded.len() as u64;
-            self.append(shard_id, is_first, encoded)?;
+            let range = match self.find(shard_id, &shard, encoded)? {
+                Some(range) => range,
+                None => self.put(shard_id, &mut shard, slot, encoded)?,
+            };
+            shard.ranges[slot] = Some(range);
         }
-        if !is_last {
-            return Ok(None);
+        if shard.missing == 0 {
+            return self.finish(shard_id, shard).map(Some);
         }
-        match self.open.remove(&shard_id) {
-            Some(shard) => self.finish(shard_id, shard).map(Some),
-            None => Ok(None),
+        self.open.insert(shard_id, shard);
+        Ok(None)
+    }
+
+    /// Where a brick's bytes stand in its shard already; `None` if they do not.
+    fn find(&mut self, id: ShardId, shard: &OpenShard, encoded: Encoded) -> Result<Option<BrickRange>, DiskError> {
+        let Some(range) = shard.candidate(encoded) else { return Ok(None) };
+        let (path, file) = self.file(id, false)?;
+        let is_same = holds(file, range.offset, encoded.bytes);
+        let is_same = is_same.map_err(|error| DiskError { path: path.clone(), error })?;
+        Ok(is_same.then_some(range))
+    }
+
+    /// Appends the bytes of the brick of entry `slot`. Returns where they stand.
+    fn put(
+        &mut self,
+        id: ShardId,
+        shard: &mut OpenShard,
+        slot: usize,
+        encoded: Encoded,
+    ) -> Result<BrickRange, DiskError> {
+        let range = BrickRange { offset: shard.length, length: encoded.bytes.len() as u64 };
+        self.append(id, shard.length == 0, encoded.bytes)?;
+        shard.length += range.length;
+        if let Some(known) = &mut shard.known {
+            known.entry(encoded.hash as u64).or_insert(slot as u32);
         }
+        Ok(range)
     }
 
     fn finish(&mut self, id: ShardId, shard: OpenShard) -> Result<Finished, DiskError> {
@@ -99,24 +169,48 @@ impl<'a> ShardWriter<'a> {
     }
 
     fn append(&mut self, id: ShardId, is_first: bool, bytes: &[u8]) -> Result<(), DiskError> {
-        if self.file.as_ref().is_none_or(|(open, ..)| *open != id) {
-            let path = temporary(&self.layout.shard_path(self.store, id));
-            let file = if is_first {
-                // Only the first shard of a row finds its directory missing.
-                let parent = path.parent().filter(|parent| !parent.exists());
-                parent.map_or(Ok(()), |parent| self.disk.create_dir_all(parent))?;
-                self.disk.create(&path)?
-            } else {
-                self.disk.reopen(&path)?
-            };
-            self.file = Some((id, path, file));
-        }
-        if let Some((_, path, file)) = &mut self.file {
-            self.disk.append(path, file, bytes)?;
-        }
+        let disk = self.disk;
+        let (path, file) = self.file(id, is_first)?;
+        disk.append(path, file, bytes)?;
         self.written_bytes += bytes.len() as u64;
         Ok(())
     }
+
+    /// A shard's file under its temporary name, opened if it is not the one that is open; made anew if `is_first`.
+    fn file(&mut self, id: ShardId, is_first: bool) -> Result<(&PathBuf, &mut File), DiskError> {
+        let is_open = self.file.as_ref().is_some_and(|(open, ..)| *open == id);
+        let (_, path, file) = match self.file.take() {
+            Some(open) if is_open => self.file.insert(open),
+            _ => {
+                let path = temporary(&self.layout.shard_path(self.store, id));
+                let file = if is_first { self.create(&path)? } else { self.disk.reopen(&path)? };
+                self.file.insert((id, path, file))
+            }
+        };
+        Ok((path, file))
+    }
+
+    fn create(&self, path: &Path) -> Result<File, DiskError> {
+        // Only the first shard of a row finds its directory missing.
+        let parent = path.parent().filter(|parent| !parent.exists());
+        parent.map_or(Ok(()), |parent| self.disk.create_dir_all(parent))?;
+        self.disk.create(path)
+    }
+}
+
+/// Whether these bytes stand in a file at an offset.
+fn holds(file: &File, offset: u64, bytes: &[u8]) -> io::Result<bool> {
+    let mut buffer = [0; 16 << 10];
+    let mut at = offset;
+    for piece in bytes.chunks(buffer.len()) {
+        let found = &mut buffer[..piece.len()];
+        file.read_exact_at(found, at)?;
+        if found != piece {
+            return Ok(false);
+        }
+        at += piece.len() as u64;
+    }
+    Ok(true)
 }
 
 /// Makes a finished shard durable: syncs it, renames it, and notes it in the journal. Returns false if an earlier run
@@ -140,4 +234,20 @@ pub(crate) fn settle(
     }
     journal.add(disk, &layout.shard_path(Path::new(""), shard.id), shard.fingerprint)?;
     Ok(true)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_are_no_larger_than_is_said() {
+        for bricks in (0..5000).chain([7 << 13, (7 << 13) + 1, 1 << 20]) {
+            let table = Known::with_capacity(bricks as usize);
+            // Of the places an eighth stays free, of few of them one.
+            let places = (table.capacity() as u64 * 8 / 7).next_power_of_two();
+            let bytes = places * (size_of::<(u64, u32)>() as u64 + 1);
+            assert!(bytes <= table_bytes(bricks) && table_bytes(bricks) <= 40 * bricks + 400, "{bricks}: {bytes}");
+        }
+    }
 }

@@ -224,7 +224,7 @@ impl ShardPages {
         }
         let grid = paging.page_grid();
         for (y, x) in (0..grid.y).flat_map(|y| (0..grid.x).map(move |x| (y, x))) {
-            let page = PageId { time: id.time, channel: id.channel, level: id.level, z: id.z / depth, y, x };
+            let page = PageId { time: id.group, channel: id.channel, level: id.level, z: id.z / depth, y, x };
             let mut fingerprints = vec![Fingerprint::default(); paging.page_cells()];
             let cells = paging.cells([x, y, page.z]);
             for shard in crate::store::bricks_of(cells, 1) {

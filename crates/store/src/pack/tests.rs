@@ -4,6 +4,7 @@ mod cancel;
 mod limits;
 mod output;
 mod panics;
+mod shard_times;
 
 use super::disk::Disk;
 use super::*;
@@ -705,6 +706,7 @@ fn bad_options_are_refused() {
         PackOptions { edge: 4, ..good.clone() },
         PackOptions { shard_edge: 40, ..good.clone() },
         PackOptions { shard_edge: 0, ..good.clone() },
+        PackOptions { shard_times: 0, ..good.clone() },
         PackOptions { threads: 0, ..good.clone() },
         PackOptions { aprons: 3, ..good.clone() },
     ] {
@@ -716,30 +718,33 @@ fn bad_options_are_refused() {
 /// that was finished is written again.
 #[test]
 fn resuming_after_a_failure_at_any_write_gives_the_uninterrupted_store() {
-    // Of level 0, and two of each pyramid; the same of aprons.
-    const SHARDS: u64 = 2 * (4 + 2 * 2);
     let source = Array::new([40, 20, 36], |p| value(p) as u16 + 1);
     let fresh = PackOptions { downsample: mean_and_max(), aprons: 1, ..options(VoxelType::U16) };
+    // Of level 0, and two of each pyramid; the same of aprons.
+    check_resuming(&source, &fresh, 2 * (4 + 2 * 2));
+}
+
+fn check_resuming<T: Voxel>(source: &Array<T>, fresh: &PackOptions, shards: u64) {
     let resume = PackOptions { exists: Exists::Resume, ..fresh.clone() };
-    let expected = packed(&source, &fresh);
+    let expected = packed(source, fresh);
     let dir = tempfile::tempdir().unwrap();
     let (mut n, mut resumed_most) = (0, 0);
     loop {
         let store = dir.path().join(format!("{n}.zarr"));
         let disk = Disk { fuse: Some(AtomicI64::new(n)), ..Disk::default() };
-        match pack_on(&disk, &source, &store, &fresh, &()) {
+        match pack_on(&disk, source, &store, fresh, &()) {
             Ok(_) => break,
             Err(PackError::Incomplete { done, total, needed_bytes, .. }) => {
-                assert!(done <= total && total == SHARDS && needed_bytes > 0);
+                assert!(done <= total && total == shards && needed_bytes > 0);
             }
             Err(error) => panic!("change {n}: {error}"),
         }
         assert!(!store.join("zarr.json").exists() || store.join(JOURNAL_NAME).exists() || files(&store) == expected);
         if store.join(JOURNAL_NAME).exists() {
-            let refused = pack(&source, &store, &fresh, &()).unwrap_err();
+            let refused = pack(source, &store, fresh, &()).unwrap_err();
             assert!(matches!(refused, PackError::Exists { unfinished: true, .. }), "{refused}");
         }
-        let report = pack(&source, &store, &resume, &()).unwrap();
+        let report = pack(source, &store, &resume, &()).unwrap();
         resumed_most = resumed_most.max(report.shards_resumed);
         assert_same(&expected, &files(&store), &format!("change {n}"));
         std::fs::remove_dir_all(&store).unwrap();
@@ -747,7 +752,7 @@ fn resuming_after_a_failure_at_any_write_gives_the_uninterrupted_store() {
         n += 1 + n / 8;
     }
     // Every shard's file takes at least a create, an append, a sync, a rename and a journal line.
-    assert!(n > 5 * SHARDS as i64 && resumed_most == SHARDS, "{n} changes, {resumed_most} shards");
+    assert!(n > 5 * shards as i64 && resumed_most == shards, "{n} changes, {resumed_most} shards");
 }
 
 #[test]

@@ -184,7 +184,7 @@ mod tests {
     #[test]
     fn every_edit_of_what_was_written_is_found() {
         let time = TimeAxis::of_stamps(vec![0.25, 2.0, 2.5], Some("second".into())).unwrap();
-        let series = TestStore { times: 3, time: Some(time), ..TestStore::default() };
+        let series = TestStore { times: 3, time: Some(time), shard_times: 2, ..TestStore::default() };
         for (extent, spec) in
             [([8, 8, 8], TestStore::default()), ([20, 20, 20], TestStore::default()), ([20, 8, 8], series)]
         {

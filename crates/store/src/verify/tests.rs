@@ -46,11 +46,11 @@ fn problems(path: &Path) -> Vec<String> {
 
 #[test]
 fn sound_stores_have_no_problem() {
-    for (voxel_type, times, channels) in
-        [(VoxelType::U8, 1, 1), (VoxelType::I16, 2, 3), (VoxelType::U32, 1, 2), (VoxelType::F32, 3, 1)]
+    for (voxel_type, times, channels, shard_times) in
+        [(VoxelType::U8, 1, 1, 1), (VoxelType::I16, 2, 3, 1), (VoxelType::U32, 3, 2, 2), (VoxelType::F32, 3, 1, 3)]
     {
         let codec = Codec::default_for(voxel_type);
-        let spec = TestStore { voxel_type, codec, times, channels, ..TestStore::default() };
+        let spec = TestStore { voxel_type, codec, times, channels, shard_times, ..TestStore::default() };
         let dir = tempfile::tempdir().unwrap();
         spec.write(dir.path(), bumps);
         assert_eq!(problems(dir.path()), [""; 0], "{voxel_type}");

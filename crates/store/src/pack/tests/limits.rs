@@ -24,12 +24,12 @@ fn reductions() -> impl Strategy<Value = Reductions> {
 fn pack_options() -> impl Strategy<Value = PackOptions> {
     let edge = prop::sample::select(vec![8u32, 8, 16, 16, 32, 4, 12, 0, 512]);
     let shards = prop::sample::select(vec![1u32, 2, 3, 7, 64, 1024, 2048, 0]);
-    let rest = (codec(), reductions(), any::<bool>(), 0u32..4);
+    let rest = (codec(), reductions(), any::<bool>(), 0u32..4, 0u32..4);
     (edge, shards, prop::bool::weighted(0.1), rest).prop_map(
-        |(edge, shards, is_off, (codec, downsample, is_labels, aprons))| {
+        |(edge, shards, is_off, (codec, downsample, is_labels, aprons, shard_times))| {
             let kind = if is_labels { Kind::Labels } else { Kind::Image };
             let shard_edge = edge * shards + is_off as u32;
-            PackOptions { edge, shard_edge, codec, downsample, kind, aprons, ..options(VoxelType::U8) }
+            PackOptions { edge, shard_edge, shard_times, codec, downsample, kind, aprons, ..options(VoxelType::U8) }
         },
     )
 }
@@ -102,6 +102,7 @@ fn check_opens<T: Voxel>(info: &SourceInfo, options: &PackOptions, seed: u32) {
             (info.extent, info.times, info.channels)
         );
         let found = store.info();
+        assert_eq!(found.shard_times, options.shard_times.min(info.times));
         assert_eq!((found.kind, found.aprons, found.orientation), (options.kind, options.aprons, info.orientation));
         let is_integer = |_: &f64| !T::TYPE.is_float();
         assert_eq!(found.nodata.map(|nodata| nodata as f64), info.nodata.filter(is_integer));
