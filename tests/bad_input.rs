@@ -547,6 +547,22 @@ fn requests_that_a_store_cannot_meet() {
             ("render good.zarr -o o.png --orbit 0", USAGE, &["--orbit 0"]),
             ("render good.zarr -o o.png --orbit 4000000000", USAGE, &["--orbit 4000000000", "1000000"]),
             ("render good.zarr -o o.png --orbit 2 --path p.json", USAGE, &["--orbit", "--path"]),
+            ("render good.zarr -o o.png --frames 5", USAGE, &["--frames", "--path"]),
+            ("render good.zarr -o o.png --rate 5", USAGE, &["--rate", "--output"]),
+            ("render good.zarr", USAGE, &["--output"]),
+            ("render good.zarr -o o.png --movie o.gif", USAGE, &["--movie", "--output"]),
+            ("render good.zarr --movie o.webm --time all", USAGE, &["o.webm", ".gif, .y4m or .mp4"]),
+            ("render good.zarr --movie o --time all", USAGE, &["o: expected", ".gif, .y4m or .mp4"]),
+            ("render good.zarr --movie no/such/o.gif --time all", 1, &["no/such/o.gif", "No such file"]),
+            ("render good.zarr --movie no/such/o.mp4 --time all", 1, &["no/such/o.mp4", "No such file"]),
+            ("render good.zarr --movie good.zarr --time all", USAGE, &["good.zarr", "is a folder"]),
+            ("render good.zarr --movie o.gif", USAGE, &["o.gif", "one picture", "--time all"]),
+            ("render good.zarr --movie o.gif --time 1:2", USAGE, &["o.gif", "one picture", "--time all"]),
+            ("render good.zarr --movie o.gif --time 0:3", USAGE, &["--time 0:3", "2 time steps"]),
+            ("render good.zarr --movie o.gif --time all --rate 0", USAGE, &["--rate", "'0'", "0.01 to 1000"]),
+            ("render good.zarr --movie o.gif --time all --rate fast", USAGE, &["--rate", "'fast'", "29.97"]),
+            ("render good.zarr --movie o.gif --time all --rate 60", USAGE, &["o.gif", "at most 50", "60", ".y4m"]),
+            ("render good.zarr --movie o.gif --time all --stats o.gif", USAGE, &["o.gif", "hold the statistics"]),
             ("render good.zarr -o o.png --max-wait 0", USAGE, &["positive"]),
             ("render good.zarr -o no/such/o.png", 1, &["no/such/o.png"]),
             ("render good.zarr -o o.png --frobnicate", USAGE, &["--frobnicate"]),
@@ -568,6 +584,10 @@ fn bad_scenes_and_transfer_functions() {
     let region = |shape: &str, value: &str| {
         let look = r#""gradient": [0, 5], "color": [1, 0, 0], "opacity": 0.5"#;
         format!(r#""regions": [{{"shape": "{shape}", "value": {value}, {look}}}]"#)
+    };
+    let camera = |up: &str, time: &str| {
+        let projection = r#""projection": {"perspective": {"fov_y_deg": 30}}"#;
+        format!(r#"{{"eye": [0, -90, 0], "target": [0, 0, 0], "up": [{up}], {projection}{time}}}"#)
     };
     for (name, text) in [
         ("text.json", "not JSON".to_string()),
@@ -606,6 +626,18 @@ fn bad_scenes_and_transfer_functions() {
         ("by-gradient.json", by_gradient(&region("rectangle", "[1, 2]"))),
         ("cameras.json", r#"[{"eye": [0, 0, 0]}]"#.to_string()),
         ("none.json", "[]".to_string()),
+        ("late.json", format!("[{}, {}]", camera("0, 0, 1", ""), camera("0, 0, 1", r#", "time": 2"#))),
+        ("timed.json", format!("[{}, {}]", camera("0, 0, 1", ""), camera("0, 0, 1", r#", "time": 1"#))),
+        ("half.json", format!("[{}]", camera("0, 0, 1", r#", "time": 0.5"#))),
+        ("up.json", format!("[{}, {}]", camera("0, 0, 1", ""), camera("0, 9, 0", ""))),
+        (
+            "flat.path.json",
+            format!(
+                "[{}, {}]",
+                camera("0, 0, 1", ""),
+                camera("0, 0, 1", "").replace("perspective", "orthographic").replace("fov_y_deg", "height")
+            ),
+        ),
     ] {
         sandbox.write(name, text);
     }
@@ -687,6 +719,12 @@ fn bad_scenes_and_transfer_functions() {
             (&render("--path cameras.json"), BAD_INPUT, &["cameras.json", "target"]),
             (&render("--path none.json"), BAD_INPUT, &["none.json", "empty"]),
             (&render("--path missing.json"), BAD_INPUT, &["missing.json", "No such file"]),
+            (&render("--path late.json"), USAGE, &["late.json: camera 1 has time 2", "2 time steps"]),
+            (&render("--path half.json"), BAD_INPUT, &["half.json", "0.5", "u32"]),
+            (&render("--path timed.json --time all"), USAGE, &["--time all", "timed.json", "camera 1 has time 1"]),
+            (&render("--path up.json"), USAGE, &["up.json: camera 1 cannot be used", "up vector"]),
+            (&render("--path flat.path.json --frames 9"), USAGE, &["camera 0 does not lead", "orthographic"]),
+            (&render("--path timed.json --frames 0"), USAGE, &["--frames 0", "1000000"]),
         ],
     );
 }

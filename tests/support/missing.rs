@@ -1,7 +1,7 @@
 //! Tests for which something is missing on this machine: they are left out, and say so; or they fail, where it is required.
 
 /// What tests may need: its name in `BRICKYARD_REQUIRE`, and how to get it.
-const CURES: [(&str, &str); 5] = [
+const CURES: [(&str, &str); 6] = [
     ("gpu", "a graphics adapter: run `tools/setup`, which installs a software one (mesa-vulkan-drivers, libvulkan1)"),
     ("python", "the independent readers: run `tools/setup python`, or set BRICKYARD_PYTHON to a Python that has them"),
     (
@@ -9,11 +9,12 @@ const CURES: [(&str, &str); 5] = [
         "a display that nobody sees: run `tools/setup display`, which installs Xvfb, xdotool and what windows load",
     ),
     ("mount", "a file system of its own: run as root, or where user namespaces may mount"),
+    ("ffmpeg", "the program ffmpeg in PATH, with libx264"),
     ("permissions", "a user without rights: as root, setpriv (of util-linux); else any"),
 ];
 
-/// Says on standard error that a test, or a part of it, is left out for want of `name`: `gpu`, `python`, `display`, `mount` or
-/// `permissions`.
+/// Says on standard error that a test, or a part of it, is left out for want of `name`: `gpu`, `python`, `display`, `mount`,
+/// `ffmpeg` or `permissions`.
 ///
 /// # Panics
 /// If the name is not one of those, or the environment variable `BRICKYARD_REQUIRE` (names between commas) has it.

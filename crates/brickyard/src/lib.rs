@@ -60,6 +60,7 @@
 //! | `dicom`, `tiff` | reading such files, to pack them |
 //! | `mesh` | reading STL, PLY, OBJ and glTF files |
 //! | `lettering` | letters on pictures that say which side of a patient is where |
+//! | `movie` | movies: GIF, YUV4MPEG2, and MP4 by ffmpeg |
 //! | `reference` | the oracle, which draws whole levels in 64-bit floats |
 //! | `survey` | comparing ways to sample, with plots |
 //!
@@ -90,6 +91,8 @@ mod gpu_backend;
 #[cfg(feature = "lettering")]
 pub mod lettering;
 pub mod memory;
+#[cfg(feature = "movie")]
+pub mod movie_file;
 pub mod offline;
 pub mod openable;
 pub mod opening;

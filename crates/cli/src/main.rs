@@ -5,7 +5,9 @@ mod advice;
 mod append;
 mod bench;
 mod bench_play;
+mod camera_path;
 mod channel_args;
+mod destination;
 mod doctor;
 mod export;
 mod failure;
@@ -71,7 +73,7 @@ enum Command {
     /// Open a window on a store
     #[cfg(feature = "viewer")]
     View(Box<view::ViewArguments>),
-    /// Render a store to PNG
+    /// Render a store to PNG, or to a movie
     Render(Box<render_args::RenderArguments>),
     /// Make a synthetic volume, as .raw or straight into a store (.zarr)
     Synth(synth::SynthArguments),

@@ -1,6 +1,7 @@
-//! `brickyard render`: settled pictures of stores, as PNG, under fixed budgets.
+//! `brickyard render`: settled pictures of stores, as PNG or a movie, under fixed budgets.
 
 use super::advice::advised;
+use super::destination::Destination;
 use super::failure::Failure;
 use super::output::{note_window, report};
 use super::render_args::RenderArguments;
@@ -13,7 +14,6 @@ use brickyard::lettering::letter_sides;
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
 use brickyard::pager::ExactError;
-use brickyard::picture_file::write_shown;
 use brickyard::render::GpuError;
 use brickyard::session::{ResolvedScene, Session, SessionOptions, VolumeSource, resolve};
 use brickyard::stats::{Percentiles, RenderStats, ms};
@@ -39,10 +39,10 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let shown = scene.layers.iter().enumerate().filter(|(_, layer)| layer.visible);
     let windows: BTreeSet<_> = shown.map(|(i, layer)| (scene.store(i), layer.channel)).collect();
     windows.into_iter().for_each(|(store, channel)| note_window(stores.get(store), channel));
-    let steps = arguments.scene.steps(&scene, &volumes)?;
-    let views = Views::new(&arguments, scene, steps)?;
+    let views = Views::new(&arguments, scene, &volumes)?;
+    let destination = Destination::new(&arguments, views.count())?;
     let mut pictures =
-        Pictures { arguments: &arguments, stores, volumes, views, started, stats: RenderStats::default() };
+        Pictures { arguments: &arguments, stores, volumes, views, destination, started, stats: RenderStats::default() };
     match arguments.compositor() {
         None if arguments.exact => {
             return Err(Failure::usage("the reference compositor leaves nothing out: leave --exact out"));
@@ -51,7 +51,9 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
         None => pictures.reference()?,
         Some(compositor) => pictures.stream(compositor)?,
     }
-    arguments.write_stats(&pictures.stats)
+    let Pictures { destination, stats, .. } = pictures;
+    destination.finish()?;
+    arguments.write_stats(&stats)
 }
 
 /// The pictures of one run: their volumes and views, where they go, and how it went.
@@ -60,6 +62,7 @@ struct Pictures<'a> {
     stores: Vec<Arc<Store>>,
     volumes: Vec<VolumeSource>,
     views: Views,
+    destination: Destination,
     started: Instant,
     stats: RenderStats,
 }
@@ -75,7 +78,8 @@ impl Pictures<'_> {
         mut draw: impl FnMut(&Self, &Scene, &mut RenderStats, &mut Vec<f64>) -> Result<(ResolvedScene, Picture), Failure>,
     ) -> Result<(), Failure> {
         let (mut stats, mut frame_ms) = (std::mem::take(&mut self.stats), Vec::new());
-        for (scene, output) in self.views.iter() {
+        for i in 0..self.views.count() {
+            let scene = self.views.scene(i)?;
             let (resolved, mut picture) = draw(self, &scene, &mut stats, &mut frame_ms)?;
             if scene.slice.is_some()
                 && resolved.is_anatomical
@@ -84,7 +88,7 @@ impl Pictures<'_> {
             {
                 letter_sides(&mut picture, &resolved.camera).map_err(Failure::failed)?;
             }
-            write_shown(&output, &picture, &resolved.shown(&scene), &stats).map_err(Failure::failed)?;
+            self.destination.write(i, &picture, &resolved.shown(&scene), &stats)?;
         }
         stats.frame_ms = Percentiles::of(&frame_ms);
         report(&stats);
@@ -107,7 +111,7 @@ impl Pictures<'_> {
     /// A session for the first view, and what draws it said.
     fn session(&mut self, options: SessionOptions) -> Result<Session, Failure> {
         let mut session = Session::new(self.volumes.clone(), options);
-        let first = session.resolve(&self.views.first(), self.arguments.size).map_err(session_failure)?;
+        let first = session.resolve(&self.views.first()?, self.arguments.size).map_err(session_failure)?;
         session.fit(&first).map_err(session_failure)?;
         let stats = &mut self.stats;
         stats.describe(&session);
@@ -121,7 +125,7 @@ impl Pictures<'_> {
 
     /// In passes where one volume is drawn by a GPU, as far as the flags let it; else in tiles.
     fn exact(&mut self, compositor: CompositorChoice) -> Result<(), Failure> {
-        let first = self.views.first();
+        let first = self.views.first()?;
         let options = self.arguments.session_options(compositor);
         let first = self.resolve(&first)?;
         let takes_passes = matches!(compositor, CompositorChoice::Auto | CompositorChoice::Sorted);

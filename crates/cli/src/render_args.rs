@@ -7,6 +7,7 @@ use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
 use super::values;
 use brickyard::backend::CompositorChoice;
+use brickyard::movie_file::PictureRate;
 use brickyard::session::SessionOptions;
 use brickyard::stats::RenderStats;
 use clap::{Args, ValueEnum};
@@ -14,15 +15,22 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// `brickyard render STORE... -o out.png`
+/// `brickyard render STORE... -o out.png`, or `--movie out.mp4`
 #[derive(Args)]
 pub(crate) struct RenderArguments {
     /// The store; or several, up to 32, in one picture, each where its own world is or where --volume N:matrix=... puts it
     #[arg(required = true)]
     pub(super) stores: Vec<PathBuf>,
     /// Output PNG; several pictures are numbered: out_000.png, ...
-    #[arg(short, long, value_name = "out.png")]
-    pub(super) output: PathBuf,
+    #[arg(short, long, value_name = "out.png", required_unless_present = "movie")]
+    pub(super) output: Option<PathBuf>,
+    /// Write the pictures into one movie instead: .gif (256 colours of each picture), .y4m (all pixels, not compressed) or .mp4 (H.264, by
+    /// the program ffmpeg, which must be installed). As in `--movie flow.mp4 --time all --rate 12`
+    #[arg(long, value_name = "out.gif|out.y4m|out.mp4", conflicts_with = "output")]
+    pub(super) movie: Option<PathBuf>,
+    /// Pictures that the movie shows in a second, to a thousandth: as in `--rate 29.97`
+    #[arg(long, value_name = "R", default_value = "24", conflicts_with = "output")]
+    pub(super) rate: PictureRate,
     /// Picture size in pixels
     #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::size_px)]
     pub(super) size: (u32, u32),
@@ -33,9 +41,13 @@ pub(crate) struct RenderArguments {
     /// Turn the camera once around its target in N pictures; where there are more time steps, in as many as those
     #[arg(long, value_name = "N", conflicts_with = "path")]
     pub(super) orbit: Option<u32>,
-    /// Cameras of several pictures (JSON list)
+    /// Cameras of several pictures (JSON list), a picture each. A camera may have a time step, as in `{"eye": ..., "time": 40}`: the cameras between two
+    /// of those show the steps between, rounded down
     #[arg(long, value_name = "path.json")]
     pub(super) path: Option<PathBuf>,
+    /// Make N pictures evenly along the path, the first and the last camera among them, as in `--path path.json --frames 240`
+    #[arg(long, value_name = "N", requires = "path")]
+    pub(super) frames: Option<u32>,
     /// Where to render; auto takes a hardware GPU if there is one, else the CPU
     #[arg(long, value_enum, default_value_t = BackendArgument::Auto)]
     pub(super) backend: BackendArgument,

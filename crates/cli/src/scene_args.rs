@@ -232,6 +232,11 @@ impl SceneArguments {
         }
     }
 
+    /// The time steps that the flags ask for, if they do.
+    pub(crate) fn steps_asked(&self) -> Option<&StepRange> {
+        self.time.as_ref()
+    }
+
     /// The time steps of the pictures: those of the flags, else the scene's own.
     ///
     /// # Errors

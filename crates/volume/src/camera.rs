@@ -2,7 +2,7 @@
 
 use crate::placement::Placement;
 use crate::ray::Ray;
-use glam::DVec3;
+use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// How rays leave the camera.
@@ -83,8 +83,40 @@ impl Camera {
 
     /// This camera turned by `angle_deg` degrees around its target, about the axis of its up vector.
     pub fn orbited(&self, angle_deg: f64) -> Self {
-        let turn = glam::DQuat::from_axis_angle(self.up.normalize_or_zero(), angle_deg.to_radians());
+        let turn = DQuat::from_axis_angle(self.up.normalize_or_zero(), angle_deg.to_radians());
         Self { eye: self.target + turn * (self.eye - self.target), ..*self }
+    }
+
+    /// The camera at a part `t` (0..1) of the way to another one, which turns about its target the shorter way round: what lies between two
+    /// cameras of an orbit is on that orbit. Targets go straight; distances, opening angles and heights change by the same ratio all the way.
+    ///
+    /// # Errors
+    /// If either camera cannot be used, or one is perspective and the other orthographic.
+    pub fn between(&self, other: &Self, t: f64) -> Result<Self, CameraError> {
+        let mix = |from: f64, to: f64| from * (to / from).powf(t);
+        let projection = match (self.projection, other.projection) {
+            (Projection::Perspective { fov_y_deg: from }, Projection::Perspective { fov_y_deg: to }) => {
+                Projection::Perspective { fov_y_deg: mix(from, to) }
+            }
+            (Projection::Orthographic { height: from }, Projection::Orthographic { height: to }) => {
+                Projection::Orthographic { height: mix(from, to) }
+            }
+            _ => {
+                return Err(CameraError::Projection(
+                    "nothing is between a perspective and an orthographic view".into(),
+                ));
+            }
+        };
+        let turn = self.turn()?.slerp(other.turn()?, t);
+        let distance = mix(self.eye.distance(self.target), other.eye.distance(other.target));
+        let target = self.target.lerp(other.target, t);
+        Ok(Self { eye: target + turn * DVec3::Z * distance, target, up: turn * DVec3::Y, projection })
+    }
+
+    /// What turns the axes x, y and z to the picture's right, its up, and the viewer.
+    fn turn(&self) -> Result<DQuat, CameraError> {
+        let ViewRays { right, up, forward, .. } = self.rays(1, 1)?;
+        Ok(DQuat::from_mat3(&DMat3::from_cols(right.normalize(), up.normalize(), -forward)))
     }
 
     /// The rays of a picture of `width` x `height` square pixels.
@@ -346,6 +378,43 @@ mod tests {
             assert!((x - 13.25).abs() < 1e-9 && (y - 40.5).abs() < 1e-9, "{x} {y}");
             assert_eq!(rays.pixel(rays.eye - rays.forward).is_none(), !rays.orthographic);
         }
+    }
+
+    #[test]
+    fn between_two_cameras_of_an_orbit_is_the_orbit() {
+        for projection in [Projection::Perspective { fov_y_deg: 40.0 }, Projection::Orthographic { height: 6.0 }] {
+            let start = Camera { eye: DVec3::new(3.0, 4.0, -10.0), ..camera(projection) };
+            for (from_deg, to_deg) in [(0.0, 120.0), (300.0, 200.0), (-100.0, 70.0)] {
+                let [from, to] = [from_deg, to_deg].map(|angle_deg| start.orbited(angle_deg));
+                for t in [0.0, 0.25, 1.0] {
+                    let expected = start.orbited(from_deg + (to_deg - from_deg) * t).rays(20, 10).unwrap();
+                    let found = from.between(&to, t).unwrap().rays(20, 10).unwrap();
+                    for (found, expected) in [
+                        (found.eye, expected.eye),
+                        (found.forward, expected.forward),
+                        (found.right, expected.right),
+                        (found.up, expected.up),
+                    ] {
+                        assert!(found.distance(expected) < 1e-9, "{from_deg} {to_deg} {t}: {found}, not {expected}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn distances_and_angles_change_by_the_same_ratio() {
+        let from = camera(Projection::Perspective { fov_y_deg: 10.0 });
+        let target = DVec3::new(2.0, 0.0, 0.0);
+        let to = Camera { eye: target + DVec3::new(0.0, 0.0, -40.0), target, ..from };
+        let to = Camera { projection: Projection::Perspective { fov_y_deg: 90.0 }, ..to };
+        let middle = from.between(&to, 0.5).unwrap();
+        assert!(middle.target.distance(DVec3::X) < 1e-12 && (middle.eye.distance(middle.target) - 20.0).abs() < 1e-12);
+        let Projection::Perspective { fov_y_deg } = middle.projection else { panic!("{middle:?}") };
+        assert!((fov_y_deg - 30.0).abs() < 1e-12);
+        let flat = Camera { projection: Projection::Orthographic { height: 2.0 }, ..from };
+        assert!(matches!(from.between(&flat, 0.5), Err(CameraError::Projection(_))));
+        assert!(matches!(from.between(&Camera { up: DVec3::Z, ..to }, 0.5), Err(CameraError::Up(_))));
     }
 
     #[test]

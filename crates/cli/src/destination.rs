@@ -1,0 +1,127 @@
+//! Where the pictures of a `render` go: to a file each, numbered, or all of them into a movie.
+
+use super::failure::Failure;
+use super::output::may_write;
+use super::render_args::RenderArguments;
+use brickyard::movie_file::{MovieError, MovieFile};
+use brickyard::picture_file::write_shown;
+use brickyard::stats::RenderStats;
+use brickyard::volume::{Picture, Scene};
+use std::path::{Path, PathBuf};
+
+/// The files of a run's pictures.
+pub(super) enum Destination {
+    /// PNG files.
+    Pictures { output: PathBuf, count: usize },
+    /// One file of all of them.
+    Movie(Box<MovieFile>),
+}
+
+impl Destination {
+    /// Where `count` pictures go. All files may be written, the statistics' among them; a movie is begun.
+    ///
+    /// # Errors
+    /// Exit code 2 if a file may not be written, or a movie is not what its format holds; 1 if a movie cannot be begun.
+    pub(super) fn new(arguments: &RenderArguments, count: usize) -> Result<Self, Failure> {
+        let may_write_picture = |path: &Path| {
+            may_write(path, arguments.overwrite)?;
+            if arguments.stats.as_deref() == Some(path) {
+                let problem = format!("{}: cannot be a picture and hold the statistics", path.display());
+                return Err(Failure::usage(problem));
+            }
+            Ok(())
+        };
+        if let Some(path) = &arguments.movie {
+            may_write_picture(path)?;
+        }
+        if let Some(output) = &arguments.output {
+            (0..count).try_for_each(|i| may_write_picture(&numbered(output, i, count)))?;
+        }
+        arguments.stats.iter().try_for_each(|path| may_write(path, arguments.overwrite))?;
+        match (&arguments.movie, &arguments.output) {
+            (Some(path), _) => Self::movie(arguments, path, count),
+            (None, Some(output)) => Ok(Self::Pictures { output: output.clone(), count }),
+            (None, None) => Err(Failure::usage("nowhere to write: give -o out.png, or --movie out.mp4")),
+        }
+    }
+
+    fn movie(arguments: &RenderArguments, path: &Path, count: usize) -> Result<Self, Failure> {
+        if count == 1 {
+            return Err(Failure::usage(format!(
+                "--movie {}: a movie of one picture; ask for several by --time all, --orbit 36 or --path path.json, or write a \
+                 picture with -o out.png",
+                path.display()
+            )));
+        }
+        let movie = MovieFile::create(path, arguments.size, arguments.rate).map_err(movie_failure)?;
+        if let Some((width, height)) = movie.padded_px() {
+            eprintln!(
+                "note: {}: its pictures are {width}x{height}, for it takes even sizes: the last column or row is there twice",
+                path.display()
+            );
+        }
+        Ok(Self::Movie(Box::new(movie)))
+    }
+
+    /// Writes picture `i`, which shows this scene.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(super) fn write(
+        &mut self,
+        i: usize,
+        picture: &Picture,
+        shown: &Scene,
+        stats: &RenderStats,
+    ) -> Result<(), Failure> {
+        match self {
+            Self::Pictures { output, count } => {
+                write_shown(&numbered(output, i, *count), picture, shown, stats).map_err(Failure::failed)
+            }
+            Self::Movie(movie) => movie.push(picture).map_err(movie_failure),
+        }
+    }
+
+    /// Ends the movie, which is there from now on.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub(super) fn finish(self) -> Result<(), Failure> {
+        match self {
+            Self::Pictures { .. } => Ok(()),
+            Self::Movie(movie) => movie.finish().map_err(movie_failure),
+        }
+    }
+}
+
+fn movie_failure(error: MovieError) -> Failure {
+    match error {
+        MovieError::Format(_) | MovieError::Unsuited { .. } => Failure::usage(error),
+        MovieError::NoFfmpeg { .. } | MovieError::Ffmpeg { .. } | MovieError::Write { .. } => Failure::failed(error),
+    }
+}
+
+/// With at least three digits, and as many as the last one needs, so that names sort like pictures.
+fn numbered(path: &Path, index: usize, count: usize) -> PathBuf {
+    if count == 1 {
+        return path.to_path_buf();
+    }
+    let digits = (count - 1).to_string().len().max(3);
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let extension = path.extension().unwrap_or("png".as_ref()).to_string_lossy();
+    path.with_file_name(format!("{stem}_{index:0digits$}.{extension}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn several_pictures_are_numbered() {
+        assert_eq!(numbered(Path::new("a/b.png"), 0, 1), Path::new("a/b.png"));
+        assert_eq!(numbered(Path::new("a/b.png"), 7, 20), Path::new("a/b_007.png"));
+        assert_eq!(numbered(Path::new("b"), 1, 2), Path::new("b_001.png"));
+        assert_eq!(numbered(Path::new("b.png"), 7, 1000), Path::new("b_007.png"));
+        assert_eq!(numbered(Path::new("b.png"), 7, 1001), Path::new("b_0007.png"));
+    }
+}
