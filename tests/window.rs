@@ -233,6 +233,22 @@ fn time_steps_are_played_and_the_picture_is_of_the_step_that_is_said() {
     opened.quit();
 }
 
+#[test]
+fn a_store_that_grows_is_followed() {
+    let (Some(display), sandbox) = (Display::start(), Sandbox::in_memory()) else { return };
+    let append = |step: u8| {
+        sandbox.write("step.raw", vec![40 * step + 9; 24 * 20 * 16]);
+        sandbox.run_ok("append s.zarr step.raw --shape 24,20,16 --dtype u8");
+    };
+    (0..2).for_each(append);
+    let path = sandbox.path("s.zarr").display().to_string();
+    let opened = Opened::new(&display, &sandbox, &[&path, "--backend", "cpu", "--fresh"]);
+    opened.until("key bracketright", &|document| document["time"] == 1);
+    (2..4).for_each(append);
+    opened.until("key bracketright", &|document| document["time"] == 3);
+    opened.quit();
+}
+
 /// A drag of the first button from one place to another, as xdotool has it in words.
 fn drag([x, y]: [f64; 2], [right, down]: [f64; 2]) -> String {
     let at = |share: f64| format!("mousemove {:.0} {:.0} sleep 0.2", x + share * right, y + share * down);

@@ -85,6 +85,7 @@ mod embedding;
 pub mod exact;
 mod fit;
 pub mod flight;
+pub mod following;
 pub mod frame_governor;
 #[cfg(feature = "gpu")]
 mod gpu_backend;

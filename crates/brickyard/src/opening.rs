@@ -1,14 +1,15 @@
-//! Opening whatever a user names, for a window that must not wait: a store as it is; a file as a preview within seconds, then as the store that is packed of it
-//! meanwhile. An [`Opening`] is asked once a frame what is new.
+//! Opening whatever a user names, for a window that must not wait: a store as it is, and anew whenever time steps were appended to it; a file as a preview within
+//! seconds, then as the store that is packed of it meanwhile. An [`Opening`] is asked once a frame what is new.
 //!
 //! ```text
-//! store ────────────────────────────────────────────────────► store
+//! store ────────────────────────────────────────────────────► store ──► store with more time steps
 //! files ──► found packed in the cache ──────────────────────► store
 //!       └─► preview (shown) ──► packing, beside what is shown ──► store
 //!                                 └─► stopped: the preview stays
 //! ```
 
 use crate::background::{self, Background, BackgroundError, Meter, PackingError};
+use crate::following::Follower;
 use crate::openable::{self, Openable, OpenableError};
 use crate::preview::{Preview, PreviewError};
 use crate::store_place::{finished, place_in, user_folder};
@@ -90,7 +91,7 @@ impl<E: std::error::Error + Into<Self> + 'static> From<BackgroundError<E>> for O
 pub enum News {
     /// The files are shown like this until their store is packed.
     Preview(VolumeSource),
-    /// The store is open: show it in place of what was shown before.
+    /// The store is open, or has more time steps than before: show it in place of what was shown before.
     Store(VolumeSource),
     /// The opening has stopped. A preview that is shown can stay.
     Stopped(OpeningError),
@@ -103,7 +104,7 @@ pub enum Activity {
     Reading,
     /// It packs the files into a store.
     Packing,
-    /// Nothing: the store is open, or the opening has stopped.
+    /// Nothing: the store is open, and may be followed, or the opening has stopped.
     Nothing,
 }
 
@@ -113,6 +114,8 @@ pub struct Opening {
     name: String,
     work: Work,
     files: Option<Files>,
+    /// What tells whether the open store has grown.
+    follower: Option<Follower>,
 }
 
 enum Work {
@@ -140,21 +143,26 @@ impl Opening {
     pub fn start(path: PathBuf, options: OpeningOptions) -> Self {
         let name = path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
         let work = Background::start(move |meter| found(path, options, meter));
-        Self { name, work: Work::Reading(work), files: None }
+        Self { name, work: Work::Reading(work), files: None, follower: None }
     }
 
     /// What is new, without waiting. Volumes are called as the path is.
     pub fn poll(&mut self) -> Option<News> {
         Some(match self.news()? {
             News::Preview(volume) => News::Preview(volume.named(&self.name)),
-            News::Store(volume) => News::Store(volume.named(&self.name)),
+            News::Store(volume) => {
+                if self.follower.is_none() {
+                    self.follow(&volume);
+                }
+                News::Store(volume.named(&self.name))
+            }
             News::Stopped(error) => News::Stopped(error),
         })
     }
 
     fn news(&mut self) -> Option<News> {
         match &mut self.work {
-            Work::Nothing => None,
+            Work::Nothing => self.follower.as_ref()?.poll().map(News::Store),
             Work::Reading(reading) => {
                 let found = reading.poll()?;
                 self.work = Work::Nothing;
@@ -176,6 +184,19 @@ impl Opening {
                 })
             }
         }
+    }
+
+    fn follow(&mut self, volume: &VolumeSource) {
+        let Some(store) = volume.store() else { return };
+        match Follower::start(store) {
+            Ok(follower) => self.follower = follower,
+            Err(error) => tracing::warn!("the store is not followed: {error}"),
+        }
+    }
+
+    /// Whether the open store is one to which time steps can be appended: ask now and then what is new.
+    pub fn is_following(&self) -> bool {
+        self.follower.is_some()
     }
 
     fn begin_packing(&mut self, files: Files) -> News {

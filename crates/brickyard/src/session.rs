@@ -274,6 +274,17 @@ impl Session {
         true
     }
 
+    /// Goes on with volumes in the place of those that there are: later states of them, such as stores with more time steps. What is played goes on. The next step
+    /// fills the slots anew.
+    pub fn set_volumes(&mut self, volumes: Vec<VolumeSource>) {
+        if let Some(fit) = self.take_fit() {
+            fit.into_cores(&mut self.device, false);
+        }
+        self.kept.clear();
+        self.tables = volumes.iter().map(|volume| volume.tables(self.options.live)).collect();
+        self.volumes = volumes;
+    }
+
     /// Makes the tables of a transfer function on other threads, before the function is shown. Other scenes can be
     /// drawn meanwhile; [`Session::is_prepared`] says when the tables are there. A scene with this function that is
     /// resolved sooner makes them itself, and takes as long.

@@ -19,6 +19,7 @@ mod pack_settings;
 mod probe;
 mod progress;
 mod quality;
+mod reaction;
 mod render;
 mod render_args;
 mod sampling_args;

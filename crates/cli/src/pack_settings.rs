@@ -152,7 +152,11 @@ impl PackSettings {
         self.progress
     }
 
-    fn options(&self, voxel_type: VoxelType) -> Result<PackOptions, Failure> {
+    /// The options of a new store of voxels of this type.
+    ///
+    /// # Errors
+    /// Exit code 2 if they contradict each other.
+    pub(crate) fn options(&self, voxel_type: VoxelType) -> Result<PackOptions, Failure> {
         let exists = match (self.resume, self.overwrite) {
             (true, _) => Exists::Resume,
             (_, true) => Exists::Overwrite,

@@ -1,21 +1,27 @@
-//! `brickyard synth`: synthetic volumes, as a raw file or straight into a store.
+//! `brickyard synth`: synthetic volumes, as a raw file or straight into a store; and a simulation that appends its steps to a store while it runs.
 
 use super::failure::Failure;
 use super::output::may_write;
 use super::pack_settings::PackSettings;
 use super::progress::Progress;
-use super::values;
-use brickyard::import::{SynthKind, SynthSource, write_raw};
+use super::reaction::{Reaction, ReactionStep};
+use super::values::human_bytes;
+use super::{store_errors, values};
+use brickyard::import::{Source, SynthKind, SynthSource, write_raw};
+use brickyard::store::{Appender, PackOptions};
 use brickyard::volume::{Extent, VoxelType};
 use clap::Args;
-use std::path::PathBuf;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 /// `brickyard synth KIND --shape X,Y,Z OUT`
 #[derive(Args)]
 pub(crate) struct SynthArguments {
-    /// turbulence, marschner-lobb, spheres, ct, flow, sparse, ramp or constant
+    /// turbulence, marschner-lobb, spheres, ct, flow, sparse, ramp or constant; or reaction, a simulation that appends each of its steps to
+    /// OUT.zarr as soon as it is there
     #[arg(id = "generator", value_name = "KIND")]
-    kind: SynthKind,
+    generator: Generator,
     /// The output: OUT.raw, or OUT.zarr for a store without a raw file in between
     output: PathBuf,
     /// Voxels along each axis
@@ -34,12 +40,36 @@ pub(crate) struct SynthArguments {
     settings: PackSettings,
 }
 
+/// What makes volumes.
+#[derive(Clone, Copy)]
+enum Generator {
+    /// A formula for each voxel.
+    Formula(SynthKind),
+    /// A simulation, whose steps come one after another.
+    Reaction,
+}
+
+impl FromStr for Generator {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        match name {
+            "reaction" => Ok(Self::Reaction),
+            _ => name.parse().map(Self::Formula).map_err(|error| format!("{error}, reaction")),
+        }
+    }
+}
+
 /// Runs `synth`.
 ///
 /// # Errors
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: SynthArguments) -> Result<(), Failure> {
-    let SynthArguments { kind, output, shape, dtype, steps, seed, settings } = arguments;
+    let SynthArguments { generator, output, shape, dtype, steps, seed, settings } = arguments;
+    let kind = match generator {
+        Generator::Formula(kind) => kind,
+        Generator::Reaction => return simulate(&output, (shape, seed), (dtype, steps), &settings),
+    };
     let source = SynthSource::new(kind, shape, dtype, steps, seed).map_err(Failure::usage)?;
     if output.extension().is_some_and(|e| e == "zarr") {
         return settings.pack(&source, &output);
@@ -52,4 +82,58 @@ pub(crate) fn run(arguments: SynthArguments) -> Result<(), Failure> {
     let written = write_raw(&source, &output, settings.overwrite(), &mut |done, total| progress.set(done, total));
     progress.finish();
     written.map_err(Failure::failed)
+}
+
+/// Runs a simulation for some steps, each of which joins a new store as soon as it is there.
+fn simulate(
+    output: &Path,
+    (shape, seed): (Extent, u64),
+    (voxel_type, steps): (VoxelType, u32),
+    settings: &PackSettings,
+) -> Result<(), Failure> {
+    let named = |problem: &str| Failure::usage(format!("{}: {problem}", output.display()));
+    if output.extension().is_none_or(|extension| extension != "zarr") {
+        return Err(named("expected a name ending in .zarr: a simulation appends its steps to a store"));
+    }
+    if output.exists() {
+        return Err(named("exists; a simulation begins a store of its own"));
+    }
+    let options = settings.options(voxel_type)?;
+    if options.shard_times > 1 {
+        return Err(named("--shard-time: steps that are appended have shards of their own"));
+    }
+    let needed_bytes = Reaction::bytes(shape, voxel_type);
+    if needed_bytes > options.memory_bytes {
+        let (needed, given) = (human_bytes(needed_bytes), human_bytes(options.memory_bytes));
+        return Err(named(&format!("--memory {given}: the simulation takes {needed}, besides what packing takes")));
+    }
+    let mut reaction = Reaction::new(shape, seed);
+    let threads = NonZeroUsize::new(options.threads).unwrap_or(NonZeroUsize::MIN);
+    let progress = Progress::new(settings.progress(), "synth");
+    let mut appender = None;
+    for step in 0..steps {
+        let volume = reaction.step(voxel_type).ok_or_else(|| named("a simulation is of type u8, u16 or f32"))?;
+        let bytes = (volume.info().extent.volume() * voxel_type.bytes() as u64).max(1);
+        appender = Some(join(appender, output, &volume, &options)?);
+        progress.set(u64::from(step + 1) * bytes, u64::from(steps) * bytes);
+        if step + 1 < steps {
+            reaction.advance(threads);
+        }
+    }
+    progress.finish();
+    Ok(())
+}
+
+/// Appends a step to the store, or makes the store of the first one.
+fn join(
+    appender: Option<Appender>,
+    output: &Path,
+    step: &ReactionStep,
+    options: &PackOptions,
+) -> Result<Appender, Failure> {
+    let joined = match appender {
+        Some(mut appender) => appender.append(step, None, &()).map(|_| appender),
+        None => Appender::create(output, step, None, options, &()),
+    };
+    joined.map_err(store_errors::append_failure)
 }

@@ -142,6 +142,12 @@ impl Canvas {
         Ok(())
     }
 
+    /// Goes on with later states of the volumes.
+    pub(crate) fn set_volumes(&mut self, volumes: Vec<VolumeSource>) {
+        self.session.set_volumes(volumes);
+        self.shown.iter_mut().for_each(|shown| shown.is_final = false);
+    }
+
     /// Whether the device is lost on which the picture is drawn.
     fn is_lost(&self) -> bool {
         self.gpu.as_ref().is_some_and(|device| device.lost().is_some())

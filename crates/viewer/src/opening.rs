@@ -29,6 +29,8 @@ struct Item {
 pub(crate) struct Changes {
     /// Whether a volume is another one now: a store in place of a preview, or the first that there is to show.
     pub(crate) has_volumes: bool,
+    /// Whether a volume has more time steps now.
+    pub(crate) has_steps: bool,
     /// What the user is to be told.
     pub(crate) messages: Vec<String>,
     /// Why one of them has stopped, with its path; the first if there are several. One of which there is nothing to show is out.
@@ -102,6 +104,11 @@ impl Openings {
         self.items.iter().any(|item| item.opening.activity() != Activity::Nothing)
     }
 
+    /// Whether time steps may be appended to one of them by another program.
+    pub(crate) fn are_followed(&self) -> bool {
+        self.items.iter().any(|item| item.opening.is_following())
+    }
+
     /// Takes note of what is new, without waiting.
     pub(crate) fn poll(&mut self) -> Changes {
         let mut changes = Changes::default();
@@ -109,6 +116,12 @@ impl Openings {
             changes.messages.extend(item.opening.take_warnings());
             match item.opening.poll() {
                 None => {}
+                Some(News::Store(volume))
+                    if item.volume.as_ref().is_some_and(|before| is_same_store(before, &volume)) =>
+                {
+                    item.volume = Some(volume);
+                    changes.has_steps = true;
+                }
                 Some(News::Preview(volume) | News::Store(volume)) => {
                     item.volume = Some(volume);
                     changes.has_volumes = true;
@@ -140,6 +153,11 @@ impl Openings {
             }
         }
     }
+}
+
+/// Whether two volumes are states of one store.
+fn is_same_store(one: &VolumeSource, other: &VolumeSource) -> bool {
+    one.store().zip(other.store()).is_some_and(|(one, other)| one.path() == other.path())
 }
 
 #[cfg(test)]

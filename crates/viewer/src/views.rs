@@ -71,6 +71,12 @@ impl Views {
         Ok(())
     }
 
+    /// Goes on with later states of the volumes, such as stores with more time steps. What is shown stays until something of them is there, and what is played goes on.
+    pub(crate) fn follow_volumes(&mut self, volumes: Vec<VolumeSource>) {
+        self.all_mut().for_each(|canvas| canvas.set_volumes(volumes.clone()));
+        self.volumes = volumes;
+    }
+
     /// The limits of memory of all pictures together, in bytes: of slots, tables and targets, and of decoded bricks, those of previews included.
     pub(crate) fn budgets_bytes(&self, window: &WindowState) -> (u64, u64) {
         window.budgets_mib.map_or((self.options.gpu_memory_bytes, self.options.host_memory_bytes), |budgets| {

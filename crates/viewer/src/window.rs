@@ -49,6 +49,8 @@ const STREAMING_STEP: Duration = Duration::from_millis(8);
 
 /// How often the window looks how far a file is that is read or packed.
 const OPENING_STEP: Duration = Duration::from_millis(100);
+/// How often a resting window looks whether stores have more time steps.
+const FOLLOWING_STEP: Duration = Duration::from_secs(1);
 
 /// How often the window tries again what has failed: a disk may come back.
 const FAILING_STEP: Duration = Duration::from_secs(1);
@@ -625,8 +627,11 @@ impl Window {
             egui.request_repaint_after(STREAMING_STEP);
         } else if self.is_busy() {
             egui.request_repaint_after(OPENING_STEP);
-        } else if let Some(after) = keep_after {
-            egui.request_repaint_after(after);
+        } else {
+            keep_after.into_iter().for_each(|after| egui.request_repaint_after(after));
+            if self.openings.are_followed() {
+                egui.request_repaint_after(FOLLOWING_STEP);
+            }
         }
         let spent = self.views.take_spent();
         self.pacing.note(begun.elapsed(), spent, self.views.main.quality());

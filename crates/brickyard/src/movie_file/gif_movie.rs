@@ -9,8 +9,8 @@ use std::io;
 /// Programs show a picture that should stay for less than 2 hundredths of a second for 10.
 const FASTEST_PER_S: u32 = 50;
 
-/// NeuQuant looks at every so-many-th pixel.
-const SAMPLED: i32 = 5;
+/// NeuQuant learns a picture's colours from at least so many pixels, or from all that there are: more take time and are hardly better.
+const LEARNED_PIXELS: usize = 100_000;
 
 pub(super) struct GifMovie {
     encoder: Encoder<WholeFile>,
@@ -42,7 +42,9 @@ impl GifMovie {
 
     pub(super) fn push(&mut self, picture: &Picture) -> io::Result<()> {
         let (width, height) = (picture.width as u16, picture.height as u16);
-        let mut frame = Frame::from_rgb_speed(width, height, picture.rgb.as_flattened(), SAMPLED);
+        // Every so-many-th pixel, which is 30 at most.
+        let sampled = (picture.rgb.len() / LEARNED_PIXELS).clamp(1, 30) as i32;
+        let mut frame = Frame::from_rgb_speed(width, height, picture.rgb.as_flattened(), sampled);
         let delay_cs = self.rate.begin_cs(self.pictures + 1) - self.rate.begin_cs(self.pictures);
         // At most 10,000: 0.01 pictures a second.
         frame.delay = delay_cs as u16;

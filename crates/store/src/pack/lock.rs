@@ -145,6 +145,13 @@ impl DirLock {
         self.made_dir = true;
     }
 
+    /// Looks for the lock's directory under these names, one of which it may have got.
+    pub(crate) fn moved_to_one_of(&mut self, names: &[&Path]) {
+        if let Some(dir) = names.iter().find(|dir| is_named(&self.file, &dir.join(LOCK_NAME))) {
+            self.moved(dir);
+        }
+    }
+
     /// Tells the lock that its directory is called `dir` now, and is to stay when the lock is dropped.
     pub(crate) fn moved(&mut self, dir: &Path) {
         self.dir = dir.into();

@@ -114,11 +114,12 @@ impl Output {
     pub(crate) fn finish(mut self, disk: &Disk) -> Result<(), PackError> {
         if self.dir != self.store {
             refuse_foreign(&self.store)?;
-            exchange(disk, &self.dir, &self.store)?;
-            disk.meanwhile("the names are exchanged");
+            let exchanged = exchange(disk, &self.dir, &self.store);
             if let Some(mut replaced) = self.replaced.take() {
-                replaced.moved(&self.dir);
+                replaced.moved_to_one_of(&[&self.dir, &aside(&self.store)]);
             }
+            exchanged?;
+            disk.meanwhile("the names are exchanged");
             self.lock.moved(&self.store);
         }
         tidy(disk, &self.store, self.journal.replaces())

@@ -113,6 +113,8 @@ impl Window {
                 self.history.clear();
             }
             self.views.set_volumes(volumes).map_err(|error| error.to_string())?;
+        } else if changes.has_steps {
+            self.views.follow_volumes(self.openings.volumes());
         }
         if let Some((path, error)) = changes.stopped {
             return Err(about(&path.display().to_string(), &error.to_string()));
