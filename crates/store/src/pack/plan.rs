@@ -111,8 +111,9 @@ impl PackPlan {
 
     /// The shards of a level of the time steps that are packed, in their order.
     pub(crate) fn shards<'a>(&self, layout: &'a Layout, level: Level) -> impl Iterator<Item = ShardId> + use<'a> {
-        let of_step = layout.channels as u64 * layout.shard_grid(level).volume();
-        let shards = self.steps.start as u64 * of_step..self.steps.end as u64 * of_step;
+        let of_group = layout.channels as u64 * layout.shard_grid(level).volume();
+        let groups = self.groups();
+        let shards = groups.start as u64 * of_group..groups.end as u64 * of_group;
         shards.map(move |i| layout.shard_at(level, i))
     }
 
@@ -123,7 +124,9 @@ impl PackPlan {
 
     /// Number of shards of cores, over all stages, time steps and channels.
     pub(crate) fn core_shard_count(&self) -> u64 {
-        self.stages.iter().map(|stage| stage.layout.level_shards(stage.level)).sum()
+        let shards = |stage: &Stage| stage.layout.shard_grid(stage.level).volume();
+        let volumes = self.groups().len() as u64 * self.layout.channels as u64;
+        volumes * self.stages.iter().map(shards).sum::<u64>()
     }
 
     /// Number of bricks of all stages, time steps and channels.
@@ -134,6 +137,12 @@ impl PackPlan {
     /// Number of voxels of level 0, over all time steps and channels.
     pub(crate) fn input_voxels(&self) -> u64 {
         self.volumes() * self.stages[0].grid().extent.volume()
+    }
+
+    /// The groups of time steps that are packed. The first step begins one.
+    fn groups(&self) -> Range<u32> {
+        let steps = self.layout.shard_times;
+        self.steps.start / steps..self.steps.end.div_ceil(steps)
     }
 
     fn volumes(&self) -> u64 {
