@@ -40,6 +40,8 @@ impl Display {
     pub fn view(&self, folder: &Path, arguments: &[&str]) -> Command {
         let mut view = command();
         view.arg("view").args(arguments).current_dir(folder).env("DISPLAY", &self.name).env_remove("WAYLAND_DISPLAY");
+        // Where it is set, EGL asks for more, and a server without the extension XFIXES aborts of that.
+        view.env_remove("XDG_RUNTIME_DIR");
         for (name, inner) in [("HOME", ""), ("XDG_STATE_HOME", "state"), ("XDG_CACHE_HOME", "cache")] {
             view.env(name, folder.join(inner));
         }

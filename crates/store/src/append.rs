@@ -5,7 +5,7 @@
 //!
 //! The *commit* of a step is the order in which it becomes part of the store:
 //!
-//! 1. its shards and pages of side data, and the counts of values of all steps ([`Counts`]), are written and synced;
+//! 1. its shards and pages of side data, and the counts of values of all steps (`counts.rs`), are written and synced;
 //! 2. each array's document says that there is a step more, coarse levels first, level 0 last;
 //! 3. the root document counts it, with the times and statistics of all steps.
 //!
