@@ -55,6 +55,62 @@ def transfer(a, mode):
     return tuple([(scale * value, *rest) for value, *rest in points] for points in lists)
 
 
+def look_of(vtk, colors, opacities):
+    """How VTK shows a volume: what is composited, without light."""
+    color, opacity = vtk.vtkColorTransferFunction(), vtk.vtkPiecewiseFunction()
+    for point in colors:
+        color.AddRGBPoint(*point)
+    for point in opacities:
+        opacity.AddPoint(*point)
+    look = vtk.vtkVolumeProperty()
+    look.SetColor(color)
+    look.SetScalarOpacity(opacity)
+    look.SetScalarOpacityUnitDistance(UNIT_DISTANCE)
+    look.SetInterpolationTypeToLinear()
+    return look
+
+
+def mapper_of(vtk, program, n):
+    """VTK's mapper of this name, at a step of one voxel of n and a ray for each pixel."""
+    if program == "VTK GPU":
+        mapper = vtk.vtkOpenGLGPUVolumeRayCastMapper()
+        mapper.SetUseJittering(0)
+    else:
+        mapper = vtk.vtkFixedPointVolumeRayCastMapper()
+        mapper.SetNumberOfThreads(os.cpu_count())
+    mapper.SetAutoAdjustSampleDistances(0)
+    mapper.SetSampleDistance(1 / n)
+    mapper.SetImageSampleDistance(1)
+    return mapper
+
+
+def scene_of(vtk, mapper, look):
+    """A renderer of the volume, and a window that nobody sees."""
+    volume = vtk.vtkVolume()
+    volume.SetMapper(mapper)
+    volume.SetProperty(look)
+    renderer = vtk.vtkRenderer()
+    renderer.SetBackground(0, 0, 0)
+    renderer.AddVolume(volume)
+    window = vtk.vtkRenderWindow()
+    window.SetOffScreenRendering(1)
+    window.SetMultiSamples(0)
+    window.SetSize(PX, PX)
+    window.AddRenderer(renderer)
+    return renderer, window
+
+
+def draw(renderer, window, turn_deg):
+    camera = renderer.GetActiveCamera()
+    camera.SetPosition(*eye(turn_deg))
+    camera.SetFocalPoint(*CENTRE)
+    camera.SetViewUp(*UP)
+    camera.SetViewAngle(FOV)
+    renderer.ResetCameraClippingRange()
+    window.Render()
+    window.WaitForCompletion()
+
+
 def worker(a):
     """VTK, in a process of its own: prints one line of JSON."""
     os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkOSOpenGLRenderWindow"
@@ -72,30 +128,13 @@ def worker(a):
     image.SetSpacing(1 / n, 1 / n, 1 / n)
     image.SetOrigin(0.5 / n, 0.5 / n, 0.5 / n)
     image.GetPointData().SetScalars(numpy_to_vtk(voxels, deep=0))
-    color, opacity = vtk.vtkColorTransferFunction(), vtk.vtkPiecewiseFunction()
-    for point in transfer(a, mode)[0]:
-        color.AddRGBPoint(*point)
-    for point in transfer(a, mode)[1]:
-        opacity.AddPoint(*point)
-    look = vtk.vtkVolumeProperty()
-    look.SetColor(color)
-    look.SetScalarOpacity(opacity)
-    look.SetScalarOpacityUnitDistance(UNIT_DISTANCE)
-    look.SetInterpolationTypeToLinear()
+    look = look_of(vtk, *transfer(a, mode))
     if mode == "isosurface":
         look.ShadeOn()
         look.GetIsoSurfaceValues().SetValue(0, ISOVALUE)
     else:
         look.ShadeOff()
-    if a.worker == "VTK GPU":
-        mapper = vtk.vtkOpenGLGPUVolumeRayCastMapper()
-        mapper.SetUseJittering(0)
-    else:
-        mapper = vtk.vtkFixedPointVolumeRayCastMapper()
-        mapper.SetNumberOfThreads(os.cpu_count())
-    mapper.SetAutoAdjustSampleDistances(0)
-    mapper.SetSampleDistance(1 / n)
-    mapper.SetImageSampleDistance(1)
+    mapper = mapper_of(vtk, a.worker, n)
     mapper.SetInputData(image)
     if mode == "mip":
         mapper.SetBlendModeToMaximumIntensity()
@@ -103,29 +142,8 @@ def worker(a):
         mapper.SetBlendModeToIsoSurface()
     else:
         mapper.SetBlendModeToComposite()
-    volume = vtk.vtkVolume()
-    volume.SetMapper(mapper)
-    volume.SetProperty(look)
-    renderer = vtk.vtkRenderer()
-    renderer.SetBackground(0, 0, 0)
-    renderer.AddVolume(volume)
-    window = vtk.vtkRenderWindow()
-    window.SetOffScreenRendering(1)
-    window.SetMultiSamples(0)
-    window.SetSize(PX, PX)
-    window.AddRenderer(renderer)
-
-    def draw(turn_deg):
-        camera = renderer.GetActiveCamera()
-        camera.SetPosition(*eye(turn_deg))
-        camera.SetFocalPoint(*CENTRE)
-        camera.SetViewUp(*UP)
-        camera.SetViewAngle(FOV)
-        renderer.ResetCameraClippingRange()
-        window.Render()
-        window.WaitForCompletion()
-
-    draw(0)
+    renderer, window = scene_of(vtk, mapper, look)
+    draw(renderer, window, 0)
     first_s = time.perf_counter() - start
     picture = vtk.vtkWindowToImageFilter()
     picture.SetInput(window)
@@ -139,7 +157,7 @@ def worker(a):
     # The frames that brickyard's longer orbit has and the shorter one has not.
     cpu = time.process_time()
     for k in range(a.frames):
-        draw(360 * (k + 0.5) / a.frames)
+        draw(renderer, window, 360 * (k + 0.5) / a.frames)
     cpu = time.process_time() - cpu
     print(json.dumps(dict(cpu_ms=cpu * 1e3 / a.frames, first_s=first_s)), flush=True)
     # VTK's own clean-up can crash without a display.
