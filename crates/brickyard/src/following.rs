@@ -67,7 +67,7 @@ fn look(mut store: Arc<Store>, interval: Duration, grown: &Sender<VolumeSource>,
                 }
             }
             Ok(None) => {}
-            // What is open stays as it is, and what is in the way may pass.
+            // The open store stays as it is; a disk that fails now may be back for the next look.
             Err(error) => {
                 let said = error.to_string();
                 if said != problem {

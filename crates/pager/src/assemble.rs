@@ -60,7 +60,7 @@ impl PaddedReader {
         }
     }
 
-    /// What a padded brick holds, to be compared with those of other time steps; `None` if that is not known.
+    /// Returns the content of a padded brick, by which the brick is found equal to one of another time step; `None` if it is not known.
     pub(crate) fn content(&self, id: BrickId) -> Option<Content> {
         self.cache.content(id)
     }

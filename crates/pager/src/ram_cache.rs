@@ -134,12 +134,12 @@ impl RamCache {
         Self { hashes: CoreHashes::new(&self.source, kept_bytes), ..self }
     }
 
-    /// What a padded brick holds, to be compared with those of other time steps; `None` if that is not known.
+    /// Returns the content of a padded brick, by which the brick is found equal to one of another time step; `None` if it is not known.
     pub(crate) fn content(&self, id: BrickId) -> Option<Content> {
         self.hashes.as_ref()?.of_padded(id)
     }
 
-    /// What a brick's core is found by. A stored apron belongs to the core, and is made of the neighbours' voxels.
+    /// Returns the key of a brick's core in the cache. A stored apron belongs to the core, and is made of the neighbours' voxels.
     fn key(&self, id: BrickId) -> CoreKey {
         let hash = self.hashes.as_ref().and_then(|hashes| match self.layout.has_stored() {
             true => hashes.of_padded(id).map(|content| content.hash()),

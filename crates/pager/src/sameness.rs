@@ -16,7 +16,7 @@ use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, PoisonError};
 use xxhash_rust::xxh3::Xxh3Default;
 
-/// What a padded brick holds, whatever its time step: two of one content are equal, voxel by voxel.
+/// The content of a padded brick, whatever its time step: two bricks of one content are equal, voxel by voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Content {
     channel: u32,
@@ -25,7 +25,7 @@ pub(crate) struct Content {
     hash: u128,
 }
 
-/// What a cached core is found by: its brick, in the time step 0 with its hash where that is known, else in its own step.
+/// The key of a core in the cache: its brick, in the time step 0 with its hash where that is known, else in its own step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct CoreKey {
     id: BrickId,
@@ -93,7 +93,7 @@ impl CoreHashes {
         self.all_of(std::iter::once(id), |hash| hash)
     }
 
-    /// What a padded brick holds; `None` if that is not known. At the faces of its level there are fewer neighbours, and the same ones in all time steps.
+    /// Returns the content of a padded brick; `None` if it is not known. At the faces of its level a brick has fewer neighbours, and the same ones in all time steps.
     pub(crate) fn of_padded(&self, id: BrickId) -> Option<Content> {
         let grid = self.source.pyramid().level(id.level).bricks;
         let parts = Part::all().filter(|part| part.has_lender(id.index, grid));

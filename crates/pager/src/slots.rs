@@ -27,7 +27,7 @@ struct Entry {
     tier: Tier,
 }
 
-/// What a slot holds.
+/// The state of a used slot: how many bricks share it, and their content.
 #[derive(Default)]
 struct Holding {
     /// How many bricks share the slot.
