@@ -202,22 +202,19 @@ impl Appender {
         let plan = plan_last(&step, &options, &store.layout().with_times(times)).map_err(AppendError::from)?;
         let counted = self.counted(&store, progress)?;
         let before: Vec<ChannelStatistics> = counted.iter().map(ChannelTotals::finish).collect();
+        let (non_finite, nodata) = left_out(&counted);
         source.info().notes.iter().for_each(|note| progress.warn(note));
         progress.planned(&plan);
         let next = Next { store: &store, plan, options, time };
         let passed = self.pack_step(&next, &step, counted, progress)?;
         self.commit(&next, &before, &passed.channels)?;
         self.times = times;
-        let after: Vec<ChannelStatistics> = passed.channels.iter().map(ChannelTotals::finish).collect();
-        let more = |of: fn(&ChannelStatistics) -> u64| {
-            let sum = |channels: &[ChannelStatistics]| channels.iter().map(of).sum::<u64>();
-            sum(&after) - sum(&before)
-        };
+        let after = left_out(&passed.channels);
         Ok(AppendReport {
             step: times - 1,
             written_bytes: passed.written_bytes,
-            non_finite: more(|channel| channel.nan + channel.pos_inf + channel.neg_inf),
-            nodata: more(|channel| channel.nodata),
+            non_finite: after.0 - non_finite,
+            nodata: after.1 - nodata,
         })
     }
 
@@ -439,6 +436,11 @@ fn check_counts(store: &Store, counts: &Counts, kept: &[ChannelTotals]) -> Resul
         }
     }
     Ok(())
+}
+
+/// Numbers of voxels, of all channels together, that are NaN or infinite, and that are the integer for no data.
+fn left_out(channels: &[ChannelTotals]) -> (u64, u64) {
+    (channels.iter().map(ChannelTotals::non_finite).sum(), channels.iter().map(|channel| channel.nodata).sum())
 }
 
 fn too_many(store: &Store) -> AppendError {
