@@ -8,6 +8,7 @@
 use crate::sampling::Needs;
 use crate::slot_encoding::SlotFormat;
 use crate::transfer::TransferTable;
+use std::ops::Range;
 
 /// Voxels along a macro-cell's edge: smaller ones skip more, but a ray crosses more of them.
 pub const CELL_EDGE: usize = 8;
@@ -55,25 +56,21 @@ impl MacroCells {
         let (padded, cells) = (edge + 2 * apron, per_axis(edge));
         // The voxels that samples of cell `i` touch along an axis: the core's, and one or two more on each side.
         let reach = |i: usize| i * CELL_EDGE + apron - taps..((i + 1) * CELL_EDGE + apron + taps).min(padded);
-        let mut rows = RowRanges::<C>::new(padded);
         // Joined along y in every slice, then along z, both by whole rows; along x at the end.
-        let mut slices = vec![[C::MAX, C::ZERO]; padded * cells * padded];
+        let mut slices = Ranges::<C>::new(padded * cells * padded);
         for z in 0..padded {
             for y in 0..cells {
-                rows.clear();
-                for line in reach(y) {
-                    let start = (z * padded + line) * padded;
-                    rows.add(&codes[start..start + padded], has_invalid);
-                }
-                rows.store(&mut slices[(z * cells + y) * padded..][..padded]);
+                let lines = &codes[(z * padded + reach(y).start) * padded..(z * padded + reach(y).end) * padded];
+                slices.row((z * cells + y) * padded, padded).fold_codes(lines, has_invalid);
             }
         }
+        let mut row = Ranges::<C>::new(padded);
         let mut ranges = Vec::with_capacity(cells.pow(3));
         for z in 0..cells {
             for y in 0..cells {
-                rows.clear();
-                reach(z).for_each(|slice| rows.join(&slices[(slice * cells + y) * padded..][..padded]));
-                ranges.extend((0..cells).map(|x| reach(x).map(|x| rows.at(x)).fold(NONE, join)));
+                let starts = reach(z).map(|slice| (slice * cells + y) * padded);
+                row.row(0, padded).fold_rows(&slices, starts);
+                ranges.extend((0..cells).map(|x| row.range(reach(x))));
             }
         }
         let whole = ranges.iter().copied().fold(NONE, join);
@@ -130,47 +127,109 @@ impl Code for u16 {
     }
 }
 
-/// Least and greatest codes of rows, column by column.
-struct RowRanges<C> {
+/// The least and greatest codes at each of a number of places; the least past the greatest where no voxel is valid.
+struct Ranges<C> {
     low: Vec<C>,
     high: Vec<C>,
 }
 
-impl<C: Code> RowRanges<C> {
+impl<C: Code> Ranges<C> {
     fn new(length: usize) -> Self {
         Self { low: vec![C::MAX; length], high: vec![C::ZERO; length] }
     }
 
-    fn clear(&mut self) {
-        self.low.fill(C::MAX);
-        self.high.fill(C::ZERO);
+    fn row(&mut self, start: usize, length: usize) -> Row<'_, C> {
+        Row { low: &mut self.low[start..][..length], high: &mut self.high[start..][..length] }
     }
 
-    fn at(&self, x: usize) -> [u16; 2] {
-        let (low, high) = (self.low[x], self.high[x]);
+    /// The range of some places together.
+    fn range(&self, places: Range<usize>) -> [u16; 2] {
+        let low = self.low[places.clone()].iter().fold(C::MAX, |a, &b| a.min(b));
+        let high = self.high[places].iter().fold(C::ZERO, |a, &b| a.max(b));
         if low > high { NONE } else { [low.into(), high.into()] }
     }
+}
 
+/// A row of ranges, to be filled column by column from rows of the same length.
+struct Row<'a, C> {
+    low: &'a mut [C],
+    high: &'a mut [C],
+}
+
+/// Columns that are folded together, in registers from the first row to the last.
+const LANES: usize = 16;
+
+impl<C: Code> Row<'_, C> {
+    /// The ranges of the columns of these rows of codes.
+    fn fold_codes(&mut self, codes: &[C::Bytes], has_invalid: bool) {
+        match (self.low.len() < LANES, has_invalid) {
+            (true, _) => self.fold(|columns: &mut Columns<C, 1>, at, length| {
+                codes.chunks_exact(length).for_each(|row| columns.add(&row[at..], has_invalid));
+            }),
+            // The flag is a constant in each.
+            (false, true) => self.fold(|columns: &mut Columns<C, LANES>, at, length| {
+                codes.chunks_exact(length).for_each(|row| columns.add(&row[at..], true));
+            }),
+            (false, false) => self.fold(|columns: &mut Columns<C, LANES>, at, length| {
+                codes.chunks_exact(length).for_each(|row| columns.add(&row[at..], false));
+            }),
+        }
+    }
+
+    /// The ranges of the columns of those rows of ranges that start at these places.
+    fn fold_rows(&mut self, ranges: &Ranges<C>, starts: impl Iterator<Item = usize> + Clone) {
+        let Ranges { low, high } = ranges;
+        match self.low.len() < LANES {
+            true => self.fold(|columns: &mut Columns<C, 1>, at, _| {
+                starts.clone().for_each(|start| columns.join(&low[start + at..], &high[start + at..]));
+            }),
+            false => self.fold(|columns: &mut Columns<C, LANES>, at, _| {
+                starts.clone().for_each(|start| columns.join(&low[start + at..], &high[start + at..]));
+            }),
+        }
+    }
+
+    /// Fills the row by `N` columns at a time, of which the last ones overlap where the row is no multiple: `fold` is given the place of the first
+    /// column and the length of a row.
+    #[inline(always)]
+    fn fold<const N: usize>(&mut self, fold: impl Fn(&mut Columns<C, N>, usize, usize)) {
+        let length = self.low.len();
+        for at in (0..length).step_by(N).map(|at| at.min(length - N)) {
+            let mut columns = Columns { low: [C::MAX; N], high: [C::ZERO; N] };
+            fold(&mut columns, at, length);
+            self.low[at..at + N].copy_from_slice(&columns.low);
+            self.high[at..at + N].copy_from_slice(&columns.high);
+        }
+    }
+}
+
+/// The least and greatest codes of some columns.
+struct Columns<C, const N: usize> {
+    low: [C; N],
+    high: [C; N],
+}
+
+impl<C: Code, const N: usize> Columns<C, N> {
+    /// Takes in the first `N` of these codes.
+    #[inline(always)]
     fn add(&mut self, codes: &[C::Bytes], has_invalid: bool) {
-        for ((low, high), &code) in self.low.iter_mut().zip(&mut self.high).zip(codes) {
-            let code = C::of(code);
+        let codes = &codes[..N];
+        for i in 0..N {
+            let code = C::of(codes[i]);
             // Code 0 then counts as the greatest of the least, and as the least of the greatest anyway.
             let least = if has_invalid && code == C::ZERO { C::MAX } else { code };
-            *low = (*low).min(least);
-            *high = (*high).max(code);
+            self.low[i] = self.low[i].min(least);
+            self.high[i] = self.high[i].max(code);
         }
     }
 
-    fn join(&mut self, ranges: &[[C; 2]]) {
-        for ((low, high), range) in self.low.iter_mut().zip(&mut self.high).zip(ranges) {
-            *low = (*low).min(range[0]);
-            *high = (*high).max(range[1]);
-        }
-    }
-
-    fn store(&self, ranges: &mut [[C; 2]]) {
-        for ((range, low), high) in ranges.iter_mut().zip(&self.low).zip(&self.high) {
-            *range = [*low, *high];
+    /// Takes in the first `N` of these ranges.
+    #[inline(always)]
+    fn join(&mut self, low: &[C], high: &[C]) {
+        let (low, high) = (&low[..N], &high[..N]);
+        for i in 0..N {
+            self.low[i] = self.low[i].min(low[i]);
+            self.high[i] = self.high[i].max(high[i]);
         }
     }
 }
@@ -217,6 +276,7 @@ impl OpaqueCodes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn ranges_hold_the_valid_codes() {
@@ -226,6 +286,45 @@ mod tests {
         codes[777 * 2 + 1] = 3;
         assert_eq!(cells(&codes).whole(), [768, 768]);
         assert_eq!(MacroCells::new(&codes, SlotFormat::U16, false, 8, Needs::PLAIN).ranges(), [[0, 768]]);
+    }
+
+    proptest! {
+        /// A cell has the range of the voxels that samples in it touch, one by one.
+        #[test]
+        fn a_range_is_that_of_the_cells_voxels_and_those_next_to_it(
+            edge in prop::sample::select(vec![1usize, 4, 8, 14, 16, 20, 32]), apron in 1u32..4, has_invalid: bool, is_wide: bool,
+            seed: u64, share_of_zeros in 0u64..4,
+        ) {
+            let (padded, bytes) = (edge + 2 * apron as usize, 1 + is_wide as usize);
+            let mut state = seed | 1;
+            let mut random = || {
+                state ^= state << 13;
+                state ^= state >> 7;
+                state ^= state << 17;
+                state
+            };
+            let code = |random: u64| if random >> 60 < 5 * share_of_zeros { 0 } else { (random >> 20) as u16 };
+            let voxels: Vec<[u8; 2]> = (0..padded.pow(3)).map(|_| code(random()).to_le_bytes()).collect();
+            let codes: Vec<u8> = voxels.iter().flat_map(|voxel| &voxel[..bytes]).copied().collect();
+            let format = if is_wide { SlotFormat::U16 } else { SlotFormat::U8 };
+            let needs = Needs { apron, ..Needs::PLAIN };
+            let cells = MacroCells::new(&codes, format, has_invalid, edge, needs);
+            let reach = |i: usize| {
+                let first = i * CELL_EDGE + apron as usize;
+                first - 1..(first + CELL_EDGE + 1).min(padded)
+            };
+            let along = per_axis(edge);
+            for (cell, &range) in cells.ranges().iter().enumerate() {
+                let [x, y, z] = [1, along, along * along].map(|stride| reach(cell / stride % along));
+                let places = z.flat_map(|z| y.clone().flat_map({ let x = x.clone(); move |y| x.clone().map(move |x| [x, y, z]) }));
+                let code = |[x, y, z]: [usize; 3]| {
+                    let at = ((z * padded + y) * padded + x) * bytes;
+                    codes[at..at + bytes].iter().rev().fold(0, |code, &byte| code << 8 | byte as u16)
+                };
+                let valid = places.map(code).filter(|&code| !has_invalid || code > 0);
+                prop_assert_eq!(range, valid.fold(NONE, |[a, b], code| [a.min(code), b.max(code)]));
+            }
+        }
     }
 
     #[test]
