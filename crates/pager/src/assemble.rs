@@ -4,7 +4,7 @@
 //! Where the source has aprons stored, a brick takes one core and one apron. Else:
 //!
 //! The parts (see [`Part`]) are boxes copied row by row from a core and shells in the RAM cache: first all that are there, then
-//! one by one what has to be decoded. At the faces of the level (its own extent, which may end inside a brick) the last
+//! one by one what has to be decoded, first what no other thread is decoding. At the faces of the level (its own extent, which may end inside a brick) the last
 //! voxel is repeated; so it is towards a neighbour that cannot be read. Where a stored apron cannot be read, its voxels come
 //! from the neighbours' cores. All of this is done with voxels; the last step makes slot codes of them. Cost: the copy of one padded brick,
 //! its encoding, and decoding what the cache does not hold.
@@ -12,7 +12,7 @@
 use crate::apron_copy::{Block, paste, paste_apron};
 use crate::layout::Layout;
 use crate::neighbourhood::{Part, Span, spans};
-use crate::ram_cache::{RamCache, Whole};
+use crate::ram_cache::{RamCache, Wanted, Whole};
 use crate::retry::Failure;
 use crate::sameness::Content;
 use crate::slot_contents::Encoder;
@@ -101,29 +101,29 @@ impl PaddedReader {
 fn gather(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<bool, Failure> {
     let layout = cache.layout();
     let place = |part: Part| place(&spans, part);
-    let mut lenders = [None; Part::COUNT];
-    for part in Part::all().filter(|&part| place(part).iter().all(|span| span.len > 0)) {
-        lenders[part.number()] = Some(BrickId { index: part.lender(id.index), ..id });
-    }
-    let cached = cache.cached(&lenders);
+    let parts = Part::all().filter(|&part| place(part).iter().all(|span| span.len > 0));
+    let wanted = parts.map(|part| cache.wanted(part, BrickId { index: part.lender(id.index), ..id }));
+    let mut wanted: Vec<Wanted> = wanted.collect();
+    let cached = cache.cached(&wanted);
     for bar in Part::bars() {
         let block = |part: Part| Some(Block::new(&layout, part, cached[part.number()].as_ref()?, place(part)));
         paste(&layout, bar.map(block), out);
     }
     let is_missing = cached.map(|voxels| voxels.is_none());
-    let mut is_whole = true;
-    for part in Part::all().filter(|part| is_missing[part.number()]) {
-        let Some(lender) = lenders[part.number()] else { continue };
-        match cache.part(part, lender) {
+    wanted.retain(|wanted| is_missing[wanted.part.number()]);
+    let mut unreadable = Vec::new();
+    while !wanted.is_empty() {
+        let (i, voxels) = cache.one_of(&wanted);
+        let Wanted { part, .. } = wanted.remove(i);
+        match voxels {
             Ok(codes) => paste(&layout, [None, Some(Block::new(&layout, part, &codes, place(part))), None], out),
             Err(failure) if part == Part::OWN || failure.again.is_some() => return Err(failure),
-            Err(_) => {
-                repeat_own_edge(&layout, place(part), place(Part::OWN), out);
-                is_whole = false;
-            }
+            Err(_) => unreadable.push(part),
         }
     }
-    Ok(is_whole)
+    // By now the brick's own voxels are there.
+    unreadable.iter().for_each(|&part| repeat_own_edge(&layout, place(part), place(Part::OWN), out));
+    Ok(unreadable.is_empty())
 }
 
 /// Puts a padded brick together from its core and its stored apron, or its neighbours' cores where the apron cannot be read. Returns whether
@@ -197,14 +197,26 @@ fn repeat_level_faces(layout: &Layout, [x, y, z]: [Range<usize>; 3], out: &mut [
     let row = layout.padded() * layout.voxel_bytes;
     let slice = layout.padded() * row;
     if x != (0..layout.padded()) {
-        for line in z.clone().flat_map(|z| y.clone().map(move |y| z * slice + y * row)) {
-            repeat_ends(&mut out[line..line + row], layout.voxel_bytes, &x);
+        let lines = z.clone().flat_map(|z| y.clone().map(move |y| z * slice + y * row)).map(|line| line..line + row);
+        match layout.voxel_bytes {
+            1 => lines.for_each(|line| repeat_end_voxels::<1>(&mut out[line], &x)),
+            2 => lines.for_each(|line| repeat_end_voxels::<2>(&mut out[line], &x)),
+            4 => lines.for_each(|line| repeat_end_voxels::<4>(&mut out[line], &x)),
+            bytes => lines.for_each(|line| repeat_ends(&mut out[line], bytes, &x)),
         }
     }
     for z in z.clone() {
         repeat_ends(&mut out[z * slice..(z + 1) * slice], row, &y);
     }
     repeat_ends(out, slice, &z);
+}
+
+/// Copies the first and last of the `filled` voxels of a line over all voxels before and after.
+fn repeat_end_voxels<const BYTES: usize>(line: &mut [u8], filled: &Range<usize>) {
+    let voxels = line.as_chunks_mut::<BYTES>().0;
+    let (first, last) = (voxels[filled.start], voxels[filled.end - 1]);
+    voxels[..filled.start].fill(first);
+    voxels[filled.end..].fill(last);
 }
 
 /// Copies the first and last of the `filled` items of `bytes` over all items before and after.
@@ -228,6 +240,8 @@ mod tests {
     use brickyard_volume::{BrickIndex, Extent, Level, Pyramid, VoxelType};
     use proptest::prelude::*;
     use std::collections::HashMap;
+    use std::sync::{Condvar, Mutex};
+    use std::time::Duration;
 
     fn padded(source: TestSource, id: BrickId, apron: u32) -> Vec<u8> {
         let cache = RamCache::new(Arc::new(source), apron, 1 << 16).unwrap();
@@ -287,6 +301,33 @@ mod tests {
             });
             assert_eq!(meter.peak(), (cores * cache.layout().cached_bytes()) as u64);
         }
+    }
+
+    /// Two threads whose bricks want the same eight cores always decode two at a time: each read of this source waits for another one.
+    #[test]
+    fn threads_that_want_the_same_neighbours_share_the_work() {
+        static READS: (Mutex<u32>, Condvar) = (Mutex::new(0), Condvar::new());
+        let mut source = TestSource::cube(16);
+        source.voxel_at = |id, at, out| {
+            if at.map(|v| v % 8) == [0; 3] {
+                let mut reads = READS.0.lock().unwrap();
+                *reads += 1;
+                let pair = reads.div_ceil(2) * 2;
+                READS.1.notify_all();
+                let wait = READS.1.wait_timeout_while(reads, Duration::from_secs(20), |reads| *reads < pair).unwrap();
+                assert!(!wait.1.timed_out(), "{id} is read while the other thread waits");
+            }
+            out.fill(id.index.x as u8);
+        };
+        let cache = Arc::new(RamCache::new(Arc::new(source), 1, 1 << 16).unwrap());
+        std::thread::scope(|scope| {
+            for x in 0..2 {
+                let mut reader = PaddedReader::new(cache.clone());
+                let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) };
+                scope.spawn(move || reader.read(id, &mut vec![0; reader.padded_bytes()]).unwrap());
+            }
+        });
+        assert_eq!(cache.counters(), DecodeCounters { decoded: 8, bytes_decoded: 8 * 512, failed: 0 });
     }
 
     #[test]

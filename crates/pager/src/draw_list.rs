@@ -9,7 +9,7 @@ use crate::dither::PixelShare;
 use crate::fade::Fading;
 use crate::visible_cells::{Ranked, VisibleCells};
 use brickyard_volume::{BrickId, Pyramid, VoxelBox};
-use std::collections::HashMap;
+use rustc_hash::FxHashMap;
 
 /// A place for one padded brick in the atlas.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -76,7 +76,7 @@ impl DrawList {
 
     /// This list's entries with their cells in another order.
     pub(crate) fn reordered(&self, cut: &Cut, order: &[Ranked]) -> Self {
-        let entries: HashMap<BrickId, &[DrawCell]> =
+        let entries: FxHashMap<BrickId, &[DrawCell]> =
             self.cells.chunk_by(|a, b| a.cell == b.cell).map(|entries| (entries[0].cell, entries)).collect();
         let ranked = order.iter().filter_map(|ranked| Some((ranked.rank, *entries.get(&cut.id(ranked.cell))?)));
         let cells = ranked.flat_map(|(rank, cells)| cells.iter().map(move |cell| DrawCell { rank, ..*cell }));

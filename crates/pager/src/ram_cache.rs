@@ -1,8 +1,8 @@
 //! The RAM brick cache: decoded cores, voxels as the source has them, and the shells that neighbours take their aprons from, within a
 //! fixed number of buffers.
 //!
-//! It reads through: what is not there is decoded by the caller's thread, and others who want the same brick wait for it,
-//! so no core is decoded twice at a time. A decode gives a core and its shell (see [`Layout`]); a padded brick takes its own
+//! It reads through: what is not there is decoded by the caller's thread, and others who want the same brick decode what else they want, and
+//! then wait for it, so no core is decoded twice at a time. A decode gives a core and its shell (see [`Layout`]); a padded brick takes its own
 //! part from the core and all others from shells, so a core may go as soon as its brick has been assembled, while its
 //! shell, which is far smaller, stays for the neighbours. Two shelves hold them: see [`Shelf`] for what goes first.
 //!
@@ -25,7 +25,7 @@ use crate::slot_contents::SlotContents;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::sampling::MAX_REACH;
 use brickyard_volume::{BrickId, GradientNodes};
-use std::collections::HashSet;
+use rustc_hash::FxHashSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -48,11 +48,11 @@ struct Inner {
     shells: Shelf,
     failures: Failures,
     /// Bricks whose stored aprons could not be read.
-    failed_aprons: HashSet<CoreKey>,
+    failed_aprons: FxHashSet<CoreKey>,
     /// Whether cores are cut into shells.
     has_shells: bool,
     /// Bricks of which some thread is making the core or the shell.
-    making: HashSet<CoreKey>,
+    making: FxHashSet<CoreKey>,
     counters: DecodeCounters,
 }
 
@@ -72,6 +72,14 @@ struct Making {
     is_cached: bool,
     /// `None` if the shell is cached, or there are none.
     shell: Option<Arc<[u8]>>,
+}
+
+/// A part of a padded brick, and who lends it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Wanted {
+    pub(crate) part: Part,
+    lender: BrickId,
+    key: CoreKey,
 }
 
 /// What a padded brick is made of where aprons are stored: a core and its apron.
@@ -121,9 +129,9 @@ impl RamCache {
             cores: Shelf::new(layout.entry_bytes(), cores, meter.clone()),
             shells: Shelf::new(layout.shell_bytes(), layout.shells(cores), meter),
             failures: Failures::default(),
-            failed_aprons: HashSet::new(),
+            failed_aprons: FxHashSet::default(),
             has_shells: !layout.has_stored(),
-            making: HashSet::new(),
+            making: FxHashSet::default(),
             counters: DecodeCounters::default(),
         };
         Self { source, layout, contents, hashes: None, inner: Mutex::new(inner), made: Condvar::new() }
@@ -188,47 +196,66 @@ impl RamCache {
         &self.contents
     }
 
-    /// For each part of a padded brick, the cached voxels to take it from: the brick's own core, or a neighbour's shell. `None` where these are
-    /// not cached, or there is no lender. The voxels are to be dropped before asking for more.
-    pub(crate) fn cached(&self, lenders: &[Option<BrickId>; Part::COUNT]) -> [Option<Arc<[u8]>>; Part::COUNT] {
-        let keys = lenders.map(|lender| lender.map(|lender| self.key(lender)));
+    /// A part that is wanted, of a brick that lends it.
+    pub(crate) fn wanted(&self, part: Part, lender: BrickId) -> Wanted {
+        Wanted { part, lender, key: self.key(lender) }
+    }
+
+    /// For each part of a padded brick, by its number, the cached voxels to take it from: the brick's own core, or a neighbour's shell. `None` where
+    /// these are not cached, or the part is not wanted. The voxels are to be dropped before asking for more.
+    pub(crate) fn cached(&self, wanted: &[Wanted]) -> [Option<Arc<[u8]>>; Part::COUNT] {
         let mut inner = self.lock();
         let mut voxels = [const { None }; Part::COUNT];
-        for part in Part::all() {
-            voxels[part.number()] = keys[part.number()].and_then(|key| inner.take(part, key));
+        for &Wanted { part, key, .. } in wanted {
+            voxels[part.number()] = inner.take(part, key);
         }
         voxels
     }
 
-    /// The voxels to take one part of a padded brick from, decoded if need be. They are to be dropped before asking for others.
-    pub(crate) fn part(&self, part: Part, lender: BrickId) -> Result<Arc<[u8]>, Failure> {
-        self.part_of(part, (lender, self.key(lender)))
-    }
-
-    fn part_of(&self, part: Part, (lender, key): (BrickId, CoreKey)) -> Result<Arc<[u8]>, Failure> {
+    /// The voxels to take one of these parts from, and its place among them: of the first one that is there, or else of the first one that
+    /// nobody is decoding, which is decoded. So threads that want the same neighbours share the work, and wait for one another only where
+    /// all that is left is being decoded. The voxels are to be dropped before asking for others.
+    ///
+    /// # Panics
+    /// If nothing is wanted.
+    pub(crate) fn one_of(&self, wanted: &[Wanted]) -> (usize, Result<Arc<[u8]>, Failure>) {
+        assert!(!wanted.is_empty(), "nothing is wanted");
         let mut inner = self.lock();
+        // What this thread has made comes first: another one may need its buffers.
+        let mut made = None;
         loop {
-            if let Some(voxels) = inner.take(part, key) {
-                return Ok(voxels);
+            for i in made.into_iter().chain(0..wanted.len()) {
+                let Wanted { part, lender, key } = wanted[i];
+                if let Some(voxels) = inner.take(part, key) {
+                    return (i, Ok(voxels));
+                }
+                if let Some(failure) = inner.failures.of(lender) {
+                    return (i, Err(failure));
+                }
             }
-            if let Some(failure) = inner.failures.of(lender) {
-                return Err(failure);
-            }
-            inner = match inner.start(key) {
-                Some(making) => {
+            let started = wanted.iter().enumerate().find_map(|(i, wanted)| Some((i, inner.start(wanted.key)?)));
+            inner = match started {
+                Some((i, making)) => {
                     drop(inner);
-                    self.make((lender, key), making)
+                    made = Some(i);
+                    self.make((wanted[i].lender, wanted[i].key), making)
                 }
                 None => self.wait(inner),
             };
         }
     }
 
+    /// The voxels to take a part from, decoded if need be. They are to be dropped before asking for others.
+    #[cfg(test)]
+    fn part(&self, part: Part, lender: BrickId) -> Result<Arc<[u8]>, Failure> {
+        self.one_of(&[self.wanted(part, lender)]).1
+    }
+
     /// A core with its stored apron, decoded if need be. It is to be dropped before asking for another.
     pub(crate) fn whole(&self, id: BrickId) -> Result<Whole, Failure> {
-        let key = self.key(id);
-        let voxels = self.part_of(Part::OWN, (id, key))?;
-        Ok(Whole { voxels, has_apron: !self.lock().failed_aprons.contains(&key) })
+        let wanted = self.wanted(Part::OWN, id);
+        let voxels = self.one_of(&[wanted]).1?;
+        Ok(Whole { voxels, has_apron: !self.lock().failed_aprons.contains(&wanted.key) })
     }
 
     /// Gives bricks that failed for reasons that may have passed one more try. Returns which bricks these are.

@@ -26,7 +26,8 @@ use crate::status::Readiness;
 use crate::tier::Tier;
 use crate::visible_cells::{Ranked, VisibleCells};
 use brickyard_volume::{BrickId, Pyramid};
-use std::collections::{BTreeMap, HashMap, HashSet};
+use rustc_hash::{FxHashMap, FxHashSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -133,7 +134,7 @@ struct Staged {
 /// A volume's bricks that are staged, have failed, or fade in.
 struct Bricks {
     staged: BTreeMap<BrickId, Staged>,
-    failed: HashMap<BrickId, BrickError>,
+    failed: FxHashMap<BrickId, BrickError>,
     fades: Fades,
 }
 
@@ -158,7 +159,7 @@ impl Residency {
     /// The state with nothing resident, for the volumes whose slots' contents are kept in `held`, and this many slots. Bricks that come take the time
     /// `fade` to fade in; with `None` they are drawn at once.
     pub(crate) fn new(held: Vec<Arc<SlotsByContent>>, slots: u32, fade: Option<Duration>) -> Self {
-        let bricks = || Bricks { staged: BTreeMap::new(), failed: HashMap::new(), fades: Fades::new(fade) };
+        let bricks = || Bricks { staged: BTreeMap::new(), failed: FxHashMap::default(), fades: Fades::new(fade) };
         Self {
             volumes: held.iter().map(|_| bricks()).collect(),
             slots: SlotTable::new(slots, held),
@@ -399,7 +400,7 @@ impl Residency {
         let of_volume = |(volume, wants): (usize, &Wants<'_>)| self.missing(volume, &wants.goal, &stand_ins[volume]);
         let mut requests = plan::in_order(wants.iter().enumerate().flat_map(of_volume).collect());
         // A step may come twice, or again.
-        let mut listed: HashSet<VolumeBrick> = requests.iter().map(|(_, brick)| *brick).collect();
+        let mut listed: FxHashSet<VolumeBrick> = requests.iter().map(|(_, brick)| *brick).collect();
         let is_absent = |brick: &VolumeBrick| self.state(brick.volume, brick.id) == State::Absent;
         requests.extend(ahead.iter().filter(|(_, brick)| is_absent(brick) && listed.insert(*brick)));
         requests

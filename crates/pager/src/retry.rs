@@ -7,7 +7,7 @@
 
 use crate::source::BrickError;
 use brickyard_volume::BrickId;
-use std::collections::{HashMap, HashSet};
+use rustc_hash::{FxHashMap, FxHashSet};
 use std::time::{Duration, Instant};
 
 /// How often a brick is read before it is given up.
@@ -27,9 +27,9 @@ pub(crate) struct Failure {
 /// All bricks of one source that could not be read.
 #[derive(Default)]
 pub(crate) struct Failures {
-    bricks: HashMap<BrickId, Tried>,
+    bricks: FxHashMap<BrickId, Tried>,
     /// Bricks that were given up at any time: counted and logged once.
-    noted: HashSet<BrickId>,
+    noted: FxHashSet<BrickId>,
 }
 
 struct Tried {

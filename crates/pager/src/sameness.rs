@@ -11,7 +11,7 @@ use crate::neighbourhood::Part;
 use crate::source::BrickSource;
 use brickyard_volume::{BrickId, BrickIndex, Level, PageId};
 use lru::LruCache;
-use std::collections::HashMap;
+use rustc_hash::FxHashMap;
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, PoisonError};
 use xxhash_rust::xxh3::Xxh3Default;
@@ -126,7 +126,7 @@ impl CoreHashes {
 /// The contents of a volume's slots: written by whoever fills the slots, and asked by the workers.
 #[derive(Default)]
 pub(crate) struct SlotsByContent {
-    slots: Mutex<HashMap<Content, Slot>>,
+    slots: Mutex<FxHashMap<Content, Slot>>,
 }
 
 impl SlotsByContent {

@@ -15,7 +15,7 @@ use crate::sameness::{Content, SlotsByContent};
 use crate::tier::Tier;
 use brickyard_volume::BrickId;
 use crossbeam_channel::{Receiver, Sender, bounded};
-use std::collections::{HashMap, HashSet};
+use rustc_hash::{FxHashMap, FxHashSet};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Instant;
@@ -46,13 +46,13 @@ struct Queue {
     /// Requests before this one are taken, or put off.
     next: usize,
     /// Bricks that are not to be tried again before some time.
-    not_before: HashMap<BrickId, Instant>,
+    not_before: FxHashMap<BrickId, Instant>,
     /// Requests of the plan that wait for that.
     put_off: Vec<(Tier, BrickId)>,
     /// Requests before this one have been advised.
     advised: usize,
     /// Taken, and not yet received by the frame loop.
-    busy: HashSet<BrickId>,
+    busy: FxHashSet<BrickId>,
     /// Padded bricks that may still be started.
     permits: usize,
     /// All padded bricks that may be on their way together.
