@@ -21,7 +21,7 @@ use crate::visibility::Visibility;
 use brickyard_volume::{BrickId, BrickIndex, ViewRays};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::DVec3;
-use std::collections::HashSet;
+use rustc_hash::FxHashSet;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -147,8 +147,8 @@ impl Desk {
         known.map_or(&self.last, |cuts| cuts)
     }
 
-    /// Makes the cuts of the views that come next, until these want as many cells as there are slots. What is seen of the present step says
-    /// nothing of later ones.
+    /// Makes the cuts of the views that come next, until these want as many cells as there are slots. What is seen of the present step hides
+    /// nothing of later ones, but what comes first there is likely to be seen.
     fn make_coming(&mut self, job: &Job) {
         let is_known = self.coming_occupancy == job.occupancy;
         let is_same = |cuts: &&Vec<Arc<Cut>>, views: &[View]| is_known && cuts.iter().map(|cut| &cut.view).eq(views);
@@ -157,7 +157,7 @@ impl Desk {
         for views in job.coming.iter() {
             let cuts = match self.coming.iter().find(|cuts| is_same(cuts, views)) {
                 Some(cuts) => cuts.clone(),
-                None => self.cuts_of(&subjects(&self.sources, views, &[]), true, self.last_for(views)),
+                None => self.cuts_of(&subjects(&self.sources, views, &job.visibility), true, self.last_for(views)),
             };
             let wanted: usize = cuts.iter().map(|cut| cut.wanted()).sum();
             if wanted > room && !coming.is_empty() {
@@ -174,7 +174,7 @@ impl Desk {
     fn look_ahead(&self, job: &Job, cuts: &[Arc<Cut>]) -> Arc<[(Tier, VolumeBrick)]> {
         let Some(rays) = job.ahead else { return [].into() };
         let of_volume = |volume: usize| move |id| VolumeBrick { volume, id };
-        let mut listed: HashSet<VolumeBrick> =
+        let mut listed: FxHashSet<VolumeBrick> =
             cuts.iter().enumerate().flat_map(|(volume, cut)| cut.cells().map(of_volume(volume))).collect();
         let foreseen = rays.map_or(Vec::new(), |rays| {
             // Of two eyes one: the other one sees hardly anything else.

@@ -10,23 +10,26 @@
 //! has been seen stays seen (what finer bricks let through is added, what they hide is not taken away), so that cut, frame
 //! and report come to rest too.
 //!
+//! What was told of a time step says what is likely to be seen of the others, and so what is read and refined first there. It hides nothing of
+//! them: what no ray reached counts as hardly seen.
+//!
 //! Cost: a hash entry for each cell drawn and for each of their ancestors.
 
 use crate::cut::{Node, OPEN, View};
 use brickyard_volume::{BrickId, BrickIndex, Level, Placement, Pyramid, ViewRays};
-use std::collections::HashMap;
+use rustc_hash::FxHashMap;
 
 /// How visible cells are, as frames of one view have told.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Visibility {
     view: View,
-    weights: HashMap<(Level, BrickIndex), u8>,
+    weights: FxHashMap<(Level, BrickIndex), u8>,
 }
 
 impl Visibility {
     /// The visibility that a frame of this view told: the greatest transmittance with which rays entered each cell.
     pub(crate) fn new(pyramid: &Pyramid, view: &View, told: impl Iterator<Item = (BrickId, f32)>) -> Self {
-        let mut weights = HashMap::new();
+        let mut weights = FxHashMap::default();
         for (id, transmittance) in told {
             let weight = octave(transmittance);
             let mut cell = Some((id.level, id.index));
@@ -50,7 +53,12 @@ impl Visibility {
 
     /// Whether this visibility was told of the same content as this view's, seen from wherever.
     pub(crate) fn is_of_content(&self, view: &View) -> bool {
-        let content = |view: &View| (view.opaque, view.appearance, view.time, view.channel);
+        self.view.time == view.time && self.is_of_steps(view)
+    }
+
+    /// Whether this visibility was told of the same content as this view's, in whatever time step.
+    fn is_of_steps(&self, view: &View) -> bool {
+        let content = |view: &View| (view.opaque, view.appearance, view.channel);
         let is_same_place = self.view.clip == view.clip && self.view.placement == view.placement;
         content(&self.view) == content(view) && is_same_place
     }
@@ -68,13 +76,15 @@ impl Visibility {
         has_changed
     }
 
-    /// The weight that a view may expect of a node: the one that was told, if it still holds for the view's eyes; else `None`.
+    /// The weight that a view may expect of a node: the one that was told, if it still holds for the view's eyes; else `None`. It is not 0 if it was told
+    /// of another time step.
     pub(crate) fn weight(&self, view: &View, node: &Node) -> Option<u8> {
-        let same_content = self.is_of_content(view);
+        let told = *self.weights.get(&(node.level, node.index))?;
         let allowed = (node.high - node.low).min_element() * 0.5 * view.placement.stretches().1;
-        let holds = same_content
+        let holds = self.is_of_steps(view)
             && view.eyes().all(|to| self.view.eyes().any(|from| moved(from, to, &view.placement, node) <= allowed));
-        self.weights.get(&(node.level, node.index)).copied().filter(|_| holds)
+        let is_same_step = self.view.time == view.time;
+        holds.then_some(if is_same_step { told } else { told.max(1) })
     }
 }
 
@@ -136,6 +146,8 @@ mod tests {
         assert_eq!(aside(9.0), [None; 5]);
         let other_values = View { opaque: Some(Occupancy(1)), ..view.clone() };
         assert_eq!(expected(&known, &other_values), [None; 5]);
+        let other_step = View { time: 1, ..view.clone() };
+        assert_eq!(expected(&known, &other_step), [Some(1), Some(8), Some(8), Some(1), None]);
         assert!(!known.add(told(&[(brick(0, 1), 0.0), (brick(0, 0), 0.0)])), "what was seen stays seen");
         assert!(known.add(told(&[(brick(0, 0), 1.0)])));
         assert_eq!(expected(&known, &view), [Some(9), Some(8), Some(9), Some(0), None]);

@@ -106,6 +106,36 @@ fn a_step_with_damage_is_whole_without_it() {
     assert_eq!(*source.reads.lock().unwrap(), [(at(1, 0, [1, 1, 1]), 1), (at(2, 3, [0, 0, 0]), 1)].into());
 }
 
+/// With slots for a part of the finest cells only, the next step is refined where the present one was seen to be visible, and covered elsewhere.
+#[test]
+fn what_was_seen_of_a_step_says_where_the_next_one_is_refined() {
+    for planning in [Planning::Inline, Planning::Thread] {
+        // The cells of the next step that are drawn at the finest level, and how many of them lie where x is low; and all cells' volume.
+        let shown = |tells: bool| {
+            let (_, mut pager, view) = played(120, planning);
+            let mut atlas = HashMap::new();
+            settle(&mut pager, from_ref(&view), &mut atlas);
+            if tells {
+                let drawn = pager.frame(from_ref(&view), Duration::ZERO).volumes.remove(0).draw.cells;
+                let seen: Vec<f32> = drawn.iter().map(|cell| (cell.region.min.x < 16) as u8 as f32).collect();
+                pager.feedback(0, &pager.drawn(0).unwrap(), &seen);
+            }
+            pager.expect(vec![vec![at_step(&view, 1)]]);
+            fetch(&mut pager, &view, &mut atlas);
+            let frame = pager.frame(&[at_step(&view, 1)], Duration::ZERO);
+            assert!(frame.status.covered && frame.uploads.is_empty(), "{planning:?}: {:?}", frame.status);
+            let cells = &frame.volumes[0].draw.cells;
+            let finest = cells.iter().filter(|cell| cell.cell.level == Level(0));
+            let volume: u64 = cells.iter().map(|cell| cell.region.extent().volume()).sum();
+            (finest.clone().count(), finest.filter(|cell| cell.region.min.x < 16).count(), volume)
+        };
+        let (all, aside) = (40u64.pow(3), |(finest, seen, _): (usize, usize, u64)| finest - seen);
+        let (told, untold) = (shown(true), shown(false));
+        assert!(told.0 > 8 && told.2 == all && untold.2 == all, "{planning:?}: {told:?}, {untold:?}");
+        assert!(aside(told) < aside(untold), "{planning:?}: {told:?}, {untold:?}");
+    }
+}
+
 #[test]
 fn a_step_that_comes_twice_or_is_shown_already_is_read_once() {
     let (_, mut pager, view) = played(900, Planning::Inline);
