@@ -71,7 +71,7 @@ impl Slots {
 
     fn upload(&mut self, slot: Slot, codes: &Arc<[u8]>) -> Result<(), String> {
         match self {
-            Self::Cpu(renderer) => renderer.upload(0, slot, codes.clone()).map_err(|error| error.to_string())?,
+            Self::Cpu(renderer) => drop(renderer.upload(0, slot, codes.clone()).map_err(|error| error.to_string())?),
             Self::Gpu(renderer) => renderer.upload(0, slot, codes).map_err(|error| error.to_string())?,
         }
         Ok(())

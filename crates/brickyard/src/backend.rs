@@ -10,6 +10,7 @@ use brickyard_pager::{BrickSource, Layer, MOST_COMING, Upload, VolumeNeeds};
 use brickyard_render::{Compiled, GpuError, GpuPreference, GpuRenderer};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::{Combination, Needs, Picture, SlotEncoding};
+use std::sync::Arc;
 
 /// Why a backend could not be made, or how it has failed.
 #[derive(Debug, thiserror::Error)]
@@ -61,11 +62,11 @@ pub trait Renderer: Send {
         self.bytes()
     }
 
-    /// Puts a padded brick into a slot of a layer's pool.
+    /// Puts a padded brick into a slot of a layer's pool. A backend that keeps the brick's buffer returns the one that it kept for the slot before.
     ///
     /// # Errors
     /// If the device is lost.
-    fn upload(&mut self, layer: usize, upload: &Upload) -> Result<(), BackendError>;
+    fn upload(&mut self, layer: usize, upload: &Upload) -> Result<Option<Arc<[u8]>>, BackendError>;
 
     /// Bytes that can be uploaded for a layer without waiting for the device; `None` if uploads may wait.
     fn upload_room_bytes(&mut self, _layer: usize) -> Option<u64> {
@@ -143,7 +144,7 @@ impl Renderer for SoftwareRenderer {
         self.bytes()
     }
 
-    fn upload(&mut self, layer: usize, upload: &Upload) -> Result<(), BackendError> {
+    fn upload(&mut self, layer: usize, upload: &Upload) -> Result<Option<Arc<[u8]>>, BackendError> {
         Ok(self.upload(layer, upload.slot, upload.codes.clone())?)
     }
 

@@ -242,8 +242,10 @@ impl Fit {
             pool.pager.expect(coming.iter().map(|views| of_pool(views)).collect());
             let frame = pool.pager.frame(&of_pool(views), at);
             let begun = Instant::now();
-            let mut uploads = frame.uploads.iter();
-            uploads.try_for_each(|upload| self.backend.upload(pool.layers[upload.volume], upload))?;
+            for upload in &frame.uploads {
+                let before = self.backend.upload(pool.layers[upload.volume], upload)?;
+                before.into_iter().for_each(|before| pool.pager.take_for(upload, before));
+            }
             self.backend.submit_uploads()?;
             pool.pager.uploads_took(begun.elapsed());
             for (&layer, drawn) in pool.layers.iter().zip(frame.volumes) {

@@ -6,6 +6,7 @@ use crate::options::{CompositorChoice, SessionOptions};
 use brickyard_pager::{Layer, Upload, VolumeNeeds};
 use brickyard_render::{Compiled, Compositor, GpuError, GpuOptions, GpuPreference, GpuRenderer};
 use brickyard_volume::{Combination, Picture};
+use std::sync::Arc;
 
 /// Makes the GPU backend for layers and pictures, and returns it with a line that describes it.
 ///
@@ -80,8 +81,9 @@ impl Renderer for GpuRenderer {
         self.asked_bytes()
     }
 
-    fn upload(&mut self, layer: usize, upload: &Upload) -> Result<(), BackendError> {
-        Ok(self.upload(layer, upload.slot, &upload.codes)?)
+    fn upload(&mut self, layer: usize, upload: &Upload) -> Result<Option<Arc<[u8]>>, BackendError> {
+        self.upload(layer, upload.slot, &upload.codes)?;
+        Ok(None)
     }
 
     fn upload_room_bytes(&mut self, layer: usize) -> Option<u64> {

@@ -236,7 +236,14 @@ impl PagedVolume {
         self.handed_out.extend(handed_out);
     }
 
-    /// Takes back the buffers that the last frame handed out.
+    /// Takes another buffer in place of one that the last frame handed out.
+    pub(crate) fn take_for(&mut self, codes: &Arc<[u8]>, other: Arc<[u8]>) {
+        if let Some(handed_out) = self.handed_out.iter_mut().find(|handed_out| Arc::ptr_eq(handed_out, codes)) {
+            *handed_out = other;
+        }
+    }
+
+    /// Takes back the buffers that the last frame handed out, or others in their place.
     pub(crate) fn take_back(&mut self) {
         self.workers.give_back(self.handed_out.drain(..));
     }

@@ -278,6 +278,13 @@ impl Pager {
         self.volumes[volume].feedback(drawn, visibility);
     }
 
+    /// Takes a buffer in place of an upload's: a renderer that keeps the last frame's uploads instead of copying them has none of its own to free
+    /// for them, and the workers none to allocate. `before` is as long as the upload.
+    pub fn take_for(&mut self, upload: &Upload, before: Arc<[u8]>) {
+        debug_assert_eq!(before.len(), upload.codes.len(), "a buffer of another pool");
+        self.volumes[upload.volume].take_for(&upload.codes, before);
+    }
+
     /// Limits the next frame's uploads to this many bytes, which may be 0: as much as the renderer can take without waiting. Later frames are
     /// not limited by it.
     pub fn limit_uploads(&mut self, bytes: u64) {

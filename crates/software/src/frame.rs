@@ -134,6 +134,11 @@ impl Resident {
         Self { codes, voxel_bytes, cells }
     }
 
+    /// The padded brick: voxels, and gradients behind them.
+    pub(crate) fn into_codes(self) -> Arc<[u8]> {
+        self.codes
+    }
+
     /// The codes of the padded brick's voxels.
     pub(crate) fn voxels(&self) -> &[u8] {
         &self.codes[..self.voxel_bytes]

@@ -138,19 +138,19 @@ impl SoftwareRenderer {
     }
 
     /// Puts a layer's padded brick into a slot of the layer's pool: `(edge + 2 * apron)^3` little-endian codes, x fastest, and stored gradients
-    /// behind them if pictures need some. Nothing is copied; if empty space is skipped, the codes are read once, for the macro-cells.
+    /// behind them if pictures need some. Nothing is copied; if empty space is skipped, the codes are read once, for the macro-cells. Returns the
+    /// codes that the slot held before, whose memory may serve another brick.
     ///
     /// # Errors
     /// If there is no such layer or slot, or the length is not a padded brick's.
-    pub fn upload(&mut self, layer: usize, slot: Slot, codes: Arc<[u8]>) -> Result<(), SoftwareError> {
+    pub fn upload(&mut self, layer: usize, slot: Slot, codes: Arc<[u8]>) -> Result<Option<Arc<[u8]>>, SoftwareError> {
         let pool = self.pool_of.get(layer).and_then(|&pool| self.pools.get_mut(pool));
         let Some(pool) = pool else { return Err(SoftwareError::Mismatch(format!("a brick of layer {layer}"))) };
         let (bytes, slots) = (codes.len(), pool.len());
         expect(slot.0 < slots && pool.is_padded_brick(&codes), || {
             format!("a brick of {bytes} bytes for slot {} of {slots}", slot.0)
         })?;
-        pool.upload(slot, codes);
-        Ok(())
+        Ok(pool.upload(slot, codes))
     }
 
     /// Draws layers, or an expression over them. The renderer's other layers are left out. The time is in proportion to the samples

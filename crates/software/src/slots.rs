@@ -35,8 +35,9 @@ impl Slots {
         self.bricks.len() as u32
     }
 
-    /// Puts a padded brick into a slot. The codes are read once, for the macro-cells, if empty space is to be skipped.
-    pub(crate) fn upload(&mut self, slot: Slot, codes: Arc<[u8]>) {
+    /// Puts a padded brick into a slot. The codes are read once, for the macro-cells, if empty space is to be skipped. Returns the codes that were in
+    /// the slot before.
+    pub(crate) fn upload(&mut self, slot: Slot, codes: Arc<[u8]>) -> Option<Arc<[u8]>> {
         debug_assert!(self.is_padded_brick(&codes));
         let VolumeNeeds { encoding, edge, bricks, .. } = self.needs;
         let voxels = &codes[..voxel_bytes(&self.needs) as usize];
@@ -45,7 +46,8 @@ impl Slots {
             false => MacroCells::of_anything(encoding.format, edge as usize),
         };
         let voxel_bytes = voxels.len();
-        self.bricks[slot.0 as usize] = Some(Resident::new(codes, voxel_bytes, cells));
+        let before = self.bricks[slot.0 as usize].replace(Resident::new(codes, voxel_bytes, cells));
+        before.map(Resident::into_codes)
     }
 
     /// Whether `codes` is as long as a padded brick of this pool, with its gradients.

@@ -104,6 +104,41 @@ fn one_slot_shows_the_root_of_each_channel() {
     assert_eq!(pager.frame(from_ref(&view), Duration::ZERO).status.counters.reuploaded, 1);
 }
 
+/// A renderer that keeps uploads has, once its slots are full, a buffer of a former brick for each of them; what it gives for them serves again,
+/// and counts as the pager's.
+#[test]
+fn buffers_that_a_renderer_no_longer_keeps_serve_again() {
+    let source = Arc::new(TestSource::cube(40));
+    let view = View { level: LevelPolicy::Locked(0), ..box_view(&source, Projection::Perspective { fov_y_deg: 30.0 }) };
+    let host_bytes_after = |gives_back: bool| {
+        let mut pager = pager_of(&source, config(40, 1 << 16));
+        let mut atlas: HashMap<u32, Arc<[u8]>> = HashMap::new();
+        for i in 0..6 {
+            let views = [View { channel: i % 2, ..view.clone() }];
+            loop {
+                let frame = pager.frame(&views, Duration::ZERO);
+                for upload in &frame.uploads {
+                    let before = atlas.insert(upload.slot.0, upload.codes.clone());
+                    before.into_iter().filter(|_| gives_back).for_each(|before| pager.take_for(upload, before));
+                }
+                assert!(frame.status.host_bytes_peak <= pager.config().host_bytes);
+                if frame.status.settled {
+                    let kept = atlas.iter().map(|(&slot, codes)| (slot, codes.to_vec())).collect();
+                    check_atlas(&source, &frame.volumes[0].draw, &kept);
+                    break;
+                }
+                drop(frame);
+                pager.wait(Duration::from_secs(1));
+            }
+        }
+        // By then what the last frame handed out has been given back, too.
+        pager.frame(&[View { channel: 1, ..view.clone() }], Duration::ZERO).status.host_bytes
+    };
+    let padded = 10 * 10 * 10;
+    let (with, without) = (host_bytes_after(true), host_bytes_after(false));
+    assert!(with >= without + padded, "{with} bytes, and without {without}");
+}
+
 #[test]
 fn bricks_that_fail_for_a_passing_reason_come_in_the_same_view() {
     for apron in [0, 1] {
