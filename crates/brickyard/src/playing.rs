@@ -87,6 +87,9 @@ pub struct PlayReport {
     pub anonymous_peak: u64,
 }
 
+/// How long a frame takes at least that is not drawn: no screen shows more of them, and each plans anew.
+const FRAME_TIME: Duration = Duration::from_millis(1);
+
 /// The longest time that a playback may take.
 const LONGEST: Duration = Duration::from_secs(600);
 
@@ -171,6 +174,7 @@ impl<'a> Run<'a> {
         self.session.play(Some(playback));
         let passed = |tally: Tally| tally.shown + tally.dropped;
         while passed(self.session.playback_tally()) < u64::from(self.plan.steps) {
+            let begun = Instant::now();
             let frame = self.step(scene)?;
             let is_over = self.session.playback().is_none();
             self.draw(&frame)?;
@@ -181,6 +185,9 @@ impl<'a> Run<'a> {
             // A frame that shows nothing new is not worth drawing.
             if !self.plan.draws || frame.status.settled {
                 self.session.wait(Duration::from_millis(50));
+            }
+            if !self.plan.draws {
+                std::thread::sleep(FRAME_TIME.saturating_sub(begun.elapsed()));
             }
         }
         self.session.play(None);
