@@ -10,7 +10,7 @@ use crate::pack::brick::Workspace;
 use crate::pack::cascade::shape;
 use crate::pack::disk::{Disk, DiskError};
 use crate::pack::{ours, output};
-use crate::side::{encode, read_at_most};
+use crate::side_file::{encode, read_at_most};
 use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use crate::store::{Store, bricks_of};
 use crate::value_counts::MOST_CLASSES;

@@ -21,6 +21,7 @@ mod scratch;
 pub mod shard;
 mod shard_file;
 pub mod side;
+mod side_file;
 mod stats;
 mod store;
 #[cfg(test)]

@@ -394,17 +394,22 @@ pub(crate) fn apron_document(layout: &Layout, level: Level, apron: Apron, info: 
 
 /// The document of an array of voxels in shards.
 fn sharded_document(shape: &[u32], shard: &[u32], chunk: &[u32], info: &StoreInfo) -> Value {
-    let index_codecs = json!([{ "name": "bytes", "configuration": { "endian": "little" } }, { "name": "crc32c" }]);
-    let sharding = json!({
-        "chunk_shape": chunk,
-        "codecs": brick_codecs(info.codec, info.voxel_type),
-        "index_codecs": index_codecs,
-        "index_location": "end",
-    });
-    let codecs = json!([{ "name": "sharding_indexed", "configuration": sharding }]);
+    let codecs = sharding_codecs(chunk, brick_codecs(info.codec, info.voxel_type));
     let mut document = array_document(shape, shard, info.voxel_type.zarr_name(), codecs);
     document["fill_value"] = if info.voxel_type.is_float() { json!(0.0) } else { json!(0) };
     document
+}
+
+/// The codecs of an array of shards, each of chunks of a shape, with codecs of their own.
+pub(crate) fn sharding_codecs(chunk: &[u32], codecs: Value) -> Value {
+    let index_codecs = json!([{ "name": "bytes", "configuration": { "endian": "little" } }, { "name": "crc32c" }]);
+    let sharding = json!({
+        "chunk_shape": chunk,
+        "codecs": codecs,
+        "index_codecs": index_codecs,
+        "index_location": "end",
+    });
+    json!([{ "name": "sharding_indexed", "configuration": sharding }])
 }
 
 /// An array document with a regular grid and fill value 0.

@@ -8,7 +8,8 @@
 //!
 //! A brick's ranges include its descendants'. Where aprons are stored, the array `aprons` of each level has a `shards` of its own.
 //!
-//! Where shards hold several time steps, `t` of `shards` counts groups of them, as it does in the shards' paths.
+//! Where shards hold several time steps, `t` of `shards` counts groups of them, as it does in the shards' paths; and the pages of `ranges` and
+//! `hashes` of as many steps are in one file, a shard themselves.
 //!
 //! All axes are always there. A chunk is a *page*: one time step, one channel, 16³ bricks (or shards); bytes, zstd, crc32c. So
 //! a store opens without reading any of it, a page is read when something in its box is looked at, and new time steps
@@ -16,12 +17,13 @@
 
 use crate::error::{OpenError, ReadError};
 use crate::layout::{Layout, place_at};
-use crate::metadata::{Steps, array_document, bytes_codec, check_array, document_bytes};
+use crate::metadata::{Steps, array_document, bytes_codec, check_array, document_bytes, sharding_codecs};
 use crate::shard::Fingerprint;
+use crate::side_file::{self, read_at_most};
 use brickyard_volume::{BrickId, Extent, Level, Occupancy, OccupancyBins, PageId, Paging, VoxelType};
 use lru::LruCache;
 use serde_json::{Value, json};
-use std::io::Read;
+use std::collections::HashMap;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -34,6 +36,8 @@ pub(crate) struct SideArray {
     element_bytes: usize,
     /// Number of time steps, or of groups of them.
     times: u32,
+    /// How many steps' pages are in a file.
+    file_times: u32,
     channels: u32,
     grid: Extent,
     /// Elements for each cell of the grid.
@@ -55,7 +59,7 @@ impl SideArray {
     /// The array of the fingerprints of a level's shards, or of its aprons' shards, in the store at `store`.
     pub(crate) fn fingerprints(store: &Path, layout: &Layout, level: Level) -> Self {
         let of_steps = Self::new(store, layout, level, "shards", "uint64", 8, layout.shard_grid(level), 2);
-        Self { times: layout.shard_groups(), ..of_steps }
+        Self { times: layout.shard_groups(), file_times: 1, ..of_steps }
     }
 
     #[expect(clippy::too_many_arguments, reason = "a table's row, named by the three functions above")]
@@ -70,7 +74,8 @@ impl SideArray {
         values: u32,
     ) -> Self {
         let dir = layout.side_dir(store, level).join(name);
-        Self { dir, data_type, element_bytes, times: layout.times, channels: layout.channels, grid, values }
+        let (times, file_times, channels) = (layout.times, layout.shard_times, layout.channels);
+        Self { dir, data_type, element_bytes, times, file_times, channels, grid, values }
     }
 
     /// How the array's cells divide into pages.
@@ -95,18 +100,25 @@ impl SideArray {
 
     /// The path of a page's file.
     pub(crate) fn page_path(&self, PageId { time, channel, z, y, x, .. }: PageId) -> PathBuf {
-        self.dir.join(format!("c/{time}/{channel}/{z}/{y}/{x}/0"))
+        self.dir.join(format!("c/{}/{channel}/{z}/{y}/{x}/0", time / self.file_times))
+    }
+
+    /// A page's place among those of its file, the number of places, and how many of them have a page: the last file's steps may be fewer.
+    pub(crate) fn place_in_file(&self, PageId { time, .. }: PageId) -> (usize, usize, usize) {
+        let first = time / self.file_times * self.file_times;
+        let filled = self.file_times.min(self.times - first);
+        ((time - first) as usize, self.file_times as usize, filled as usize)
     }
 
     /// The array's document: the path of its file, and the content.
-    pub(crate) fn document_file(&self) -> (PathBuf, Vec<u8>) {
+    pub(crate) fn document_file(&self) -> PageFile {
         (self.document_path(), document_bytes(&self.document()))
     }
 
-    /// A page's file: its path, and the content that encodes the page's `bytes`.
-    pub(crate) fn page_file(&self, page: PageId, bytes: &[u8]) -> (PathBuf, Vec<u8>) {
-        debug_assert_eq!(bytes.len(), self.page_bytes());
-        (self.page_path(page), encode(bytes))
+    /// The file of a page that has it alone: its path, and the content that encodes the page's `bytes`.
+    pub(crate) fn page_file(&self, page: PageId, bytes: &[u8]) -> PageFile {
+        debug_assert!(bytes.len() == self.page_bytes() && self.file_times == 1);
+        (self.page_path(page), side_file::encode(bytes))
     }
 
     /// Compares the array's document with the one that the layout calls for.
@@ -117,10 +129,8 @@ impl SideArray {
 
     /// Reads and decodes a page.
     pub(crate) fn read_page(&self, page: PageId) -> Result<Vec<u8>, ReadError> {
-        let path = self.page_path(page);
-        let encoded = read_at_most(&path, zstd::zstd_safe::compress_bound(self.page_bytes()) as u64 + 4)
-            .map_err(|error| ReadError::Io { path: path.clone(), error })?;
-        decode(&encoded, self.page_bytes()).map_err(|what| ReadError::CorruptPage { path, what })
+        let (slot, slots, _) = self.place_in_file(page);
+        side_file::read(&self.page_path(page), slot, slots, self.page_bytes())
     }
 
     /// The number of pages of the array, over all time steps (or groups of them) and channels.
@@ -138,13 +148,44 @@ impl SideArray {
     pub(crate) fn document(&self) -> Value {
         let (grid, page) = (self.grid, self.paging().page_extent());
         let shape = [self.times, self.channels, grid.z, grid.y, grid.x, self.values];
-        let chunk = [1, 1, page.z, page.y, page.x, self.values];
+        let chunk = |steps| [steps, 1, page.z, page.y, page.x, self.values];
         let codecs = json!([
             bytes_codec(self.element_bytes),
             { "name": "zstd", "configuration": { "level": 1, "checksum": false } },
             { "name": "crc32c" },
         ]);
-        array_document(&shape, &chunk, self.data_type, codecs)
+        match self.file_times {
+            1 => array_document(&shape, &chunk(1), self.data_type, codecs),
+            steps => array_document(&shape, &chunk(steps), self.data_type, sharding_codecs(&chunk(1), codecs)),
+        }
+    }
+}
+
+/// A file of side data: path and content.
+pub(crate) type PageFile = (PathBuf, Vec<u8>);
+
+/// Files on their way that hold the pages of several time steps: what is there of each.
+#[derive(Default)]
+pub(crate) struct PageFiles {
+    begun: HashMap<PathBuf, Vec<Option<Vec<u8>>>>,
+}
+
+impl PageFiles {
+    /// Takes in a page. Returns its file if that is complete now.
+    pub(crate) fn add(&mut self, array: &SideArray, page: PageId, bytes: &[u8]) -> Option<PageFile> {
+        let (slot, slots, filled) = array.place_in_file(page);
+        if slots == 1 {
+            return Some(array.page_file(page, bytes));
+        }
+        let path = array.page_path(page);
+        let pages = self.begun.entry(path.clone()).or_insert_with(|| vec![None; slots]);
+        pages[slot] = Some(side_file::encode(bytes));
+        if pages.iter().flatten().count() < filled {
+            return None;
+        }
+        let file = side_file::join(pages);
+        self.begun.remove(&path);
+        Some((path, file))
     }
 }
 
@@ -248,39 +289,6 @@ pub(crate) fn read_fingerprints(array: &SideArray, page: PageId) -> Result<Vec<F
 /// The hash (XXH3-128) of a brick's decoded core, padding included.
 pub(crate) fn core_hash(core: &[u8]) -> u128 {
     xxhash_rust::xxh3::xxh3_128(core)
-}
-
-pub(crate) fn encode(bytes: &[u8]) -> Vec<u8> {
-    let mut encoded = Vec::new();
-    crate::scratch::Scratch::default().compress(1, bytes, &mut encoded);
-    let crc = crc32c::crc32c(&encoded);
-    encoded.extend_from_slice(&crc.to_le_bytes());
-    encoded
-}
-
-/// The decoded bytes of a page, of which there must be so many; or what is wrong.
-fn decode(encoded: &[u8], expected_bytes: usize) -> Result<Vec<u8>, String> {
-    let (frame, crc) = encoded.split_last_chunk::<4>().ok_or("it is shorter than its checksum")?;
-    let (stored, computed) = (u32::from_le_bytes(*crc), crc32c::crc32c(frame));
-    if stored != computed {
-        return Err(format!("checksum: stored {stored:08x}, computed {computed:08x}"));
-    }
-    let mut bytes = vec![0; expected_bytes];
-    match zstd::bulk::decompress_to_buffer(frame, &mut bytes) {
-        Ok(length) if length == expected_bytes => Ok(bytes),
-        Ok(length) => Err(format!("expected {expected_bytes} decoded bytes, found {length}")),
-        Err(error) => Err(error.to_string()),
-    }
-}
-
-/// A file's bytes; an error where there are more.
-pub(crate) fn read_at_most(path: &Path, most: u64) -> std::io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    std::fs::File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > most {
-        return Err(std::io::Error::other(format!("larger than the {most} bytes that it can have")));
-    }
-    Ok(bytes)
 }
 
 /// Reads a metadata document of at most 64 MiB.

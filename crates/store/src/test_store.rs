@@ -7,7 +7,7 @@ use crate::layout::{Layout, ShardId};
 use crate::metadata::{ChannelStatistics, Kind, StoreInfo, document_bytes, level_document, root_document};
 use crate::scratch::Scratch;
 use crate::shard::{BrickRange, Fingerprint, encode_index};
-use crate::side::{SideArray, core_hash, level_arrays};
+use crate::side::{PageFiles, SideArray, core_hash, level_arrays};
 use crate::stats::{ChannelTotals, Counter, Measure, Tally};
 use crate::version::FORMAT_VERSION;
 use brickyard_volume::{
@@ -120,6 +120,7 @@ impl TestStore {
             let pages =
                 |array: &SideArray| (0..array.page_count()).map(|i| array.page_at(level, i)).collect::<Vec<_>>();
             let mut files = [&ranges, &hashes, &fingerprints].map(SideArray::document_file).to_vec();
+            let mut begun = PageFiles::default();
             for page in pages(&ranges) {
                 let [mut of_ranges, mut of_hashes] = [&ranges, &hashes].map(|array| vec![0; array.page_bytes()]);
                 for (id, place) in layout.pyramid.bricks_of_page(page) {
@@ -129,8 +130,8 @@ impl TestStore {
                     of_ranges[place * voxels.len()..][..voxels.len()].copy_from_slice(&voxels);
                     of_hashes[place * 16..][..16].copy_from_slice(&hash.to_le_bytes());
                 }
-                files.push(ranges.page_file(page, &of_ranges));
-                files.push(hashes.page_file(page, &of_hashes));
+                files.extend(begun.add(&ranges, page, &of_ranges));
+                files.extend(begun.add(&hashes, page, &of_hashes));
             }
             for page in pages(&fingerprints) {
                 let mut of_shards = vec![Fingerprint::default(); fingerprints.paging().page_cells()];
@@ -302,10 +303,14 @@ pub(crate) fn bumps(t: u32, c: u32, [x, y, z]: [u32; 3]) -> f64 {
 
 /// Changes the decoded bytes of a page of side data.
 pub(crate) fn edit_page(array: &SideArray, page: PageId, edit: impl FnOnce(&mut Vec<u8>)) {
-    let mut bytes = array.read_page(page).unwrap();
-    edit(&mut bytes);
-    let (path, file) = array.page_file(page, &bytes);
-    write_file(&path, &file);
+    let (slot, _, filled) = array.place_in_file(page);
+    let first = page.time - slot as u32;
+    let of_file = (first..first + filled as u32).map(|time| PageId { time, ..page });
+    let mut pages: Vec<(PageId, Vec<u8>)> = of_file.map(|page| (page, array.read_page(page).unwrap())).collect();
+    edit(&mut pages[slot].1);
+    let mut begun = PageFiles::default();
+    let files = pages.iter().filter_map(|(page, bytes)| begun.add(array, *page, bytes));
+    files.for_each(|(path, file)| write_file(&path, &file));
 }
 
 fn write_file(path: &Path, bytes: &[u8]) {

@@ -6,7 +6,8 @@
 //!        + side data on their way + open shards' indexes + channels' counts
 //! open shards = those of a layer of each stage, 24 bytes a brick; where they hold several time steps all of each stage that hold one step,
 //!        over all channels, 24 bytes and a place in a hash table (20 to 40) for each brick of each of their steps; 16 bytes a brick of one shard
-//! side data = at most 20 layers of each stage's bricks * (4 voxels + 16 bytes), 16 of its shards * 16 bytes
+//! side data = at most 20 layers of each stage's bricks * (4 voxels + 16 bytes), 16 of its shards * 16 bytes; where shards hold several time
+//!        steps, as many steps' pages of all channels, and those of one file while they are joined
 //! stages = level 0, and levels k >= 1 of each pyramid
 //! reading = a plane of level 0 + what the source's reader says it takes    (one thread reads whole planes)
 //!         = threads * what the source's reader says it takes               (sources that read boxes)
@@ -37,7 +38,7 @@ use crate::shard::Fingerprint;
 use crate::shard_file::IoMode;
 use crate::stats::ChannelTotals;
 use brickyard_import::{Access, Source, SourceInfo};
-use brickyard_volume::{Extent, Level, LevelGrid, PAGE_EDGE_BRICKS, Pyramid, VoxelType};
+use brickyard_volume::{Extent, Level, LevelGrid, PAGE_EDGE_BRICKS, Paging, Pyramid, VoxelType};
 use std::ops::Range;
 use std::path::Path;
 
@@ -413,13 +414,17 @@ fn fixed_bytes(plan: &PackPlan, voxel_type: VoxelType, options: &PackOptions) ->
     let buffers = Workspace::<u8>::bytes(edge, voxel_type.bytes()) as u64;
     let compressor = compressor_bytes(codec.core_bytes() as u64, options.codec);
     let in_flight = (bricks_ahead(options.threads) + threads + 2) * codec.encoded_cap();
-    let side_data = plan.stages.iter().map(|stage| waiting_bytes(stage, voxel_type.bytes() as u64)).sum::<u64>();
+    let voxel_bytes = voxel_type.bytes() as u64;
+    let of_stage =
+        |stage: &Stage| waiting_bytes(stage, voxel_bytes).saturating_add(held_page_bytes(stage, voxel_bytes));
+    let joined = plan.stages.iter().map(|stage| page_file_bytes(stage, voxel_bytes)).max();
+    let side_data = plan.stages.iter().map(of_stage).fold(joined.unwrap_or(0), u64::saturating_add);
     let open = |stage: &Stage| open_shards(stage).saturating_mul(open_bytes(&stage.layout, stage.level));
     let finishing = plan.stages.iter().map(|stage| finishing_bytes(&stage.layout, stage.level)).max();
     let indexes = plan.stages.iter().map(open).fold(finishing.unwrap_or(0), u64::saturating_add);
     let channels =
         plan.layout.channels as u64 * ChannelTotals::bytes(voxel_type) + ChannelTotals::adding_bytes(voxel_type);
-    (threads * (buffers + compressor) + in_flight + side_data + channels).saturating_add(indexes)
+    (threads * (buffers + compressor) + in_flight + channels).saturating_add(side_data).saturating_add(indexes)
 }
 
 /// How many shards of a stage are open at a time: those of one layer, or where they hold several time steps, all that hold
@@ -462,6 +467,29 @@ pub(crate) fn least_shells(stage: &Stage) -> u64 {
     let (size, grid) = (stage.layout.shard_bricks(stage.level).to_array(), stage.grid().bricks.to_array());
     let across = |a: usize, n: u32| grid[a].min(n + 2) as u64;
     across(0, size[0]) * across(1, size[1]) * across(2, 1)
+}
+
+/// What is kept of an encoded page besides its bytes: what names it, and what compression, its checksum and the allocator add.
+const PAGE_ENTRY_BYTES: u64 = 128;
+
+/// Bytes that the pages of a stage take, whose voxels have so many bytes, while they wait for those of the other time steps of their files.
+fn held_page_bytes(stage: &Stage, voxel_bytes: u64) -> u64 {
+    let Layout { shard_times, channels, .. } = stage.layout;
+    if shard_times == 1 {
+        return 0;
+    }
+    let paging = Paging::new(stage.grid().bricks);
+    let cells = paging.page_cells() as u64;
+    let of_page = cells * (4 * voxel_bytes + size_of::<u128>() as u64) + 2 * PAGE_ENTRY_BYTES;
+    (paging.page_grid().volume() * shard_times as u64 * channels as u64).saturating_mul(of_page)
+}
+
+/// Bytes of a file of several time steps' pages of a stage.
+fn page_file_bytes(stage: &Stage, voxel_bytes: u64) -> u64 {
+    let steps = stage.layout.shard_times as u64;
+    let cells = Paging::new(stage.grid().bricks).page_cells() as u64;
+    let of_page = cells * (4 * voxel_bytes).max(size_of::<u128>() as u64) + PAGE_ENTRY_BYTES;
+    if steps == 1 { 0 } else { steps.saturating_mul(of_page) }
 }
 
 /// Layers of bricks that wait for their neighbours and children, at most.

@@ -9,19 +9,17 @@ use crate::layout::{Layout, ShardId};
 use crate::pack::parts::{Parts, directions};
 use crate::pack::plan::{PackPlan, Stage};
 use crate::shard::Fingerprint;
-use crate::side::{SideArray, core_hash};
+use crate::side::{PageFile, PageFiles, SideArray, core_hash};
 use crate::stats::{Measure, Range};
 use brickyard_volume::{BrickId, BrickIndex, Extent, Level, PageId};
 use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
-
-/// A file of side data: path and content.
-pub(crate) type PageFile = (PathBuf, Vec<u8>);
+use std::path::Path;
 
 /// The ranges and hashes of all stages' bricks, on their way to pages.
 pub(crate) struct BrickPages<'a, T> {
     plan: &'a PackPlan,
     stages: Vec<StagePages<T>>,
+    files: PageFiles,
     /// The hash of a brick that is not stored.
     fill_hash: u128,
 }
@@ -62,11 +60,12 @@ impl<'a, T: Measure> BrickPages<'a, T> {
             finished: Vec::new(),
         };
         let fill = vec![0; (plan.layout.pyramid.edge() as usize).pow(3) * size_of::<T>()];
-        Self { plan, stages: plan.stages.iter().map(stage).collect(), fill_hash: core_hash(&fill) }
+        let stages = plan.stages.iter().map(stage).collect();
+        Self { plan, stages, files: PageFiles::default(), fill_hash: core_hash(&fill) }
     }
 
     /// Takes in the next brick of stage `s`: its ranges by part, and the hash of its core, which is `None` if it is all
-    /// fill. Appends the pages that it completes to `out`.
+    /// fill. Appends the files that it completes to `out`.
     pub(crate) fn add(&mut self, s: usize, id: BrickId, parts: &Parts<T>, hash: Option<u128>, out: &mut Vec<PageFile>) {
         let (index, bricks) = (id.index.to_array(), self.stages[s].bricks.to_array());
         let at = (id.index.y * bricks[0] + id.index.x) as usize;
@@ -130,7 +129,7 @@ impl<'a, T: Measure> BrickPages<'a, T> {
             stage.first = if is_last { 0 } else { z + 1 };
             let coarser: Vec<usize> = self.plan.coarser(s).map(|(coarser, _)| coarser).collect();
             coarser.iter().for_each(|&coarser| self.join(s, z, &layer, coarser));
-            self.stages[s].finish(z, layer, volume, self.plan.stages[s].level, out);
+            self.stages[s].finish(z, layer, volume, self.plan.stages[s].level, (&mut self.files, out));
             coarser.iter().for_each(|&coarser| self.advance(coarser, volume, out));
             if is_last {
                 return;
@@ -156,7 +155,14 @@ impl<'a, T: Measure> BrickPages<'a, T> {
 
 impl<T: Measure> StagePages<T> {
     /// Keeps a final layer; makes a row of pages once all of its layers are there.
-    fn finish(&mut self, z: u32, layer: Layer<T>, (time, channel): (u32, u32), level: Level, out: &mut Vec<PageFile>) {
+    fn finish(
+        &mut self,
+        z: u32,
+        layer: Layer<T>,
+        (time, channel): (u32, u32),
+        level: Level,
+        (files, out): (&mut PageFiles, &mut Vec<PageFile>),
+    ) {
         self.finished.push(layer);
         let paging = self.ranges.paging();
         let depth = paging.page_extent().z;
@@ -167,8 +173,8 @@ impl<T: Measure> StagePages<T> {
         for (y, x) in (0..grid.y).flat_map(|y| (0..grid.x).map(move |x| (y, x))) {
             let page = PageId { time, channel, level, z: z / depth, y, x };
             let (ranges, hashes) = self.page(page);
-            out.push(self.ranges.page_file(page, &ranges));
-            out.push(self.hashes.page_file(page, &hashes));
+            out.extend(files.add(&self.ranges, page, &ranges));
+            out.extend(files.add(&self.hashes, page, &hashes));
         }
         self.finished.clear();
     }
