@@ -3,15 +3,14 @@
 use super::advice::with_flags;
 use super::failure::Failure;
 use super::input_args::InputArguments;
-use super::pack_settings::StoreSettings;
-use super::progress::{Progress, ProgressStyleArgument};
-use super::{store_errors, values};
+use super::pack_settings::{PackingLimits, StoreSettings};
+use super::progress::Progress;
+use super::store_errors;
 use brickyard::import::{self, Source};
-use brickyard::store::{self, AppendError, AppendOptions, Appender, OpenError, PackOptions, Store};
+use brickyard::store::{self, AppendError, Appender, OpenError, Store};
 use brickyard::volume::counted;
 use clap::Args;
 use std::io::ErrorKind;
-use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -30,23 +29,15 @@ pub(crate) struct AppendArguments {
     input: InputArguments,
     #[command(flatten)]
     settings: StoreSettings,
-    /// Limit of the process's own memory
-    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
-    memory: u64,
-    /// Threads [default: all]
-    #[arg(short = 'j', long)]
-    threads: Option<NonZeroUsize>,
-    /// How to show progress
-    #[arg(long, value_enum, default_value_t)]
-    progress: ProgressStyleArgument,
+    #[command(flatten)]
+    limits: PackingLimits,
 }
 
 /// How steps are appended, whatever their files.
 struct Settings {
     store: PathBuf,
     settings: StoreSettings,
-    options: AppendOptions,
-    progress: ProgressStyleArgument,
+    limits: PackingLimits,
 }
 
 /// Runs `append`. What was appended before a step that fails, stays.
@@ -54,14 +45,12 @@ struct Settings {
 /// # Errors
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
-    let AppendArguments { store, files, time, input, settings, memory, threads, progress } = arguments;
+    let AppendArguments { store, files, time, input, settings, limits } = arguments;
     if !time.is_empty() && time.len() != files.len() {
         let (given, files) = (counted(time.len() as u64, "time"), counted(files.len() as u64, "file"));
         return Err(Failure::usage(format!("--time: expected one for each file, found {given} for {files}")));
     }
-    let defaults = AppendOptions::default();
-    let options = AppendOptions { memory_bytes: memory, threads: threads.map_or(defaults.threads, NonZeroUsize::get) };
-    let settings = Settings { store, settings, options, progress };
+    let settings = Settings { store, settings, limits };
     let input = input.options();
     let mut appender = None;
     for (i, file) in files.iter().enumerate() {
@@ -82,7 +71,7 @@ impl Settings {
         stamp: Option<f64>,
     ) -> Result<Appender, Failure> {
         let started = Instant::now();
-        let progress = Progress::new(self.progress, "append");
+        let progress = Progress::new(self.limits.progress, "append");
         let watcher = Watcher { voxel_bytes: source.info().voxel_type.bytes() as u64, progress };
         let of_file = |error: AppendError| {
             let Failure { kind, message } = store_errors::append_failure(error);
@@ -100,9 +89,7 @@ impl Settings {
                         "note: the input gives no voxel size: the store is uncalibrated; set one with --spacing and --unit"
                     );
                 }
-                let options = self.settings.options(source.info().voxel_type)?;
-                let AppendOptions { memory_bytes, threads } = self.options;
-                let options = PackOptions { memory_bytes, threads, ..options };
+                let options = self.limits.limit(self.settings.options(source.info().voxel_type)?);
                 Appender::create(&self.store, source, stamp, &options, &watcher).map(|appender| (appender, None))
             }
         };
@@ -127,7 +114,7 @@ impl Settings {
             }
             Err(error) => return Err(store_errors::open_failure(&error)),
         }
-        Appender::open(&self.store, self.options).map(Some).map_err(store_errors::append_failure)
+        Appender::open(&self.store, self.limits.of_append()).map(Some).map_err(store_errors::append_failure)
     }
 }
 

@@ -37,7 +37,7 @@ mod view;
 mod views;
 mod volume_args;
 
-use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 pub(crate) use failure::Failure;
 use std::process::ExitCode;
 
@@ -73,7 +73,7 @@ enum Command {
     Export(export::ExportArguments),
     /// Open a window on a store
     #[cfg(feature = "viewer")]
-    View(Box<view::ViewArguments>),
+    View(Box<view::ViewCommand>),
     /// Render a store to PNG, or to a movie
     Render(Box<render_args::RenderArguments>),
     /// Make a synthetic volume, as .raw or straight into a store (.zarr)
@@ -93,10 +93,9 @@ fn main() -> ExitCode {
         // SAFETY: no other thread exists yet that could read the environment.
         unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     }
-    let matches = Arguments::command().get_matches();
-    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let arguments = Arguments::parse();
     set_up_log(arguments.verbose, arguments.quiet);
-    match run(arguments.command, &matches) {
+    match run(arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("error: {}", failure.message);
@@ -105,11 +104,11 @@ fn main() -> ExitCode {
     }
 }
 
-/// Runs a subcommand. `matches` are what it was made of.
+/// Runs a subcommand.
 ///
 /// # Errors
 /// With the message and exit code for the user.
-fn run(command: Command, matches: &ArgMatches) -> Result<(), Failure> {
+fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Pack(arguments) => pack::run(*arguments),
         Command::Append(arguments) => append::run(*arguments),
@@ -118,7 +117,7 @@ fn run(command: Command, matches: &ArgMatches) -> Result<(), Failure> {
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         #[cfg(feature = "viewer")]
-        Command::View(arguments) => view::run(*arguments, matches.subcommand_matches("view").unwrap_or(matches)),
+        Command::View(arguments) => view::run(*arguments),
         Command::Render(arguments) => render::run(*arguments),
         Command::Synth(arguments) => synth::run(arguments),
         Command::Bench(arguments) => bench::run(&arguments),
@@ -157,6 +156,7 @@ fn print_line(text: &str) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::CommandFactory;
 
     #[test]
     fn the_flags_of_all_commands_are_consistent() {

@@ -5,7 +5,9 @@ use super::failure::Failure;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::{store_errors, values};
 use brickyard::import::Source;
-use brickyard::store::{self, Codec, Downsample, Exists, Kind, PackOptions, PackPlan, Reductions, Store};
+use brickyard::store::{
+    self, AppendOptions, Codec, Downsample, Exists, Kind, PackOptions, PackPlan, Reductions, Store,
+};
 use brickyard::volume::{MAX_APRON, VoxelType, counted};
 use clap::{Args, ValueEnum};
 use std::num::NonZeroUsize;
@@ -38,6 +40,34 @@ pub(crate) struct StoreSettings {
     aprons: Option<u32>,
 }
 
+/// What packing may take, and how it shows how far it is.
+#[derive(Args, Clone, Copy, Debug)]
+pub(crate) struct PackingLimits {
+    /// Limit of the process's own memory
+    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
+    memory: u64,
+    /// Threads [default: all]
+    #[arg(short = 'j', long)]
+    threads: Option<NonZeroUsize>,
+    /// How to show progress
+    #[arg(long, value_enum, default_value_t)]
+    pub(crate) progress: ProgressStyleArgument,
+}
+
+impl PackingLimits {
+    /// The options of a pack, within these limits.
+    pub(crate) fn limit(&self, options: PackOptions) -> PackOptions {
+        let threads = self.threads.map_or(options.threads, NonZeroUsize::get);
+        PackOptions { memory_bytes: self.memory, threads, ..options }
+    }
+
+    /// The options of an append.
+    pub(crate) fn of_append(&self) -> AppendOptions {
+        let threads = self.threads.map_or(AppendOptions::default().threads, NonZeroUsize::get);
+        AppendOptions { memory_bytes: self.memory, threads }
+    }
+}
+
 /// How to pack.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct PackSettings {
@@ -47,21 +77,14 @@ pub(crate) struct PackSettings {
     /// steps of a file are stored once
     #[arg(long, value_name = "STEPS", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     shard_time: u32,
-    /// Limit of the process's own memory
-    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
-    memory: u64,
-    /// Threads [default: all]
-    #[arg(short = 'j', long)]
-    threads: Option<NonZeroUsize>,
+    #[command(flatten)]
+    limits: PackingLimits,
     /// Go on with an interrupted pack of the same input and settings
     #[arg(long, conflicts_with = "overwrite")]
     resume: bool,
     /// Replace an existing output
     #[arg(long)]
     overwrite: bool,
-    /// How to show progress
-    #[arg(long, value_enum, default_value_t)]
-    progress: ProgressStyleArgument,
 }
 
 /// What voxels mean.
@@ -149,7 +172,7 @@ impl PackSettings {
 
     /// How to show progress.
     pub(crate) fn progress(&self) -> ProgressStyleArgument {
-        self.progress
+        self.limits.progress
     }
 
     /// The options of a new store of voxels of this type.
@@ -162,9 +185,8 @@ impl PackSettings {
             (_, true) => Exists::Overwrite,
             _ => Exists::Refuse,
         };
-        let options = self.store.options(voxel_type)?;
-        let threads = self.threads.map_or(options.threads, NonZeroUsize::get);
-        Ok(PackOptions { shard_times: self.shard_time, memory_bytes: self.memory, threads, exists, ..options })
+        let options = self.limits.limit(self.store.options(voxel_type)?);
+        Ok(PackOptions { shard_times: self.shard_time, exists, ..options })
     }
 
     /// Packs a source into a store, saying the plan first and the result last.
@@ -179,8 +201,9 @@ impl PackSettings {
                 "note: the input gives no voxel size: the store is uncalibrated; set one with --spacing and --unit"
             );
         }
-        let progress = Progress::new(self.progress, "pack");
-        let watcher = Watcher { source, style: self.progress, progress, aprons: OnceLock::new() };
+        let style = self.progress();
+        let progress = Progress::new(style, "pack");
+        let watcher = Watcher { source, style, progress, aprons: OnceLock::new() };
         let started = Instant::now();
         let packed = store::pack(source, path, &options, &watcher);
         watcher.finish();

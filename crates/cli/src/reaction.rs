@@ -1,7 +1,7 @@
 //! A small simulation that runs while its steps are appended to a store: two substances in a box that react and diffuse, by the model of Gray and Scott (J. E. Pearson, *Complex
 //! patterns in a simple system*, Science 261, 1993), on a periodic grid. Costs 16 bytes a voxel, and about 2 ns of processor time for each voxel and round.
 
-use brickyard::import::{ImportError, Lent, Source, SourceInfo};
+use brickyard::import::{ImportError, Lent, Source, SourceInfo, uniform};
 use brickyard::volume::{Extent, Geometry, VoxelBox, VoxelType};
 use std::num::NonZeroUsize;
 
@@ -40,9 +40,8 @@ impl Reaction {
         let mut now = [vec![1.0; count], vec![0.0; count]];
         let size = extent.to_array().map(f64::from);
         let radius = (size.iter().copied().fold(f64::INFINITY, f64::min) / 16.0).max(1.0);
-        let mut random = seed;
-        for _ in 0..12 {
-            let centre = size.map(|size| (0.3 + 0.4 * uniform(&mut random)) * size);
+        for drop in 0..12 {
+            let centre = [0, 1, 2].map(|axis| (0.3 + 0.4 * uniform(seed, 3 * drop + axis as u64)) * size[axis]);
             for (i, [x, y, z]) in places(extent).enumerate() {
                 let at = [x, y, z].map(|at| f64::from(at) + 0.5);
                 let distance: f64 = at.iter().zip(centre).map(|(at, centre)| (at - centre).powi(2)).sum();
@@ -166,15 +165,6 @@ impl ReactionStep {
 /// All voxels of a volume, x fastest.
 fn places(extent: Extent) -> impl Iterator<Item = [u32; 3]> {
     (0..extent.z).flat_map(move |z| (0..extent.y).flat_map(move |y| (0..extent.x).map(move |x| [x, y, z])))
-}
-
-/// The next random number from 0 to 1 (SplitMix64).
-fn uniform(state: &mut u64) -> f64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let mut z = *state;
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
 #[cfg(test)]

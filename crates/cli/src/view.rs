@@ -16,7 +16,7 @@ use brickyard::session::SessionOptions;
 use brickyard::text_file::read_text;
 use brickyard_viewer::{Openings, Script, WindowOptions};
 use clap::parser::ValueSource;
-use clap::{ArgMatches, Args, Id};
+use clap::{ArgMatches, Args, Command, FromArgMatches, Id};
 use std::cell::Cell;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -106,17 +106,44 @@ const OTHER_FLAGS: [&str; 30] = [
     "scratch",
 ];
 
+/// The arguments of `view`, and whether any of them says what is shown.
+pub(crate) struct ViewCommand {
+    arguments: ViewArguments,
+    has_scene: bool,
+}
+
+impl FromArgMatches for ViewCommand {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        Ok(Self { arguments: ViewArguments::from_arg_matches(matches)?, has_scene: has_scene(matches) })
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+impl Args for ViewCommand {
+    fn augment_args(command: Command) -> Command {
+        ViewArguments::augment_args(command)
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        ViewArguments::augment_args_for_update(command)
+    }
+}
+
 /// Whether any flag says what is shown. Such a window does not begin as the last one was left.
 fn has_scene(matches: &ArgMatches) -> bool {
     let given = matches.ids().map(Id::as_str).filter(|id| matches.value_source(id) == Some(ValueSource::CommandLine));
     given.into_iter().any(|id| !OTHER_FLAGS.contains(&id))
 }
 
-/// Runs `view`. `matches` are what its arguments were made of.
+/// Runs `view`.
 ///
 /// # Errors
 /// With the message and exit code for the user.
-pub(crate) fn run(arguments: ViewArguments, matches: &ArgMatches) -> Result<(), Failure> {
+pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(), Failure> {
     let begun = Instant::now();
     let script = match &arguments.script {
         None => Script::default(),
@@ -129,7 +156,7 @@ pub(crate) fn run(arguments: ViewArguments, matches: &ArgMatches) -> Result<(), 
         Some(file) if arguments.stores.is_empty() => named_volumes(file)?,
         _ => arguments.stores,
     };
-    if paths.is_empty() && has_scene(matches) {
+    if paths.is_empty() && has_scene {
         return Err(Failure::usage("these flags say how volumes are shown: name the volumes, too"));
     }
     // Previews are within the limit, and leave most of it.
@@ -156,7 +183,7 @@ pub(crate) fn run(arguments: ViewArguments, matches: &ArgMatches) -> Result<(), 
     let options = WindowOptions {
         scene,
         scene_file: arguments.scene.file().map(Path::to_path_buf),
-        restores: !(arguments.fresh || has_scene(matches)),
+        restores: !(arguments.fresh || has_scene),
         session,
         size,
         script,

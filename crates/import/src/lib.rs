@@ -3,7 +3,7 @@
 //! [`open`] picks a reader by name, first bytes and flags. All readers of uncompressed arrays (raw, `.npy`, NIfTI,
 //! ImageJ's large stacks) end in [`RawSource`], which maps the file; compressed NIfTI is inflated once into scratch
 //! space; TIFF and DICOM decode the planes they are asked for. [`SynthSource`] makes volumes that no file holds.
-//! [`Strided`] is every n-th voxel of another source.
+//! [`Strided`] is every n-th voxel of another source, [`Described`] a source of which other things are said.
 //!
 //! `read_mesh` reads the triangle meshes that are shown with a volume.
 
@@ -15,6 +15,7 @@
 #[cfg(not(all(feature = "dicom", feature = "tiff")))]
 mod absent;
 mod axes;
+mod described;
 #[cfg(feature = "dicom")]
 mod dicom;
 mod dicom_files;
@@ -55,6 +56,7 @@ use absent::dicom;
 #[cfg(not(feature = "tiff"))]
 use absent::tiff_stack;
 pub use axes::AxisOrder;
+pub use described::Described;
 pub use element::Endian;
 pub use error::ImportError;
 #[cfg(feature = "mesh")]
@@ -64,5 +66,5 @@ pub use options::{FileOrder, NoData, OpenOptions};
 pub use raw::{RawLayout, RawSource};
 pub use source::{Access, Lent, Source, SourceInfo};
 pub use strided::Strided;
-pub use synth::{CONSTANT_UNITS, SPARSE_LAST_UNITS, SynthKind, SynthSource};
+pub use synth::{CONSTANT_UNITS, SPARSE_LAST_UNITS, SynthKind, SynthSource, uniform};
 pub use write_raw::write_raw;

@@ -1,6 +1,7 @@
 //! Opening whatever the user names: picks the reader by flags, name and first bytes, joins several files, and applies
 //! what the user knows better than the file.
 
+use crate::described::Described;
 use crate::dicom_files::{MAGIC_BYTES, is_dicom};
 use crate::error::ImportError;
 use crate::file_order::{FileList, in_natural_order};
@@ -10,10 +11,9 @@ use crate::options::{FileOrder, NoData, OpenOptions};
 use crate::pattern;
 use crate::raw::{RawLayout, RawSource};
 use crate::series::Series;
-use crate::source::{Access, Lent, Source, SourceInfo};
+use crate::source::{Source, SourceInfo};
 use crate::time::override_time;
 use crate::{dicom, foreign, nifti, npy, tiff_stack};
-use brickyard_volume::VoxelBox;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
@@ -84,7 +84,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     override_geometry(&mut info, &paths[0], options)?;
     override_nodata(&mut info, &paths[0], options.nodata)?;
     override_time(&mut info, &paths[0], options)?;
-    Ok(Box::new(Described { info, source }))
+    Ok(Box::new(Described { info, source, first: 0 }))
 }
 
 /// Refuses a file that is named twice.
@@ -217,42 +217,6 @@ fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result
     };
     info.nodata = value;
     Ok(())
-}
-
-/// A source under a corrected description.
-struct Described {
-    info: SourceInfo,
-    source: Box<dyn Source>,
-}
-
-impl Source for Described {
-    fn info(&self) -> &SourceInfo {
-        &self.info
-    }
-
-    fn access(&self) -> Access {
-        self.source.access()
-    }
-
-    fn reader_bytes(&self) -> u64 {
-        self.source.reader_bytes()
-    }
-
-    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
-        self.source.read_box(time, channel, region, out)
-    }
-
-    fn lend(&self, time: u32, channel: u32, region: VoxelBox) -> Option<Lent<'_>> {
-        self.source.lend(time, channel, region)
-    }
-
-    fn announce(&self, time: u32, channel: u32, region: VoxelBox) {
-        self.source.announce(time, channel, region);
-    }
-
-    fn constant_in(&self, time: u32, channel: u32, region: VoxelBox) -> Option<f64> {
-        self.source.constant_in(time, channel, region)
-    }
 }
 
 #[cfg(test)]

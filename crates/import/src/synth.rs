@@ -285,8 +285,8 @@ fn mix(key: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// The `index`-th number in `0..1` of a seeded sequence.
-fn uniform(seed: u64, index: u64) -> f64 {
+/// The `index`-th number in `0..1` of a seeded sequence, the same on every machine.
+pub fn uniform(seed: u64, index: u64) -> f64 {
     (mix(mix(seed) ^ index) >> 11) as f64 / (1u64 << 53) as f64
 }
 

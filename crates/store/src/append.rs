@@ -43,7 +43,7 @@ use documents::{array_dirs, update_root};
 use serde_json::{Value, json};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use step::{Step, next_axis};
+use step::{first_step, next_axis, next_step};
 
 /// How steps are appended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -135,7 +135,7 @@ impl Appender {
         options: &PackOptions,
         progress: &dyn Progress,
     ) -> Result<Self, AppendError> {
-        let first = Step::first(source, stamp)?;
+        let first = first_step(source, stamp)?;
         let options = PackOptions { exists: Exists::Resume, ..options.clone() };
         if pack_on(&disk, &first, store, &options, progress)?.was_complete {
             return Err(PackError::Exists { path: store.into(), unfinished: false }.into());
@@ -195,7 +195,7 @@ impl Appender {
         progress: &dyn Progress,
     ) -> Result<AppendReport, Failed> {
         let store = self.open_store()?;
-        let step = Step::next(source, &store)?;
+        let step = next_step(source, &store)?;
         let time = next_axis(&store, source.info().time.as_ref(), stamp)?;
         let options = self.pack_options(store.info());
         let times = store.times().checked_add(1).ok_or_else(|| too_many(&store))?;

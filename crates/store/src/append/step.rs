@@ -1,38 +1,33 @@
-//! One step of a source on its way into a store: whether it fits the steps that are there, when it was taken, and what it reads as.
+//! One step of a source on its way into a store: whether it fits the steps that are there, when it was taken, and how it is described.
 
 use super::AppendError;
 use crate::pack::plan::MAX_STAMPS;
 use crate::store::Store;
-use brickyard_import::{Access, ImportError, Lent, Source, SourceInfo};
-use brickyard_volume::{Geometry, TimeAxis, VoxelBox};
+use brickyard_import::{Described, Source, SourceInfo};
+use brickyard_volume::{Geometry, TimeAxis};
 
 /// By which part of a voxel spacings and origins of steps may differ.
 const TOLERANCE: f64 = 1e-4;
 
-/// A source of a single time step, which is read as any step, under a description of its own.
-pub(super) struct Step<'a> {
-    info: SourceInfo,
-    source: &'a dyn Source,
+/// A source of a single time step, under the number that the step has in a store.
+pub(super) type Step<'a> = Described<&'a dyn Source>;
+
+/// The first step of a new store, which is taken at `stamp`; where neither that nor the source's time is known, at 0, each step 1 after the last.
+pub(super) fn first_step(source: &dyn Source, stamp: Option<f64>) -> Result<Step<'_>, AppendError> {
+    let mut info = one_step(source)?.clone();
+    let axis = info.time.take().unwrap_or_default();
+    info.time = Some(TimeAxis { start: stamp.unwrap_or(axis.start), ..axis });
+    Ok(Step { info, source, first: 0 })
 }
 
-impl<'a> Step<'a> {
-    /// The first step of a new store, which is taken at `stamp`; where neither that nor the source's time is known, at 0, each step 1 after the last.
-    pub(super) fn first(source: &'a dyn Source, stamp: Option<f64>) -> Result<Self, AppendError> {
-        let mut info = one_step(source)?.clone();
-        let axis = info.time.take().unwrap_or_default();
-        info.time = Some(TimeAxis { start: stamp.unwrap_or(axis.start), ..axis });
-        Ok(Self { info, source })
+/// The next step of a store: its voxels mean what those of the others do.
+pub(super) fn next_step<'a>(source: &'a dyn Source, store: &Store) -> Result<Step<'a>, AppendError> {
+    let mut info = one_step(source)?.clone();
+    check(&info, store)?;
+    if !info.voxel_type.is_float() {
+        info.nodata = store.info().nodata.map(|nodata| nodata as f64);
     }
-
-    /// The next step of a store: its voxels mean what those of the others do.
-    pub(super) fn next(source: &'a dyn Source, store: &Store) -> Result<Self, AppendError> {
-        let mut info = one_step(source)?.clone();
-        check(&info, store)?;
-        if !info.voxel_type.is_float() {
-            info.nodata = store.info().nodata.map(|nodata| nodata as f64);
-        }
-        Ok(Self { info, source })
-    }
+    Ok(Step { info, source, first: store.times() })
 }
 
 fn one_step(source: &dyn Source) -> Result<&SourceInfo, AppendError> {
@@ -125,34 +120,4 @@ pub(super) fn next_axis(
         return time(format!("even steps, or at most {MAX_STAMPS} that are not"), next.stamps.len().to_string());
     }
     Ok(Some(next))
-}
-
-impl Source for Step<'_> {
-    fn info(&self) -> &SourceInfo {
-        &self.info
-    }
-
-    fn access(&self) -> Access {
-        self.source.access()
-    }
-
-    fn reader_bytes(&self) -> u64 {
-        self.source.reader_bytes()
-    }
-
-    fn read_box(&self, _time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
-        self.source.read_box(0, channel, region, out)
-    }
-
-    fn lend(&self, _time: u32, channel: u32, region: VoxelBox) -> Option<Lent<'_>> {
-        self.source.lend(0, channel, region)
-    }
-
-    fn announce(&self, _time: u32, channel: u32, region: VoxelBox) {
-        self.source.announce(0, channel, region);
-    }
-
-    fn constant_in(&self, _time: u32, channel: u32, region: VoxelBox) -> Option<f64> {
-        self.source.constant_in(0, channel, region)
-    }
 }

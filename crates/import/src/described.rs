@@ -1,0 +1,46 @@
+//! A source under another description.
+
+use crate::error::ImportError;
+use crate::source::{Access, Lent, Source, SourceInfo};
+use brickyard_volume::VoxelBox;
+use std::ops::Deref;
+
+/// A source under another description, whose time steps may have other numbers. Its voxels are read as they are.
+pub struct Described<S> {
+    /// What the source is said to be.
+    pub info: SourceInfo,
+    /// The source itself: boxed, or borrowed.
+    pub source: S,
+    /// The number under which the source's first time step is asked for.
+    pub first: u32,
+}
+
+impl<S: Deref<Target: Source> + Send + Sync> Source for Described<S> {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn access(&self) -> Access {
+        self.source.access()
+    }
+
+    fn reader_bytes(&self) -> u64 {
+        self.source.reader_bytes()
+    }
+
+    fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
+        self.source.read_box(time - self.first, channel, region, out)
+    }
+
+    fn lend(&self, time: u32, channel: u32, region: VoxelBox) -> Option<Lent<'_>> {
+        self.source.lend(time - self.first, channel, region)
+    }
+
+    fn announce(&self, time: u32, channel: u32, region: VoxelBox) {
+        self.source.announce(time - self.first, channel, region);
+    }
+
+    fn constant_in(&self, time: u32, channel: u32, region: VoxelBox) -> Option<f64> {
+        self.source.constant_in(time - self.first, channel, region)
+    }
+}
