@@ -1,19 +1,17 @@
 //! File operations that fail, are cut short, delayed or lost, at every n-th call of every command: nothing wrong is ever said
 //! with exit code 0, what is refused says where, and an interrupted pack is finished by the next.
-//!
-//! Each case is one run of the command under one rule. As many cases as `BRICKYARD_FAULT_CASES` says are taken evenly from each
-//! list of all (`all` takes them all; without it, a minute's worth).
 #![cfg(target_os = "linux")]
 
+use brickyard_tests::fault_cases::{
+    Fault, Moment, OF_FILES, OF_READING, OF_WRITING, ON_THAT_FILE, ONCE, Result, ended, ended_well, ensure, in_two,
+    moments, rules, store_tree, write_inputs,
+};
 use brickyard_tests::faults::{Outcome, Trial, assert_reached};
-use brickyard_tests::power_loss::{Disk, Lost, Tree, read_tree, write_tree};
-use brickyard_tests::{Random, read_png, tree, tree_difference};
+use brickyard_tests::power_loss::{Tree, read_tree, write_tree};
+use brickyard_tests::{Random, read_png, tree_difference};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
-
-type Result<T> = std::result::Result<T, String>;
 
 /// Two pyramids and aprons, shards of several bricks, and some of none: a part of the volume is empty.
 const PACK: &str = "pack in.raw out.zarr --shape 20,17,12 --dtype u16 --brick 8 --shard 16 --downsample mean,max --aprons 1 \
@@ -32,147 +30,6 @@ const SERIES_PACK: &str = "pack in.raw out.zarr --shape 20,17,12 --times 3 --sha
 /// A store to read: shards of several pages.
 const READ_PACK: &str =
     "pack in.raw out.zarr --shape 36,33,20 --dtype u16 --brick 8 --shard 32 --aprons 1 --progress none -j 2";
-
-/// How often, and what.
-const ONCE: &str = "";
-const FROM_THEN_ON: &str = "+";
-const ON_THAT_FILE: &str = "~";
-
-/// A kind of fault: the calls, how often, and what happens to them.
-type Fault = (&'static str, &'static str, &'static str);
-
-/// Faults of a disk or a file system on which something is written.
-const OF_WRITING: [Fault; 26] = [
-    ("open,write,sync,rename,unlink,mkdir", ONCE, "kill"),
-    ("write", ONCE, "tear"),
-    ("write", ONCE, "ENOSPC"),
-    ("write,open,mkdir,allocate", FROM_THEN_ON, "ENOSPC"),
-    ("write", ONCE, "EIO"),
-    ("write", ONCE, "EINTR"),
-    ("write", ONCE, "short"),
-    ("sync", ONCE, "EIO"),
-    ("sync", FROM_THEN_ON, "EIO"),
-    ("rename", ONCE, "EIO"),
-    ("open", ONCE, "EMFILE"),
-    ("open", FROM_THEN_ON, "EACCES"),
-    ("open", ONCE, "EINTR"),
-    ("mkdir", ONCE, "EIO"),
-    ("unlink", ONCE, "EIO"),
-    ("close", ONCE, "EIO"),
-    ("truncate,allocate,mode", ONCE, "EIO"),
-    ("lock", ONCE, "EIO"),
-    ("list", ONCE, "EIO"),
-    ("stat", ONCE, "EIO"),
-    ("stat", ON_THAT_FILE, "EACCES"),
-    ("read", ONCE, "EIO"),
-    ("read", ONCE, "short"),
-    ("read", ON_THAT_FILE, "ESTALE"),
-    ("map", ONCE, "ENOMEM"),
-    ("any", "%", "delay:3"),
-];
-
-/// Faults of a file system from which something is read.
-const OF_READING: [Fault; 15] = [
-    ("open", ONCE, "EMFILE"),
-    ("open", ON_THAT_FILE, "EACCES"),
-    ("open", FROM_THEN_ON, "ENOENT"),
-    ("read", ONCE, "EINTR"),
-    ("read", ONCE, "short"),
-    ("read", ONCE, "EIO"),
-    ("read", ON_THAT_FILE, "ESTALE"),
-    ("map", ONCE, "ENOMEM"),
-    ("map", ON_THAT_FILE, "EIO"),
-    ("map", ON_THAT_FILE, "lose"),
-    ("map", ON_THAT_FILE, "flip"),
-    ("stat", ON_THAT_FILE, "EIO"),
-    ("list", ON_THAT_FILE, "EIO"),
-    ("close", ONCE, "EIO"),
-    ("any", "%", "delay:3"),
-];
-
-/// Faults that change the files themselves.
-const OF_FILES: [Fault; 5] = [
-    ("open", ONCE, "halve"),
-    ("map", ONCE, "halve"),
-    ("close", ONCE, "halve"),
-    ("close", ONCE, "empty"),
-    ("stat", ONCE, "empty"),
-];
-
-/// Those of some groups of cases that are run: all that were asked for, evenly, and as many of each group as it has or as its
-/// share is.
-fn chosen<C>(groups: Vec<Vec<C>>, at_most: usize) -> Vec<C> {
-    let count = match std::env::var("BRICKYARD_FAULT_CASES") {
-        Ok(text) if text == "all" => usize::MAX,
-        Ok(text) => text.parse().expect("BRICKYARD_FAULT_CASES is `all` or a number of cases"),
-        Err(_) => at_most,
-    };
-    let mut left = count;
-    let mut groups: Vec<Vec<C>> = groups.into_iter().filter(|group| !group.is_empty()).collect();
-    // What a small group does not take of its share is the others'.
-    groups.sort_by_key(Vec::len);
-    let mut chosen = Vec::new();
-    let many = groups.len();
-    for (i, group) in groups.into_iter().enumerate() {
-        let all = group.len();
-        let share = left.div_ceil(many - i).min(all);
-        left -= share;
-        let mut wanted = (0..share).map(|j| (2 * j + 1) * all / (2 * share)).peekable();
-        chosen.extend(
-            group.into_iter().enumerate().filter(|(j, _)| wanted.next_if_eq(j).is_some()).map(|(_, case)| case),
-        );
-    }
-    chosen
-}
-
-/// The rules of each of these faults at every call of a run, on files whose path contains `part`.
-fn rules(of: &[Fault], run: &Outcome, part: &str) -> Vec<Vec<String>> {
-    let rules = |(calls, often, action): &Fault| {
-        let concerns = |name: &str| *calls == "any" || calls.split(',').any(|call| call == name);
-        let contains = |path: &Path| path.to_string_lossy().contains(part);
-        let is_met = |call: &&brickyard_tests::faults::Call| {
-            concerns(&call.name) && (contains(&call.path) || call.to.as_deref().is_some_and(contains))
-        };
-        let count = run.calls.iter().filter(is_met).count();
-        let rule = |n| match *often {
-            "%" => format!("{calls} %{n} {action} {part}"),
-            often => format!("{calls} {n}{often} {action} {part}"),
-        };
-        (1..=count).map(rule).collect()
-    };
-    of.iter().map(rules).collect()
-}
-
-/// Two sandboxes side by side: runs a part of the cases in each. `prepare` makes what a worker needs, `cases` lists them.
-///
-/// # Panics
-/// With all that went wrong.
-fn in_two<W, C: std::fmt::Display>(
-    at_most: usize,
-    prepare: impl Fn() -> W + Sync,
-    cases: impl Fn(&W) -> Vec<Vec<C>> + Sync,
-    run: impl Fn(&W, &C) -> Result<()> + Sync,
-) {
-    let work = |half: usize| {
-        let worker = prepare();
-        let cases = chosen(cases(&worker), at_most);
-        assert!(!cases.is_empty(), "nothing to try");
-        let mine = cases.iter().enumerate().filter(|(i, _)| i % 2 == half);
-        let failure = |case: &C| run(&worker, case).err().map(|problem| format!("{case}\n    {problem}"));
-        mine.filter_map(|(_, case)| failure(case)).collect::<Vec<_>>()
-    };
-    let failures: Vec<String> = std::thread::scope(|scope| {
-        let other = scope.spawn(|| work(1));
-        let mut failures = work(0);
-        failures.extend(other.join().expect("the other half"));
-        failures
-    });
-    assert!(failures.is_empty(), "{} cases failed:\n{}", failures.len(), failures.join("\n"));
-}
-
-fn ensure(holds: bool, otherwise: impl FnOnce() -> String) -> Result<()> {
-    if holds { Ok(()) } else { Err(otherwise()) }
-}
 
 /// A sandbox with inputs, and the store that they become.
 struct Packed {
@@ -210,16 +67,15 @@ impl Packed {
         self.trial.sandbox.path("out.zarr")
     }
 
-    /// The inputs as they were, their times included: a pack is resumed from the same input only.
+    /// The inputs as they were.
     fn restore_inputs(&self) {
-        for (path, bytes) in &self.inputs {
-            let path = self.trial.sandbox.path(path);
-            std::fs::create_dir_all(path.parent().expect("below the sandbox")).expect("the sandbox is writable");
-            std::fs::write(&path, bytes).expect("the sandbox is writable");
-            let time = SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000_000);
-            let file = std::fs::File::options().write(true).open(path);
-            file.and_then(|file| file.set_modified(time)).expect("the sandbox is writable");
-        }
+        write_inputs(&self.trial.sandbox.path(""), self.inputs.iter().map(|(name, bytes)| (*name, &bytes[..])));
+    }
+
+    /// Makes the sandbox what the disk holds after a moment of the recorded run.
+    fn lose_power(&self, before: &Tree, moment: &Moment) {
+        write_tree(&self.trial.sandbox.path(""), &moment.remains(&self.run, before));
+        self.restore_inputs();
     }
 
     /// Leaves just the inputs.
@@ -287,34 +143,6 @@ fn voxels([x, y, z]: [usize; 3]) -> Vec<u8> {
         if is_empty { 0u16 } else { random.bits() as u16 }
     };
     (0..x * y * z).map(voxel).flat_map(u16::to_le_bytes).collect()
-}
-
-fn ended(outcome: &Outcome) -> String {
-    let how = match (outcome.hung, outcome.code) {
-        (true, _) => "it hung".into(),
-        (_, Some(code)) => format!("exit {code}"),
-        (_, None) => "a signal ended it".into(),
-    };
-    format!("{how}: {}", outcome.stderr.trim())
-}
-
-/// Whatever happens, a command ends, with a documented exit code, and a message that names a file.
-fn ended_well(outcome: &Outcome, rule: &str) -> Result<()> {
-    if outcome.code == Some(0)
-        || (outcome.code.is_none() && !outcome.hung && (rule.contains("kill") || rule.contains("tear")))
-    {
-        return Ok(());
-    }
-    // 2 is for command lines, and these are right.
-    ensure(matches!(outcome.code, Some(1 | 3 | 4 | 5)), || ended(outcome))?;
-    let error = outcome.stderr.lines().find(|line| line.starts_with("error: ")).unwrap_or_default();
-    let names_a_file =
-        ["out.zarr", "in.raw", "in.nii.gz", "in.tif", "planes", "scratch", "picture.png", "level.raw", "stats.json"]
-            .iter()
-            .any(|name| error.contains(name));
-    // The folder that the store is in, which is synced too.
-    let names_the_folder = error.starts_with("error: .: ");
-    ensure(names_a_file || names_the_folder, || format!("the message names no file: {}", ended(outcome)))
 }
 
 #[test]
@@ -518,13 +346,6 @@ fn a_store_that_is_replaced_is_whole_whatever_happens() {
     );
 }
 
-/// A store's files but for the lock, which a pack leaves that was stopped, and the next one takes.
-fn store_tree(store: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let mut files = tree(store);
-    files.remove(Path::new(".brickyard-lock"));
-    files
-}
-
 /// After a pack with `--overwrite` has stopped, or the power was gone: the old store or the new one is there, whole, and it can be
 /// gone on or started over.
 fn replaced_or_not(packed: &Packed, old: &Tree) -> Result<()> {
@@ -549,56 +370,6 @@ fn replaced_or_not(packed: &Packed, old: &Tree) -> Result<()> {
     }
 }
 
-/// A moment in a run, and what the power failure takes.
-struct Moment {
-    /// Calls made before.
-    calls: usize,
-    lost: Lost,
-    /// The last of them.
-    last: String,
-}
-
-impl std::fmt::Display for Moment {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "power lost after call {} ({}), with it {:?}", self.calls, self.last, self.lost)
-    }
-}
-
-/// Every moment of a run that began with `before` at which the disk has changed, for every way to lose power then.
-fn moments(run: &Outcome, before: &Tree) -> Vec<Vec<Moment>> {
-    let mut disk = Disk::new(before);
-    let changes: Vec<usize> = (0..run.calls.len()).filter(|&i| disk.follow(&run.calls[i])).collect();
-    let ways = |seed| [Lost::Nothing, Lost::Everything, Lost::Bytes, Lost::Names, Lost::Some(seed), Lost::Some(!seed)];
-    let moment = |way: usize, i: usize| {
-        let last = format!("{} {}", run.calls[i].name, run.calls[i].path.display());
-        Moment { calls: i + 1, lost: ways(i as u64)[way], last }
-    };
-    // The last one, of which a code of 0 was said, always.
-    let last = vec![(0..6).filter_map(|way| Some(moment(way, *changes.last()?))).collect()];
-    let by_way = (0..6).map(|way| changes.iter().map(|&i| moment(way, i)).collect());
-    by_way.chain(last).collect()
-}
-
-impl Packed {
-    /// Makes the sandbox what the disk holds after a moment of the recorded run.
-    fn lose_power(&self, before: &Tree, moment: &Moment) {
-        let mut disk = Disk::new(before);
-        for call in &self.run.calls[..moment.calls] {
-            disk.follow(call);
-        }
-        write_tree(&self.trial.sandbox.path(""), &disk.after_power_loss(moment.lost));
-        self.restore_inputs();
-    }
-
-    /// Whether the run changed nothing after a moment, so that it has said that all is done.
-    fn has_ended(&self, moment: &Moment) -> bool {
-        let changes = ["open", "write", "truncate", "mkdir", "unlink", "sync", "rename"];
-        !self.run.calls[moment.calls..]
-            .iter()
-            .any(|call| call.result >= 0 && call.name != "open" && changes.contains(&&*call.name))
-    }
-}
-
 /// The sandbox's files but for a store made anew.
 fn only_input(packed: &Packed) -> Tree {
     packed.inputs.iter().map(|(path, bytes)| (path.into(), Some(bytes.clone()))).collect()
@@ -613,7 +384,7 @@ fn a_pack_that_loses_power_is_right_or_resumed() {
         |packed| moments(&packed.run, &only_input(packed)),
         |packed, moment| {
             packed.lose_power(&only_input(packed), moment);
-            if packed.has_ended(moment) {
+            if moment.is_end_of(&packed.run) {
                 packed.is_whole()?;
             }
             let info = packed.trial.run("info out.zarr", "");
@@ -649,7 +420,7 @@ fn a_store_that_is_replaced_when_power_is_lost_is_whole() {
         |(packed, _, before)| moments(&packed.run, before),
         |(packed, old_store, before), moment| {
             packed.lose_power(before, moment);
-            if packed.has_ended(moment) {
+            if moment.is_end_of(&packed.run) {
                 packed.is_whole()?;
             }
             replaced_or_not(packed, old_store)

@@ -1,6 +1,8 @@
 //! What the whole-system tests share: volumes from functions, packing, sessions, the command, Python.
 
 #[cfg(target_os = "linux")]
+pub mod fault_cases;
+#[cfg(target_os = "linux")]
 pub mod faults;
 #[cfg(target_os = "linux")]
 pub mod power_loss;

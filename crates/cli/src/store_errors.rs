@@ -77,6 +77,7 @@ fn pack_kind(error: &PackError) -> ExitKind {
         | PackError::InTheWay { .. }
         | PackError::Mismatch { .. } => ExitKind::Usage,
         PackError::Busy { .. }
+        | PackError::ReadOnly { .. }
         | PackError::NoLock { .. }
         | PackError::ReadBack { .. }
         | PackError::Panic { .. }
@@ -100,7 +101,7 @@ pub(crate) fn append_failure(error: AppendError) -> Failure {
         AppendError::Unfinished { .. } | AppendError::Cancelled { .. } | AppendError::Incomplete { .. } => {
             ExitKind::Incomplete
         }
-        AppendError::Panic { .. } => ExitKind::Failed,
+        AppendError::Panic { .. } | AppendError::Appended { .. } => ExitKind::Failed,
     };
     Failure::new(kind, error)
 }

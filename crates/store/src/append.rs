@@ -12,7 +12,11 @@
 //! What this program reads, it reads as the root document counts. Whoever is killed before that leaves files and documents of a step that nobody
 //! counts: they are taken back by the next one who opens an [`Appender`], before anything is written. A document is replaced in one step.
 //!
-//! A store that was packed counts its steps from its first commit on, before any array says that there is one more.
+//! A step is part of the store from the moment at which its root document has its name. Only then is the name synced; who cannot do that, says both
+//! ([`AppendError::Appended`]), and the next one who opens an [`Appender`] syncs it before anything else.
+//!
+//! A store that was packed counts its steps from its first commit on, before any array says that there is one more; and the values of those steps
+//! are counted before that.
 
 mod documents;
 mod error;
@@ -116,7 +120,8 @@ impl Appender {
     /// steps are counted. A step that was cut off is resumed.
     ///
     /// # Errors
-    /// If a finished store is there, as packing with [`Exists::Resume`] does, or as [`Appender::open`] does.
+    /// If a finished store is there, as packing with [`Exists::Resume`] does, or as [`Appender::open`] does, which then is
+    /// [`AppendError::Appended`].
     pub fn create(
         store: &Path,
         source: &dyn Source,
@@ -137,11 +142,18 @@ impl Appender {
     ) -> Result<Self, AppendError> {
         let first = first_step(source, stamp)?;
         let options = PackOptions { exists: Exists::Resume, ..options.clone() };
-        if pack_on(&disk, &first, store, &options, progress)?.was_complete {
-            return Err(PackError::Exists { path: store.into(), unfinished: false }.into());
+        match pack_on(&disk, &first, store, &options, progress) {
+            Ok(report) if report.was_complete => {
+                return Err(PackError::Exists { path: store.into(), unfinished: false }.into());
+            }
+            Ok(_) => {}
+            Err(error @ PackError::Incomplete { .. }) if is_finished(store) => {
+                return Err(AppendError::of_first(error).after(store, 0));
+            }
+            Err(error) => return Err(AppendError::of_first(error)),
         }
         let PackOptions { memory_bytes, threads, .. } = options;
-        Self::open_on(disk, store, AppendOptions { memory_bytes, threads })
+        Self::open_on(disk, store, AppendOptions { memory_bytes, threads }).map_err(|error| error.after(store, 0))
     }
 
     fn open_on(disk: Disk, store: &Path, options: AppendOptions) -> Result<Self, AppendError> {
@@ -173,18 +185,21 @@ impl Appender {
     ///
     /// # Errors
     /// If the step does not fit the store or its time is not after the last one's, or if the source or the disk fails. The store then has the steps
-    /// that it had ([`Appender::times`]), and the same step can be appended again.
+    /// that it had ([`Appender::times`]), and the same step can be appended again. Only with [`AppendError::Appended`] the step is part of the store,
+    /// and must not be appended again; it may not survive a power failure.
     pub fn append(
         &mut self,
         source: &dyn Source,
         stamp: Option<f64>,
         progress: &dyn Progress,
     ) -> Result<AppendReport, AppendError> {
+        let before = self.times;
         let appended = self.take_back().and_then(|()| self.append_next(source, stamp, progress));
         appended.map_err(|error| {
             // What cannot be taken back now is so before the next step.
             let _ = self.take_back();
-            self.stopped(error)
+            let error = self.stopped(error);
+            if self.times > before { error.after(&self.dir, before) } else { error }
         })
     }
 
@@ -201,14 +216,13 @@ impl Appender {
         let times = store.times().checked_add(1).ok_or_else(|| too_many(&store))?;
         let plan = plan_last(&step, &options, &store.layout().with_times(times)).map_err(AppendError::from)?;
         let counted = self.counted(&store, progress)?;
-        let before: Vec<ChannelStatistics> = counted.iter().map(ChannelTotals::finish).collect();
-        let (non_finite, nodata) = left_out(&counted);
+        let before = counted.clone();
+        let (non_finite, nodata) = left_out(&before);
         source.info().notes.iter().for_each(|note| progress.warn(note));
         progress.planned(&plan);
         let next = Next { store: &store, plan, options, time };
         let passed = self.pack_step(&next, &step, counted, progress)?;
         self.commit(&next, &before, &passed.channels)?;
-        self.times = times;
         let after = left_out(&passed.channels);
         Ok(AppendReport {
             step: times - 1,
@@ -291,7 +305,7 @@ impl Appender {
     }
 
     /// Makes the step, whose files are there, part of the store. `before` and `after` is what is counted without it and with it.
-    fn commit(&self, next: &Next, before: &[ChannelStatistics], after: &[ChannelTotals]) -> Result<(), Failed> {
+    fn commit(&mut self, next: &Next, before: &[ChannelTotals], after: &[ChannelTotals]) -> Result<(), Failed> {
         let root_path = self.dir.join("zarr.json");
         let text = read_document(&root_path)?;
         let mut root = parse_json(&root_path, &text)?;
@@ -308,6 +322,7 @@ impl Appender {
         let written = |info: &StoreInfo| root_document(store.layout(), store.geometry(), info);
         let counting = StoreInfo { times: Some(store.times()), ..info.clone() };
         if info.times.is_none() {
+            counts.write(&self.disk, first, before)?;
             update_root(&written(info), &written(&counting), &mut root);
             self.write_synced(&root_path, &root)?;
         }
@@ -321,7 +336,9 @@ impl Appender {
             ..info.clone()
         };
         update_root(&written(&counting), &written(&grown), &mut root);
-        self.write_synced(&root_path, &root)?;
+        self.disk.write(&root_path, &document_bytes(&root))?;
+        self.times = times;
+        self.disk.sync_dir(&self.dir)?;
         Ok(counts.keep_only(&self.disk, times)?)
     }
 
@@ -345,6 +362,8 @@ impl Appender {
     fn take_back(&mut self) -> Result<(), Failed> {
         let store = self.open_store()?;
         self.times = store.times();
+        // What belongs to fewer steps goes only when the document that counts these is sure to last.
+        self.disk.sync_dir(&self.dir)?;
         let dirs = array_dirs(&store);
         for dir in dirs.iter().rev() {
             let document = read_json(&dir.join("zarr.json"))?;
@@ -362,7 +381,9 @@ impl Appender {
             ours::remove_file(&self.disk, &temporary(&dir.join("zarr.json")))?;
         }
         ours::remove_file(&self.disk, &temporary(&self.dir.join("zarr.json")))?;
-        Ok(Counts::of(&self.dir, store.layout()).keep_only(&self.disk, self.times)?)
+        // Counts of a store that does not count its steps yet may be half of them.
+        let counted = store.info().times.unwrap_or(0);
+        Ok(Counts::of(&self.dir, store.layout()).keep_only(&self.disk, counted)?)
     }
 
     /// The error for what stopped an append.
@@ -426,6 +447,11 @@ fn refuse_unfinished(dir: &Path) -> Result<(), AppendError> {
     Ok(())
 }
 
+/// Whether a finished store is in a directory, as far as can be told without opening a file: what has failed may be that.
+fn is_finished(store: &Path) -> bool {
+    refuse_unfinished(store).is_ok() && store.join("zarr.json").exists()
+}
+
 /// Checks that counts are of the store's voxels, as far as the root document tells.
 fn check_counts(store: &Store, counts: &Counts, kept: &[ChannelTotals]) -> Result<(), ReadError> {
     for (of_root, kept) in store.info().channels.iter().zip(kept.iter().map(ChannelTotals::finish)) {
@@ -454,9 +480,10 @@ fn chunks_of(dir: &Path, step: u32) -> PathBuf {
 }
 
 /// The statistics of all steps. Windows that a source gave stay; others follow from the values.
-fn statistics(info: &StoreInfo, before: &[ChannelStatistics], after: &[ChannelTotals]) -> Vec<ChannelStatistics> {
+fn statistics(info: &StoreInfo, before: &[ChannelTotals], after: &[ChannelTotals]) -> Vec<ChannelStatistics> {
     let mut grown: Vec<ChannelStatistics> = after.iter().map(ChannelTotals::finish).collect();
-    for ((grown, channel), before) in grown.iter_mut().zip(&info.channels).zip(before) {
+    for ((grown, channel), before) in grown.iter_mut().zip(&info.channels).zip(before.iter().map(ChannelTotals::finish))
+    {
         (grown.name, grown.color) = (channel.name.clone(), channel.color);
         if before.window != channel.window {
             grown.window = channel.window;

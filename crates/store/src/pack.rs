@@ -349,6 +349,15 @@ pub enum PackError {
         /// Number of shards in all.
         total: u64,
     },
+    /// Nothing can be written there: by the directory's permissions, or because its file system is only to be read.
+    #[error("{path}: cannot be written: {error}", path = path.display())]
+    ReadOnly {
+        /// The directory.
+        path: PathBuf,
+        /// The operating system's error.
+        #[source]
+        error: std::io::Error,
+    },
     /// The operating system refused an operation before this run packed anything.
     #[error("{path}: {error}", path = path.display())]
     Io {

@@ -80,7 +80,7 @@ pub(crate) enum Action {
     Lose,
 }
 
-const ERRORS: [(&str, i32); 9] = [
+const ERRORS: [(&str, i32); 10] = [
     ("EIO", libc::EIO),
     ("ENOSPC", libc::ENOSPC),
     ("EINTR", libc::EINTR),
@@ -89,6 +89,7 @@ const ERRORS: [(&str, i32); 9] = [
     ("ESTALE", libc::ESTALE),
     ("EACCES", libc::EACCES),
     ("ENOENT", libc::ENOENT),
+    ("EROFS", libc::EROFS),
     ("EOPNOTSUPP", libc::EOPNOTSUPP),
 ];
 

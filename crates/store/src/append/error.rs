@@ -3,10 +3,12 @@
 use crate::error::{OpenError, ReadError};
 use crate::pack::PackError;
 use brickyard_import::ImportError;
+use brickyard_volume::counted;
 use std::io::ErrorKind;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-/// Why a step was not appended. The steps that a store had, it still has, whole; what a cut-off step left is nobody's, and goes with the next one.
+/// Why a step was not appended, or, for [`AppendError::Appended`], what failed after it was. The steps that a store had, it still has, whole; what a
+/// cut-off step left is nobody's, and goes with the next one.
 #[derive(Debug, thiserror::Error)]
 pub enum AppendError {
     /// There is no store that can be opened.
@@ -76,7 +78,7 @@ pub enum AppendError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// Whoever watches told it to stop, by [`Progress::is_cancelled`](crate::Progress::is_cancelled).
-    #[error("cancelled; {store} has {times} time steps", store = store.display())]
+    #[error("cancelled; {store} has {}", steps(*times), store = store.display())]
     Cancelled {
         /// The store.
         store: PathBuf,
@@ -84,7 +86,7 @@ pub enum AppendError {
         times: u32,
     },
     /// The source failed midway.
-    #[error("{error}; {store} has {times} time steps: mend the input and append it again", store = store.display())]
+    #[error("{error}; {store} has {}: mend the input and append it again", steps(*times), store = store.display())]
     Source {
         /// The source's error.
         #[source]
@@ -96,8 +98,8 @@ pub enum AppendError {
     },
     /// A change to the file system failed: a full disk, mostly.
     #[error(
-        "{path}: {error}; {store} has {times} time steps: {cure} and go on with the next", path = path.display(), store = store.display(),
-        cure = cure(error)
+        "{path}: {error}; {store} has {}: {} and go on with step {times}", steps(*times), cure(error), path = path.display(),
+        store = store.display()
     )]
     Incomplete {
         /// The file that was being written.
@@ -112,7 +114,7 @@ pub enum AppendError {
     },
     /// A thread of the packer, or of the source, panicked.
     #[error(
-        "this program (or the reader of the input) has a fault: {words:?}; {store} has {times} time steps; please report this",
+        "this program (or the reader of the input) has a fault: {words:?}; {store} has {}; please report this", steps(*times),
         store = store.display()
     )]
     Panic {
@@ -123,6 +125,43 @@ pub enum AppendError {
         /// Number of its steps.
         times: u32,
     },
+    /// The step is part of the store, and whoever opens the store sees it: it must not be appended again. What comes after failed. A power failure
+    /// may still take the step, until an [`Appender`](crate::Appender) opens the store without an error.
+    #[error(
+        "step {step} is in {store}: do not append it again; only a power failure may take it, until this is seen to: {error}",
+        store = store.display()
+    )]
+    Appended {
+        /// The store.
+        store: PathBuf,
+        /// The number that the step has.
+        step: u32,
+        /// What failed after the step had become part of the store.
+        #[source]
+        error: Box<AppendError>,
+    },
+}
+
+impl AppendError {
+    /// The error of a first step whose pack failed, into a store that is not there yet.
+    pub(super) fn of_first(error: PackError) -> Self {
+        match error {
+            PackError::Incomplete { path, error, store, .. } => Self::Incomplete { path, error, store, times: 0 },
+            PackError::Source { error, store, .. } => Self::Source { error, store, times: 0 },
+            PackError::Cancelled { store, .. } => Self::Cancelled { store, times: 0 },
+            PackError::Panic { words, store, .. } => Self::Panic { words, store, times: 0 },
+            error => error.into(),
+        }
+    }
+
+    /// The error for what failed after a step had become part of a store.
+    pub(super) fn after(self, store: &Path, step: u32) -> Self {
+        Self::Appended { store: store.into(), step, error: self.into() }
+    }
+}
+
+fn steps(times: u32) -> String {
+    counted(times.into(), "time step")
 }
 
 fn cure(error: &std::io::Error) -> &'static str {

@@ -83,7 +83,7 @@ impl DirLock {
     /// Takes the lock of a directory, which is made if it is not there.
     ///
     /// # Errors
-    /// If another pack has the lock, the file system does not lock files, or the lock file cannot be made.
+    /// If another pack has the lock, the file system does not lock files, or the lock file cannot be made: where nothing may be written, for one.
     pub(crate) fn take(disk: &Disk, dir: &Path) -> Result<Self, PackError> {
         let (started, mut seen) = (Instant::now(), None);
         loop {
@@ -110,6 +110,11 @@ impl DirLock {
         let file = match OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path) {
             Ok(file) => file,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Attempt::Gone),
+            Err(error)
+                if matches!(error.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem) =>
+            {
+                return Err(PackError::ReadOnly { path: dir.into(), error });
+            }
             Err(error) => return Err(PackError::Io { path, error }),
         };
         disk.meanwhile("the lock file is open");
