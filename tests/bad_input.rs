@@ -450,8 +450,8 @@ fn times_and_steps_that_cannot_be() {
     check(
         &sandbox,
         &[
-            (&timed("--time-step 0"), USAGE, &["--time-step", "positive", "found 0"]),
-            (&timed("--time-step=-1"), USAGE, &["--time-step", "found -1"]),
+            (&timed("--time-step 0"), USAGE, &["--time-step", "positive", "'0'"]),
+            (&timed("--time-step -1"), USAGE, &["--time-step", "positive", "'-1'"]),
             (&timed("--time-unit mm"), USAGE, &["--time-unit", "'mm'", "second (s), millisecond (ms)"]),
             (&timed("--time-stamps gone.txt"), BAD_INPUT, &["gone.txt", "No such file"]),
             (&timed("--time-stamps short.txt"), USAGE, &["short.txt", "--time-stamps", "2 numbers", "3 time steps"]),
@@ -892,4 +892,14 @@ fn missing_permissions() {
     }
     assert_eq!(std::fs::read_dir(sandbox.path("locked")).expect("our own folder").count(), 0, "nothing was left");
     chmod(&sandbox.path("locked"), 0o755);
+}
+
+/// Whoever no longer listens to what is said has the exit code.
+#[test]
+fn an_error_that_nobody_hears_keeps_its_exit_code() {
+    let sandbox = Sandbox::default();
+    let (reader, writer) = std::io::pipe().expect("a pipe");
+    drop(reader);
+    let status = sandbox.command().args(["info", "nothing.zarr"]).stderr(writer).status().expect("the command starts");
+    assert_eq!(status.code(), Some(BAD_INPUT));
 }

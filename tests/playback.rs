@@ -8,6 +8,7 @@ use brickyard::volume::{
     Blend, BrickId, Camera, Extent, Geometry, Mode, Projection, Pyramid, Scene, SceneLayer, TimeAxis, VoxelType,
 };
 use brickyard_tests::{Random, open_session_of, options};
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -30,6 +31,8 @@ struct Coded {
     /// The longest time that a brick takes, in microseconds.
     longest_us: u64,
     reads: AtomicU64,
+    /// Steps of which nothing can be read.
+    damaged: Range<u32>,
 }
 
 fn code(step: u32, channel: u32) -> u8 {
@@ -40,7 +43,7 @@ impl Coded {
     fn new(steps: u32, channels: u32, longest_us: u64) -> Arc<Self> {
         let pyramid = Pyramid::new(EXTENT, [1.0; 3], 16);
         let reads = AtomicU64::new(0);
-        Arc::new(Self { pyramid, geometry: Geometry::default(), steps, channels, longest_us, reads })
+        Arc::new(Self { pyramid, geometry: Geometry::default(), steps, channels, longest_us, reads, damaged: 0..0 })
     }
 }
 
@@ -66,6 +69,9 @@ impl BrickSource for Coded {
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
         let number = self.reads.fetch_add(1, Ordering::Relaxed);
         std::thread::sleep(Duration::from_micros(number.wrapping_mul(7919) % self.longest_us));
+        if self.damaged.contains(&id.time) {
+            return Err(BrickError { id, reason: "damaged".into(), is_passing: false });
+        }
         out.fill(code(id.time, id.channel));
         Ok(())
     }
@@ -203,6 +209,40 @@ fn every_step_is_played_in_order_and_whole() {
     // There it ends.
     until(&mut session, &scene, |frame| frame.status.settled);
     assert_eq!((session.playback(), session.next_due()), (None, None));
+}
+
+/// Steps of which not even the coarsest level can be read are errors while they are shown, and no more than that, though they are more than
+/// are planned ahead.
+#[test]
+fn steps_that_cannot_be_read_are_said_and_played_past() {
+    for policy in [Policy::HoldRate, Policy::HoldQuality, Policy::EveryStep] {
+        let (steps, damaged) = (24, 5..17);
+        let source = Coded::new(steps, 1, 300);
+        let source = Coded { damaged: damaged.clone(), ..Arc::into_inner(source).expect("nobody else has it") };
+        let mut session =
+            open_session_of(vec![VolumeSource::new(Arc::new(source))], live(64 << 20, BackendChoice::Cpu)).unwrap();
+        let scene = scene(1);
+        until(&mut session, &scene, |frame| frame.status.settled);
+        session.play(Some(Playback { steps_per_second: 50.0, policy, ending: Ending::Stop, ..Playback::default() }));
+        let (mut shown, mut errors) = (0, 0);
+        let deadline = Instant::now() + Duration::from_secs(20);
+        while shown < steps - 1 {
+            assert!(Instant::now() < deadline, "{policy:?}: it stays at step {shown}, after {errors} errors");
+            match session.step(&scene, SIZE) {
+                Ok(frame) => {
+                    assert_one_step(&mut session, &frame, 1);
+                    assert!(!damaged.contains(&frame.scene.time), "{policy:?}: {}", frame.scene.time);
+                    shown = frame.scene.time;
+                }
+                Err(error) => {
+                    assert!(error.to_string().contains("damaged") && shown < damaged.start, "{policy:?}: {error}");
+                    errors += 1;
+                }
+            }
+            session.wait(Duration::from_millis(20));
+        }
+        assert!(errors > 0 || policy != Policy::EveryStep, "{policy:?}");
+    }
 }
 
 #[test]

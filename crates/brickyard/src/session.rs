@@ -379,9 +379,11 @@ impl Session {
         let (views, coming) = (at_step(&shown), next.iter().map(at_step).collect::<Vec<_>>());
         self.steps += 1;
         let (mut status, ready) = self.step_to(views, &coming)?;
-        status.settled &= !self.player.is_seeking();
         let coming: Vec<_> = next.into_iter().zip(ready).map(|(step, ready)| ComingStep { step, ready }).collect();
+        // Also where the step that is shown cannot be read: what plays goes on to the next.
         self.player.note(coming.clone());
+        check_readable(&status)?;
+        status.settled &= !self.player.is_seeking();
         Ok(Frame { scene: Arc::new(scene.at_step(shown.step)), status, coming, step: self.steps })
     }
 
@@ -399,10 +401,7 @@ impl Session {
         self.past.add_to(&mut status);
         self.counted = Past { counters: status.counters, host_bytes_peak: status.host_bytes_peak };
         self.last = Some((views, status.settled));
-        match status.error {
-            Some(error) => Err(SessionError::Unreadable(error)),
-            None => Ok((status, ready)),
-        }
+        Ok((status, ready))
     }
 
     /// Waits until a brick has arrived or a time step is due, at most for `timeout`. Returns at once before the first step.
@@ -486,6 +485,7 @@ impl Session {
         let Some((views, was_settled)) = self.last.clone() else { return Ok(()) };
         loop {
             let (status, _) = self.step_to(views.clone(), &[])?;
+            check_readable(&status)?;
             if status.settled || status.awaits_feedback || status.covered && !was_settled {
                 return Ok(());
             }
@@ -527,4 +527,9 @@ impl Session {
     pub fn draw_lists(&self) -> impl Iterator<Item = &DrawList> {
         self.fit.iter().flat_map(Fit::draw_lists)
     }
+}
+
+/// Refuses a view of which a part can be drawn from no level.
+fn check_readable(status: &Status) -> Result<(), SessionError> {
+    status.error.clone().map_or(Ok(()), |error| Err(SessionError::Unreadable(error)))
 }

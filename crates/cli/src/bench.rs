@@ -170,6 +170,10 @@ fn measured(
     // Opened once before the clock starts: for the scene, and so that a store that does not open says so as elsewhere.
     let volumes = store_errors::open_volumes(paths)?;
     let extents = volumes.iter().map(|volume| volume.source.pyramid().levels()[0].extent.to_array()).collect();
+    if scenario.flight().is_none() && volumes.iter().all(|volume| volume.source.times() == 1) {
+        let problem = "one time step cannot be played: leave play and scrub out of --scenario";
+        return Err(Failure::usage(format!("{}: {problem}", paths[0].display())));
+    }
     let scene = arguments.sampling.of(arguments.scene.scene_of_one_step(&volumes, arguments.size)?);
     drop(volumes);
     for path in paths.iter().filter(|_| arguments.cold) {

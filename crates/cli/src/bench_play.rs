@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 #[derive(Args)]
 pub(super) struct PlayArguments {
     /// Steps a second that `play` asks for
-    #[arg(long, value_name = "R", default_value = "20", value_parser = values::positive)]
+    #[arg(long, value_name = "R", default_value = "20", value_parser = values::positive, allow_negative_numbers = true)]
     rate: f64,
     /// What gives way where `play` cannot hold the rate
     #[arg(long, value_enum, default_value_t = PolicyArgument::HoldRate)]

@@ -45,7 +45,7 @@ pub(crate) struct InputArguments {
     #[arg(long)]
     unit: Option<String>,
     /// Time from one step to the next, where steps are evenly spaced; overrides the file's
-    #[arg(long, value_name = "TIME", conflicts_with = "time_stamps")]
+    #[arg(long, value_name = "TIME", value_parser = values::positive, allow_negative_numbers = true, conflicts_with = "time_stamps")]
     time_step: Option<f64>,
     /// Unit of time: s, ms, us, ns, min, h, d, or a UDUNITS name; overrides the file's
     #[arg(long, value_name = "UNIT")]

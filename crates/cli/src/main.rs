@@ -39,6 +39,7 @@ mod volume_args;
 
 use clap::{Parser, Subcommand};
 pub(crate) use failure::Failure;
+use std::io::Write;
 use std::process::ExitCode;
 
 /// Packs volumes into brick stores and renders them in any size under fixed budgets.
@@ -98,7 +99,8 @@ fn main() -> ExitCode {
     match run(arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("error: {}", failure.message);
+            // Where nobody listens any more, the code still says it.
+            let _ = writeln!(std::io::stderr(), "error: {}", failure.message);
             ExitCode::from(failure.kind as u8)
         }
     }
@@ -135,7 +137,13 @@ fn set_up_log(verbose: u8, quiet: bool) {
         _ => "debug",
     };
     let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| level.into());
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
+    // What cannot be said is left unsaid: a panic over it would end a thread that was about to warn.
+    tracing_subscriber::fmt()
+        .log_internal_errors(false)
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .without_time()
+        .init();
 }
 
 /// Prints a value as indented JSON on standard output.
@@ -146,7 +154,6 @@ fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
 
 /// Prints a line on standard output; a closed pipe is not an error worth a panic.
 fn print_line(text: &str) -> Result<(), Failure> {
-    use std::io::Write;
     match writeln!(std::io::stdout(), "{text}") {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::failed(error)),
         _ => Ok(()),

@@ -28,7 +28,7 @@ pub(crate) struct ProbeArguments {
     #[arg(long)]
     voxel: bool,
     /// Time step N; or a curve of several, A:B, A:B:S (B excluded) or all
-    #[arg(long, value_name = "N|A:B[:S]|all", default_value = "0")]
+    #[arg(long, value_name = "N|A:B[:S]|all", default_value = "0", allow_negative_numbers = true)]
     time: StepRange,
     /// Print JSON
     #[arg(long)]

@@ -29,7 +29,7 @@ pub(crate) struct RenderArguments {
     #[arg(long, value_name = "out.gif|out.y4m|out.mp4", conflicts_with = "output")]
     pub(super) movie: Option<PathBuf>,
     /// Pictures that the movie shows in a second, to a thousandth: as in `--rate 29.97`
-    #[arg(long, value_name = "R", default_value = "24", conflicts_with = "output")]
+    #[arg(long, value_name = "R", default_value = "24", allow_negative_numbers = true, conflicts_with = "output")]
     pub(super) rate: PictureRate,
     /// Picture size in pixels
     #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::size_px)]

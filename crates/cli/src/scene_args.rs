@@ -82,7 +82,7 @@ pub(crate) struct SceneArguments {
     #[arg(long, value_name = "R,G,B", value_parser = values::color)]
     background: Option<[f64; 3]>,
     /// Time step N; in `render` also several, a picture each: A:B, A:B:S (B excluded) or all
-    #[arg(long, value_name = "N|A:B[:S]|all")]
+    #[arg(long, value_name = "N|A:B[:S]|all", allow_negative_numbers = true)]
     time: Option<StepRange>,
     #[command(flatten)]
     channels: ChannelArguments,

@@ -1,6 +1,7 @@
 //! Time steps on the command line: one, some or all of them.
 
 use super::failure::Failure;
+use brickyard::volume::counted;
 use std::str::FromStr;
 
 /// Time steps as `--time` names them: `N`, `A:B` or `A:B:S` with B excluded, as Python has it, or `all`. Either end may be left out.
@@ -66,7 +67,8 @@ impl StepRange {
         if first < end && end <= times && first < times {
             return Ok((first, end, stride));
         }
-        Err(Failure::usage(format!("--time {self}: the store has {times} time steps, numbered from 0")))
+        let steps = counted(times.into(), "time step");
+        Err(Failure::usage(format!("--time {self}: the store has {steps}, numbered from 0")))
     }
 
     /// The steps, of a store of `times` steps.

@@ -2,7 +2,7 @@
 
 use crate::error::ImportError;
 use crate::source::{Access, Lent, Source, SourceInfo};
-use brickyard_volume::VoxelBox;
+use brickyard_volume::{VoxelBox, counted};
 use std::path::PathBuf;
 
 /// A time series: sources of one time step each that agree in extent, voxel type, channels and spacing.
@@ -29,7 +29,8 @@ impl Series {
                 return Err(ImportError::options(path, problem));
             }
             let describe = |i: &SourceInfo| {
-                format!("{} {} with {} channels, spacing {}", i.extent, i.voxel_type, i.channels, i.geometry.spacing)
+                let channels = counted(i.channels.into(), "channel");
+                format!("{} {} with {channels}, spacing {}", i.extent, i.voxel_type, i.geometry.spacing)
             };
             if describe(step) != describe(first) {
                 let problem = format!("is {}, but {} is {}", describe(step), paths[0].display(), describe(first));
