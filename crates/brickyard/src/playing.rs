@@ -88,7 +88,7 @@ pub struct PlayReport {
 }
 
 /// How long a frame takes at least that is not drawn: no screen shows more of them, and each plans anew.
-const FRAME_TIME: Duration = Duration::from_millis(1);
+const FRAME_TIME: Duration = Duration::from_millis(2);
 
 /// The longest time that a playback may take.
 const LONGEST: Duration = Duration::from_secs(600);

@@ -154,7 +154,7 @@ pub(crate) struct HostSplit {
 pub(crate) const TABLE_BYTES_PER_SLOT: u64 = 1280;
 
 /// Padded bricks in flight at most: more only delays what a newer plan wants.
-const MAX_STAGED: u64 = 256;
+pub(crate) const MAX_STAGED: u64 = 256;
 
 /// The least host budget that works, in bytes: what one worker needs at the same time, and what is there without a worker.
 pub(crate) fn least_host(BufferSizes { fixed, scratch, core, padded }: BufferSizes) -> u64 {

@@ -33,14 +33,28 @@ pub(crate) enum State {
 /// Where a brick comes in the order of reading: least keys first.
 pub(crate) type Key = (Tier, Reverse<u8>, Reverse<i32>, u128);
 
-/// The bricks of a volume that are to be read for its view, each with its place in the order of reading.
+/// A brick of a volume that is to be read for its view.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Request {
+    tier: Tier,
+    pub(crate) id: BrickId,
+    error_px: f64,
+}
+
+impl Request {
+    /// The brick's place in the order of reading.
+    pub(crate) fn key(&self, pyramid: &Pyramid) -> Key {
+        key(pyramid, self.tier, self.id, self.error_px)
+    }
+}
+
+/// The bricks of a volume that are to be read for its view, in no order.
 pub(crate) fn requests(
-    pyramid: &Pyramid,
     cut: &Cut,
     roots: &[BrickId],
     state_of: impl Fn(NodeId) -> State,
     state_of_root: impl Fn(BrickId) -> State,
-) -> Vec<(Key, BrickId)> {
+) -> Vec<Request> {
     let mut wanted = vec![None; cut.nodes.len()];
     for cell in cut.wanted_cells() {
         let state = state_of(cell);
@@ -52,15 +66,16 @@ pub(crate) fn requests(
         want_cover(cut, &state_of, cell, state, &mut wanted);
     }
     let absent_roots = roots.iter().filter(|&&root| state_of_root(root) == State::Absent);
-    let mut keyed: Vec<_> = absent_roots.map(|&root| (key(pyramid, Tier::Cover, root, f64::INFINITY), root)).collect();
+    let of_root = |&root: &BrickId| Request { tier: Tier::Cover, id: root, error_px: f64::INFINITY };
+    let mut requests: Vec<Request> = absent_roots.map(of_root).collect();
     // The roots come first in the arena.
     for (node, tier) in cut.ids().zip(&wanted).skip(cut.roots) {
         if let &Some(tier) = tier {
-            let id = cut.id(node);
-            keyed.push((key(pyramid, tier, id, cut[node].error_px * visibility::factor(cut[node].weight)), id));
+            let error_px = cut[node].error_px * visibility::factor(cut[node].weight);
+            requests.push(Request { tier, id: cut.id(node), error_px });
         }
     }
-    keyed
+    requests
 }
 
 /// Bricks of any volumes in the order in which they are to be read. Of bricks with equal keys, the one of the earlier volume comes first.

@@ -14,10 +14,11 @@
 //! What comes next, the cuts of later time steps, has the slots that this leaves, the nearest step first: what is resident of a step
 //! is kept, and what it lacks is requested, so that the step is whole when its time comes.
 
+use crate::budget::MAX_STAGED;
 use crate::cut::{Cut, NodeId};
 use crate::draw_list::{DrawList, Slot, StandIns};
 use crate::fade::{Fades, Fading};
-use crate::plan::{self, Key, State};
+use crate::plan::{self, Key, Request, State};
 use crate::retry::Failure;
 use crate::sameness::{Content, SlotsByContent};
 use crate::slots::{SlotTable, VolumeBrick};
@@ -99,6 +100,22 @@ pub(crate) struct Wants<'a> {
     /// The bricks of the frame's view, whose roots are pinned.
     pub(crate) goal: Goal<'a>,
     pub(crate) sight: &'a VisibleCells,
+}
+
+/// What coming steps may still take.
+struct Room {
+    slots: usize,
+    /// How many more requests are worth listing: 0 once there are enough.
+    requests: usize,
+}
+
+/// Requests that are enough for coming steps: twice as many as can be on their way, so that workers always have some before the next plan. To put
+/// those of all steps in order takes a frame of many bricks longer than all else in it.
+const ENOUGH_REQUESTS: usize = 2 * MAX_STAGED as usize;
+
+/// A request with its place in the order of reading.
+fn keyed(volume: usize, pyramid: &Pyramid, request: &Request) -> (Key, VolumeBrick) {
+    (request.key(pyramid), VolumeBrick { volume, id: request.id })
 }
 
 /// What is fetched ahead of a frame's views.
@@ -331,9 +348,10 @@ impl Residency {
     /// comes before what is not: bricks of a tier do not displace each other.
     fn ahead(&self, wants: &[Wants<'_>], ahead: Ahead<'_>) -> (Vec<(Tier, VolumeBrick)>, Vec<Readiness>) {
         let needed: usize = wants.iter().map(|Wants { goal, .. }| goal.cut.wanted() + goal.roots.len()).sum();
-        let mut room = self.slots.count().saturating_sub(needed);
+        let mut room = Room { slots: self.slots.count().saturating_sub(needed), requests: ENOUGH_REQUESTS };
         let coming = ahead.coming.iter().enumerate().map(|(i, goals)| self.coming(goals, i == 0, &mut room));
         let (bricks, readiness): (Vec<Vec<VolumeBrick>>, Vec<Readiness>) = coming.unzip();
+        let mut room = room.slots;
         let mut bricks: Vec<_> = bricks.into_iter().flatten().map(|brick| (Tier::Coming, brick)).collect();
         for of_tier in ahead.listed.chunk_by(|a, b| a.0 == b.0) {
             let state = |brick: &VolumeBrick| self.state(brick.volume, brick.id);
@@ -348,9 +366,10 @@ impl Residency {
     }
 
     /// What a coming step is to keep and lacks, and how far the step is. `room` is lowered by it. A step that does not fit waits, and with it all
-    /// after it: half a step is of no use, and its bricks would come and go. Of the first one as much is kept as there is room for.
-    fn coming(&self, goals: &[Goal<'_>], is_first: bool, room: &mut usize) -> (Vec<VolumeBrick>, Readiness) {
-        if goals.is_empty() || *room == 0 {
+    /// after it: half a step is of no use, and its bricks would come and go. Of the first one as much is kept as there is room for. What a step lacks
+    /// is left out while the steps before it lack enough.
+    fn coming(&self, goals: &[Goal<'_>], is_first: bool, room: &mut Room) -> (Vec<VolumeBrick>, Readiness) {
+        if goals.is_empty() || room.slots == 0 {
             return Default::default();
         }
         let (mut bricks, mut missing, mut is_covered) = (Vec::new(), Vec::new(), true);
@@ -364,30 +383,35 @@ impl Residency {
             there.sort_unstable();
             there.dedup();
             bricks.extend(bricks_of(volume, &there));
-            missing.extend(self.missing(volume, goal, &stand_ins));
+            let of_volume = self.missing(volume, goal, &stand_ins).into_iter();
+            missing.extend(of_volume.map(|request| (volume, goal.pyramid, request)));
         }
         let wanted = goals.iter().map(|goal| goal.cut.wanted()).sum();
         let readiness =
             Readiness { wanted, is_planned: true, missing: missing.len(), is_covered, is_whole: missing.is_empty() };
-        bricks.extend(plan::in_order(missing).into_iter().map(|(_, brick)| brick));
-        if !is_first && bricks.len() > *room {
-            *room = 0;
+        let needed = bricks.len() + missing.len();
+        if !is_first && needed > room.slots {
+            room.slots = 0;
         }
-        bricks.truncate(*room);
-        *room -= bricks.len();
+        if room.requests > 0 {
+            room.requests = room.requests.saturating_sub(missing.len());
+            let keyed = missing.into_iter().map(|(volume, pyramid, request)| keyed(volume, pyramid, &request));
+            bricks.extend(plan::in_order(keyed.collect()).into_iter().map(|(_, brick)| brick));
+        }
+        bricks.truncate(room.slots);
+        room.slots -= needed.min(room.slots);
         (bricks, readiness)
     }
 
-    /// What a volume's goal lacks, each brick with its place in the order of reading.
-    fn missing(&self, volume: usize, goal: &Goal<'_>, stand_ins: &StandIns) -> Vec<(Key, VolumeBrick)> {
-        let &Goal { pyramid, cut, roots } = goal;
+    /// What a volume's goal lacks.
+    fn missing(&self, volume: usize, goal: &Goal<'_>, stand_ins: &StandIns) -> Vec<Request> {
+        let &Goal { cut, roots, .. } = goal;
         let state_of = |node| match stand_ins.is_resident(node) {
             true => State::Resident,
             false if self.failure(volume, cut.id(node)).is_some() => State::Failed,
             false => State::Absent,
         };
-        let keyed = plan::requests(pyramid, cut, roots, state_of, |id| self.state(volume, id));
-        keyed.into_iter().map(|(key, id)| (key, VolumeBrick { volume, id })).collect()
+        plan::requests(cut, roots, state_of, |id| self.state(volume, id))
     }
 
     /// What is to be read, first things first, of any volume. `ahead` is what is kept and fetched ahead.
@@ -397,7 +421,10 @@ impl Residency {
         ahead: &[(Tier, VolumeBrick)],
         stand_ins: &[StandIns],
     ) -> Vec<(Tier, VolumeBrick)> {
-        let of_volume = |(volume, wants): (usize, &Wants<'_>)| self.missing(volume, &wants.goal, &stand_ins[volume]);
+        let of_volume = |(volume, wants): (usize, &Wants<'_>)| {
+            let missing = self.missing(volume, &wants.goal, &stand_ins[volume]);
+            missing.iter().map(|request| keyed(volume, wants.goal.pyramid, request)).collect::<Vec<_>>()
+        };
         let mut requests = plan::in_order(wants.iter().enumerate().flat_map(of_volume).collect());
         // A step may come twice, or again.
         let mut listed: FxHashSet<VolumeBrick> = requests.iter().map(|(_, brick)| *brick).collect();
