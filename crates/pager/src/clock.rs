@@ -5,7 +5,7 @@
 //! What is due when is one line of the clock's time; what is done where a step is not ready is its [`Policy`].
 //!
 //! To hold the rate, coming steps are made coarser by a *bias* in levels: by half a level for each step that was not whole when it was due, once the
-//! last change has reached the steps that are shown; finer by a quarter after a number of steps that were whole in good time. A trial that fails
+//! last change has reached the steps that are shown, or at once and by more where a step took far too long; finer by a quarter after a number of steps that were whole in good time. A trial that fails
 //! doubles this number, so that the level does not pump. To hold the quality, only every so-many-th step comes.
 //!
 //! Cost: a few comparisons a tick. Pure: no threads, no time of its own.
@@ -84,6 +84,9 @@ pub const MOST_COMING: usize = 8;
 /// Changes of the bias, in levels: where a step is late, and where there is time to spare.
 const COARSER: f64 = 0.5;
 const FINER: f64 = 0.25;
+
+/// How many times as long as it may a step takes that is late for more than having been fetched too late.
+const FAR_TOO_LONG: f64 = 2.0;
 
 /// The largest bias: more levels than a volume of 2^16 voxels has in bricks of 64.
 const MOST_BIAS: f64 = 12.0;
@@ -389,9 +392,12 @@ impl Run {
             Policy::EveryStep => {}
             Policy::HoldRate => {
                 self.follow_frames();
+                // The first steps after a change are late for what came before it, but not by so much.
+                let times_too_long = taken as f64 / self.stride as f64;
+                let counts = self.trial.pending == 0 || times_too_long > FAR_TOO_LONG;
                 // What is finer than the present bias is of before it.
-                if coming.is_late && self.trial.pending == 0 && coming.bias >= self.bias {
-                    self.give_way(&coming);
+                if coming.is_late && counts && coming.bias >= self.bias {
+                    self.give_way(&coming, times_too_long);
                 } else if self.bias > 0.0 && (is_patient || has_spare && self.is_in_vain()) {
                     self.try_finer();
                 }
@@ -433,11 +439,12 @@ impl Run {
         }
     }
 
-    /// Makes coming steps coarser than one that was late, those that have hardly begun among them.
-    fn give_way(&mut self, late: &Coming) {
+    /// Makes coming steps coarser than one that was late, those that have hardly begun among them. A level has an eighth of the bricks of a finer
+    /// one, so that a step which took `times_too_long` calls for a third of its octaves.
+    fn give_way(&mut self, late: &Coming, times_too_long: f64) {
         self.trial.fail(late.bias);
         self.trial.wanted_before = Some(late.ready.wanted);
-        self.set_bias(late.bias + COARSER);
+        self.set_bias(late.bias + COARSER.max(times_too_long.log2() / 3.0));
     }
 
     fn try_finer(&mut self) {
