@@ -76,7 +76,7 @@ impl Growing {
         growing
     }
 
-    /// The same where an append of the next step was killed at a rename, as far as `part` of the way.
+    /// A store of so many steps to which the next step was being appended when the process was killed, at the rename that is `part` of the way.
     fn cut_off(steps: usize, part: f64) -> Self {
         let mut growing = Self::new(steps);
         let renames = growing.run.calls.iter().filter(|call| call.name == "rename").count() / APPENDED;

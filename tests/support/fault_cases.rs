@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-/// What a case comes to: an error says what went wrong.
+/// The result of a case: an error says what went wrong.
 pub type Result<T> = std::result::Result<T, String>;
 
 /// At that call alone.
@@ -81,8 +81,8 @@ pub const OF_FILES: [Fault; 5] = [
     ("stat", ONCE, "empty"),
 ];
 
-/// Those of some groups of cases that are run: all that were asked for, evenly, and as many of each group as it has or as its
-/// share is.
+/// Chooses the cases that are run: as many as were asked for, evenly from the list of each group, and as many of each group as the group has or as
+/// its share is.
 fn chosen<C>(groups: Vec<Vec<C>>, at_most: usize) -> Vec<C> {
     let count = match std::env::var("BRICKYARD_FAULT_CASES") {
         Ok(text) if text == "all" => usize::MAX,
@@ -91,7 +91,7 @@ fn chosen<C>(groups: Vec<Vec<C>>, at_most: usize) -> Vec<C> {
     };
     let mut left = count;
     let mut groups: Vec<Vec<C>> = groups.into_iter().filter(|group| !group.is_empty()).collect();
-    // What a small group does not take of its share is the others'.
+    // The part of its share that a small group does not take goes to the other groups.
     groups.sort_by_key(Vec::len);
     let mut chosen = Vec::new();
     let many = groups.len();
@@ -242,7 +242,7 @@ pub fn moments(run: &Outcome, before: &Tree) -> Vec<Vec<Moment>> {
 }
 
 impl Moment {
-    /// What is on the disk that had `before` when the run began, if the power goes at this moment.
+    /// Returns the files that are left if the power goes at this moment, of a disk that had the files `before` when the run began.
     pub fn remains(&self, run: &Outcome, before: &Tree) -> Tree {
         let mut disk = Disk::new(before);
         for call in &run.calls[..self.calls] {

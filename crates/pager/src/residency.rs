@@ -403,7 +403,7 @@ impl Residency {
         (bricks, readiness)
     }
 
-    /// What a volume's goal lacks.
+    /// Returns the bricks that a volume's goal lacks, in no order.
     fn missing(&self, volume: usize, goal: &Goal<'_>, stand_ins: &StandIns) -> Vec<Request> {
         let &Goal { cut, roots, .. } = goal;
         let state_of = |node| match stand_ins.is_resident(node) {

@@ -164,28 +164,37 @@ impl SideArray {
 /// A file of side data: path and content.
 pub(crate) type PageFile = (PathBuf, Vec<u8>);
 
-/// Files on their way that hold the pages of several time steps: what is there of each.
+/// Files on their way that hold the pages of several time steps, with the pages of each that are there.
 #[derive(Default)]
 pub(crate) struct PageFiles {
-    begun: HashMap<PathBuf, Vec<Option<Vec<u8>>>>,
+    begun: HashMap<PathBuf, BegunFile>,
+}
+
+/// A file whose pages are not all there.
+struct BegunFile {
+    /// The encoded pages, by their places in the file.
+    pages: Vec<Option<Vec<u8>>>,
+    /// Number of pages that are still to come.
+    left: usize,
 }
 
 impl PageFiles {
-    /// Takes in a page. Returns its file if that is complete now.
+    /// Takes in a page, each once. Returns the page's file if that is complete now.
     pub(crate) fn add(&mut self, array: &SideArray, page: PageId, bytes: &[u8]) -> Option<PageFile> {
         let (slot, slots, filled) = array.place_in_file(page);
         if slots == 1 {
             return Some(array.page_file(page, bytes));
         }
         let path = array.page_path(page);
-        let pages = self.begun.entry(path.clone()).or_insert_with(|| vec![None; slots]);
-        pages[slot] = Some(side_file::encode(bytes));
-        if pages.iter().flatten().count() < filled {
+        let new = || BegunFile { pages: vec![None; slots], left: filled };
+        let file = self.begun.entry(path.clone()).or_insert_with(new);
+        file.pages[slot] = Some(side_file::encode(bytes));
+        file.left -= 1;
+        if file.left > 0 {
             return None;
         }
-        let file = side_file::join(pages);
-        self.begun.remove(&path);
-        Some((path, file))
+        let BegunFile { pages, .. } = self.begun.remove(&path)?;
+        Some((path, side_file::join(&pages)))
     }
 }
 

@@ -469,7 +469,7 @@ pub(crate) fn least_shells(stage: &Stage) -> u64 {
     across(0, size[0]) * across(1, size[1]) * across(2, 1)
 }
 
-/// What is kept of an encoded page besides its bytes: what names it, and what compression, its checksum and the allocator add.
+/// Bytes that an encoded page takes in memory at most besides those of the page itself: its path, and what compression, checksum and allocator add.
 const PAGE_ENTRY_BYTES: u64 = 128;
 
 /// Bytes that the pages of a stage take, whose voxels have so many bytes, while they wait for those of the other time steps of their files.
