@@ -217,7 +217,7 @@ fn every_step_is_played_in_order_and_whole() {
 fn steps_that_cannot_be_read_are_said_and_played_past() {
     for policy in [Policy::HoldRate, Policy::HoldQuality, Policy::EveryStep] {
         let (steps, damaged) = (24, 5..17);
-        let source = Coded::new(steps, 1, 300);
+        let source = Coded::new(steps, 1, 3000);
         let source = Coded { damaged: damaged.clone(), ..Arc::into_inner(source).expect("nobody else has it") };
         let mut session =
             open_session_of(vec![VolumeSource::new(Arc::new(source))], live(64 << 20, BackendChoice::Cpu)).unwrap();
@@ -230,6 +230,7 @@ fn steps_that_cannot_be_read_are_said_and_played_past() {
             assert!(Instant::now() < deadline, "{policy:?}: it stays at step {shown}, after {errors} errors");
             match session.step(&scene, SIZE) {
                 Ok(frame) => {
+                    assert!(frame.status.covered, "{policy:?}: {:?}", frame.status);
                     assert_one_step(&mut session, &frame, 1);
                     assert!(!damaged.contains(&frame.scene.time), "{policy:?}: {}", frame.scene.time);
                     shown = frame.scene.time;

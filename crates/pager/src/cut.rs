@@ -267,6 +267,12 @@ impl Cut {
         NodeId::range(NodeId(0), self.nodes.len())
     }
 
+    /// A node, its parent, and so on up to a root.
+    pub(crate) fn path_to_root(&self, node: NodeId) -> impl Iterator<Item = NodeId> {
+        let parent = |&node: &NodeId| Some(self[node].parent).filter(|parent| *parent != node);
+        std::iter::successors(Some(node), parent)
+    }
+
     /// The wanted cells, coarse first.
     pub(crate) fn wanted_cells(&self) -> impl Iterator<Item = NodeId> {
         self.ids().filter(|&node| self.is_wanted(node))

@@ -72,7 +72,7 @@ pub(crate) struct Seen {
     pub(crate) resident_area: f64,
     /// Whether every cell is drawn with something.
     pub(crate) is_covered: bool,
-    /// Why a cell that is drawn with nothing could not be read; `None` if there is no such cell, or its brick has not failed.
+    /// Why a cell is drawn with nothing, now and later; `None` if there is no such cell.
     pub(crate) error: Option<BrickError>,
 }
 
@@ -219,9 +219,12 @@ impl PagedVolume {
         let mut drawn = self.drawn.iter().peekable();
         // One entry, or two.
         let mut entries = |cell| std::iter::from_fn(|| drawn.next_if_eq(&&cell)).count();
-        let left_out = cells().filter(|&cell| entries(cut.id(cell)) == 0).find(is_seen);
-        let error = left_out.and_then(|cell| failure(cut.id(cell)).cloned());
-        Seen { wanted, resident, failed, area, resident_area, is_covered: left_out.is_none(), error }
+        let mut left_out = cells().filter(|&cell| entries(cut.id(cell)) == 0).filter(is_seen).peekable();
+        let is_covered = left_out.peek().is_none();
+        // It stays left out if nothing that could stand in for it can be read.
+        let is_lost = |cell: &NodeId| cut.path_to_root(*cell).all(|node| failure(cut.id(node)).is_some());
+        let error = left_out.find(is_lost).and_then(|cell| failure(cut.id(cell)).cloned());
+        Seen { wanted, resident, failed, area, resident_area, is_covered, error }
     }
 
     /// Replaces the workers' plan. Takes back the stale buffers at once, and those that the frame hands out with the next frame or wait.

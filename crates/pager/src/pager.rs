@@ -383,8 +383,7 @@ impl Pager {
             effective_error_px: cuts.iter().map(|cut| cut.effective_error_px()).fold(0.0, f64::max),
             pixel_error: cuts[0].view.pixel_error,
             memory_bound: cuts.iter().any(|cut| cut.memory_bound()),
-            // Once all is there that can be, a cell that is left out has failed, and so have all its ancestors.
-            error: seen.into_iter().find_map(|seen| seen.error).filter(|_| self.is_complete),
+            error: seen.into_iter().find_map(|seen| seen.error),
             gpu_bytes: self.config.slots as u64 * self.slot_bytes,
             host_bytes: self.meter.used(),
             host_bytes_peak: self.meter.peak(),

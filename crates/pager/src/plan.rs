@@ -87,9 +87,7 @@ pub(crate) fn in_order(mut keyed: Vec<(Key, VolumeBrick)>) -> Vec<(Tier, VolumeB
 /// Marks the ancestors that are to stand in for a missing cell.
 fn want_cover(cut: &Cut, state_of: impl Fn(NodeId) -> State, cell: NodeId, state: State, wanted: &mut [Option<Tier>]) {
     let mut failed = state == State::Failed;
-    let mut node = cell;
-    while cut[node].parent != node {
-        node = cut[node].parent;
+    for node in cut.path_to_root(cell).skip(1) {
         match state_of(node) {
             State::Resident => return,
             State::Failed => continue,

@@ -70,9 +70,9 @@ impl Volume {
         for (l, grid) in pyramid.levels().iter().enumerate() {
             for index in indices(grid.bricks) {
                 let id = BrickId { time: 0, channel: 0, level: Level(l as u8), index };
-                if dice.chance(self.failing_share) {
-                    source.failing.insert(id);
-                }
+                // The shown time step, and those to come.
+                let of_times = (0..3).map(|time| BrickId { time, ..id });
+                source.failing.extend(of_times.filter(|_| dice.chance(self.failing_share)));
                 let child = |index| BrickId { level: Level(id.level.0 - 1), index, ..id };
                 let empty = match l {
                     0 => dice.chance(self.empty_share),
@@ -579,6 +579,11 @@ impl Bench<'_> {
             let all: Vec<VolumeBrick> = goals.iter().enumerate().flat_map(of_volume).collect();
             assert!(!ready.is_whole || ready.is_covered && all.iter().all(|&brick| is_there(brick)));
             assert!(ready.is_whole == (ready.missing == 0 && ready.is_planned));
+            let is_drawn = |(volume, goal): (usize, &Goal<'_>)| {
+                let is_resident = |id| self.twins[0].is_resident(VolumeBrick { volume, id });
+                goal.cut.cells().all(|cell| lineage(goal.pyramid, cell).any(is_resident))
+            };
+            assert!(!ready.is_covered || ready.is_whole || goals.iter().enumerate().all(is_drawn));
         }
     }
 

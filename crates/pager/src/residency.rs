@@ -379,6 +379,7 @@ impl Residency {
             let resident_roots = goal.roots.iter().filter(|&&root| self.state(volume, root) == State::Resident);
             let mut there: Vec<BrickId> = resident_roots.copied().collect();
             is_covered &= goal.roots.iter().all(|&root| self.state(volume, root) != State::Absent);
+            is_covered &= cut.wanted_cells().all(|cell| stand_ins.of(cell).is_some());
             there.extend(cut.wanted_cells().filter_map(|cell| stand_ins.of(cell)).map(|(node, _)| cut.id(node)));
             there.sort_unstable();
             there.dedup();
@@ -387,8 +388,9 @@ impl Residency {
             missing.extend(of_volume.map(|request| (volume, goal.pyramid, request)));
         }
         let wanted = goals.iter().map(|goal| goal.cut.wanted()).sum();
-        let readiness =
-            Readiness { wanted, is_planned: true, missing: missing.len(), is_covered, is_whole: missing.is_empty() };
+        let is_whole = missing.is_empty();
+        let is_covered = is_covered || is_whole;
+        let readiness = Readiness { wanted, is_planned: true, missing: missing.len(), is_covered, is_whole };
         let needed = bricks.len() + missing.len();
         if !is_first && needed > room.slots {
             room.slots = 0;

@@ -28,7 +28,7 @@ pub struct Status {
     pub pixel_error: f64,
     /// Whether a cut would be finer with more slots.
     pub memory_bound: bool,
-    /// Why a cell is drawn with nothing, once nothing more will come: neither its brick nor any ancestor can be read. If there are several
+    /// Why a cell is drawn with nothing, now and later: neither its brick nor any ancestor can be read. If there are several
     /// such cells, this is the reason for one of them; `None` if there are none.
     pub error: Option<BrickError>,
     /// Bytes of all slots together.
@@ -76,7 +76,7 @@ pub struct Readiness {
     pub is_planned: bool,
     /// The number of bricks that are still to come.
     pub missing: usize,
-    /// Whether something can be drawn in every cell: the coarsest bricks are resident, or have failed.
+    /// Whether something can be drawn in every cell, or the view is whole.
     pub is_covered: bool,
     /// Whether every brick that the view wants is resident, or has failed and its stand-in is resident.
     pub is_whole: bool,
