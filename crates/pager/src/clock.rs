@@ -6,7 +6,8 @@
 //!
 //! To hold the rate, coming steps are made coarser by a *bias* in levels: by half a level for each step that was not whole when it was due, once the
 //! last change has reached the steps that are shown, or at once and by more where a step took far too long; finer by a quarter after a number of steps that were whole in good time. A trial that fails
-//! doubles this number, so that the level does not pump. To hold the quality, only every so-many-th step comes.
+//! doubles this number, so that the level does not pump. To hold the quality, only every so-many-th step comes. Where nothing is known of the machine yet, time
+//! stands still until the first step is whole, for half a second at most, and how fast it comes gives the first bias.
 //!
 //! Cost: a few comparisons a tick. Pure: no threads, no time of its own.
 
@@ -41,7 +42,7 @@ pub enum Ending {
 /// How steps follow one another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Playback {
-    /// Steps a second; a positive number.
+    /// Steps a second, from a thousandth to a million. A clock takes others as the nearest of these.
     pub steps_per_second: f64,
     /// Whether the clock begins by running from later steps to earlier ones.
     pub is_backward: bool,
@@ -91,9 +92,16 @@ const FAR_TOO_LONG: f64 = 2.0;
 /// The largest bias: more levels than a volume of 2^16 voxels has in bricks of 64.
 const MOST_BIAS: f64 = 12.0;
 
+/// The least and the greatest number of steps a second: times and places stay numbers that can be added.
+const SLOWEST: f64 = 1e-3;
+const FASTEST: f64 = 1e6;
+
 /// The numbers of steps in good time that a trial of more quality waits for: at first, and at most.
 const FIRST_PATIENCE: u32 = 8;
 const MOST_PATIENCE: u32 = 256;
+
+/// How long a clock waits for its first step.
+const LONGEST_START: Duration = Duration::from_millis(500);
 
 /// A clock that was not ticked for so long stood still.
 const STALL: Duration = Duration::from_secs(1);
@@ -120,6 +128,8 @@ struct Run {
     /// A place of the path, and when it was due: a line for all others.
     anchor: (u64, Duration),
     coming: VecDeque<Coming>,
+    /// When playing began, until the first step is shown of a clock that knows nothing of the machine.
+    starting: Option<Duration>,
     last_tick: Duration,
     /// Smoothed time between ticks, in seconds.
     tick_s: f64,
@@ -192,15 +202,19 @@ impl Clock {
         self.run.as_ref().map(|run| run.playback)
     }
 
-    /// When the next step is due; `None` if none is.
+    /// When the next step is due; `None` if none is, or the clock waits for the first one.
     pub fn next_due(&self) -> Option<Duration> {
         let run = self.run.as_ref()?;
-        Some(run.due(run.coming.front()?.place))
+        let due = run.due(run.coming.front()?.place);
+        let is_awaited = run.starting.is_some() && due <= run.last_tick;
+        (!is_awaited).then_some(due)
     }
 
     /// Begins to play from the step that is shown, or goes on in another way; stands still with `None`. The step that is shown is then shown
     /// as the view asks for it.
     pub fn play(&mut self, playback: Option<Playback>, at: Duration) {
+        let rate = |playback: Playback| playback.steps_per_second.max(SLOWEST).min(FASTEST);
+        let playback = playback.map(|playback| Playback { steps_per_second: rate(playback), ..playback });
         if self.playback() == playback {
             return;
         }
@@ -272,6 +286,7 @@ impl Run {
         let way = before.as_ref().filter(is_same_way).map(|run| run.path.is_backward_at(run.place));
         let is_backward = way.unwrap_or(playback.is_backward);
         let holds_rate = playback.policy == Policy::HoldRate;
+        let waits = playback.policy != Policy::EveryStep && before.is_none();
         let mut run = Self {
             playback,
             path: Path { origin, is_backward, ending: playback.ending, steps },
@@ -279,6 +294,7 @@ impl Run {
             bias_shown: 0.0,
             anchor: (0, at),
             coming: VecDeque::new(),
+            starting: waits.then_some(at),
             last_tick: at,
             tick_s: 0.0,
             last_flip: at,
@@ -339,16 +355,35 @@ impl Run {
             coming.ready = ready.get(i).copied().unwrap_or_default();
         }
         self.see_change_of_bias();
-        // A frame shows the step that is due in the middle of its time.
-        let frame = Duration::from_secs_f64(self.tick_s.min(1.0 / self.playback.steps_per_second) / 2.0);
-        let is_due = |coming: &Coming, at| self.due(coming.place) <= at;
-        let due = self.coming.iter().take_while(|coming| is_due(coming, at + frame)).count();
-        let overdue = self.coming.iter().take_while(|coming| is_due(coming, at)).count();
-        self.coming.iter_mut().take(overdue).for_each(|coming| coming.is_late |= !coming.ready.is_whole);
-        if let Some(chosen) = self.choose(due) {
+        if self.awaits_first(at) {
+            return;
+        }
+        let due_by = |at| self.coming.iter().take_while(|coming| self.due(coming.place) <= at).count();
+        // A frame shows the step that is due in the middle of its time. But a step that is due already is not passed over for that: frames are not all equally long.
+        let middle = Duration::from_secs_f64(self.tick_s.min(1.0 / self.playback.steps_per_second) / 2.0);
+        let (due, due_soon) = (due_by(at), due_by(at + middle));
+        self.coming.iter_mut().take(due).for_each(|coming| coming.is_late |= !coming.ready.is_whole);
+        if let Some(chosen) = self.choose(if due > 0 { due } else { due_soon }) {
             self.flip(chosen, at, tally);
         }
         self.fill(at);
+    }
+
+    /// Whether the first step is still to come of a clock that knows nothing of the machine: time stands still from when it was due.
+    fn awaits_first(&mut self, at: Duration) -> bool {
+        let (Some(since), Some(&first)) = (self.starting, self.coming.front()) else { return false };
+        let (late, waited) = (at.saturating_sub(self.due(first.place)), at.saturating_sub(since));
+        self.anchor.1 += late;
+        let Readiness { wanted, missing, is_planned, is_whole, .. } = first.ready;
+        let came = wanted.saturating_sub(missing);
+        // The first bricks may have waited for others.
+        let is_telling = is_planned && 4 * came >= wanted && (is_whole || self.playback.policy == Policy::HoldRate);
+        if is_telling && self.places(waited) > FAR_TOO_LONG && !self.trial.has_failed() {
+            self.give_way(&first, self.places(waited) * wanted.max(1) as f64 / came.max(1) as f64);
+        }
+        let is_over = is_whole || waited > LONGEST_START;
+        self.starting = self.starting.filter(|_| !is_over);
+        !is_over
     }
 
     /// Which of the first `due` coming steps is shown now.
@@ -388,12 +423,12 @@ impl Run {
             Policy::HoldRate | Policy::EveryStep => self.bias - FINER,
         };
         let is_patient = self.trial.waits_for(finer) <= self.trial.timely && self.trial.pending == 0 && has_spare;
+        let times_too_long = taken as f64 / self.stride as f64;
         match self.playback.policy {
             Policy::EveryStep => {}
             Policy::HoldRate => {
                 self.follow_frames();
                 // The first steps after a change are late for what came before it, but not by so much.
-                let times_too_long = taken as f64 / self.stride as f64;
                 let counts = self.trial.pending == 0 || times_too_long > FAR_TOO_LONG;
                 // What is finer than the present bias is of before it.
                 if coming.is_late && counts && coming.bias >= self.bias {
@@ -405,8 +440,7 @@ impl Run {
             Policy::HoldQuality => {
                 let least = self.frames_stride();
                 if coming.is_late && taken > self.stride {
-                    self.trial.fail(self.stride as f64);
-                    self.set_stride(taken);
+                    self.give_way(&coming, times_too_long);
                 } else if least > self.stride {
                     self.set_stride(least);
                 } else if is_patient && self.stride > least {
@@ -439,12 +473,21 @@ impl Run {
         }
     }
 
-    /// Makes coming steps coarser than one that was late, those that have hardly begun among them. A level has an eighth of the bricks of a finer
-    /// one, so that a step which took `times_too_long` calls for a third of its octaves.
+    /// Asks for less after a step that took `times_too_long`. To hold the rate, coming steps are made coarser, those that have hardly begun among them: a
+    /// level has an eighth of the bricks of a finer one, so that the bias grows by a third of the octaves.
     fn give_way(&mut self, late: &Coming, times_too_long: f64) {
-        self.trial.fail(late.bias);
-        self.trial.wanted_before = Some(late.ready.wanted);
-        self.set_bias(late.bias + COARSER.max(times_too_long.log2() / 3.0));
+        match self.playback.policy {
+            Policy::EveryStep => {}
+            Policy::HoldRate => {
+                self.trial.fail(late.bias);
+                self.trial.wanted_before = Some(late.ready.wanted);
+                self.set_bias(late.bias + COARSER.max(times_too_long.log2() / 3.0));
+            }
+            Policy::HoldQuality => {
+                self.trial.fail(self.stride as f64);
+                self.set_stride((times_too_long * self.stride as f64).ceil() as u64);
+            }
+        }
     }
 
     fn try_finer(&mut self) {
@@ -488,6 +531,11 @@ impl Trial {
     /// How many steps in good time a trial of this bias or stride waits for: many where it has failed before.
     fn waits_for(&self, finer: f64) -> u32 {
         if finer > self.failed_at { FIRST_PATIENCE } else { self.patience }
+    }
+
+    /// Whether any step has been late so far.
+    fn has_failed(&self) -> bool {
+        self.failed_at != NEVER
     }
 
     /// Begins a trial of more quality than the present bias or stride gives, which shows after `pending` steps.

@@ -30,6 +30,13 @@ impl Machine {
         Self { cells_per_s, frame, cells: 512.0, first_change: 0.0, there: HashMap::new(), now: Duration::ZERO }
     }
 
+    /// A machine that has filled the step before which playing begins.
+    fn at_rest(self) -> Self {
+        let mut machine = self;
+        machine.run(&mut Clock::new(0, STEPS), 10.0);
+        Self { now: Duration::ZERO, ..machine }
+    }
+
     fn wanted(&self, bias: f64) -> usize {
         (self.cells * 8f64.powf(-(bias - self.first_change).max(0.0))).ceil() as usize
     }
@@ -90,9 +97,7 @@ fn paths_end_run_round_and_turn() {
 #[test]
 fn a_machine_that_is_fast_enough_shows_every_step_when_it_is_due() {
     for policy in [Policy::HoldRate, Policy::HoldQuality, Policy::EveryStep] {
-        let mut machine = Machine::new(20_000.0, 5);
-        machine.run(&mut Clock::new(0, STEPS), 0.1);
-        machine.now = Duration::ZERO;
+        let mut machine = Machine::new(20_000.0, 5).at_rest();
         let mut clock = playing(policy, 20.0);
         let shown = machine.run(&mut clock, 10.0);
         assert!(shown.iter().all(|shown| shown.is_whole && shown.step.level_bias == 0.0), "{policy:?}");
@@ -103,6 +108,40 @@ fn a_machine_that_is_fast_enough_shows_every_step_when_it_is_due() {
         let late = shown.iter().zip(1u32..).map(|(shown, i)| shown.at.abs_diff(Duration::from_millis(50) * i));
         assert!(late.max().unwrap() <= Duration::from_millis(10));
     }
+}
+
+#[test]
+fn frames_that_are_unequally_long_show_every_step() {
+    let mut machine = Machine::new(1e6, 0);
+    let mut clock = playing(Policy::HoldRate, 20.0);
+    let mut shown = 0;
+    // Of 47 ms on average, up to half as long again.
+    for frame_ms in [25, 70, 45].into_iter().cycle().take(600) {
+        machine.frame = Duration::from_millis(frame_ms);
+        shown += machine.run(&mut clock, 1e-3).len() as u64;
+    }
+    let tally = clock.tally();
+    assert!(shown == tally.shown && shown.abs_diff(560) <= 2 && (tally.late, tally.dropped) == (0, 0), "{tally:?}");
+}
+
+#[test]
+fn a_clock_waits_for_its_first_step_and_learns_from_it() {
+    // A step takes 256 ms, five times as long as it may: a coarser one can be shown before that.
+    for (policy, start_ms) in [(Policy::HoldRate, 110..=170), (Policy::HoldQuality, 250..=270)] {
+        let mut machine = Machine::new(2_000.0, 5).at_rest();
+        let mut clock = playing(policy, 20.0);
+        let shown = machine.run(&mut clock, 0.3);
+        assert!(shown[0].is_whole && shown[0].step.step == 1, "{policy:?}");
+        assert!(start_ms.contains(&shown[0].at.as_millis()), "{policy:?}: {:?}", shown[0].at);
+        machine.run(&mut clock, 3.0);
+        let tally = clock.tally();
+        assert!(tally.late <= 5 && (policy == Policy::HoldQuality || tally.dropped <= 3), "{policy:?}: {tally:?}");
+    }
+    // One that does not come is waited for no longer than half a second.
+    let mut machine = Machine::new(200.0, 5).at_rest();
+    let mut clock = playing(Policy::HoldRate, 20.0);
+    let shown = machine.run(&mut clock, 1.0);
+    assert!((490..=560).contains(&shown[0].at.as_millis()) && !shown[0].is_whole, "{:?}", shown[0].at);
 }
 
 #[test]
@@ -229,6 +268,17 @@ fn a_clock_that_bounces_goes_on_in_its_direction_after_a_change() {
     clock.grow(200, machine.now);
     machine.run(&mut clock, 0.12);
     assert_eq!(clock.shown().step, 93);
+}
+
+#[test]
+fn any_rate_is_a_rate() {
+    for (rate, steps) in [(f64::NAN, 0), (0.0, 0), (-1.0, 0), (1e-300, 0), (1e300, 100), (f64::INFINITY, 100)] {
+        for policy in [Policy::HoldRate, Policy::HoldQuality, Policy::EveryStep] {
+            let mut machine = Machine::new(50_000.0, 10).at_rest();
+            let shown = machine.run(&mut playing(policy, rate), 1.0).len();
+            assert!(shown <= steps && (shown > 0 || steps == 0), "{rate} {policy:?}: {shown}");
+        }
+    }
 }
 
 #[test]
