@@ -39,6 +39,7 @@ mod slots;
 mod source;
 mod split;
 mod status;
+mod step_ahead;
 mod store_source;
 #[cfg(test)]
 mod test_source;

@@ -18,12 +18,13 @@ use crate::budget::MAX_STAGED;
 use crate::cut::{Cut, NodeId};
 use crate::draw_list::{DrawList, Slot, StandIns};
 use crate::fade::{Fades, Fading};
-use crate::plan::{self, Key, Request, State};
+use crate::plan::{self, Key, State};
 use crate::retry::Failure;
 use crate::sameness::{Content, SlotsByContent};
 use crate::slots::{SlotTable, VolumeBrick};
 use crate::source::BrickError;
 use crate::status::Readiness;
+use crate::step_ahead::StepAhead;
 use crate::tier::Tier;
 use crate::visible_cells::{Ranked, VisibleCells};
 use brickyard_volume::{BrickId, Pyramid};
@@ -102,20 +103,26 @@ pub(crate) struct Wants<'a> {
     pub(crate) sight: &'a VisibleCells,
 }
 
-/// What coming steps may still take.
-struct Room {
-    slots: usize,
-    /// How many more requests are worth listing: 0 once there are enough.
-    requests: usize,
+/// What is fetched ahead of a frame's views, tier by tier, the most urgent bricks first.
+#[derive(Default)]
+struct Fetched {
+    /// The bricks that are there.
+    kept: Vec<(Tier, VolumeBrick)>,
+    /// Those that are not.
+    lacking: Vec<(Tier, VolumeBrick)>,
 }
 
 /// Requests that are enough for coming steps: twice as many as can be on their way, so that workers always have some before the next plan. To put
 /// those of all steps in order takes a frame of many bricks longer than all else in it.
 const ENOUGH_REQUESTS: usize = 2 * MAX_STAGED as usize;
 
-/// A request with its place in the order of reading.
-fn keyed(volume: usize, pyramid: &Pyramid, request: &Request) -> (Key, VolumeBrick) {
-    (request.key(pyramid), VolumeBrick { volume, id: request.id })
+/// All that is to be read: what the views need, and then what is fetched ahead of them.
+fn all_requests(needed: Vec<(Tier, VolumeBrick)>, fetched: &Fetched) -> Vec<(Tier, VolumeBrick)> {
+    let mut requests = needed;
+    // A step may come twice, or again.
+    let mut listed: FxHashSet<VolumeBrick> = requests.iter().map(|(_, brick)| *brick).collect();
+    requests.extend(fetched.lacking.iter().filter(|(_, brick)| listed.insert(*brick)));
+    requests
 }
 
 /// What is fetched ahead of a frame's views.
@@ -135,6 +142,8 @@ fn bricks_of(volume: usize, ids: &[BrickId]) -> impl Iterator<Item = VolumeBrick
 pub(crate) struct Residency {
     slots: SlotTable,
     volumes: Vec<Bricks>,
+    /// What is known of the steps that come next.
+    pub(crate) steps_ahead: Vec<StepAhead>,
     pub(crate) uploaded: u64,
     pub(crate) reuploaded: u64,
     pub(crate) uploaded_ahead: u64,
@@ -180,6 +189,7 @@ impl Residency {
         Self {
             volumes: held.iter().map(|_| bricks()).collect(),
             slots: SlotTable::new(slots, held),
+            steps_ahead: Vec::new(),
             uploaded: 0,
             reuploaded: 0,
             uploaded_ahead: 0,
@@ -198,18 +208,25 @@ impl Residency {
                 self.shared += self.slots.share(brick, content, Tier::Ring) as u64;
             }
             Err(Failure { again: Some(_), .. }) => {}
-            Err(Failure { error, again: None }) => drop(failed.insert(arrival.id, error)),
+            Err(Failure { error, again: None }) => {
+                failed.insert(arrival.id, error);
+                self.slots.changes.note(VolumeBrick { volume, id: arrival.id });
+            }
         }
     }
 
     /// Forgets that these bricks of a volume have failed: they may be read after all.
     pub(crate) fn forget_failures(&mut self, volume: usize, bricks: &[BrickId]) {
-        bricks.iter().for_each(|id| drop(self.volumes[volume].failed.remove(id)));
+        for &id in bricks {
+            self.volumes[volume].failed.remove(&id);
+            self.slots.changes.note(VolumeBrick { volume, id });
+        }
     }
 
     /// Forgets what is in the slots. From here on there are `slots` of them.
     pub(crate) fn forget_slots(&mut self, slots: u32) {
         self.slots.forget(slots);
+        self.steps_ahead.clear();
     }
 
     pub(crate) fn has_staged(&self) -> bool {
@@ -244,24 +261,31 @@ impl Residency {
         let of_volume = |(volume, wants): (usize, &Wants<'_>)| bricks_of(volume, wants.goal.roots).collect::<Vec<_>>();
         self.slots.set_pins(wants.iter().enumerate().flat_map(of_volume).collect());
         self.volumes.iter_mut().for_each(|bricks| bricks.fades.advance(at));
+        let goals: Vec<Goal<'_>> = wants.iter().map(|wants| wants.goal).collect();
+        let is_of_frame =
+            |time| goals.iter().chain(ahead.coming.iter().flatten()).any(|goal| goal.cut.view.time == time);
+        self.slots.changes.keep(is_of_frame);
         let mut stand_ins = self.stand_ins(wants);
-        let (mut bricks_ahead, mut coming) = self.ahead(wants, ahead);
-        self.claim(wants, &bricks_ahead, &stand_ins);
-        let mut requests = self.plan(wants, &bricks_ahead, &stand_ins);
+        let (mut fetched, mut coming) = self.ahead(&goals, ahead);
+        self.claim(wants, &fetched.kept, &stand_ins);
+        let mut needed = self.needed(&goals, &stand_ins);
         let (mut uploads, mut stale) = (Vec::new(), vec![Vec::new(); wants.len()]);
-        let shared = self.shared;
+        let (shared, last_change) = (self.shared, self.slots.changes.last_of(&goals));
         if self.has_staged() {
-            uploads = self.place(&requests, limit, &mut stale);
+            uploads = self.place(&all_requests(needed.clone(), &fetched), limit, &mut stale);
         }
         if !uploads.is_empty() || self.shared > shared {
+            (fetched, coming) = self.ahead(&goals, ahead);
+        }
+        if self.slots.changes.last_of(&goals) != last_change {
             let before = std::mem::replace(&mut stand_ins, self.stand_ins(wants));
             // While steps follow one another, the next one comes before a fade would end.
             if ahead.coming.is_empty() {
                 self.begin_fades(wants, &before, &stand_ins);
             }
-            (bricks_ahead, coming) = self.ahead(wants, ahead);
-            requests = self.plan(wants, &bricks_ahead, &stand_ins);
+            needed = self.needed(&goals, &stand_ins);
         }
+        let requests = all_requests(needed, &fetched);
         let draw = |(volume, (wants, stand_ins)): (usize, (&Wants<'_>, &StandIns))| VolumeStep {
             draw: self.draw(volume, wants, stand_ins),
             resident: wants.sight.cells.iter().map(|ranked| stand_ins.is_resident(ranked.cell)).collect(),
@@ -344,95 +368,90 @@ impl Residency {
     }
 
     /// What is kept and fetched ahead of the view, as far as there is room beside the view's own bricks: so that each gets a
-    /// slot when it comes; and how far each coming step is. Of coming steps the nearest come first. Of a later tier, what is there already
-    /// comes before what is not: bricks of a tier do not displace each other.
-    fn ahead(&self, wants: &[Wants<'_>], ahead: Ahead<'_>) -> (Vec<(Tier, VolumeBrick)>, Vec<Readiness>) {
-        let needed: usize = wants.iter().map(|Wants { goal, .. }| goal.cut.wanted() + goal.roots.len()).sum();
-        let mut room = Room { slots: self.slots.count().saturating_sub(needed), requests: ENOUGH_REQUESTS };
-        let coming = ahead.coming.iter().enumerate().map(|(i, goals)| self.coming(goals, i == 0, &mut room));
-        let (bricks, readiness): (Vec<Vec<VolumeBrick>>, Vec<Readiness>) = coming.unzip();
-        let mut room = room.slots;
-        let mut bricks: Vec<_> = bricks.into_iter().flatten().map(|brick| (Tier::Coming, brick)).collect();
-        for of_tier in ahead.listed.chunk_by(|a, b| a.0 == b.0) {
+    /// slot when it comes; and how far each coming step is. Of coming steps the nearest come first. A step that does not fit waits, and with it all
+    /// after it: half a step is of no use, and its bricks would come and go. Of the first one as much is kept as there is room for. What a step lacks
+    /// is left out while the steps before it lack enough.
+    fn ahead(&mut self, goals: &[Goal<'_>], ahead: Ahead<'_>) -> (Fetched, Vec<Readiness>) {
+        let needed: usize = goals.iter().map(|goal| goal.cut.wanted() + goal.roots.len()).sum();
+        let mut room = self.slots.count().saturating_sub(needed);
+        let (mut fetched, mut coming) = (Fetched::default(), Vec::new());
+        let mut known = std::mem::take(&mut self.steps_ahead);
+        for (i, goals) in ahead.coming.iter().enumerate() {
+            if goals.is_empty() || room == 0 {
+                coming.push(Readiness::default());
+                continue;
+            }
+            let step = match known.iter().position(|step| step.is_of(goals, &self.slots.changes)) {
+                Some(same) => known.swap_remove(same),
+                None => self.step_ahead(goals),
+            };
+            coming.push(step.readiness);
+            let needed = step.there.len() + step.lacking.len();
+            if i > 0 && needed > room {
+                room = 0;
+            }
+            let has_enough = fetched.lacking.len() >= ENOUGH_REQUESTS;
+            let room_for_lacking = if has_enough { 0 } else { room.saturating_sub(step.there.len()) };
+            let of_step = |brick: &VolumeBrick| (Tier::Coming, *brick);
+            fetched.kept.extend(step.there.iter().take(room).map(of_step));
+            fetched.lacking.extend(step.lacking.iter().take(room_for_lacking).map(of_step));
+            room = room.saturating_sub(needed);
+            self.steps_ahead.push(step);
+        }
+        self.fetch_listed(ahead.listed, room, &mut fetched);
+        (fetched, coming)
+    }
+
+    /// Adds listed bricks to what is fetched ahead, as far as there is room. Of each tier, what is there already comes before what is not: bricks of a tier do
+    /// not displace each other.
+    fn fetch_listed(&self, listed: &[(Tier, VolumeBrick)], mut room: usize, fetched: &mut Fetched) {
+        for of_tier in listed.chunk_by(|a, b| a.0 == b.0) {
             let state = |brick: &VolumeBrick| self.state(brick.volume, brick.id);
             let readable = of_tier.iter().copied().filter(|(_, brick)| state(brick) != State::Failed);
             let (there, missing): (Vec<_>, Vec<_>) = readable.partition(|(_, brick)| state(brick) == State::Resident);
             let share = of_tier[0].0.slots(self.slots.count()).min(room);
-            let before = bricks.len();
-            bricks.extend(there.into_iter().chain(missing).take(share));
-            room -= bricks.len() - before;
+            room -= share.min(there.len() + missing.len());
+            fetched.kept.extend(there.iter().take(share));
+            fetched.lacking.extend(missing.iter().take(share.saturating_sub(there.len())));
         }
-        (bricks, readiness)
     }
 
-    /// What a coming step is to keep and lacks, and how far the step is. `room` is lowered by it. A step that does not fit waits, and with it all
-    /// after it: half a step is of no use, and its bricks would come and go. Of the first one as much is kept as there is room for. What a step lacks
-    /// is left out while the steps before it lack enough.
-    fn coming(&self, goals: &[Goal<'_>], is_first: bool, room: &mut Room) -> (Vec<VolumeBrick>, Readiness) {
-        if goals.is_empty() || room.slots == 0 {
-            return Default::default();
-        }
-        let (mut bricks, mut missing, mut is_covered) = (Vec::new(), Vec::new(), true);
+    /// What a coming step has, and lacks.
+    fn step_ahead(&self, goals: &[Goal<'_>]) -> StepAhead {
+        let (mut there, mut missing, mut is_drawn_everywhere) = (Vec::new(), Vec::new(), true);
         for (volume, goal) in goals.iter().enumerate() {
             let cut = goal.cut;
             let stand_ins = StandIns::new(cut, |node| cut.is_visible(node), |id| self.slot(volume, id));
             let resident_roots = goal.roots.iter().filter(|&&root| self.state(volume, root) == State::Resident);
-            let mut there: Vec<BrickId> = resident_roots.copied().collect();
-            is_covered &= goal.roots.iter().all(|&root| self.state(volume, root) != State::Absent);
-            is_covered &= cut.wanted_cells().all(|cell| stand_ins.of(cell).is_some());
-            there.extend(cut.wanted_cells().filter_map(|cell| stand_ins.of(cell)).map(|(node, _)| cut.id(node)));
-            there.sort_unstable();
-            there.dedup();
-            bricks.extend(bricks_of(volume, &there));
-            let of_volume = self.missing(volume, goal, &stand_ins).into_iter();
-            missing.extend(of_volume.map(|request| (volume, goal.pyramid, request)));
+            let mut of_volume: Vec<BrickId> = resident_roots.copied().collect();
+            is_drawn_everywhere &= goal.roots.iter().all(|&root| self.state(volume, root) != State::Absent);
+            is_drawn_everywhere &= cut.wanted_cells().all(|cell| stand_ins.of(cell).is_some());
+            of_volume.extend(cut.wanted_cells().filter_map(|cell| stand_ins.of(cell)).map(|(node, _)| cut.id(node)));
+            of_volume.sort_unstable();
+            of_volume.dedup();
+            there.extend(bricks_of(volume, &of_volume));
+            missing.extend(self.missing(volume, goal, &stand_ins));
         }
-        let wanted = goals.iter().map(|goal| goal.cut.wanted()).sum();
-        let is_whole = missing.is_empty();
-        let is_covered = is_covered || is_whole;
-        let readiness = Readiness { wanted, is_planned: true, missing: missing.len(), is_covered, is_whole };
-        let needed = bricks.len() + missing.len();
-        if !is_first && needed > room.slots {
-            room.slots = 0;
-        }
-        if room.requests > 0 {
-            room.requests = room.requests.saturating_sub(missing.len());
-            let keyed = missing.into_iter().map(|(volume, pyramid, request)| keyed(volume, pyramid, &request));
-            bricks.extend(plan::in_order(keyed.collect()).into_iter().map(|(_, brick)| brick));
-        }
-        bricks.truncate(room.slots);
-        room.slots -= needed.min(room.slots);
-        (bricks, readiness)
+        let lacking = plan::in_order(missing).into_iter().map(|(_, brick)| brick).collect();
+        StepAhead::new(goals, &self.slots.changes, there, lacking, is_drawn_everywhere)
     }
 
-    /// Returns the bricks that a volume's goal lacks, in no order.
-    fn missing(&self, volume: usize, goal: &Goal<'_>, stand_ins: &StandIns) -> Vec<Request> {
-        let &Goal { cut, roots, .. } = goal;
+    /// Returns the bricks that a volume's goal lacks, in no order, with their places in the order of reading.
+    fn missing(&self, volume: usize, goal: &Goal<'_>, stand_ins: &StandIns) -> Vec<(Key, VolumeBrick)> {
+        let &Goal { pyramid, cut, roots } = goal;
         let state_of = |node| match stand_ins.is_resident(node) {
             true => State::Resident,
             false if self.failure(volume, cut.id(node)).is_some() => State::Failed,
             false => State::Absent,
         };
-        plan::requests(cut, roots, state_of, |id| self.state(volume, id))
+        let requests = plan::requests(cut, roots, state_of, |id| self.state(volume, id));
+        requests.iter().map(|request| (request.key(pyramid), VolumeBrick { volume, id: request.id })).collect()
     }
 
-    /// What is to be read, first things first, of any volume. `ahead` is what is kept and fetched ahead.
-    fn plan(
-        &self,
-        wants: &[Wants<'_>],
-        ahead: &[(Tier, VolumeBrick)],
-        stand_ins: &[StandIns],
-    ) -> Vec<(Tier, VolumeBrick)> {
-        let of_volume = |(volume, wants): (usize, &Wants<'_>)| {
-            let missing = self.missing(volume, &wants.goal, &stand_ins[volume]);
-            missing.iter().map(|request| keyed(volume, wants.goal.pyramid, request)).collect::<Vec<_>>()
-        };
-        let mut requests = plan::in_order(wants.iter().enumerate().flat_map(of_volume).collect());
-        // A step may come twice, or again.
-        let mut listed: FxHashSet<VolumeBrick> = requests.iter().map(|(_, brick)| *brick).collect();
-        let is_absent = |brick: &VolumeBrick| self.state(brick.volume, brick.id) == State::Absent;
-        requests.extend(ahead.iter().filter(|(_, brick)| is_absent(brick) && listed.insert(*brick)));
-        requests
+    /// What the views themselves lack, first things first, of any volume.
+    fn needed(&self, goals: &[Goal<'_>], stand_ins: &[StandIns]) -> Vec<(Tier, VolumeBrick)> {
+        let of_volume = |(volume, goal): (usize, &Goal<'_>)| self.missing(volume, goal, &stand_ins[volume]);
+        plan::in_order(goals.iter().enumerate().flat_map(of_volume).collect())
     }
 
     fn place(

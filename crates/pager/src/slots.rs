@@ -8,6 +8,7 @@
 
 use crate::draw_list::Slot;
 use crate::sameness::{Content, SlotsByContent};
+use crate::step_ahead::Changes;
 use crate::tier::Tier;
 use brickyard_volume::BrickId;
 use lru::LruCache;
@@ -53,6 +54,8 @@ pub(crate) struct SlotTable {
     pinned: Vec<VolumeBrick>,
     /// The bricks evicted last, to tell a brick that comes back from a new one.
     evicted: LruCache<VolumeBrick, ()>,
+    /// When bricks came and went.
+    pub(crate) changes: Changes,
 }
 
 /// A slot given to a brick.
@@ -76,6 +79,7 @@ impl SlotTable {
             frame: 0,
             pinned: Vec::new(),
             evicted: LruCache::sparse(remembered),
+            changes: Changes::default(),
         }
     }
 
@@ -135,6 +139,7 @@ impl SlotTable {
         self.holdings[slot.0 as usize] = Holding { bricks: 1, content };
         self.evicted.pop(&brick);
         self.entries.put(brick, Entry { slot, frame: self.frame, tier });
+        self.changes.note(brick);
         Some(Acquired { slot, again })
     }
 
@@ -146,6 +151,7 @@ impl SlotTable {
         }
         self.holdings[slot.0 as usize].bricks += 1;
         self.entries.put(brick, Entry { slot, frame: self.frame, tier });
+        self.changes.note(brick);
         // Bricks that nothing is drawn from would become ever more.
         while self.entries.len() > BRICKS_PER_SLOT * self.count as usize
             && let Some(victim) = self.victim(Tier::Ring)
@@ -159,6 +165,7 @@ impl SlotTable {
     fn evict(&mut self, brick: VolumeBrick) {
         let Some(Entry { slot, .. }) = self.entries.pop(&brick) else { return };
         self.evicted.put(brick, ());
+        self.changes.note(brick);
         let holding = &mut self.holdings[slot.0 as usize];
         holding.bricks -= 1;
         if holding.bricks == 0 {

@@ -1,0 +1,82 @@
+//! A time step that comes next: which of its bricks are there, and which it lacks.
+//!
+//! Finding that out takes a look-up for each node of the step's cuts, in every frame for all steps that come. So it is kept, until a brick of the step
+//! comes, goes or fails: [`Changes`] counts that. Cost: some 64 bytes for each brick that a step wants.
+
+use crate::cut::Cut;
+use crate::residency::Goal;
+use crate::slots::VolumeBrick;
+use crate::status::Readiness;
+use rustc_hash::FxHashMap;
+
+/// When a brick of a volume's time step last came, went or failed.
+#[derive(Default)]
+pub(crate) struct Changes {
+    /// The number of changes so far.
+    count: u64,
+    /// Which of them was the last one, by volume and time step.
+    last: FxHashMap<(usize, u32), u64>,
+}
+
+impl Changes {
+    /// Takes note that a brick has come, gone or failed.
+    pub(crate) fn note(&mut self, VolumeBrick { volume, id }: VolumeBrick) {
+        self.count += 1;
+        self.last.insert((volume, id.time), self.count);
+    }
+
+    /// The last change of what these goals are about: another number means another state.
+    pub(crate) fn last_of(&self, goals: &[Goal<'_>]) -> u64 {
+        let times = goals.iter().map(|goal| goal.cut.view.time).enumerate();
+        times.filter_map(|of_volume| self.last.get(&of_volume)).max().copied().unwrap_or_default()
+    }
+
+    /// Forgets the time steps of which `is_kept` is not true.
+    pub(crate) fn keep(&mut self, is_kept: impl Fn(u32) -> bool) {
+        self.last.retain(|(_, time), _| is_kept(*time));
+    }
+}
+
+/// What is known of a time step that comes next.
+pub(crate) struct StepAhead {
+    /// What this is known of: the step's cuts, and the last change of their bricks.
+    cuts: Vec<Cut>,
+    last_change: u64,
+    /// The bricks that the step would be drawn with now.
+    pub(crate) there: Vec<VolumeBrick>,
+    /// The bricks that the step lacks, in the order in which they are to be read.
+    pub(crate) lacking: Vec<VolumeBrick>,
+    pub(crate) readiness: Readiness,
+}
+
+impl StepAhead {
+    /// Takes note of what a step has, and lacks, after the last of these changes.
+    pub(crate) fn new(
+        goals: &[Goal<'_>],
+        changes: &Changes,
+        there: Vec<VolumeBrick>,
+        lacking: Vec<VolumeBrick>,
+        is_drawn_everywhere: bool,
+    ) -> Self {
+        let is_whole = lacking.is_empty();
+        let readiness = Readiness {
+            wanted: goals.iter().map(|goal| goal.cut.wanted()).sum(),
+            is_planned: true,
+            missing: lacking.len(),
+            is_covered: is_drawn_everywhere || is_whole,
+            is_whole,
+        };
+        let cuts = goals.iter().map(|goal| goal.cut.clone()).collect();
+        Self { cuts, last_change: changes.last_of(goals), there, lacking, readiness }
+    }
+
+    /// Whether these goals are the ones that this is known of, and nothing has changed since.
+    pub(crate) fn is_of(&self, goals: &[Goal<'_>], changes: &Changes) -> bool {
+        let of_bricks = |cut: &Cut| (cut.view.time, cut.view.channel, cut.member);
+        let is_same =
+            |(own, goal): (&Cut, &Goal<'_>)| own.shares_tree_with(goal.cut) && of_bricks(own) == of_bricks(goal.cut);
+        self.cuts.len() == goals.len()
+            && self.cuts.iter().zip(goals).all(is_same)
+            && self.last_change == changes.last_of(goals)
+    }
+}
