@@ -5,7 +5,8 @@
 
 Series of waves with noise are made and packed in the folder where they are missing; 200 steps of 512-u8 take 20 GB there, and as much while they are
 packed. Of each, in turns: all steps at full level as fast as they come, warm and from the disk, without drawing; then a rate that is held, while the level
-may fall. 512 MiB of host memory, 256 MiB of slots, for 512-u8 1 GiB. Medians over repetitions. Run it on a quiet machine. Needs numpy.
+may fall; then, for 128-u8 and 512-u8, lit pictures of 512x512 at a rate that is held, drawn as well as there is time for. 512 MiB of host memory, 256 MiB of slots, for
+512-u8 1 GiB. Medians over repetitions. Run it on a quiet machine. Needs numpy.
 """
 import argparse
 import json
@@ -16,12 +17,12 @@ import sys
 
 from measuring import run
 
-# Edge, type, slots, and the rate to hold.
+# Edge, type, slots, the rate to hold, and the rate to hold with drawing.
 SERIES = {
-    "128-u8": (128, "u8", "256MiB", 50),
-    "128-u16": (128, "u16", "256MiB", 50),
-    "256-u8": (256, "u8", "256MiB", 20),
-    "512-u8": (512, "u8", "1GiB", 20),
+    "128-u8": (128, "u8", "256MiB", 50, 24),
+    "128-u16": (128, "u16", "256MiB", 50, None),
+    "256-u8": (256, "u8", "256MiB", 20, None),
+    "512-u8": (512, "u8", "1GiB", 20, 10),
 }
 # Rounds of the steps in which the files of a series are made, so that they never lie there all at once.
 ROUND = 20
@@ -31,7 +32,7 @@ def make(a, name):
     """A series' store: each step is the first one, rolled along z and made brighter, so that no brick comes twice."""
     import numpy as np
 
-    edge, dtype, _, _ = SERIES[name]
+    edge, dtype, *_ = SERIES[name]
     store, files = (os.path.join(a.folder, f"{name}-{a.steps}{end}") for end in (".zarr", ""))
     if os.path.exists(os.path.join(store, "zarr.json")):
         return store
@@ -52,8 +53,8 @@ def make(a, name):
 
 
 def play(a, name, store, flags):
-    _, _, slots, _ = SERIES[name]
-    command = [a.brickyard, "bench", store, "--scenario", "play", "--no-drawing", "--backend", "cpu", "--gpu-memory", slots,
+    slots = SERIES[name][2]
+    command = [a.brickyard, "bench", store, "--scenario", "play", "--backend", "cpu", "--gpu-memory", slots,
                "--host-memory", "512MiB", "--steps", str(a.steps), "--json", *flags]
     report = json.loads(run(command))[0]
     if report["mixed"] or report["uncovered"]:
@@ -66,7 +67,7 @@ def row(name, what, reports):
     of = lambda key: statistics.median(report[key] for report in reports)  # noqa: E731
     mib = lambda key: f"{statistics.median(report['bytes_per_step'][key] for report in reports) / 2**20:.3g}"  # noqa: E731
     levels = "/".join(f"{100 * share:.0f}" for share in reports[0]["levels"])
-    print(f"| {name} | {what} | {of('steps_per_second'):.3g} | {of('late'):.0f}, {of('dropped'):.0f} | {levels} | {of('processor_ms_per_step'):.3g} | "
+    print(f"| {name} | {what} | {of('start_ms'):.0f} | {of('steps_per_second'):.3g} | {100 * of('quality'):.0f} | {of('late'):.0f}, {of('dropped'):.0f} | {levels} | {of('processor_ms_per_step'):.3g} | "
           f"{mib('read')}, {mib('decoded')}, {mib('uploaded')} | {reports[0]['limit']} | {max(r['anonymous_peak'] for r in reports) >> 20} |", flush=True)
 
 
@@ -80,12 +81,16 @@ def main():
     a = ap.parse_args()
     if unknown := [name for name in a.series if name not in SERIES]:
         ap.error(f"--series: {unknown[0]} is none of {', '.join(SERIES)}")
-    print("| series | how | steps a second | late, passed over | cells by level, % | CPU ms a step | MiB a step: read, decoded, uploaded | limit | anonymous MiB |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |", flush=True)
-    every = ["--policy", "every-step", "--rate", "1000", "--level", "0"]
+    print("| series | how | start, ms | steps a second | quality, % | late, passed over | cells by level, % | CPU ms a step | MiB a step: read, decoded, uploaded | limit | anonymous MiB |")
+    print("|" + " --- |" * 11, flush=True)
+    every = ["--no-drawing", "--policy", "every-step", "--rate", "1000", "--level", "0"]
+    held = ["--policy", "hold-rate", "--rate"]
     for name in a.series:
-        store, rate = make(a, name), SERIES[name][3]
-        ways = {"full level, warm": every, "full level, cold": [*every, "--cold"], f"{rate} a second held": ["--policy", "hold-rate", "--rate", str(rate)]}
+        store, (rate, drawn) = make(a, name), SERIES[name][3:]
+        ways = {"full level, warm": every, "full level, cold": [*every, "--cold"], f"{rate} a second held": ["--no-drawing", *held, str(rate)]}
+        if drawn:
+            lit = ["--size", "512x512", "--lighting", "phong", "--frame-goal", "80"]
+            ways[f"{drawn} a second held, drawn and lit"] = [*lit, *held, str(drawn)]
         # Once for the page cache.
         play(a, name, store, every)
         reports = {way: [] for way in ways}

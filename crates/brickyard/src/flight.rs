@@ -2,8 +2,8 @@
 //! drawn, and says what it took. Every frame is checked against the budgets and for completeness.
 
 use crate::backend::Renderer;
-use crate::frame_governor::{Change, Quality, QualityControl};
 use crate::memory::ProcessMemory;
+use crate::paced_drawing::PacedDrawing;
 use crate::scenario::{Scenario, Setting};
 use crate::session::{Frame, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
 use crate::stats::{BrickCounts, ByteCounts, Percentiles, ms};
@@ -130,7 +130,7 @@ pub fn fly(stores: &[&Path], plan: &FlightPlan<'_>, options: &SessionOptions) ->
         let begun = Instant::now();
         frame = watch.step(&mut session, &scene)?;
         step_ms.push(ms(begun));
-        quality += watch.draw(&mut session, &frame)?.share() / plan.frames as f64;
+        quality += watch.drawing.draw(&mut session, &frame)?.share() / plan.frames as f64;
         frame_ms.push(ms(begun));
         completeness += frame.status.completeness / plan.frames as f64;
     }
@@ -181,7 +181,7 @@ pub fn fly(stores: &[&Path], plan: &FlightPlan<'_>, options: &SessionOptions) ->
 /// What is checked and kept of every frame.
 struct Watch<'a> {
     options: &'a SessionOptions,
-    control: Option<QualityControl>,
+    drawing: PacedDrawing,
     uncovered: u32,
     over_budget: u32,
     gpu_bytes_peak: u64,
@@ -190,20 +190,8 @@ struct Watch<'a> {
 
 impl<'a> Watch<'a> {
     fn new(options: &'a SessionOptions, frame_goal: Option<Duration>) -> Self {
-        let control = frame_goal.map(QualityControl::new);
-        Self { options, control, uncovered: 0, over_budget: 0, gpu_bytes_peak: 0, anonymous_peak: 0 }
-    }
-
-    /// Draws a frame of a moving camera, as well as its time goal lets it.
-    fn draw(&mut self, session: &mut Session, frame: &Frame) -> Result<Quality, SessionError> {
-        const MOVED: Change = Change { moved: true, refined: true };
-        let quality = self.control.as_mut().and_then(|control| control.next(MOVED)).unwrap_or(Quality::EXACT);
-        let begun = Instant::now();
-        session.draw(&quality.frame(frame))?;
-        if let Some(control) = &mut self.control {
-            control.took(begun.elapsed());
-        }
-        Ok(quality)
+        let drawing = PacedDrawing::new(frame_goal);
+        Self { options, drawing, uncovered: 0, over_budget: 0, gpu_bytes_peak: 0, anonymous_peak: 0 }
     }
 
     fn step(&mut self, session: &mut Session, scene: &ResolvedScene) -> Result<Frame, SessionError> {
@@ -227,7 +215,7 @@ impl<'a> Watch<'a> {
         let first = self.step(session, scene)?;
         let frame = self.wait(session, first, |status| status.covered)?;
         self.uncovered = 0;
-        self.draw(session, &frame)?;
+        self.drawing.draw(session, &frame)?;
         Ok((frame, ms(started)))
     }
 

@@ -70,6 +70,20 @@ const TRUST: f64 = 0.5;
 /// Differences below a tenth are not worth a change of resolution.
 const DEAD_BAND: f64 = 0.1;
 
+/// Returns how long drawing a frame may take that is to take `goal`, and takes `besides` for other things. While so many time steps a second are played, frames
+/// that take a little less than a whole number of steps do show as many each. There is time for drawing in any case.
+pub(crate) fn drawing_time(goal: Duration, steps_per_second: Option<f64>, besides: Duration) -> Duration {
+    let in_step = |rate: f64| {
+        let steps = (goal.as_secs_f64() * rate).floor().max(1.0);
+        goal.as_secs_f64().min(IN_STEP * steps / rate)
+    };
+    let frame = steps_per_second.map_or(goal, |rate| Duration::from_secs_f64(in_step(rate)));
+    frame.saturating_sub(besides).max(frame / 2)
+}
+
+/// How long frames take that keep in step with what is played, in parts of the time that they have: their times vary by a tenth.
+const IN_STEP: f64 = 0.9;
+
 /// What has changed since the last frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Change {
@@ -239,6 +253,19 @@ mod tests {
             let (_, took) = fly(&mut control, |_| 500.0, 1)[0];
             assert!((0.7..1.2).contains(&(took / goal)), "{goal}: {took}");
         }
+    }
+
+    #[test]
+    fn frames_keep_in_step_with_what_is_played() {
+        let time =
+            |goal, period: Option<f64>| drawing_time(ms(goal), period.map(|ms| 1e3 / ms), ms(4.0)).as_secs_f64() * 1e3;
+        let is_near = |a: f64, b: f64| (a - b).abs() < 1e-3;
+        assert!(is_near(time(50.0, None), 46.0) && is_near(time(50.0, Some(100.0)), 46.0));
+        assert!(is_near(time(50.0, Some(40.0)), 32.0) && is_near(time(37.0, Some(40.0)), 32.0));
+        assert!(is_near(time(50.0, Some(20.0)), 32.0), "each frame shows a second step");
+        assert!(is_near(time(50.0, Some(5.0)), 41.0));
+        assert!(is_near(time(6.0, None), 3.0), "half of a frame is drawing");
+        assert!(is_near(time(50.0, Some(1e-300)), 46.0) && is_near(time(50.0, Some(1e300)), 46.0));
     }
 
     #[test]

@@ -100,6 +100,7 @@ pub mod opening;
 mod options;
 #[cfg(feature = "reference")]
 pub mod oracle;
+mod paced_drawing;
 pub mod pick;
 pub mod picture_file;
 mod player;

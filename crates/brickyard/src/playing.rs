@@ -3,8 +3,8 @@
 
 use crate::backend::Renderer;
 use crate::flight::FlightError;
-use crate::frame_governor::{Change, Quality, QualityControl};
 use crate::memory::ProcessMemory;
+use crate::paced_drawing::PacedDrawing;
 use crate::session::{Frame, ResolvedScene, Session, SessionOptions, VolumeSource};
 use crate::stats::{ByteCounts, Percentiles, ms, processor_ms};
 use brickyard_pager::{Counters, Playback, Tally};
@@ -41,7 +41,9 @@ pub struct PlayReport {
     pub slots: u64,
     /// Seconds that it took.
     pub seconds: f64,
-    /// Steps shown a second.
+    /// Milliseconds from the beginning until the first step is shown.
+    pub start_ms: f64,
+    /// Steps shown a second, from the first one on.
     pub steps_per_second: f64,
     /// Steps shown.
     pub shown: u64,
@@ -116,8 +118,10 @@ pub fn play(stores: &[&Path], plan: &PlayPlan<'_>, options: &SessionOptions) -> 
 struct Run<'a> {
     plan: &'a PlayPlan<'a>,
     session: &'a mut Session,
-    control: Option<QualityControl>,
+    drawing: PacedDrawing,
     begun: Instant,
+    /// When the first and the last step were shown.
+    flipped: Option<(Instant, Instant)>,
     processor_ms: f64,
     before: Counters,
     last: Counters,
@@ -142,8 +146,9 @@ impl<'a> Run<'a> {
         Self {
             plan,
             session,
-            control: plan.frame_goal.map(QualityControl::new),
+            drawing: PacedDrawing::new(plan.frame_goal),
             begun: Instant::now(),
+            flipped: None,
             processor_ms: 0.0,
             before: Counters::default(),
             last: Counters::default(),
@@ -166,27 +171,29 @@ impl<'a> Run<'a> {
     /// Begins to measure.
     fn begin(&mut self) {
         (self.before, self.flips, self.uncovered, self.mixed, self.quality) = (self.last, 0, 0, 0, 0.0);
-        (self.levels, self.step_ms, self.draw_ms) = Default::default();
+        (self.flipped, self.levels, self.step_ms, self.draw_ms) = Default::default();
         (self.begun, self.processor_ms) = (Instant::now(), processor_ms());
     }
 
     fn play(&mut self, scene: &ResolvedScene, playback: Playback) -> Result<(), FlightError> {
         self.session.play(Some(playback));
         let passed = |tally: Tally| tally.shown + tally.dropped;
+        let mut drawn: Option<Frame> = None;
         while passed(self.session.playback_tally()) < u64::from(self.plan.steps) {
             let begun = Instant::now();
             let frame = self.step(scene)?;
             let is_over = self.session.playback().is_none();
-            self.draw(&frame)?;
+            let stands = drawn.as_ref().is_some_and(|drawn| drawn.shows_as_much_as(&frame));
+            if !stands {
+                self.draw(&frame)?;
+                drawn = Some(frame);
+            }
             if is_over {
                 break;
             }
             self.check_time()?;
-            // A frame that shows nothing new is not worth drawing.
-            if !self.plan.draws || frame.status.settled {
+            if stands || !self.plan.draws {
                 self.session.wait(Duration::from_millis(50));
-            }
-            if !self.plan.draws {
                 std::thread::sleep(FRAME_TIME.saturating_sub(begun.elapsed()));
             }
         }
@@ -263,6 +270,8 @@ impl<'a> Run<'a> {
         self.mixed += mixed as u32;
         if is_flip {
             self.flips += 1;
+            let now = Instant::now();
+            self.flipped = Some((self.flipped.map_or(now, |(first, _)| first), now));
             self.gpu_bytes_peak = self.gpu_bytes_peak.max(self.session.backend_bytes());
             self.anonymous_peak = self.anonymous_peak.max(ProcessMemory::now().anonymous_bytes);
         }
@@ -273,13 +282,8 @@ impl<'a> Run<'a> {
         if !self.plan.draws {
             return Ok(());
         }
-        const CHANGED: Change = Change { moved: true, refined: true };
-        let quality = self.control.as_mut().and_then(|control| control.next(CHANGED)).unwrap_or(Quality::EXACT);
         let begun = Instant::now();
-        self.session.draw(&quality.frame(frame))?;
-        if let Some(control) = &mut self.control {
-            control.took(begun.elapsed());
-        }
+        let quality = self.drawing.draw(self.session, frame)?;
         self.draw_ms.push(ms(begun));
         self.quality += quality.share();
         Ok(())
@@ -297,12 +301,15 @@ impl<'a> Run<'a> {
         let draw_share = self.draw_ms.iter().sum::<f64>() / (seconds * 1e3);
         let processor_share = processor_ms / (seconds * 1e3 * options.threads.max(1) as f64);
         let asked = self.plan.playback.map_or(f64::INFINITY, |playback| playback.steps_per_second);
+        let (first, last) = self.flipped.unwrap_or((self.begun, self.begun));
+        let steps_per_second = shown.saturating_sub(1) as f64 / (last - first).as_secs_f64().max(1e-9);
         PlayReport {
             adapter: self.session.backend_line().into(),
             compositor: self.session.backend().map_or("", Renderer::compositor),
             slots: self.session.slots(),
             seconds,
-            steps_per_second: shown as f64 / seconds,
+            start_ms: (first - self.begun).as_secs_f64() * 1e3,
+            steps_per_second,
             shown,
             late,
             dropped,
@@ -325,7 +332,7 @@ impl<'a> Run<'a> {
                 uploaded: bytes(|counters| counters.bytes_uploaded),
             },
             limit: match () {
-                () if shown as f64 / seconds >= 0.95 * asked => "rate",
+                () if steps_per_second >= 0.95 * asked => "rate",
                 () if draw_share > 0.6 => "drawing",
                 () if processor_share > 0.7 => "processors",
                 () => "reading",

@@ -12,6 +12,7 @@ use crate::channels::default_layers;
 use crate::device::Device;
 use crate::device_losses::Losses;
 use crate::fit::{Demand, Fit};
+use crate::frame_governor::drawing_time;
 use crate::options::CompositorChoice;
 pub use crate::options::SessionOptions;
 pub use crate::player::ComingStep;
@@ -22,7 +23,7 @@ pub use crate::session_error::SessionError;
 use crate::slot_change::{Shot, SlotChange};
 use crate::table_cache::VolumeTables;
 pub use crate::volume_source::VolumeSource;
-use brickyard_pager::{Counters, DrawList, KeptCores, Playback, Readiness, ShownStep, Status, Tally, View};
+use brickyard_pager::{Counters, DrawList, KeptCores, Playback, Policy, Readiness, ShownStep, Status, Tally, View};
 use brickyard_volume::{
     FloatSlots, FrameSettings, KeptSlots, Mode, Picture, Scene, SceneError, SlotEncoding, TransferFunction,
 };
@@ -43,6 +44,14 @@ pub struct Frame {
     pub coming: Vec<ComingStep>,
     /// The number of the step.
     step: u64,
+}
+
+impl Frame {
+    /// Whether a picture of this frame has all that one of a later frame of the same scene has.
+    pub fn shows_as_much_as(&self, later: &Self) -> bool {
+        let what = |frame: &Self| (frame.scene.time, frame.status.resident, frame.status.wanted);
+        what(self) == what(later)
+    }
 }
 
 #[cfg(feature = "gpu")]
@@ -110,6 +119,8 @@ pub struct Session {
     pub(crate) slot_change: SlotChange,
     /// Which time step a live session shows.
     player: Player,
+    /// Smoothed time that a step takes.
+    streaming: Duration,
 }
 
 impl Session {
@@ -141,6 +152,7 @@ impl Session {
             clock: options.live.then(Instant::now),
             slot_change: SlotChange::default(),
             player: Player::default(),
+            streaming: Duration::ZERO,
         }
     }
 
@@ -371,6 +383,7 @@ impl Session {
     /// As [`Session::step`].
     pub fn step_resolved(&mut self, scene: &ResolvedScene) -> Result<Frame, SessionError> {
         self.fit(scene)?;
+        let begun = Instant::now();
         let (shown, next) = match self.clock {
             Some(began) => self.player.turn(scene, began.elapsed()),
             None => (ShownStep { step: scene.time, level_bias: 0.0 }, Vec::new()),
@@ -384,6 +397,7 @@ impl Session {
         self.player.note(coming.clone());
         check_readable(&status)?;
         status.settled &= !self.player.is_seeking();
+        self.streaming = self.streaming.mul_f64(0.8) + begun.elapsed().mul_f64(0.2);
         Ok(Frame { scene: Arc::new(scene.at_step(shown.step)), status, coming, step: self.steps })
     }
 
@@ -402,6 +416,13 @@ impl Session {
         self.counted = Past { counters: status.counters, host_bytes_peak: status.host_bytes_peak };
         self.last = Some((views, status.settled));
         Ok((status, ready))
+    }
+
+    /// Returns how long drawing a frame may take, so that frames take no longer than `frame_goal`, with streaming and what the caller does `besides`; and so that
+    /// frames keep in step with time steps whose rate is to be held.
+    pub fn drawing_time(&self, frame_goal: Duration, besides: Duration) -> Duration {
+        let held = self.playback().filter(|playback| playback.policy == Policy::HoldRate);
+        drawing_time(frame_goal, held.map(|playback| playback.steps_per_second), self.streaming + besides)
     }
 
     /// Waits until a brick has arrived or a time step is due, at most for `timeout`. Returns at once before the first step.

@@ -46,17 +46,18 @@ impl PlayArguments {
 
 /// The head of the table of playbacks.
 pub(super) const HEAD: &str = "\
-| stores | scenario | steps/s | shown, late, dropped | levels shown, finest first | jump ms p50 / p95 | whole ms p50 / p95 | quality | draw ms p50 / p95 | \
+| stores | scenario | start ms | steps/s | shown, late, dropped | levels shown, finest first | jump ms p50 / p95 | whole ms p50 / p95 | quality | draw ms p50 / p95 | \
 stream ms p50 / p95 | CPU ms a step | bricks decoded / uploaded / shared a step | read / decoded / uploaded KiB a step | limit | backend / host / anonymous MiB | uncovered, mixed |
-| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
+| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
 
 /// A playback's line of the table.
 pub(super) fn line(stores: &str, scenario: &str, r: &PlayReport) -> String {
     let (kib, mib) = (|bytes: u64| bytes as f64 / 1024.0, |bytes: u64| bytes as f64 / (1 << 20) as f64);
     let levels: Vec<String> = r.levels.iter().map(|share| format!("{:.0} %", share * 100.0)).collect();
     format!(
-        "| {stores} | {scenario} | {:.1} | {}, {}, {} | {} | {:.0} / {:.0} | {:.0} / {:.0} | {:.0} % | {:.1} / {:.1} | {:.2} / {:.2} | {:.1} | \
+        "| {stores} | {scenario} | {:.0} | {:.1} | {}, {}, {} | {} | {:.0} / {:.0} | {:.0} / {:.0} | {:.0} % | {:.1} / {:.1} | {:.2} / {:.2} | {:.1} | \
          {:.1} / {:.1} / {:.1} | {:.0} / {:.0} / {:.0} | {} | {:.0} / {:.0} / {:.0} | {}, {} |",
+        r.start_ms,
         r.steps_per_second,
         r.shown,
         r.late,

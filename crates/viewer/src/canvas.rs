@@ -83,14 +83,6 @@ struct Shown {
     is_final: bool,
 }
 
-impl Shown {
-    /// Whether this picture has all that a later frame of the same scene would show.
-    fn shows_as_much_as(&self, later: &Frame) -> bool {
-        let what = |frame: &Frame| (frame.scene.time, frame.status.resident, frame.status.wanted);
-        what(&self.frame) == what(later)
-    }
-}
-
 impl Canvas {
     /// Makes a session of volumes, on the window's device unless there is none, the options say the CPU, or leave the choice and the device is a software one.
     ///
@@ -153,11 +145,11 @@ impl Canvas {
         self.gpu.as_ref().is_some_and(|device| device.lost().is_some())
     }
 
-    /// Sets how long a frame of the window may take while the picture changes, `between` of it for the window itself. Pictures have at least half of it.
+    /// Sets how long a frame of the window may take while the picture changes, `between` of it for the window itself.
     pub(crate) fn set_frame_goal(&mut self, goal: Duration, between: Duration) {
         // A GPU's own work for a picture is part of the time between frames.
         let between = if self.gpu.is_some() { Duration::ZERO } else { between };
-        self.control.set_goal(goal.saturating_sub(between).max(goal / 2));
+        self.control.set_goal(self.session.drawing_time(goal, between));
     }
 
     /// Goes on within other limits of memory, in bytes.
@@ -212,7 +204,7 @@ impl Canvas {
         let frame = self.session.step(scene, size_px)?;
         let step = begun.elapsed();
         if let Some(shown) = self.shown.as_mut().filter(|shown| is_same(shown) && self.session.playback().is_some())
-            && shown.shows_as_much_as(&frame)
+            && shown.frame.shows_as_much_as(&frame)
         {
             // Until the next step is due, the picture is as good as it gets.
             shown.frame.coming = frame.coming;
