@@ -213,8 +213,12 @@ impl Clock {
     /// Begins to play from the step that is shown, or goes on in another way; stands still with `None`. The step that is shown is then shown
     /// as the view asks for it.
     pub fn play(&mut self, playback: Option<Playback>, at: Duration) {
-        let rate = |playback: Playback| playback.steps_per_second.max(SLOWEST).min(FASTEST);
-        let playback = playback.map(|playback| Playback { steps_per_second: rate(playback), ..playback });
+        // Not a number is less than none.
+        let within = |rate: f64| if rate >= SLOWEST { rate.min(FASTEST) } else { SLOWEST };
+        let playback = playback.map(|playback| {
+            let steps_per_second = within(playback.steps_per_second);
+            Playback { steps_per_second, ..playback }
+        });
         if self.playback() == playback {
             return;
         }
