@@ -5,6 +5,7 @@ use super::failure::Failure;
 use super::input_args::InputArguments;
 use super::pack_settings::{PackingLimits, StoreSettings};
 use super::progress::Progress;
+use super::say::say;
 use super::store_errors;
 use brickyard::import::{self, Source};
 use brickyard::store::{self, AppendError, Appender, OpenError, Store};
@@ -85,7 +86,7 @@ impl Settings {
             Some(mut appender) => appender.append(source, stamp, &watcher).map(|report| (appender, Some(report))),
             None => {
                 if !source.info().calibrated {
-                    eprintln!(
+                    say!(
                         "note: the input gives no voxel size: the store is uncalibrated; set one with --spacing and --unit"
                     );
                 }
@@ -97,9 +98,9 @@ impl Settings {
         let (appender, report) = appended.map_err(of_file)?;
         let (step, store) = (appender.times() - 1, self.store.display());
         let seconds = started.elapsed().as_secs_f64();
-        eprintln!("{}: step {step} of {store} in {seconds:.1} s", file.display());
+        say!("{}: step {step} of {store} in {seconds:.1} s", file.display());
         if let Some(voxels) = report.map(|report| report.non_finite).filter(|voxels| *voxels > 0) {
-            eprintln!("note: {voxels} voxels are NaN or infinite: they are not drawn and not counted");
+            say!("note: {voxels} voxels are NaN or infinite: they are not drawn and not counted");
         }
         Ok(appender)
     }
@@ -126,7 +127,7 @@ struct Watcher {
 
 impl store::Progress for Watcher {
     fn warn(&self, message: &str) {
-        eprintln!("warning: {}", with_flags(message));
+        say!("warning: {}", with_flags(message));
     }
 
     fn advanced(&self, done: u64, total: u64) {

@@ -2,6 +2,8 @@
 //! and gamma.
 
 use super::failure::Failure;
+use super::heading;
+use super::say::say;
 use super::values;
 use brickyard::channels::{channel_layers, default_layers};
 use brickyard::session::VolumeSource;
@@ -14,22 +16,22 @@ use clap::Args;
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ChannelArguments {
     /// Channels to show, by number from 0 or by name, with commas between them; or all [default: those that the store calls active]
-    #[arg(long, value_name = "all|CHANNEL,...")]
+    #[arg(help_heading = heading::PART, long, value_name = "all|CHANNEL,...")]
     channel: Option<String>,
     /// The values that are black and full colour, of all channels or of one; as percentiles with %
-    #[arg(long, value_name = "[CHANNEL=]LOW,HIGH", value_parser = setting::<[Bound; 2]>, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]LOW,HIGH", value_parser = setting::<[Bound; 2]>, allow_hyphen_values = true)]
     window: Vec<Setting<[Bound; 2]>>,
     /// From black to this colour over the window, of all channels or of one: a name, RRGGBB, or R:G:B in 0..1
-    #[arg(long, value_name = "[CHANNEL=]COLOR", value_parser = setting::<Color>)]
+    #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]COLOR", value_parser = setting::<Color>)]
     color: Vec<Setting<Color>>,
     /// What opacities are multiplied by, 0..1, of all channels or of one; in projections the opacity of the whole channel
-    #[arg(long, value_name = "[CHANNEL=]OPACITY", value_parser = setting::<f64>, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]OPACITY", value_parser = setting::<f64>, allow_hyphen_values = true)]
     opacity: Vec<Setting<f64>>,
     /// The power by which a channel is bent over its window; less than 1 shows more of the lesser values
-    #[arg(long, value_name = "[CHANNEL=]GAMMA", value_parser = setting::<f64>, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]GAMMA", value_parser = setting::<f64>, allow_hyphen_values = true)]
     gamma: Vec<Setting<f64>>,
     /// Labels to show, with commas between them; of labels [default: all but the background, 0]
-    #[arg(long, value_name = "[CHANNEL=]LABEL,...", value_parser = setting::<Labels>, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::PART, long, value_name = "[CHANNEL=]LABEL,...", value_parser = setting::<Labels>, allow_hyphen_values = true)]
     show_labels: Vec<Setting<Labels>>,
 }
 
@@ -158,7 +160,7 @@ impl ChannelArguments {
             scene.layers = default_layers(volumes);
             let channels: u64 = volumes.iter().map(|volume| u64::from(volume.source.channels())).sum();
             if scene.layers.len() == MAX_VOLUMES && channels > MAX_VOLUMES as u64 {
-                eprintln!(
+                say!(
                     "note: a picture has at most {MAX_VOLUMES} layers, of {channels} channels: --channel chooses others"
                 );
             }

@@ -1,8 +1,9 @@
 //! Where the pictures of a `render` go: to a file each, numbered, or all of them into a movie.
 
 use super::failure::Failure;
-use super::output::may_write;
+use super::output::{may_write, may_write_png};
 use super::render_args::RenderArguments;
+use super::say::say;
 use brickyard::movie_file::{MovieError, MovieFile};
 use brickyard::picture_file::write_shown;
 use brickyard::stats::RenderStats;
@@ -23,8 +24,7 @@ impl Destination {
     /// # Errors
     /// Exit code 2 if a file may not be written, or a movie is not what its format holds; 1 if a movie cannot be begun.
     pub(super) fn new(arguments: &RenderArguments, count: usize) -> Result<Self, Failure> {
-        let may_write_picture = |path: &Path| {
-            may_write(path, arguments.overwrite)?;
+        let is_not_stats = |path: &Path| {
             if arguments.stats.as_deref() == Some(path) {
                 let problem = format!("{}: cannot be a picture and hold the statistics", path.display());
                 return Err(Failure::usage(problem));
@@ -32,10 +32,15 @@ impl Destination {
             Ok(())
         };
         if let Some(path) = &arguments.movie {
-            may_write_picture(path)?;
+            may_write(path, arguments.overwrite)?;
+            is_not_stats(path)?;
         }
         if let Some(output) = &arguments.output {
-            (0..count).try_for_each(|i| may_write_picture(&numbered(output, i, count)))?;
+            (0..count).try_for_each(|i| {
+                let path = numbered(output, i, count);
+                may_write_png(&path, arguments.overwrite)?;
+                is_not_stats(&path)
+            })?;
         }
         arguments.stats.iter().try_for_each(|path| may_write(path, arguments.overwrite))?;
         match (&arguments.movie, &arguments.output) {
@@ -55,7 +60,7 @@ impl Destination {
         }
         let movie = MovieFile::create(path, arguments.size, arguments.rate).map_err(movie_failure)?;
         if let Some((width, height)) = movie.padded_px() {
-            eprintln!(
+            say!(
                 "note: {}: its pictures are {width}x{height}, for it takes even sizes: the last column or row is there twice",
                 path.display()
             );

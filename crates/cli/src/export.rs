@@ -3,6 +3,7 @@
 use super::failure::Failure;
 use super::output::may_write;
 use super::progress::{Progress, ProgressStyleArgument};
+use super::say::say;
 use super::step_range::StepRange;
 use super::{store_errors, values};
 use brickyard::store::{self, ExportRequest, ExportTime};
@@ -68,7 +69,7 @@ pub(crate) fn run(arguments: &ExportArguments) -> Result<(), Failure> {
         ExportTime::Step(_) => String::new(),
         ExportTime::Steps { .. } => counted(u64::from((end - first).div_ceil(stride)), "step") + " of ",
     };
-    eprintln!(
+    say!(
         "{}: {steps}{} x {} x {} {}, x fastest, little-endian",
         arguments.output.display(),
         extent.x,

@@ -1,5 +1,6 @@
 //! What the user knows better than foreign files, or what these do not say: flags shared by the commands that read them.
 
+use super::heading;
 use super::values;
 use brickyard::import::{AxisOrder, Endian, FileOrder, NoData, OpenOptions};
 use brickyard::volume::{Extent, VoxelType};
@@ -11,57 +12,57 @@ use std::path::PathBuf;
 #[derive(Args)]
 pub(crate) struct InputArguments {
     /// Voxels along each axis, for raw input
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::extent)]
+    #[arg(help_heading = heading::RAW, long, value_name = "X,Y,Z", value_parser = values::extent)]
     shape: Option<Extent>,
     /// Voxel type, for raw input: u8, i8, u16, i16, u32, i32, f32
-    #[arg(long)]
+    #[arg(help_heading = heading::RAW, long)]
     dtype: Option<VoxelType>,
     /// Byte order, for raw input
-    #[arg(long, value_enum, default_value_t = EndianArgument::Little)]
+    #[arg(help_heading = heading::RAW, long, value_enum, default_value_t = EndianArgument::Little)]
     endian: EndianArgument,
     /// Bytes to skip at the start, for raw input
-    #[arg(long, value_name = "BYTES", default_value_t = 0)]
+    #[arg(help_heading = heading::RAW, long, value_name = "BYTES", default_value_t = 0)]
     offset: u64,
     /// Axis letters of the input's array, slowest first, e.g. tczyx
-    #[arg(long)]
+    #[arg(help_heading = heading::INPUT, long)]
     axes: Option<AxisOrder>,
     /// Time steps in the file, for raw input with a t axis
-    #[arg(long)]
+    #[arg(help_heading = heading::RAW, long)]
     times: Option<u32>,
     /// Channels in the file, for raw input with a c axis
-    #[arg(long)]
+    #[arg(help_heading = heading::RAW, long)]
     channels: Option<u32>,
     /// Order of several files: as given, or by the numbers in their names whatever these count [default: that of a list, unless a shell
     /// made it of a pattern; otherwise by their numbers, where these have no gaps and count one thing]
-    #[arg(long, value_enum)]
+    #[arg(help_heading = heading::INPUT, long, value_enum)]
     order: Option<OrderArgument>,
     /// World distance between voxel centres; overrides the file's
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::spacing)]
+    #[arg(help_heading = heading::INPUT, long, value_name = "X,Y,Z", value_parser = values::spacing)]
     spacing: Option<DVec3>,
     /// World position of the first voxel's centre; overrides the file's
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::INPUT, long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     origin: Option<DVec3>,
     /// World unit: nm, um, mm, cm, m, or a UDUNITS name; overrides the file's
-    #[arg(long)]
+    #[arg(help_heading = heading::INPUT, long)]
     unit: Option<String>,
     /// Time from one step to the next, where steps are evenly spaced; overrides the file's
-    #[arg(long, value_name = "TIME", value_parser = values::positive, allow_negative_numbers = true, conflicts_with = "time_stamps")]
+    #[arg(help_heading = heading::INPUT, long, value_name = "TIME", value_parser = values::positive, allow_negative_numbers = true, conflicts_with = "time_stamps")]
     time_step: Option<f64>,
     /// Unit of time: s, ms, us, ns, min, h, d, or a UDUNITS name; overrides the file's
-    #[arg(long, value_name = "UNIT")]
+    #[arg(help_heading = heading::INPUT, long, value_name = "UNIT")]
     time_unit: Option<String>,
     /// File with the time of each step, where they are not evenly spaced: one number a line, ascending
-    #[arg(long, value_name = "FILE")]
+    #[arg(help_heading = heading::INPUT, long, value_name = "FILE")]
     time_stamps: Option<PathBuf>,
     /// Value of voxels that hold no data, such as -9999: these are not drawn, averaged or counted; none for a file whose own value
     /// (DICOM's padding, GDAL's tag in TIFF) is data [default: the file's]
-    #[arg(long, value_name = "VALUE|none", value_parser = values::nodata, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::INPUT, long, value_name = "VALUE|none", value_parser = values::nodata, allow_hyphen_values = true)]
     nodata: Option<NoData>,
     /// Accept 64-bit numbers that f32 or 32-bit integers do not hold as they are; what is lost is counted
-    #[arg(long)]
+    #[arg(help_heading = heading::INPUT, long)]
     allow_lossy: bool,
     /// Folder for scratch files of inputs that cannot be sought in
-    #[arg(long, value_name = "FOLDER")]
+    #[arg(help_heading = heading::WORK, long, value_name = "FOLDER")]
     scratch: Option<PathBuf>,
 }
 

@@ -9,8 +9,10 @@ mod camera_path;
 mod channel_args;
 mod destination;
 mod doctor;
+mod examples;
 mod export;
 mod failure;
+mod heading;
 mod info;
 mod input_args;
 mod output;
@@ -20,9 +22,11 @@ mod probe;
 mod progress;
 mod quality;
 mod reaction;
+mod remarks;
 mod render;
 mod render_args;
 mod sampling_args;
+mod say;
 mod scene_args;
 mod session_args;
 mod session_errors;
@@ -47,10 +51,10 @@ use std::process::ExitCode;
 #[command(name = "brickyard", version, propagate_version = true)]
 struct Arguments {
     /// Say more; twice for everything
-    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    #[arg(help_heading = heading::ALL, short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
     /// Say nothing but errors
-    #[arg(short, long, global = true)]
+    #[arg(help_heading = heading::ALL, short, long, global = true)]
     quiet: bool,
     /// What to do.
     #[command(subcommand)]
@@ -61,30 +65,42 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     /// Turn scans and simulations into a brick store
+    #[command(after_help = examples::PACK)]
     Pack(Box<pack::PackArguments>),
     /// Add time steps to a store, one file each; the first one makes it
+    #[command(after_help = examples::APPEND)]
     Append(Box<append::AppendArguments>),
     /// Say what a store holds
+    #[command(after_help = examples::INFO)]
     Info(info::InfoArguments),
     /// Say the values of all channels at one place
+    #[command(after_help = examples::PROBE)]
     Probe(probe::ProbeArguments),
     /// Check every checksum and statistic of a store
+    #[command(after_help = examples::VERIFY)]
     Verify(verify::VerifyArguments),
     /// Write a level, or a box of it, to .raw or .npy
+    #[command(after_help = examples::EXPORT)]
     Export(export::ExportArguments),
     /// Open a window on a store
     #[cfg(feature = "viewer")]
+    #[command(after_help = examples::VIEW)]
     View(Box<view::ViewCommand>),
     /// Render a store to PNG, or to a movie
+    #[command(after_help = examples::RENDER)]
     Render(Box<render_args::RenderArguments>),
     /// Make a synthetic volume, as .raw or straight into a store (.zarr)
+    #[command(after_help = examples::SYNTH)]
     Synth(synth::SynthArguments),
     /// Fly over stores along scripted paths and print what it takes
+    #[command(after_help = examples::BENCH)]
     Bench(Box<bench::BenchArguments>),
     /// Measure how good and how fast the ways to sample are: tables, curves and maps of a store. Method, filter, lighting, jitter,
     /// step and level of the scene are the survey's own
+    #[command(after_help = examples::QUALITY)]
     Quality(Box<quality::QualityArguments>),
     /// Say what this machine can do, and try it
+    #[command(after_help = examples::DOCTOR)]
     Doctor(doctor::DoctorArguments),
 }
 
@@ -95,12 +111,15 @@ fn main() -> ExitCode {
         unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     }
     let arguments = Arguments::parse();
+    if arguments.quiet {
+        say::be_quiet();
+    }
     set_up_log(arguments.verbose, arguments.quiet);
     match run(arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             // Where nobody listens any more, the code still says it.
-            let _ = writeln!(std::io::stderr(), "error: {}", failure.message);
+            say::error(format_args!("error: {}", failure.message));
             ExitCode::from(failure.kind as u8)
         }
     }

@@ -1,6 +1,7 @@
 //! Output files: never overwritten without being told, and refused before the work, not after it; and what is said of a picture.
 
 use super::failure::Failure;
+use super::say::{self, say};
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::volume::counted;
@@ -24,6 +25,22 @@ pub(crate) fn may_write(path: &Path, overwrite: bool) -> Result<(), Failure> {
     Err(Failure::usage(format!("{}: {what}; {advice}", path.display())))
 }
 
+/// Whether a picture may be written here: as [`may_write`], and it is a PNG file in a folder that there is.
+///
+/// # Errors
+/// Exit code 2 if not.
+pub(crate) fn may_write_png(path: &Path, overwrite: bool) -> Result<(), Failure> {
+    let refused = |problem: &str| Err(Failure::usage(format!("{}: {problem}", path.display())));
+    if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
+        return refused("pictures are written as PNG: give it a name that ends in .png");
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+        return refused(&format!("there is no folder {}", folder.display()));
+    }
+    may_write(path, overwrite)
+}
+
 /// Writes a value to a file, as JSON.
 ///
 /// # Errors
@@ -40,10 +57,10 @@ pub(crate) fn note_window(store: Option<&Arc<Store>>, channel: u32) {
     let (low, high) = store.default_window(channel);
     let path = store.path().display();
     if of_channel.count == 0 {
-        eprintln!("note: {path}: no voxel of channel {channel} has a value: there is nothing to show");
+        say!("note: {path}: no voxel of channel {channel} has a value: there is nothing to show");
     } else if low >= high {
         let (from, to) = shown_window((low, high));
-        eprintln!("note: {path}: every value of channel {channel} is {low}: its window is taken from {from} to {to}");
+        say!("note: {path}: every value of channel {channel} is {low}: its window is taken from {from} to {to}");
     }
 }
 
@@ -53,19 +70,19 @@ pub(crate) fn report(stats: &RenderStats) {
             Some(error) => format!("{error:.1} px of {:.1} px", stats.pixel_error),
             None => "the eye is inside a coarse brick".into(),
         };
-        eprintln!("memory bound: {found}; the picture is complete but coarser than asked for: raise --gpu-memory");
+        say!("memory bound: {found}; the picture is complete but coarser than asked for: raise --gpu-memory");
     }
     if stats.bricks.failed > 0 {
         let what = match stats.bricks.failed {
             1 => "1 brick could not be read and is drawn from a coarser level".to_string(),
             n => format!("{n} bricks could not be read and are drawn from coarser levels"),
         };
-        eprintln!("{what}; run `brickyard verify` for the names");
+        say::error(format_args!("{what}; run `brickyard verify` for the names"));
     } else if stats.bricks.unreadable > 0 {
         let unreadable = counted(stats.bricks.unreadable, "brick");
-        eprintln!(
+        say::error(format_args!(
             "{unreadable} beside what is shown, or aprons, could not be read; run `brickyard verify` for the names"
-        );
+        ));
     }
 }
 

@@ -2,7 +2,9 @@
 
 use super::advice::with_flags;
 use super::failure::Failure;
+use super::heading;
 use super::progress::{Progress, ProgressStyleArgument};
+use super::say::say;
 use super::{store_errors, values};
 use brickyard::import::Source;
 use brickyard::store::{
@@ -19,24 +21,24 @@ use std::time::Instant;
 #[derive(Args, Clone, Debug)]
 pub(crate) struct StoreSettings {
     /// What the voxels mean; labels are never averaged [default: image]
-    #[arg(long, value_enum)]
+    #[arg(help_heading = heading::INPUT, long, value_enum)]
     kind: Option<KindArgument>,
     /// Voxels along a brick's edge; a power of two [default: 64]
-    #[arg(long)]
+    #[arg(help_heading = heading::STORE, long)]
     brick: Option<u32>,
     /// Voxels along a shard file's edge [default: 512]
-    #[arg(long)]
+    #[arg(help_heading = heading::STORE, long)]
     shard: Option<u32>,
     /// zstd:LEVEL, shuffle-zstd:LEVEL or none [default: zstd:1 for 8-bit data, shuffle-zstd:1 for wider]
-    #[arg(long)]
+    #[arg(help_heading = heading::STORE, long)]
     codec: Option<Codec>,
     /// How a level follows from the finer one: mean, max, min, mode or nearest; mean,max makes both, so that maximum
     /// projections are exact at every level [default: mean for images, mode for labels]
-    #[arg(long, value_name = "METHOD[,METHOD]")]
+    #[arg(help_heading = heading::STORE, long, value_name = "METHOD[,METHOD]")]
     downsample: Option<Reductions>,
     /// Store each brick's apron too, 1 or 2 voxels wide (2 for tricubic samples): a tenth or a fifth more of disk, and a view
     /// decodes no brick just for its neighbour's sake
-    #[arg(long, value_name = "VOXELS", value_parser = clap::value_parser!(u32).range(1..=MAX_APRON as i64))]
+    #[arg(help_heading = heading::STORE, long, value_name = "VOXELS", value_parser = clap::value_parser!(u32).range(1..=MAX_APRON as i64))]
     aprons: Option<u32>,
 }
 
@@ -44,13 +46,13 @@ pub(crate) struct StoreSettings {
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct PackingLimits {
     /// Limit of the process's own memory
-    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
+    #[arg(help_heading = heading::WORK, long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     memory: u64,
     /// Threads [default: all]
-    #[arg(short = 'j', long)]
+    #[arg(help_heading = heading::WORK, short = 'j', long)]
     threads: Option<NonZeroUsize>,
     /// How to show progress
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(help_heading = heading::WORK, long, value_enum, default_value_t)]
     pub(crate) progress: ProgressStyleArgument,
 }
 
@@ -75,15 +77,15 @@ pub(crate) struct PackSettings {
     store: StoreSettings,
     /// Time steps in a shard file, at most all: for a series of many small steps, fewer files, and bricks that are the same in several
     /// steps of a file are stored once
-    #[arg(long, value_name = "STEPS", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(help_heading = heading::STORE, long, value_name = "STEPS", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     shard_time: u32,
     #[command(flatten)]
     limits: PackingLimits,
     /// Go on with an interrupted pack of the same input and settings
-    #[arg(long, conflicts_with = "overwrite")]
+    #[arg(help_heading = heading::WORK, long, conflicts_with = "overwrite")]
     resume: bool,
     /// Replace an existing output
-    #[arg(long)]
+    #[arg(help_heading = heading::WORK, long)]
     overwrite: bool,
 }
 
@@ -121,7 +123,7 @@ impl StoreSettings {
             return Err(Failure::usage(problem));
         }
         if kind == Kind::Labels && voxel_type.is_float() {
-            eprintln!("note: labels are whole numbers: what is not is shown as the nearest one");
+            say!("note: labels are whole numbers: what is not is shown as the nearest one");
         }
         let defaults = PackOptions::new(voxel_type);
         Ok(PackOptions {
@@ -197,9 +199,7 @@ impl PackSettings {
         let info = source.info();
         let options = self.options(info.voxel_type)?;
         if !info.calibrated {
-            eprintln!(
-                "note: the input gives no voxel size: the store is uncalibrated; set one with --spacing and --unit"
-            );
+            say!("note: the input gives no voxel size: the store is uncalibrated; set one with --spacing and --unit");
         }
         let style = self.progress();
         let progress = Progress::new(style, "pack");
@@ -209,22 +209,22 @@ impl PackSettings {
         watcher.finish();
         let report = packed.map_err(store_errors::pack_failure)?;
         if report.was_complete {
-            eprintln!("{} is complete already", path.display());
+            say!("{} is complete already", path.display());
             return Ok(());
         }
         let seconds = started.elapsed().as_secs_f64();
         let input_bytes = input_bytes(source);
-        eprintln!(
+        say!(
             "packed {} in {seconds:.1} s ({:.0} MB/s); wrote {}",
             values::human_bytes(input_bytes),
             input_bytes as f64 / 1e6 / seconds.max(1e-9),
             values::human_bytes(report.written_bytes),
         );
         if let Some(nodata) = info.nodata.filter(|_| report.nodata > 0) {
-            eprintln!("note: {} voxels are {nodata}, no data: they are not drawn and not counted", report.nodata);
+            say!("note: {} voxels are {nodata}, no data: they are not drawn and not counted", report.nodata);
         }
         if report.non_finite > 0 {
-            eprintln!("note: {} voxels are NaN or infinite: they are not drawn and not counted", report.non_finite);
+            say!("note: {} voxels are NaN or infinite: they are not drawn and not counted", report.non_finite);
         }
         Ok(())
     }
@@ -256,7 +256,7 @@ impl store::Progress for Watcher<'_> {
     fn planned(&self, plan: &PackPlan) {
         let info = self.source.info();
         let extent = info.extent;
-        eprintln!(
+        say!(
             "packing {} x {} x {} {} voxels, {}, {}: at most {} of memory, {} of scratch, {} of output",
             extent.x,
             extent.y,
@@ -271,7 +271,7 @@ impl store::Progress for Watcher<'_> {
     }
 
     fn warn(&self, message: &str) {
-        eprintln!("warning: {}", with_flags(message));
+        say!("warning: {}", with_flags(message));
     }
 
     fn advanced(&self, done: u64, total: u64) {

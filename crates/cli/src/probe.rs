@@ -2,6 +2,7 @@
 
 use super::failure::Failure;
 use super::output::may_write;
+use super::say::say;
 use super::step_range::StepRange;
 use super::values::{self, short};
 use super::{print_json, print_line, store_errors};
@@ -104,7 +105,7 @@ pub(crate) fn run(arguments: &ProbeArguments) -> Result<(), Failure> {
     let curve = curve(&VolumeSource::of_store(&store), &steps, voxel).map_err(Failure::bad_input)?;
     if let Some(path) = &arguments.plot {
         write_plot(path, &curve, store.time_axis(), &channel_names(&store)).map_err(Failure::failed)?;
-        eprintln!("{}: {} of voxel {}", path.display(), counted(steps.len() as u64, "step"), triple(voxel));
+        say!("{}: {} of voxel {}", path.display(), counted(steps.len() as u64, "step"), triple(voxel));
     }
     if arguments.json {
         print_json(&describe(&curve, &store, unit))

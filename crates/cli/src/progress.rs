@@ -1,5 +1,6 @@
 //! Progress on standard error: a bar on a terminal, lines elsewhere, JSON for machines, or nothing.
 
+use super::say;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
@@ -36,6 +37,7 @@ struct Lines {
 impl Progress {
     /// Starts at zero; `what` names the work in a word.
     pub(crate) fn new(style: ProgressStyleArgument, what: &'static str) -> Self {
+        let style = if say::is_quiet() { ProgressStyleArgument::None } else { style };
         let on_terminal = std::io::stderr().is_terminal();
         let bar = (style == ProgressStyleArgument::Auto && on_terminal).then(|| {
             let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(5));

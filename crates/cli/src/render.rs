@@ -4,7 +4,9 @@ use super::advice::advised;
 use super::destination::Destination;
 use super::failure::Failure;
 use super::output::{note_window, report};
+use super::remarks;
 use super::render_args::RenderArguments;
+use super::say::say;
 use super::session_errors::{offline_failure, oracle_failure, session_failure};
 use super::store_errors;
 use super::views::Views;
@@ -39,6 +41,9 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let shown = scene.layers.iter().enumerate().filter(|(_, layer)| layer.visible);
     let windows: BTreeSet<_> = shown.map(|(i, layer)| (scene.store(i), layer.channel)).collect();
     windows.into_iter().for_each(|(store, channel)| note_window(stores.get(store), channel));
+    for remark in remarks::of_scene(&scene, &volumes) {
+        say!("note: {remark}");
+    }
     let views = Views::new(&arguments, scene, &volumes)?;
     let destination = Destination::new(&arguments, views.count())?;
     let mut pictures =
@@ -81,6 +86,9 @@ impl Pictures<'_> {
         for i in 0..self.views.count() {
             let scene = self.views.scene(i)?;
             let (resolved, mut picture) = draw(self, &scene, &mut stats, &mut frame_ms)?;
+            if let Some(remark) = remarks::of_empty(&picture, &resolved, &self.volumes) {
+                say!("note: {remark}");
+            }
             if scene.slice.is_some()
                 && resolved.is_anatomical
                 && resolved.stereo.is_none()
@@ -119,7 +127,7 @@ impl Pictures<'_> {
             1 => String::new(),
             count => format!(" {count} layers,"),
         };
-        eprintln!("backend: {} ({}),{layers} {} slots", stats.adapter, stats.compositor, session.slots());
+        say!("backend: {} ({}),{layers} {} slots", stats.adapter, stats.compositor, session.slots());
         Ok(session)
     }
 
@@ -153,7 +161,7 @@ impl Pictures<'_> {
             let picture = render_exact(&mut session, &resolved, run.arguments.max_wait(), run.started, stats);
             let picture = picture.map_err(offline_failure)?;
             frame_ms.push(ms(begun));
-            eprintln!("drawn in {}", counted(stats.tiles.unwrap_or(0) as u64, "tile"));
+            say!("drawn in {}", counted(stats.tiles.unwrap_or(0) as u64, "tile"));
             Ok((resolved, picture))
         })
     }
@@ -163,7 +171,7 @@ impl Pictures<'_> {
         (stats.adapter, stats.backend) = (exact.backend_line().into(), "gpu");
         stats.compositor = exact.renderer().compositor().name();
         stats.gpu_bytes_asked = exact.renderer().asked_bytes();
-        eprintln!("backend: {} ({}), {} slots", stats.adapter, stats.compositor, exact.renderer().slots(0));
+        say!("backend: {} ({}), {} slots", stats.adapter, stats.compositor, exact.renderer().slots(0));
         self.draw(|run, scene, stats, frame_ms| {
             let resolved = run.resolve(scene)?;
             let begun = Instant::now();
@@ -174,7 +182,7 @@ impl Pictures<'_> {
                 1 => "1 pass".to_string(),
                 n => format!("{n} passes"),
             };
-            eprintln!("{} in {passes}", counted(stats.bricks.wanted, "brick"));
+            say!("{} in {passes}", counted(stats.bricks.wanted, "brick"));
             Ok((resolved, picture))
         })
     }

@@ -1,6 +1,7 @@
 //! The flags of `render`, and what follows from them.
 
 use super::failure::Failure;
+use super::heading;
 use super::output::write_json;
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
@@ -22,63 +23,63 @@ pub(crate) struct RenderArguments {
     #[arg(required = true)]
     pub(super) stores: Vec<PathBuf>,
     /// Output PNG; several pictures are numbered: out_000.png, ...
-    #[arg(short, long, value_name = "out.png", required_unless_present = "movie")]
+    #[arg(help_heading = heading::OUTPUT, short, long, value_name = "out.png", required_unless_present = "movie")]
     pub(super) output: Option<PathBuf>,
     /// Write the pictures into one movie instead: .gif (256 colours of each picture), .y4m (all pixels, not compressed) or .mp4 (H.264, by
     /// the program ffmpeg, which must be installed). As in `--movie flow.mp4 --time all --rate 12`
-    #[arg(long, value_name = "out.gif|out.y4m|out.mp4", conflicts_with = "output")]
+    #[arg(help_heading = heading::OUTPUT, long, value_name = "out.gif|out.y4m|out.mp4", conflicts_with = "output")]
     pub(super) movie: Option<PathBuf>,
     /// Pictures that the movie shows in a second, to a thousandth: as in `--rate 29.97`
-    #[arg(long, value_name = "R", default_value = "24", allow_negative_numbers = true, conflicts_with = "output")]
+    #[arg(help_heading = heading::OUTPUT, long, value_name = "R", default_value = "24", allow_negative_numbers = true, conflicts_with = "output")]
     pub(super) rate: PictureRate,
     /// Picture size in pixels
-    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::size_px)]
+    #[arg(help_heading = heading::OUTPUT, long, value_name = "WxH", default_value = "512x512", value_parser = values::size_px)]
     pub(super) size: (u32, u32),
     #[command(flatten)]
     pub(super) scene: SceneArguments,
     #[command(flatten)]
     pub(super) sampling: SamplingArguments,
     /// Turn the camera once around its target in N pictures; where there are more time steps, in as many as those
-    #[arg(long, value_name = "N", conflicts_with = "path")]
+    #[arg(help_heading = heading::CAMERA, long, value_name = "N", conflicts_with = "path")]
     pub(super) orbit: Option<u32>,
     /// Cameras of several pictures (JSON list), a picture each. A camera may have a time step, as in `{"eye": ..., "time": 40}`: the cameras between two
     /// of those show the steps between, rounded down
-    #[arg(long, value_name = "path.json")]
+    #[arg(help_heading = heading::CAMERA, long, value_name = "path.json")]
     pub(super) path: Option<PathBuf>,
     /// Make N pictures evenly along the path, the first and the last camera among them, as in `--path path.json --frames 240`
-    #[arg(long, value_name = "N", requires = "path")]
+    #[arg(help_heading = heading::CAMERA, long, value_name = "N", requires = "path")]
     pub(super) frames: Option<u32>,
     /// Where to render; auto takes a hardware GPU if there is one, else the CPU
-    #[arg(long, value_enum, default_value_t = BackendArgument::Auto)]
+    #[arg(help_heading = heading::DRAWING, long, value_enum, default_value_t = BackendArgument::Auto)]
     pub(super) backend: BackendArgument,
     /// How to render: sorted composites bricks back to front (GPU only), raycast follows each ray front to back, compute does so by
     /// compute shaders (GPU only); auto is raycast; reference holds whole levels in memory, in f64
-    #[arg(long, value_enum, default_value_t = CompositorArgument::Auto)]
+    #[arg(help_heading = heading::DRAWING, long, value_enum, default_value_t = CompositorArgument::Auto)]
     pub(super) compositor: CompositorArgument,
     /// Draw every brick that the view wants, however few fit at once: one volume in passes on a GPU (a software one will do), where
     /// the compositor is sorted or auto; else in tiles
-    #[arg(long)]
+    #[arg(help_heading = heading::DRAWING, long)]
     pub(super) exact: bool,
     /// Hard limit of brick slots, tables, targets and staging
-    #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
+    #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
     pub(super) gpu_memory: u64,
     /// Hard limit of decoded bricks and scratch
-    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
+    #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     pub(super) host_memory: u64,
     /// Threads for decoding and for the CPU backend [default: all]
-    #[arg(short = 'j', long)]
+    #[arg(help_heading = heading::DRAWING, short = 'j', long)]
     pub(super) threads: Option<NonZeroUsize>,
     /// Give up on a picture that has not settled after S seconds
-    #[arg(long, value_name = "S", default_value = "600", value_parser = values::positive)]
+    #[arg(help_heading = heading::DRAWING, long, value_name = "S", default_value = "600", value_parser = values::positive)]
     pub(super) max_wait: f64,
     /// Write statistics (JSON)
-    #[arg(long, value_name = "stats.json")]
+    #[arg(help_heading = heading::OUTPUT, long, value_name = "stats.json")]
     pub(super) stats: Option<PathBuf>,
     /// Write no letters on slices of a patient, which say which side is where
-    #[arg(long)]
+    #[arg(help_heading = heading::OUTPUT, long)]
     pub(super) no_letters: bool,
     /// Replace existing pictures
-    #[arg(long)]
+    #[arg(help_heading = heading::OUTPUT, long)]
     pub(super) overwrite: bool,
 }
 

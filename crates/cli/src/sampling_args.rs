@@ -1,5 +1,6 @@
 //! The flags that say how a picture is sampled. `quality` has none of them: ways to sample are what it compares.
 
+use super::heading;
 use super::values;
 use brickyard::volume::{Filter, Jitter, LevelPolicy, LightingModel, Method, Scene};
 use clap::{Args, ValueEnum};
@@ -8,26 +9,26 @@ use clap::{Args, ValueEnum};
 #[derive(Args, Clone, Debug)]
 pub(crate) struct SamplingArguments {
     /// How `--mode dvr` samples and classifies a step of a ray
-    #[arg(long, value_enum)]
+    #[arg(help_heading = heading::SAMPLING, long, value_enum)]
     method: Option<MethodArgument>,
     /// How the field is made of voxels
-    #[arg(long, value_enum)]
+    #[arg(help_heading = heading::SAMPLING, long, value_enum)]
     filter: Option<FilterArgument>,
     /// Where rays are sampled: all at the same distances, or each moved by a random number (white, or white:SEED) or by a mask
     /// (blue, also without a value)
-    #[arg(long, value_name = "none|white|blue", num_args = 0..=1, default_missing_value = "blue", value_parser = values::jitter)]
+    #[arg(help_heading = heading::SAMPLING, long, value_name = "none|white|blue", num_args = 0..=1, default_missing_value = "blue", value_parser = values::jitter)]
     jitter: Option<Jitter>,
     /// How `--mode dvr` is lit
-    #[arg(long, value_enum)]
+    #[arg(help_heading = heading::LOOK, long, value_enum)]
     lighting: Option<LightingArgument>,
     /// Sampling step in units of the finest voxel size [default: 1]
-    #[arg(long, value_parser = values::positive)]
+    #[arg(help_heading = heading::SAMPLING, long, value_parser = values::positive)]
     step: Option<f64>,
     /// Level: auto, or a number (0 is the finest)
-    #[arg(long, value_parser = level)]
+    #[arg(help_heading = heading::SAMPLING, long, value_parser = level)]
     level: Option<LevelPolicy>,
     /// Pixels that a voxel may cover before a finer level is wanted [default: 1]
-    #[arg(long, value_parser = values::positive)]
+    #[arg(help_heading = heading::SAMPLING, long, value_parser = values::positive)]
     pixel_error: Option<f64>,
 }
 

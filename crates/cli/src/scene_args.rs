@@ -2,6 +2,8 @@
 
 use super::channel_args::{ChannelArguments, layers_of_kind};
 use super::failure::Failure;
+use super::heading;
+use super::say::say;
 use super::slice_argument::{self, SliceArgument};
 use super::step_range::StepRange;
 use super::values::{self, GradientOpacity};
@@ -23,43 +25,43 @@ use std::path::PathBuf;
 #[derive(Args, Clone, Debug)]
 pub(crate) struct SceneArguments {
     /// Scene file (JSON); flags override it
-    #[arg(long)]
+    #[arg(help_heading = heading::PART, long)]
     scene: Option<PathBuf>,
     /// Where the camera stands, world units
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::CAMERA, long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     eye: Option<DVec3>,
     /// What it looks at [default: the volume's centre, or the slice's]
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::CAMERA, long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     target: Option<DVec3>,
     /// The picture's up direction [default: 0,0,1; 0,-1,0 for slices nearer to level than to upright]
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::CAMERA, long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     up: Option<DVec3>,
     /// Vertical opening angle, degrees [default: 30]
-    #[arg(long, value_name = "DEG", conflicts_with = "ortho")]
+    #[arg(help_heading = heading::CAMERA, long, value_name = "DEG", conflicts_with = "ortho")]
     fov: Option<f64>,
     /// Orthographic view of this world height
-    #[arg(long, value_name = "HEIGHT")]
+    #[arg(help_heading = heading::CAMERA, long, value_name = "HEIGHT")]
     ortho: Option<f64>,
     /// Two eyes, as one picture of the size asked for
-    #[arg(long, value_enum, value_name = "LAYOUT")]
+    #[arg(help_heading = heading::CAMERA, long, value_enum, value_name = "LAYOUT")]
     stereo: Option<StereoArgument>,
     /// Distance between the eyes, world units [default: 1/30 of the convergence distance]
-    #[arg(long, value_name = "W", allow_hyphen_values = true)]
+    #[arg(help_heading = heading::CAMERA, long, value_name = "W", allow_hyphen_values = true)]
     eye_separation: Option<f64>,
     /// Distance of what seems to be at the screen, world units [default: that of the target]
-    #[arg(long, value_name = "W", allow_hyphen_values = true)]
+    #[arg(help_heading = heading::CAMERA, long, value_name = "W", allow_hyphen_values = true)]
     convergence: Option<f64>,
     /// How samples become a pixel
-    #[arg(long, value_enum)]
+    #[arg(help_heading = heading::LOOK, long, value_enum)]
     mode: Option<ModeArgument>,
     /// A surface of this value, in stored units: of `--mode isosurface`, or in the fog of `--mode dvr`; of every layer; repeatable
-    #[arg(long, value_name = "VALUE[,opacity=A][,color=R:G:B]", value_parser = values::isosurface, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::LOOK, long, value_name = "VALUE[,opacity=A][,color=R:G:B]", value_parser = values::isosurface, allow_hyphen_values = true)]
     isovalue: Vec<Isosurface>,
-    #[arg(long, value_name = "FILE|PRESET", help = transfer_help())]
+    #[arg(help_heading = heading::LOOK, long, value_name = "FILE|PRESET", help = transfer_help())]
     transfer: Option<String>,
     /// What the transfer function's opacity is multiplied by (0..1) where the field's gradient has a magnitude, in data units per
     /// world unit: points of a curve, as in `20:0,60:1`, which hides what is even and shows boundaries
-    #[arg(long, value_name = "MAGNITUDE:FACTOR,...", value_parser = values::gradient_opacity, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::LOOK, long, value_name = "MAGNITUDE:FACTOR,...", value_parser = values::gradient_opacity, allow_hyphen_values = true)]
     gradient_opacity: Option<GradientOpacity>,
     /// How layer N looks, counted from 0; the layers are the scene file's, or else one for each store. Again and again. KEY=VALUE is
     /// one of: transfer=FILE|PRESET; window=LOW:HIGH, the values that a preset spans or the function is moved to; color=R:G:B, from
@@ -67,46 +69,47 @@ pub(crate) struct SceneArguments {
     /// matrix=FILE or its 12 or 16 numbers row by row, from the store's world to the scene's;
     /// isovalue=VALUE[,opacity=A][,color=R:G:B], an isosurface, up to eight times;
     /// crop=X0:X1,Y0:Y1,Z0:Z1 in voxels; channel=C; visible=true|false
-    #[arg(long, value_name = "N:KEY=VALUE", value_parser = volume_setting, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::LOOK, long, value_name = "N:KEY=VALUE", value_parser = volume_setting, allow_hyphen_values = true)]
     volume: Vec<VolumeSetting>,
     /// Show one value made of several layers', through one transfer function: `max(a, b * 0.5)`, where a is the first layer
-    #[arg(long, value_name = "EXPRESSION", allow_hyphen_values = true)]
+    #[arg(help_heading = heading::LOOK, long, value_name = "EXPRESSION", allow_hyphen_values = true)]
     expr: Option<String>,
     /// How the gradients that `--lighting` and transfer functions by gradient need are found
-    #[arg(long, value_enum)]
+    #[arg(help_heading = heading::LOOK, long, value_enum)]
     gradient: Option<GradientArgument>,
     /// Where a light stands, world units; up to four times [default: one at the eye]
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::LOOK, long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     light: Vec<DVec3>,
     /// Colour behind the volume, each 0..1 [default: 0,0,0]
-    #[arg(long, value_name = "R,G,B", value_parser = values::color)]
+    #[arg(help_heading = heading::LOOK, long, value_name = "R,G,B", value_parser = values::color)]
     background: Option<[f64; 3]>,
     /// Time step N; in `render` also several, a picture each: A:B, A:B:S (B excluded) or all
-    #[arg(long, value_name = "N|A:B[:S]|all", allow_negative_numbers = true)]
+    #[arg(help_heading = heading::PART, long, value_name = "N|A:B[:S]|all", allow_negative_numbers = true)]
     time: Option<StepRange>,
     #[command(flatten)]
     channels: ChannelArguments,
     /// Show only this box, world units
-    #[arg(long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = values::corners, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::PART, long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = values::corners, allow_hyphen_values = true)]
     clip: Option<[DVec3; 2]>,
     /// Show only what is on the side of this plane that its normal points to (a point and the normal, world units); up to six times
-    #[arg(long, value_name = "X,Y,Z:NX,NY,NZ", value_parser = values::plane, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::PART, long, value_name = "X,Y,Z:NX,NY,NZ", value_parser = values::plane, allow_hyphen_values = true)]
     clip_plane: Vec<ClipPlane>,
     /// Show only this plane, seen straight on unless there is a camera: across x, y or z of the world at a coordinate; across i, j or k,
-    /// the first layer's own axes, at an index of voxels, from 0; axial, coronal or sagittal of a patient, at a world coordinate; or
+    /// the first layer's own axes, at an index of voxels, from 0; axial, coronal or sagittal of a patient, at a world coordinate; all of these
+    /// in per cent of what there is, too, as in `--slice z=50%`, or in the middle, as in `--slice axial=middle`; or
     /// through a point with a normal that points to the viewer. The mode is average, mip or minip [default: average]
-    #[arg(long, value_name = "z=VALUE|k=INDEX|axial=VALUE|X,Y,Z:NX,NY,NZ", value_parser = slice_argument::slice, allow_hyphen_values = true)]
+    #[arg(help_heading = heading::PART, long, value_name = "z=VALUE|k=INDEX|axial=50%|X,Y,Z:NX,NY,NZ", value_parser = slice_argument::slice, allow_hyphen_values = true)]
     slice: Option<SliceArgument>,
     /// Look from this side at all that is shown: of a patient anterior, posterior, left, right, superior or inferior; else +x, -x,
     /// +y, -y, +z or -z
-    #[arg(long, value_name = "SIDE", value_parser = Viewpoint::from_name, allow_hyphen_values = true, conflicts_with = "slice")]
+    #[arg(help_heading = heading::CAMERA, long, value_name = "SIDE", value_parser = Viewpoint::from_name, allow_hyphen_values = true, conflicts_with = "slice")]
     view: Option<Viewpoint>,
     /// How much of the volume about the slice goes into it, world units [default: 0, one layer of values]
-    #[arg(long, value_name = "WIDTH", value_parser = values::positive)]
+    #[arg(help_heading = heading::PART, long, value_name = "WIDTH", value_parser = values::positive)]
     thickness: Option<f64>,
     /// Show the triangle mesh of a file (.stl, .ply, .obj, .gltf, .glb) in the volume's world; may be given several times. A translucent
     /// one takes --mode dvr or isosurface
-    #[arg(long, value_name = "FILE[,color=R:G:B][,opacity=A][,unlit]", value_parser = values::mesh)]
+    #[arg(help_heading = heading::PART, long, value_name = "FILE[,color=R:G:B][,opacity=A][,unlit]", value_parser = values::mesh)]
     mesh: Vec<MeshLook>,
 }
 
@@ -213,7 +216,7 @@ impl SceneArguments {
         self.set_slice(&mut scene, volumes)?;
         scene.time = self.steps(&scene, volumes)?[0];
         for remark in scene_file::read_named_files(&mut scene, volumes).map_err(Failure::bad_input)? {
-            eprintln!("note: {remark}");
+            say!("note: {remark}");
         }
         self.set_gradient_opacity(&mut scene, volumes)?;
         let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();

@@ -13,11 +13,41 @@ pub(crate) enum SliceArgument {
     /// A plane in the world.
     Plane(ClipPlane),
     /// Across an axis of the world (0 is x), at a coordinate.
-    World(usize, f64),
+    World(usize, At),
     /// Across an axis of the patient (0 is from left to right), at a coordinate of the world.
-    Patient(usize, f64),
+    Patient(usize, At),
     /// Across an axis of the first layer's volume (0 is x), through the centres of the voxels with this index.
-    Voxels(usize, f64),
+    Voxels(usize, At),
+}
+
+/// Where along its axis a slice is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum At {
+    /// At a coordinate, or an index of voxels.
+    Value(f64),
+    /// After a share of all that there is along the axis, 0 to 1.
+    Share(f64),
+}
+
+impl At {
+    fn read(text: &str) -> Option<Self> {
+        let number = |text: &str| text.trim().parse().ok().filter(|at: &f64| at.is_finite());
+        match text.trim().strip_suffix('%') {
+            Some(percent) => {
+                number(percent).filter(|percent| (0.0..=100.0).contains(percent)).map(|p| Self::Share(p / 100.0))
+            }
+            None if text.trim() == "middle" => Some(Self::Share(0.5)),
+            None => number(text).map(Self::Value),
+        }
+    }
+
+    /// The value, along an axis that reaches from one value to another.
+    fn between(self, from: f64, to: f64) -> f64 {
+        match self {
+            Self::Value(value) => value,
+            Self::Share(share) => from + (to - from) * share,
+        }
+    }
 }
 
 /// The names of planes across the axes x, y, z of the world; of a volume; of a patient.
@@ -27,7 +57,7 @@ const PATIENT: [&str; 3] = ["sagittal", "coronal", "axial"];
 
 /// `AXIS=VALUE`, or a plane `X,Y,Z:NX,NY,NZ`.
 pub(crate) fn slice(text: &str) -> Result<SliceArgument, String> {
-    let form = "z=VALUE, k=INDEX, axial=VALUE and the like, or X,Y,Z:NX,NY,NZ, in world units";
+    let form = "z=VALUE, k=INDEX, axial=VALUE and the like, in per cent as in z=50%, in the middle as in z=middle, or X,Y,Z:NX,NY,NZ, in world units";
     let Some((name, at)) = text.split_once('=') else {
         return match text.contains(':') {
             true => values::plane(text).map(SliceArgument::Plane),
@@ -41,13 +71,14 @@ pub(crate) fn slice(text: &str) -> Result<SliceArgument, String> {
         let voxels = axis(VOXELS).map(|axis| SliceArgument::Voxels(axis, at));
         world.or(voxels).or(axis(PATIENT).map(|axis| SliceArgument::Patient(axis, at)))
     };
-    if plane(0.0).is_none() {
+    if plane(At::Value(0.0)).is_none() {
         let names = [WORLD, VOXELS, PATIENT].concat();
         let near = near_name::hint(name, names.iter().copied());
         return Err(format!("'{text}': no axis or plane '{name}'{near}: expected one of {}", names.join(", ")));
     }
-    let number = at.trim().parse().ok().filter(|at: &f64| at.is_finite());
-    number.and_then(plane).ok_or_else(|| format!("'{text}': expected a finite number after '{name}='"))
+    let expected =
+        || format!("'{text}': expected a finite number, a per cent from 0% to 100%, or middle after '{name}='");
+    At::read(at).and_then(plane).ok_or_else(expected)
 }
 
 impl SliceArgument {
@@ -56,17 +87,22 @@ impl SliceArgument {
     /// # Errors
     /// If the plane is a patient's and no volume's orientation is known, or no voxel has the index.
     pub(crate) fn resolve(self, scene: &Scene, volumes: &[VolumeSource]) -> Result<Slice, Failure> {
-        let is_anatomical = scene.is_anatomical(&volumes.iter().map(VolumeSource::place).collect::<Vec<_>>());
+        let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
+        let is_anatomical = scene.is_anatomical(&places);
+        let (low, high) = scene.world_box(&places).map_err(Failure::usage)?;
+        let in_world = |axis: usize, at: At| at.between(low[axis], high[axis]);
         match self {
             Self::Plane(ClipPlane { point, normal }) => Ok(Slice { point, normal, thickness: 0.0 }),
-            Self::World(axis, at) | Self::Patient(axis, at) if is_anatomical => Ok(Slice::of_patient(axis, at)),
-            Self::World(axis, at) => Ok(Slice::across(axis, at)),
+            Self::World(axis, at) | Self::Patient(axis, at) if is_anatomical => {
+                Ok(Slice::of_patient(axis, in_world(axis, at)))
+            }
+            Self::World(axis, at) => Ok(Slice::across(axis, in_world(axis, at))),
             Self::Patient(axis, _) => {
                 let name = PATIENT[axis];
                 let others = ["x=VALUE or i=INDEX", "y=VALUE or j=INDEX", "z=VALUE or k=INDEX"][axis];
                 Err(unoriented(&format!("--slice {name}"), others))
             }
-            Self::Voxels(axis, index) => across_voxels(scene, volumes, is_anatomical, axis, index),
+            Self::Voxels(axis, at) => across_voxels(scene, volumes, is_anatomical, axis, at),
         }
     }
 }
@@ -77,7 +113,7 @@ fn across_voxels(
     volumes: &[VolumeSource],
     is_anatomical: bool,
     axis: usize,
-    index: f64,
+    at: At,
 ) -> Result<Slice, Failure> {
     let first = (!scene.layers.is_empty()).then(|| scene.store(0));
     let Some(volume) = first.and_then(|store| volumes.get(store)) else {
@@ -86,6 +122,10 @@ fn across_voxels(
         ));
     };
     let voxels = volume.source.pyramid().levels()[0].extent.to_array()[axis];
+    let index = match at {
+        At::Value(index) => index,
+        At::Share(_) => at.between(0.0, f64::from(voxels - 1)).round(),
+    };
     if !(-0.5..=f64::from(voxels) - 0.5).contains(&index) {
         let name = VOXELS[axis];
         let last = voxels - 1;
@@ -134,12 +174,14 @@ mod tests {
 
     #[test]
     fn slices_are_across_an_axis_or_a_plane() {
-        assert_eq!(slice("y=-2.5"), Ok(SliceArgument::World(1, -2.5)));
-        assert_eq!(slice("k=7"), Ok(SliceArgument::Voxels(2, 7.0)));
-        assert_eq!(slice("sagittal=3"), Ok(SliceArgument::Patient(0, 3.0)));
+        assert_eq!(slice("y=-2.5"), Ok(SliceArgument::World(1, At::Value(-2.5))));
+        assert_eq!(slice("k=7"), Ok(SliceArgument::Voxels(2, At::Value(7.0))));
+        assert_eq!(slice("sagittal=3"), Ok(SliceArgument::Patient(0, At::Value(3.0))));
+        assert_eq!(slice("axial=25%"), Ok(SliceArgument::Patient(2, At::Share(0.25))));
+        assert_eq!(slice("k=middle"), Ok(SliceArgument::Voxels(2, At::Share(0.5))));
         let oblique = ClipPlane { point: DVec3::new(1.0, 2.0, 3.0), normal: DVec3::new(0.0, 1.0, 1.0) };
         assert_eq!(slice("1,2,3:0,1,1"), Ok(SliceArgument::Plane(oblique)));
-        for bad in ["w=3", "z=", "z=inf", "z", "12", "x=1:0,0,1", "1,2,3:0,0,0"] {
+        for bad in ["w=3", "z=", "z=inf", "z=101%", "z=%", "z=half", "z", "12", "x=1:0,0,1", "1,2,3:0,0,0"] {
             assert!(slice(bad).unwrap_err().contains(bad), "{bad}");
         }
         assert!(slice("axail=3").unwrap_err().contains("did you mean 'axial'?"));

@@ -1,0 +1,88 @@
+//! An example or more of each command, as they stand in its help.
+
+pub(crate) const PACK: &str = "\
+Examples:
+  brickyard pack scan.nii.gz scan.zarr
+  brickyard pack dicom-folder ct.zarr
+  brickyard pack 'step_*.npy' flow.zarr --time-step 0.5 --time-unit s
+  brickyard pack head.raw --shape 256,256,108 --dtype i16 --spacing 0.957,0.957,1.5 --unit mm head.zarr
+  brickyard pack labels.tif labels.zarr --kind labels
+
+Inputs: .npy, NIfTI (.nii, .nii.gz), TIFF and OME-TIFF files and stacks, DICOM series, and raw files with --shape and --dtype;
+as a file, a folder, a pattern in quotes, or a list of files.";
+
+pub(crate) const APPEND: &str = "\
+Examples:
+  brickyard append flow.zarr step_0001.npy
+  brickyard append flow.zarr step_*.npy --time-step 0.5 --time-unit s";
+
+pub(crate) const INFO: &str = "\
+Examples:
+  brickyard info scan.zarr
+  brickyard info scan.zarr --json";
+
+pub(crate) const PROBE: &str = "\
+Examples:
+  brickyard probe scan.zarr 120,120,80
+  brickyard probe flow.zarr 48,48,48 --time all";
+
+pub(crate) const VERIFY: &str = "\
+Example:
+  brickyard verify scan.zarr";
+
+pub(crate) const EXPORT: &str = "\
+Examples:
+  brickyard export scan.zarr whole.npy
+  brickyard export scan.zarr coarse.npy --level 2";
+
+#[cfg(feature = "viewer")]
+pub(crate) const VIEW: &str = "\
+Examples:
+  brickyard view scan.zarr
+  brickyard view scan.nii.gz
+  brickyard view ct.zarr --transfer ct-bone";
+
+pub(crate) const RENDER: &str = "\
+Examples:
+  brickyard render scan.zarr -o scan.png
+  brickyard render ct.zarr --transfer ct-bone --view left -o bone.png
+  brickyard render scan.zarr --slice axial=50% -o slice.png
+  brickyard render cells.zarr --mode mip --channel DAPI,actin -o cells.png
+  brickyard render scan.zarr --orbit 72 --movie turn.mp4
+  brickyard render flow.zarr --time all --movie flow.gif --rate 12";
+
+pub(crate) const SYNTH: &str = "\
+Examples:
+  brickyard synth ct --shape 512,512,512 ct.zarr
+  brickyard synth flow --shape 96,96,96 --steps 20 flow.zarr";
+
+pub(crate) const BENCH: &str = "\
+Examples:
+  brickyard bench scan.zarr
+  brickyard bench flow.zarr --scenario play --rate 20";
+
+pub(crate) const QUALITY: &str = "\
+Example:
+  brickyard quality scan.zarr -o quality";
+
+pub(crate) const DOCTOR: &str = "\
+Example:
+  brickyard doctor";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Arguments;
+    use clap::Parser;
+
+    #[test]
+    fn examples_are_commands_that_there_are() {
+        let all = [PACK, APPEND, INFO, PROBE, VERIFY, EXPORT, RENDER, SYNTH, BENCH, QUALITY, DOCTOR];
+        #[cfg(feature = "viewer")]
+        let all = [&all[..], &[VIEW]].concat();
+        for line in all.iter().flat_map(|text| text.lines()).filter(|line| line.starts_with("  ")) {
+            let words = line.split_whitespace().map(|word| word.trim_matches('\''));
+            assert!(Arguments::try_parse_from(words).is_ok(), "{line}");
+        }
+    }
+}

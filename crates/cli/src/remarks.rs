@@ -1,0 +1,95 @@
+//! What is said of a picture that shows less than its user may expect: before it is drawn, that a slice, an isovalue or a preset cannot show anything of the data; and
+//! of one that came out empty, why. Each with the numbers that would do.
+
+use brickyard::session::{ResolvedLayer, ResolvedScene, VolumeSource};
+use brickyard::volume::{Mode, Picture, Scene, Slice, TransferChoice};
+use glam::DVec3;
+
+/// What a scene gives reason to say before it is drawn.
+pub(super) fn of_scene(scene: &Scene, volumes: &[VolumeSource]) -> Vec<String> {
+    let shown = || (0..scene.layers.len()).filter(|&layer| scene.layers[layer].visible);
+    let mut remarks = Vec::new();
+    remarks.extend(scene.slice.and_then(|slice| slice_outside(slice, scene, volumes)));
+    remarks.extend(shown().flat_map(|layer| isovalues_outside(scene, layer, volumes)));
+    remarks.extend(shown().filter_map(|layer| preset_of_other_data(scene, layer, volumes)));
+    remarks
+}
+
+/// Why a picture is empty; `None` if it is not.
+pub(super) fn of_empty(picture: &Picture, resolved: &ResolvedScene, volumes: &[VolumeSource]) -> Option<String> {
+    let first = picture.rgb.first()?;
+    if picture.rgb.iter().any(|pixel| pixel != first) {
+        return None;
+    }
+    let is_clear = |layer: &ResolvedLayer| {
+        let (low, high) = values(layer.style.channel, &volumes[layer.volume]);
+        let mut values = (0..=1000).map(|i| low + (high - low) * f64::from(i) / 1000.0);
+        layer.style.isosurfaces.is_empty() && values.all(|value| layer.transfer.alpha(value) == 0.0)
+    };
+    let why = match () {
+        () if resolved.slice.is_some() || resolved.mode == Mode::Isosurface => "nothing of the volume is in it",
+        () if resolved.mode == Mode::Dvr && resolved.layers.iter().all(is_clear) => {
+            "the transfer function is clear for all values that there are; --transfer auto shows what is not background"
+        }
+        () => "nothing of the volume is in it; without --eye and --target the camera looks at all of it",
+    };
+    Some(format!("the picture is empty: {why}"))
+}
+
+/// The least and the greatest value of a channel.
+fn values(channel: u32, volume: &VolumeSource) -> (f64, f64) {
+    volume.statistics(channel).map_or_else(|| volume.source.channel_range(channel), |found| found.range.into())
+}
+
+fn name(volume: &VolumeSource) -> String {
+    volume.name().unwrap_or_else(|| "the volume".into())
+}
+
+fn slice_outside(slice: Slice, scene: &Scene, volumes: &[VolumeSource]) -> Option<String> {
+    let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
+    let (low, high) = scene.world_box(&places).ok()?;
+    let normal = slice.normal.normalize_or_zero();
+    let corner = |i: usize| DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 0 { low[a] } else { high[a] }));
+    let along = (0..8).map(|i| normal.dot(corner(i)));
+    let (from, to) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(from, to), at| (from.min(at), to.max(at)));
+    let (at, half) = (normal.dot(slice.point), slice.thickness / 2.0);
+    let axis = (0..3).find(|&a| normal[a].abs() > 1.0 - 1e-9);
+    (at + half < from || at - half > to).then(|| match axis {
+        Some(a) => {
+            let turned = |along: f64| along * normal[a].signum();
+            let (from, to) = (turned(from).min(turned(to)), turned(from).max(turned(to)));
+            let axis = ["x", "y", "z"][a];
+            format!("the slice lies outside of what there is: it is at {axis} = {}, and that reaches from {from} to {to}", turned(at))
+        }
+        None => format!("the slice lies outside of what there is: it is at {at} along its normal, and that reaches from {from} to {to}"),
+    })
+}
+
+fn isovalues_outside(scene: &Scene, layer: usize, volumes: &[VolumeSource]) -> Vec<String> {
+    let Some(volume) = volumes.get(scene.store(layer)).filter(|_| !scene.mode.is_projection()) else {
+        return Vec::new();
+    };
+    let (low, high) = values(scene.layers[layer].channel, volume);
+    let surfaces = scene.layers[layer].isosurfaces.iter();
+    let outside = surfaces.map(|surface| surface.value).filter(|value| !(low..=high).contains(value));
+    outside
+        .map(|value| format!("there is no surface of {value}: the values of {} are from {low} to {high}", name(volume)))
+        .collect()
+}
+
+/// The least value of scans that are of Hounsfield units: air, at -1000, is in each of them.
+const AIR: f64 = -500.0;
+
+fn preset_of_other_data(scene: &Scene, layer: usize, volumes: &[VolumeSource]) -> Option<String> {
+    let volume = volumes.get(scene.store(layer))?;
+    let layer = &scene.layers[layer];
+    let Some(TransferChoice::Preset(choice)) = &layer.transfer else { return None };
+    let (low, high) = values(layer.channel, volume);
+    (choice.preset.starts_with("ct-") && layer.window.is_none() && low > AIR).then(|| {
+        format!(
+            "{} is for Hounsfield units, in which air is -1000: the values of {} are from {low} to {high}; --transfer auto is for any",
+            choice.preset,
+            name(volume)
+        )
+    })
+}
