@@ -91,7 +91,7 @@ fn what_was_read_decoded_and_uploaded_is_counted_in_bytes() {
     let sandbox = Sandbox::default();
     // A single brick: its shard is its encoded bytes, an index entry of 16 and a checksum of 4.
     sandbox.run_ok("synth turbulence one.zarr --shape 32,32,32 --brick 32 --shard 32 --progress none");
-    sandbox.run_ok("render one.zarr -o o.png --orbit 3 --stats o.json --backend cpu --size 40x30");
+    sandbox.run_ok("render one.zarr -o o.png --orbit 3 --stats o.json --backend cpu --size 40x30 --lighting none");
     let stats: Value = serde_json::from_slice(&sandbox.read("o.json")).expect("JSON");
     let read = sandbox.read("one.zarr/0/c/0/0/0").len() - 20;
     assert_eq!(stats["bytes"], serde_json::json!({"read": read, "decoded": 32 << 10, "uploaded": 34 * 34 * 34}));

@@ -189,7 +189,7 @@ fn tiles_are_exact_however_the_picture_is_drawn() {
 fn the_command_draws_exact_pictures_and_refuses_other_ways() {
     let sandbox = Sandbox::default();
     sandbox.run_ok("synth turbulence t.zarr --shape 64,64,64 --brick 16 --shard 64 --progress none");
-    let view = "--size 97x75 --level 0 --transfer viridis --overwrite";
+    let view = "--size 97x75 --level 0 --transfer viridis --lighting none --overwrite";
     for (flags, words) in [
         ("--backend cpu --compositor sorted", "--compositor raycast"),
         ("--compositor reference", "leave --exact out"),

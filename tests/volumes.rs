@@ -462,7 +462,7 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
     );
     sandbox.run_ok("render a.zarr b.zarr -o file.png --size 32x32 --backend cpu --scene deep/scene.json");
     sandbox.run_ok(
-        "render a.zarr b.zarr -o flags.png --size 32x32 --backend cpu --transfer viridis --volume 0:window=-0.5:0.9 \
+        "render a.zarr b.zarr -o flags.png --size 32x32 --backend cpu --lighting none --transfer viridis --volume 0:window=-0.5:0.9 \
          --volume 0:gamma=0.6 --volume 0:opacity=0.5 --volume 1:transfer=deep/function.json --volume 1:window=-900:900 \
          --volume 1:blend=add --volume 1:color=0:1:0",
     );
@@ -522,7 +522,7 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         ("render a.zarr b.zarr -o no.png --volume 1:blend=under", 2, "mix, add or over"),
         ("render a.zarr b.zarr -o no.png --mode mip --expr a+b", 2, "mode dvr"),
         ("render a.zarr b.zarr -o no.png --mode isosurface", 2, "isovalue"),
-        ("render a.zarr b.zarr -o no.png --light 1,2,3", 2, "without lighting"),
+        ("render a.zarr b.zarr -o no.png --lighting none --light 1,2,3", 2, "without lighting"),
         ("render a.zarr b.zarr -o no.png --lighting phong --light 1,2,nan", 2, "nan"),
         ("render a.zarr b.zarr -o no.png --volume 1:isovalue=nan", 2, "finite"),
         ("render a.zarr b.zarr -o no.png --volume 1:isovalue=7,opacity=2", 2, "0 to 1"),

@@ -285,7 +285,8 @@ fn a_handle_moves_its_face_of_the_clip_box() {
 fn a_hand_makes_points_of_a_transfer_function_and_moves_them() {
     let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
-    let opened = Opened::new(&display, &sandbox, &[&path, "--size", "900x850"]);
+    let flags = ["--size", "900x850", "--transfer", "gray", "--lighting", "none"];
+    let opened = Opened::new(&display, &sandbox, &[&[&path[..]], &flags[..]].concat());
     let points =
         |document: &Value| document["layers"][0]["transfer"]["opacity"].as_array().cloned().unwrap_or_default();
     // The editor folds out of its heading, in the panel on the left.

@@ -20,7 +20,7 @@ ROWS = ["none", "central", "sobel", "stored"]
 
 def brickyard(a, command, backend, gradient):
     """What a command writes to standard output."""
-    lighting = [] if gradient == "none" else ["--lighting", "blinn-phong", "--gradient", gradient]
+    lighting = ["--lighting", "none"] if gradient == "none" else ["--lighting", "blinn-phong", "--gradient", gradient]
     command = [a.brickyard, *command, "--size", a.size, "--level", "0", "--backend", backend, "--gpu-memory", a.gpu_memory,
                *a.scene, *lighting]
     return run(command)

@@ -62,7 +62,7 @@ def survey(a, name):
 def picture(a, name, size_px):
     store, scene = DATA[name]
     size = "x".join(str(3 * n) for n in size_px)
-    flags = ["--size", size, "--level", "0", "--method", "pdvr", "--step", "0.25", "--overwrite", "--backend", "cpu"]
+    flags = ["--size", size, "--level", "0", "--method", "pdvr", "--lighting", "none", "--step", "0.25", "--overwrite", "--backend", "cpu"]
     run([a.brickyard, "--quiet", "render", store, *scene.split(), *flags, "-o", f"{OUT}/{name}/picture.png"])
 
 

@@ -208,7 +208,7 @@ def brickyard(a, n, mode, name):
     # A budget that holds the whole volume, as VTK has it, with what aprons and tables add.
     budget = a.gpu_memory or str(2 * n**3 + (256 << 20))
     scene = [store_of(a, n), "--eye", vector(eye(0)), "--target", vector(CENTRE), "--up", vector(UP), "--fov", str(FOV), "--mode", mode,
-             "--transfer", points, "--size", f"{PX}x{PX}", "--gpu-memory", budget] + BRICKYARD[name][1]
+             "--transfer", points, "--lighting", "none", "--size", f"{PX}x{PX}", "--gpu-memory", budget] + BRICKYARD[name][1]
     if mode == "isosurface":
         scene += ["--isovalue", str(ISOVALUE)]
     output_of([a.brickyard, "render", *scene, "-o", picture_file(a, n, mode, name), "--overwrite", "-q"])

@@ -3,7 +3,7 @@
 //!
 //! Every frame is complete: where fine bricks have not come yet, coarser ones are drawn.
 
-use brickyard::{Scene, Session, SessionOptions};
+use brickyard::{Mode, Session, SessionOptions};
 use std::time::{Duration, Instant};
 
 const SIZE_PX: (u32, u32) = (320, 240);
@@ -14,7 +14,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return Err("expected STORE.zarr OUT.png".into());
     };
     let mut session = Session::open(store, SessionOptions { live: true, ..SessionOptions::default() })?;
-    let mut scene = Scene::default();
+    let mut scene = session.default_scene(Mode::Dvr);
     // The first bricks: before them there is nothing to draw.
     let start = loop {
         let frame = session.step(&scene, SIZE_PX)?;

@@ -4,19 +4,21 @@
 //! # A picture
 //!
 //! ```no_run
-//! use brickyard::{Scene, Session, SessionOptions};
+//! use brickyard::{Mode, Session, SessionOptions};
 //!
-//! Session::open("head-ct.zarr", SessionOptions::default())?.render(&Scene::default(), (640, 480))?.save("out.png")?;
+//! let mut session = Session::open("head-ct.zarr", SessionOptions::default())?;
+//! let scene = session.default_scene(Mode::Dvr);
+//! session.render(&scene, (640, 480))?.save("out.png")?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
 //! # A camera that moves
 //!
 //! ```no_run
-//! use brickyard::{Scene, Session, SessionOptions};
+//! use brickyard::{Mode, Session, SessionOptions};
 //!
 //! let mut session = Session::open("head-ct.zarr", SessionOptions { live: true, ..SessionOptions::default() })?;
-//! let mut scene = Scene::default();
+//! let mut scene = session.default_scene(Mode::Dvr);
 //! for turn in 0..100 {
 //!     let frame = session.step(&scene, (640, 480))?;
 //!     let picture = session.draw(&frame)?;
@@ -83,6 +85,7 @@ mod device_losses;
 mod embedding;
 #[cfg(feature = "gpu")]
 pub mod exact;
+pub mod first_look;
 mod fit;
 pub mod flight;
 pub mod following;
@@ -136,4 +139,4 @@ pub use brickyard_volume as volume;
 pub use offline::Rendered;
 pub use pager::{BrickError, BrickSource};
 pub use session::{Frame, Session, SessionError, SessionOptions, VolumeSource};
-pub use volume::{Camera, Scene, SceneLayer};
+pub use volume::{Camera, Mode, Scene, SceneLayer};

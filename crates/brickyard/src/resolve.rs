@@ -237,7 +237,7 @@ pub(crate) fn slot_contents(encoding: &SlotEncoding, codes: Option<&Arc<LabelCod
 /// The layers that are shown. What an expression takes the place of is left as it is.
 fn shown_layers<'a>(volumes: &'a [VolumeSource], scene: &Scene) -> Result<Vec<ShownLayer<'a>>, SceneError> {
     let shown = |place: usize| {
-        let (layer, store) = (&scene.layers[place], scene.store(place));
+        let (layer, store) = (&*scene.look(place), scene.store(place));
         let volume = &volumes[store];
         let refused = |error| SceneError::Layer { layer: place, error };
         let function = volume.function(layer).map_err(refused)?;
@@ -271,7 +271,7 @@ fn hidden_layer(
     eyes: &Eyes,
     kept: KeptSlots,
 ) -> Result<HiddenLayer, SceneError> {
-    let layer = &scene.layers[place];
+    let layer = &*scene.look(place);
     let view = View {
         rays: eyes.rays[0],
         other_eye: eyes.rays.get(1).copied(),

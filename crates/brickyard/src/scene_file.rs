@@ -122,7 +122,8 @@ fn expression_subject(scene: &Scene, layers: &[Option<Subject>]) -> Option<Subje
     let expression = Expression::parse(&scene.expression.as_ref()?.text, layers.len()).ok()?;
     let windows: Vec<_> = layers.iter().map(|subject| Some(subject.as_ref()?.window)).collect::<Option<_>>()?;
     let first = layers[*expression.volumes().first()?]?;
-    Some(Subject { window: shown_window(expression.window(windows.into_iter())), is_labels: false, ..first })
+    let window = shown_window(expression.window(windows.into_iter()));
+    Some(Subject { is_labels: false, ..first.in_window(window) })
 }
 
 /// The transfer functions' files, each with its layer; `None` is the expression's.

@@ -11,6 +11,7 @@ use crate::backend::{BackendError, Renderer};
 use crate::channels::default_layers;
 use crate::device::Device;
 use crate::device_losses::Losses;
+use crate::first_look::set_first_look;
 use crate::fit::{Demand, Fit};
 use crate::frame_governor::drawing_time;
 use crate::options::CompositorChoice;
@@ -86,10 +87,11 @@ impl Past {
 ///
 /// ```no_run
 /// use brickyard::session::{Session, SessionOptions};
-/// use brickyard::volume::Scene;
+/// use brickyard::volume::Mode;
 ///
 /// let mut session = Session::open("head-ct.zarr", SessionOptions::default())?;
-/// session.render(&Scene::default(), (640, 480))?.save("out.png")?;
+/// let scene = session.default_scene(Mode::Dvr);
+/// session.render(&scene, (640, 480))?.save("out.png")?;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Session {
@@ -156,9 +158,11 @@ impl Session {
         }
     }
 
-    /// The scene that shows every visible channel of every volume in a mode, each in its own window and colour.
+    /// The scene that shows every visible channel of every volume in a mode, each in its own window and colour, as it is [shown first](crate::first_look).
     pub fn default_scene(&self, mode: Mode) -> Scene {
-        Scene { mode, layers: default_layers(&self.volumes), ..Scene::default() }
+        let mut scene = Scene { mode, layers: default_layers(&self.volumes), ..Scene::default() };
+        set_first_look(&mut scene, &self.volumes);
+        scene
     }
 
     /// Whether a scene can be shown of the session's volumes. Nothing is made for it.

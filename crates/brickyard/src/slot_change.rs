@@ -103,7 +103,7 @@ impl SlotChange {
 /// The place and window of a layer that asks for other slots than the fit has for it; `None` if it asks for none, or if those of the fit
 /// cannot show it at all.
 fn asked(fit: &Fit, volumes: &[VolumeSource], scene: &Scene, place: usize) -> Option<(usize, Option<[f64; 2]>)> {
-    let layer = &scene.layers[place];
+    let layer = &*scene.look(place);
     let volume = scene.store(place);
     let slots = fit.slots_of(place, volume)?;
     let channel = volumes[volume].encoding(layer.channel);

@@ -200,7 +200,8 @@ impl VolumeSource {
     /// The subject of a channel's transfer function: the place, extent and window that the function is fitted to.
     pub fn subject(&self, channel: u32) -> Subject {
         let is_labels = self.source.is_labels();
-        Subject { is_labels, ..self.subject_of(self.default_window(channel)) }
+        let foreground = self.statistics(channel).and_then(ChannelStatistics::foreground);
+        Subject { is_labels, foreground, ..self.subject_of(self.default_window(channel)) }
     }
 
     /// The subject of a transfer function for values in a window. Its distances are of the world that scenes have; gradients are by the

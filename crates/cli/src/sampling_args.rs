@@ -18,7 +18,7 @@ pub(crate) struct SamplingArguments {
     /// (blue, also without a value)
     #[arg(help_heading = heading::SAMPLING, long, value_name = "none|white|blue", num_args = 0..=1, default_missing_value = "blue", value_parser = values::jitter)]
     jitter: Option<Jitter>,
-    /// How `--mode dvr` is lit
+    /// How `--mode dvr` is lit [default: phong in `render` and `view`, unless a scene file says otherwise; none in `bench`]
     #[arg(help_heading = heading::LOOK, long, value_enum)]
     lighting: Option<LightingArgument>,
     /// Sampling step in units of the finest voxel size [default: 1]

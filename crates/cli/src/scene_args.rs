@@ -17,9 +17,7 @@ use brickyard::volume::{
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
-#[cfg(feature = "viewer")]
-use std::path::Path;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Flags that describe a picture. They override the scene file.
 #[derive(Args, Clone, Debug)]
@@ -187,7 +185,6 @@ impl From<StereoArgument> for StereoLayout {
 
 impl SceneArguments {
     /// The scene's file, if one is named.
-    #[cfg(feature = "viewer")]
     pub(crate) fn file(&self) -> Option<&Path> {
         self.scene.as_deref()
     }
@@ -372,7 +369,7 @@ fn transfer_help() -> String {
     let presets = TransferFunction::PRESETS.join(", ");
     format!(
         "Transfer function: a file (JSON; ParaView's colour maps, FILE#NAME for one of several; 3D Slicer's .vp and \
-         .vp.json), or one of {presets}"
+         .vp.json), or one of {presets} [default: auto where there is no scene file and fog is shown, else gray]"
     )
 }
 

@@ -12,8 +12,8 @@ use crate::time;
 pub use crate::version::FORMAT_VERSION;
 use brickyard_volume::channel;
 use brickyard_volume::{
-    Apron, ChannelLook, Extent, Geometry, LabelColor, Level, MAX_APRON, OccupancyBins, Orientation, Placement, Pyramid,
-    TimeAxis, VoxelType,
+    Apron, ChannelLook, Extent, Foreground, Geometry, LabelColor, Level, MAX_APRON, OccupancyBins, Orientation,
+    Placement, Pyramid, TimeAxis, VoxelType,
 };
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -139,6 +139,12 @@ impl ChannelStatistics {
             }
             None => self.range[1],
         }
+    }
+
+    /// What of the channel is worth showing first; `None` if nearly all voxels have the same value.
+    pub fn foreground(&self) -> Option<Foreground> {
+        let Histogram { low, width, counts } = &self.histogram;
+        Foreground::of_histogram(*low, *width, counts)
     }
 
     /// Takes a name, colour and window from the source, as far as it gives them.

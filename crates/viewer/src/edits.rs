@@ -5,6 +5,7 @@ use crate::fields::{differences, set};
 use crate::panels::mending::{add_surfaces, set_mode};
 use crate::state::State;
 use brickyard::channels::default_layers;
+use brickyard::first_look::choose_foregrounds;
 use brickyard::scene_file::read_named_files;
 use brickyard::session::VolumeSource;
 use brickyard::volume::{Mode, Scene, TransferChoice};
@@ -23,7 +24,7 @@ pub(crate) fn edited(state: &State, volumes: &[VolumeSource], fields: &[(String,
     keep_files(&mut edited.scene, &state.scene);
     read_named_files(&mut edited.scene, volumes).map_err(|error| error.to_string())?;
     if edited.scene.mode != state.scene.mode {
-        let mode = edited.scene.mode;
+        let mode = std::mem::replace(&mut edited.scene.mode, state.scene.mode);
         set_mode(&mut edited.scene, volumes, mode);
     }
     Ok(edited)
@@ -44,7 +45,10 @@ pub(crate) fn with_more(scene: &Scene, volumes: &[VolumeSource], before: usize) 
         for layer in &mut scene.layers[first..] {
             layer.color = None;
         }
-    } else if scene.mode == Mode::Isosurface {
+    } else {
+        choose_foregrounds(&mut scene, first, volumes);
+    }
+    if scene.expression.is_none() && scene.mode == Mode::Isosurface {
         add_surfaces(&mut scene, volumes, first);
     }
     let counts: Vec<_> = volumes.iter().map(VolumeSource::counts).collect();

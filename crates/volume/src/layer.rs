@@ -21,7 +21,7 @@ pub struct SceneLayer {
     pub channel: u32,
     /// Placement of the volume: the map from its own world to the scene's.
     pub world_from_volume: Placement,
-    /// The transfer function; `None` is a gray ramp over the window.
+    /// The transfer function; `None` is a gray ramp over the window, which shows values as they are. What shows a volume first is [`TransferChoice::automatic`].
     pub transfer: Option<TransferChoice>,
     /// The least and the greatest value of the window. A preset spans the window; the points of a function with values of its own are moved to
     /// it. `None` is the default window of the store's channel, to which nothing is moved.
@@ -79,8 +79,8 @@ impl SceneLayer {
     /// If there is no such preset, the transfer function's file has not been read, the function is not valid, or it has no width to be moved to
     /// a window.
     pub fn function(&self, subject: &Subject) -> Result<TransferFunction, LayerError> {
-        let window = self.window.map_or(subject.window, Into::into);
-        let subject = Subject { window, ..*subject };
+        let subject = self.window.map_or(*subject, |window| subject.in_window(window.into()));
+        let window = subject.window;
         let mut function = match &self.transfer {
             Some(choice) => choice.function(&subject)?,
             None => subject.default_function(),
@@ -95,8 +95,17 @@ impl SceneLayer {
         if subject.is_labels {
             return Ok(self.of_labels(function));
         }
-        if let Some([r, g, b]) = self.color {
-            function.color = vec![[window.0, 0.0, 0.0, 0.0], [window.1, r, g, b]];
+        let is_automatic = self.transfer.as_ref().is_some_and(TransferChoice::is_automatic);
+        match self.color {
+            Some([r, g, b]) if is_automatic => {
+                // A body in this colour.
+                function
+                    .color
+                    .iter_mut()
+                    .for_each(|point| *point = [point[0], point[1] * r, point[2] * g, point[3] * b]);
+            }
+            Some([r, g, b]) => function.color = vec![[window.0, 0.0, 0.0, 0.0], [window.1, r, g, b]],
+            None => {}
         }
         Ok(function.bent(window, self.gamma))
     }
@@ -163,8 +172,14 @@ pub fn label_codes(function: &TransferFunction, encoding: &SlotEncoding) -> Resu
 mod tests {
     use super::*;
 
-    const SUBJECT: Subject =
-        Subject { window: (0.0, 200.0), unit_distance: 3.0, cell_length: 1.0, mean_spacing: 1.0, is_labels: false };
+    const SUBJECT: Subject = Subject {
+        window: (0.0, 200.0),
+        unit_distance: 3.0,
+        cell_length: 1.0,
+        mean_spacing: 1.0,
+        is_labels: false,
+        foreground: None,
+    };
 
     #[test]
     fn a_style_comes_to_one_function() {

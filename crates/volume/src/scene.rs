@@ -20,6 +20,7 @@ use glam::DVec3;
 use serde::de::{Error, IgnoredAny};
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
+use std::borrow::Cow;
 
 /// Which level a view wants.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -160,6 +161,20 @@ impl Scene {
     /// If there is no such layer.
     pub fn store(&self, layer: usize) -> usize {
         self.layers[layer].source.unwrap_or(layer)
+    }
+
+    /// How a layer looks in the scene's mode: projections show values as they are, so that what is worth showing in fog, the preset `auto`, is a gray ramp in them.
+    ///
+    /// # Panics
+    /// If there is no such layer.
+    pub fn look(&self, layer: usize) -> Cow<'_, SceneLayer> {
+        let layer = &self.layers[layer];
+        match &layer.transfer {
+            Some(choice) if choice.is_automatic() && self.mode.is_projection() => {
+                Cow::Owned(SceneLayer { transfer: None, ..layer.clone() })
+            }
+            _ => Cow::Borrowed(layer),
+        }
     }
 
     /// How a layer joins the others. Unless it says so itself, labels lie over what others show, and in projections the channels of one image add, as

@@ -6,6 +6,7 @@
 //! itself, ParaView's colour maps, 3D Slicer's volume properties. What others draw as curves becomes points here, so that
 //! nothing behind this module knows of any other form.
 
+mod automatic;
 mod choice;
 mod color_space;
 mod curve;

@@ -55,7 +55,7 @@ fn bars(scene: &Scene, volumes: &[VolumeSource]) -> Vec<Bar> {
     let shown = (0..scene.layers.len()).filter(|&layer| scene.layers[layer].visible);
     let bar = |layer: usize| {
         let volume = volumes.get(scene.store(layer)).filter(|volume| !volume.source.is_labels())?;
-        let function = volume.function(&scene.layers[layer]).ok()?;
+        let function = volume.function(&scene.look(layer)).ok()?;
         let (low, high) = function.span();
         let ticks = ticks(low, high, 4.0).into_iter().map(|tick| (tick, within_span(tick, high - low))).collect();
         let name = name(scene, volumes, layer);

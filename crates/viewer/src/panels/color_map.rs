@@ -12,7 +12,8 @@ use eframe::egui::{
 const COLUMNS: u32 = 64;
 
 /// What is said of a preset that has values of its own, or is not known by its name alone.
-const HINTS: [(&str, &str); 13] = [
+const HINTS: [(&str, &str); 14] = [
+    ("auto", "what is not background, for fog in the light"),
     ("gray", "black to white"),
     ("viridis", "even steps of brightness, also for colour-blind eyes"),
     ("magma", "even steps of brightness: black, purple, pale yellow"),

@@ -6,7 +6,12 @@ use brickyard::volume::{Expression, Isosurface, LightingModel, Method, Mode, Sce
 /// Shows a scene of these volumes in another mode. Projections have neither light nor surfaces, and no translucent meshes; slices are projections; methods
 /// of sampling are those of fog; and surfaces begin in the middle of the window.
 pub(crate) fn set_mode(scene: &mut Scene, volumes: &[VolumeSource], mode: Mode) {
+    let had_light = !scene.mode.is_projection() || scene.lighting.model != LightingModel::None;
     scene.mode = mode;
+    if mode == Mode::Dvr && !had_light {
+        // As fog is first shown.
+        set_light(scene, LightingModel::Phong);
+    }
     if mode != Mode::Dvr {
         scene.sampling.method = Method::Udvr;
     }

@@ -11,6 +11,7 @@ use crate::opening::Openings;
 use crate::panels::description::Description;
 use crate::panels::dialogs::{Dialog, DialogKind};
 use brickyard::channels::default_layers;
+use brickyard::first_look::set_first_look;
 use brickyard::openable::is_mesh;
 use brickyard::opening::{OpeningError, OpeningOptions};
 use brickyard::session::VolumeSource;
@@ -167,6 +168,7 @@ impl Window {
     fn show_others(&mut self, openings: Openings) -> Result<(), String> {
         let volumes = openings.volumes();
         let mut scene = Scene { layers: default_layers(&volumes), ..Scene::default() };
+        set_first_look(&mut scene, &volumes);
         let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
         let (width, height) = self.volume_view.size_px;
         let camera = scene.camera_for(&places, (width.max(1), height.max(1)));

@@ -2,7 +2,7 @@
 //! function's own, `{"preset": "viridis"}`, or `{"file": "ct.json"}`. Whoever reads a scene reads its files; then a choice becomes a
 //! function without any I/O, at the cost of copying its points.
 
-use super::{Subject, TransferError, TransferFunction};
+use super::{Subject, TransferError, TransferFunction, automatic};
 use serde::de::{DeserializeOwned, Error};
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
@@ -56,6 +56,7 @@ impl TransferChoice {
     /// If there is no such preset, the file has not been read, or the function is not valid.
     pub fn function(&self, subject: &Subject) -> Result<TransferFunction, TransferError> {
         let function = match self {
+            Self::Preset(_) if self.is_automatic() => return Ok(subject.automatic_function()),
             Self::Preset(TransferPreset { preset }) => {
                 return TransferFunction::preset(preset, subject.window, subject.unit_distance);
             }
@@ -65,6 +66,16 @@ impl TransferChoice {
             }
         };
         function.validate().map(|()| function.clone())
+    }
+
+    /// Chooses what shows a volume first: see [`Foreground`](crate::Foreground).
+    pub fn automatic() -> Self {
+        Self::preset(automatic::NAME)
+    }
+
+    /// Whether that is chosen.
+    pub fn is_automatic(&self) -> bool {
+        matches!(self, Self::Preset(TransferPreset { preset }) if preset == automatic::NAME)
     }
 
     /// Whether the chosen function depends on the gradient magnitude. Presets do not; a file counts as not until it has been read.

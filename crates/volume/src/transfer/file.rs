@@ -67,8 +67,14 @@ pub(super) mod tests {
     use super::*;
 
     /// A window of -100 to 300, unit distance 5, cells of 1.5, a mean spacing of 2.
-    pub(in crate::transfer) const SUBJECT: Subject =
-        Subject { window: (-100.0, 300.0), unit_distance: 5.0, cell_length: 1.5, mean_spacing: 2.0, is_labels: false };
+    pub(in crate::transfer) const SUBJECT: Subject = Subject {
+        window: (-100.0, 300.0),
+        unit_distance: 5.0,
+        cell_length: 1.5,
+        mean_spacing: 2.0,
+        is_labels: false,
+        foreground: None,
+    };
 
     fn bad(text: &str) -> String {
         read(text, None, &SUBJECT).unwrap_err().to_string()

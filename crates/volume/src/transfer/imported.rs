@@ -1,6 +1,7 @@
 //! What a reader of transfer function files is given, and gives.
 
-use super::TransferFunction;
+use super::{TransferFunction, automatic};
+use crate::foreground::Foreground;
 use crate::geometry::Geometry;
 use crate::labels::LabelLook;
 use crate::space::Extent;
@@ -19,12 +20,20 @@ pub struct Subject {
     pub mean_spacing: f64,
     /// Whether the volume's values are labels.
     pub is_labels: bool,
+    /// What of the volume is worth showing first; `None` if that is not known, or the window is not the volume's own.
+    pub foreground: Option<Foreground>,
 }
 
 impl Subject {
     /// No volume: whether a function can be used does not depend on what it is for.
-    pub(crate) const NONE: Self =
-        Self { window: (0.0, 1.0), unit_distance: 1.0, cell_length: 1.0, mean_spacing: 1.0, is_labels: false };
+    pub(crate) const NONE: Self = Self {
+        window: (0.0, 1.0),
+        unit_distance: 1.0,
+        cell_length: 1.0,
+        mean_spacing: 1.0,
+        is_labels: false,
+        foreground: None,
+    };
 
     /// The subject for a volume and the window to be shown of it, which becomes the [`shown_window`]: so a volume of one value has the
     /// middle of the colours and of the opacity, instead of being black. The presets' distance is a hundredth of the volume's longest side.
@@ -37,7 +46,19 @@ impl Subject {
             cell_length: size.length() / (extent.volume() as f64).cbrt(),
             mean_spacing: geometry.spacing.element_sum() / 3.0,
             is_labels: false,
+            foreground: None,
         }
+    }
+
+    /// This subject in another window, of which nothing is known.
+    pub fn in_window(self, window: (f64, f64)) -> Self {
+        Self { window, foreground: None, ..self }
+    }
+
+    /// The preset `auto`: what of the volume is worth showing first, in the light.
+    pub(super) fn automatic_function(&self) -> TransferFunction {
+        let foreground = self.foreground.unwrap_or_else(|| Foreground::of_window(self.window));
+        automatic::automatic(&foreground, self.window.1, self.unit_distance)
     }
 
     /// What is shown unless a scene says otherwise: the gray ramp over the window; of labels, each opaque in its own colour.

@@ -1,11 +1,13 @@
 //! Transfer functions by name: the perceptual maps and other ramps over a window, and presets for CT and MR.
 
-use super::{TransferError, TransferFunction, maps};
+use super::{TransferError, TransferFunction, automatic, maps};
+use crate::foreground::Foreground;
 use crate::near_name;
 
 impl TransferFunction {
     /// The names that [`TransferFunction::preset`] knows.
-    pub const PRESETS: [&str; 13] = [
+    pub const PRESETS: [&str; 14] = [
+        automatic::NAME,
         "gray",
         "viridis",
         "magma",
@@ -38,6 +40,7 @@ impl TransferFunction {
             ..Self::default()
         };
         Ok(match name {
+            automatic::NAME => automatic::automatic(&Foreground::of_window(window), window.1, unit_distance),
             "gray" => over_window(&ramp(&[[0.0; 3], [1.0; 3]]), &RISING),
             "fire" => over_window(
                 &ramp(&[[0.0; 3], [0.55, 0.05, 0.0], [0.95, 0.45, 0.05], [1.0, 0.85, 0.35], [1.0, 1.0, 0.95]]),
@@ -169,7 +172,9 @@ mod tests {
     #[test]
     fn an_unknown_name_is_answered_with_the_nearest() {
         let unknown = |name: &str| TransferFunction::preset(name, (0.0, 1.0), 1.0).unwrap_err().to_string();
-        assert!(unknown("grey").contains("'grey', did you mean 'gray'?: not a file, and not one of gray, viridis"));
+        assert!(
+            unknown("grey").contains("'grey', did you mean 'gray'?: not a file, and not one of auto, gray, viridis")
+        );
         assert!(unknown("sepia").starts_with("unknown transfer function 'sepia': not a file"));
     }
 }

@@ -63,7 +63,7 @@ fn transfer(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
     let Some(parsed) = scene.parsed_expression().ok().flatten() else { return };
     let window = parsed.window(subjects.iter().map(|subject| subject.window));
     let (Some(look), Some(first)) = (&mut scene.expression, subjects.first()) else { return };
-    let Ok(function) = look.function(&Subject { window, is_labels: false, ..*first }) else { return };
+    let Ok(function) = look.function(&Subject { is_labels: false, ..first.in_window(window) }) else { return };
     row(ui, "colours", "how the expression's values look, over all that they can be", |ui, label| {
         if let Some(chosen) = color_map::menu(ui, look.transfer.as_ref(), &function, label) {
             look.transfer = chosen;

@@ -1,0 +1,104 @@
+//! The first picture of a volume of which nobody has said how it looks; and what is said of pictures that show less than one may expect.
+
+use brickyard_tests::{Sandbox, leave_out, read_png};
+
+/// A ball of 900 in noise about 100, in a cube of 40 voxels, packed as `ball.zarr`; and a field without a background, `waves.zarr`.
+fn sandbox() -> Sandbox {
+    let sandbox = Sandbox::default();
+    let voxels = |value: &dyn Fn([f64; 3]) -> f64| -> Vec<u8> {
+        let at = |i: usize| [i % 40, i / 40 % 40, i / 1600].map(|c| c as f64);
+        (0..40usize.pow(3)).flat_map(|i| (value(at(i)) as u16).to_le_bytes()).collect()
+    };
+    let noise = |[x, y, z]: [f64; 3]| 20.0 * (x * 12.9898 + y * 78.233 + z * 37.719).sin();
+    let away = |p: [f64; 3]| p.iter().map(|c| (c - 19.5).powi(2)).sum::<f64>().sqrt();
+    let inside = |p: [f64; 3]| (12.5 - away(p)).clamp(0.0, 1.0);
+    sandbox.write("ball.raw", voxels(&|p| 100.0 + noise(p) + 800.0 * inside(p)));
+    let wave = |[x, y, z]: [f64; 3]| {
+        (x / 3.0).sin() + (y / 4.0).sin() + (z / 5.0).sin() + (x / 7.0 + y / 9.0 + z / 11.0).cos()
+    };
+    sandbox.write("waves.raw", voxels(&|p| 3000.0 + 500.0 * wave(p)));
+    for name in ["ball", "waves"] {
+        let flags = "--shape 40,40,40 --dtype u16 --brick 16 --shard 32 --progress none";
+        sandbox.run_ok(&format!("pack {name}.raw {name}.zarr {flags}"));
+    }
+    sandbox
+}
+
+fn luminance(pixel: [u8; 3]) -> f64 {
+    pixel.iter().zip([0.2126, 0.7152, 0.0722]).map(|(&part, weight)| f64::from(part) * weight).sum()
+}
+
+#[test]
+fn a_body_is_bright_and_lit_and_its_background_is_clear() {
+    let sandbox = sandbox();
+    let mut expected = None;
+    for way in ["--compositor reference", "--backend cpu", "--backend gpu", "--backend gpu --compositor sorted"] {
+        let line = format!("render ball.zarr -o o.png --overwrite --size 96x96 {way}");
+        let (code, _, stderr) = sandbox.run(&line);
+        if code == 1 && stderr.contains("--backend cpu") {
+            leave_out("gpu", stderr);
+            continue;
+        }
+        assert!(code == 0 && !stderr.contains("note"), "{line}: exit {code}: {stderr}");
+        let picture = read_png(&sandbox.path("o.png"));
+        let at = |x: usize, y: usize| luminance(picture.rgb[y * 96 + x]);
+        assert!(at(48, 48) > 150.0, "{line}: its middle is {}", at(48, 48));
+        // Black up to the ball's edge, though noise is there.
+        let black = picture.rgb.iter().filter(|pixel| luminance(**pixel) < 3.0).count() as f64 / (96.0 * 96.0);
+        assert!((0.5..0.95).contains(&black), "{line}: {black} of it is black");
+        // A ball that is lit from the eye darkens to its edge.
+        let first = (0..48).find(|&x| at(x, 48) > 30.0).unwrap_or(48);
+        assert!(at(first + 2, 48) < 0.9 * at(48, 48), "{line}: {} at {first}", at(first + 2, 48));
+        let expected = expected.get_or_insert_with(|| picture.clone());
+        let difference = picture.difference(expected);
+        assert!(difference.max <= 2 || difference.psnr_db >= 45.0, "{line}: {difference:?}");
+    }
+    // What a scene file says, and flags, come before it.
+    let with = |flags: &str| {
+        sandbox.run_ok(&format!("render ball.zarr -o o.png --overwrite --size 96x96 --backend cpu {flags}"));
+        read_png(&sandbox.path("o.png"))
+    };
+    sandbox.write("scene.json", "{}");
+    let plain = with("--transfer gray --lighting none");
+    assert_eq!(with("--scene scene.json").difference(&plain).max, 0);
+    assert_eq!(with("--transfer auto").difference(&with("")).max, 0);
+    assert_eq!(with("--mode mip").difference(&with("--mode mip --transfer gray")).max, 0);
+    let red = with("--color red");
+    assert!(red.rgb.iter().all(|[_, g, b]| *g < 60 && *b < 60) && red.rgb.iter().any(|[r, _, _]| *r > 150));
+}
+
+#[test]
+fn a_field_without_a_background_shows_its_upper_half_in_colours() {
+    let sandbox = sandbox();
+    sandbox.run_ok("render waves.zarr -o o.png --size 96x96 --backend cpu");
+    let picture = read_png(&sandbox.path("o.png"));
+    let is_colored = |[r, g, b]: &[u8; 3]| r.abs_diff(*g).max(g.abs_diff(*b)) > 60;
+    let colored = picture.rgb.iter().filter(|pixel| is_colored(pixel)).count();
+    assert!(colored > 96 * 96 / 20, "{colored} pixels have colours");
+    assert!(picture.rgb.iter().any(|pixel| luminance(*pixel) > 120.0));
+}
+
+#[test]
+fn what_shows_less_than_one_may_expect_says_why() {
+    let sandbox = sandbox();
+    sandbox.write("clear.json", r#"{"color": [[0, 1, 1, 1]], "opacity": [[5000, 0], [6000, 1]]}"#);
+    for (flags, words) in [
+        ("--slice z=50", &["slice lies outside", "z = 50", "-0.5 to 39.5", "picture is empty"][..]),
+        ("--slice 0,0,90:0,1,1", &["slice lies outside", "along its normal"]),
+        ("--mode isosurface --isovalue 7000", &["no surface of 7000", "values of ball are from", "picture is empty"]),
+        ("--mode dvr --isovalue 7000", &["no surface of 7000"]),
+        ("--transfer ct-bone", &["ct-bone is for Hounsfield units", "--transfer auto"]),
+        ("--transfer clear.json", &["picture is empty", "clear for all values", "--transfer auto"]),
+        ("--eye 500,500,500 --target 900,900,900", &["picture is empty", "--eye and --target"]),
+    ] {
+        let line = format!("render ball.zarr -o o.png --overwrite --size 32x32 --backend cpu {flags}");
+        let (code, _, stderr) = sandbox.run(&line);
+        assert!(code == 0 && words.iter().all(|word| stderr.contains(word)), "{line}: exit {code}: {stderr}");
+        assert_eq!(sandbox.run(&format!("{line} -q")), (0, String::new(), String::new()), "{line} -q");
+    }
+    for flags in ["--slice z=50%", "--slice k=middle", "--slice z=19.5", "--mode isosurface --isovalue 500"] {
+        let (_, _, stderr) =
+            sandbox.run(&format!("render ball.zarr -o o.png --overwrite --size 32x32 --backend cpu {flags}"));
+        assert!(!stderr.contains("note"), "{flags}: {stderr}");
+    }
+}
