@@ -1,24 +1,24 @@
 //! The headings under which flags stand in the help, the same in all commands.
 
-/// What comes out, and where.
+/// Heading of the flags for what comes out, and where.
 pub(crate) const OUTPUT: &str = "Output";
-/// What goes in.
+/// Heading of the flags for what an input means.
 pub(crate) const INPUT: &str = "Input";
-/// What of the volumes is shown.
+/// Heading of the flags for the part of the volumes that is shown.
 pub(crate) const PART: &str = "What is shown";
-/// From where it is seen.
+/// Heading of the flags for the camera.
 pub(crate) const CAMERA: &str = "Camera";
-/// How it looks.
+/// Heading of the flags for how volumes look.
 pub(crate) const LOOK: &str = "Look";
-/// How rays are sampled.
+/// Heading of the flags for how rays are sampled.
 pub(crate) const SAMPLING: &str = "Sampling";
-/// Who draws, and what that may take.
+/// Heading of the flags for who draws, and what drawing may take.
 pub(crate) const DRAWING: &str = "Drawing, memory and time";
-/// How files without a header lie.
+/// Heading of the flags for files without a header.
 pub(crate) const RAW: &str = "Raw input";
-/// How a store is laid out.
+/// Heading of the flags for how a store is laid out.
 pub(crate) const STORE: &str = "Store";
-/// What the work may take, and what becomes of files.
+/// Heading of the flags for what the work may take, and what becomes of files.
 pub(crate) const WORK: &str = "Work";
-/// What all commands have.
+/// Heading of the flags that all commands have.
 pub(crate) const ALL: &str = "All commands";

@@ -5,7 +5,7 @@ use brickyard::session::{ResolvedLayer, ResolvedScene, VolumeSource};
 use brickyard::volume::{Mode, Picture, Scene, Slice, TransferChoice};
 use glam::DVec3;
 
-/// What a scene gives reason to say before it is drawn.
+/// Returns the remarks on a scene that are made before it is drawn.
 pub(super) fn of_scene(scene: &Scene, volumes: &[VolumeSource]) -> Vec<String> {
     let shown = || (0..scene.layers.len()).filter(|&layer| scene.layers[layer].visible);
     let mut remarks = Vec::new();
@@ -83,9 +83,11 @@ const AIR: f64 = -500.0;
 fn preset_of_other_data(scene: &Scene, layer: usize, volumes: &[VolumeSource]) -> Option<String> {
     let volume = volumes.get(scene.store(layer))?;
     let layer = &scene.layers[layer];
-    let Some(TransferChoice::Preset(choice)) = &layer.transfer else { return None };
+    // A preset of values of its own: those for CT.
+    let transfer = layer.transfer.as_ref().filter(|choice| !choice.spans_window() && layer.window.is_none())?;
+    let TransferChoice::Preset(choice) = transfer else { return None };
     let (low, high) = values(layer.channel, volume);
-    (choice.preset.starts_with("ct-") && layer.window.is_none() && low > AIR).then(|| {
+    (low > AIR).then(|| {
         format!(
             "{} is for Hounsfield units, in which air is -1000: the values of {} are from {low} to {high}; --transfer auto is for any",
             choice.preset,

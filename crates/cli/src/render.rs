@@ -12,7 +12,6 @@ use super::store_errors;
 use super::views::Views;
 use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::exact::{ExactPictureError, ExactRenderer};
-use brickyard::first_look::set_first_look;
 use brickyard::lettering::letter_sides;
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
@@ -35,9 +34,7 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let started = Instant::now();
     let volumes = store_errors::open_volumes(&arguments.stores)?;
     let mut scene = arguments.scene.scene(&volumes, arguments.size)?;
-    if arguments.scene.file().is_none() {
-        set_first_look(&mut scene, &volumes);
-    }
+    arguments.scene.set_first_look(&mut scene, &volumes);
     let scene = arguments.sampling.of(scene);
     let volumes = volumes.into_iter().map(|volume| volume.suited(scene.mode));
     let volumes = volumes.collect::<Result<Vec<VolumeSource>, _>>();

@@ -8,6 +8,7 @@ use super::slice_argument::{self, SliceArgument};
 use super::step_range::StepRange;
 use super::values::{self, GradientOpacity};
 use super::volume_args::{VolumeKey, VolumeSetting, set_transfer, transfer_choice, volume_setting};
+use brickyard::first_look::set_first_look;
 use brickyard::scene_file::{self, SceneFile};
 use brickyard::session::VolumeSource;
 use brickyard::volume::scene::VolumePlace;
@@ -17,7 +18,9 @@ use brickyard::volume::{
 };
 use clap::{Args, ValueEnum};
 use glam::DVec3;
-use std::path::{Path, PathBuf};
+#[cfg(feature = "viewer")]
+use std::path::Path;
+use std::path::PathBuf;
 
 /// Flags that describe a picture. They override the scene file.
 #[derive(Args, Clone, Debug)]
@@ -184,7 +187,15 @@ impl From<StereoArgument> for StereoLayout {
 }
 
 impl SceneArguments {
+    /// Gives a scene that no file describes the look that volumes are shown with first.
+    pub(crate) fn set_first_look(&self, scene: &mut Scene, volumes: &[VolumeSource]) {
+        if self.scene.is_none() {
+            set_first_look(scene, volumes);
+        }
+    }
+
     /// The scene's file, if one is named.
+    #[cfg(feature = "viewer")]
     pub(crate) fn file(&self) -> Option<&Path> {
         self.scene.as_deref()
     }

@@ -9,7 +9,6 @@ use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
 use super::store_errors;
 use super::values;
-use brickyard::first_look::set_first_look;
 use brickyard::openable::OpenableError;
 use brickyard::opening::{OpeningError, OpeningOptions};
 use brickyard::preview::PreviewError;
@@ -172,9 +171,7 @@ pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(
     let openings = opened(paths, options)?;
     let volumes = openings.volumes();
     let mut scene = arguments.scene.scene_of_one_step(&volumes, arguments.size)?;
-    if arguments.scene.file().is_none() {
-        set_first_look(&mut scene, &volumes);
-    }
+    arguments.scene.set_first_look(&mut scene, &volumes);
     let scene = arguments.sampling.of(scene);
     let session = SessionOptions {
         backend: arguments.backend.into(),
