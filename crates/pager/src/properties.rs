@@ -515,7 +515,7 @@ impl Bench<'_> {
         let coming = self.coming.iter().zip(&coming_roots).map(|(cuts, roots)| goals(self.sources, cuts, roots));
         let coming: Vec<Vec<Goal<'_>>> = coming.collect();
         let ahead_of_all = Ahead { coming: &coming, listed: &ahead };
-        // What is kept of coming steps is what would be found anew.
+        // This twin finds anew which bricks coming steps have; the other one has kept it.
         self.twins[1].steps_ahead.clear();
         let [step, twin] = self.twins.each_mut().map(|r| r.step(&all, ahead_of_all, limit, now));
         assert_eq!(step.coming, twin.coming);

@@ -103,7 +103,7 @@ pub(crate) struct Wants<'a> {
     pub(crate) sight: &'a VisibleCells,
 }
 
-/// What is fetched ahead of a frame's views, tier by tier, the most urgent bricks first.
+/// The bricks that are fetched ahead of a frame's views, tier by tier, the most urgent first.
 #[derive(Default)]
 struct Fetched {
     /// The bricks that are there.
@@ -142,7 +142,7 @@ fn bricks_of(volume: usize, ids: &[BrickId]) -> impl Iterator<Item = VolumeBrick
 pub(crate) struct Residency {
     slots: SlotTable,
     volumes: Vec<Bricks>,
-    /// What is known of the steps that come next.
+    /// The steps that come next, each with the bricks that it has and lacks, until one of these changes.
     pub(crate) steps_ahead: Vec<StepAhead>,
     pub(crate) uploaded: u64,
     pub(crate) reuploaded: u64,
@@ -416,7 +416,7 @@ impl Residency {
         }
     }
 
-    /// What a coming step has, and lacks.
+    /// Finds which bricks a coming step has, and which it lacks.
     fn step_ahead(&self, goals: &[Goal<'_>]) -> StepAhead {
         let (mut there, mut missing, mut is_drawn_everywhere) = (Vec::new(), Vec::new(), true);
         for (volume, goal) in goals.iter().enumerate() {
