@@ -75,11 +75,9 @@ pub struct FrameUniform {
     /// The normalised code at or above which a place is inside of the first isosurface; more than any code if there is
     /// none.
     pub threshold: f32,
-    /// How far rays lean to the right, in units of `right` for each unit forward; 0 in orthographic views, where
-    /// `forward` leans.
-    pub shift: f32,
-    /// Number of clip planes in use.
-    pub plane_count: u32,
+    /// How far rays lean to the right and up, in units of `right` and `up` for each unit forward; 0 in orthographic views,
+    /// where `forward` leans.
+    pub lean: [f32; 2],
     /// How rays are jittered: 0 not at all, 1 by a pseudo-random number of each pixel, 2 by the blue-noise mask.
     pub jitter: u32,
     /// The seed of jitter by pseudo-random numbers, or where the jitter mask begins, in places (8 bytes) from the first
@@ -140,8 +138,12 @@ pub struct FrameUniform {
     pub farthest_slots: f32,
     /// What stored gradients have to be multiplied by to be differences of normalised codes.
     pub gradient_scale: f32,
+    /// Number of clip planes in use.
+    pub plane_count: u32,
+    /// How far the lattice of every ray is moved towards the eye besides its jitter, in the steps of jitter.
+    pub jitter_phase: u32,
     /// Padding: frames begin at multiples of 256 bytes, which any device can bind.
-    pub spare: [[f32; 4]; 3],
+    pub spare: [f32; 10],
 }
 
 /// A vertex of a mesh; `MeshVertex` in WGSL.

@@ -759,9 +759,10 @@ mod tests {
             let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
                 pixel_share clip_w per_unit_distance extent last_code spacing orthographic texel invert background tree_depth
                 size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
-                threshold shift plane_count jitter jitter_seed mesh_far gradient_edge first_gradient grid_at first_row adaptive_step adds
+                threshold lean jitter jitter_seed mesh_far gradient_edge first_gradient grid_at first_row adaptive_step adds
                 opacity reach flat_depth grid thresholds
-                surfaces light_places axes slopes zone_starts planes list_at first_slot per_slot farthest_slots gradient_scale spare);
+                surfaces light_places axes slopes zone_starts planes list_at first_slot per_slot farthest_slots gradient_scale
+                plane_count jitter_phase spare);
             assert_eq!(layout(&module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
             assert_eq!(size_of::<FrameUniform>() % 256, 0, "frames begin where any device can bind them");
             if name.starts_with("sorted") {

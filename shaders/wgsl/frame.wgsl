@@ -34,8 +34,7 @@ struct Frame {
     lights: u32,
     surface_color: vec3f,
     threshold: f32,
-    shift: f32,
-    plane_count: u32,
+    lean: vec2f,
     jitter: u32,
     jitter_seed: u32,
     mesh_far: f32,
@@ -67,7 +66,9 @@ struct Frame {
     farthest_slots: f32,
     // What stored gradients have to be multiplied by to be differences of normalised codes.
     gradient_scale: f32,
-    spare: array<vec4f, 3>,
+    plane_count: u32,
+    jitter_phase: u32,
+    spare: array<f32, 10>,
 }
 
 // Not a uniform: lavapipe builds those that steer loops into the shader, and compiles it anew whenever the camera moves.

@@ -8,14 +8,18 @@ const JITTER_STEPS: u32 = 256u;
 
 // By how much less than the first segment's length, where rays enter what is shown at `whole.x`.
 fn jitter_shift(whole: vec2f, position: vec2f) -> f32 {
-    if (frame.jitter == 0u) {
+    if (frame.jitter == 0u && frame.jitter_phase == 0u) {
         return 0.0;
     }
-    let share = f32(jitter_steps(vec2u(position))) / f32(JITTER_STEPS);
+    let steps = (jitter_steps(vec2u(position)) + frame.jitter_phase) % JITTER_STEPS;
+    let share = f32(steps) / f32(JITTER_STEPS);
     return share * f32(enter_zone(tick_at(whole.x), 0u, whole).stride) * frame.step;
 }
 
 fn jitter_steps(pixel: vec2u) -> u32 {
+    if (frame.jitter == 0u) {
+        return 0u;
+    }
     if (frame.jitter == WHITE) {
         return mix_bits(pixel.x + mix_bits(pixel.y + mix_bits(frame.jitter_seed))) >> 24u;
     }

@@ -15,16 +15,15 @@ fn ray_along(origin: vec3f, direction: vec3f) -> Ray {
 
 // `pixel` is in pixels, centres at halves, row 0 on top.
 fn pixel_ray(pixel: vec2f) -> Ray {
-    let u = (2.0 * pixel.x - frame.size_px.x) / frame.size_px.x;
-    let v = (frame.size_px.y - 2.0 * pixel.y) / frame.size_px.y;
-    // `shift` is 0 where rays are parallel.
-    let leaning = u + frame.shift;
-    let offset = frame.right * leaning + frame.up * v;
+    // `lean` is 0 where rays are parallel.
+    let u = (2.0 * pixel.x - frame.size_px.x) / frame.size_px.x + frame.lean.x;
+    let v = (frame.size_px.y - 2.0 * pixel.y) / frame.size_px.y + frame.lean.y;
+    let offset = frame.right * u + frame.up * v;
     if (frame.orthographic != 0u) {
         return ray_along(frame.eye + offset, frame.forward);
     }
     // Forward, right and up are orthogonal in the world, so the world length needs their lengths alone.
-    let across = vec2f(leaning * frame.half_width, v * frame.half_height);
+    let across = vec2f(u * frame.half_width, v * frame.half_height);
     let length = sqrt(1.0 + dot(across, across));
     return ray_along(frame.eye, (frame.forward + offset) / length);
 }

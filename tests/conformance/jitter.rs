@@ -1,4 +1,4 @@
-//! Jittered lattices: the same samples as the oracle's, and about the truth.
+//! Jittered and moved lattices, and rays beside pixels' centres: the same samples as the oracle's, and about the truth.
 
 use crate::list::finest;
 use crate::scenery::{SMALL, lightings, overview, tinted, wavy};
@@ -29,8 +29,14 @@ fn jittered_pictures_match_the_oracle_in_bricks_of_any_size() {
         let is_in_the_middle = mode != Mode::Isosurface && method == Method::Udvr;
         let (step, finest, levels) = if is_in_the_middle { (1.7, 0.9, 3) } else { (0.6, 0.3, 2) };
         for lattice in [Lattice::uniform(step, 0), Lattice::for_view(finest, 1.0, &rays, 0.25, levels)] {
-            for jitter in [Jitter::White(3), Jitter::White(99), Jitter::Blue] {
-                let plain = volumes[0].frame_in(mode, rays, &transfer, lattice);
+            for (jitter, phase, moved_px) in [
+                (Jitter::White(3), 0, [0.0; 2]),
+                (Jitter::White(99), 64, [-0.375, 0.125]),
+                (Jitter::Blue, 192, [0.0; 2]),
+                (Jitter::None, 128, [0.375, -0.4375]),
+            ] {
+                let lattice = Lattice { phase, ..lattice };
+                let plain = volumes[0].frame_in(mode, rays.moved_by_px(moved_px), &transfer, lattice);
                 let sampling = Sampling { method, jitter, ..Sampling::default() };
                 frames.push(FrameSettings { sampling, lighting: lightings()[lighting].clone(), ..plain });
             }
@@ -46,7 +52,9 @@ fn jittered_pictures_match_the_oracle_in_bricks_of_any_size() {
         shot(&volumes[0]).agree_with(&expected, &mut stages[0], &MOST, 0, &what);
         let other = 1 + i % 3;
         shot(&volumes[other]).agree_with(&expected, &mut stages[other], &[CPU], 0, &what);
-        let still = FrameSettings { sampling: Sampling { jitter: Jitter::None, ..frame.sampling }, ..frame.clone() };
+        let lattice = Lattice { phase: 0, ..frame.lattice };
+        let still =
+            FrameSettings { sampling: Sampling { jitter: Jitter::None, ..frame.sampling }, lattice, ..frame.clone() };
         let still = Shot::new(&still, finest(&volumes[0], &still), &transfer).render(&mut stages[0], CPU);
         // A surface is found where it is, wherever the ends of segments are.
         assert!(frame.mode == Mode::Isosurface || still != Some(expected), "{what} moves the lattice");

@@ -66,6 +66,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             host_memory_bytes: 1 << 30,
             threads: arguments.threads,
             skips_empty: true,
+            keeps_decoded: true,
             live: false,
         };
         let mut session = Session::new(vec![VolumeSource::of_store(&store)], options);

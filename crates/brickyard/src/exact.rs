@@ -92,6 +92,8 @@ impl ExactRenderer {
             gradient_layers: needs.bricks.gradient_layers,
             host_bytes: options.host_memory_bytes.saturating_sub(needs.bricks.meshes.bytes()),
             contents: Vec::new(),
+            // Each comes once.
+            keeps_decoded: false,
             workers: options.threads as u32,
             planning: Planning::Inline,
             prefetch: false,
@@ -160,9 +162,12 @@ impl ExactRenderer {
         }
         let layer = &scene.layers[0];
         self.config.contents = vec![slot_contents(&layer.frames[0].settings.encoding, layer.codes.as_ref())];
-        scene.picture(|eye| {
-            let view = if eye == 0 { layer.view.clone() } else { layer.view.from_other_eye() };
-            self.try_render(&view, &layer.frames[eye].settings, begun, max_wait, stats)
+        scene.supersampled(|scene| {
+            let layer = &scene.layers[0];
+            scene.picture(|eye| {
+                let view = if eye == 0 { layer.view.clone() } else { layer.view.from_other_eye() };
+                self.try_render(&view, &layer.frames[eye].settings, begun, max_wait, stats)
+            })
         })
     }
 

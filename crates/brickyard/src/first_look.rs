@@ -1,12 +1,20 @@
 //! How volumes look of which nobody has said how: fog of what is worth showing, in the light. From metadata alone.
 
 use crate::volume_source::VolumeSource;
-use brickyard_volume::{LightingModel, Mode, Scene, SceneLayer, TransferChoice};
+use brickyard_volume::{LightingModel, Mode, PixelSamples, Scene, SceneLayer, TransferChoice};
 
-/// Sets how a scene looks, as far as it leaves that open, for somebody who sees the volumes for the first time: in [`Mode::Dvr`] its fog is lit, and its
-/// layers have the transfer function that [shows what is not background](brickyard_volume::Foreground). In other modes, which show values as they are, nothing is set.
+/// Sets how a scene looks, as far as it leaves that open, for somebody who sees the volumes for the first time. Edges are smooth: pixels have four samples. In [`Mode::Dvr`] fog
+/// is lit, and layers have the transfer function that [shows what is not background](brickyard_volume::Foreground). A surface alone is light. In projections and slices, which show values as they
+/// are, nothing is set.
 pub fn set_first_look(scene: &mut Scene, volumes: &[VolumeSource]) {
+    if scene.mode.is_projection() || scene.slice.is_some() {
+        return;
+    }
+    if scene.pixel_samples == PixelSamples::ONE {
+        scene.pixel_samples = PixelSamples::FOUR;
+    }
     if scene.mode != Mode::Dvr {
+        scene.layers.iter_mut().for_each(lighten_surface);
         return;
     }
     if scene.lighting.model == LightingModel::None {
@@ -16,6 +24,17 @@ pub fn set_first_look(scene: &mut Scene, volumes: &[VolumeSource]) {
         choose_foregrounds(scene, 0, volumes);
     }
 }
+
+/// Gives the only surface of a layer a light colour, if nobody has said which it has. Several are told apart by the transfer function's colours.
+fn lighten_surface(layer: &mut SceneLayer) {
+    let is_plain = layer.transfer.is_none() && layer.color.is_none();
+    if let ([surface], true) = (&mut layer.isosurfaces[..], is_plain) {
+        surface.color.get_or_insert(LIGHT);
+    }
+}
+
+/// The colour of surfaces that have none: a warm white, on which shades are seen.
+const LIGHT: [f64; 3] = [0.93, 0.89, 0.82];
 
 /// Chooses the transfer function that shows what is not background for the layers from the number `first` on, where they have no function, window or gamma. Labels have
 /// colours of their own.

@@ -373,6 +373,7 @@ fn pools_of(
         gradient_layers: bricks.gradient_layers,
         host_bytes: 0,
         contents: layers.iter().map(|&layer| contents[layer].clone()).collect(),
+        keeps_decoded: options.keeps_decoded,
         // Twice as many as there are threads, in all: some wait while others read.
         workers: (2 * options.threads).div_ceil(needs.len()).min(options.threads).max(1) as u32,
         planning: if options.live { Planning::Thread } else { Planning::Inline },

@@ -61,7 +61,7 @@
 //! | `gpu` | the wgpu backend and exact pictures in passes |
 //! | `dicom`, `tiff` | reading such files, to pack them |
 //! | `mesh` | reading STL, PLY, OBJ and glTF files |
-//! | `lettering` | letters on pictures that say which side of a patient is where |
+//! | `lettering` | writing on pictures: which side of a patient is where, scale bars, colour bars, axes, a line of text |
 //! | `movie` | movies: GIF, YUV4MPEG2, and MP4 by ffmpeg |
 //! | `reference` | the oracle, which draws whole levels in 64-bit floats |
 //! | `survey` | comparing ways to sample, with plots |
@@ -103,6 +103,8 @@ pub mod opening;
 mod options;
 #[cfg(feature = "reference")]
 pub mod oracle;
+#[cfg(feature = "lettering")]
+pub mod overlay;
 mod paced_drawing;
 pub mod pick;
 pub mod picture_file;

@@ -1,7 +1,7 @@
 //! Pictures without a window: every one waits until the view has settled, so what is written is final.
 
 use crate::picture_file::{PictureError, write_shown};
-use crate::session::{ResolvedScene, Session, SessionError};
+use crate::session::{Frame, ResolvedScene, Session, SessionError};
 use crate::stats::{Percentiles, RenderStats, ms};
 use brickyard_pager::Status;
 use brickyard_volume::{Picture, Scene};
@@ -81,8 +81,8 @@ impl Session {
 /// How long to wait for a brick before looking again whether time is up.
 pub(crate) const POLL: Duration = Duration::from_millis(50);
 
-/// Streams until the view of a scene has settled, then draws it. Adds to `stats`, and to `frame_ms` the milliseconds
-/// that drawing took. `started` is when the whole run began.
+/// Streams until the view of a scene has settled, then draws it, for each of its pixels' samples. Adds to `stats`, and to `frame_ms` the milliseconds
+/// that drawing took in all. `started` is when the whole run began.
 ///
 /// # Errors
 /// If the session fails, or `max_wait` passes first.
@@ -94,8 +94,33 @@ pub fn render_settled(
     stats: &mut RenderStats,
     frame_ms: &mut Vec<f64>,
 ) -> Result<Picture, OfflineError> {
-    let begun = Instant::now();
-    let frame = loop {
+    let (begun, mut drawn_ms) = (Instant::now(), 0.0);
+    let picture = scene.supersampled(|sample| {
+        let frame = settle(session, sample, (begun, max_wait), started, stats)?;
+        let drawing = Instant::now();
+        let picture = session.draw(&frame)?;
+        drawn_ms += ms(drawing);
+        stats.record(&frame.status, session.backend_bytes());
+        Ok::<_, OfflineError>(picture)
+    })?;
+    frame_ms.push(drawn_ms);
+    if stats.frames == 0 {
+        stats.settled_ms = ms(started);
+    }
+    stats.frames += 1;
+    stats.device_losses = session.device_losses();
+    Ok(picture)
+}
+
+/// Streams until the view of a scene has settled. The first complete frame is drawn, too.
+fn settle(
+    session: &mut Session,
+    scene: &ResolvedScene,
+    (begun, max_wait): (Instant, Duration),
+    started: Instant,
+    stats: &mut RenderStats,
+) -> Result<Frame, OfflineError> {
+    loop {
         let frame = session.step_resolved(scene)?;
         let status = &frame.status;
         stats.record(status, session.backend_bytes());
@@ -104,7 +129,7 @@ pub fn render_settled(
             stats.first_image_ms = ms(started);
         }
         if status.settled {
-            break frame;
+            return Ok(frame);
         }
         give_up_after(begun, max_wait, status)?;
         if status.awaits_feedback {
@@ -112,17 +137,7 @@ pub fn render_settled(
         } else {
             session.wait(POLL);
         }
-    };
-    let drawing = Instant::now();
-    let picture = session.draw(&frame)?;
-    frame_ms.push(ms(drawing));
-    if stats.frames == 0 {
-        stats.settled_ms = ms(started);
     }
-    stats.frames += 1;
-    stats.device_losses = session.device_losses();
-    stats.record(&frame.status, session.backend_bytes());
-    Ok(picture)
 }
 
 pub(crate) fn give_up_after(begun: Instant, max_wait: Duration, status: &Status) -> Result<(), OfflineError> {

@@ -53,6 +53,8 @@ pub struct SessionOptions {
     /// Whether bricks that show nothing are not read, and empty space is not sampled. Turn it off only to measure what
     /// it gains.
     pub skips_empty: bool,
+    /// Whether decoded bricks stay in host memory as long as there is room, for views that want them again. False suits a single picture: it takes less memory.
+    pub keeps_decoded: bool,
     /// True for a window, false for single pictures. A live session's camera moves in real time: no step waits, bricks are fetched ahead of
     /// the view, each step's uploads are limited, and finer bricks fade in. Any other session takes all bricks of a view as they come, and the
     /// same views give the same plans.
@@ -75,6 +77,7 @@ impl Default for SessionOptions {
             host_memory_bytes: share_bytes,
             threads: std::thread::available_parallelism().map_or(1, usize::from),
             skips_empty: true,
+            keeps_decoded: true,
             live: false,
         }
     }

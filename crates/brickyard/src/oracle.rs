@@ -36,6 +36,10 @@ pub fn render_reference(
     scene: &ResolvedScene,
     host_memory_bytes: u64,
 ) -> Result<Picture, OracleError> {
+    scene.supersampled(|sample| render_sample(stores, sample, host_memory_bytes))
+}
+
+fn render_sample(stores: &[&Store], scene: &ResolvedScene, host_memory_bytes: u64) -> Result<Picture, OracleError> {
     let views = || scene.layers.iter().map(|layer| (stores[layer.volume], &layer.view));
     let needed = views().map(|(store, view)| Wanted::new(store, view).bytes(store)).fold(0, u64::saturating_add);
     if needed > host_memory_bytes {

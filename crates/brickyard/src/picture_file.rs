@@ -31,13 +31,26 @@ pub fn write_png(path: &Path, picture: &Picture, notes: &[(&str, String)]) -> Re
 /// If the file cannot be written. What was at `path` before stays then.
 pub fn write_shown(path: &Path, picture: &Picture, shown: &Scene, stats: &RenderStats) -> Result<(), PictureError> {
     let fail = |error: serde_json::Error| PictureError { path: path.to_path_buf(), reason: error.to_string() };
+    write_png(path, picture, &notes(shown, stats).map_err(fail)?)
+}
+
+/// Writes a picture as [`write_shown`] does, to something that is no file.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn send_shown(to: &mut impl Write, picture: &Picture, shown: &Scene, stats: &RenderStats) -> std::io::Result<()> {
+    encode(to, picture, &notes(shown, stats)?).map_err(std::io::Error::other)?;
+    to.flush()
+}
+
+/// What a file says of its picture.
+fn notes(shown: &Scene, stats: &RenderStats) -> serde_json::Result<[(&'static str, String); 3]> {
     let bricks = &stats.bricks;
-    let notes = [
+    Ok([
         ("Software", format!("brickyard {}", env!("CARGO_PKG_VERSION"))),
-        ("Scene", serde_json::to_string(shown).map_err(fail)?),
+        ("Scene", serde_json::to_string(shown)?),
         ("Bricks", format!("{} of {} wanted, {} failed", bricks.resident, bricks.wanted, bricks.failed)),
-    ];
-    write_png(path, picture, &notes)
+    ])
 }
 
 fn encode(file: &mut impl Write, picture: &Picture, notes: &[(&str, String)]) -> Result<(), png::EncodingError> {

@@ -8,8 +8,9 @@ use brickyard_volume::float_slots::window;
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
     Camera, Clip, Combination, Filter, FrameSettings, KeptSlots, LabelCodes, Lattice, LayerError, LevelPolicy, Mode,
-    Needs, Occupancy, Picture, Placement, Region, Scene, SceneError, SceneLayer, ShownMesh, Slice, SlotEncoding,
-    StereoLayout, StoreCounts, Surface, Timeline, TransferFunction, TransferTable, ViewRays, VolumeFrame,
+    Needs, Occupancy, Picture, PixelSample, PixelSamples, Placement, Region, Scene, SceneError, SceneLayer, ShownMesh,
+    Slice, SlotEncoding, StereoLayout, StoreCounts, Surface, Timeline, TransferFunction, TransferTable, ViewRays,
+    VolumeFrame,
 };
 use glam::DVec3;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -26,6 +27,8 @@ pub struct ResolvedScene {
     pub time: u32,
     /// The time steps of all layers.
     pub timeline: Timeline,
+    /// Samples of each pixel of a settled picture.
+    pub pixel_samples: PixelSamples,
     /// How the pictures of two eyes become one; `None` is one eye.
     pub stereo: Option<StereoLayout>,
     /// What a pixel's samples become.
@@ -116,6 +119,31 @@ impl ResolvedScene {
         let Some(layout) = self.stereo else { return Ok(first) };
         let second = draw(1)?;
         Ok(layout.compose([&first, &second]))
+    }
+
+    /// Makes the picture of the scene as the mean of its pixels' samples. `draw` draws the scene of one sample of all pixels.
+    ///
+    /// # Errors
+    /// The first error of `draw`.
+    pub(crate) fn supersampled<E>(&self, mut draw: impl FnMut(&Self) -> Result<Picture, E>) -> Result<Picture, E> {
+        if self.pixel_samples == PixelSamples::ONE {
+            return draw(self);
+        }
+        self.pixel_samples.picture(|sample| draw(&self.of_sample(sample)))
+    }
+
+    /// The scene whose pixels have this sample alone.
+    pub(crate) fn of_sample(&self, PixelSample { offset_px, phase }: PixelSample) -> Self {
+        let mut scene = Self { pixel_samples: PixelSamples::ONE, ..self.clone() };
+        for ResolvedLayer { view, frames, .. } in &mut scene.layers {
+            view.rays = view.rays.moved_by_px(offset_px);
+            view.other_eye = view.other_eye.map(|rays| rays.moved_by_px(offset_px));
+            for VolumeFrame { settings, .. } in frames {
+                settings.rays = settings.rays.moved_by_px(offset_px);
+                settings.lattice.phase = phase;
+            }
+        }
+        scene
     }
 
     /// Returns the scene as one of its eyes sees it: 0 for the left one, 1 for the right one.
@@ -212,6 +240,7 @@ pub(crate) fn resolve_with(
         hidden,
         time: scene.time,
         timeline: VolumeSource::timeline(volumes, scene),
+        pixel_samples: scene.pixel_samples,
         stereo: eyes.layout,
         mode: scene.mode,
         slice: scene.slice,

@@ -26,7 +26,7 @@ use crate::table_cache::VolumeTables;
 pub use crate::volume_source::VolumeSource;
 use brickyard_pager::{Counters, DrawList, KeptCores, Playback, Policy, Readiness, ShownStep, Status, Tally, View};
 use brickyard_volume::{
-    FloatSlots, FrameSettings, KeptSlots, Mode, Picture, Scene, SceneError, SlotEncoding, TransferFunction,
+    FloatSlots, FrameSettings, KeptSlots, Mode, Picture, PixelSample, Scene, SceneError, SlotEncoding, TransferFunction,
 };
 use std::path::Path;
 use std::sync::Arc;
@@ -48,6 +48,11 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// This frame with one sample of each of its pixels, to be drawn in its place: the mean of the pictures of all samples is [supersampled](brickyard_volume::supersampling).
+    pub fn of_sample(&self, sample: PixelSample) -> Self {
+        Self { scene: Arc::new(self.scene.of_sample(sample)), ..self.clone() }
+    }
+
     /// Whether a picture of this frame has all that one of a later frame of the same scene has.
     pub fn shows_as_much_as(&self, later: &Self) -> bool {
         let what = |frame: &Self| (frame.scene.time, frame.status.resident, frame.status.wanted);
@@ -463,7 +468,7 @@ impl Session {
         self.clock.map(|began| due.saturating_sub(began.elapsed()))
     }
 
-    /// Renders the last step's frame from the bricks in the slots, both eyes from the same bricks. If the device turns
+    /// Renders the last step's frame from the bricks in the slots, with one sample of each pixel, both eyes from the same bricks. If the device turns
     /// out to be lost, it is made anew and its slots are filled as far as before. The picture is the same then, but
     /// takes as long as the first one of its view. While a live session fills slots of another format for a look with a narrower or wider
     /// window, the picture before is returned.

@@ -191,6 +191,7 @@ fn measured(
         host_memory_bytes: arguments.host_memory,
         threads: threads(arguments.threads),
         skips_empty: !arguments.no_skipping,
+        keeps_decoded: true,
         live: true,
     };
     let frame_goal = arguments.frame_goal.map(|ms| Duration::from_millis(ms.into()));

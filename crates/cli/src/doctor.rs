@@ -126,6 +126,7 @@ fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: 
         host_memory_bytes: 64 << 20,
         threads: processors(),
         skips_empty: true,
+        keeps_decoded: true,
         live: false,
     };
     let failed = |detail: String| Trial { backend: name, ok: false, detail, frame_ms: 0.0 };

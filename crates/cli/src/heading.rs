@@ -12,6 +12,8 @@ pub(crate) const CAMERA: &str = "Camera";
 pub(crate) const LOOK: &str = "Look";
 /// Heading of the flags for how rays are sampled.
 pub(crate) const SAMPLING: &str = "Sampling";
+/// Heading of the flags for what is drawn on the pictures, where it hides least.
+pub(crate) const OVERLAYS: &str = "Overlays";
 /// Heading of the flags for who draws, and what drawing may take.
 pub(crate) const DRAWING: &str = "Drawing, memory and time";
 /// Heading of the flags for files without a header.

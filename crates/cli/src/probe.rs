@@ -11,6 +11,7 @@ use brickyard::probe::{Probe, probe, probe_voxel};
 use brickyard::session::VolumeSource;
 use brickyard::store::Store;
 use brickyard::volume::counted;
+use brickyard::volume::numbers::significant;
 use clap::Args;
 use glam::DVec3;
 use serde::Serialize;
@@ -214,7 +215,8 @@ fn look(arguments: &ProbeArguments, store: &Arc<Store>, time: u32) -> Result<Pro
     }
     probe(&volume, time, arguments.place).map_err(Failure::bad_input)?.ok_or_else(|| {
         let (low, high) = volume.place().placement.world_box(volume.place().own_box);
-        let [place, low, high] = [arguments.place, low, high].map(|p| format!("{},{},{}", p.x, p.y, p.z));
+        let [place, low, high] =
+            [arguments.place, low, high].map(|p| p.to_array().map(|c| significant(c, 8)).join(","));
         Failure::usage(format!("{place} is outside of the volume, which is in the box from {low} to {high}"))
     })
 }

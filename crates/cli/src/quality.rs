@@ -178,6 +178,7 @@ impl QualityArguments {
             host_memory_bytes: self.host_memory,
             threads: threads(self.threads),
             skips_empty: true,
+            keeps_decoded: true,
             live: false,
         }
     }

@@ -15,6 +15,17 @@ pub(super) fn of_scene(scene: &Scene, volumes: &[VolumeSource]) -> Vec<String> {
     remarks
 }
 
+/// What is missing where the surface of a value is to be shown, and no value is given; `None` if nothing is.
+pub(super) fn of_missing_isovalue(scene: &Scene, volumes: &[VolumeSource]) -> Option<String> {
+    let is_missing = scene.mode == Mode::Isosurface && scene.layers.iter().all(|layer| layer.isosurfaces.is_empty());
+    let volume = volumes.get(scene.store(0)).filter(|_| is_missing)?;
+    let (low, high) = values(scene.layers[0].channel, volume);
+    Some(format!(
+        "--mode isosurface shows the surface of a value: give it by --isovalue; the values of {} are from {low} to {high}",
+        name(volume)
+    ))
+}
+
 /// Why a picture is empty; `None` if it is not.
 pub(super) fn of_empty(picture: &Picture, resolved: &ResolvedScene, volumes: &[VolumeSource]) -> Option<String> {
     let first = picture.rgb.first()?;

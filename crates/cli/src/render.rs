@@ -15,6 +15,7 @@ use brickyard::exact::{ExactPictureError, ExactRenderer};
 use brickyard::lettering::letter_sides;
 use brickyard::offline::render_settled;
 use brickyard::oracle::render_reference;
+use brickyard::overlay::{Overlays, color_bar};
 use brickyard::pager::ExactError;
 use brickyard::render::GpuError;
 use brickyard::session::{ResolvedScene, Session, SessionOptions, VolumeSource, resolve};
@@ -35,7 +36,8 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let volumes = store_errors::open_volumes(&arguments.stores)?;
     let mut scene = arguments.scene.scene(&volumes, arguments.size)?;
     arguments.scene.set_first_look(&mut scene, &volumes);
-    let scene = arguments.sampling.of(scene);
+    let mut scene = arguments.sampling.of(scene);
+    scene.pixel_samples = arguments.aa.unwrap_or(scene.pixel_samples);
     let volumes = volumes.into_iter().map(|volume| volume.suited(scene.mode));
     let volumes = volumes.collect::<Result<Vec<VolumeSource>, _>>();
     let volumes = volumes.map_err(|error| store_errors::open_failure(&error))?;
@@ -43,13 +45,29 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let shown = scene.layers.iter().enumerate().filter(|(_, layer)| layer.visible);
     let windows: BTreeSet<_> = shown.map(|(i, layer)| (scene.store(i), layer.channel)).collect();
     windows.into_iter().for_each(|(store, channel)| note_window(stores.get(store), channel));
+    if let Some(missing) = remarks::of_missing_isovalue(&scene, &volumes) {
+        return Err(Failure::usage(missing));
+    }
     for remark in remarks::of_scene(&scene, &volumes) {
         say!("note: {remark}");
     }
+    let overlays = arguments.overlays();
+    overlays.check(&scene, arguments.size).map_err(Failure::usage)?;
+    if overlays.color_bar && color_bar::bars(&scene, &volumes).is_empty() {
+        say!("note: there is no colour bar: labels, and surfaces that were given a colour, have none");
+    }
     let views = Views::new(&arguments, scene, &volumes)?;
     let destination = Destination::new(&arguments, views.count())?;
-    let mut pictures =
-        Pictures { arguments: &arguments, stores, volumes, views, destination, started, stats: RenderStats::default() };
+    let mut pictures = Pictures {
+        arguments: &arguments,
+        overlays,
+        stores,
+        volumes,
+        views,
+        destination,
+        started,
+        stats: RenderStats::default(),
+    };
     match arguments.compositor() {
         None if arguments.exact => {
             return Err(Failure::usage("the reference compositor leaves nothing out: leave --exact out"));
@@ -66,6 +84,7 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
 /// The pictures of one run: their volumes and views, where they go, and how it went.
 struct Pictures<'a> {
     arguments: &'a RenderArguments,
+    overlays: Overlays,
     stores: Vec<Arc<Store>>,
     volumes: Vec<VolumeSource>,
     views: Views,
@@ -98,7 +117,9 @@ impl Pictures<'_> {
             {
                 letter_sides(&mut picture, &resolved.camera).map_err(Failure::failed)?;
             }
-            self.destination.write(i, &picture, &resolved.shown(&scene), &stats)?;
+            let shown = resolved.shown(&scene);
+            self.overlays.draw(&mut picture, &shown, &self.volumes).map_err(Failure::failed)?;
+            self.destination.write(i, &picture, &shown, &stats)?;
         }
         stats.frame_ms = Percentiles::of(&frame_ms);
         report(&stats);
@@ -107,7 +128,7 @@ impl Pictures<'_> {
     }
 
     fn stream(&mut self, compositor: CompositorChoice) -> Result<(), Failure> {
-        let mut session = self.session(self.arguments.session_options(compositor))?;
+        let mut session = self.session(self.arguments.session_options(compositor, self.views.count()))?;
         self.draw(|run, scene, stats, frame_ms| {
             let resolved = session.resolve(scene, run.arguments.size).map_err(session_failure)?;
             let max_wait = run.arguments.max_wait();
@@ -136,7 +157,7 @@ impl Pictures<'_> {
     /// In passes where one volume is drawn by a GPU, as far as the flags let it; else in tiles.
     fn exact(&mut self, compositor: CompositorChoice) -> Result<(), Failure> {
         let first = self.views.first()?;
-        let options = self.arguments.session_options(compositor);
+        let options = self.arguments.session_options(compositor, self.views.count());
         let first = self.resolve(&first)?;
         let takes_passes = matches!(compositor, CompositorChoice::Auto | CompositorChoice::Sorted);
         if !first.is_alone() || options.backend == BackendChoice::Cpu || !takes_passes {

@@ -9,8 +9,10 @@ use super::session_args::{BackendArgument, threads};
 use super::values;
 use brickyard::backend::CompositorChoice;
 use brickyard::movie_file::PictureRate;
+use brickyard::overlay::Overlays;
 use brickyard::session::SessionOptions;
 use brickyard::stats::RenderStats;
+use brickyard::volume::PixelSamples;
 use clap::{Args, ValueEnum};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -39,6 +41,10 @@ pub(crate) struct RenderArguments {
     pub(super) scene: SceneArguments,
     #[command(flatten)]
     pub(super) sampling: SamplingArguments,
+    /// Samples of each pixel: more make edges smoother, and drawing takes as many times as long [default: 4, or 1 in projections and slices, unless a
+    /// scene file says otherwise]
+    #[arg(help_heading = heading::SAMPLING, long, value_name = "1|2|4|8|16")]
+    pub(super) aa: Option<PixelSamples>,
     /// Turn the camera once around its target in N pictures; where there are more time steps, in as many as those
     #[arg(help_heading = heading::CAMERA, long, value_name = "N", conflicts_with = "path")]
     pub(super) orbit: Option<u32>,
@@ -46,7 +52,7 @@ pub(crate) struct RenderArguments {
     /// of those show the steps between, rounded down
     #[arg(help_heading = heading::CAMERA, long, value_name = "path.json")]
     pub(super) path: Option<PathBuf>,
-    /// Make N pictures evenly along the path, the first and the last camera among them, as in `--path path.json --frames 240`
+    /// Make N pictures evenly along the path, the first and the last camera among them, as in `--path path.json --frames 240` [default: one for each camera]
     #[arg(help_heading = heading::CAMERA, long, value_name = "N", requires = "path")]
     pub(super) frames: Option<u32>,
     /// Where to render; auto takes a hardware GPU if there is one, else the CPU
@@ -72,12 +78,24 @@ pub(crate) struct RenderArguments {
     /// Give up on a picture that has not settled after S seconds
     #[arg(help_heading = heading::DRAWING, long, value_name = "S", default_value = "600", value_parser = values::positive)]
     pub(super) max_wait: f64,
-    /// Write statistics (JSON)
+    /// Write statistics (JSON); - is standard output
     #[arg(help_heading = heading::OUTPUT, long, value_name = "stats.json")]
     pub(super) stats: Option<PathBuf>,
     /// Write no letters on slices of a patient, which say which side is where
     #[arg(help_heading = heading::OUTPUT, long)]
     pub(super) no_letters: bool,
+    /// Draw a bar of a round length: in perspective, of one at the distance of the camera's target
+    #[arg(help_heading = heading::OVERLAYS, long)]
+    pub(super) scale_bar: bool,
+    /// Draw which value has which colour
+    #[arg(help_heading = heading::OVERLAYS, long)]
+    pub(super) color_bar: bool,
+    /// Draw the box around the volumes, with ticks and units
+    #[arg(help_heading = heading::OVERLAYS, long)]
+    pub(super) axes: bool,
+    /// Write a line of text, as in `--label "cell 12, 40 min"`
+    #[arg(help_heading = heading::OVERLAYS, long, value_name = "TEXT")]
+    pub(super) label: Option<String>,
     /// Replace existing pictures
     #[arg(help_heading = heading::OUTPUT, long)]
     pub(super) overwrite: bool,
@@ -104,7 +122,14 @@ impl RenderArguments {
         }
     }
 
-    pub(super) fn session_options(&self, compositor: CompositorChoice) -> SessionOptions {
+    /// What is drawn on the pictures.
+    pub(super) fn overlays(&self) -> Overlays {
+        let Self { scale_bar, color_bar, axes, .. } = *self;
+        Overlays { scale_bar, color_bar, axes, label: self.label.clone() }
+    }
+
+    /// The options of a session that makes so many pictures.
+    pub(super) fn session_options(&self, compositor: CompositorChoice, pictures: usize) -> SessionOptions {
         SessionOptions {
             backend: self.backend.into(),
             compositor,
@@ -112,6 +137,7 @@ impl RenderArguments {
             host_memory_bytes: self.host_memory,
             threads: threads(self.threads),
             skips_empty: true,
+            keeps_decoded: pictures > 1,
             live: false,
         }
     }

@@ -8,14 +8,14 @@ use clap::{Args, ValueEnum};
 /// Flags that say how a picture is sampled. They override the scene file.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct SamplingArguments {
-    /// How `--mode dvr` samples and classifies a step of a ray
+    /// How `--mode dvr` samples and classifies a step of a ray [default: udvr]
     #[arg(help_heading = heading::SAMPLING, long, value_enum)]
     method: Option<MethodArgument>,
-    /// How the field is made of voxels
+    /// How the field is made of voxels [default: trilinear]
     #[arg(help_heading = heading::SAMPLING, long, value_enum)]
     filter: Option<FilterArgument>,
     /// Where rays are sampled: all at the same distances, or each moved by a random number (white, or white:SEED) or by a mask
-    /// (blue, also without a value)
+    /// (blue, also without a value) [default: none]
     #[arg(help_heading = heading::SAMPLING, long, value_name = "none|white|blue", num_args = 0..=1, default_missing_value = "blue", value_parser = values::jitter)]
     jitter: Option<Jitter>,
     /// How `--mode dvr` is lit [default: phong in `render` and `view`, unless a scene file says otherwise; none in `bench`]
@@ -24,7 +24,7 @@ pub(crate) struct SamplingArguments {
     /// Sampling step in units of the finest voxel size [default: 1]
     #[arg(help_heading = heading::SAMPLING, long, value_parser = values::positive)]
     step: Option<f64>,
-    /// Level: auto, or a number (0 is the finest)
+    /// Level: auto, or a number (0 is the finest) [default: auto]
     #[arg(help_heading = heading::SAMPLING, long, value_parser = level)]
     level: Option<LevelPolicy>,
     /// Pixels that a voxel may cover before a finer level is wanted [default: 1]

@@ -28,7 +28,7 @@ pub(crate) struct SceneArguments {
     /// Scene file (JSON); flags override it
     #[arg(help_heading = heading::PART, long)]
     scene: Option<PathBuf>,
-    /// Where the camera stands, world units
+    /// Where the camera stands, world units [default: where it sees all of the volumes, of a patient from the front, a little from aside and above]
     #[arg(help_heading = heading::CAMERA, long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     eye: Option<DVec3>,
     /// What it looks at [default: the volume's centre, or the slice's]
@@ -40,7 +40,7 @@ pub(crate) struct SceneArguments {
     /// Vertical opening angle, degrees [default: 30]
     #[arg(help_heading = heading::CAMERA, long, value_name = "DEG", conflicts_with = "ortho")]
     fov: Option<f64>,
-    /// Orthographic view of this world height
+    /// Orthographic view of this world height [default: a perspective view, but for slices]
     #[arg(help_heading = heading::CAMERA, long, value_name = "HEIGHT")]
     ortho: Option<f64>,
     /// Two eyes, as one picture of the size asked for
@@ -52,7 +52,7 @@ pub(crate) struct SceneArguments {
     /// Distance of what seems to be at the screen, world units [default: that of the target]
     #[arg(help_heading = heading::CAMERA, long, value_name = "W", allow_hyphen_values = true)]
     convergence: Option<f64>,
-    /// How samples become a pixel
+    /// How samples become a pixel [default: dvr; average for slices]
     #[arg(help_heading = heading::LOOK, long, value_enum)]
     mode: Option<ModeArgument>,
     /// A surface of this value, in stored units: of `--mode isosurface`, or in the fog of `--mode dvr`; of every layer; repeatable
@@ -75,7 +75,7 @@ pub(crate) struct SceneArguments {
     /// Show one value made of several layers', through one transfer function: `max(a, b * 0.5)`, where a is the first layer
     #[arg(help_heading = heading::LOOK, long, value_name = "EXPRESSION", allow_hyphen_values = true)]
     expr: Option<String>,
-    /// How the gradients that `--lighting` and transfer functions by gradient need are found
+    /// How the gradients that `--lighting` and transfer functions by gradient need are found [default: central]
     #[arg(help_heading = heading::LOOK, long, value_enum)]
     gradient: Option<GradientArgument>,
     /// Where a light stands, world units; up to four times [default: one at the eye]
@@ -84,7 +84,7 @@ pub(crate) struct SceneArguments {
     /// Colour behind the volume, each 0..1 [default: 0,0,0]
     #[arg(help_heading = heading::LOOK, long, value_name = "R,G,B", value_parser = values::color)]
     background: Option<[f64; 3]>,
-    /// Time step N; in `render` also several, a picture each: A:B, A:B:S (B excluded) or all
+    /// Time step N; in `render` also several, a picture each: A:B, A:B:S (B excluded) or all [default: 0]
     #[arg(help_heading = heading::PART, long, value_name = "N|A:B[:S]|all", allow_negative_numbers = true)]
     time: Option<StepRange>,
     #[command(flatten)]
@@ -102,7 +102,7 @@ pub(crate) struct SceneArguments {
     #[arg(help_heading = heading::PART, long, value_name = "z=VALUE|k=INDEX|axial=50%|X,Y,Z:NX,NY,NZ", value_parser = slice_argument::slice, allow_hyphen_values = true)]
     slice: Option<SliceArgument>,
     /// Look from this side at all that is shown: of a patient anterior, posterior, left, right, superior or inferior; else +x, -x,
-    /// +y, -y, +z or -z
+    /// +y, -y, +z or -z [default: as --eye says]
     #[arg(help_heading = heading::CAMERA, long, value_name = "SIDE", value_parser = Viewpoint::from_name, allow_hyphen_values = true, conflicts_with = "slice")]
     view: Option<Viewpoint>,
     /// How much of the volume about the slice goes into it, world units [default: 0, one layer of values]
@@ -352,7 +352,8 @@ impl SceneArguments {
         let mut camera = scene.camera_for(places, size_px).map_err(Failure::usage)?;
         if let Some(view) = self.view {
             let (from, up) = slice_argument::direction(view, scene.is_anatomical(places))?;
-            camera = Camera::looking_from(from, up, scene.world_box(places).map_err(Failure::usage)?);
+            let world_box = scene.world_box(places).map_err(Failure::usage)?;
+            camera = Camera::looking_from(from, up, world_box).fitted(world_box, size_px);
         }
         camera.eye = self.eye.unwrap_or(camera.eye);
         camera.target = self.target.unwrap_or(camera.target);

@@ -99,7 +99,7 @@ impl SliceArgument {
             Self::World(axis, at) => Ok(Slice::across(axis, in_world(axis, at))),
             Self::Patient(axis, _) => {
                 let name = PATIENT[axis];
-                let others = ["x=VALUE or i=INDEX", "y=VALUE or j=INDEX", "z=VALUE or k=INDEX"][axis];
+                let others = ["x=50% or i=INDEX", "y=50% or j=INDEX", "z=50% or k=INDEX"][axis];
                 Err(unoriented(&format!("--slice {name}"), others))
             }
             Self::Voxels(axis, at) => across_voxels(scene, volumes, is_anatomical, axis, at),

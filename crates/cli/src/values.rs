@@ -49,9 +49,11 @@ pub(crate) fn spacing(text: &str) -> Result<DVec3, String> {
     })
 }
 
-/// `X,Y,Z` as voxel counts.
+/// `X,Y,Z` or `XxYxZ` as voxel counts.
 pub(crate) fn extent(text: &str) -> Result<Extent, String> {
-    let n: [u32; 3] = list(text, ',', "three voxel counts X,Y,Z, each at most 4294967295")?;
+    // As sizes of pictures are written, too.
+    let separator = if text.contains('x') { 'x' } else { ',' };
+    let n: [u32; 3] = list(text, separator, "three voxel counts X,Y,Z, each at most 4294967295")?;
     if n.contains(&0) {
         return Err(format!("'{text}': an axis of zero voxels holds nothing; every count must be at least 1"));
     }

@@ -49,7 +49,10 @@ impl Views {
         let orbit = within("--orbit", arguments.orbit)?;
         let frames = within("--frames", arguments.frames)?;
         let cameras = match (orbit, scene.camera, &arguments.path) {
-            (Some(count), Some(start), _) => Cameras::Orbit { start, count },
+            (Some(count), Some(start), _) => {
+                let start = all_around(start, count, &scene, volumes, arguments.size);
+                Cameras::Orbit { start, count }
+            }
             (_, _, Some(file)) => {
                 let path = CameraPath::read(file)?;
                 path.check(VolumeSource::timeline(volumes, &scene).steps(), frames.is_some())?;
@@ -101,6 +104,22 @@ impl Views {
         let time = step.unwrap_or(self.steps[i * self.steps.len() / count]);
         Ok(Scene { camera, time, ..self.scene.clone() })
     }
+}
+
+/// The first camera of an orbit of `count` pictures: where it fits what is shown from one side, as cameras do that nobody has placed, so far away that it fits from all.
+fn all_around(start: Camera, count: u32, scene: &Scene, volumes: &[VolumeSource], size_px: (u32, u32)) -> Camera {
+    let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
+    let Ok(world_box) = scene.world_box(&places) else { return start };
+    let distance = start.eye.distance(start.target);
+    let fitted = |camera: Camera| camera.fitted(world_box, size_px).eye.distance(camera.target);
+    if (fitted(start) - distance).abs() > 1e-9 * distance {
+        return start;
+    }
+    // More pictures are so near to one another that none of them needs more room.
+    let turns = count.min(360);
+    let farthest =
+        (0..turns).map(|i| fitted(start.orbited(360.0 * f64::from(i) / f64::from(turns)))).fold(distance, f64::max);
+    Camera { eye: start.target + (start.eye - start.target) * (farthest / distance), ..start }
 }
 
 #[cfg(test)]

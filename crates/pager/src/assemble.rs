@@ -261,7 +261,15 @@ mod tests {
     fn cache(source: TestSource, apron: u32, cores: usize) -> (Arc<RamCache>, Arc<Meter>) {
         let layout = layout_of(&source, apron, 0, &SlotContents::Codes).unwrap();
         let meter = Arc::new(Meter::new((cores * layout.cached_bytes()) as u64));
-        (Arc::new(RamCache::with_meter(Arc::new(source), (layout, SlotContents::Codes), cores, meter.clone())), meter)
+        (
+            Arc::new(RamCache::with_meter(
+                Arc::new(source),
+                (layout, SlotContents::Codes),
+                (cores, true),
+                meter.clone(),
+            )),
+            meter,
+        )
     }
 
     #[test]
@@ -387,7 +395,8 @@ mod tests {
             let bricks = rows(&source);
             let layout = layout_of(&source, 2 * layers, layers, &SlotContents::Codes).unwrap();
             let meter = Arc::new(Meter::new((4 * layout.cached_bytes()) as u64));
-            let cache = Arc::new(RamCache::with_meter(Arc::new(source), (layout, SlotContents::Codes), 4, meter));
+            let cache =
+                Arc::new(RamCache::with_meter(Arc::new(source), (layout, SlotContents::Codes), (4, true), meter));
             let mut reader = PaddedReader::new(cache);
             let mut out = vec![0xEE; reader.padded_bytes()];
             let (mut known, mut met_again) = (HashMap::new(), 0);

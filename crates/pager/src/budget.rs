@@ -24,6 +24,9 @@ pub struct PagerConfig {
     pub host_bytes: u64,
     /// What the slots of each volume hold; [`SlotContents::Codes`] for volumes past the end of the list.
     pub contents: Vec<SlotContents>,
+    /// Whether decoded bricks stay in host memory as long as there is room, for when they are wanted again. Otherwise a brick that has been uploaded, and is not wanted for
+    /// its neighbours any more, makes room for the next one: memory is what one pass over the view takes.
+    pub keeps_decoded: bool,
     /// Decoding threads of each volume; fewer are started where the host budget cannot feed them.
     pub workers: u32,
     /// Whether cuts are made within the frame or on a thread of their own.

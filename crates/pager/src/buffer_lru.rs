@@ -14,6 +14,8 @@ use std::sync::Arc;
 pub(crate) struct Shelf {
     buffer_bytes: usize,
     capacity: usize,
+    /// Whether done entries stay as long as there is room for others.
+    keeps_done: bool,
     meter: Arc<Meter>,
     /// Buffers allocated, in whatever hands.
     allocated: usize,
@@ -30,9 +32,9 @@ struct Entry {
 }
 
 impl Shelf {
-    pub(crate) fn new(buffer_bytes: usize, capacity: usize, meter: Arc<Meter>) -> Self {
+    pub(crate) fn new(buffer_bytes: usize, (capacity, keeps_done): (usize, bool), meter: Arc<Meter>) -> Self {
         let (entries, done) = (LruCache::unbounded(), LruCache::unbounded());
-        Self { buffer_bytes, capacity, meter, allocated: 0, free: Vec::new(), entries, done }
+        Self { buffer_bytes, capacity, keeps_done, meter, allocated: 0, free: Vec::new(), entries, done }
     }
 
     /// Returns a brick's codes, if they are on the shelf, and marks these parts of the brick as taken.
@@ -78,22 +80,24 @@ impl Shelf {
     }
 
     /// A buffer that nobody else holds: a free one, a new one within the capacity, or the buffer of the entry that goes first, which
-    /// is removed. `None` if all buffers are in use.
+    /// is removed; where done entries do not stay, that of one of these before a new one. `None` if all buffers are in use.
     pub(crate) fn buffer(&mut self) -> Option<Arc<[u8]>> {
         if let Some(buffer) = self.free.pop() {
             return Some(buffer);
         }
-        if self.allocated < self.capacity {
+        let has_room = self.allocated < self.capacity;
+        let is_unused = |key: &&CoreKey| self.peek(**key).is_some_and(|codes| Arc::strong_count(codes) == 1);
+        let mut done = self.done.iter().rev().map(|(key, ())| key).filter(|_| !has_room || !self.keeps_done);
+        let mut others = self.entries.iter().rev().map(|(key, _)| key).filter(|_| !has_room);
+        if let Some(&key) = done.find(is_unused).or_else(|| others.find(is_unused)) {
+            self.done.pop(&key);
+            return self.entries.pop(&key).map(|entry| entry.codes);
+        }
+        has_room.then(|| {
             self.allocated += 1;
             self.meter.charge(self.buffer_bytes as u64);
-            return Some(zeroed(self.buffer_bytes));
-        }
-        let is_unused = |key: &&CoreKey| self.peek(**key).is_some_and(|codes| Arc::strong_count(codes) == 1);
-        let done = self.done.iter().rev().map(|(key, ())| key);
-        let others = self.entries.iter().rev().map(|(key, _)| key);
-        let key = *done.chain(others).find(is_unused)?;
-        self.done.pop(&key);
-        self.entries.pop(&key).map(|entry| entry.codes)
+            zeroed(self.buffer_bytes)
+        })
     }
 
     /// Takes back a buffer that was not put to use.
@@ -121,7 +125,7 @@ mod tests {
     /// A full shelf of bricks 0 to 3, each with two parts to take.
     fn shelf() -> (Shelf, Arc<Meter>) {
         let meter = Arc::new(Meter::new(40));
-        let mut shelf = Shelf::new(10, 4, meter.clone());
+        let mut shelf = Shelf::new(10, (4, true), meter.clone());
         for x in 0..4 {
             let buffer = shelf.buffer().unwrap();
             shelf.put(brick(x), buffer, 0b11);
@@ -154,6 +158,25 @@ mod tests {
         assert_eq!(gone(&mut shelf), [1, 3, 2]);
         drop(held);
         assert_eq!(gone(&mut shelf), [0]);
+    }
+
+    #[test]
+    fn a_sweep_over_a_shelf_that_keeps_nothing_takes_what_is_in_use() {
+        for (keeps_done, expected) in [(false, 30), (true, 1000)] {
+            let meter = Arc::new(Meter::new(1000));
+            let mut shelf = Shelf::new(10, (100, keeps_done), meter.clone());
+            for x in 0..100 {
+                let buffer = shelf.buffer().unwrap();
+                shelf.put(brick(x), buffer, 0b11);
+                // The brick before the last has been taken whole.
+                if x > 1 {
+                    shelf.take(brick(x - 2), 0b11).unwrap();
+                }
+            }
+            assert_eq!(meter.peak(), expected, "{keeps_done}");
+            // What is not done is still there.
+            assert!(shelf.peek(brick(99)).is_some() && shelf.peek(brick(98)).is_some());
+        }
     }
 
     #[test]

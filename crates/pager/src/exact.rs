@@ -125,7 +125,12 @@ impl ExactPasses {
         let meter = Arc::new(Meter::new(host_bytes));
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch + staged as u64 * padded);
         let bytes_read_before = source.bytes_read();
-        let cache = Arc::new(RamCache::with_meter(source.clone(), (layout, contents), cores, meter.clone()));
+        let cache = Arc::new(RamCache::with_meter(
+            source.clone(),
+            (layout, contents),
+            (cores, config.keeps_decoded),
+            meter.clone(),
+        ));
         let readers = Readers::start(&cache, &cells, workers, staged).map_err(PagerError::Thread)?;
         let (start, draw, placed, early, handed_out, counters) = Default::default();
         Ok(Self {

@@ -92,7 +92,8 @@ impl PagedVolume {
         let sizes = buffer_sizes(&**source, &layout, config.planning, host_bytes);
         let HostSplit { workers, staged, cores } = split_host(host_bytes, config.workers, sizes)?;
         meter.charge(sizes.fixed + workers as u64 * sizes.scratch);
-        let cache = RamCache::with_meter(source.clone(), (layout, contents), cores, meter.clone());
+        let cache =
+            RamCache::with_meter(source.clone(), (layout, contents), (cores, config.keeps_decoded), meter.clone());
         let cache = Arc::new(cache.comparing(kept_hash_bytes(&**source, host_bytes)));
         kept.into_iter().for_each(|kept| cache.adopt(kept));
         let workers = Workers::start(&cache, workers, staged, (meter.clone(), held.clone()))?;

@@ -821,7 +821,7 @@ proptest! {
         let host_bytes = (1 << 20) + slots as u64 * TABLE_BYTES_PER_SLOT;
         let mut under_way = VecDeque::new();
         let (planning, prefetch, uploads) = (Planning::Inline, false, None);
-        let config = PagerConfig { slots, apron: 1, gradient_layers: 0, host_bytes, contents: Vec::new(), workers: 1, planning, prefetch, uploads, fade: None };
+        let config = PagerConfig { slots, apron: 1, gradient_layers: 0, host_bytes, contents: Vec::new(), keeps_decoded: prefetch, workers: 1, planning, prefetch, uploads, fade: None };
         let shared: Arc<dyn BrickSource> = source.clone();
         let mut pager = Pager::new(std::slice::from_ref(&shared), config).unwrap();
         let voxel_size = source.geometry().voxel_size(source.pyramid().levels()[0].extent);

@@ -113,21 +113,21 @@ impl RamCache {
             0 => Err(PagerError::HostMemory { given: bytes, least: core }),
             cores => {
                 let meter = Arc::new(Meter::new(bytes));
-                Ok(Self::with_meter(source, (layout, SlotContents::Codes), cores as usize, meter))
+                Ok(Self::with_meter(source, (layout, SlotContents::Codes), (cores as usize, true), meter))
             }
         }
     }
 
-    /// A cache of so many cores of `source`, for padded bricks of this layout in slots with these contents.
+    /// A cache of so many cores of `source`, of which those that are done stay or not as long as there is room, for padded bricks of this layout in slots with these contents.
     pub(crate) fn with_meter(
         source: Arc<dyn BrickSource>,
         (layout, contents): (Layout, SlotContents),
-        cores: usize,
+        (cores, keeps_done): (usize, bool),
         meter: Arc<Meter>,
     ) -> Self {
         let inner = Inner {
-            cores: Shelf::new(layout.entry_bytes(), cores, meter.clone()),
-            shells: Shelf::new(layout.shell_bytes(), layout.shells(cores), meter),
+            cores: Shelf::new(layout.entry_bytes(), (cores, keeps_done), meter.clone()),
+            shells: Shelf::new(layout.shell_bytes(), (layout.shells(cores), keeps_done), meter),
             failures: Failures::default(),
             failed_aprons: FxHashSet::default(),
             has_shells: !layout.has_stored(),

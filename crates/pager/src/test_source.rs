@@ -259,6 +259,7 @@ pub(crate) fn config(slots: u32, host_bytes: u64) -> PagerConfig {
         planning: Planning::Inline,
         prefetch: false,
         uploads: None,
+        keeps_decoded: true,
         fade: None,
     }
 }

@@ -11,7 +11,7 @@ use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
     Blend, Clip, ClipPlane, FrameSettings, Jitter, LightingModel, MAX_PLANES, Mode, Pyramid, VoxelBox,
 };
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 /// What a frame has to know of its transfer table in the buffer.
 #[derive(Clone, Copy, Debug, Default)]
@@ -77,8 +77,8 @@ pub(crate) fn frame_uniform(
     let voxels = |vector: DVec3| frame.placement.volume_vector(vector) / spacing;
     let (shown_low, shown_high) = frame.shown_box(pyramid.levels()[0].extent);
     let single = |v: DVec3| v.as_vec3().to_array();
-    // Along parallel rays; in perspective the shader adds the shift to its rays, which all differ.
-    let (forward, shift) = if rays.orthographic { (rays.middle(), 0.0) } else { (rays.forward, rays.shift) };
+    // Along parallel rays; in perspective the shader adds the lean to its rays, which all differ.
+    let (forward, lean) = if rays.orthographic { (rays.middle(), DVec2::ZERO) } else { (rays.forward, rays.lean) };
     let (thresholds, surfaces) = surfaces(frame);
     let axes = [DVec3::X, DVec3::Y, DVec3::Z];
     let slopes = axes.map(|axis| frame.placement.world_gradient(axis / spacing));
@@ -98,9 +98,9 @@ pub(crate) fn frame_uniform(
         half_width: rays.right.length() as f32,
         up: single(voxels(rays.up)),
         half_height: rays.up.length() as f32,
-        clip_x: single(world(rays.right / rays.right.length_squared() - rays.forward * rays.shift)),
+        clip_x: single(world(rays.right / rays.right.length_squared() - rays.forward * rays.lean.x)),
         near: (1e-3 * frame.lattice.step) as f32,
-        clip_y: single(world(rays.up / rays.up.length_squared())),
+        clip_y: single(world(rays.up / rays.up.length_squared() - rays.forward * rays.lean.y)),
         pixel_share: (rays.pixel_size(1.0) / 8.0) as f32,
         clip_w: single(world(rays.forward)),
         per_unit_distance: 1.0 / frame.table.unit_distance,
@@ -123,8 +123,7 @@ pub(crate) fn frame_uniform(
         lights: frame.lighting.lights.len() as u32,
         surface_color: [0, 1, 2].map(|channel| surfaces[0][channel]),
         threshold: thresholds[0][0],
-        shift: shift as f32,
-        plane_count: clip_planes(frame).len() as u32,
+        lean: lean.as_vec2().to_array(),
         jitter,
         jitter_seed,
         thresholds,
@@ -150,7 +149,9 @@ pub(crate) fn frame_uniform(
         per_slot: (1.0 / (frame.encoding.high - frame.encoding.low)) as f32,
         farthest_slots: frame.encoding.farthest_slots(),
         gradient_scale: frame.encoding.gradient_scale() as f32,
-        spare: [[0.0; 4]; 3],
+        plane_count: clip_planes(frame).len() as u32,
+        jitter_phase: frame.lattice.phase.into(),
+        spare: [0.0; 10],
     }
 }
 

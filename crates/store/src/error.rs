@@ -4,11 +4,21 @@ use crate::downsample::{Downsample, Reductions};
 use brickyard_volume::BrickId;
 use std::path::{Path, PathBuf};
 
+/// The name of a store beside a file, as users would give it: the file's without what follows the first dot.
+fn beside(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    format!("{}.zarr", name.split('.').find(|part| !part.is_empty()).unwrap_or("volume"))
+}
+
 /// Why a store cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// The path holds nothing that could be a store.
-    #[error("{path}: not a brick store (no zarr.json in it); 'brickyard pack INPUT {path}' makes one", path = path.display())]
+    #[error(
+        "{path}: not a brick store (no zarr.json in it); 'brickyard pack {path} {store}' makes one of it",
+        path = path.display(),
+        store = beside(path)
+    )]
     NotAStore {
         /// The path that was to be opened.
         path: PathBuf,

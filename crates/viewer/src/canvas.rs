@@ -1,5 +1,5 @@
 //! The picture in the window: a live session draws the scene into a texture, on the window's own device or on the CPU, at the quality that the hand's
-//! pace allows. At rest it is drawn once more, exactly, and then not again. Costs one step and at most one drawing for each frame of the window.
+//! pace allows. At rest it is drawn once more, exactly, and then sample by sample until it is smooth, and then not again. Costs one step and at most one drawing for each frame of the window.
 
 use crate::device::Device;
 use crate::marks::Over;
@@ -10,7 +10,7 @@ use brickyard::pager::{DrawList, Playback, Status};
 use brickyard::render::{Gpu, Target};
 use brickyard::session::{ComingStep, Frame, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
 use brickyard::stats::RenderStats;
-use brickyard::volume::{Picture, Scene, SceneError};
+use brickyard::volume::{Picture, PixelSamples, Scene, SceneError};
 use eframe::egui::{Painter, Rect};
 use eframe::egui_wgpu::RenderState;
 use std::collections::VecDeque;
@@ -79,8 +79,8 @@ struct Shown {
     size_px: (u32, u32),
     frame: Frame,
     quality: Quality,
-    /// Whether the picture is as it will stay: all bricks, every pixel.
-    is_final: bool,
+    /// How many of its pixels' samples are still to be drawn; 0 if the picture is as it will stay. `None` before it has all bricks and every pixel.
+    samples_left: Option<usize>,
 }
 
 impl Canvas {
@@ -137,7 +137,7 @@ impl Canvas {
     /// Goes on with later states of the volumes.
     pub(crate) fn set_volumes(&mut self, volumes: Vec<VolumeSource>) {
         self.session.set_volumes(volumes);
-        self.shown.iter_mut().for_each(|shown| shown.is_final = false);
+        self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
     }
 
     /// Whether the device is lost on which the picture is drawn.
@@ -155,7 +155,7 @@ impl Canvas {
     /// Goes on within other limits of memory, in bytes.
     pub(crate) fn set_budgets(&mut self, gpu_memory_bytes: u64, host_memory_bytes: u64) {
         if self.session.set_budgets(gpu_memory_bytes, host_memory_bytes) {
-            self.shown.iter_mut().for_each(|shown| shown.is_final = false);
+            self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
         }
     }
 
@@ -179,7 +179,7 @@ impl Canvas {
         self.session.play(None);
         let drawn = draw_if_final(&mut self.session, &capture.scene, capture.size_px.unwrap_or(size_px));
         // The session's slots are those of another picture now.
-        self.shown.iter_mut().for_each(|shown| shown.is_final = false);
+        self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
         if drawn.is_err() && !self.is_lost() {
             self.captures.pop_front();
         }
@@ -197,8 +197,12 @@ impl Canvas {
     /// If the scene cannot be drawn, or the device fails. The texture keeps what it shows.
     pub(crate) fn show(&mut self, scene: &Scene, size_px: (u32, u32)) -> Result<(), SessionError> {
         let is_same = |shown: &Shown| shown.scene == *scene && shown.size_px == size_px;
-        if self.shown.as_ref().is_some_and(|shown| is_same(shown) && shown.is_final) && !self.is_playing() {
-            return Ok(());
+        if let Some(shown) = self.shown.as_ref().filter(|shown| is_same(shown) && !self.is_playing()) {
+            match shown.samples_left {
+                Some(0) => return Ok(()),
+                Some(_) => return self.smooth(),
+                None => {}
+            }
         }
         let begun = Instant::now();
         let frame = self.session.step(scene, size_px)?;
@@ -229,8 +233,52 @@ impl Canvas {
             // It never happens; tests of the window look for it.
             tracing::error!("a picture has a hole");
         }
-        let is_final = is_whole && frame.status.settled && quality == Quality::EXACT;
-        self.shown = Some(Shown { scene: scene.clone(), size_px, frame, quality, is_final });
+        let is_exact = is_whole && frame.status.settled && quality == Quality::EXACT;
+        let samples_left = is_exact.then(|| match scene.pixel_samples {
+            PixelSamples::ONE => 0,
+            more => more.count(),
+        });
+        self.shown = Some(Shown { scene: scene.clone(), size_px, frame, quality, samples_left });
+        Ok(())
+    }
+
+    /// Draws the next sample of the picture's pixels. When all are drawn, the texture shows their mean.
+    ///
+    /// # Errors
+    /// If the device fails. The texture keeps what it shows.
+    fn smooth(&mut self) -> Result<(), SessionError> {
+        let (Some(Shown { scene, frame, size_px, samples_left: Some(left), .. }), Some(screen)) =
+            (&mut self.shown, &mut self.screen)
+        else {
+            return Ok(());
+        };
+        let samples = scene.pixel_samples;
+        let Some(sample) = samples.samples().nth(samples.count() - *left) else { return Ok(()) };
+        let (frame, is_first) = (frame.of_sample(sample), *left == samples.count());
+        let begun = Instant::now();
+        let is_drawn = match &self.gpu {
+            None => {
+                screen.add(&self.session.draw(&frame)?, is_first);
+                true
+            }
+            Some(Device { state, .. }) => {
+                let target = Target { view: screen.sample(*size_px), format: FORMAT, area_px: None };
+                let mut encoder = state.device.create_command_encoder(&Default::default());
+                let is_this = self.session.draw_to(&frame, &target, &mut encoder)?;
+                if is_this {
+                    screen.add_sample(&mut encoder, is_first, samples);
+                }
+                state.queue.submit([encoder.finish()]);
+                is_this
+            }
+        };
+        self.spent.draw += begun.elapsed();
+        if is_drawn {
+            *left -= 1;
+            if *left == 0 {
+                screen.show_mean();
+            }
+        }
         Ok(())
     }
 
@@ -239,7 +287,7 @@ impl Canvas {
         if self.playback != playback {
             self.playback = playback;
             self.session.play(playback);
-            self.shown.iter_mut().for_each(|shown| shown.is_final = false);
+            self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
         }
     }
 
@@ -283,7 +331,7 @@ impl Canvas {
 
     /// Whether the picture is as it will stay until the scene changes.
     pub(crate) fn is_final(&self) -> bool {
-        self.shown.as_ref().is_some_and(|shown| shown.is_final)
+        self.shown.as_ref().is_some_and(|shown| shown.samples_left == Some(0))
     }
 
     /// How far the view is; `None` before the first picture.
@@ -369,5 +417,12 @@ fn draw_if_final(
     }
     // Drawing tells what was seen, after which more may be wanted.
     let picture = session.draw(&frame)?;
-    Ok(frame.status.settled.then_some((picture, frame)))
+    if !frame.status.settled {
+        return Ok(None);
+    }
+    let picture = match scene.pixel_samples {
+        PixelSamples::ONE => picture,
+        samples => samples.picture(|sample| session.draw(&frame.of_sample(sample)))?,
+    };
+    Ok(Some((picture, frame)))
 }

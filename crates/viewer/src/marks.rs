@@ -1,10 +1,10 @@
 //! Marks over a picture that is written: the overlays that a window shows over it, in the picture's own resolution. The window's own drawing makes
 //! the shapes; the CPU puts them on the picture, so that this needs no device, and costs what the shapes cover.
 
-use crate::overlay::{self, Lens, World};
+use crate::overlay::{self, Lens};
 use crate::paint;
-use crate::panels;
 use crate::state::{Overlays, WindowState};
+use brickyard::overlay::{World, unit};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{Picture, Scene};
 use eframe::egui::{Context, RawInput, Rect, ViewportId, pos2, vec2};
@@ -89,7 +89,7 @@ pub(crate) fn draw(picture: &mut Picture, scene: &Scene, volumes: &[VolumeSource
     let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
     let Ok(corners) = scene.world_box(&places) else { return };
     let is_anatomical = scene.is_anatomical(&places);
-    let world = World { corners, is_anatomical, unit: panels::unit(volumes, is_anatomical) };
+    let world = World { corners, is_anatomical, unit: unit(volumes, is_anatomical) };
     let size_px = (picture.width, picture.height);
     let area = Rect::from_min_size(pos2(0.0, 0.0), vec2(size_px.0 as f32, size_px.1 as f32) / pixels_per_point);
     let mut input = RawInput { screen_rect: Some(area), ..RawInput::default() };

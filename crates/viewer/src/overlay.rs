@@ -2,21 +2,21 @@
 //! measured, and which bricks are drawn. All of it follows from the camera and the scene.
 
 pub(crate) mod bricks;
-pub(crate) mod color_bar;
-pub(crate) mod round;
-pub(crate) mod ticks;
+mod canvas;
 
-use crate::overlay::round::round_length;
+use crate::overlay::canvas::WindowCanvas;
 use crate::state::Overlays;
 use brickyard::lettering::edge_letters;
+use brickyard::overlay::canvas::Lens as OverlayLens;
+use brickyard::overlay::{World, box_axes, color_bar, scale_bar};
 use brickyard::session::VolumeSource;
 use brickyard::volume::numbers::significant;
 use brickyard::volume::{Camera, Scene, ViewRays};
-use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, Vec2, pos2, vec2};
-use glam::{BVec3, DVec3};
+use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, pos2, vec2};
+use glam::DVec3;
 
-/// The part of the picture's width that the scale bar takes at most.
-const MOST_OF_WIDTH: f64 = 0.25;
+/// The least width of a picture that has colour bars, in points.
+const LEAST_BARRED: f32 = 420.0;
 
 /// The least size of a picture that has letters at its edges, in points: in a smaller one they would hide too much.
 const LEAST_LETTERED: f32 = 96.0;
@@ -25,20 +25,8 @@ const LEAST_LETTERED: f32 = 96.0;
 pub(crate) const AXIS_COLORS: [Color32; 3] =
     [Color32::from_rgb(235, 85, 85), Color32::from_rgb(95, 200, 95), Color32::from_rgb(95, 145, 245)];
 
-const PALE: Color32 = Color32::from_rgb(200, 200, 200);
-
 /// What was measured, in a colour that few volumes have.
 const MEASURED: Color32 = Color32::from_rgb(255, 210, 60);
-
-/// The world that is seen.
-pub(crate) struct World<'a> {
-    /// Its least and greatest corner.
-    pub(crate) corners: (DVec3, DVec3),
-    /// Whether it is a patient's.
-    pub(crate) is_anatomical: bool,
-    /// The unit of its distances; empty if that is not known.
-    pub(crate) unit: &'a str,
-}
 
 /// A picture in the window: where points of the world are in it.
 pub(crate) struct Lens {
@@ -79,9 +67,14 @@ impl Lens {
 
     /// Draws the edges of a box, as far as both of their ends are in front of the eye.
     pub(crate) fn edges(&self, corners: (DVec3, DVec3), stroke: Stroke) {
-        for [from, to] in edges(corners) {
+        for [from, to] in box_axes::edges(corners) {
             self.line(from, to, stroke);
         }
+    }
+
+    /// Draws overlays that finished pictures have, too.
+    fn overlay(&self, draw: impl FnOnce(&mut OverlayLens<'_>)) {
+        draw(&mut OverlayLens { canvas: &mut WindowCanvas(self), rays: self.rays });
     }
 
     /// Writes a text that is read on any colour.
@@ -91,23 +84,6 @@ impl Lens {
         self.painter.text(place + vec2(1.0, 1.0), align, text, font.clone(), shade);
         self.painter.text(place, align, text, font, color);
     }
-
-    /// Window points for each unit of the world, at the distance of a camera's target.
-    pub(crate) fn points_per_unit(&self, camera: &Camera) -> f64 {
-        let distance = (camera.target - camera.eye).dot(self.rays.forward);
-        f64::from(self.area.width()) / (self.rays.pixel_size(distance) * f64::from(self.rays.width))
-    }
-}
-
-/// Corner `i` of a box: the high end of x, y and z where bits 0, 1 and 2 are set.
-fn corner((low, high): (DVec3, DVec3), i: usize) -> DVec3 {
-    DVec3::select(BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), high, low)
-}
-
-/// The twelve edges of a box.
-pub(crate) fn edges(corners: (DVec3, DVec3)) -> impl Iterator<Item = [DVec3; 2]> {
-    let ends = (0..8usize).flat_map(|from| (0..3).map(move |axis| (from, from | 1 << axis)));
-    ends.filter(|(from, to)| from != to).map(move |(from, to)| [corner(corners, from), corner(corners, to)])
 }
 
 /// Draws over a scene's picture what the overlays say of it and of its world.
@@ -119,10 +95,10 @@ pub(crate) fn show(
     world: &World<'_>,
 ) {
     if overlays.outline {
-        lens.edges(world.corners, Stroke::new(1.0, PALE.gamma_multiply(0.35)));
+        lens.overlay(|over| box_axes::draw_edges(over, world));
     }
     if overlays.ticks {
-        ticks::show(lens, world);
+        lens.overlay(|over| box_axes::draw_ticks(over, world, &mut Vec::new()));
     }
     if overlays.axes {
         axes(&lens.painter, lens.area, &lens.rays, world.is_anatomical);
@@ -130,8 +106,9 @@ pub(crate) fn show(
     if overlays.scale_bar {
         scale_bar(lens, camera, world.unit);
     }
-    if overlays.color_bar {
-        color_bar::show(lens, scene, volumes);
+    if overlays.color_bar && lens.area.width() > LEAST_BARRED {
+        let bars = color_bar::bars(scene, volumes);
+        lens.overlay(|over| color_bar::draw(over.canvas, &bars, &mut Vec::new()));
     }
     if overlays.letters && world.is_anatomical && scene.slice.is_some() && scene.stereo.is_none() {
         letters(lens);
@@ -194,18 +171,9 @@ fn axes(painter: &Painter, area: Rect, rays: &ViewRays, is_anatomical: bool) {
     }
 }
 
-/// A length of 1, 2 or 5 times a power of ten, at the distance of the camera's target.
+/// Draws a scale bar for the distance of the camera's target.
 pub(crate) fn scale_bar(lens: &Lens, camera: &Camera, unit: &str) {
-    let points_per_unit = lens.points_per_unit(camera);
-    let Some(length) = round_length(MOST_OF_WIDTH * f64::from(lens.area.width()) / points_per_unit) else { return };
-    let width = (length * points_per_unit) as f32;
-    let right = lens.area.right_bottom() + Vec2::new(-20.0, -18.0);
-    let left = right - vec2(width, 0.0);
-    lens.painter.line_segment([left, right], Stroke::new(4.0, Color32::from_black_alpha(150)));
-    lens.painter.line_segment([left, right], Stroke::new(2.0, Color32::WHITE));
-    let text = format!("{length} {unit}");
-    let above = left.lerp(right, 0.5) - vec2(0.0, 4.0);
-    lens.text(above, Align2::CENTER_BOTTOM, text.trim_end(), 13.0, Color32::WHITE);
+    lens.overlay(|over| scale_bar::draw(over, camera, unit, &mut Vec::new()));
 }
 
 #[cfg(test)]
@@ -261,12 +229,5 @@ mod tests {
             let found = texts.iter().filter(|(text, _)| text == letter).map(|(_, place)| place.distance(near));
             assert!(found.clone().count() > 0 && found.clone().all(|distance| distance < 12.0), "{letter}: {texts:?}");
         }
-    }
-
-    #[test]
-    fn a_box_has_twelve_edges() {
-        let lengths: Vec<_> = edges((DVec3::ZERO, DVec3::new(1.0, 2.0, 4.0))).map(|[a, b]| a.distance(b)).collect();
-        assert_eq!(lengths.len(), 12);
-        assert_eq!(lengths.iter().sum::<f64>(), 28.0);
     }
 }

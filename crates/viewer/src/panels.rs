@@ -30,19 +30,5 @@ fn reason(scene: &Scene, volumes: &[VolumeSource], edit: impl FnOnce(&mut Scene)
     edited.check(&counts).err().map(|error| error.to_string())
 }
 
-/// The unit of the world that these volumes stand in, as it is written behind a number; empty if that is not known. `is_anatomical` says whether the world is a
-/// patient's.
-pub(crate) fn unit(volumes: &[VolumeSource], is_anatomical: bool) -> &str {
-    match volumes.first().and_then(|volume| volume.source.geometry().unit.as_deref()) {
-        _ if is_anatomical => "mm",
-        Some("micrometer") => "\u{b5}m",
-        Some("nanometer") => "nm",
-        Some("millimeter") => "mm",
-        Some("meter") => "m",
-        Some(other) => other,
-        None => "",
-    }
-}
-
 #[cfg(test)]
 mod tests;

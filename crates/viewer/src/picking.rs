@@ -1,7 +1,7 @@
 //! What is under the pointer: the point of the world that is seen there, and the exact values of the voxel that it is in. A thread of its own looks, so
 //! that a slow disk does not hold up the window; it answers about the newest place alone. Costs up to 64 MiB of decoded bricks for each picture.
 
-use crate::panels::unit;
+use brickyard::overlay::unit;
 use brickyard::pick::{Pick, Picker};
 use brickyard::session::{ResolvedScene, VolumeSource};
 use brickyard::volume::numbers::{exact, within_span};

@@ -5,7 +5,8 @@ use crate::panels::layers::style::shown;
 use crate::state::{PlaneFilter, Planes};
 use brickyard::session::VolumeSource;
 use brickyard::volume::{
-    Camera, Filter, Lighting, Mode, Placement, Projection, Sampling, Scene, SceneLayer, Side, Slice, TransferChoice,
+    Camera, Filter, Lighting, Mode, PixelSamples, Placement, Projection, Sampling, Scene, SceneLayer, Side, Slice,
+    TransferChoice,
 };
 use glam::DVec3;
 
@@ -159,6 +160,7 @@ pub(crate) fn slice_scene(
         mode: if is_thick { scene.mode } else { Mode::Average },
         sampling: Sampling { filter, ..Sampling::default() },
         lighting: Lighting::default(),
+        pixel_samples: PixelSamples::ONE,
         clip: None,
         clip_planes: Vec::new(),
         slice: Some(slice),

@@ -2,12 +2,15 @@
 //! its own and not as egui's images do, whose shader is made for letters and panels: a processor that stands in for a GPU took three times as long for it.
 
 use brickyard::render::wgpu;
-use brickyard::volume::Picture;
+use brickyard::volume::{Picture, PictureSum, PixelSamples};
 use eframe::egui::{PaintCallbackInfo, Painter, Rect};
 use eframe::egui_wgpu::{Callback, CallbackResources, CallbackTrait, RenderState};
 
 /// The texture's format: the window blends in display-referred codes.
 pub(crate) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+
+/// The format of a sum of samples.
+const SUM_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
 /// A texture, and what brings it into the window.
 pub(crate) struct Screen {
@@ -15,6 +18,20 @@ pub(crate) struct Screen {
     queue: wgpu::Queue,
     pass: Pass,
     texture: Option<Texture>,
+    /// What a supersampled picture is made in on a GPU.
+    samples: Option<Samples>,
+    /// The sum of the samples that the CPU draws.
+    sum: PictureSum,
+    /// Whether the mean of samples is seen, and not the texture.
+    shows_mean: bool,
+}
+
+/// A supersampled picture in the making.
+struct Samples {
+    /// The sample that was drawn last.
+    last: Texture,
+    /// The sum of the samples, each by its share. Floats of 16 bits below 1 are at least eight times finer than codes.
+    mean: Texture,
 }
 
 struct Texture {
@@ -24,6 +41,8 @@ struct Texture {
     /// Shows it pixel by pixel, and smoothed.
     nearest: wgpu::BindGroup,
     linear: wgpu::BindGroup,
+    /// Adds it to a sum.
+    adding: wgpu::BindGroup,
     is_smoothed: bool,
 }
 
@@ -31,6 +50,8 @@ struct Texture {
 #[derive(Clone)]
 struct Pass {
     pipeline: wgpu::RenderPipeline,
+    /// Adds a picture, by a share, to the mean.
+    adding: wgpu::RenderPipeline,
     nearest: wgpu::Sampler,
     linear: wgpu::Sampler,
 }
@@ -46,11 +67,20 @@ impl Screen {
     pub(crate) fn new(state: &RenderState) -> Self {
         let mut renderer = state.renderer.write();
         let pass = renderer.callback_resources.entry().or_insert_with(|| Pass::new(&state.device, state.target_format));
-        Self { device: state.device.clone(), queue: state.queue.clone(), pass: pass.clone(), texture: None }
+        Self {
+            device: state.device.clone(),
+            queue: state.queue.clone(),
+            pass: pass.clone(),
+            texture: None,
+            samples: None,
+            sum: PictureSum::default(),
+            shows_mean: false,
+        }
     }
 
     /// The texture in this size, to be drawn into, made anew if it has another one.
     pub(crate) fn sized(&mut self, size_px: (u32, u32)) -> &wgpu::TextureView {
+        self.shows_mean = false;
         let texture = self.of_size(size_px);
         texture.is_smoothed = false;
         &texture.view
@@ -61,6 +91,7 @@ impl Screen {
         let size_px = (picture.width, picture.height);
         let rgba: Vec<u8> = picture.rgb.iter().flat_map(|[r, g, b]| [*r, *g, *b, u8::MAX]).collect();
         let queue = self.queue.clone();
+        self.shows_mean = false;
         let texture = self.of_size(size_px);
         texture.is_smoothed = is_smoothed;
         let layout =
@@ -70,7 +101,8 @@ impl Screen {
 
     /// Puts what the texture shows over a part of the window; nothing before the first picture.
     pub(crate) fn paint(&self, painter: &Painter, area: Rect) {
-        if let Some(texture) = &self.texture {
+        let mean = self.samples.as_ref().map(|samples| &samples.mean).filter(|_| self.shows_mean);
+        if let Some(texture) = mean.or(self.texture.as_ref()) {
             let bindings = if texture.is_smoothed { &texture.linear } else { &texture.nearest }.clone();
             let shown = Shown { pipeline: self.pass.pipeline.clone(), bindings };
             painter.add(Callback::new_paint_callback(area, shown));
@@ -82,37 +114,88 @@ impl Screen {
         if texture.as_ref().is_none_or(|texture| texture.size_px != size_px) {
             *texture = None;
         }
-        texture.get_or_insert_with(|| Texture::new(device, pass, size_px))
+        texture.get_or_insert_with(|| Texture::new(device, pass, size_px, FORMAT))
+    }
+
+    /// Adds a sample from the CPU to the mean, which is begun anew with the first one.
+    pub(crate) fn add(&mut self, picture: &Picture, is_first: bool) {
+        if is_first {
+            self.sum = PictureSum::default();
+        }
+        self.sum.add(picture);
+    }
+
+    /// The texture in which a sample is drawn, in this size.
+    pub(crate) fn sample(&mut self, size_px: (u32, u32)) -> &wgpu::TextureView {
+        let Self { device, pass, samples, .. } = self;
+        if samples.as_ref().is_none_or(|samples| samples.last.size_px != size_px) {
+            *samples = None;
+        }
+        let of = |format| Texture::new(device, pass, size_px, format);
+        &samples.get_or_insert_with(|| Samples { last: of(FORMAT), mean: of(SUM_FORMAT) }).last.view
+    }
+
+    /// Adds the sample that was drawn last to the mean of so many, which is begun anew with the first one.
+    pub(crate) fn add_sample(&mut self, encoder: &mut wgpu::CommandEncoder, is_first: bool, count: PixelSamples) {
+        let Some(Samples { last, mean }) = &self.samples else { return };
+        let load = if is_first { wgpu::LoadOp::Clear(wgpu::Color::BLACK) } else { wgpu::LoadOp::Load };
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("sample of a picture"),
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: &mean.view,
+                depth_slice: None,
+                resolve_target: None,
+                ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
+            })],
+            ..Default::default()
+        });
+        let share = 1.0 / count.count() as f64;
+        pass.set_pipeline(&self.pass.adding);
+        pass.set_bind_group(0, &last.adding, &[]);
+        pass.set_blend_constant(wgpu::Color { r: share, g: share, b: share, a: share });
+        pass.draw(0..3, 0..1);
+    }
+
+    /// Shows the mean of the samples from now on.
+    pub(crate) fn show_mean(&mut self) {
+        let picture = self.sum.mean();
+        match picture.rgb.is_empty() {
+            true => self.shows_mean = true,
+            false => self.put(&picture, false),
+        }
     }
 }
 
 impl Texture {
-    fn new(device: &wgpu::Device, pass: &Pass, size_px: (u32, u32)) -> Self {
+    fn new(device: &wgpu::Device, pass: &Pass, size_px: (u32, u32), format: wgpu::TextureFormat) -> Self {
         let texture = device.create_texture(&wgpu::TextureDescriptor {
             label: Some("volume"),
             size: wgpu::Extent3d { width: size_px.0, height: size_px.1, depth_or_array_layers: 1 },
             mip_level_count: 1,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
-            format: FORMAT,
+            format,
             usage: wgpu::TextureUsages::RENDER_ATTACHMENT
                 | wgpu::TextureUsages::TEXTURE_BINDING
                 | wgpu::TextureUsages::COPY_DST,
             view_formats: &[],
         });
         let view = texture.create_view(&Default::default());
-        let [nearest, linear] = [&pass.nearest, &pass.linear].map(|sampler| {
-            let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
-            device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("picture in the window"),
-                layout: &pass.pipeline.get_bind_group_layout(0),
-                entries: &[
-                    entry(0, wgpu::BindingResource::TextureView(&view)),
-                    entry(1, wgpu::BindingResource::Sampler(sampler)),
-                ],
-            })
-        });
-        Self { texture, view, size_px, nearest, linear, is_smoothed: false }
+        let [nearest, linear, adding] =
+            [(&pass.pipeline, &pass.nearest), (&pass.pipeline, &pass.linear), (&pass.adding, &pass.nearest)].map(
+                |(pipeline, sampler)| {
+                    let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
+                    device.create_bind_group(&wgpu::BindGroupDescriptor {
+                        label: Some("picture in the window"),
+                        layout: &pipeline.get_bind_group_layout(0),
+                        entries: &[
+                            entry(0, wgpu::BindingResource::TextureView(&view)),
+                            entry(1, wgpu::BindingResource::Sampler(sampler)),
+                        ],
+                    })
+                },
+            );
+        Self { texture, view, size_px, nearest, linear, adding, is_smoothed: false }
     }
 }
 
@@ -121,27 +204,38 @@ impl Pass {
         let source = wgpu::ShaderSource::Wgsl(include_str!("screen.wgsl").into());
         let module =
             device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some("picture in the window"), source });
-        let pipeline = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("picture in the window"),
-            layout: None,
-            vertex: wgpu::VertexState {
-                module: &module,
-                entry_point: Some("corner"),
-                compilation_options: Default::default(),
-                buffers: &[],
-            },
-            fragment: Some(wgpu::FragmentState {
-                module: &module,
-                entry_point: Some(if format.is_srgb() { "light" } else { "codes" }),
-                compilation_options: Default::default(),
-                targets: &[Some(format.into())],
-            }),
-            primitive: Default::default(),
-            depth_stencil: None,
-            multisample: Default::default(),
-            multiview_mask: None,
-            cache: None,
-        });
+        let pipeline = |entry_point, target: wgpu::ColorTargetState| {
+            device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some("picture in the window"),
+                layout: None,
+                vertex: wgpu::VertexState {
+                    module: &module,
+                    entry_point: Some("corner"),
+                    compilation_options: Default::default(),
+                    buffers: &[],
+                },
+                fragment: Some(wgpu::FragmentState {
+                    module: &module,
+                    entry_point: Some(entry_point),
+                    compilation_options: Default::default(),
+                    targets: &[Some(target)],
+                }),
+                primitive: Default::default(),
+                depth_stencil: None,
+                multisample: Default::default(),
+                multiview_mask: None,
+                cache: None,
+            })
+        };
+        let by_share = wgpu::BlendComponent {
+            src_factor: wgpu::BlendFactor::Constant,
+            dst_factor: wgpu::BlendFactor::One,
+            operation: wgpu::BlendOperation::Add,
+        };
+        let blend = Some(wgpu::BlendState { color: by_share, alpha: by_share });
+        let sum = wgpu::ColorTargetState { format: SUM_FORMAT, blend, write_mask: wgpu::ColorWrites::ALL };
+        let adding = pipeline("codes", sum);
+        let pipeline = pipeline(if format.is_srgb() { "light" } else { "codes" }, format.into());
         let sampler = |filter| {
             device.create_sampler(&wgpu::SamplerDescriptor {
                 mag_filter: filter,
@@ -149,7 +243,12 @@ impl Pass {
                 ..Default::default()
             })
         };
-        Self { pipeline, nearest: sampler(wgpu::FilterMode::Nearest), linear: sampler(wgpu::FilterMode::Linear) }
+        Self {
+            pipeline,
+            adding,
+            nearest: sampler(wgpu::FilterMode::Nearest),
+            linear: sampler(wgpu::FilterMode::Linear),
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::placement::Placement;
 use crate::ray::Ray;
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// How rays leave the camera.
@@ -81,6 +81,26 @@ impl Camera {
         Self { eye: centre + from * distance, target: centre, up, projection: Projection::Perspective { fov_y_deg } }
     }
 
+    /// This perspective camera so near to its target that the box just fits into a picture of this size, with a margin; others are as they were. A box that the target is not
+    /// in the middle of fits, too, but leaves more of the picture empty.
+    pub fn fitted(&self, (low, high): (DVec3, DVec3), size_px: (u32, u32)) -> Self {
+        /// The part of the picture that the box may fill, along each side.
+        const FILLED: f64 = 0.94;
+        let (Projection::Perspective { .. }, Ok(rays)) = (self.projection, self.rays(size_px.0, size_px.1)) else {
+            return *self;
+        };
+        let corner =
+            |i: usize| DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 0 { low[a] } else { high[a] }));
+        let needed = (0..8).map(|i| {
+            let by = corner(i) - self.target;
+            // How far aside it is where the picture's edge is one away, at distance 1.
+            let aside = [rays.right, rays.up].map(|edge| (by.dot(edge) / edge.length_squared()).abs());
+            aside[0].max(aside[1]) / FILLED - by.dot(rays.forward)
+        });
+        let distance = needed.fold(0.0, f64::max);
+        if distance > 0.0 { Self { eye: self.target - rays.forward * distance, ..*self } } else { *self }
+    }
+
     /// This camera turned by `angle_deg` degrees around its target, about the axis of its up vector.
     pub fn orbited(&self, angle_deg: f64) -> Self {
         let turn = DQuat::from_axis_angle(self.up.normalize_or_zero(), angle_deg.to_radians());
@@ -154,7 +174,7 @@ impl Camera {
             forward,
             right: right * half_width,
             up: up * half_height,
-            shift: 0.0,
+            lean: DVec2::ZERO,
             orthographic,
             width,
             height,
@@ -175,8 +195,9 @@ pub struct ViewRays {
     /// World vector from the picture's centre to its top edge: at distance 1 in perspective, on the eye plane in orthographic
     /// views.
     pub up: DVec3,
-    /// How far rays lean to the right, in units of `right` for each unit forward: 0 but for the eyes of a stereo pair.
-    pub shift: f64,
+    /// How far rays lean to the right and up, in units of `right` and `up` for each unit forward: 0 but for the eyes of a stereo pair, and for
+    /// rays that do not pass through the centres of pixels.
+    pub lean: DVec2,
     /// Whether rays are parallel.
     pub orthographic: bool,
     /// Picture width in pixels.
@@ -194,7 +215,7 @@ impl ViewRays {
         if self.orthographic {
             Ray { origin: self.eye + self.right * u + self.up * v, direction: self.middle() }
         } else {
-            let offset = self.right * (u + self.shift) + self.up * v;
+            let offset = self.right * (u + self.lean.x) + self.up * (v + self.lean.y);
             Ray { origin: self.eye, direction: (self.forward + offset).normalize() }
         }
     }
@@ -208,21 +229,36 @@ impl ViewRays {
             return None;
         }
         let scale = if self.orthographic { 1.0 } else { depth };
-        let u = (from_eye.dot(self.right) / self.right.length_squared() - depth * self.shift) / scale;
-        let v = from_eye.dot(self.up) / (self.up.length_squared() * scale);
+        let u = (from_eye.dot(self.right) / self.right.length_squared() - depth * self.lean.x) / scale;
+        let v = (from_eye.dot(self.up) / self.up.length_squared() - depth * self.lean.y) / scale;
         Some([(1.0 + u) * 0.5 * self.width as f64, (1.0 - v) * 0.5 * self.height as f64])
     }
 
     /// Unit direction of the ray through the picture's centre. In orthographic views all rays have this direction.
     pub fn middle(&self) -> DVec3 {
-        (self.forward + self.right * self.shift).normalize()
+        self.straight().normalize()
     }
 
     /// The rays of an eye that stands `by` world units farther to the right and sees all points of the plane at `distance`
     /// ahead in the same pixels as this one: off-axis in perspective, oblique in orthographic views.
     pub fn from_aside(&self, by: f64, distance: f64) -> Self {
         let by = by / self.right.length();
-        Self { eye: self.eye + self.right * by, shift: self.shift - by / distance, ..*self }
+        Self { eye: self.eye + self.right * by, lean: self.lean - DVec2::X * (by / distance), ..*self }
+    }
+
+    /// The rays that pass the picture this many pixels to the right of and below where these do.
+    pub fn moved_by_px(&self, [right_px, down_px]: [f64; 2]) -> Self {
+        let (right, up) = (2.0 * right_px / self.width as f64, -2.0 * down_px / self.height as f64);
+        if self.orthographic {
+            Self { eye: self.eye + self.right * right + self.up * up, ..*self }
+        } else {
+            Self { lean: self.lean + DVec2::new(right, up), ..*self }
+        }
+    }
+
+    /// The direction of the ray through the picture's centre, 1 long along `forward`.
+    fn straight(&self) -> DVec3 {
+        self.forward + self.right * self.lean.x + self.up * self.lean.y
     }
 
     /// World size of one pixel at distance `t` from the eye, at the picture's centre.
@@ -248,11 +284,8 @@ impl ViewRays {
         let [top, bottom] = [y0, y1].map(|y| self.up * (1.0 - 2.0 * y as f64 / self.height as f64));
         let side = |edge: DVec3, along: DVec3, outward: DVec3| {
             // A plane through the edge; its normal points inward.
-            let (through, outermost) = if self.orthographic {
-                (self.eye + edge, middle)
-            } else {
-                (self.eye, self.forward + self.right * self.shift + edge)
-            };
+            let (through, outermost) =
+                if self.orthographic { (self.eye + edge, middle) } else { (self.eye, self.straight() + edge) };
             let normal = along.cross(outermost).normalize();
             let normal = if normal.dot(outward) > 0.0 { -normal } else { normal };
             (normal, -normal.dot(through))
@@ -377,6 +410,47 @@ mod tests {
             let [x, y] = rays.pixel(ray.origin + ray.direction * 7.0).unwrap();
             assert!((x - 13.25).abs() < 1e-9 && (y - 40.5).abs() < 1e-9, "{x} {y}");
             assert_eq!(rays.pixel(rays.eye - rays.forward).is_none(), !rays.orthographic);
+        }
+    }
+
+    #[test]
+    fn a_fitted_box_touches_the_margin_of_the_picture_and_no_more() {
+        for (size_px, high) in
+            [((640, 480), [10.0, 20.0, 30.0]), ((300, 900), [40.0, 10.0, 5.0]), ((500, 500), [1.0, 1.0, 1.0])]
+        {
+            let world_box = (DVec3::new(-3.0, 0.0, 0.0), DVec3::from_array(high));
+            let camera = Camera::looking_at_box(world_box).fitted(world_box, size_px);
+            let rays = camera.rays(size_px.0, size_px.1).unwrap();
+            let reach = |i: usize| {
+                let corner =
+                    DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 0 { world_box.0[a] } else { high[a] }));
+                let [x, y] = rays.pixel(corner).unwrap();
+                (2.0 * x / f64::from(size_px.0) - 1.0).abs().max((2.0 * y / f64::from(size_px.1) - 1.0).abs())
+            };
+            let reach = (0..8).map(reach).fold(0.0, f64::max);
+            assert!((reach - 0.94).abs() < 1e-9, "{size_px:?}: {reach}");
+        }
+        let flat = camera(Projection::Orthographic { height: 6.0 });
+        assert_eq!(flat.fitted((DVec3::ZERO, DVec3::ONE), (8, 8)), flat);
+    }
+
+    #[test]
+    fn moved_rays_are_those_of_other_places_in_the_picture() {
+        for projection in [Projection::Perspective { fov_y_deg: 40.0 }, Projection::Orthographic { height: 6.0 }] {
+            let rays = camera(projection).rays(64, 48).unwrap().from_aside(1.5, 10.0);
+            let moved = rays.moved_by_px([0.375, -0.125]);
+            for (x, y) in [(0.5, 0.5), (63.5, 20.5), (13.25, 47.5)] {
+                let (found, expected) = (moved.ray(x, y), rays.ray(x + 0.375, y - 0.125));
+                assert!(found.origin.distance(expected.origin) < 1e-12);
+                assert!(found.direction.distance(expected.direction) < 1e-12);
+                let [px, py] = moved.pixel(found.origin + found.direction * 7.0).unwrap();
+                assert!((px - x).abs() < 1e-9 && (py - y).abs() < 1e-9, "{px} {py}");
+                let at = expected.origin + expected.direction * 5.0;
+                assert!(moved.frustum().meets_box(at, at), "{projection:?} {x} {y}");
+                let past = moved.ray(if x < 32.0 { -0.01 } else { 64.01 }, y);
+                let at = past.origin + past.direction * 5.0;
+                assert!(!moved.frustum().meets_box(at, at), "{projection:?} {x} {y}");
+            }
         }
     }
 

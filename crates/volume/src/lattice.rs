@@ -9,6 +9,7 @@
 //! under any cut, and all renderers can be compared bit for bit but for rounding. [Jitter](crate::jitter) moves a ray's whole lattice.
 
 use crate::camera::ViewRays;
+use crate::jitter::STEPS;
 
 /// The most zones that a lattice has: one for each of the levels 0 to 15.
 pub const MAX_ZONES: usize = 16;
@@ -20,6 +21,9 @@ pub struct Lattice {
     pub step: f64,
     /// First tick (in finest steps from the eye) of each zone, ascending; zone `z`'s is a multiple of `2^z`.
     pub zone_starts: [u32; MAX_ZONES],
+    /// How far the ticks of every ray are moved towards the eye, in units of `1 / STEPS` of its first segment ([`STEPS`]). Pictures of the same view with
+    /// phases that divide a segment evenly are together as good as one with so many times shorter steps.
+    pub phase: u8,
 }
 
 /// One sample's stretch of a ray, in world distance from the eye.
@@ -49,7 +53,7 @@ impl Lattice {
 
     /// A lattice that is in one zone everywhere, as for a locked level. `step` is the world length of the finest step.
     pub fn uniform(step: f64, zone: usize) -> Self {
-        Self { step, zone_starts: std::array::from_fn(|z| if z <= zone { 0 } else { Self::NEVER }) }
+        Self { step, zone_starts: std::array::from_fn(|z| if z <= zone { 0 } else { Self::NEVER }), phase: 0 }
     }
 
     /// A lattice whose zones follow the size of a pixel: at most `levels` zones, where level 0 has voxels of `voxel_size` world units
@@ -69,7 +73,7 @@ impl Lattice {
                 ((t / step / multiple).ceil() * multiple).min(Self::NEVER as f64) as u32
             }
         });
-        Self { step, zone_starts }
+        Self { step, zone_starts, phase: 0 }
     }
 
     /// This lattice with steps `times` as long (1 or more). Zones start where they did, or up to one of their own steps later.
@@ -79,7 +83,7 @@ impl Lattice {
             let multiple = 1u32 << z;
             if start >= Self::NEVER { start } else { ((start as f64 / times).ceil() as u32).next_multiple_of(multiple) }
         });
-        Self { step: self.step * times, zone_starts }
+        Self { step: self.step * times, zone_starts, phase: self.phase }
     }
 
     /// The zone that a tick is in; ticks count finest steps from the eye.
@@ -87,9 +91,10 @@ impl Lattice {
         (1..MAX_ZONES).take_while(|&z| self.zone_starts[z] <= tick).last().unwrap_or(0)
     }
 
-    /// World distance by which a [share](crate::Jitter::share) of a segment moves a ray's lattice towards the eye, if the ray enters
+    /// World distance by which a [share](crate::Jitter::share) of a segment, and the lattice's phase, move a ray's ticks towards the eye, if the ray enters
     /// the volume at distance `t_in`.
     pub fn shift(&self, share: f64, t_in: f64) -> f64 {
+        let share = (share + f64::from(self.phase) / f64::from(STEPS)).fract();
         if share == 0.0 {
             return 0.0;
         }
@@ -193,7 +198,8 @@ mod tests {
 
     #[test]
     fn a_shift_is_the_share_of_the_first_segment() {
-        let lattice = Lattice { zone_starts: std::array::from_fn(|z| [0, 8, 16, Lattice::NEVER][z.min(3)]), step: 0.5 };
+        let lattice =
+            Lattice { zone_starts: std::array::from_fn(|z| [0, 8, 16, Lattice::NEVER][z.min(3)]), step: 0.5, phase: 0 };
         for (t_in, stride) in [(0.0, 1.0), (3.9, 1.0), (4.0, 2.0), (7.9, 2.0), (100.0, 4.0)] {
             assert_eq!(lattice.shift(0.25, t_in), 0.25 * 0.5 * stride, "{t_in}");
             assert_eq!(lattice.shift(0.0, t_in), 0.0);

@@ -15,6 +15,7 @@ use crate::scene_error::SceneError;
 use crate::slice::Slice;
 use crate::space::Extent;
 use crate::stereo::Stereo;
+use crate::supersampling::PixelSamples;
 use crate::transfer::{Subject, TransferChoice, TransferError, TransferFunction};
 use glam::DVec3;
 use serde::de::{Error, IgnoredAny};
@@ -53,6 +54,8 @@ pub struct Scene {
     pub step: f64,
     /// Colour behind the volumes, display-referred.
     pub background: [f64; 3],
+    /// Samples of each pixel once the view is settled: more make edges smoother. Pictures of a moving view have one.
+    pub pixel_samples: PixelSamples,
     /// Which level the view wants.
     pub level: LevelPolicy,
     /// How many pixels a voxel may cover under [`LevelPolicy::Auto`]; positive.
@@ -134,6 +137,7 @@ impl Default for Scene {
             sampling: Sampling::default(),
             lighting: Lighting::default(),
             step: 1.0,
+            pixel_samples: PixelSamples::ONE,
             background: [0.0; 3],
             level: LevelPolicy::Auto,
             pixel_error: 1.0,
@@ -234,8 +238,8 @@ impl Scene {
         Ok(match (&self.slice, self.is_anatomical(stores)) {
             (Some(slice), true) => slice.camera(world_box, Side::of(slice.normal).up(), size),
             (Some(slice), false) => slice.camera(world_box, slice.image_up(), size),
-            (None, true) => Camera::looking_at_patient(world_box),
-            (None, false) => Camera::looking_at_box(world_box),
+            (None, true) => Camera::looking_at_patient(world_box).fitted(world_box, size),
+            (None, false) => Camera::looking_at_box(world_box).fitted(world_box, size),
         })
     }
 
@@ -346,6 +350,7 @@ mod tests {
             },
             lighting: Lighting { model: LightingModel::Tone, lights: vec![DVec3::X], ..Lighting::default() },
             step: 0.5,
+            pixel_samples: PixelSamples::FOUR,
             background: [0.25, 0.5, 1.0],
             level: LevelPolicy::Locked(3),
             pixel_error: 1.5,

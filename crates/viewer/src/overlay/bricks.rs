@@ -1,6 +1,7 @@
 //! The edges of the bricks that are drawn, in a colour for each level: what the view wants, and what stands for it.
 
-use crate::overlay::{Lens, edges};
+use crate::overlay::Lens;
+use brickyard::overlay::box_axes::edges;
 use brickyard::pager::DrawList;
 use brickyard::session::VolumeSource;
 use brickyard::volume::Scene;

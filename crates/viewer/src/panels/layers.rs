@@ -8,6 +8,7 @@ pub(crate) mod style;
 
 use crate::panels::transfer_editor::{self, SavedFunction};
 use crate::panels::widgets::color;
+use brickyard::overlay::layer_name;
 use brickyard::session::VolumeSource;
 use brickyard::volume::{MAX_VOLUMES, Scene, SceneLayer};
 use eframe::egui::collapsing_header::paint_default_icon;
@@ -58,17 +59,9 @@ pub(crate) fn show(
     ui.data_mut(|data| data.insert_temp(key, open));
 }
 
-/// The name of a layer: its channel's, else its volume's.
-pub(crate) fn name(scene: &Scene, volumes: &[VolumeSource], layer: usize) -> String {
-    let volume = volumes.get(scene.store(layer));
-    let channel = volume.and_then(|volume| volume.displays().get(scene.layers[layer].channel as usize));
-    let channel = channel.and_then(|display| display.name.clone()).filter(|name| !name.is_empty());
-    channel.or_else(|| volume?.name()).unwrap_or_else(|| format!("layer {layer}"))
-}
-
 /// The line of a layer. Returns what is to be done with the layer.
 fn line(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize, is_open: &mut bool) -> Option<Change> {
-    let name = name(scene, volumes, layer);
+    let name = layer_name(scene, volumes, layer);
     let must_stay = must_stay(scene, layer);
     let mut change = None;
     ui.horizontal(|ui| {

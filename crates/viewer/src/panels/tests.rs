@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 
 /// Every field of a scene, as JSON has it, and the name of a control that edits it. A field of the scene that is not here, or whose control is gone, fails the
 /// test below.
-const FIELDS: [(&str, &str); 47] = [
+const FIELDS: [(&str, &str); 48] = [
     ("background", "colour"),
     ("camera.eye", "eye"),
     ("camera.projection.perspective.fov_y_deg", "angle"),
@@ -49,6 +49,7 @@ const FIELDS: [(&str, &str); 47] = [
     ("meshes.path", "organ.stl"),
     ("mode", "dvr"),
     ("pixel_error", "pixel error"),
+    ("pixel_samples", "samples"),
     ("sampling.filter", "filter"),
     ("sampling.jitter.white", "seed"),
     ("sampling.method", "method"),

@@ -183,7 +183,7 @@ fn removes(ui: &mut Ui, can: bool) -> bool {
 
 /// What a function has besides its curve.
 fn extras(ui: &mut Ui, function: &mut TransferFunction, volume: &VolumeSource, state: &mut State) {
-    let unit = crate::panels::unit(std::slice::from_ref(volume), volume.place().is_anatomical);
+    let unit = brickyard::overlay::unit(std::slice::from_ref(volume), volume.place().is_anatomical);
     let hint = "the distance in the world over which the opacity is collected: a longer one makes everything thinner";
     row(ui, "per length", hint, |ui, label| {
         let span = function.unit_distance;

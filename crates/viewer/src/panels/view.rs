@@ -44,7 +44,7 @@ impl<'a> World<'a> {
         let shown = scene.world_box(&places).ok().filter(|(low, high)| low.is_finite() && high.is_finite());
         let (low, high) = shown.unwrap_or((DVec3::ZERO, DVec3::ONE));
         let is_anatomical = scene.is_anatomical(&places);
-        Self { low, high, is_anatomical, unit: super::unit(volumes, is_anatomical) }
+        Self { low, high, is_anatomical, unit: brickyard::overlay::unit(volumes, is_anatomical) }
     }
 
     fn middle(&self) -> DVec3 {

@@ -1,9 +1,9 @@
 //! An expression over the layers' values, which is shown in their place.
 
 use crate::panels::color_map;
-use crate::panels::layers::name;
 use crate::panels::mending::set_expression;
 use crate::panels::widgets::{group, row, typed};
+use brickyard::overlay::layer_name;
 use brickyard::session::VolumeSource;
 use brickyard::volume::{Expression, Scene, Subject};
 use eframe::egui::{RichText, Ui};
@@ -44,7 +44,8 @@ fn names(ui: &mut Ui, scene: &Scene, volumes: &[VolumeSource]) {
         Ok(layer) if layer < 26 => char::from(b'a' + layer).to_string(),
         _ => format!("v{layer}"),
     };
-    let known = (0..scene.layers.len()).map(|layer| format!("{} = {}", letter(layer), name(scene, volumes, layer)));
+    let known =
+        (0..scene.layers.len()).map(|layer| format!("{} = {}", letter(layer), layer_name(scene, volumes, layer)));
     let known: Vec<_> = known.collect();
     let shown = match known.len() {
         0..=4 => known.join(", "),

@@ -4,7 +4,7 @@ use crate::panels::reason;
 use crate::panels::widgets::{count, group, log_slider, menu};
 use brickyard::session::VolumeSource;
 use brickyard::volume::sampling::MOST_VIRTUAL_SAMPLES;
-use brickyard::volume::{Filter, Jitter, LevelPolicy, Method, Scene};
+use brickyard::volume::{Filter, Jitter, LevelPolicy, Method, PixelSamples, Scene};
 use eframe::egui::Ui;
 
 const METHODS: [(Method, &str, &str); 7] = [
@@ -24,6 +24,14 @@ const METHODS: [(Method, &str, &str); 7] = [
 const FILTERS: [(Filter, &str, &str); 2] = [
     (Filter::Trilinear, "trilinear", "linear between the eight voxels around a place"),
     (Filter::Tricubic, "tricubic", "a cubic B-spline over 64 voxels: smooth, but it blurs, and is slower"),
+];
+
+const SAMPLES: [(usize, &str, &str); 5] = [
+    (1, "1", "through the centre of the pixel: edges have steps"),
+    (2, "2", "edges of three shades"),
+    (4, "4", "edges of five shades"),
+    (8, "8", "edges of nine shades"),
+    (16, "16", "as smooth as can be told"),
 ];
 
 /// Kinds of jitter without their seeds.
@@ -53,6 +61,10 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
             scene.sampling.filter = filter;
         }
         jitter(ui, &mut scene.sampling.jitter);
+        let hint = "rays of each pixel of a picture at rest: more make edges smoother, and take longer";
+        if let Some(samples) = menu(ui, "samples", hint, (scene.pixel_samples.count(), &SAMPLES), |_| None) {
+            scene.pixel_samples = PixelSamples::try_from(samples as u32).unwrap_or_default();
+        }
         let hint = "distance of samples along a ray, in voxels of the finest layer: shorter is better and slower";
         log_slider(ui, "step", hint, &mut scene.step, (0.1..=10.0, "vx"));
         let hint = "how many pixels a voxel may cover before a finer level is fetched: more is faster and coarser";

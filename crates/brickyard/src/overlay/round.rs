@@ -1,7 +1,7 @@
 //! Round numbers: lengths of 1, 2 or 5 times a power of ten, and their multiples.
 
 /// The greatest length of 1, 2 or 5 times a power of ten that is no more than `most`; `None` if there is none.
-pub(crate) fn round_length(most: f64) -> Option<f64> {
+pub fn round_length(most: f64) -> Option<f64> {
     let power = 10f64.powf(most.log10().floor());
     let round = [5.0, 2.0, 1.0].into_iter().map(|factor| factor * power).find(|&length| length <= most * (1.0 + 1e-9));
     // Written as users write it: 0.2, not 0.2000000001.
@@ -9,7 +9,7 @@ pub(crate) fn round_length(most: f64) -> Option<f64> {
 }
 
 /// The round numbers from `low` to `high`, about `count` of them or more.
-pub(crate) fn ticks(low: f64, high: f64, count: f64) -> Vec<f64> {
+pub fn ticks(low: f64, high: f64, count: f64) -> Vec<f64> {
     let Some(step) = round_length((high - low) / count.max(1.0)) else { return Vec::new() };
     let first = (low / step).ceil();
     // No more than ten times as many as were asked for: steps are at most 2.5 times too short.

@@ -1,0 +1,98 @@
+//! What overlays are drawn on: a window's painter or a finished picture. Places are in points from the upper left corner.
+
+use brickyard_volume::ViewRays;
+use glam::{DVec3, Vec2};
+
+/// A rectangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Area {
+    /// The upper left corner.
+    pub min: Vec2,
+    /// The lower right corner.
+    pub max: Vec2,
+}
+
+impl Area {
+    /// The rectangle with this upper left corner and this size.
+    pub fn new(min: Vec2, size: Vec2) -> Self {
+        Self { min, max: min + size }
+    }
+
+    /// Width and height.
+    pub fn size(&self) -> Vec2 {
+        self.max - self.min
+    }
+
+    /// Whether the two rectangles have a place in common.
+    pub fn meets(&self, other: &Self) -> bool {
+        self.min.cmplt(other.max).all() && other.min.cmplt(self.max).all()
+    }
+}
+
+/// What a line or a text is drawn with. A canvas makes it a colour that is seen on its background.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pen {
+    /// What is said first.
+    Strong,
+    /// What is said beside it.
+    Pale,
+    /// What the eye may pass over.
+    Faint,
+    /// What is about the axis x, y or z, by its number.
+    Axis(usize),
+}
+
+/// Something to draw overlays on.
+pub trait Canvas {
+    /// Width and height in points.
+    fn size(&self) -> Vec2;
+
+    /// Draws a straight line of this width. One that `is_behind` is drawn as far as nothing of the volumes is before it.
+    fn line(&mut self, ends: [Vec2; 2], width: f32, pen: Pen, is_behind: bool);
+
+    /// Writes a line of text of this height. `anchor` says which part of the text is at `place`: 0 is its left or upper end, 1 its right or lower one.
+    fn text(&mut self, place: Vec2, anchor: Vec2, text: &str, height: f32, pen: Pen);
+
+    /// The width of a line of text of this height.
+    fn text_width(&self, text: &str, height: f32) -> f32;
+
+    /// Fills a rectangle with bands of colours, the first one lowest, and frames it.
+    fn bands(&mut self, area: Area, colors: &[[u8; 3]]);
+
+    /// How much of what the picture shows something in this rectangle would hide. A window, in which one can look elsewhere, hides nothing.
+    fn hidden(&self, _area: &Area) -> usize {
+        0
+    }
+}
+
+/// The canvas of a camera's picture: where points of the world are on it.
+pub struct Lens<'a> {
+    /// The canvas, which the picture fills.
+    pub canvas: &'a mut dyn Canvas,
+    /// The rays of the picture's pixels.
+    pub rays: ViewRays,
+}
+
+impl Lens<'_> {
+    /// Where a point of the world is on the canvas; `None` if it is behind the eye.
+    pub fn place(&self, point: DVec3) -> Option<Vec2> {
+        let [x, y] = self.rays.pixel(point)?;
+        let part = Vec2::new((x / f64::from(self.rays.width)) as f32, (y / f64::from(self.rays.height)) as f32);
+        Some(part * self.canvas.size())
+    }
+
+    /// Points on the canvas for each unit of the world at this distance from the eye.
+    pub fn points_per_unit(&self, distance: f64) -> f64 {
+        f64::from(self.canvas.size().x) / (self.rays.pixel_size(distance) * f64::from(self.rays.width))
+    }
+}
+
+/// Takes the place in which something of this size hides least, of some upper left corners, the best first. What is there already, which is in `taken`, is not drawn over if there
+/// is another place.
+pub fn settle(canvas: &dyn Canvas, size: Vec2, corners: &[Vec2], taken: &mut Vec<Area>) -> Option<Area> {
+    let cost = |area: &Area| (taken.iter().filter(|other| other.meets(area)).count(), canvas.hidden(area));
+    // Of equal ones the first.
+    let best = corners.iter().map(|corner| Area::new(*corner, size)).min_by_key(cost)?;
+    taken.push(best);
+    Some(best)
+}

@@ -1,0 +1,210 @@
+use super::*;
+use brickyard_pager::{BrickError, BrickSource};
+use brickyard_volume::{
+    BrickId, Camera, Extent, Geometry, Isosurface, Mode, Projection, Pyramid, SceneExpression, SceneLayer, Stereo,
+    StereoLayout, TransferChoice, VoxelType,
+};
+use std::sync::Arc;
+
+/// Volumes of nothing, 16 x 24 x 32 millimetres, of values up to this.
+struct Nothing {
+    pyramid: Pyramid,
+    geometry: Geometry,
+    values: (f64, f64),
+    are_labels: bool,
+}
+
+impl BrickSource for Nothing {
+    fn pyramid(&self) -> &Pyramid {
+        &self.pyramid
+    }
+    fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+    fn voxel_type(&self) -> VoxelType {
+        if self.are_labels { VoxelType::U8 } else { VoxelType::F32 }
+    }
+    fn value_range(&self) -> (f64, f64) {
+        self.values
+    }
+    fn is_labels(&self) -> bool {
+        self.are_labels
+    }
+    fn times(&self) -> u32 {
+        1
+    }
+    fn channels(&self) -> u32 {
+        1
+    }
+    fn read_core(&self, _: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
+        out.fill(0);
+        Ok(())
+    }
+}
+
+fn volume(values: (f64, f64), are_labels: bool) -> VolumeSource {
+    let pyramid = Pyramid::new(Extent::from_array([16, 24, 32]), [1.0; 3], 8);
+    let geometry = Geometry { unit: Some("millimeter".into()), ..Geometry::default() };
+    VolumeSource::new(Arc::new(Nothing { pyramid, geometry, values, are_labels }))
+}
+
+/// A scene of one volume, seen along z: a pixel is 0.25 units in a picture 160 pixels high.
+fn scene() -> Scene {
+    let target = DVec3::new(8.0, 12.0, 16.0);
+    let projection = Projection::Orthographic { height: 40.0 };
+    let camera = Camera { eye: target - 100.0 * DVec3::Z, target, up: DVec3::NEG_Y, projection };
+    Scene { camera: Some(camera), ..Scene::of(SceneLayer::default()) }
+}
+
+const SIZE_PX: (u32, u32) = (240, 160);
+
+/// A picture that shows gray in these pixels, and black elsewhere.
+fn picture(shows: impl Fn(u32, u32) -> bool) -> Picture {
+    let (width, height) = SIZE_PX;
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    Picture { width, height, rgb: pixels.map(|(x, y)| if shows(x, y) { [90; 3] } else { [0; 3] }).collect() }
+}
+
+/// The pixels that overlays change.
+fn changed(overlays: &Overlays, scene: &Scene, shows: impl Fn(u32, u32) -> bool) -> Vec<(u32, u32)> {
+    let before = picture(shows);
+    let mut drawn = before.clone();
+    overlays.draw(&mut drawn, scene, &[volume((0.0, 1.0), false)]).unwrap();
+    let pixels = (0..SIZE_PX.1).flat_map(|y| (0..SIZE_PX.0).map(move |x| (x, y)));
+    pixels.filter(|&(x, y)| drawn.pixel(x, y) != before.pixel(x, y)).collect()
+}
+
+#[test]
+fn each_part_is_drawn_where_it_hides_least() {
+    let parts: [(fn() -> Overlays, &str); 3] = [
+        (|| Overlays { scale_bar: true, ..Overlays::default() }, "scale bar"),
+        (|| Overlays { color_bar: true, ..Overlays::default() }, "colour bar"),
+        (|| Overlays { label: Some("cell 12".into()), ..Overlays::default() }, "label"),
+    ];
+    for (part, name) in parts {
+        let free = changed(&part(), &scene(), |_, _| false);
+        assert!(free.len() > 60, "{name}: {}", free.len());
+        // Where it would be if nothing were there, there is something; and in all but one of the other corners.
+        for (left, top) in [(false, false), (false, true), (true, false), (true, true)] {
+            let is_free = |x: u32, y: u32| (x < 115) == left && (y < 80) == top;
+            let found = changed(&part(), &scene(), |x, y| !is_free(x, y));
+            assert!(found.iter().all(|&(x, y)| is_free(x, y)), "{name} {left} {top}: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn parts_do_not_lie_over_one_another() {
+    let all = Overlays { scale_bar: true, color_bar: true, axes: false, label: Some("one, two".into()) };
+    let parts = [
+        Overlays { scale_bar: true, ..Overlays::default() },
+        Overlays { color_bar: true, ..Overlays::default() },
+        Overlays { label: all.label.clone(), ..Overlays::default() },
+    ];
+    for free in 0..4 {
+        let shows = |x: u32, y: u32| u32::from(x < 120) + 2 * u32::from(y < 80) != free;
+        let apart: usize = parts.iter().map(|part| changed(part, &scene(), shows).len()).sum();
+        let together = changed(&all, &scene(), shows).len();
+        assert!((together as f64 / apart as f64 - 1.0).abs() < 0.1, "{free}: {together} {apart}");
+    }
+}
+
+#[test]
+fn a_scale_bar_is_as_long_as_it_says() {
+    let canvas_px = picture(|_, _| false);
+    let mut drawn = canvas_px.clone();
+    let overlays = Overlays { scale_bar: true, ..Overlays::default() };
+    overlays.draw(&mut drawn, &scene(), &[volume((0.0, 1.0), false)]).unwrap();
+    // A quarter of 240 pixels is 15 units: 10 of them are 40 pixels, white in the row of the bar.
+    let is_white = |x: &u32, y: u32| drawn.pixel(*x, y)[0] > 200;
+    let longest = (0..160).map(|y| (0..240).filter(|x| is_white(x, y)).count()).max();
+    assert!(matches!(longest, Some(39..=41)), "{longest:?}");
+}
+
+#[test]
+fn edges_of_the_box_hide_nothing() {
+    let axes = Overlays { axes: true, ..Overlays::default() };
+    // Seen from a corner, so that three edges are behind and three before what is in the box.
+    let target = DVec3::new(8.0, 12.0, 16.0);
+    let camera = Camera { eye: target + 100.0 * DVec3::new(1.0, 1.2, 0.9), target, ..scene().camera.unwrap() };
+    let scene = Scene { camera: Some(Camera { up: DVec3::Z, ..camera }), ..scene() };
+    let [x, y] = scene.camera.unwrap().rays(SIZE_PX.0, SIZE_PX.1).unwrap().pixel(target).unwrap();
+    let near_middle = |&&(px, py): &&(u32, u32)| (f64::from(px) - x).hypot(f64::from(py) - y) < 12.0;
+    let over_nothing = changed(&axes, &scene, |_, _| false);
+    assert!(over_nothing.iter().filter(near_middle).count() > 12, "edges behind are seen through nothing");
+    let over_all = changed(&axes, &scene, |_, _| true);
+    assert_eq!(over_all.iter().filter(near_middle).count(), 0, "edges before are not drawn");
+    assert!(over_all.len() > 300, "edges at the border, and ticks");
+}
+
+#[test]
+fn bars_have_the_colours_of_their_values() {
+    let mut drawn = picture(|_, _| false);
+    let transfer = Some(TransferChoice::preset("fire"));
+    let layer = SceneLayer { transfer, window: Some([10.0, 20.0]), ..SceneLayer::default() };
+    let scene = Scene { layers: vec![layer], ..scene() };
+    let volumes = [volume((0.0, 50.0), false)];
+    let overlays = Overlays { color_bar: true, ..Overlays::default() };
+    overlays.draw(&mut drawn, &scene, &volumes).unwrap();
+    let function = volumes[0].function(&scene.layers[0]).unwrap();
+    // The bar's middle column: the one with most colours.
+    let column = |x: u32| (0..160).map(move |y| (x, y));
+    let colors = |x: u32| column(x).map(|(x, y)| drawn.pixel(x, y)).filter(|[r, g, b]| r != g || g != b).count();
+    let x = (0..240).max_by_key(|x| colors(*x)).unwrap();
+    let bar: Vec<_> = column(x).map(|(x, y)| drawn.pixel(x, y)).skip_while(|pixel| *pixel == [0; 3]).collect();
+    for (value, part) in [(19.5, 0.05), (15.0, 0.5), (12.0, 0.8)] {
+        let found = bar[(part * colors(x) as f64) as usize];
+        let expected = function.rgb(value).map(|c| (c * 255.0).round());
+        // A band is a sixty-fourth of the bar.
+        let differs = (0..3).map(|i| (f64::from(found[i]) - f64::from(expected[i])).abs()).fold(0.0, f64::max);
+        assert!(differs < 24.0, "{value}: {found:?} for {expected:?}");
+    }
+}
+
+#[test]
+fn each_layer_of_values_has_a_bar_whose_ticks_differ() {
+    for (offset, scale) in [(0.0, 255.0), (1e9, 2000.0), (-1e12, 8.0), (0.0, 1e-6), (3e-5, 1e-9)] {
+        let window = Some([offset - scale, offset + scale]);
+        let layer = SceneLayer { source: Some(0), window, ..SceneLayer::default() };
+        let hidden = SceneLayer { visible: false, ..layer.clone() };
+        let of_labels = SceneLayer { source: Some(1), ..SceneLayer::default() };
+        let scene = Scene { layers: vec![layer.clone(), hidden, layer, of_labels], ..Scene::default() };
+        let bars = color_bar::bars(&scene, &[volume((0.0, 255.0), false), volume((0.0, 255.0), true)]);
+        assert_eq!(bars.len(), 2);
+        let mut texts = bars[0].tick_texts();
+        assert!(texts.len() > 2, "{texts:?}");
+        texts.dedup();
+        assert_eq!(texts.len(), bars[0].tick_texts().len(), "{texts:?}");
+    }
+}
+
+#[test]
+fn an_expression_has_one_bar_and_surfaces_with_colours_none() {
+    let volumes = [volume((0.0, 1.0), false)];
+    let function = volumes[0].function(&SceneLayer::default()).unwrap();
+    let expression = SceneExpression { text: "a * 2".into(), transfer: Some(function.into()) };
+    let scene = Scene { expression: Some(expression), ..scene() };
+    assert_eq!(color_bar::bars(&scene, &volumes).len(), 1);
+    let surface = |color| Isosurface { value: 0.5, color, opacity: 1.0 };
+    for (surfaces, count) in [(vec![surface(None)], 1), (vec![surface(Some([1.0, 0.0, 0.0]))], 0)] {
+        let layers = vec![SceneLayer { isosurfaces: surfaces, ..SceneLayer::default() }];
+        let scene = Scene { mode: Mode::Isosurface, layers, ..Scene::default() };
+        assert_eq!(color_bar::bars(&scene, &volumes).len(), count);
+    }
+}
+
+#[test]
+fn what_cannot_be_drawn_is_refused_before_anything_is_drawn() {
+    let label = |text: &str| Overlays { label: Some(text.into()), ..Overlays::default() };
+    let stereo = Scene { stereo: Some(Stereo::new(StereoLayout::SideBySide)), ..scene() };
+    for (overlays, scene, size_px, expected) in [
+        (label("a"), scene(), (95, 200), OverlayError::TooSmall { width: 95, height: 200 }),
+        (label("\u{6f22}"), scene(), SIZE_PX, OverlayError::Letter('\u{6f22}')),
+        (label("a"), stereo.clone(), SIZE_PX, OverlayError::Stereo),
+    ] {
+        assert_eq!(overlays.check(&scene, size_px), Err(expected));
+    }
+    assert_eq!(label("Gr\u{f6}\u{df}e 4 \u{b5}m, \u{3b1} \u{2264} 1").check(&scene(), SIZE_PX), Ok(()));
+    assert_eq!(Overlays::default().check(&stereo, (1, 1)), Ok(()));
+    assert!(changed(&Overlays::default(), &scene(), |_, _| true).is_empty());
+}
