@@ -587,12 +587,13 @@ impl<'a> Verifier<'a> {
         problems.extend(check_counts(&self.views[0], &totals));
         for (c, (totals, stored)) in totals.iter().zip(&self.views[0].info().channels).enumerate() {
             let mut computed = totals.finish();
-            // A float's mean depends in its last digits on the order of summation; the window is a choice.
+            // A float's mean depends in its last digits on the order of summation; the window, name and colour are a choice.
             let near = (computed.mean - stored.mean).abs() <= 1e-9 * stored.range[0].abs().max(stored.range[1].abs());
             if near {
                 computed.mean = stored.mean;
             }
             computed.window = stored.window;
+            (computed.name, computed.color) = (stored.name.clone(), stored.color);
             if computed != *stored {
                 let path = self.views[0].path().join("zarr.json");
                 let what = format!("attributes.brickyard.channels[{c}]: {}", difference(&computed, stored));

@@ -137,6 +137,18 @@ fn packed<T: Voxel>(source: &Array<T>, options: &PackOptions) -> BTreeMap<PathBu
     files(&store)
 }
 
+/// A source says them; they are no statistics that voxels could give again.
+#[test]
+fn a_store_whose_channels_have_names_colors_and_windows_is_sound() {
+    let mut source = Array::<u8>::series([20, 20, 20], 1, 2, |_, p| value(p) as u8);
+    let look = ChannelLook { name: Some("DAPI".into()), color: Some([40, 90, 255]), window: Some([3.0, 90.0]) };
+    source.info.channel_looks = vec![look, ChannelLook::default()];
+    let dir = tempfile::tempdir().unwrap();
+    let store = dir.path().join("s.zarr");
+    pack(&source, &store, &options(VoxelType::U8), &()).unwrap();
+    assert_eq!(crate::verify::verify(&store, |_, _| {}).unwrap().problems, []);
+}
+
 pub(crate) fn level_voxels(store: &Store, time: u32, channel: u32, level: Level) -> Vec<f64> {
     let region = store.pyramid().level(level).extent.full_box();
     let voxel_type = store.voxel_type();
