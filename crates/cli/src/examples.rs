@@ -69,6 +69,16 @@ pub(crate) const DOCTOR: &str = "\
 Example:
   brickyard doctor";
 
+pub(crate) const COMPLETIONS: &str = "\
+Examples:
+  brickyard completions bash > ~/.local/share/bash-completion/completions/brickyard
+  brickyard completions zsh > ~/.zfunc/_brickyard
+  brickyard completions fish > ~/.config/fish/completions/brickyard.fish";
+
+pub(crate) const MAN: &str = "\
+Example:
+  brickyard man ~/.local/share/man/man1";
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -77,10 +87,12 @@ mod tests {
 
     #[test]
     fn examples_are_commands_that_there_are() {
-        let all = [PACK, APPEND, INFO, PROBE, VERIFY, EXPORT, RENDER, SYNTH, BENCH, QUALITY, DOCTOR];
+        let all = [PACK, APPEND, INFO, PROBE, VERIFY, EXPORT, RENDER, SYNTH, BENCH, QUALITY, DOCTOR, COMPLETIONS, MAN];
         #[cfg(feature = "viewer")]
         let all = [&all[..], &[VIEW]].concat();
         for line in all.iter().flat_map(|text| text.lines()).filter(|line| line.starts_with("  ")) {
+            // Where the shell sends what a command prints is none of the command's words.
+            let line = line.split(" > ").next().unwrap();
             let words = line.split_whitespace().map(|word| word.trim_matches('\''));
             assert!(Arguments::try_parse_from(words).is_ok(), "{line}");
         }

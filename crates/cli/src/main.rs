@@ -7,6 +7,7 @@ mod bench;
 mod bench_play;
 mod camera_path;
 mod channel_args;
+mod completions;
 mod destination;
 mod doctor;
 mod examples;
@@ -15,6 +16,7 @@ mod failure;
 mod heading;
 mod info;
 mod input_args;
+mod man;
 mod output;
 mod pack;
 mod pack_settings;
@@ -102,6 +104,12 @@ enum Command {
     /// Say what this machine can do, and try it
     #[command(after_help = examples::DOCTOR)]
     Doctor(doctor::DoctorArguments),
+    /// Print a script with which a shell completes the command line
+    #[command(after_help = examples::COMPLETIONS)]
+    Completions(completions::CompletionsArguments),
+    /// Write manual pages into a folder
+    #[command(after_help = examples::MAN)]
+    Man(man::ManArguments),
 }
 
 fn main() -> ExitCode {
@@ -144,6 +152,8 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Quality(arguments) => quality::run(&arguments),
         Command::Doctor(arguments) => doctor::run(&arguments),
+        Command::Completions(arguments) => completions::run(&arguments),
+        Command::Man(arguments) => man::run(&arguments),
     }
 }
 

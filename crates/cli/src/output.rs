@@ -41,6 +41,20 @@ pub(crate) fn may_write_png(path: &Path, overwrite: bool) -> Result<(), Failure>
     may_write(path, overwrite)
 }
 
+/// Makes a folder for output, unless it is there.
+///
+/// # Errors
+/// Exit code 2 if something else is there, 1 if it cannot be made.
+pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
+    if path.is_dir() {
+        return Ok(());
+    }
+    if path.symlink_metadata().is_ok() {
+        return Err(Failure::usage(format!("{}: expected a folder, found something else", path.display())));
+    }
+    std::fs::create_dir_all(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
+}
+
 /// Writes a value to a file, as JSON.
 ///
 /// # Errors

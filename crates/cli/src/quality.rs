@@ -2,6 +2,7 @@
 
 use super::advice::advised;
 use super::failure::Failure;
+use super::output::make_folder;
 use super::sampling_args::{FilterArgument, LightingArgument, MethodArgument};
 use super::scene_args::SceneArguments;
 use super::session_args::threads;
@@ -92,7 +93,7 @@ pub(crate) fn run(arguments: &QualityArguments) -> Result<(), Failure> {
     let scene = arguments.scene.scene_of_one_step(std::slice::from_ref(&volume), arguments.size)?;
     check(arguments, &scene)?;
     let plan = arguments.plan(&scene);
-    make_folder(&arguments.output, arguments.overwrite)?;
+    make_empty_folder(&arguments.output, arguments.overwrite)?;
     let mut rows = Vec::new();
     let options = arguments.session_options();
     survey(&volume, &plan, &options, |row, series| {
@@ -185,22 +186,13 @@ impl QualityArguments {
 }
 
 /// A folder that is there must be empty, unless told otherwise.
-fn make_folder(path: &Path, overwrite: bool) -> Result<(), Failure> {
+fn make_empty_folder(path: &Path, overwrite: bool) -> Result<(), Failure> {
     let fail = |error: std::io::Error| Failure::failed(format!("{}: {error}", path.display()));
-    if path.is_dir() {
-        let is_empty = path.read_dir().map_err(fail)?.next().is_none();
-        return match is_empty || overwrite {
-            true => Ok(()),
-            false => {
-                let problem = "is not empty; choose another folder, or pass --overwrite to write into this one";
-                Err(Failure::usage(format!("{}: {problem}", path.display())))
-            }
-        };
+    if !overwrite && path.is_dir() && path.read_dir().map_err(fail)?.next().is_some() {
+        let problem = "is not empty; choose another folder, or pass --overwrite to write into this one";
+        return Err(Failure::usage(format!("{}: {problem}", path.display())));
     }
-    if path.symlink_metadata().is_ok() {
-        return Err(Failure::usage(format!("{}: expected a folder, found something else", path.display())));
-    }
-    std::fs::create_dir_all(path).map_err(fail)
+    make_folder(path)
 }
 
 fn print_row(is_first: bool, row: &Row) -> Result<(), Failure> {

@@ -1,0 +1,101 @@
+//! `brickyard man`: manual pages, one for the command and one for each of its commands.
+
+use super::Arguments;
+use super::failure::Failure;
+use super::heading;
+use super::output::{make_folder, may_write};
+use super::say::say;
+use brickyard::volume::counted;
+use clap::{Args, Command, CommandFactory};
+use clap_mangen::Man;
+use std::path::PathBuf;
+
+/// `brickyard man FOLDER`
+#[derive(Args)]
+pub(crate) struct ManArguments {
+    /// The folder for the pages brickyard.1, brickyard-pack.1 and so on; made if it is not there
+    folder: PathBuf,
+    /// Replace existing pages
+    #[arg(help_heading = heading::OUTPUT, long)]
+    overwrite: bool,
+}
+
+/// A manual page.
+struct Page {
+    /// Its file's name.
+    name: String,
+    roff: Vec<u8>,
+}
+
+/// Runs `man`.
+///
+/// # Errors
+/// Exit code 2 if a page is there and may not be replaced: none is written then. Exit code 1 if a page cannot be written.
+pub(crate) fn run(arguments: &ManArguments) -> Result<(), Failure> {
+    let folder = &arguments.folder;
+    let pages = pages(Arguments::command())?;
+    pages.iter().try_for_each(|page| may_write(&folder.join(&page.name), arguments.overwrite))?;
+    make_folder(folder)?;
+    for page in &pages {
+        let path = folder.join(&page.name);
+        std::fs::write(&path, &page.roff).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
+    }
+    say!("{}: {}", folder.display(), counted(pages.len() as u64, "page"));
+    Ok(())
+}
+
+/// The pages of a command and of its subcommands.
+fn pages(command: Command) -> Result<Vec<Page>, Failure> {
+    let mut command = command.disable_help_subcommand(true);
+    // Gives the subcommands the flags of all commands, and the names that their pages have.
+    command.build();
+    let subcommands: Vec<Command> = command.get_subcommands().cloned().collect();
+    let page = |command: Command| {
+        let (page, mut roff) = (Man::new(command), Vec::new());
+        page.render(&mut roff).map_err(Failure::failed)?;
+        Ok(Page { name: page.get_filename(), roff })
+    };
+    std::iter::once(command).chain(subcommands).map(page).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A page's words, without the backslashes that keep hyphens from being broken at.
+    fn text(page: &Page) -> String {
+        String::from_utf8(page.roff.clone()).unwrap().replace('\\', "")
+    }
+
+    #[test]
+    fn a_page_names_every_flag_of_its_command() {
+        let mut command = Arguments::command();
+        command.build();
+        let pages = pages(Arguments::command()).unwrap();
+        assert_eq!(pages[0].name, "brickyard.1");
+        for command in command.get_subcommands().filter(|command| command.get_name() != "help") {
+            let page = pages.iter().find(|page| page.name == format!("brickyard-{}.1", command.get_name())).unwrap();
+            let text = text(page);
+            for flag in command.get_arguments().filter_map(clap::Arg::get_long) {
+                assert!(text.contains(&format!("--{flag}")), "{}: --{flag}", page.name);
+            }
+            assert!(self::text(&pages[0]).contains(page.name.trim_end_matches(".1")), "{}", page.name);
+        }
+    }
+
+    #[test]
+    fn pages_that_are_there_are_replaced_only_if_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let pages = folder.path().join("share/man1");
+        let write = |overwrite| run(&ManArguments { folder: pages.clone(), overwrite });
+        write(false).unwrap();
+        std::fs::write(pages.join("brickyard-pack.1"), "mine").unwrap();
+        std::fs::remove_file(pages.join("brickyard.1")).unwrap();
+        assert_eq!(write(false).unwrap_err().kind as u8, 2);
+        assert!(!pages.join("brickyard.1").exists());
+        write(true).unwrap();
+        assert!(std::fs::read_to_string(pages.join("brickyard-pack.1")).unwrap().contains("codec"));
+        let file = pages.join("brickyard.1");
+        assert_eq!(run(&ManArguments { folder: file, overwrite: false }).unwrap_err().kind as u8, 2);
+    }
+}
