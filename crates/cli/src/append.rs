@@ -2,6 +2,7 @@
 
 use super::advice::with_flags;
 use super::failure::Failure;
+use super::heading;
 use super::input_args::InputArguments;
 use super::pack_settings::{PackingLimits, StoreSettings};
 use super::progress::Progress;
@@ -24,7 +25,7 @@ pub(crate) struct AppendArguments {
     #[arg(required = true, num_args = 1.., value_name = "FILE")]
     files: Vec<PathBuf>,
     /// When the steps were taken, a time for each file, ascending [default: they go on evenly]
-    #[arg(long, value_name = "TIME[,TIME...]", value_delimiter = ',', allow_hyphen_values = true)]
+    #[arg(help_heading = heading::INPUT, long, value_name = "TIME[,TIME...]", value_delimiter = ',', allow_hyphen_values = true)]
     time: Vec<f64>,
     #[command(flatten)]
     input: InputArguments,

@@ -2,6 +2,7 @@
 
 use super::bench_play::{self, PlayArguments};
 use super::failure::Failure;
+use super::heading;
 use super::output::{may_write, write_json};
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
@@ -26,58 +27,59 @@ pub(crate) struct BenchArguments {
     #[arg(required = true)]
     stores: Vec<PathBuf>,
     /// Fly over all stores in one picture, not over one after the other
-    #[arg(long)]
+    #[arg(help_heading = heading::MEASURED, long)]
     together: bool,
     /// What to fly, or `play` or `scrub` for time steps
-    #[arg(long, value_delimiter = ',', default_value = "orbit,fly,zoom,sweep")]
+    #[arg(help_heading = heading::MEASURED, long, value_delimiter = ',', default_value = "orbit,fly,zoom,sweep")]
     scenario: Vec<ScenarioArgument>,
     #[command(flatten)]
     play: PlayArguments,
     /// Frames of a flight
-    #[arg(long, default_value_t = 120, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(help_heading = heading::MEASURED, long, default_value_t = 120, value_parser = clap::value_parser!(u32).range(1..))]
     frames: u32,
     /// Read from the disk: the kernel is asked to forget the stores before every flight
-    #[arg(long)]
+    #[arg(help_heading = heading::MEASURED, long)]
     cold: bool,
-    /// How long a frame of a moving camera may take: fewer pixels and longer steps keep to it. Without, every frame is exact
-    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u32).range(1..))]
+    /// How long a frame of a moving camera may take: fewer pixels and longer steps keep to it [default: as long as it takes,
+    /// and every frame is exact]
+    #[arg(help_heading = heading::DRAWING, long, value_name = "MS", value_parser = clap::value_parser!(u32).range(1..))]
     frame_goal: Option<u32>,
     /// Read and sample what shows nothing, too: what skipping it gains is the difference
-    #[arg(long)]
+    #[arg(help_heading = heading::DRAWING, long)]
     no_skipping: bool,
     /// Seed of the random flight
-    #[arg(long, default_value_t = 1)]
+    #[arg(help_heading = heading::MEASURED, long, default_value_t = 1)]
     seed: u64,
     /// Picture size in pixels
-    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::size_px)]
+    #[arg(help_heading = heading::OUTPUT, long, value_name = "WxH", default_value = "512x512", value_parser = values::size_px)]
     size: (u32, u32),
     #[command(flatten)]
     scene: SceneArguments,
     #[command(flatten)]
     sampling: SamplingArguments,
     /// Where to render; auto takes a hardware GPU if there is one, else the CPU
-    #[arg(long, value_enum, default_value_t = BackendArgument::Auto)]
+    #[arg(help_heading = heading::DRAWING, long, value_enum, default_value_t = BackendArgument::Auto)]
     backend: BackendArgument,
     /// How to render; auto takes what measured faster here
-    #[arg(long, value_enum, default_value_t = CompositorArgument::Auto)]
+    #[arg(help_heading = heading::DRAWING, long, value_enum, default_value_t = CompositorArgument::Auto)]
     compositor: CompositorArgument,
     /// Hard limit of brick slots, tables, targets and staging
-    #[arg(long, value_name = "BYTES", default_value = "256MiB", value_parser = values::bytes)]
+    #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "256MiB", value_parser = values::bytes)]
     gpu_memory: u64,
     /// Hard limit of decoded bricks and scratch
-    #[arg(long, value_name = "BYTES", default_value = "512MiB", value_parser = values::bytes)]
+    #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "512MiB", value_parser = values::bytes)]
     host_memory: u64,
     /// Threads for decoding and for the CPU backend [default: all]
-    #[arg(short = 'j', long)]
+    #[arg(help_heading = heading::DRAWING, short = 'j', long)]
     threads: Option<NonZeroUsize>,
     /// Print JSON
-    #[arg(long)]
+    #[arg(help_heading = heading::OUTPUT, long)]
     json: bool,
     /// Write what was measured (JSON), too
-    #[arg(long, value_name = "stats.json")]
+    #[arg(help_heading = heading::OUTPUT, long, value_name = "stats.json")]
     stats: Option<PathBuf>,
     /// Replace existing statistics
-    #[arg(long, requires = "stats")]
+    #[arg(help_heading = heading::OUTPUT, long, requires = "stats")]
     overwrite: bool,
 }
 

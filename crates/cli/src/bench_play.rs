@@ -1,6 +1,6 @@
 //! `brickyard bench --scenario play,scrub`: measured playbacks of time steps, as a table.
 
-use super::values;
+use super::{heading, values};
 use brickyard::pager::{Ending, Playback, Policy};
 use brickyard::playing::PlayReport;
 use clap::{Args, ValueEnum};
@@ -9,16 +9,16 @@ use clap::{Args, ValueEnum};
 #[derive(Args)]
 pub(super) struct PlayArguments {
     /// Steps a second that `play` asks for
-    #[arg(long, value_name = "R", default_value = "20", value_parser = values::positive, allow_negative_numbers = true)]
+    #[arg(help_heading = heading::MEASURED, long, value_name = "R", default_value = "20", value_parser = values::positive, allow_negative_numbers = true)]
     rate: f64,
     /// What gives way where `play` cannot hold the rate
-    #[arg(long, value_enum, default_value_t = PolicyArgument::HoldRate)]
+    #[arg(help_heading = heading::MEASURED, long, value_enum, default_value_t = PolicyArgument::HoldRate)]
     policy: PolicyArgument,
     /// Time steps that `play` passes and `scrub` jumps to, again and again if the stores have fewer
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(help_heading = heading::MEASURED, long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) steps: u32,
     /// Draw nothing in `play` and `scrub`: measure streaming alone, from reading to what would be drawn
-    #[arg(long)]
+    #[arg(help_heading = heading::MEASURED, long)]
     pub(super) no_drawing: bool,
 }
 

@@ -18,16 +18,18 @@ pub(crate) struct ChannelArguments {
     /// Channels to show, by number from 0 or by name, with commas between them; or all [default: those that the store calls active]
     #[arg(help_heading = heading::PART, long, value_name = "all|CHANNEL,...")]
     channel: Option<String>,
-    /// The values that are black and full colour, of all channels or of one; as percentiles with %
+    /// The values that are black and full colour, of all channels or of one; as percentiles with % [default: those that the store says]
     #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]LOW,HIGH", value_parser = setting::<[Bound; 2]>, allow_hyphen_values = true)]
     window: Vec<Setting<[Bound; 2]>>,
-    /// From black to this colour over the window, of all channels or of one: a name, RRGGBB, or R:G:B in 0..1
+    /// From black to this colour over the window, of all channels or of one: a name, RRGGBB, or R:G:B in 0..1 [default: the
+    /// one that the store says, or the transfer function's]
     #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]COLOR", value_parser = setting::<Color>)]
     color: Vec<Setting<Color>>,
-    /// What opacities are multiplied by, 0..1, of all channels or of one; in projections the opacity of the whole channel
+    /// What opacities are multiplied by, 0..1, of all channels or of one; in projections the opacity of the whole channel [default:
+    /// 1]
     #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]OPACITY", value_parser = setting::<f64>, allow_hyphen_values = true)]
     opacity: Vec<Setting<f64>>,
-    /// The power by which a channel is bent over its window; less than 1 shows more of the lesser values
+    /// The power by which a channel is bent over its window; less than 1 shows more of the lesser values [default: 1]
     #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]GAMMA", value_parser = setting::<f64>, allow_hyphen_values = true)]
     gamma: Vec<Setting<f64>>,
     /// Labels to show, with commas between them; of labels [default: all but the background, 0]

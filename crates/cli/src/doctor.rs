@@ -1,6 +1,7 @@
 //! `brickyard doctor`: what this machine offers, and a small volume packed and rendered by every backend to prove it.
 
 use super::failure::Failure;
+use super::heading;
 use super::session_args::processors;
 use super::{print_json, print_line, store_errors, values};
 use brickyard::backend::{BackendChoice, CompositorChoice};
@@ -22,7 +23,7 @@ use std::time::{Duration, Instant};
 #[derive(Args)]
 pub(crate) struct DoctorArguments {
     /// Print JSON
-    #[arg(long)]
+    #[arg(help_heading = heading::OUTPUT, long)]
     json: bool,
 }
 

@@ -1,6 +1,7 @@
 //! `brickyard export`: a level, or a box of it, of one time step or several, to a plain file.
 
 use super::failure::Failure;
+use super::heading;
 use super::output::may_write;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
@@ -20,22 +21,22 @@ pub(crate) struct ExportArguments {
     /// The output: .raw (little-endian, x fastest) or .npy
     output: PathBuf,
     /// Level; 0 is the finest
-    #[arg(long, default_value_t = 0)]
+    #[arg(help_heading = heading::READ, long, default_value_t = 0)]
     level: u8,
     /// Box in voxels of that level, ends excluded [default: the whole level]
-    #[arg(long, value_name = "x0:x1,y0:y1,z0:z1", value_parser = values::voxel_box)]
+    #[arg(help_heading = heading::READ, long, value_name = "x0:x1,y0:y1,z0:z1", value_parser = values::voxel_box)]
     roi: Option<VoxelBox>,
     /// Time step N; or several, A:B, A:B:S (B excluded) or all, as an array whose slowest axis is time
-    #[arg(long, value_name = "N|A:B[:S]|all", default_value = "0", allow_negative_numbers = true)]
+    #[arg(help_heading = heading::READ, long, value_name = "N|A:B[:S]|all", default_value = "0", allow_negative_numbers = true)]
     time: StepRange,
     /// Channel
-    #[arg(long, default_value_t = 0)]
+    #[arg(help_heading = heading::READ, long, default_value_t = 0)]
     channel: u32,
     /// Replace an existing file
-    #[arg(long)]
+    #[arg(help_heading = heading::OUTPUT, long)]
     overwrite: bool,
     /// How to show progress
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(help_heading = heading::WORK, long, value_enum, default_value_t)]
     progress: ProgressStyleArgument,
 }
 

@@ -4,6 +4,12 @@
 pub(crate) const OUTPUT: &str = "Output";
 /// Heading of the flags for what an input means.
 pub(crate) const INPUT: &str = "Input";
+/// Heading of the flags for what is made where nothing is read.
+pub(crate) const MADE: &str = "What is made";
+/// Heading of the flags for the part of a store that is read.
+pub(crate) const READ: &str = "What is read";
+/// Heading of the flags for what is measured.
+pub(crate) const MEASURED: &str = "What is measured";
 /// Heading of the flags for the part of the volumes that is shown.
 pub(crate) const PART: &str = "What is shown";
 /// Heading of the flags for the camera.
@@ -14,6 +20,9 @@ pub(crate) const LOOK: &str = "Look";
 pub(crate) const SAMPLING: &str = "Sampling";
 /// Heading of the flags for what is drawn on the pictures, where it hides least.
 pub(crate) const OVERLAYS: &str = "Overlays";
+/// Heading of the flags for a window.
+#[cfg(feature = "viewer")]
+pub(crate) const WINDOW: &str = "Window";
 /// Heading of the flags for who draws, and what drawing may take.
 pub(crate) const DRAWING: &str = "Drawing, memory and time";
 /// Heading of the flags for files without a header.

@@ -1,6 +1,7 @@
 //! `brickyard info`: what a store holds.
 
 use super::failure::Failure;
+use super::heading;
 use super::values::{self, short};
 use super::{print_json, print_line, store_errors};
 use brickyard::store::{ChannelDisplay, Kind, ReadError, Store};
@@ -18,7 +19,7 @@ pub(crate) struct InfoArguments {
     /// The store
     store: PathBuf,
     /// Print JSON
-    #[arg(long)]
+    #[arg(help_heading = heading::OUTPUT, long)]
     json: bool,
 }
 

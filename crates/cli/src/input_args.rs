@@ -23,35 +23,36 @@ pub(crate) struct InputArguments {
     /// Bytes to skip at the start, for raw input
     #[arg(help_heading = heading::RAW, long, value_name = "BYTES", default_value_t = 0)]
     offset: u64,
-    /// Axis letters of the input's array, slowest first, e.g. tczyx
+    /// Axis letters of the input's array, slowest first, e.g. tczyx [default: the file's; tczyx of raw input]
     #[arg(help_heading = heading::INPUT, long)]
     axes: Option<AxisOrder>,
-    /// Time steps in the file, for raw input with a t axis
+    /// Time steps in the file, for raw input with a t axis [default: 1]
     #[arg(help_heading = heading::RAW, long)]
     times: Option<u32>,
-    /// Channels in the file, for raw input with a c axis
+    /// Channels in the file, for raw input with a c axis [default: 1]
     #[arg(help_heading = heading::RAW, long)]
     channels: Option<u32>,
     /// Order of several files: as given, or by the numbers in their names whatever these count [default: that of a list, unless a shell
     /// made it of a pattern; otherwise by their numbers, where these have no gaps and count one thing]
     #[arg(help_heading = heading::INPUT, long, value_enum)]
     order: Option<OrderArgument>,
-    /// World distance between voxel centres; overrides the file's
+    /// World distance between voxel centres [default: the file's, or 1,1,1]
     #[arg(help_heading = heading::INPUT, long, value_name = "X,Y,Z", value_parser = values::spacing)]
     spacing: Option<DVec3>,
-    /// World position of the first voxel's centre; overrides the file's
+    /// World position of the first voxel's centre [default: the file's, or 0,0,0]
     #[arg(help_heading = heading::INPUT, long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     origin: Option<DVec3>,
-    /// World unit: nm, um, mm, cm, m, or a UDUNITS name; overrides the file's
+    /// World unit: nm, um, mm, cm, m, or a UDUNITS name [default: the file's]
     #[arg(help_heading = heading::INPUT, long)]
     unit: Option<String>,
-    /// Time from one step to the next, where steps are evenly spaced; overrides the file's
+    /// Time from one step to the next, where steps are evenly spaced [default: the file's]
     #[arg(help_heading = heading::INPUT, long, value_name = "TIME", value_parser = values::positive, allow_negative_numbers = true, conflicts_with = "time_stamps")]
     time_step: Option<f64>,
-    /// Unit of time: s, ms, us, ns, min, h, d, or a UDUNITS name; overrides the file's
+    /// Unit of time: s, ms, us, ns, min, h, d, or a UDUNITS name [default: the file's]
     #[arg(help_heading = heading::INPUT, long, value_name = "UNIT")]
     time_unit: Option<String>,
-    /// File with the time of each step, where they are not evenly spaced: one number a line, ascending
+    /// File with the time of each step, where they are not evenly spaced: one number a line, ascending [default: the
+    /// files' own times]
     #[arg(help_heading = heading::INPUT, long, value_name = "FILE")]
     time_stamps: Option<PathBuf>,
     /// Value of voxels that hold no data, such as -9999: these are not drawn, averaged or counted; none for a file whose own value
@@ -61,7 +62,7 @@ pub(crate) struct InputArguments {
     /// Accept 64-bit numbers that f32 or 32-bit integers do not hold as they are; what is lost is counted
     #[arg(help_heading = heading::INPUT, long)]
     allow_lossy: bool,
-    /// Folder for scratch files of inputs that cannot be sought in
+    /// Folder for scratch files of inputs that cannot be sought in [default: the system's for temporary files]
     #[arg(help_heading = heading::WORK, long, value_name = "FOLDER")]
     scratch: Option<PathBuf>,
 }

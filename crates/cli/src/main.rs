@@ -14,6 +14,8 @@ mod examples;
 mod export;
 mod failure;
 mod heading;
+#[cfg(test)]
+mod help_tests;
 mod info;
 mod input_args;
 mod man;

@@ -37,7 +37,7 @@ pub(crate) struct StoreSettings {
     #[arg(help_heading = heading::STORE, long, value_name = "METHOD[,METHOD]")]
     downsample: Option<Reductions>,
     /// Store each brick's apron too, 1 or 2 voxels wide (2 for tricubic samples): a tenth or a fifth more of disk, and a view
-    /// decodes no brick just for its neighbour's sake
+    /// decodes no brick just for its neighbour's sake [default: none is stored]
     #[arg(help_heading = heading::STORE, long, value_name = "VOXELS", value_parser = clap::value_parser!(u32).range(1..=MAX_APRON as i64))]
     aprons: Option<u32>,
 }

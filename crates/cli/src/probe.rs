@@ -1,6 +1,7 @@
 //! `brickyard probe`: the values of all channels at one place, at one time step or over several.
 
 use super::failure::Failure;
+use super::heading;
 use super::output::may_write;
 use super::say::say;
 use super::step_range::StepRange;
@@ -27,22 +28,22 @@ pub(crate) struct ProbeArguments {
     #[arg(value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     place: DVec3,
     /// The place is a voxel of level 0, counted from 0
-    #[arg(long)]
+    #[arg(help_heading = heading::READ, long)]
     voxel: bool,
     /// Time step N; or a curve of several, A:B, A:B:S (B excluded) or all
-    #[arg(long, value_name = "N|A:B[:S]|all", default_value = "0", allow_negative_numbers = true)]
+    #[arg(help_heading = heading::READ, long, value_name = "N|A:B[:S]|all", default_value = "0", allow_negative_numbers = true)]
     time: StepRange,
     /// Print JSON
-    #[arg(long)]
+    #[arg(help_heading = heading::OUTPUT, long)]
     json: bool,
     /// Print comma-separated values, a row for each step
-    #[arg(long, conflicts_with = "json")]
+    #[arg(help_heading = heading::OUTPUT, long, conflicts_with = "json")]
     csv: bool,
     /// Draw the curve into an SVG file
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(help_heading = heading::OUTPUT, long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
     /// Replace an existing file
-    #[arg(long, requires = "plot")]
+    #[arg(help_heading = heading::OUTPUT, long, requires = "plot")]
     overwrite: bool,
 }
 

@@ -2,6 +2,7 @@
 
 use super::advice::advised;
 use super::failure::Failure;
+use super::heading;
 use super::output::make_folder;
 use super::sampling_args::{FilterArgument, LightingArgument, MethodArgument};
 use super::scene_args::SceneArguments;
@@ -30,46 +31,46 @@ pub(crate) struct QualityArguments {
     /// The store
     store: PathBuf,
     /// Folder for table, curves and maps; made if it is not there
-    #[arg(short, long, value_name = "FOLDER")]
+    #[arg(help_heading = heading::OUTPUT, short, long, value_name = "FOLDER")]
     output: PathBuf,
     /// Picture size in pixels
-    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = values::size_px)]
+    #[arg(help_heading = heading::OUTPUT, long, value_name = "WxH", default_value = "512x512", value_parser = values::size_px)]
     size: (u32, u32),
     #[command(flatten)]
     scene: SceneArguments,
     /// Sampling rates: segments along a voxel
-    #[arg(long, value_name = "N,...", value_delimiter = ',', default_value = "1,2,4,8", value_parser = values::positive)]
+    #[arg(help_heading = heading::MEASURED, long, value_name = "N,...", value_delimiter = ',', default_value = "1,2,4,8", value_parser = values::positive)]
     samples_per_voxel: Vec<f64>,
     /// Sampling methods [default: all; where the transfer function is one of value and gradient, those that are not pre-integrated]
-    #[arg(long, value_enum, value_delimiter = ',', value_name = "METHOD,...")]
+    #[arg(help_heading = heading::MEASURED, long, value_enum, value_delimiter = ',', value_name = "METHOD,...")]
     methods: Vec<MethodArgument>,
     /// Virtual samples of a segment, of methods that have some
-    #[arg(long, value_name = "N,...", value_delimiter = ',', default_values_t = [VIRTUAL_SAMPLES],
+    #[arg(help_heading = heading::MEASURED, long, value_name = "N,...", value_delimiter = ',', default_values_t = [VIRTUAL_SAMPLES],
           value_parser = clap::value_parser!(u8).range(1..=MOST_VIRTUAL_SAMPLES as i64))]
     virtual_samples: Vec<u8>,
     /// Filters [default: trilinear,tricubic]
-    #[arg(long, value_enum, value_delimiter = ',', value_name = "FILTER,...")]
+    #[arg(help_heading = heading::MEASURED, long, value_enum, value_delimiter = ',', value_name = "FILTER,...")]
     filters: Vec<FilterArgument>,
     /// Lightings
-    #[arg(long, value_enum, value_delimiter = ',', value_name = "LIGHTING,...", default_value = "none,blinn-phong")]
+    #[arg(help_heading = heading::MEASURED, long, value_enum, value_delimiter = ',', value_name = "LIGHTING,...", default_value = "none,blinn-phong")]
     lightings: Vec<LightingArgument>,
     /// Pictures of each series, with other jitter each
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(2..=1024))]
+    #[arg(help_heading = heading::MEASURED, long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(2..=1024))]
     frames: u32,
     /// Hard limit of brick slots, tables, targets and staging
-    #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
+    #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
     gpu_memory: u64,
     /// Hard limit of decoded bricks and scratch
-    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
+    #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     host_memory: u64,
     /// Threads [default: all]
-    #[arg(short = 'j', long)]
+    #[arg(help_heading = heading::DRAWING, short = 'j', long)]
     threads: Option<NonZeroUsize>,
     /// Give up on bricks that have not come after S seconds
-    #[arg(long, value_name = "S", default_value = "600", value_parser = values::positive)]
+    #[arg(help_heading = heading::DRAWING, long, value_name = "S", default_value = "600", value_parser = values::positive)]
     max_wait: f64,
     /// Write into a folder that is not empty
-    #[arg(long)]
+    #[arg(help_heading = heading::OUTPUT, long)]
     overwrite: bool,
 }
 

@@ -1,6 +1,7 @@
 //! `brickyard synth`: synthetic volumes, as a raw file or straight into a store; and a simulation that appends its steps to a store while it runs.
 
 use super::failure::Failure;
+use super::heading;
 use super::output::may_write;
 use super::pack_settings::PackSettings;
 use super::progress::Progress;
@@ -25,16 +26,16 @@ pub(crate) struct SynthArguments {
     /// The output: OUT.raw, or OUT.zarr for a store without a raw file in between
     output: PathBuf,
     /// Voxels along each axis
-    #[arg(long, value_name = "X,Y,Z", value_parser = values::extent)]
+    #[arg(help_heading = heading::MADE, long, value_name = "X,Y,Z", value_parser = values::extent)]
     shape: Extent,
     /// Voxel type: u8, u16 or f32
-    #[arg(long, default_value = "u8")]
+    #[arg(help_heading = heading::MADE, long, default_value = "u8")]
     dtype: VoxelType,
     /// Time steps
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(help_heading = heading::MADE, long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     steps: u32,
     /// Seed of everything random
-    #[arg(long, default_value_t = 1)]
+    #[arg(help_heading = heading::MADE, long, default_value_t = 1)]
     seed: u64,
     #[command(flatten)]
     settings: PackSettings,

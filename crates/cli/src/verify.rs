@@ -1,6 +1,7 @@
 //! `brickyard verify`: every checksum and statistic of a store.
 
 use super::failure::{ExitKind, Failure};
+use super::heading;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::values;
 use super::{print_json, print_line, store_errors};
@@ -15,13 +16,13 @@ pub(crate) struct VerifyArguments {
     /// The store
     store: PathBuf,
     /// Limit of the process's own memory
-    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
+    #[arg(help_heading = heading::WORK, long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     memory: u64,
     /// Print JSON
-    #[arg(long)]
+    #[arg(help_heading = heading::OUTPUT, long)]
     json: bool,
     /// How to show progress
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(help_heading = heading::WORK, long, value_enum, default_value_t)]
     progress: ProgressStyleArgument,
 }
 

@@ -1,6 +1,7 @@
 //! `brickyard view`: a window on stores, and on files that are packed while it shows them.
 
 use super::failure::Failure;
+use super::heading;
 use super::input_args::InputArguments;
 use super::pack_settings::KindArgument;
 use super::progress::{Progress, ProgressStyleArgument};
@@ -33,41 +34,41 @@ pub(crate) struct ViewArguments {
     #[command(flatten)]
     input: InputArguments,
     /// What the voxels of files mean; labels are never averaged
-    #[arg(long, value_enum, default_value_t = KindArgument::Image)]
+    #[arg(help_heading = heading::INPUT, long, value_enum, default_value_t = KindArgument::Image)]
     kind: KindArgument,
     /// The store to pack a file into [default: one of its own in the user's cache, which is found there the next time]
-    #[arg(long, value_name = "STORE")]
+    #[arg(help_heading = heading::WORK, long, value_name = "STORE")]
     store: Option<PathBuf>,
     #[command(flatten)]
     scene: SceneArguments,
     #[command(flatten)]
     sampling: SamplingArguments,
     /// Size of the window in points
-    #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = values::size_px)]
+    #[arg(help_heading = heading::WINDOW, long, value_name = "WxH", default_value = "1280x800", value_parser = values::size_px)]
     size: (u32, u32),
     /// Where to render; auto takes a hardware GPU if the window is on one, else the CPU
-    #[arg(long, value_enum, default_value_t = BackendArgument::Auto)]
+    #[arg(help_heading = heading::DRAWING, long, value_enum, default_value_t = BackendArgument::Auto)]
     backend: BackendArgument,
     /// Hard limit of brick slots, tables, targets and staging
-    #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
+    #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
     gpu_memory: u64,
     /// Hard limit of decoded bricks and scratch
-    #[arg(long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
+    #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     host_memory: u64,
     /// Threads for decoding and for the CPU backend [default: all]
-    #[arg(short = 'j', long)]
+    #[arg(help_heading = heading::DRAWING, short = 'j', long)]
     threads: Option<NonZeroUsize>,
     /// Do not begin as the last window on these stores was left
-    #[arg(long)]
+    #[arg(help_heading = heading::WINDOW, long)]
     fresh: bool,
     /// Play commands: lines of `SECONDS COMMAND` or `settled COMMAND`
-    #[arg(long, value_name = "FILE")]
+    #[arg(help_heading = heading::WINDOW, long, value_name = "FILE")]
     script: Option<PathBuf>,
     /// Write what the window shows once the script is over and the picture is final, and close it
-    #[arg(long, value_name = "out.png")]
+    #[arg(help_heading = heading::OUTPUT, long, value_name = "out.png")]
     screenshot: Option<PathBuf>,
     /// Write what the window's frames took, as JSON, when it is closed
-    #[arg(long, value_name = "stats.json")]
+    #[arg(help_heading = heading::OUTPUT, long, value_name = "stats.json")]
     stats: Option<PathBuf>,
 }
 
