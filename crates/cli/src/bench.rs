@@ -3,7 +3,7 @@
 use super::bench_play::{self, PlayArguments};
 use super::failure::Failure;
 use super::heading;
-use super::output::{may_write, write_json};
+use super::output::{is_stdout, may_write, write_json};
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
@@ -75,7 +75,7 @@ pub(crate) struct BenchArguments {
     /// Print JSON
     #[arg(help_heading = heading::OUTPUT, long)]
     json: bool,
-    /// Write what was measured (JSON), too
+    /// Write what was measured (JSON), too; - is standard output, in place of the table
     #[arg(help_heading = heading::OUTPUT, long, value_name = "stats.json")]
     stats: Option<PathBuf>,
     /// Replace existing statistics
@@ -136,7 +136,9 @@ enum Report {
 /// # Errors
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Failure> {
-    if let Some(path) = &arguments.stats {
+    let stats = arguments.stats.as_deref();
+    let to_stdout = stats.is_some_and(is_stdout);
+    if let Some(path) = stats.filter(|_| !to_stdout) {
         may_write(path, arguments.overwrite)?;
     }
     let mut rows = Vec::new();
@@ -147,7 +149,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Failure> {
             let (extents, report) = measured(arguments, stores, scenario)?;
             let BenchArguments { cold, size: size_px, gpu_memory, host_memory, .. } = *arguments;
             let row = Row { stores, extents, size_px, gpu_memory, host_memory, cold, report };
-            if !arguments.json {
+            if !arguments.json && !to_stdout {
                 let own_head = if matches!(row.report, Report::Flight(_)) { HEAD } else { bench_play::HEAD };
                 if head != own_head {
                     print_line(own_head)?;
@@ -158,10 +160,10 @@ pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Failure> {
             rows.push(row);
         }
     }
-    if let Some(path) = &arguments.stats {
+    if let Some(path) = stats {
         write_json(path, &rows)?;
     }
-    if arguments.json { print_json(&rows) } else { Ok(()) }
+    if arguments.json && !to_stdout { print_json(&rows) } else { Ok(()) }
 }
 
 fn measured(

@@ -47,7 +47,7 @@ mod volume_args;
 
 use clap::{Parser, Subcommand};
 pub(crate) use failure::Failure;
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 
 /// Packs volumes into brick stores and renders them in any size under fixed budgets.
@@ -172,6 +172,8 @@ fn set_up_log(verbose: u8, quiet: bool) {
     tracing_subscriber::fmt()
         .log_internal_errors(false)
         .with_env_filter(filter)
+        // By itself it colours what goes into files and pipes, too.
+        .with_ansi(std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()))
         .with_writer(std::io::stderr)
         .without_time()
         .init();

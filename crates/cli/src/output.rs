@@ -1,6 +1,7 @@
 //! Output files: never overwritten without being told, and refused before the work, not after it; and what is said of a picture.
 
 use super::failure::Failure;
+use super::print_json;
 use super::say::{self, say};
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
@@ -9,6 +10,11 @@ use brickyard::volume::transfer::shown_window;
 use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
+
+/// Whether a path is `-`, which stands for standard output where data are written.
+pub(crate) fn is_stdout(path: &Path) -> bool {
+    path == Path::new("-")
+}
 
 /// Whether a file may be written here.
 ///
@@ -55,11 +61,14 @@ pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
 }
 
-/// Writes a value to a file, as JSON.
+/// Writes a value to a file, or to standard output, as JSON.
 ///
 /// # Errors
-/// If the file cannot be written.
+/// If it cannot be written.
 pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Failure> {
+    if is_stdout(path) {
+        return print_json(value);
+    }
     let text = serde_json::to_string_pretty(value).map_err(Failure::failed)?;
     std::fs::write(path, text + "\n").map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
 }

@@ -3,12 +3,12 @@
 use super::advice::advised;
 use super::failure::Failure;
 use super::heading;
-use super::output::make_folder;
+use super::output::{make_folder, write_json};
 use super::sampling_args::{FilterArgument, LightingArgument, MethodArgument};
 use super::scene_args::SceneArguments;
 use super::session_args::threads;
 use super::session_errors::session_failure;
-use super::{print_line, store_errors, values};
+use super::{print_json, print_line, store_errors, values};
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::offline::OfflineError;
 use brickyard::picture_file::write_png;
@@ -69,6 +69,9 @@ pub(crate) struct QualityArguments {
     /// Give up on bricks that have not come after S seconds
     #[arg(help_heading = heading::DRAWING, long, value_name = "S", default_value = "600", value_parser = values::positive)]
     max_wait: f64,
+    /// Print JSON, as it is written to quality.json, in place of the tables
+    #[arg(help_heading = heading::OUTPUT, long)]
+    json: bool,
     /// Write into a folder that is not empty
     #[arg(help_heading = heading::OUTPUT, long)]
     overwrite: bool,
@@ -98,7 +101,9 @@ pub(crate) fn run(arguments: &QualityArguments) -> Result<(), Failure> {
     let mut rows = Vec::new();
     let options = arguments.session_options();
     survey(&volume, &plan, &options, |row, series| {
-        print_row(rows.is_empty(), &row)?;
+        if !arguments.json {
+            print_row(rows.is_empty(), &row)?;
+        }
         write_map(&arguments.output, &row, series)?;
         rows.push(row);
         Ok::<_, Failure>(())
@@ -106,8 +111,10 @@ pub(crate) fn run(arguments: &QualityArguments) -> Result<(), Failure> {
     for (file, by) in [("curves.svg", Estimator::Variance), ("curves-truth.svg", Estimator::Truth)] {
         plot::write(&arguments.output.join(file), &rows, by).map_err(Failure::failed)?;
     }
-    print_line("")?;
-    print_line(findings::table(&rows).trim_end())?;
+    if !arguments.json {
+        print_line("")?;
+        print_line(findings::table(&rows).trim_end())?;
+    }
     let findings = [Estimator::Variance, Estimator::Truth].into_iter().flat_map(|by| findings::findings(&rows, by));
     let table = Table {
         store: &arguments.store,
@@ -117,9 +124,8 @@ pub(crate) fn run(arguments: &QualityArguments) -> Result<(), Failure> {
         rows: &rows,
         scene,
     };
-    let path = arguments.output.join("quality.json");
-    let text = serde_json::to_string_pretty(&table).map_err(Failure::failed)?;
-    std::fs::write(&path, text + "\n").map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
+    write_json(&arguments.output.join("quality.json"), &table)?;
+    if arguments.json { print_json(&table) } else { Ok(()) }
 }
 
 fn check(arguments: &QualityArguments, scene: &Scene) -> Result<(), Failure> {
