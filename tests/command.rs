@@ -60,3 +60,22 @@ fn nothing_is_coloured_in_pipes() {
         assert!(!line.contains("a.png") || stderr.contains("WARN"), "{stderr}");
     }
 }
+
+/// However many bricks are damaged: a few are named where a picture is drawn, all of them by `verify`, and the last line has their number.
+#[test]
+fn damage_is_summed_up_in_a_line() {
+    let sandbox = with_store();
+    damage(&sandbox);
+    let (code, stdout, stderr) = sandbox.run("verify a.zarr --progress none");
+    assert_eq!(code, 5, "{stderr}");
+    let count = stdout.lines().count();
+    assert!(count > 100 && stdout.lines().all(|line| line.contains("level 0 brick")), "{stdout}");
+    assert_eq!(
+        stderr,
+        format!("error: a.zarr: {count} of 252 bricks are damaged, in level 0, time step 0, channel 0\n")
+    );
+    let (code, _, stderr) = sandbox.run(&format!("render a.zarr -o a.png {VIEW}"));
+    assert_eq!(code, 0, "{stderr}");
+    assert_eq!(stderr.lines().filter(|line| line.contains("a coarser brick stands in")).count(), 3, "{stderr}");
+    assert_eq!(stderr.lines().filter(|line| line.contains("bricks could not be read")).count(), 1, "{stderr}");
+}

@@ -5,9 +5,10 @@ use super::heading;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::values;
 use super::{print_json, print_line, store_errors};
-use brickyard::store;
-use brickyard::volume::counted;
+use brickyard::store::{self, VerifyReport};
+use brickyard::volume::{BrickId, counted};
 use clap::Args;
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 /// `brickyard verify STORE`
@@ -50,11 +51,8 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
         }
     }
     if !report.problems.is_empty() {
-        let count = counted(report.problems.len() as u64, "problem");
-        return Err(Failure::new(
-            ExitKind::VerificationFailed,
-            format!("{}: {count} in {}", arguments.store.display(), counted(report.bricks, "brick")),
-        ));
+        let problem = format!("{}: {}", arguments.store.display(), summary(&report));
+        return Err(Failure::new(ExitKind::VerificationFailed, problem));
     }
     if !arguments.json {
         print_line(&format!(
@@ -65,4 +63,64 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
         ))?;
     }
     Ok(())
+}
+
+/// A report's problems in one line: how many of its bricks are damaged and where, and how much else is wrong.
+fn summary(report: &VerifyReport) -> String {
+    let bricks = counted(report.bricks, "brick");
+    let damaged: BTreeSet<BrickId> = report.problems.iter().filter_map(|problem| problem.brick).collect();
+    let others = report.problems.iter().filter(|problem| problem.brick.is_none()).count() as u64;
+    let damage = || {
+        let are = if damaged.len() == 1 { "is" } else { "are" };
+        let levels = listed("level", damaged.iter().map(|id| id.level.0.into()));
+        let steps = listed("time step", damaged.iter().map(|id| id.time));
+        let channels = listed("channel", damaged.iter().map(|id| id.channel));
+        format!("{} of {bricks} {are} damaged, in {levels}, {steps}, {channels}", damaged.len())
+    };
+    match (damaged.is_empty(), others) {
+        (true, _) => format!("{} in {bricks}", counted(others, "problem")),
+        (false, 0) => damage(),
+        (false, _) => format!("{}; and {} of whole files or documents", damage(), counted(others, "problem")),
+    }
+}
+
+/// Numbers of one kind in words, each once: the first few, and how many there are where there are more.
+fn listed(what: &str, numbers: impl Iterator<Item = u32>) -> String {
+    const FEW: usize = 4;
+    let numbers: BTreeSet<u32> = numbers.collect();
+    let first: Vec<String> = numbers.iter().take(FEW).map(u32::to_string).collect();
+    match numbers.len() {
+        1 => format!("{what} {}", first[0]),
+        count if count <= FEW => format!("{what}s {}", first.join(", ")),
+        count => format!("{count} {what}s ({}, ...)", first.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard::store::VerifyProblem;
+    use brickyard::volume::{BrickIndex, Level};
+
+    fn problem(brick: Option<BrickId>) -> VerifyProblem {
+        VerifyProblem { brick, path: "a.zarr/0".into(), what: "damaged".into() }
+    }
+
+    fn brick(level: u8, time: u32) -> Option<BrickId> {
+        Some(BrickId { time, channel: 1, level: Level(level), index: BrickIndex::new(0, 0, time) })
+    }
+
+    #[test]
+    fn damaged_bricks_are_one_line() {
+        let summary = |bricks: &[Option<BrickId>]| {
+            let problems = bricks.iter().copied().map(problem).collect();
+            summary(&VerifyReport { bricks: 1200, problems, ..VerifyReport::default() })
+        };
+        assert_eq!(summary(&[brick(0, 3)]), "1 of 1200 bricks is damaged, in level 0, time step 3, channel 1");
+        let twice: Vec<_> = (0..5).flat_map(|time| [brick(0, time), brick(2, time), brick(2, time)]).collect();
+        let words = "10 of 1200 bricks are damaged, in levels 0, 2, 5 time steps (0, 1, 2, 3, ...), channel 1";
+        assert_eq!(summary(&twice), words);
+        assert_eq!(summary(&[None, None]), "2 problems in 1200 bricks");
+        assert!(summary(&[None, brick(0, 0)]).ends_with("channel 1; and 1 problem of whole files or documents"));
+    }
 }

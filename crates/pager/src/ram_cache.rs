@@ -291,8 +291,7 @@ impl RamCache {
                 inner.give_back(making);
                 let message = format!("{err}; a coarser brick stands in");
                 if inner.failures.add(id, err) {
-                    tracing::warn!("{message}");
-                    inner.counters.failed += 1;
+                    inner.note_failure(&message);
                 }
             }
         }
@@ -346,7 +345,21 @@ impl KeptCores {
     }
 }
 
+/// How many bricks that cannot be read are named in the log as warnings. A damaged file has thousands of them: how many there are is counted,
+/// and said by whoever draws.
+const NAMED: u64 = 3;
+
 impl Inner {
+    /// Counts what cannot be read, and says it in the log.
+    fn note_failure(&mut self, message: &str) {
+        if self.counters.failed < NAMED {
+            tracing::warn!("{message}");
+        } else {
+            tracing::debug!("{message}");
+        }
+        self.counters.failed += 1;
+    }
+
     /// Takes note of how a stored apron went.
     fn note_apron(&mut self, key: CoreKey, apron: Option<Result<(), BrickError>>, bytes: u64) {
         match apron {
@@ -355,8 +368,7 @@ impl Inner {
                 self.failed_aprons.remove(&key);
             }
             Some(Err(err)) if self.failed_aprons.insert(key) => {
-                tracing::warn!("apron of {err}; the neighbours' own voxels stand in");
-                self.counters.failed += 1;
+                self.note_failure(&format!("apron of {err}; the neighbours' own voxels stand in"));
             }
             _ => {}
         }
