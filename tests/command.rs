@@ -1,7 +1,9 @@
 //! The command among other programs: pipes that its results go into, and hands that stop it.
 
-use brickyard_tests::{Sandbox, tree};
+use brickyard_tests::{Sandbox, tree, tree_difference};
 use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 /// A view of the store `a.zarr`, at its finest level.
 const VIEW: &str = "--eye 300,200,200 --target 48,48,48 --level 0 --size 64x64 --backend cpu";
@@ -78,4 +80,82 @@ fn damage_is_summed_up_in_a_line() {
     assert_eq!(code, 0, "{stderr}");
     assert_eq!(stderr.lines().filter(|line| line.contains("a coarser brick stands in")).count(), 3, "{stderr}");
     assert_eq!(stderr.lines().filter(|line| line.contains("bricks could not be read")).count(), 1, "{stderr}");
+}
+
+/// A pack of 294 shards, at work for a second or so.
+const PACK: &str = "pack in.raw b.zarr --shape 256,256,128 --dtype u16 --brick 16 --shard 32 --progress none -j 2";
+
+/// Starts a line of arguments, presses Ctrl-C once `is_time`, and returns the exit code and what was said.
+fn stopped(sandbox: &Sandbox, line: &str, is_time: impl Fn() -> bool) -> (Option<i32>, String) {
+    let mut command = sandbox.command();
+    let child = command.args(line.split_whitespace()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
+    let child = child.expect("the command starts");
+    let started = Instant::now();
+    while !is_time() {
+        assert!(started.elapsed() < Duration::from_secs(60), "it is not time in a minute");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill runs");
+    assert!(killed.success(), "it ended before it could be stopped");
+    let output = child.wait_with_output().expect("a child");
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+fn with_input(name: &str) -> Sandbox {
+    let sandbox = Sandbox::in_memory();
+    sandbox.run_ok(&format!("synth turbulence {name} --shape 256,256,128 --dtype u16 --progress none"));
+    sandbox
+}
+
+#[test]
+fn a_pack_that_is_stopped_goes_on_to_the_same_store() {
+    let sandbox = with_input("in.raw");
+    sandbox.run_ok(PACK);
+    let whole = tree(&sandbox.path("b.zarr"));
+    let journal = |store: &str| std::fs::read_to_string(sandbox.path(store).join(".brickyard-journal"));
+    // Anew, and in the place of the whole store.
+    for (flags, made_in) in [("", "b.zarr"), (" --overwrite", "b.zarr.packing")] {
+        if flags.is_empty() {
+            std::fs::remove_dir_all(sandbox.path("b.zarr")).expect("it is there");
+        }
+        let has_shards = || journal(made_in).is_ok_and(|text| text.lines().count() > 3);
+        let (code, said) = stopped(&sandbox, &format!("{PACK}{flags}"), has_shards);
+        assert_eq!(code, Some(130), "{said}");
+        for words in ["b.zarr: stopped; ", " of 294 shards are whole", "--resume"] {
+            assert!(said.contains(words), "{words:?} is not in: {said}");
+        }
+        let finished = journal(made_in).expect("an unfinished pack").lines().count() - 1;
+        assert!(said.contains(&format!("stopped; {finished} of")), "{finished}: {said}");
+        sandbox.run_ok(&format!("{PACK} --resume"));
+        let difference = tree_difference(&tree(&sandbox.path("b.zarr")), &whole);
+        assert!(difference.is_empty(), "{difference:?}");
+        assert!(!sandbox.path("b.zarr.packing").exists());
+    }
+}
+
+#[test]
+fn steps_that_are_whole_stay_when_an_append_is_stopped() {
+    let sandbox = with_input("in.raw");
+    let append = |store: &str, files: &str| {
+        format!("append {store} {files} --shape 256,256,128 --dtype u16 --brick 16 --shard 32 --progress none -j 2")
+    };
+    sandbox.run_ok(&append("whole.zarr", "in.raw in.raw"));
+    sandbox.run_ok(&append("c.zarr", "in.raw"));
+    let begins = || sandbox.path("c.zarr/0/c/1").exists();
+    let (code, said) = stopped(&sandbox, &append("c.zarr", "in.raw"), begins);
+    assert_eq!(code, Some(130), "{said}");
+    assert!(said.contains("in.raw: stopped; c.zarr has 1 time step: "), "{said}");
+    sandbox.run_ok(&append("c.zarr", "in.raw"));
+    let difference = tree_difference(&tree(&sandbox.path("c.zarr")), &tree(&sandbox.path("whole.zarr")));
+    assert!(difference.is_empty(), "{difference:?}");
+}
+
+#[test]
+fn an_export_that_is_stopped_leaves_nothing() {
+    let sandbox = with_input("in.zarr --steps 4 --brick 16 --shard 32");
+    let begins = || std::fs::read_dir(sandbox.path("")).expect("a folder").count() > 1;
+    let (code, said) = stopped(&sandbox, "export in.zarr d.raw --time all --progress none", begins);
+    assert_eq!(code, Some(130), "{said}");
+    assert!(said.contains("d.raw: cancelled; nothing was written there"), "{said}");
+    assert_eq!(std::fs::read_dir(sandbox.path("")).expect("a folder").count(), 1);
 }

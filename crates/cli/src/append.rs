@@ -1,9 +1,10 @@
 //! `brickyard append`: time steps into a store, one file each.
 
 use super::advice::with_flags;
-use super::failure::Failure;
+use super::failure::{ExitKind, Failure};
 use super::heading;
 use super::input_args::InputArguments;
+use super::interrupt::Interrupt;
 use super::pack_settings::{PackingLimits, StoreSettings};
 use super::progress::Progress;
 use super::say::say;
@@ -40,6 +41,7 @@ struct Settings {
     store: PathBuf,
     settings: StoreSettings,
     limits: PackingLimits,
+    interrupt: Interrupt,
 }
 
 /// Runs `append`. What was appended before a step that fails, stays.
@@ -52,7 +54,7 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
         let (given, files) = (counted(time.len() as u64, "time"), counted(files.len() as u64, "file"));
         return Err(Failure::usage(format!("--time: expected one for each file, found {given} for {files}")));
     }
-    let settings = Settings { store, settings, limits };
+    let settings = Settings { store, settings, limits, interrupt: Interrupt::watch()? };
     let input = input.options();
     let mut appender = None;
     for (i, file) in files.iter().enumerate() {
@@ -74,8 +76,12 @@ impl Settings {
     ) -> Result<Appender, Failure> {
         let started = Instant::now();
         let progress = Progress::new(self.limits.progress, "append");
-        let watcher = Watcher { voxel_bytes: source.info().voxel_type.bytes() as u64, progress };
+        let interrupt = self.interrupt.clone();
+        let watcher = Watcher { voxel_bytes: source.info().voxel_type.bytes() as u64, progress, interrupt };
         let of_file = |error: AppendError| {
+            if let AppendError::Cancelled { times, .. } = error {
+                return self.stopped(times, file);
+            }
             let Failure { kind, message } = store_errors::append_failure(error);
             Failure::new(kind, format!("{}: {message}", file.display()))
         };
@@ -106,6 +112,19 @@ impl Settings {
         Ok(appender)
     }
 
+    /// The failure of a step that the user stopped.
+    fn stopped(&self, times: u32, file: &Path) -> Failure {
+        Failure::new(
+            ExitKind::Interrupted,
+            format!(
+                "{}: stopped; {} has {}: the same command goes on with the files from this one on",
+                file.display(),
+                self.store.display(),
+                counted(times.into(), "time step")
+            ),
+        )
+    }
+
     /// Opens the store; `None` where there is none, or one whose first step is not packed to the end.
     fn open(&self) -> Result<Option<Appender>, Failure> {
         match Store::open(&self.store) {
@@ -124,6 +143,7 @@ impl Settings {
 struct Watcher {
     voxel_bytes: u64,
     progress: Progress,
+    interrupt: Interrupt,
 }
 
 impl store::Progress for Watcher {
@@ -133,5 +153,9 @@ impl store::Progress for Watcher {
 
     fn advanced(&self, done: u64, total: u64) {
         self.progress.set(done * self.voxel_bytes, total * self.voxel_bytes);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.interrupt.is_asked()
     }
 }

@@ -2,6 +2,7 @@
 
 use super::failure::Failure;
 use super::heading;
+use super::interrupt::Interrupt;
 use super::output::may_write;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
@@ -10,7 +11,6 @@ use super::{store_errors, values};
 use brickyard::store::{self, ExportRequest, ExportTime};
 use brickyard::volume::{Level, VoxelBox, counted};
 use clap::Args;
-use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 /// `brickyard export STORE OUT --level N`
@@ -59,10 +59,11 @@ pub(crate) fn run(arguments: &ExportArguments) -> Result<(), Failure> {
         region: arguments.roi,
         overwrite: arguments.overwrite,
     };
+    let interrupt = Interrupt::watch()?;
     let progress = Progress::new(arguments.progress, "export");
     let exported = store::export(&store, &arguments.output, &request, |done, total| {
         progress.set(done, total);
-        ControlFlow::Continue(())
+        interrupt.flow()
     });
     progress.finish();
     let extent = exported.map_err(store_errors::export_failure)?;

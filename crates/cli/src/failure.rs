@@ -17,6 +17,8 @@ pub(crate) enum ExitKind {
     Incomplete = 4,
     /// A store does not match its checksums or statistics.
     VerificationFailed = 5,
+    /// The user stopped the work by Ctrl-C: what shells call 128 and the signal's number.
+    Interrupted = 130,
 }
 
 /// An error on its way to the user.

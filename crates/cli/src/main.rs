@@ -1,5 +1,6 @@
 //! The `brickyard` command: one subcommand a file, each turning flags into a call of the library and errors into an exit
-//! code. 0 ok, 1 failed, 2 usage, 3 bad input, 4 incomplete but resumable, 5 verification failed.
+//! code. 0 ok, 1 failed, 2 usage, 3 bad input, 4 incomplete but resumable, 5 verification failed, 130 stopped by
+//! Ctrl-C.
 
 mod advice;
 mod append;
@@ -18,6 +19,7 @@ mod heading;
 mod help_tests;
 mod info;
 mod input_args;
+mod interrupt;
 mod man;
 mod output;
 mod pack;

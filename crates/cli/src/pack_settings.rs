@@ -1,14 +1,15 @@
 //! The flags that decide how a store is packed, shared by `pack` and `synth`; what of them decides its bytes, also by `append`.
 
 use super::advice::with_flags;
-use super::failure::Failure;
+use super::failure::{ExitKind, Failure};
 use super::heading;
+use super::interrupt::Interrupt;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
 use super::{store_errors, values};
 use brickyard::import::Source;
 use brickyard::store::{
-    self, AppendOptions, Codec, Downsample, Exists, Kind, PackOptions, PackPlan, Reductions, Store,
+    self, AppendOptions, Codec, Downsample, Exists, Kind, PackError, PackOptions, PackPlan, Reductions, Store,
 };
 use brickyard::volume::{MAX_APRON, VoxelType, counted};
 use clap::{Args, ValueEnum};
@@ -203,11 +204,12 @@ impl PackSettings {
         }
         let style = self.progress();
         let progress = Progress::new(style, "pack");
-        let watcher = Watcher { source, style, progress, aprons: OnceLock::new() };
+        let interrupt = Interrupt::watch()?;
+        let watcher = Watcher { source, style, progress, aprons: OnceLock::new(), interrupt };
         let started = Instant::now();
         let packed = store::pack(source, path, &options, &watcher);
         watcher.finish();
-        let report = packed.map_err(store_errors::pack_failure)?;
+        let report = packed.map_err(|error| self.failure(error, path))?;
         if report.was_complete {
             say!("{} is complete already", path.display());
             return Ok(());
@@ -230,6 +232,20 @@ impl PackSettings {
     }
 }
 
+impl PackSettings {
+    fn failure(&self, error: PackError, store: &Path) -> Failure {
+        let PackError::Cancelled { done, total, .. } = error else { return store_errors::pack_failure(error) };
+        let cure = match self.overwrite {
+            true => "with --resume in place of --overwrite the same command goes on, as it is it starts over",
+            false => "the same command with --resume goes on, with --overwrite it starts over",
+        };
+        Failure::new(
+            ExitKind::Interrupted,
+            format!("{}: stopped; {done} of {} are whole and stay: {cure}", store.display(), counted(total, "shard")),
+        )
+    }
+}
+
 fn input_bytes(source: &dyn Source) -> u64 {
     let info = source.info();
     let volumes = info.times as u64 * info.channels as u64;
@@ -243,6 +259,7 @@ struct Watcher<'a> {
     progress: Progress,
     /// From when aprons are made.
     aprons: OnceLock<Progress>,
+    interrupt: Interrupt,
 }
 
 impl Watcher<'_> {
@@ -285,5 +302,9 @@ impl store::Progress for Watcher<'_> {
             Progress::new(self.style, "aprons")
         };
         self.aprons.get_or_init(start).set(done, total);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.interrupt.is_asked()
     }
 }

@@ -110,7 +110,9 @@ pub(crate) fn append_failure(error: AppendError) -> Failure {
 pub(crate) fn export_failure(error: ExportError) -> Failure {
     let kind = match &error {
         ExportError::Read(_) => ExitKind::BadInput,
-        ExportError::Io { .. } | ExportError::Cancelled { .. } => ExitKind::Failed,
+        ExportError::Io { .. } => ExitKind::Failed,
+        // Only Ctrl-C cancels.
+        ExportError::Cancelled { .. } => ExitKind::Interrupted,
         _ => ExitKind::Usage,
     };
     Failure::new(kind, error)
