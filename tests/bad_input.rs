@@ -490,7 +490,7 @@ fn requests_that_a_store_cannot_meet() {
             ("export good.zarr o.raw --roi 5:5,0:36,0:50", USAGE, &["empty"]),
             ("export good.zarr o.raw --roi 0:5,0:5", USAGE, &["x0:x1,y0:y1,z0:z1"]),
             ("export good.zarr o.jpeg", USAGE, &["o.jpeg", ".raw", ".npy"]),
-            ("export good.zarr no/such/o.raw", 1, &["no/such/o.raw"]),
+            ("export good.zarr no/such/o.raw", USAGE, &["no/such/o.raw", "no folder no/such"]),
             ("render good.zarr", USAGE, &["--output"]),
             ("render good.zarr -o o.png --level 3", USAGE, &["level 3", "3"]),
             ("render good.zarr -o o.png --level fine", USAGE, &["fine", "auto"]),

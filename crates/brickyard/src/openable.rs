@@ -46,7 +46,15 @@ pub fn is_mesh(path: &Path) -> bool {
 pub fn open(paths: &[PathBuf], options: &OpenOptions) -> Result<Openable, OpenableError> {
     match paths {
         [path] if is_store(path) => Ok(Openable::Store(Box::new(VolumeSource::open(path)?))),
-        files => Ok(Openable::Source(Arc::from(import::open(files, options)?))),
+        files => match (import::open(files, options), files) {
+            (Ok(source), _) => Ok(Openable::Source(Arc::from(source))),
+            // A part of a store is none of the files that are read: the store is what was meant.
+            (Err(error), [path]) => match VolumeSource::open(path) {
+                Err(inside @ OpenError::Inside { .. }) => Err(inside.into()),
+                _ => Err(error.into()),
+            },
+            (Err(error), _) => Err(error.into()),
+        },
     }
 }
 
@@ -86,6 +94,10 @@ mod tests {
         pack(&*source, &store, &pack_options(VoxelType::U8, Kind::Image), &()).unwrap();
         let Openable::Store(volume) = open(std::slice::from_ref(&store), &options).unwrap() else { panic!("a file") };
         assert_eq!(volume.source.value_range(), (7.0, 7.0));
+        for (part, words) in [("0", "level 0"), ("zarr.json", "a part")] {
+            let expected = format!("this is {words} of {}: give", store.display());
+            assert!(problem(&store.join(part)).contains(&expected), "{}", problem(&store.join(part)));
+        }
         assert!(problem(&raw).contains("pass `shape`"), "{}", problem(&raw));
         let text = folder.path().join("notes.txt");
         std::fs::write(&text, "not a volume").unwrap();

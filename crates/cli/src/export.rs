@@ -3,7 +3,7 @@
 use super::failure::Failure;
 use super::heading;
 use super::interrupt::Interrupt;
-use super::output::may_write;
+use super::output::may_write_array;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
 use super::step_range::StepRange;
@@ -45,8 +45,8 @@ pub(crate) struct ExportArguments {
 /// # Errors
 /// With the message and exit code for the user.
 pub(crate) fn run(arguments: &ExportArguments) -> Result<(), Failure> {
+    may_write_array(&arguments.output, arguments.overwrite)?;
     let store = store_errors::open(&arguments.store)?;
-    may_write(&arguments.output, arguments.overwrite)?;
     let (first, end, stride) = arguments.time.within(store.times())?;
     let time = match arguments.time {
         StepRange::One(step) => ExportTime::Step(step),

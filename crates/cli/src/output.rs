@@ -8,6 +8,7 @@ use brickyard::store::Store;
 use brickyard::volume::counted;
 use brickyard::volume::transfer::shown_window;
 use serde::Serialize;
+use std::ffi::OsStr;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -36,9 +37,23 @@ pub(crate) fn may_write(path: &Path, overwrite: bool) -> Result<(), Failure> {
 /// # Errors
 /// Exit code 2 if not.
 pub(crate) fn may_write_png(path: &Path, overwrite: bool) -> Result<(), Failure> {
+    may_write_as(&["png"], "pictures are written as PNG: give it a name that ends in .png", path, overwrite)
+}
+
+/// Whether an array may be written here: as [`may_write`], and it is a file of a type that is written, in a folder that there is.
+///
+/// # Errors
+/// Exit code 2 if not.
+pub(crate) fn may_write_array(path: &Path, overwrite: bool) -> Result<(), Failure> {
+    let advice = "arrays are written as .raw or .npy: give it a name that ends in one of these";
+    may_write_as(&["raw", "npy"], advice, path, overwrite)
+}
+
+fn may_write_as(extensions: &[&str], advice: &str, path: &Path, overwrite: bool) -> Result<(), Failure> {
     let refused = |problem: &str| Err(Failure::usage(format!("{}: {problem}", path.display())));
-    if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
-        return refused("pictures are written as PNG: give it a name that ends in .png");
+    let is_known = |found: &OsStr| extensions.iter().any(|extension| found.eq_ignore_ascii_case(extension));
+    if !path.extension().is_some_and(is_known) {
+        return refused(advice);
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
@@ -95,23 +110,37 @@ pub(crate) fn report(stats: &RenderStats) {
         };
         say!("memory bound: {found}; the picture is complete but coarser than asked for: raise --gpu-memory");
     }
-    if stats.bricks.failed > 0 {
-        let what = match stats.bricks.failed {
-            1 => "1 brick could not be read and is drawn from a coarser level".to_string(),
-            n => format!("{n} bricks could not be read and are drawn from coarser levels"),
-        };
-        say::error(format_args!("{what}; run `brickyard verify` for the names"));
-    } else if stats.bricks.unreadable > 0 {
-        let unreadable = counted(stats.bricks.unreadable, "brick");
-        say::error(format_args!(
-            "{unreadable} beside what is shown, or aprons, could not be read; run `brickyard verify` for the names"
-        ));
+    if let Some(damage) = damage(stats) {
+        say::error(format_args!("{damage}"));
     }
+}
+
+/// How many bricks could not be read for the pictures, in a line; `None` if all could.
+fn damage(stats: &RenderStats) -> Option<String> {
+    let what = match (stats.bricks.failed, stats.bricks.unreadable) {
+        (0, 0) => return None,
+        (0, n) => format!("{} beside what is shown, or aprons, could not be read", counted(n, "brick")),
+        (1, _) => "1 brick could not be read and is drawn from a coarser level".into(),
+        (n, _) => format!("{n} bricks could not be read and are drawn from coarser levels"),
+    };
+    Some(format!("{what}; run `brickyard verify` for the names"))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn arrays_are_of_types_that_are_written_and_in_folders_that_there_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let problem =
+            |name: &str| may_write_array(&folder.path().join(name), false).err().map(|failure| failure.message);
+        assert_eq!((problem("a.raw"), problem("a.NPY")), (None, None));
+        for name in ["a.tif", "a", "raw", "-"] {
+            assert!(problem(name).unwrap().contains(".raw or .npy"), "{name}");
+        }
+        assert!(problem("none/a.npy").unwrap().contains("there is no folder"));
+    }
 
     #[test]
     fn what_is_there_stays_unless_told_and_folders_always() {

@@ -23,6 +23,16 @@ pub enum OpenError {
         /// The path that was to be opened.
         path: PathBuf,
     },
+    /// The path is a part of a store, or would be one, and not the store itself.
+    #[error("{path}: {what} of {store}: give {store}", path = path.display(), store = store.display())]
+    Inside {
+        /// The path that was to be opened.
+        path: PathBuf,
+        /// What the path is, in words, such as `this is level 0`.
+        what: String,
+        /// The store that the path is inside of.
+        store: PathBuf,
+    },
     /// A pack was interrupted, or is still at work: the journal is there, the completion marker is not.
     #[error(
         "{path}: incomplete store, {percent} % packed; pack it again from its source with `resume` to finish it, or with `overwrite` \

@@ -77,7 +77,8 @@ pub fn export(
 ) -> Result<Extent, ExportError> {
     let region = checked_region(store, request)?;
     let extent = region.extent();
-    let header = match output.extension().and_then(|e| e.to_str()) {
+    let extension = output.extension().map(|extension| extension.to_ascii_lowercase());
+    let header = match extension.as_ref().and_then(|extension| extension.to_str()) {
         Some("raw") => Vec::new(),
         Some("npy") => npy_header(store.voxel_type(), extent, request.time),
         _ => return Err(ExportError::Extension { path: output.into() }),

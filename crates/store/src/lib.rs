@@ -12,6 +12,7 @@ mod counts;
 pub mod downsample;
 pub mod error;
 pub mod export;
+mod inside;
 pub mod layout;
 mod level_bricks;
 pub mod metadata;

@@ -8,6 +8,7 @@ use crate::chunks::Chunks;
 use crate::codec::BrickCodec;
 use crate::downsample::Downsample;
 use crate::error::{OpenError, ReadError};
+use crate::inside;
 use crate::layout::{JOURNAL_NAME, Layout, journal_percent};
 use crate::metadata::{
     ChannelDisplay, ChannelStatistics, Steps, StoreInfo, apron_document, check_array, level_document, parse_displays,
@@ -71,6 +72,11 @@ impl Store {
 
     /// Opens the main pyramid, or the one that is made by `method`.
     fn open_view(path: PathBuf, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
+        Self::open_unchanged(path.clone(), mode, method).map_err(|error| inside::explained(error, &path))
+    }
+
+    /// Opens a store between two changes of it.
+    fn open_unchanged(path: PathBuf, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
         let root_path = path.join("zarr.json");
         let mut text = read_root(&path, &root_path)?;
         for _ in 0..MOST_CHANGES {

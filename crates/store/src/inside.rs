@@ -1,0 +1,70 @@
+//! Paths inside of stores, which somebody gives where the store itself is wanted: which store it is, and what is there.
+
+use crate::error::OpenError;
+use crate::metadata::parse_info;
+use std::path::{Path, PathBuf};
+
+/// The error for a path that does not open: if it is inside of a store, the one that names the store in place of this one.
+pub(crate) fn explained(error: OpenError, path: &Path) -> OpenError {
+    // The first is the path itself.
+    match path.ancestors().skip(1).map(named).find(|folder| is_store(folder)) {
+        Some(store) => OpenError::Inside { what: what(path, &store), path: path.into(), store },
+        None => error,
+    }
+}
+
+/// A folder by a name that can be read: the working directory has none as the ancestor of a relative path.
+fn named(folder: &Path) -> PathBuf {
+    if folder.as_os_str().is_empty() { ".".into() } else { folder.into() }
+}
+
+fn is_store(folder: &Path) -> bool {
+    let document = folder.join("zarr.json");
+    let root = std::fs::read(&document).ok().and_then(|text| serde_json::from_slice(&text).ok());
+    root.is_some_and(|root| parse_info(&document, &root).is_ok())
+}
+
+/// What a path inside of a store is, in words.
+fn what(path: &Path, store: &Path) -> String {
+    // Without the folder's name where that is `.`, of which the path says nothing.
+    let inside = path.strip_prefix(store).unwrap_or(path);
+    let mut names = inside.iter().map(|name| name.to_string_lossy());
+    let first = names.next().unwrap_or_default();
+    let is_level = first.chars().all(|c| c.is_ascii_digit()) && store.join(&*first).is_dir();
+    match (path.exists(), is_level, names.next()) {
+        (true, true, None) => format!("this is level {first}"),
+        (true, true, Some(_)) => format!("this is a part of level {first}"),
+        (true, false, _) => "this is a part".into(),
+        (false, ..) => "there is no such part".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::store::Store;
+    use crate::test_store::{TestStore, bumps};
+
+    #[test]
+    fn what_is_inside_of_a_store_names_the_store() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = folder.path().join("scan.zarr");
+        std::fs::create_dir(&store).unwrap();
+        TestStore::default().write(&store, bumps);
+        for (part, words) in [
+            ("0", "this is level 0 of"),
+            ("1/", "this is level 1 of"),
+            ("0/zarr.json", "this is a part of level 0 of"),
+            ("0/.brickyard/ranges", "this is a part of level 0 of"),
+            ("zarr.json", "this is a part of"),
+            ("s0", "there is no such part of"),
+            ("99", "there is no such part of"),
+        ] {
+            let path = store.join(part);
+            let message = Store::open(&path).err().unwrap().to_string();
+            let (path, store) = (path.display(), store.display());
+            assert_eq!(message, format!("{path}: {words} {store}: give {store}"));
+        }
+        let beside = Store::open(folder.path().join("scan.zar")).err().unwrap().to_string();
+        assert!(!beside.contains("give"), "{beside}");
+    }
+}
