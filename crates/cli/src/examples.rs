@@ -8,8 +8,12 @@ Examples:
   brickyard pack head.raw --shape 256,256,108 --dtype i16 --spacing 0.957,0.957,1.5 --unit mm head.zarr
   brickyard pack labels.tif labels.zarr --kind labels
 
-Inputs: .npy, NIfTI (.nii, .nii.gz), TIFF and OME-TIFF files and stacks, DICOM series, and raw files with --shape and --dtype;
-as a file, a folder, a pattern in quotes, or a list of files.";
+Inputs, as a file, a folder of files of one format, a pattern in quotes, or a list of files:
+  DICOM     a folder, the files, or one file of a series; also multi-frame files
+  NIfTI     .nii, .nii.gz, .hdr with .img
+  NumPy     .npy
+  TIFF      .tif, .tiff, of one page or several; also of OME, ImageJ and BigTIFF
+  raw       .raw, .bin, .dat or any other file, with --shape and --dtype";
 
 pub(crate) const APPEND: &str = "\
 Examples:
@@ -90,7 +94,7 @@ mod tests {
         let all = [PACK, APPEND, INFO, PROBE, VERIFY, EXPORT, RENDER, SYNTH, BENCH, QUALITY, DOCTOR, COMPLETIONS, MAN];
         #[cfg(feature = "viewer")]
         let all = [&all[..], &[VIEW]].concat();
-        for line in all.iter().flat_map(|text| text.lines()).filter(|line| line.starts_with("  ")) {
+        for line in all.iter().flat_map(|text| text.lines()).filter(|line| line.starts_with("  brickyard ")) {
             // Where the shell sends what a command prints is none of the command's words.
             let line = line.split(" > ").next().unwrap();
             let words = line.split_whitespace().map(|word| word.trim_matches('\''));
