@@ -1,6 +1,7 @@
 //! What the help says of the flags of every command.
 
 use super::Arguments;
+use brickyard::volume::Scene;
 use clap::{Arg, Command, CommandFactory};
 
 /// Flags without which nothing more is done, or which one kind of input or output needs: there is no default to tell.
@@ -84,4 +85,20 @@ fn every_flag_says_what_happens_without_it() {
     assert!(unlisted.is_empty(), "{unlisted:?}");
     let struck: Vec<_> = NOT_YET.iter().filter(|listed| silent.iter().all(|(_, flag)| flag != *listed)).collect();
     assert!(struck.is_empty(), "these say it now: {struck:?}");
+}
+
+/// The page about the command shows a scene file with all of its fields.
+#[test]
+fn the_scene_on_the_page_is_the_default() {
+    let page = include_str!("../../../docs/guide/command.md");
+    let (_, after) = page.split_once("```json\n").expect("a scene");
+    let (text, _) = after.split_once("```").expect("its end");
+    let shown: serde_json::Value = serde_json::from_str(text).unwrap();
+    let default = serde_json::to_value(Scene::default()).unwrap();
+    let mut fields: Vec<_> = default.as_object().unwrap().keys().filter(|field| shown.get(field).is_none()).collect();
+    assert!(fields.is_empty(), "{fields:?}");
+    assert_eq!(serde_json::from_value::<Scene>(shown).unwrap(), Scene::default());
+    // Each has a row, too.
+    fields = default.as_object().unwrap().keys().filter(|field| !page.contains(&format!("\n| `{field}"))).collect();
+    assert!(fields.is_empty(), "{fields:?}");
 }
