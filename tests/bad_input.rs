@@ -688,7 +688,7 @@ fn bad_scenes_and_transfer_functions() {
             (&render("--scene text.json"), BAD_INPUT, &["text.json", "not a scene"]),
             (&render("--scene field.json"), BAD_INPUT, &["field.json", "stpe"]),
             (&render("--scene scene.json"), USAGE, &["time step 7"]),
-            (&render("--mode isosurface"), USAGE, &["isovalue", "stored units"]),
+            (&render("--mode isosurface"), USAGE, &["--isovalue", "the values of good are from 0"]),
             (&render("--mode mip --isovalue 7"), USAGE, &["isovalue 7", "mode isosurface"]),
             (&render("--mode isosurface --isovalue nan"), USAGE, &["isovalue", "finite"]),
             (&render("--mode isosurface --isovalue bone"), USAGE, &["--isovalue", "bone"]),

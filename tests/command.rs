@@ -80,6 +80,26 @@ fn damage_is_summed_up_in_a_line() {
     assert_eq!(code, 0, "{stderr}");
     assert_eq!(stderr.lines().filter(|line| line.contains("a coarser brick stands in")).count(), 3, "{stderr}");
     assert_eq!(stderr.lines().filter(|line| line.contains("bricks could not be read")).count(), 1, "{stderr}");
+    // Those who will not have such a picture are told by the exit code.
+    let drawn = sandbox.read("a.png");
+    let (code, _, stderr) = sandbox.run(&format!("render a.zarr -o strict.png {VIEW} --strict"));
+    assert!(code == 5 && stderr.contains("--strict"), "exit {code}: {stderr}");
+    assert!(sandbox.read("strict.png") == drawn, "the picture is written all the same");
+}
+
+#[test]
+fn a_picture_goes_into_a_pipe() {
+    let sandbox = with_store();
+    let said = sandbox.run(&format!("render a.zarr -o a.png {VIEW}")).2;
+    assert!(said.contains("wrote a.png"), "{said}");
+    let line = format!("render a.zarr -o - {VIEW}");
+    let output = sandbox.command().args(line.split_whitespace()).output().expect("the command starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(output.stdout == sandbox.read("a.png") && !sandbox.path("-").exists());
+    for (flags, said) in [("--stats -", "a picture or the statistics"), ("--orbit 3", "one picture, not 3")] {
+        let (code, stdout, stderr) = sandbox.run(&format!("{line} {flags}"));
+        assert!(code == 2 && stdout.is_empty() && stderr.contains(said), "{flags}: {code}: {stderr}");
+    }
 }
 
 /// A pack of 294 shards, at work for a second or so.

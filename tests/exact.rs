@@ -58,6 +58,7 @@ fn options(gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
         host_memory_bytes,
         threads: 2,
         skips_empty: true,
+        keeps_decoded: true,
         live: false,
     }
 }

@@ -68,6 +68,46 @@ fn a_body_is_bright_and_lit_and_its_background_is_clear() {
 }
 
 #[test]
+fn what_is_shown_fills_the_picture_from_all_sides() {
+    let sandbox = sandbox();
+    // The box of the volume is white, as far as a mean that ends at 1 goes.
+    let all = "--backend cpu --mode average --window -1,0 --size 200x120";
+    let reach = |name: &str| {
+        let picture = read_png(&sandbox.path(name));
+        let shown = (0..120usize).flat_map(|y| (0..200).map(move |x| (x, y)));
+        let shown = shown.filter(|&(x, y)| picture.rgb[y * 200 + x] != [0; 3]);
+        shown.map(|(x, y)| ((x as f64 - 99.5).abs() / 100.0).max((y as f64 - 59.5).abs() / 60.0)).fold(0.0, f64::max)
+    };
+    for side in ["", "--view +x", "--view -z"] {
+        sandbox.run_ok(&format!("render ball.zarr -o o.png --overwrite {all} {side}"));
+        // 94 % of it, to a pixel.
+        assert!((0.91..0.96).contains(&reach("o.png")), "{side}: {}", reach("o.png"));
+    }
+    // The picture of an orbit that needs most room fits as well, and no other is larger.
+    sandbox.run_ok(&format!("render ball.zarr -o turn.png {all} --orbit 8"));
+    let reaches: Vec<f64> = (0..8).map(|i| reach(&format!("turn_00{i}.png"))).collect();
+    let most = reaches.iter().copied().fold(0.0, f64::max);
+    assert!((0.91..0.96).contains(&most), "{reaches:?}");
+}
+
+#[test]
+fn a_surface_alone_is_light() {
+    let sandbox = sandbox();
+    let brightest = |flags: &str| {
+        sandbox.run_ok(&format!(
+            "render ball.zarr -o o.png --overwrite --size 96x96 --backend cpu --mode isosurface {flags}"
+        ));
+        read_png(&sandbox.path("o.png")).rgb.iter().map(|pixel| luminance(*pixel)).fold(0.0, f64::max)
+    };
+    assert!(brightest("--isovalue 200") > 200.0, "{}", brightest("--isovalue 200"));
+    // A colour that somebody has given counts, but for what shines.
+    assert!(brightest("--isovalue 200,color=0.1:0.1:0.1") < 140.0);
+    assert!(brightest("--isovalue 200 --transfer gray") < 140.0);
+    let (code, _, stderr) = sandbox.run("render ball.zarr -o none.png --mode isosurface");
+    assert!(code == 2 && stderr.contains("--isovalue") && stderr.contains("from 8"), "{code}: {stderr}");
+}
+
+#[test]
 fn a_field_without_a_background_shows_its_upper_half_in_colours() {
     let sandbox = sandbox();
     sandbox.run_ok("render waves.zarr -o o.png --size 96x96 --backend cpu");

@@ -156,13 +156,14 @@ impl ExactRenderer {
         max_wait: Duration,
         stats: &mut RenderStats,
     ) -> Result<Picture, ExactPictureError> {
-        stats.passes = Some(0);
         if !scene.is_alone() {
             return Err(ExactPictureError::Mixed);
         }
         let layer = &scene.layers[0];
         self.config.contents = vec![slot_contents(&layer.frames[0].settings.encoding, layer.codes.as_ref())];
         scene.supersampled(|scene| {
+            // Each sample has its own passes.
+            stats.passes = Some(0);
             let layer = &scene.layers[0];
             scene.picture(|eye| {
                 let view = if eye == 0 { layer.view.clone() } else { layer.view.from_other_eye() };

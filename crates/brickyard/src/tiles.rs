@@ -24,7 +24,11 @@ pub fn render_exact(
     stats: &mut RenderStats,
 ) -> Result<Picture, OfflineError> {
     let mut exact = Exact { session, max_wait, begun: Instant::now(), stats, tiles: 0, completeness: 1.0, failed: 0 };
-    let picture = scene.supersampled(|scene| scene.picture(|eye| exact.eye(scene.of_eye(eye))))?;
+    let picture = scene.supersampled(|scene| {
+        // Each sample has its own tiles.
+        exact.tiles = 0;
+        scene.picture(|eye| exact.eye(scene.of_eye(eye)))
+    })?;
     let Exact { session, stats, tiles, completeness, failed, .. } = exact;
     if stats.frames == 0 {
         (stats.first_image_ms, stats.settled_ms) = (ms(started), ms(started));

@@ -1,19 +1,22 @@
 //! Where the pictures of a `render` go: to a file each, numbered, or all of them into a movie.
 
 use super::failure::Failure;
-use super::output::{may_write, may_write_png};
+use super::output::{is_stdout, may_write, may_write_png};
 use super::render_args::RenderArguments;
 use super::say::say;
 use brickyard::movie_file::{MovieError, MovieFile};
-use brickyard::picture_file::write_shown;
+use brickyard::picture_file::{send_shown, write_shown};
 use brickyard::stats::RenderStats;
 use brickyard::volume::{Picture, Scene};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// The files of a run's pictures.
 pub(super) enum Destination {
     /// PNG files.
     Pictures { output: PathBuf, count: usize },
+    /// A PNG file on standard output.
+    Stdout,
     /// One file of all of them.
     Movie(Box<MovieFile>),
 }
@@ -35,16 +38,24 @@ impl Destination {
             may_write(path, arguments.overwrite)?;
             is_not_stats(path)?;
         }
-        if let Some(output) = &arguments.output {
+        if let Some(output) = arguments.output.as_ref().filter(|output| !is_stdout(output)) {
             (0..count).try_for_each(|i| {
                 let path = numbered(output, i, count);
                 may_write_png(&path, arguments.overwrite)?;
                 is_not_stats(&path)
             })?;
         }
-        arguments.stats.iter().try_for_each(|path| may_write(path, arguments.overwrite))?;
+        let stats = arguments.stats.iter().filter(|path| !is_stdout(path));
+        stats.into_iter().try_for_each(|path| may_write(path, arguments.overwrite))?;
         match (&arguments.movie, &arguments.output) {
             (Some(path), _) => Self::movie(arguments, path, count),
+            (None, Some(output)) if is_stdout(output) => match (count, &arguments.stats) {
+                (1, Some(stats)) if is_stdout(stats) => {
+                    Err(Failure::usage("standard output takes a picture or the statistics: give one of them a name"))
+                }
+                (1, _) => Ok(Self::Stdout),
+                _ => Err(Failure::usage(format!("standard output takes one picture, not {count}: give -o out.png"))),
+            },
             (None, Some(output)) => Ok(Self::Pictures { output: output.clone(), count }),
             (None, None) => Err(Failure::usage("nowhere to write: give -o out.png, or --movie out.mp4")),
         }
@@ -83,6 +94,10 @@ impl Destination {
             Self::Pictures { output, count } => {
                 write_shown(&numbered(output, i, *count), picture, shown, stats).map_err(Failure::failed)
             }
+            Self::Stdout => match send_shown(&mut std::io::stdout().lock(), picture, shown, stats) {
+                Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::failed(error)),
+                _ => Ok(()),
+            },
             Self::Movie(movie) => movie.push(picture).map_err(movie_failure),
         }
     }
@@ -93,7 +108,16 @@ impl Destination {
     /// If it cannot be written.
     pub(super) fn finish(self) -> Result<(), Failure> {
         match self {
-            Self::Pictures { .. } => Ok(()),
+            Self::Pictures { output, count: 1 } => {
+                say!("wrote {}", output.display());
+                Ok(())
+            }
+            Self::Pictures { output, count } => {
+                let [first, last] = [0, count - 1].map(|i| numbered(&output, i, count));
+                say!("wrote {count} pictures, {} to {}", first.display(), last.display());
+                Ok(())
+            }
+            Self::Stdout => Ok(()),
             Self::Movie(movie) => movie.finish().map_err(movie_failure),
         }
     }

@@ -116,7 +116,7 @@ pub(crate) fn report(stats: &RenderStats) {
 }
 
 /// How many bricks could not be read for the pictures, in a line; `None` if all could.
-fn damage(stats: &RenderStats) -> Option<String> {
+pub(super) fn damage(stats: &RenderStats) -> Option<String> {
     let what = match (stats.bricks.failed, stats.bricks.unreadable) {
         (0, 0) => return None,
         (0, n) => format!("{} beside what is shown, or aprons, could not be read", counted(n, "brick")),

@@ -2,8 +2,8 @@
 
 use super::advice::advised;
 use super::destination::Destination;
-use super::failure::Failure;
-use super::output::{note_window, report};
+use super::failure::{ExitKind, Failure};
+use super::output::{damage, note_window, report};
 use super::remarks;
 use super::render_args::RenderArguments;
 use super::say::say;
@@ -78,7 +78,12 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     }
     let Pictures { destination, stats, .. } = pictures;
     destination.finish()?;
-    arguments.write_stats(&stats)
+    arguments.write_stats(&stats)?;
+    match damage(&stats).filter(|_| arguments.strict) {
+        // Which bricks, is said already.
+        Some(_) => Err(Failure::new(ExitKind::VerificationFailed, "--strict: not all of what is shown could be read")),
+        None => Ok(()),
+    }
 }
 
 /// The pictures of one run: their volumes and views, where they go, and how it went.

@@ -24,7 +24,7 @@ pub(crate) struct RenderArguments {
     /// The store; or several, up to 32, in one picture, each where its own world is or where --volume N:matrix=... puts it
     #[arg(required = true)]
     pub(super) stores: Vec<PathBuf>,
-    /// Output PNG; several pictures are numbered: out_000.png, ...
+    /// Output PNG; several pictures are numbered: out_000.png, ... A single one can go to standard output, by the name -
     #[arg(help_heading = heading::OUTPUT, short, long, value_name = "out.png", required_unless_present = "movie")]
     pub(super) output: Option<PathBuf>,
     /// Write the pictures into one movie instead: .gif (256 colours of each picture), .y4m (all pixels, not compressed) or .mp4 (H.264, by
@@ -96,6 +96,9 @@ pub(crate) struct RenderArguments {
     /// Write a line of text, as in `--label "cell 12, 40 min"`
     #[arg(help_heading = heading::OVERLAYS, long, value_name = "TEXT")]
     pub(super) label: Option<String>,
+    /// End with exit code 5 where bricks could not be read and coarser ones stand in; pictures are written all the same
+    #[arg(help_heading = heading::OUTPUT, long)]
+    pub(super) strict: bool,
     /// Replace existing pictures
     #[arg(help_heading = heading::OUTPUT, long)]
     pub(super) overwrite: bool,

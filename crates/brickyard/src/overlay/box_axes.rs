@@ -72,7 +72,7 @@ pub fn draw_ticks(lens: &mut Lens<'_>, world: &World<'_>, taken: &mut Vec<Area>)
             let Some(place) = lens.place(point) else { continue };
             lens.canvas.line([place, place + LENGTH * outward], 1.0, Pen::Axis(axis), false);
             let text = within_span(tick, high[axis] - low[axis]);
-            write(lens, place + 14.0 * outward, &text, taken);
+            write(lens, [14.0, -18.0].map(|by| place + by * outward), &text, taken);
         }
         let name = if world.is_anatomical { ["R", "A", "S"][axis] } else { ["x", "y", "z"][axis] };
         let text = if world.unit.is_empty() { name.to_string() } else { format!("{name} ({})", world.unit) };
@@ -80,12 +80,13 @@ pub fn draw_ticks(lens: &mut Lens<'_>, world: &World<'_>, taken: &mut Vec<Area>)
     }
 }
 
-/// Writes the name of an axis beside the middle of its edge, or where that is out of the picture, beyond one of its ends.
+/// Writes the name of an axis beside the middle of its edge, or where that is out of the picture, beyond one of its ends, or on the other side.
 fn name_axis(lens: &mut Lens<'_>, [start, end, aside]: [Vec2; 3], text: &str, pen: Pen, taken: &mut Vec<Area>) {
     let size = vec2(lens.canvas.text_width(text, NAME), NAME);
     let all = lens.canvas.size();
     let beyond = (end - start).normalize_or_zero() * NAME * 1.5;
-    let places = [start.lerp(end, 0.5) + aside, end + beyond, start - beyond].map(|place| place - size / 2.0);
+    let middle = start.lerp(end, 0.5);
+    let places = [middle + aside, end + beyond, start - beyond, middle - aside].map(|place| place - size / 2.0);
     let is_inside = |corner: &Vec2| corner.cmpge(Vec2::ZERO).all() && (*corner + size).cmple(all).all();
     let places: Vec<Vec2> = places.into_iter().filter(is_inside).collect();
     if let Some(area) = settle(lens.canvas, size, &places, taken) {
@@ -93,14 +94,12 @@ fn name_axis(lens: &mut Lens<'_>, [start, end, aside]: [Vec2; 3], text: &str, pe
     }
 }
 
-/// Writes a number around a place, moved into the picture if it would be cut.
-fn write(lens: &mut Lens<'_>, place: Vec2, text: &str, taken: &mut Vec<Area>) {
+/// Writes a number around the first of two places, or if it would be cut there, around the second.
+fn write(lens: &mut Lens<'_>, places: [Vec2; 2], text: &str, taken: &mut Vec<Area>) {
     let half = vec2(lens.canvas.text_width(text, NUMBER), NUMBER) / 2.0;
     let all = lens.canvas.size();
-    if place.cmplt(Vec2::ZERO).any() || place.cmpgt(all).any() {
-        return;
-    }
-    let place = place.max(half).min((all - half).max(half));
+    let is_inside = |place: &Vec2| place.cmpge(half).all() && (*place + half).cmple(all).all();
+    let Some(place) = places.into_iter().find(is_inside) else { return };
     taken.push(Area { min: place - half, max: place + half });
     lens.canvas.text(place, vec2(0.5, 0.5), text, NUMBER, Pen::Pale);
 }

@@ -106,7 +106,7 @@ impl Bar {
     /// The width that the bar takes with its texts, in points.
     fn width(&self, canvas: &dyn Canvas) -> f32 {
         let ticks = self.ticks.iter().map(|(_, text)| canvas.text_width(text, TEXT)).fold(0.0, f32::max);
-        GAP + (WIDTH + 5.0 + ticks).max(canvas.text_width(&self.name, TEXT)) + 4.0
+        GAP + (WIDTH + 5.0 + ticks).max(canvas.text_width(&self.name, TEXT))
     }
 
     /// Draws the bar with this upper left corner, and its name above.

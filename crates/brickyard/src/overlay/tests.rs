@@ -48,7 +48,7 @@ fn volume(values: (f64, f64), are_labels: bool) -> VolumeSource {
     VolumeSource::new(Arc::new(Nothing { pyramid, geometry, values, are_labels }))
 }
 
-/// A scene of one volume, seen along z: a pixel is 0.25 units in a picture 160 pixels high.
+/// A scene of one volume, seen along z: a pixel is 0.125 units in a picture 320 pixels high.
 fn scene() -> Scene {
     let target = DVec3::new(8.0, 12.0, 16.0);
     let projection = Projection::Orthographic { height: 40.0 };
@@ -56,7 +56,7 @@ fn scene() -> Scene {
     Scene { camera: Some(camera), ..Scene::of(SceneLayer::default()) }
 }
 
-const SIZE_PX: (u32, u32) = (240, 160);
+const SIZE_PX: (u32, u32) = (480, 320);
 
 /// A picture that shows gray in these pixels, and black elsewhere.
 fn picture(shows: impl Fn(u32, u32) -> bool) -> Picture {
@@ -76,19 +76,18 @@ fn changed(overlays: &Overlays, scene: &Scene, shows: impl Fn(u32, u32) -> bool)
 
 #[test]
 fn each_part_is_drawn_where_it_hides_least() {
-    let parts: [(fn() -> Overlays, &str); 3] = [
-        (|| Overlays { scale_bar: true, ..Overlays::default() }, "scale bar"),
-        (|| Overlays { color_bar: true, ..Overlays::default() }, "colour bar"),
-        (|| Overlays { label: Some("cell 12".into()), ..Overlays::default() }, "label"),
-    ];
-    for (part, name) in parts {
-        let free = changed(&part(), &scene(), |_, _| false);
-        assert!(free.len() > 60, "{name}: {}", free.len());
+    for part in [
+        Overlays { scale_bar: true, ..Overlays::default() },
+        Overlays { color_bar: true, ..Overlays::default() },
+        Overlays { label: Some("cell 12".into()), ..Overlays::default() },
+    ] {
+        let free = changed(&part, &scene(), |_, _| false);
+        assert!(free.len() > 60, "{part:?}: {}", free.len());
         // Where it would be if nothing were there, there is something; and in all but one of the other corners.
         for (left, top) in [(false, false), (false, true), (true, false), (true, true)] {
-            let is_free = |x: u32, y: u32| (x < 115) == left && (y < 80) == top;
-            let found = changed(&part(), &scene(), |x, y| !is_free(x, y));
-            assert!(found.iter().all(|&(x, y)| is_free(x, y)), "{name} {left} {top}: {found:?}");
+            let is_free = |x: u32, y: u32| (x < 230) == left && if top { y < 190 } else { y >= 130 };
+            let found = changed(&part, &scene(), |x, y| !is_free(x, y));
+            assert!(found.iter().all(|&(x, y)| is_free(x, y)), "{part:?} {left} {top}: {found:?}");
         }
     }
 }
@@ -101,11 +100,12 @@ fn parts_do_not_lie_over_one_another() {
         Overlays { color_bar: true, ..Overlays::default() },
         Overlays { label: all.label.clone(), ..Overlays::default() },
     ];
-    for free in 0..4 {
-        let shows = |x: u32, y: u32| u32::from(x < 120) + 2 * u32::from(y < 80) != free;
+    // Nothing, the left or the right half is free.
+    for (from, to) in [(0, 0), (0, 240), (240, 480)] {
+        let shows = |x: u32, _| !(from..to).contains(&x);
         let apart: usize = parts.iter().map(|part| changed(part, &scene(), shows).len()).sum();
         let together = changed(&all, &scene(), shows).len();
-        assert!((together as f64 / apart as f64 - 1.0).abs() < 0.1, "{free}: {together} {apart}");
+        assert!((together as f64 / apart as f64 - 1.0).abs() < 0.05, "{from}: {together} {apart}");
     }
 }
 
@@ -115,10 +115,10 @@ fn a_scale_bar_is_as_long_as_it_says() {
     let mut drawn = canvas_px.clone();
     let overlays = Overlays { scale_bar: true, ..Overlays::default() };
     overlays.draw(&mut drawn, &scene(), &[volume((0.0, 1.0), false)]).unwrap();
-    // A quarter of 240 pixels is 15 units: 10 of them are 40 pixels, white in the row of the bar.
+    // A quarter of 480 pixels is 15 units: 10 of them are 80 pixels, white in the row of the bar.
     let is_white = |x: &u32, y: u32| drawn.pixel(*x, y)[0] > 200;
-    let longest = (0..160).map(|y| (0..240).filter(|x| is_white(x, y)).count()).max();
-    assert!(matches!(longest, Some(39..=41)), "{longest:?}");
+    let longest = (0..320).map(|y| (0..480).filter(|x| is_white(x, y)).count()).max();
+    assert!(matches!(longest, Some(79..=81)), "{longest:?}");
 }
 
 #[test]
@@ -129,7 +129,7 @@ fn edges_of_the_box_hide_nothing() {
     let camera = Camera { eye: target + 100.0 * DVec3::new(1.0, 1.2, 0.9), target, ..scene().camera.unwrap() };
     let scene = Scene { camera: Some(Camera { up: DVec3::Z, ..camera }), ..scene() };
     let [x, y] = scene.camera.unwrap().rays(SIZE_PX.0, SIZE_PX.1).unwrap().pixel(target).unwrap();
-    let near_middle = |&&(px, py): &&(u32, u32)| (f64::from(px) - x).hypot(f64::from(py) - y) < 12.0;
+    let near_middle = |&&(px, py): &&(u32, u32)| (f64::from(px) - x).hypot(f64::from(py) - y) < 24.0;
     let over_nothing = changed(&axes, &scene, |_, _| false);
     assert!(over_nothing.iter().filter(near_middle).count() > 12, "edges behind are seen through nothing");
     let over_all = changed(&axes, &scene, |_, _| true);
@@ -140,7 +140,7 @@ fn edges_of_the_box_hide_nothing() {
 #[test]
 fn bars_have_the_colours_of_their_values() {
     let mut drawn = picture(|_, _| false);
-    let transfer = Some(TransferChoice::preset("fire"));
+    let transfer = Some(TransferChoice::preset("viridis"));
     let layer = SceneLayer { transfer, window: Some([10.0, 20.0]), ..SceneLayer::default() };
     let scene = Scene { layers: vec![layer], ..scene() };
     let volumes = [volume((0.0, 50.0), false)];
@@ -148,15 +148,16 @@ fn bars_have_the_colours_of_their_values() {
     overlays.draw(&mut drawn, &scene, &volumes).unwrap();
     let function = volumes[0].function(&scene.layers[0]).unwrap();
     // The bar's middle column: the one with most colours.
-    let column = |x: u32| (0..160).map(move |y| (x, y));
-    let colors = |x: u32| column(x).map(|(x, y)| drawn.pixel(x, y)).filter(|[r, g, b]| r != g || g != b).count();
-    let x = (0..240).max_by_key(|x| colors(*x)).unwrap();
-    let bar: Vec<_> = column(x).map(|(x, y)| drawn.pixel(x, y)).skip_while(|pixel| *pixel == [0; 3]).collect();
+    let column = |x: u32| (0..320).map(move |y| (x, y));
+    let is_colored = |[r, g, b]: &[u8; 3]| r.abs_diff(*g).max(g.abs_diff(*b)) > 20;
+    let colors = |x: u32| column(x).map(|(x, y)| drawn.pixel(x, y)).filter(is_colored).count();
+    let x = (0..480).max_by_key(|x| colors(*x)).unwrap();
+    let bar: Vec<_> = column(x).map(|(x, y)| drawn.pixel(x, y)).skip_while(|pixel| !is_colored(pixel)).collect();
     for (value, part) in [(19.5, 0.05), (15.0, 0.5), (12.0, 0.8)] {
         let found = bar[(part * colors(x) as f64) as usize];
         let expected = function.rgb(value).map(|c| (c * 255.0).round());
         // A band is a sixty-fourth of the bar.
-        let differs = (0..3).map(|i| (f64::from(found[i]) - f64::from(expected[i])).abs()).fold(0.0, f64::max);
+        let differs = (0..3).map(|i| (f64::from(found[i]) - expected[i]).abs()).fold(0.0, f64::max);
         assert!(differs < 24.0, "{value}: {found:?} for {expected:?}");
     }
 }
