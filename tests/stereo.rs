@@ -155,7 +155,7 @@ fn one_residency_set_serves_both_eyes() {
 fn the_command_makes_every_layout() {
     let sandbox = Sandbox::default();
     sandbox.run_ok("synth ct ct.zarr --shape 48,40,44 --brick 16 --shard 32 --progress none");
-    let flags = "--size 64x48 --transfer ct-skin --lighting none --overwrite";
+    let flags = "--size 64x48 --transfer ct-skin --lighting none --aa 1 --overwrite";
     let render = |output: &str, more: &str| {
         sandbox.run_ok(&format!("render ct.zarr -o {output} {flags} {more}"));
         read_png(&sandbox.path(output))

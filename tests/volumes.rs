@@ -462,7 +462,7 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
     );
     sandbox.run_ok("render a.zarr b.zarr -o file.png --size 32x32 --backend cpu --scene deep/scene.json");
     sandbox.run_ok(
-        "render a.zarr b.zarr -o flags.png --size 32x32 --backend cpu --lighting none --transfer viridis --volume 0:window=-0.5:0.9 \
+        "render a.zarr b.zarr -o flags.png --size 32x32 --backend cpu --lighting none --aa 1 --transfer viridis --volume 0:window=-0.5:0.9 \
          --volume 0:gamma=0.6 --volume 0:opacity=0.5 --volume 1:transfer=deep/function.json --volume 1:window=-900:900 \
          --volume 1:blend=add --volume 1:color=0:1:0",
     );
