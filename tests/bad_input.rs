@@ -704,7 +704,7 @@ fn bad_scenes_and_transfer_functions() {
             (&render(&"--clip-plane 1,2,3:1,0,0 ".repeat(7)), USAGE, &["7 clip planes", "at most 6"]),
             (&render("--slice w=3"), USAGE, &["w=3", "x, y, z, i, j, k"]),
             (&render("--slice axail=3"), USAGE, &["did you mean 'axial'?"]),
-            (&render("--slice axial=3"), USAGE, &["--slice axial", "lies in a patient", "z=VALUE or k=INDEX"]),
+            (&render("--slice axial=3"), USAGE, &["--slice axial", "lies in a patient", "z=50% or k=INDEX"]),
             (&render("--scene no-layers.json --slice k=3"), USAGE, &["--slice", "no first layer"]),
             (&render("--slice k=900"), USAGE, &["--slice k=900", "expected 0 to "]),
             (&render("--view lefft"), USAGE, &["no view 'lefft', did you mean 'left'?"]),
