@@ -71,12 +71,12 @@ fn a_body_is_bright_and_lit_and_its_background_is_clear() {
 fn what_is_shown_fills_the_picture_from_all_sides() {
     let sandbox = sandbox();
     // The box of the volume is white, as far as a mean that ends at 1 goes.
-    let all = "--backend cpu --mode average --window -1,0 --size 200x120";
+    let all = "--backend cpu --mode average --window -1,0 --size 120x200";
     let reach = |name: &str| {
         let picture = read_png(&sandbox.path(name));
-        let shown = (0..120usize).flat_map(|y| (0..200).map(move |x| (x, y)));
-        let shown = shown.filter(|&(x, y)| picture.rgb[y * 200 + x] != [0; 3]);
-        shown.map(|(x, y)| ((x as f64 - 99.5).abs() / 100.0).max((y as f64 - 59.5).abs() / 60.0)).fold(0.0, f64::max)
+        let shown = (0..200usize).flat_map(|y| (0..120).map(move |x| (x, y)));
+        let shown = shown.filter(|&(x, y)| picture.rgb[y * 120 + x] != [0; 3]);
+        shown.map(|(x, y)| ((x as f64 - 59.5).abs() / 60.0).max((y as f64 - 99.5).abs() / 100.0)).fold(0.0, f64::max)
     };
     for side in ["", "--view +x", "--view -z"] {
         sandbox.run_ok(&format!("render ball.zarr -o o.png --overwrite {all} {side}"));

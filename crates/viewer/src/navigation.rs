@@ -25,7 +25,8 @@ pub(crate) fn moved(
     let camera = scene.camera_for(places, size_px).map_err(|error| error.to_string())?;
     let world_box = || scene.world_box(places).map_err(|error| error.to_string());
     let from = |direction: DVec3, up: DVec3| -> Result<Camera, String> {
-        let whole = Camera::looking_from(direction, up, world_box()?);
+        let world_box = world_box()?;
+        let whole = Camera::looking_from(direction, up, world_box).fitted(world_box, size_px);
         let is_parallel = matches!(camera.projection, Projection::Orthographic { .. });
         Ok(with_parallel_rays(&whole, is_parallel))
     };

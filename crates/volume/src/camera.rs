@@ -82,11 +82,12 @@ impl Camera {
     }
 
     /// This perspective camera so near to its target that the box just fits into a picture of this size, with a margin; others are as they were. A box that the target is not
-    /// in the middle of fits, too, but leaves more of the picture empty.
+    /// in the middle of fits, too, but leaves more of the picture empty. What is wider than high counts as square, so that windows and pictures of the same height show the same.
     pub fn fitted(&self, (low, high): (DVec3, DVec3), size_px: (u32, u32)) -> Self {
         /// The part of the picture that the box may fill, along each side.
         const FILLED: f64 = 0.94;
-        let (Projection::Perspective { .. }, Ok(rays)) = (self.projection, self.rays(size_px.0, size_px.1)) else {
+        let (width, height) = size_px;
+        let (Projection::Perspective { .. }, Ok(rays)) = (self.projection, self.rays(width.min(height), height)) else {
             return *self;
         };
         let corner =
@@ -416,7 +417,7 @@ mod tests {
     #[test]
     fn a_fitted_box_touches_the_margin_of_the_picture_and_no_more() {
         for (size_px, high) in
-            [((640, 480), [10.0, 20.0, 30.0]), ((300, 900), [40.0, 10.0, 5.0]), ((500, 500), [1.0, 1.0, 1.0])]
+            [((480, 640), [10.0, 20.0, 30.0]), ((300, 900), [40.0, 10.0, 5.0]), ((500, 500), [1.0, 1.0, 1.0])]
         {
             let world_box = (DVec3::new(-3.0, 0.0, 0.0), DVec3::from_array(high));
             let camera = Camera::looking_at_box(world_box).fitted(world_box, size_px);
@@ -430,6 +431,9 @@ mod tests {
             let reach = (0..8).map(reach).fold(0.0, f64::max);
             assert!((reach - 0.94).abs() < 1e-9, "{size_px:?}: {reach}");
         }
+        let world_box = (DVec3::ZERO, DVec3::new(4.0, 1.0, 2.0));
+        let of = |size_px| Camera::looking_at_box(world_box).fitted(world_box, size_px);
+        assert_eq!(of((640, 480)), of((480, 480)));
         let flat = camera(Projection::Orthographic { height: 6.0 });
         assert_eq!(flat.fitted((DVec3::ZERO, DVec3::ONE), (8, 8)), flat);
     }

@@ -1,12 +1,20 @@
 //! What a choice asks of the rest of the scene. What a mode cannot have is left out, and what it needs is added, so that every mode is one click away.
 
 use brickyard::session::VolumeSource;
-use brickyard::volume::{Expression, Isosurface, LightingModel, Method, Mode, Scene, SceneExpression, SceneLayer};
+use brickyard::volume::{
+    Expression, Isosurface, LightingModel, Method, Mode, PixelSamples, Scene, SceneExpression, SceneLayer,
+};
 
 /// Shows a scene of these volumes in another mode. Projections have neither light nor surfaces, and no translucent meshes; slices are projections; methods
 /// of sampling are those of fog; and surfaces begin in the middle of the window.
 pub(crate) fn set_mode(scene: &mut Scene, volumes: &[VolumeSource], mode: Mode) {
     let had_light = !scene.mode.is_projection() || scene.lighting.model != LightingModel::None;
+    // Projections show values as they are; what is left of them is as it is first shown.
+    if mode.is_projection() {
+        scene.pixel_samples = PixelSamples::ONE;
+    } else if scene.mode.is_projection() {
+        scene.pixel_samples = PixelSamples::FOUR;
+    }
     scene.mode = mode;
     if mode == Mode::Dvr && !had_light {
         // As fog is first shown.
