@@ -1,5 +1,5 @@
 //! Overlays: what is drawn over what a picture shows: a scale bar, what value has which colour, the box around all with ticks, a line of text. All but the text follows from
-//! the scene, its camera and the volumes. The same drawing goes on windows and on finished pictures, through a [`Canvas`]; on a picture, each part takes the place where
+//! the scene, its camera and the volumes. The same drawing goes on windows and on finished pictures, through a [`Canvas`](canvas::Canvas); on a picture, each part takes the place where
 //! it hides least.
 
 pub mod box_axes;
