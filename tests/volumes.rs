@@ -9,9 +9,9 @@ use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, V
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
 use brickyard::volume::{
-    Blend, Extent, Filter, Geometry, Gradient, Isosurface, Jitter, LevelPolicy, Lighting, LightingModel, MAX_VOLUMES,
-    Mode, Picture, Placement, Sampling, Scene, SceneExpression, SceneLayer, Stereo, StereoLayout, TransferChoice,
-    TransferFunction, Voxel,
+    Blend, Camera, Extent, Filter, Geometry, Gradient, Isosurface, Jitter, LevelPolicy, Lighting, LightingModel,
+    MAX_VOLUMES, Mode, Picture, Placement, Sampling, Scene, SceneExpression, SceneLayer, Stereo, StereoLayout,
+    TransferChoice, TransferFunction, Voxel,
 };
 use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, open_session_of, options, read_png};
 use glam::DVec3;
@@ -304,7 +304,10 @@ fn two_stores_equal_the_oracle_on_every_backend() {
         ("surfaces, lit", Scene { lighting: lit(Gradient::Sobel, &[[-40.0, 10.0, 90.0]]), ..of(layered) }),
         ("splines", Scene { sampling: Sampling { filter: Filter::Tricubic, ..Default::default() }, ..scene() }),
     ];
+    let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
     for (what, scene) in scenes {
+        let camera = Some(Camera::looking_at_box(scene.world_box(&places).expect("places")));
+        let scene = Scene { camera, ..scene };
         let resolved = resolve(&volumes, &scene, SIZE).expect("a possible scene");
         let shown: Vec<&Store> = stores.iter().map(|test| &*test.store).collect();
         let expected = render_reference(&shown, &resolved, 1 << 30).expect("the oracle's picture");

@@ -18,8 +18,9 @@ pub(super) fn of_scene(scene: &Scene, volumes: &[VolumeSource]) -> Vec<String> {
 /// What is missing where the surface of a value is to be shown, and no value is given; `None` if nothing is.
 pub(super) fn of_missing_isovalue(scene: &Scene, volumes: &[VolumeSource]) -> Option<String> {
     let is_missing = scene.mode == Mode::Isosurface && scene.layers.iter().all(|layer| layer.isosurfaces.is_empty());
-    let volume = volumes.get(scene.store(0)).filter(|_| is_missing)?;
-    let (low, high) = values(scene.layers[0].channel, volume);
+    let first = scene.layers.first().filter(|_| is_missing)?;
+    let volume = volumes.get(scene.store(0))?;
+    let (low, high) = values(first.channel, volume);
     Some(format!(
         "--mode isosurface shows the surface of a value: give it by --isovalue; the values of {} are from {low} to {high}",
         name(volume)
