@@ -1,26 +1,23 @@
 //! Letters on pictures: which side of a patient each edge of a picture is on, white with a dark rim, so that they are read on any tissue.
 
-use crate::overlay::PictureCanvas;
 use crate::overlay::canvas::{Canvas, Pen};
+use crate::overlay::{LEAST_PX, PictureCanvas};
 use brickyard_volume::camera::CameraError;
 use brickyard_volume::{Camera, Picture, Side, ViewRays};
 use glam::{DVec3, Vec2, vec2};
-
-/// The least height of a picture, or width, that has letters, pixels: in a smaller one they would hide too much.
-pub const LEAST_LETTERED_PX: u32 = 96;
 
 /// Height of the letters, in points.
 const LETTER: f32 = 20.0;
 
 /// Writes at each edge of a picture, seen by this camera, which side of the patient is there. Pictures that are less than
-/// [`LEAST_LETTERED_PX`] wide or high are left as they are.
+/// [`LEAST_PX`] wide or high are left as they are.
 ///
 /// # Errors
 /// If the camera cannot make a picture.
 pub fn letter_sides(picture: &mut Picture, camera: &Camera) -> Result<(), CameraError> {
     let (width, height) = (picture.width, picture.height);
     let rays = camera.rays(width, height)?;
-    if width.min(height) < LEAST_LETTERED_PX {
+    if width.min(height) < LEAST_PX {
         return Ok(());
     }
     let mut canvas = PictureCanvas::new(picture, [0.0; 3]);

@@ -14,8 +14,9 @@ use brickyard_volume::camera::CameraError;
 use brickyard_volume::{Picture, Scene};
 use canvas::{Lens, Pen, settle};
 use glam::{DVec3, vec2};
+pub use picture_canvas::LEAST_PX;
 pub(crate) use picture_canvas::PictureCanvas;
-use picture_canvas::{LEAST_PX, first_unknown};
+use picture_canvas::first_unknown;
 
 /// Height of the line of text, in points.
 const LABEL: f32 = 15.0;
@@ -45,7 +46,12 @@ pub fn unit(volumes: &[VolumeSource], is_anatomical: bool) -> &str {
     }
 }
 
-/// What a layer is called: as its channel is, else as its volume is, else by its number.
+/// The names of the axes x, y and z of a world, which may be a patient's: there they point to the right, the front and the head.
+pub fn axis_names(is_anatomical: bool) -> [&'static str; 3] {
+    if is_anatomical { ["R", "A", "S"] } else { ["x", "y", "z"] }
+}
+
+/// The name of a layer: its channel's, else its volume's, else one with its number.
 pub fn layer_name(scene: &Scene, volumes: &[VolumeSource], layer: usize) -> String {
     let volume = volumes.get(scene.store(layer));
     let channel = volume.and_then(|volume| volume.displays().get(scene.layers[layer].channel as usize));
@@ -53,7 +59,7 @@ pub fn layer_name(scene: &Scene, volumes: &[VolumeSource], layer: usize) -> Stri
     channel.or_else(|| volume?.name()).unwrap_or_else(|| format!("layer {layer}"))
 }
 
-/// What is drawn on a picture.
+/// The overlays that a picture gets.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Overlays {
     /// A scale bar.

@@ -43,7 +43,7 @@ pub fn send_shown(to: &mut impl Write, picture: &Picture, shown: &Scene, stats: 
     to.flush()
 }
 
-/// What a file says of its picture.
+/// The text chunks of a picture's file: the program, the scene, and the counts of bricks.
 fn notes(shown: &Scene, stats: &RenderStats) -> serde_json::Result<[(&'static str, String); 3]> {
     let bricks = &stats.bricks;
     Ok([

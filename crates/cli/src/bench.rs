@@ -3,7 +3,7 @@
 use super::bench_play::{self, PlayArguments};
 use super::failure::Failure;
 use super::heading;
-use super::output::{is_stdout, may_write, write_json};
+use super::output::{is_stdout, may_write_data, write_json};
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
@@ -138,8 +138,8 @@ enum Report {
 pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Failure> {
     let stats = arguments.stats.as_deref();
     let to_stdout = stats.is_some_and(is_stdout);
-    if let Some(path) = stats.filter(|_| !to_stdout) {
-        may_write(path, arguments.overwrite)?;
+    if let Some(path) = stats {
+        may_write_data(path, arguments.overwrite)?;
     }
     let mut rows = Vec::new();
     let mut head = "";

@@ -1,14 +1,14 @@
 //! Where the pictures of a `render` go: to a file each, numbered, or all of them into a movie.
 
 use super::failure::Failure;
-use super::output::{is_stdout, may_write, may_write_png};
+use super::output::{is_stdout, may_write, may_write_data, may_write_png};
+use super::printed;
 use super::render_args::RenderArguments;
 use super::say::say;
 use brickyard::movie_file::{MovieError, MovieFile};
 use brickyard::picture_file::{send_shown, write_shown};
 use brickyard::stats::RenderStats;
 use brickyard::volume::{Picture, Scene};
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// The files of a run's pictures.
@@ -45,8 +45,7 @@ impl Destination {
                 is_not_stats(&path)
             })?;
         }
-        let stats = arguments.stats.iter().filter(|path| !is_stdout(path));
-        stats.into_iter().try_for_each(|path| may_write(path, arguments.overwrite))?;
+        arguments.stats.iter().try_for_each(|path| may_write_data(path, arguments.overwrite))?;
         match (&arguments.movie, &arguments.output) {
             (Some(path), _) => Self::movie(arguments, path, count),
             (None, Some(output)) if is_stdout(output) => match (count, &arguments.stats) {
@@ -94,10 +93,7 @@ impl Destination {
             Self::Pictures { output, count } => {
                 write_shown(&numbered(output, i, *count), picture, shown, stats).map_err(Failure::failed)
             }
-            Self::Stdout => match send_shown(&mut std::io::stdout().lock(), picture, shown, stats) {
-                Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::failed(error)),
-                _ => Ok(()),
-            },
+            Self::Stdout => printed(send_shown(&mut std::io::stdout().lock(), picture, shown, stats)),
             Self::Movie(movie) => movie.push(picture).map_err(movie_failure),
         }
     }

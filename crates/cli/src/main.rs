@@ -187,9 +187,14 @@ fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
     print_line(&text)
 }
 
-/// Prints a line on standard output; a closed pipe is not an error worth a panic.
+/// Prints a line on standard output.
 fn print_line(text: &str) -> Result<(), Failure> {
-    match writeln!(std::io::stdout(), "{text}") {
+    printed(writeln!(std::io::stdout(), "{text}"))
+}
+
+/// The end of writing to standard output: that a reader has closed the pipe is no failure.
+fn printed(written: std::io::Result<()>) -> Result<(), Failure> {
+    match written {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::failed(error)),
         _ => Ok(()),
     }

@@ -76,6 +76,14 @@ pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
 }
 
+/// Whether data may be written here: as [`may_write`], and standard output always takes them.
+///
+/// # Errors
+/// Exit code 2 if not.
+pub(crate) fn may_write_data(path: &Path, overwrite: bool) -> Result<(), Failure> {
+    if is_stdout(path) { Ok(()) } else { may_write(path, overwrite) }
+}
+
 /// Writes a value to a file, or to standard output, as JSON.
 ///
 /// # Errors

@@ -2,8 +2,7 @@
 //! of one that came out empty, why. Each with the numbers that would do.
 
 use brickyard::session::{ResolvedLayer, ResolvedScene, VolumeSource};
-use brickyard::volume::{Mode, Picture, Scene, Slice, TransferChoice};
-use glam::DVec3;
+use brickyard::volume::{Mode, Picture, Scene, Slice, TransferChoice, box_corners};
 
 /// Returns the remarks on a scene that are made before it is drawn.
 pub(super) fn of_scene(scene: &Scene, volumes: &[VolumeSource]) -> Vec<String> {
@@ -59,10 +58,9 @@ fn name(volume: &VolumeSource) -> String {
 
 fn slice_outside(slice: Slice, scene: &Scene, volumes: &[VolumeSource]) -> Option<String> {
     let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
-    let (low, high) = scene.world_box(&places).ok()?;
+    let corners = box_corners(scene.world_box(&places).ok()?);
     let normal = slice.normal.normalize_or_zero();
-    let corner = |i: usize| DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 0 { low[a] } else { high[a] }));
-    let along = (0..8).map(|i| normal.dot(corner(i)));
+    let along = corners.into_iter().map(|corner| normal.dot(corner));
     let (from, to) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(from, to), at| (from.min(at), to.max(at)));
     let (at, half) = (normal.dot(slice.point), slice.thickness / 2.0);
     let axis = (0..3).find(|&a| normal[a].abs() > 1.0 - 1e-9);

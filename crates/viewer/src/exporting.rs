@@ -5,7 +5,7 @@ use crate::work_row;
 use brickyard::background::{self, Background};
 use brickyard::session::VolumeSource;
 use brickyard::store::{ExportError, ExportRequest, ExportTime, Store};
-use brickyard::volume::{Extent, Scene, VoxelBox, VoxelType};
+use brickyard::volume::{Extent, Scene, VoxelBox, VoxelType, box_corners};
 use eframe::egui::Ui;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -63,11 +63,7 @@ impl Part {
 
 /// The corners of the box around a box of the world, in voxels.
 fn voxels_around(grid: &Grid, [low, high]: [DVec3; 2]) -> [DVec3; 2] {
-    let corner = |i: usize| {
-        let pick = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
-        grid.voxel_from_world(DVec3::new(pick(0), pick(1), pick(2)))
-    };
-    let corners = (0..8).map(corner);
+    let corners = box_corners((low, high)).into_iter().map(|corner| grid.voxel_from_world(corner));
     corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], at| [low.min(at), high.max(at)])
 }
 

@@ -8,7 +8,7 @@ use crate::overlay::canvas::WindowCanvas;
 use crate::state::Overlays;
 use brickyard::lettering::edge_letters;
 use brickyard::overlay::canvas::Lens as OverlayLens;
-use brickyard::overlay::{World, box_axes, color_bar, scale_bar};
+use brickyard::overlay::{World, axis_names, box_axes, color_bar, scale_bar};
 use brickyard::session::VolumeSource;
 use brickyard::volume::numbers::significant;
 use brickyard::volume::{Camera, Scene, ViewRays};
@@ -21,9 +21,14 @@ const LEAST_BARRED: f32 = 420.0;
 /// The least size of a picture that has letters at its edges, in points: in a smaller one they would hide too much.
 const LEAST_LETTERED: f32 = 96.0;
 
-/// Colours of the axes x, y and z, as elsewhere.
-pub(crate) const AXIS_COLORS: [Color32; 3] =
-    [Color32::from_rgb(235, 85, 85), Color32::from_rgb(95, 200, 95), Color32::from_rgb(95, 145, 245)];
+/// The colours of the axes x, y and z, as on finished pictures.
+pub(crate) const AXIS_COLORS: [Color32; 3] = {
+    const fn color([r, g, b]: [u8; 3]) -> Color32 {
+        Color32::from_rgb(r, g, b)
+    }
+    let [x, y, z] = brickyard::overlay::canvas::AXIS_COLORS;
+    [color(x), color(y), color(z)]
+};
 
 /// What was measured, in a colour that few volumes have.
 const MEASURED: Color32 = Color32::from_rgb(255, 210, 60);
@@ -157,7 +162,7 @@ pub(crate) fn letters(lens: &Lens) {
 
 /// The directions of the axes, in the lower left corner; the nearest last.
 fn axes(painter: &Painter, area: Rect, rays: &ViewRays, is_anatomical: bool) {
-    let names = if is_anatomical { ["R", "A", "S"] } else { ["x", "y", "z"] };
+    let names = axis_names(is_anatomical);
     let middle = pos2(area.left() + 40.0, area.bottom() - 40.0);
     let (right, up) = (rays.right.normalize(), rays.up.normalize());
     let mut axes = [0, 1, 2].map(|axis| (axis, DVec3::AXES[axis]));

@@ -1,5 +1,6 @@
 //! The camera: where it stands, the ray of every pixel, the size of a pixel in the world, and the frustum.
 
+use crate::geometry::box_corners;
 use crate::placement::Placement;
 use crate::ray::Ray;
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -83,17 +84,15 @@ impl Camera {
 
     /// This perspective camera so near to its target that the box just fits into a picture of this size, with a margin; others are as they were. A box that the target is not
     /// in the middle of fits, too, but leaves more of the picture empty. What is wider than high counts as square, so that windows and pictures of the same height show the same.
-    pub fn fitted(&self, (low, high): (DVec3, DVec3), size_px: (u32, u32)) -> Self {
+    pub fn fitted(&self, world_box: (DVec3, DVec3), size_px: (u32, u32)) -> Self {
         /// The part of the picture that the box may fill, along each side.
         const FILLED: f64 = 0.94;
         let (width, height) = size_px;
         let (Projection::Perspective { .. }, Ok(rays)) = (self.projection, self.rays(width.min(height), height)) else {
             return *self;
         };
-        let corner =
-            |i: usize| DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 0 { low[a] } else { high[a] }));
-        let needed = (0..8).map(|i| {
-            let by = corner(i) - self.target;
+        let needed = box_corners(world_box).into_iter().map(|corner| {
+            let by = corner - self.target;
             // How far aside it is where the picture's edge is one away, at distance 1.
             let aside = [rays.right, rays.up].map(|edge| (by.dot(edge) / edge.length_squared()).abs());
             aside[0].max(aside[1]) / FILLED - by.dot(rays.forward)
@@ -422,13 +421,11 @@ mod tests {
             let world_box = (DVec3::new(-3.0, 0.0, 0.0), DVec3::from_array(high));
             let camera = Camera::looking_at_box(world_box).fitted(world_box, size_px);
             let rays = camera.rays(size_px.0, size_px.1).unwrap();
-            let reach = |i: usize| {
-                let corner =
-                    DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 0 { world_box.0[a] } else { high[a] }));
+            let reach = |corner| {
                 let [x, y] = rays.pixel(corner).unwrap();
                 (2.0 * x / f64::from(size_px.0) - 1.0).abs().max((2.0 * y / f64::from(size_px.1) - 1.0).abs())
             };
-            let reach = (0..8).map(reach).fold(0.0, f64::max);
+            let reach = box_corners(world_box).into_iter().map(reach).fold(0.0, f64::max);
             assert!((reach - 0.94).abs() < 1e-9, "{size_px:?}: {reach}");
         }
         let world_box = (DVec3::ZERO, DVec3::new(4.0, 1.0, 2.0));

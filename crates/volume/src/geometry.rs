@@ -1,7 +1,7 @@
 //! Where a volume stands in the world: spacing, origin, unit, and the transforms between voxel and world space.
 
 use crate::space::Extent;
-use glam::DVec3;
+use glam::{BVec3, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// Spacing, origin and unit of a volume's level 0. Coarser levels follow from their factors.
@@ -59,6 +59,11 @@ impl Geometry {
         let f = DVec3::from_array(factor.map(f64::from));
         (self.spacing * f, self.origin + (f - 1.0) * 0.5 * self.spacing)
     }
+}
+
+/// The corners of a box, given its least and its greatest one: corner `i` has the greatest x, y and z where bits 0, 1 and 2 are set.
+pub fn box_corners((low, high): (DVec3, DVec3)) -> [DVec3; 8] {
+    std::array::from_fn(|i| DVec3::select(BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), high, low))
 }
 
 #[cfg(test)]

@@ -66,7 +66,7 @@ pub use counted::counted;
 pub use expression::{Expression, ExpressionError, MAX_VOLUMES};
 pub use float_slots::KeptSlots;
 pub use foreground::Foreground;
-pub use geometry::Geometry;
+pub use geometry::{Geometry, box_corners};
 pub use gradients::{GradientNodes, PaddedCodes};
 pub use jitter::Jitter;
 pub use labels::{LabelCodes, LabelColor, LabelLook};

@@ -5,7 +5,7 @@
 //! distance from the eye in the scene's world, and its direction there no longer has length 1. So the sampling lattice is one for all
 //! volumes of a scene, whatever their maps, and boxes of voxels stay boxes.
 
-use crate::geometry::Geometry;
+use crate::geometry::{Geometry, box_corners};
 use crate::ray::Ray;
 use crate::space::Extent;
 use glam::{DAffine3, DMat3, DVec3};
@@ -193,10 +193,8 @@ impl Placement {
     }
 
     /// The bounding box in the scene's world of a box of the volume's own world.
-    pub fn world_box(&self, (low, high): (DVec3, DVec3)) -> (DVec3, DVec3) {
-        let corner =
-            |i: usize| DVec3::from_array(std::array::from_fn(|a| if i >> a & 1 == 0 { low[a] } else { high[a] }));
-        let corners = (0..8).map(|i| self.world_from_volume(corner(i)));
+    pub fn world_box(&self, own_box: (DVec3, DVec3)) -> (DVec3, DVec3) {
+        let corners = box_corners(own_box).into_iter().map(|corner| self.world_from_volume(corner));
         let outside = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         corners.fold(outside, |(low, high), corner| (low.min(corner), high.max(corner)))
     }

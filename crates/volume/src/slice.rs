@@ -10,7 +10,7 @@
 
 use crate::camera::{Camera, Projection, ViewRays};
 use crate::clip::{ClipError, ClipPlane};
-use crate::geometry::Geometry;
+use crate::geometry::{Geometry, box_corners};
 use crate::placement::Placement;
 use crate::space::Extent;
 use glam::DVec3;
@@ -93,7 +93,7 @@ impl Slice {
         let normal = self.normal.normalize_or_zero();
         let right = up.cross(normal).normalize_or_zero();
         let upright = normal.cross(right);
-        let corners = corners(world_box);
+        let corners = box_corners(world_box);
         let whole = (world_box.1 - world_box.0).length();
         let size_of = |points: &[DVec3]| {
             let range = |axis: DVec3| {
@@ -128,12 +128,6 @@ impl Slice {
         }
         points
     }
-}
-
-/// Corner `i` has the high end of x, y and z where bits 0, 1 and 2 are set.
-fn corners((low, high): (DVec3, DVec3)) -> [DVec3; 8] {
-    let pick = |i: usize, a: usize| if i >> a & 1 == 0 { low[a] } else { high[a] };
-    std::array::from_fn(|i| DVec3::new(pick(i, 0), pick(i, 1), pick(i, 2)))
 }
 
 #[cfg(test)]
@@ -174,7 +168,7 @@ mod tests {
                 assert!(rays.forward.dot(normal) < 0.0, "the normal points to the viewer");
                 assert!(normal.normalize().dot(camera.eye - point) > thickness * 0.5, "the slab is before the eye");
                 let mut fills = 0.0f64;
-                for p in slice.outline(&corners(BOX)) {
+                for p in slice.outline(&box_corners(BOX)) {
                     let u = rays.right.dot(p - rays.eye) / rays.right.length_squared();
                     let v = rays.up.dot(p - rays.eye) / rays.up.length_squared();
                     assert!(u.abs() < 1.0 + 1e-9 && v.abs() < 1.0 + 1e-9, "{normal} {p}: {u} {v}");

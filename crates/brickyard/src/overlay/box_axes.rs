@@ -1,11 +1,12 @@
 //! The box around what is shown, with ticks in world units along three of its edges: for each axis along the edge that is outermost in the picture, so that they
 //! stand over nothing. Edges of the box that are nearer than what is in it are left out, so that they hide nothing either.
 
-use super::World;
 use super::canvas::{Area, Lens, Pen, settle};
 use super::round::ticks;
+use super::{World, axis_names};
+use brickyard_volume::box_corners;
 use brickyard_volume::numbers::within_span;
-use glam::{BVec3, DVec3, Vec2, vec2};
+use glam::{DVec3, Vec2, vec2};
 
 /// How far ticks are apart, in points.
 const APART: f64 = 60.0;
@@ -17,11 +18,6 @@ const LENGTH: f32 = 5.0;
 const NUMBER: f32 = 10.5;
 const NAME: f32 = 12.0;
 
-/// Corner `i` of a box: the high end of x, y and z where bits 0, 1 and 2 are set.
-fn corner((low, high): (DVec3, DVec3), i: usize) -> DVec3 {
-    DVec3::select(BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), high, low)
-}
-
 /// The twelve edges of a box.
 pub fn edges(corners: (DVec3, DVec3)) -> impl Iterator<Item = [DVec3; 2]> {
     (0..3).flat_map(move |axis| along(corners, axis))
@@ -30,7 +26,8 @@ pub fn edges(corners: (DVec3, DVec3)) -> impl Iterator<Item = [DVec3; 2]> {
 /// The four edges of a box along an axis.
 fn along(corners: (DVec3, DVec3), axis: usize) -> impl Iterator<Item = [DVec3; 2]> {
     let starts = (0..8usize).filter(move |i| i >> axis & 1 == 0);
-    starts.map(move |i| [corner(corners, i), corner(corners, i | 1 << axis)])
+    let corners = box_corners(corners);
+    starts.map(move |i| [corners[i], corners[i | 1 << axis]])
 }
 
 /// Draws the edges of a world's box that are not before what is in it.
@@ -38,7 +35,7 @@ pub fn draw_edges(lens: &mut Lens<'_>, world: &World<'_>) {
     for axis in 0..3 {
         let edges: Vec<_> = along(world.corners, axis).collect();
         for edge in edges {
-            // Of the two faces at the edge, those whose outer side is seen.
+            // The edge is between two faces. It is before what is in the box if the outer sides of both are seen, and behind it if neither's is.
             let seen = (0..3).filter(|&other| other != axis).map(|other| is_face_seen(lens, world, edge[0], other));
             let seen = seen.filter(|is_seen| *is_seen).count();
             if let (true, [Some(a), Some(b)]) = (seen < 2, edge.map(|end| lens.place(end))) {
@@ -74,7 +71,7 @@ pub fn draw_ticks(lens: &mut Lens<'_>, world: &World<'_>, taken: &mut Vec<Area>)
             let text = within_span(tick, high[axis] - low[axis]);
             write(lens, [14.0, -18.0].map(|by| place + by * outward), &text, taken);
         }
-        let name = if world.is_anatomical { ["R", "A", "S"][axis] } else { ["x", "y", "z"][axis] };
+        let name = axis_names(world.is_anatomical)[axis];
         let text = if world.unit.is_empty() { name.to_string() } else { format!("{name} ({})", world.unit) };
         name_axis(lens, [start, end, 34.0 * outward], &text, Pen::Axis(axis), taken);
     }

@@ -18,29 +18,27 @@ impl Area {
         Self { min, max: min + size }
     }
 
-    /// Width and height.
-    pub fn size(&self) -> Vec2 {
-        self.max - self.min
-    }
-
     /// Whether the two rectangles have a place in common.
     pub fn meets(&self, other: &Self) -> bool {
         self.min.cmplt(other.max).all() && other.min.cmplt(self.max).all()
     }
 }
 
-/// What a line or a text is drawn with. A canvas makes it a colour that is seen on its background.
+/// A pen for lines and texts, by what they are for. A canvas gives it a colour that is seen on its background.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pen {
-    /// What is said first.
+    /// The pen for bars and labels, which are read first.
     Strong,
-    /// What is said beside it.
+    /// The pen for numbers and names beside bars and axes.
     Pale,
-    /// What the eye may pass over.
+    /// The pen for edges, which the eye may pass over.
     Faint,
-    /// What is about the axis x, y or z, by its number.
+    /// The pen for the ticks and the name of the axis x, y or z, by its number.
     Axis(usize),
 }
+
+/// The colours of the axes x, y and z on dark backgrounds, as in other programs.
+pub const AXIS_COLORS: [[u8; 3]; 3] = [[235, 85, 85], [95, 200, 95], [95, 145, 245]];
 
 /// Something to draw overlays on.
 pub trait Canvas {

@@ -1,6 +1,7 @@
-//! A finished picture as a canvas. Lines and letters are drawn by coverage, with a rim that sets them off from what is under them; that costs the pixels that they cover.
+//! A finished picture as a canvas. Lines and letters are drawn by coverage, with a rim that sets them off from what is under them; that costs the pixels of the
+//! rectangles around them.
 
-use super::canvas::{Area, Canvas, Pen};
+use super::canvas::{AXIS_COLORS, Area, Canvas, Pen};
 use ab_glyph::{Font, FontRef, Glyph, PxScale, ScaleFont, point};
 use brickyard_volume::Picture;
 use epaint_default_fonts::{HACK_REGULAR, UBUNTU_LIGHT};
@@ -8,7 +9,7 @@ use glam::{IVec2, Vec2, vec2};
 use std::sync::LazyLock;
 
 /// The least width and height of a picture that is written on, pixels: in a smaller one letters would hide too much.
-pub(crate) const LEAST_PX: u32 = 96;
+pub const LEAST_PX: u32 = 96;
 
 /// Width or height in points of a picture, whichever is less: so that letters are as large in large pictures as in small ones.
 const POINTS: f32 = 400.0;
@@ -54,7 +55,7 @@ impl<'a> PictureCanvas<'a> {
 
     /// The colour of a pen, and that of the rim around what it draws.
     fn colors(&self, pen: Pen) -> ([f32; 3], [f32; 3]) {
-        let axes = [[235.0, 85.0, 85.0], [95.0, 200.0, 95.0], [95.0, 145.0, 245.0]];
+        let axes = AXIS_COLORS.map(|color| color.map(f32::from));
         let color = match (pen, self.is_light) {
             (Pen::Strong, false) => [255.0; 3],
             (Pen::Strong, true) => [0.0; 3],
@@ -62,7 +63,7 @@ impl<'a> PictureCanvas<'a> {
             (Pen::Pale, true) => [50.0; 3],
             (Pen::Faint, _) => [128.0; 3],
             (Pen::Axis(axis), false) => axes[axis],
-            (Pen::Axis(axis), true) => axes[axis].map(|c: f32| c * 0.65),
+            (Pen::Axis(axis), true) => axes[axis].map(|c| c * 0.65),
         };
         (color, if self.is_light { [255.0; 3] } else { [0.0; 3] })
     }
@@ -75,19 +76,6 @@ impl<'a> PictureCanvas<'a> {
                 ..((high * self.pixels_per_point).ceil() as u32).min(count)
         };
         (within(area.min.y, area.max.y, self.picture.height), within(area.min.x, area.max.x, self.picture.width))
-    }
-
-    /// The glyphs of a line of text that begins at `left_px` on this baseline.
-    fn glyphs(&self, text: &str, height: f32, [left_px, baseline_px]: [f32; 2]) -> Vec<Glyph> {
-        let (font, scale) = (font_of(text), PxScale::from(height * self.pixels_per_point));
-        let scaled = font.as_scaled(scale);
-        let mut left = left_px;
-        let glyphs = text.chars().map(|letter| {
-            let glyph = font.glyph_id(letter).with_scale_and_position(scale, point(left, baseline_px));
-            left += scaled.h_advance(glyph.id);
-            glyph
-        });
-        glyphs.collect()
     }
 }
 
@@ -117,15 +105,17 @@ impl Canvas for PictureCanvas<'_> {
     }
 
     fn text(&mut self, place: Vec2, anchor: Vec2, text: &str, height: f32, pen: Pen) {
-        let scaled = font_of(text).as_scaled(PxScale::from(height * self.pixels_per_point));
-        let (ascent, descent) = (scaled.ascent(), scaled.descent());
-        let corner = place * self.pixels_per_point
-            - anchor * vec2(self.text_width(text, height) * self.pixels_per_point, ascent - descent);
-        let low = corner - 1.0;
-        let high = corner + vec2(self.text_width(text, height) * self.pixels_per_point, ascent - descent) + 1.0;
-        let mut ink = Ink::new(low, high);
-        for glyph in self.glyphs(text, height, [corner.x, corner.y + ascent]) {
-            let Some(outline) = font_of(text).outline_glyph(glyph) else { continue };
+        let font = font_of(text);
+        let scaled = font.as_scaled(PxScale::from(height * self.pixels_per_point));
+        let size_px = vec2(self.text_width(text, height) * self.pixels_per_point, scaled.ascent() - scaled.descent());
+        let corner = place * self.pixels_per_point - anchor * size_px;
+        let mut ink = Ink::new(corner - 1.0, corner + size_px + 1.0);
+        let mut left = corner.x;
+        for letter in text.chars() {
+            let glyph = scaled.scaled_glyph(letter);
+            let at = point(left, corner.y + scaled.ascent());
+            left += scaled.h_advance(glyph.id);
+            let Some(outline) = font.outline_glyph(Glyph { position: at, ..glyph }) else { continue };
             let bounds = outline.px_bounds().min;
             outline.draw(|x, y, coverage| {
                 ink.add(IVec2::new(bounds.x as i32 + x as i32, bounds.y as i32 + y as i32), coverage)
@@ -142,14 +132,12 @@ impl Canvas for PictureCanvas<'_> {
 
     fn bands(&mut self, area: Area, colors: &[[u8; 3]]) {
         let (rows, columns) = self.pixels(&area);
-        let (_, rim) = self.colors(Pen::Strong);
-        let frame = if self.is_light { [0.0; 3] } else { rim };
         let (first, last) = (rows.start, rows.end.saturating_sub(1));
         for y in rows.clone() {
             let part = (rows.end - 1 - y) as usize * colors.len() / rows.len();
             for x in columns.clone() {
                 let is_frame = y == first || y == last || x == columns.start || x + 1 == columns.end;
-                let color = if is_frame { frame.map(|c| c as u8) } else { colors[part] };
+                let color = if is_frame { [0; 3] } else { colors[part] };
                 self.picture.rgb[(y * self.picture.width + x) as usize] = color;
             }
         }
