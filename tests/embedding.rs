@@ -11,7 +11,7 @@ use brickyard::volume::{
 };
 use brickyard_tests::{FunctionSource, TestStore, leave_out, oracle};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 use wgpu::TextureFormat;
 
@@ -38,10 +38,11 @@ struct Application {
 
 impl Application {
     fn new() -> Option<Self> {
-        // Never dropped: threads that have used EGL crash at their end when it is unloaded.
-        static INSTANCE: LazyLock<wgpu::Instance> =
-            LazyLock::new(|| wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env()));
-        let adapters = pollster::block_on(INSTANCE.enumerate_adapters(wgpu::Backends::all()));
+        let new = || wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+        // While this one is there, drivers stay loaded. Tests run at once, and Mesa's software rasteriser is not made for devices that share it.
+        static DRIVERS: OnceLock<wgpu::Instance> = OnceLock::new();
+        DRIVERS.get_or_init(new);
+        let adapters = pollster::block_on(new().enumerate_adapters(wgpu::Backends::all()));
         let Some(adapter) = adapters.into_iter().next() else {
             leave_out("gpu", "nothing was drawn on an application's device");
             return None;

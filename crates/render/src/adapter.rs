@@ -5,7 +5,7 @@
 use crate::error::GpuError;
 use brickyard_volume::{SlotEncoding, SlotFormat};
 use std::fmt;
-use std::sync::{LazyLock, Mutex, PoisonError};
+use std::sync::LazyLock;
 use wgpu::{Backends, DeviceType, DownlevelFlags, Features, Limits, TextureFormat, TextureFormatFeatureFlags};
 
 /// Which adapters may be used.
@@ -151,19 +151,21 @@ pub fn adapters() -> Vec<AdapterReport> {
     ranked_adapters().iter().map(AdapterReport::of).collect()
 }
 
-/// The one instance of the process, which is never dropped: with it EGL would be unloaded, and threads that have used EGL crash at their end when it is
-/// not there any more (<https://github.com/gfx-rs/wgpu/issues/7655>).
-static INSTANCE: LazyLock<Mutex<wgpu::Instance>> = LazyLock::new(|| {
+/// An instance that is never dropped: while it is there, drivers stay loaded whose threads may outlive the last device.
+static DRIVERS: LazyLock<wgpu::Instance> = LazyLock::new(instance);
+
+fn instance() -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
     // Drivers that page instead of failing would otherwise take more than there is.
     descriptor.memory_budget_thresholds.for_resource_creation.get_or_insert(90);
-    Mutex::new(wgpu::Instance::new(descriptor))
-});
+    wgpu::Instance::new(descriptor)
+}
 
+/// All adapters, of an instance of their own: devices of one instance share Mesa's software rasteriser, which looks at what each of them is
+/// drawing (`llvmpipe_flush_resource`) without waiting until its thread is done.
 fn ranked_adapters() -> Vec<wgpu::Adapter> {
-    let instance = INSTANCE.lock().unwrap_or_else(PoisonError::into_inner);
-    let mut found = pollster::block_on(instance.enumerate_adapters(Backends::all()));
-    drop(instance);
+    LazyLock::force(&DRIVERS);
+    let mut found = pollster::block_on(instance().enumerate_adapters(Backends::all()));
     if let Ok(name) = std::env::var("WGPU_ADAPTER_NAME") {
         found.retain(|a| a.get_info().name.to_lowercase().contains(&name.to_lowercase()));
     }
