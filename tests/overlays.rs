@@ -100,7 +100,8 @@ fn more_samples_come_nearer_to_what_all_of_a_pixel_shows() {
 fn overlays_are_drawn_beside_what_is_shown() {
     let sandbox = sandbox();
     let plain = render(&sandbox, "--size 300x240 --backend cpu");
-    let shown: Vec<bool> = plain.rgb.iter().map(|pixel| *pixel != [0; 3]).collect();
+    // Lines behind the ball are seen through its rim where that is almost clear.
+    let shown: Vec<bool> = plain.rgb.iter().map(|pixel| pixel.iter().any(|code| *code >= 16)).collect();
     for flags in ["--scale-bar", "--color-bar", "--label ball", "--axes", "--scale-bar --color-bar --axes --label ball"]
     {
         let drawn = render(&sandbox, &format!("--size 300x240 --backend cpu {flags}"));

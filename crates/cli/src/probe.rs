@@ -11,8 +11,8 @@ use brickyard::curve::{Curve, curve, write_plot};
 use brickyard::probe::{Probe, probe, probe_voxel};
 use brickyard::session::VolumeSource;
 use brickyard::store::Store;
-use brickyard::volume::counted;
-use brickyard::volume::numbers::significant;
+use brickyard::volume::numbers::{exact, significant};
+use brickyard::volume::{VoxelType, counted};
 use clap::Args;
 use glam::DVec3;
 use serde::Serialize;
@@ -130,7 +130,7 @@ fn print_probe(arguments: &ProbeArguments, store: &Store, found: Probe, unit: Op
     print_line(&place(found.voxel, found.world, unit))?;
     for (channel, (name, value)) in names.zip(&found.values).enumerate() {
         let name = name.map_or_else(String::new, |name| format!(" '{name}'"));
-        print_line(&format!("  channel {channel}{name}: {}", in_words(*value)))?;
+        print_line(&format!("  channel {channel}{name}: {}", in_words(*value, store)))?;
     }
     Ok(())
 }
@@ -139,7 +139,7 @@ fn print_curve(curve: &Curve, store: &Store, unit: Option<&str>) -> Result<(), F
     print_line(&place(curve.voxel, curve.world, unit))?;
     for (i, step) in curve.steps.iter().enumerate() {
         let time = store.time_axis().map_or_else(String::new, |axis| format!(" ({})", axis.in_words(axis.at(*step))));
-        let values: Vec<String> = curve.values.iter().map(|values| in_words(values[i])).collect();
+        let values: Vec<String> = curve.values.iter().map(|values| in_words(values[i], store)).collect();
         print_line(&format!("  step {step}{time}: {}", values.join(", ")))?;
     }
     Ok(())
@@ -185,8 +185,8 @@ fn channel_names(store: &Store) -> Vec<String> {
     store.channel_displays().iter().enumerate().map(name).collect()
 }
 
-fn in_words(value: f64) -> String {
-    if value.is_nan() { "no data".into() } else { value.to_string() }
+fn in_words(value: f64, store: &Store) -> String {
+    if value.is_nan() { "no data".into() } else { exact(value, store.voxel_type() == VoxelType::F32) }
 }
 
 fn place(voxel: [u32; 3], world: DVec3, unit: Option<&str>) -> String {

@@ -2,6 +2,7 @@
 //! of one that came out empty, why. Each with the numbers that would do.
 
 use brickyard::session::{ResolvedLayer, ResolvedScene, VolumeSource};
+use brickyard::volume::numbers::within_span;
 use brickyard::volume::{Mode, Picture, Scene, Slice, TransferChoice, box_corners};
 
 /// Returns the remarks on a scene that are made before it is drawn.
@@ -19,11 +20,8 @@ pub(super) fn of_missing_isovalue(scene: &Scene, volumes: &[VolumeSource]) -> Op
     let is_missing = scene.mode == Mode::Isosurface && scene.layers.iter().all(|layer| layer.isosurfaces.is_empty());
     let first = scene.layers.first().filter(|_| is_missing)?;
     let volume = volumes.get(scene.store(0))?;
-    let (low, high) = values(first.channel, volume);
-    Some(format!(
-        "--mode isosurface shows the surface of a value: give it by --isovalue; the values of {} are from {low} to {high}",
-        name(volume)
-    ))
+    let reach = reach(first.channel, volume);
+    Some(format!("--mode isosurface shows the surface of a value: give it by --isovalue; the values of {reach}"))
 }
 
 /// Why a picture is empty; `None` if it is not.
@@ -52,8 +50,11 @@ fn values(channel: u32, volume: &VolumeSource) -> (f64, f64) {
     volume.statistics(channel).map_or_else(|| volume.source.channel_range(channel), |found| found.range.into())
 }
 
-fn name(volume: &VolumeSource) -> String {
-    volume.name().unwrap_or_else(|| "the volume".into())
+/// From where to where the values of a channel reach, in words that follow "the values of".
+fn reach(channel: u32, volume: &VolumeSource) -> String {
+    let (low, high) = values(channel, volume);
+    let [from, to] = [low, high].map(|value| within_span(value, high - low));
+    format!("{} are from {from} to {to}", volume.name().as_deref().unwrap_or("the volume"))
 }
 
 fn slice_outside(slice: Slice, scene: &Scene, volumes: &[VolumeSource]) -> Option<String> {
@@ -79,12 +80,11 @@ fn isovalues_outside(scene: &Scene, layer: usize, volumes: &[VolumeSource]) -> V
     let Some(volume) = volumes.get(scene.store(layer)).filter(|_| !scene.mode.is_projection()) else {
         return Vec::new();
     };
-    let (low, high) = values(scene.layers[layer].channel, volume);
+    let channel = scene.layers[layer].channel;
+    let (low, high) = values(channel, volume);
     let surfaces = scene.layers[layer].isosurfaces.iter();
     let outside = surfaces.map(|surface| surface.value).filter(|value| !(low..=high).contains(value));
-    outside
-        .map(|value| format!("there is no surface of {value}: the values of {} are from {low} to {high}", name(volume)))
-        .collect()
+    outside.map(|value| format!("there is no surface of {value}: the values of {}", reach(channel, volume))).collect()
 }
 
 /// The least value of scans that are of Hounsfield units: air, at -1000, is in each of them.
@@ -96,12 +96,10 @@ fn preset_of_other_data(scene: &Scene, layer: usize, volumes: &[VolumeSource]) -
     // A preset of values of its own: those for CT.
     let transfer = layer.transfer.as_ref().filter(|choice| !choice.spans_window() && layer.window.is_none())?;
     let TransferChoice::Preset(choice) = transfer else { return None };
-    let (low, high) = values(layer.channel, volume);
-    (low > AIR).then(|| {
+    (values(layer.channel, volume).0 > AIR).then(|| {
+        let (preset, reach) = (&choice.preset, reach(layer.channel, volume));
         format!(
-            "{} is for Hounsfield units, in which air is -1000: the values of {} are from {low} to {high}; --transfer auto is for any",
-            choice.preset,
-            name(volume)
+            "{preset} is for Hounsfield units, in which air is -1000: the values of {reach}; --transfer auto is for any"
         )
     })
 }

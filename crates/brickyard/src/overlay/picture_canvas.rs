@@ -33,11 +33,15 @@ fn font_of(text: &str) -> &'static FontRef<'static> {
     FONTS.iter().find(has_all).unwrap_or(&FONTS[1])
 }
 
+/// The codes from the background on that hide a line behind them. The picture does not know how much light its haze lets pass, but the haze around a body, which most
+/// volumes have, is fainter than this; a line is seen through it all the less the nearer it is to that.
+const HAZE: f32 = 16.0;
+
 /// A picture that is drawn on.
 pub(crate) struct PictureCanvas<'a> {
     picture: &'a mut Picture,
-    /// Whether each pixel showed something of the volumes before anything was drawn.
-    is_taken: Vec<bool>,
+    /// How far each pixel was from the background before anything was drawn, in codes of its farthest colour; 0 where nothing of the volumes was shown.
+    shown: Vec<u8>,
     pixels_per_point: f32,
     /// Whether the background is light.
     is_light: bool,
@@ -47,10 +51,11 @@ impl<'a> PictureCanvas<'a> {
     /// A picture with this background behind what it shows, as a canvas.
     pub(crate) fn new(picture: &'a mut Picture, background: [f64; 3]) -> Self {
         let behind = Picture::quantise(background.map(|c| c as f32));
-        let is_taken = picture.rgb.iter().map(|pixel| *pixel != behind).collect();
+        let farthest = |pixel: &[u8; 3]| pixel.iter().zip(behind).map(|(a, b)| a.abs_diff(b)).fold(0, u8::max);
+        let shown = picture.rgb.iter().map(farthest).collect();
         let pixels_per_point = (picture.width.min(picture.height) as f32 / POINTS).max(LEAST_SCALE);
         let luminance = 0.2126 * background[0] + 0.7152 * background[1] + 0.0722 * background[2];
-        Self { picture, is_taken, pixels_per_point, is_light: luminance > 0.5 }
+        Self { picture, shown, pixels_per_point, is_light: luminance > 0.5 }
     }
 
     /// The colour of a pen, and that of the rim around what it draws.
@@ -146,13 +151,13 @@ impl Canvas for PictureCanvas<'_> {
     fn hidden(&self, area: &Area) -> usize {
         let (rows, columns) = self.pixels(area);
         let row = |y: u32| (y * self.picture.width) as usize;
-        let taken = |y: u32| &self.is_taken[row(y) + columns.start as usize..row(y) + columns.end as usize];
-        rows.map(|y| taken(y).iter().filter(|is_taken| **is_taken).count()).sum()
+        let shown = |y: u32| &self.shown[row(y) + columns.start as usize..row(y) + columns.end as usize];
+        rows.map(|y| shown(y).iter().filter(|codes| **codes > 0).count()).sum()
     }
 }
 
 impl PictureCanvas<'_> {
-    /// Puts ink on the picture, with a rim of `rim_px`. Ink that `is_behind` is put where nothing of the volumes is.
+    /// Puts ink on the picture, with a rim of `rim_px`. Ink that `is_behind` is put where nothing of the volumes is, and shines through what is as faint as haze.
     fn put(&mut self, ink: &Ink, pen: Pen, rim_px: i32, is_behind: bool) {
         let (color, rim_color) = self.colors(pen);
         let (width, height) = (self.picture.width as i32, self.picture.height as i32);
@@ -162,10 +167,8 @@ impl PictureCanvas<'_> {
                 continue;
             }
             let pixel = (place.y * width + place.x) as usize;
-            if is_behind && self.is_taken[pixel] {
-                continue;
-            }
-            let (around, covered) = (0.75 * rim.coverage_at(place), ink.coverage_at(place));
+            let passed = if is_behind { 1.0 - (f32::from(self.shown[pixel]) / HAZE).min(1.0) } else { 1.0 };
+            let (around, covered) = (0.75 * passed * rim.coverage_at(place), passed * ink.coverage_at(place));
             let below = &mut self.picture.rgb[pixel];
             *below = std::array::from_fn(|i| {
                 let rimmed = f32::from(below[i]) + (rim_color[i] - f32::from(below[i])) * around;

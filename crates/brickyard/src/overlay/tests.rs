@@ -134,6 +134,14 @@ fn edges_of_the_box_hide_nothing() {
     assert!(over_nothing.iter().filter(near_middle).count() > 12, "edges behind are seen through nothing");
     let over_all = changed(&axes, &scene, |_, _| true);
     assert_eq!(over_all.iter().filter(near_middle).count(), 0, "edges before are not drawn");
+    let brightest_over = |haze: u8| {
+        let mut drawn = picture(|_, _| false);
+        drawn.rgb.fill([haze; 3]);
+        axes.draw(&mut drawn, &scene, &[volume((0.0, 1.0), false)]).unwrap();
+        over_nothing.iter().filter(near_middle).map(|&(x, y)| drawn.pixel(x, y)[0]).max().unwrap()
+    };
+    let [clear, thin, thick] = [0, 4, 12].map(brightest_over);
+    assert!(clear > thin && thin > thick && thick > 12, "through haze: {clear} {thin} {thick}");
     assert!(over_all.len() > 300, "edges at the border, and ticks");
 }
 
