@@ -85,7 +85,8 @@ fn render_with(sandbox: &Sandbox, path: &str, line: &str) -> (Option<i32>, Strin
 #[test]
 fn a_gif_has_the_pictures_of_all_steps() {
     let sandbox = packed();
-    sandbox.run_ok(&format!("render flow.zarr --movie film.gif --rate 10 --time all {SCENE}"));
+    let (code, _, said) = sandbox.run(&format!("render flow.zarr --movie film.gif --rate 10 --time all {SCENE}"));
+    assert!(code == 0 && said.contains("wrote film.gif, a movie of 6 pictures"), "{code}: {said}");
     let (expected, found) = (pictures(&sandbox, "--time all", 6), read_gif(&sandbox.path("film.gif")));
     assert_eq!(found.len(), expected.len());
     for (found, expected) in found.iter().zip(&expected) {

@@ -18,7 +18,7 @@ pub(super) enum Destination {
     /// A PNG file on standard output.
     Stdout,
     /// One file of all of them.
-    Movie(Box<MovieFile>),
+    Movie { movie: Box<MovieFile>, path: PathBuf, count: usize },
 }
 
 impl Destination {
@@ -75,7 +75,7 @@ impl Destination {
                 path.display()
             );
         }
-        Ok(Self::Movie(Box::new(movie)))
+        Ok(Self::Movie { movie: Box::new(movie), path: path.to_path_buf(), count })
     }
 
     /// Writes picture `i`, which shows this scene.
@@ -94,11 +94,11 @@ impl Destination {
                 write_shown(&numbered(output, i, *count), picture, shown, stats).map_err(Failure::failed)
             }
             Self::Stdout => printed(send_shown(&mut std::io::stdout().lock(), picture, shown, stats)),
-            Self::Movie(movie) => movie.push(picture).map_err(movie_failure),
+            Self::Movie { movie, .. } => movie.push(picture).map_err(movie_failure),
         }
     }
 
-    /// Ends the movie, which is there from now on.
+    /// Ends the movie, which is there from now on, and says what has been written.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -114,7 +114,11 @@ impl Destination {
                 Ok(())
             }
             Self::Stdout => Ok(()),
-            Self::Movie(movie) => movie.finish().map_err(movie_failure),
+            Self::Movie { movie, path, count } => {
+                movie.finish().map_err(movie_failure)?;
+                say!("wrote {}, a movie of {count} pictures", path.display());
+                Ok(())
+            }
         }
     }
 }
