@@ -100,15 +100,16 @@ fn more_samples_come_nearer_to_what_all_of_a_pixel_shows() {
 fn overlays_are_drawn_beside_what_is_shown() {
     let sandbox = sandbox();
     let plain = render(&sandbox, "--size 300x240 --backend cpu");
-    // Lines behind the ball are seen through its rim where that is almost clear.
-    let shown: Vec<bool> = plain.rgb.iter().map(|pixel| pixel.iter().any(|code| *code >= 16)).collect();
     for flags in ["--scale-bar", "--color-bar", "--label ball", "--axes", "--scale-bar --color-bar --axes --label ball"]
     {
         let drawn = render(&sandbox, &format!("--size 300x240 --backend cpu {flags}"));
         let changed = |i: &usize| drawn.rgb[*i] != plain.rgb[*i];
         let count = (0..plain.rgb.len()).filter(changed).count();
         assert!(count > 60, "{flags}: {count} pixels");
-        let over = (0..plain.rgb.len()).filter(|i| shown[*i]).filter(changed).count();
+        // Edges behind the ball are seen through its rim where that is almost clear; nothing else is.
+        let least = if flags.contains("--axes") { 16 } else { 1 };
+        let is_shown = |i: &usize| plain.rgb[*i].iter().any(|code| *code >= least);
+        let over = (0..plain.rgb.len()).filter(is_shown).filter(changed).count();
         assert_eq!(over, 0, "{flags}: the ball is hidden");
     }
     let movie = "render ball.zarr --movie o.y4m --orbit 2 --size 96x96 --backend cpu";

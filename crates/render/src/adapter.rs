@@ -146,7 +146,7 @@ fn is_software(adapter: &wgpu::Adapter) -> bool {
     adapter.get_info().device_type == DeviceType::Cpu
 }
 
-/// All adapters, the one that [`GpuPreference::Any`] takes first. The first call of a process costs about 30 ms.
+/// All adapters, the one that [`GpuPreference::Any`] takes first. The first call of a process costs about 40 ms, which loads the drivers, and another one 4 (lavapipe).
 pub fn adapters() -> Vec<AdapterReport> {
     ranked_adapters().iter().map(AdapterReport::of).collect()
 }
