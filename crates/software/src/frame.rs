@@ -50,6 +50,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) map: FloatMap,
     /// What stored gradients have to be multiplied by to be differences as shares of the greatest code.
     pub(crate) gradient_scale: f32,
+    /// The greatest code; samples of f32 slots may have greater ones.
+    pub(crate) max_code: f32,
     /// Positions in the transfer table, in entries, from one code to the next.
     pub(crate) positions_per_code: f32,
     /// Unit distances of the transfer function in a world unit.
@@ -208,7 +210,8 @@ impl<'a> Frame<'a> {
             gradients: needs.gradients(edge),
             map: FloatMap::of(&settings.encoding),
             gradient_scale: settings.encoding.gradient_scale() as f32,
-            positions_per_code: (entries.len() - 1) as f32 / settings.encoding.format.max_code() as f32,
+            max_code: format.max_code() as f32,
+            positions_per_code: (entries.len() - 1) as f32 / format.max_code() as f32,
             per_unit: 1.0 / settings.table.unit_distance as f64,
             visible,
             thresholds: thresholds(settings),

@@ -55,11 +55,11 @@ impl Accumulate for LitDvr {
     }
 
     #[inline(always)]
-    fn is_final<C: Code>(sum: Vec4) -> bool {
+    fn is_final(_: &Frame<'_>, sum: Vec4) -> bool {
         sum.w < FAINTEST
     }
 
-    fn seen<C: Code>(_: &Frame<'_>, sum: Vec4) -> Vec4 {
+    fn seen(_: &Frame<'_>, sum: Vec4) -> Vec4 {
         sum
     }
 }

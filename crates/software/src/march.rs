@@ -1,4 +1,5 @@
-//! A tile's rays through one layer, cell by cell: the hot loop, compiled for every code width, mode and vector unit.
+//! A tile's rays through one layer, cell by cell: the hot loop. The way through the cells is compiled for every mode and vector unit, what is
+//! done with a run of samples ([`Take`]) for every code width, too.
 
 use crate::frame::{Cell, Frame};
 use crate::lit::{LitDvr, is_lit_plainly};
@@ -12,20 +13,44 @@ use crate::reading::Reading;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
 use crate::sample::{Brick, Code, Code8, Code16, Float32, Portable, SampleChunk, Unit};
-use crate::stretch::{March, Stretch};
+use crate::stretch::{self, Stretch};
 use crate::surface::Isosurface;
 use crate::tiles::{PIXELS, Tile, place, places};
 use brickyard_volume::sampling::Curve;
 use brickyard_volume::{Filter, Method, Mode, SlotFormat};
 use glam::Vec4;
+use std::ops::Range;
 
 /// What is seen by a tile's rays: premultiplied colour, and how much light passes.
 pub(crate) type Seen = [Vec4; PIXELS];
 
 /// A function that takes a tile's rays through one volume's layer, between the layers of meshes where there are some.
-pub(crate) type MarchTile = fn(&Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, &mut Seen);
+type March = fn(Take, &Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, &mut Seen);
 
-/// The function that takes rays through this frame's layer on this machine.
+/// A function that adds some segments of a stretch through a cell to the ray's sum.
+type Take = fn(&Frame<'_>, &Cell<'_>, &Stretch, &mut Ray, &mut SampleChunk, Range<i32>);
+
+/// How a tile's rays go through one volume's layer.
+pub(crate) struct MarchTile {
+    march: March,
+    take: Take,
+}
+
+impl MarchTile {
+    /// Takes a tile's rays through this frame's layer, the one that this was made for.
+    pub(crate) fn march(
+        &self,
+        frame: &Frame<'_>,
+        tile: &Tile,
+        layers: Option<&MeshLayers>,
+        work: &mut Work,
+        seen: &mut Seen,
+    ) {
+        (self.march)(self.take, frame, tile, layers, work, seen);
+    }
+}
+
+/// How rays go through this frame's layer on this machine.
 pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
     fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>) -> MarchTile {
         let method = frame.settings.method();
@@ -58,37 +83,75 @@ pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
 fn for_machine<C: Code, B: Accumulate, const INVALID: bool>() -> MarchTile {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the machine has AVX2.
-        return |frame, tile, layers, work, seen| unsafe {
-            march_avx2::<C, B, INVALID>(frame, tile, layers, work, seen);
+        return MarchTile {
+            // SAFETY: the machine has AVX2.
+            march: |take, frame, tile, layers, work, seen| unsafe {
+                march_avx2::<B>(take, frame, tile, layers, work, seen);
+            },
+            // SAFETY: the machine has AVX2.
+            take: |frame, cell, stretch, ray, chunk, segments| unsafe {
+                take_avx2::<C, B, INVALID>(frame, cell, stretch, ray, chunk, segments);
+            },
         };
     }
-    march::<C, B, Portable, INVALID>
+    portable::<C, B, INVALID>()
+}
+
+fn portable<C: Code, B: Accumulate, const INVALID: bool>() -> MarchTile {
+    MarchTile { march: march::<B>, take: take::<C, B, Portable, INVALID> }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn march_avx2<C: Code, B: Accumulate, const INVALID: bool>(
+fn take_avx2<C: Code, B: Accumulate, const INVALID: bool>(
     frame: &Frame<'_>,
-    tile: &Tile,
-    layers: Option<&MeshLayers>,
-    work: &mut Work,
-    seen: &mut Seen,
+    cell: &Cell<'_>,
+    stretch: &Stretch,
+    ray: &mut Ray,
+    chunk: &mut SampleChunk,
+    segments: Range<i32>,
 ) {
-    march::<C, B, Avx2, INVALID>(frame, tile, layers, work, seen);
+    take::<C, B, Avx2, INVALID>(frame, cell, stretch, ray, chunk, segments);
 }
 
 #[inline(always)]
-fn march<C: Code, B: Accumulate, U: Unit, const INVALID: bool>(
+fn take<C: Code, B: Accumulate, U: Unit, const INVALID: bool>(
+    frame: &Frame<'_>,
+    cell: &Cell<'_>,
+    stretch: &Stretch,
+    ray: &mut Ray,
+    chunk: &mut SampleChunk,
+    segments: Range<i32>,
+) {
+    let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map);
+    B::take::<C, U, INVALID>(&stretch::March { frame, cell, brick }, stretch, ray, chunk, segments);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn march_avx2<B: Accumulate>(
+    take: Take,
     frame: &Frame<'_>,
     tile: &Tile,
     layers: Option<&MeshLayers>,
     work: &mut Work,
     seen: &mut Seen,
 ) {
-    work.march::<C, B, U, INVALID>(frame, tile, layers);
+    march::<B>(take, frame, tile, layers, work, seen);
+}
+
+#[inline(always)]
+fn march<B: Accumulate>(
+    take: Take,
+    frame: &Frame<'_>,
+    tile: &Tile,
+    layers: Option<&MeshLayers>,
+    work: &mut Work,
+    seen: &mut Seen,
+) {
+    work.march::<B>(take, frame, tile, layers);
     for i in places(tile) {
-        seen[i] = B::seen::<C>(frame, work.rays[i].sum);
+        seen[i] = B::seen(frame, work.rays[i].sum);
     }
 }
 
@@ -107,12 +170,7 @@ impl Work {
 
     /// Takes the tile's rays through all cells, between the layers where there are meshes.
     #[inline(always)]
-    fn march<C: Code, B: Accumulate, U: Unit, const INVALID: bool>(
-        &mut self,
-        frame: &Frame<'_>,
-        tile: &Tile,
-        layers: Option<&MeshLayers>,
-    ) {
+    fn march<B: Accumulate>(&mut self, take: Take, frame: &Frame<'_>, tile: &Tile, layers: Option<&MeshLayers>) {
         let Self { rays, chunk, queue } = self;
         let mut waiting = 0;
         for y in tile.y0..tile.y1 {
@@ -156,13 +214,13 @@ impl Work {
                     let mut start = first;
                     while start < last {
                         if queue.len == QUEUE {
-                            waiting -= queue.march::<C, B, U, INVALID>(frame, cell, rays, chunk);
+                            waiting -= queue.march::<B>(take, frame, cell, rays, chunk);
                         }
                         start = queue.push(Stretch::new(frame, cell, &rays[i], i, start, last, B::REACH));
                     }
                 }
             }
-            waiting -= queue.march::<C, B, U, INVALID>(frame, cell, rays, chunk);
+            waiting -= queue.march::<B>(take, frame, cell, rays, chunk);
             if brightest > known {
                 frame.enter(cell, brightest);
             }
@@ -194,8 +252,9 @@ impl Queue {
 
     /// Adds all samples that can be seen and clears the queue. Returns how many rays have come to their end by that.
     #[inline(always)]
-    fn march<C: Code, B: Accumulate, U: Unit, const INVALID: bool>(
+    fn march<B: Accumulate>(
         &mut self,
+        take: Take,
         frame: &Frame<'_>,
         cell: &Cell<'_>,
         rays: &mut [Ray; PIXELS],
@@ -209,18 +268,16 @@ impl Queue {
                 look::<B>(stretch, (frame, cell), ray.sum, &mut self.boxes);
             }
         }
-        let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map);
-        let march = March { frame, cell, brick };
         let mut ended = 0;
         for stretch in stretches {
             let ray = &mut rays[stretch.ray];
             let mut seen = stretch.seen;
             // A ray may have several stretches. Neighbouring blocks are sampled together.
-            while !B::is_final::<C>(ray.sum)
+            while !B::is_final(frame, ray.sum)
                 && let Some(segments) = stretch.next_seen(&mut seen)
             {
-                B::take::<C, U, INVALID>(&march, stretch, ray, chunk, segments);
-                if B::is_final::<C>(ray.sum) {
+                take(frame, cell, stretch, ray, chunk, segments);
+                if B::is_final(frame, ray.sum) {
                     ended += (ray.cursor < ray.end) as u32;
                     ray.cursor = ray.end;
                 }
@@ -321,10 +378,10 @@ mod tests {
         let tile = Tile { x0: 0, x1: TILE_PX, y0: 0, y1: TILE_PX };
         let drawn = |march: MarchTile| {
             let mut seen = [Vec4::W; PIXELS];
-            march(&frame, &tile, None, &mut Work::new(), &mut seen);
+            march.march(&frame, &tile, None, &mut Work::new(), &mut seen);
             seen.map(|color| color.to_array().map(f32::to_bits))
         };
-        let portable = drawn(march::<C, B, Portable, INVALID>);
+        let portable = drawn(portable::<C, B, INVALID>());
         assert!(portable.iter().collect::<std::collections::BTreeSet<_>>().len() > 50, "a flat picture proves nothing");
         assert_eq!(portable, drawn(for_frame(&frame)), "{mode:?}");
     }

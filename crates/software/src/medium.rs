@@ -49,7 +49,7 @@ impl<const ENDS: bool> Accumulate for Medium<ENDS> {
         stretch.reach(ray, &segments, INVALID && march.frame.settings.encoding.has_invalid);
         let has_fog = march.frame.settings.mode == Mode::Dvr;
         let mut pieces = Pieces::new(march, stretch, path, segments);
-        while !Self::is_final::<C>(ray.sum)
+        while !Self::is_final(march.frame, ray.sum)
             && let Some(piece) = pieces.next::<C, U, INVALID>(ray)
         {
             if has_fog {
@@ -65,11 +65,11 @@ impl<const ENDS: bool> Accumulate for Medium<ENDS> {
     }
 
     #[inline(always)]
-    fn is_final<C: Code>(sum: Vec4) -> bool {
+    fn is_final(_: &Frame<'_>, sum: Vec4) -> bool {
         sum.w < FAINTEST
     }
 
-    fn seen<C: Code>(_: &Frame<'_>, sum: Vec4) -> Vec4 {
+    fn seen(_: &Frame<'_>, sum: Vec4) -> Vec4 {
         sum
     }
 }

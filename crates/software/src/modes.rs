@@ -56,10 +56,10 @@ pub(crate) trait Accumulate {
     );
 
     /// Whether no further sample can change what is seen of this sum.
-    fn is_final<C: Code>(sum: Vec4) -> bool;
+    fn is_final(frame: &Frame<'_>, sum: Vec4) -> bool;
 
     /// What is seen of a ray with this sum: premultiplied colour, and how much light passes.
-    fn seen<C: Code>(frame: &Frame<'_>, sum: Vec4) -> Vec4;
+    fn seen(frame: &Frame<'_>, sum: Vec4) -> Vec4;
 }
 
 /// A mode that samples segments in their middles.
@@ -83,7 +83,7 @@ fn add<C: Code, B: Sum, U: Unit, const INVALID: bool>(
         stretch.place_samples::<INVALID>(frame, ray, chunk, done..to);
         brick.read::<C, U, INVALID>(frame.reading, stretch.origin, stretch.step, chunk);
         sum = B::add::<C>(frame, sum, chunk);
-        if B::is_final::<C>(sum) {
+        if B::is_final(frame, sum) {
             break;
         }
         done += CHUNK as i32;
@@ -200,11 +200,11 @@ impl Accumulate for Dvr {
     }
 
     #[inline(always)]
-    fn is_final<C: Code>(sum: Vec4) -> bool {
+    fn is_final(_: &Frame<'_>, sum: Vec4) -> bool {
         sum.w < FAINTEST
     }
 
-    fn seen<C: Code>(_: &Frame<'_>, sum: Vec4) -> Vec4 {
+    fn seen(_: &Frame<'_>, sum: Vec4) -> Vec4 {
         sum
     }
 }
@@ -269,12 +269,12 @@ impl Accumulate for Mip {
     }
 
     #[inline(always)]
-    fn is_final<C: Code>(sum: Vec4) -> bool {
-        sum.x >= C::MAX as f32
+    fn is_final(frame: &Frame<'_>, sum: Vec4) -> bool {
+        sum.x >= frame.max_code
     }
 
-    fn seen<C: Code>(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
-        opaque::<C>(frame, (sum.x >= 0.0).then_some(sum.x))
+    fn seen(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
+        opaque(frame, (sum.x >= 0.0).then_some(sum.x))
     }
 }
 
@@ -332,12 +332,12 @@ impl Accumulate for MinIp {
     }
 
     #[inline(always)]
-    fn is_final<C: Code>(sum: Vec4) -> bool {
+    fn is_final(_: &Frame<'_>, sum: Vec4) -> bool {
         sum.x <= 0.0
     }
 
-    fn seen<C: Code>(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
-        opaque::<C>(frame, (sum.x < f32::MAX).then_some(sum.x))
+    fn seen(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
+        opaque(frame, (sum.x < f32::MAX).then_some(sum.x))
     }
 }
 
@@ -375,12 +375,12 @@ impl Accumulate for Average {
     }
 
     #[inline(always)]
-    fn is_final<C: Code>(_: Vec4) -> bool {
+    fn is_final(_: &Frame<'_>, _: Vec4) -> bool {
         false
     }
 
-    fn seen<C: Code>(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
-        opaque::<C>(frame, (sum.y > 0.0).then(|| mean(sum)))
+    fn seen(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
+        opaque(frame, (sum.y > 0.0).then(|| mean(sum)))
     }
 }
 
@@ -438,9 +438,9 @@ fn shown<C: Code>(codes: Vec4) -> Vec4 {
 }
 
 /// The table's colour at a code, opaque; nothing where there is none.
-fn opaque<C: Code>(frame: &Frame<'_>, code: Option<f32>) -> Vec4 {
+fn opaque(frame: &Frame<'_>, code: Option<f32>) -> Vec4 {
     match code {
-        Some(code) => Vec4::from_array(frame.settings.table.lookup(code / C::MAX as f32)).with_w(0.0),
+        Some(code) => Vec4::from_array(frame.settings.table.lookup(code / frame.max_code)).with_w(0.0),
         None => Vec4::W,
     }
 }

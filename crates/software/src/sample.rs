@@ -9,8 +9,8 @@
 //! valid, neighbours along x are weighted as whole numbers of 15 bits, one instruction for the eight pairs of a packet: that
 //! is exact to 1/256 of a code.
 //!
-//! Everything here is `#[inline(always)]` and free of closures, so that it is compiled for the vector unit of the function
-//! that it ends up in.
+//! Everything here is `#[inline(always)]` and free of closures, so that it is compiled for the vector unit of the function that it ends up in:
+//! one for a chunk and one for a packet, for each width of codes, which all modes share.
 
 use crate::packet::{LANES, PACKETS, Packet};
 use crate::row::Row;
@@ -340,6 +340,38 @@ impl<'a> Brick<'a> {
         step: [f32; 3],
         chunk: &mut SampleChunk,
     ) {
+        #[cfg(target_arch = "x86_64")]
+        if U::AVX2 {
+            // SAFETY: the machine has AVX2.
+            return unsafe { self.sample_avx2::<C, INVALID>(&origin, &step, chunk) };
+        }
+        self.sample_portable::<C, INVALID>(&origin, &step, chunk);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    #[inline(never)]
+    fn sample_avx2<C: Code, const INVALID: bool>(&self, origin: &[f32; 3], step: &[f32; 3], chunk: &mut SampleChunk) {
+        self.sample_on::<C, Avx2, INVALID>(*origin, *step, chunk);
+    }
+
+    #[inline(never)]
+    fn sample_portable<C: Code, const INVALID: bool>(
+        &self,
+        origin: &[f32; 3],
+        step: &[f32; 3],
+        chunk: &mut SampleChunk,
+    ) {
+        self.sample_on::<C, Portable, INVALID>(*origin, *step, chunk);
+    }
+
+    #[inline(always)]
+    fn sample_on<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        origin: [f32; 3],
+        step: [f32; 3],
+        chunk: &mut SampleChunk,
+    ) {
         self.grid.locate(origin, step, chunk);
         // SAFETY: the samples have been found in this brick.
         unsafe { self.sample_located::<C, U, INVALID>(ALL_PACKETS, chunk) };
@@ -368,6 +400,36 @@ impl<'a> Brick<'a> {
     /// The codes at eight slot coordinates, given axis by axis. The weights of those without a value become 0.
     #[inline(always)]
     pub(crate) fn sample_points<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        points: &[Packet; 3],
+        weight: &mut Packet,
+    ) -> Packet {
+        #[cfg(target_arch = "x86_64")]
+        if U::AVX2 {
+            // SAFETY: the machine has AVX2.
+            return unsafe { self.sample_points_avx2::<C, INVALID>(points, weight) };
+        }
+        self.sample_points_portable::<C, INVALID>(points, weight)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    #[inline(never)]
+    fn sample_points_avx2<C: Code, const INVALID: bool>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
+        self.sample_points_on::<C, Avx2, INVALID>(points, weight)
+    }
+
+    #[inline(never)]
+    fn sample_points_portable<C: Code, const INVALID: bool>(
+        &self,
+        points: &[Packet; 3],
+        weight: &mut Packet,
+    ) -> Packet {
+        self.sample_points_on::<C, Portable, INVALID>(points, weight)
+    }
+
+    #[inline(always)]
+    fn sample_points_on<C: Code, U: Unit, const INVALID: bool>(
         &self,
         points: &[Packet; 3],
         weight: &mut Packet,

@@ -107,11 +107,11 @@ impl Accumulate for Isosurface {
     }
 
     #[inline(always)]
-    fn is_final<C: Code>(sum: Vec4) -> bool {
+    fn is_final(_: &Frame<'_>, sum: Vec4) -> bool {
         sum.w == 0.0
     }
 
-    fn seen<C: Code>(_: &Frame<'_>, sum: Vec4) -> Vec4 {
+    fn seen(_: &Frame<'_>, sum: Vec4) -> Vec4 {
         // Before the surface the sum holds something else.
         if sum.w == 0.0 { sum } else { Vec4::W }
     }

@@ -88,12 +88,12 @@ impl<'a> Scene<'a> {
     /// Takes the tile's rays through the layers, in a slab between two layers of meshes where there are some.
     fn march(&self, tile: &Tile, layers: Option<&MeshLayers>, work: &mut Work, seen: &mut Seen) {
         match &self.drawn {
-            Drawn::Single(march) => march(&self.frames[0], tile, layers, work, seen),
+            Drawn::Single(march) => march.march(&self.frames[0], tile, layers, work, seen),
             Drawn::Joint(together) => together.march(&self.frames, tile, layers, &mut work.rays, seen),
             Drawn::Projected(marches) => {
                 let mut shown = [Projections::default(); PIXELS];
                 for (frame, march) in self.frames.iter().zip(marches) {
-                    march(frame, tile, layers, work, seen);
+                    march.march(frame, tile, layers, work, seen);
                     let depth = if frame.opacity < 1.0 { -(1.0 - frame.opacity).log2() } else { OPAQUE };
                     // What is seen of a projection is opaque, or nothing.
                     for i in places(tile).filter(|&i| seen[i].w < 1.0) {
