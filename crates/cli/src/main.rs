@@ -51,6 +51,10 @@ use clap::{Parser, Subcommand};
 pub(crate) use failure::Failure;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
+use tracing_subscriber::Layer as _;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
 
 /// Packs volumes into brick stores and renders them in any size under fixed budgets.
 #[derive(Parser)]
@@ -169,16 +173,16 @@ fn set_up_log(verbose: u8, quiet: bool) {
         (_, 1) => "info,wgpu_hal=warn,wgpu_core=warn,winit=warn",
         _ => "debug",
     };
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| level.into());
-    // What cannot be said is left unsaid: a panic over it would end a thread that was about to warn.
-    tracing_subscriber::fmt()
+    let asked = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+    let lines = tracing_subscriber::fmt::layer()
+        // What cannot be said is left unsaid: a panic over it would end a thread that was about to warn.
         .log_internal_errors(false)
-        .with_env_filter(filter)
         // By itself it colours what goes into files and pipes, too.
         .with_ansi(std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()))
         .with_writer(std::io::stderr)
-        .without_time()
-        .init();
+        .without_time();
+    let filter = asked.unwrap_or_else(|| level.parse().expect("levels by target"));
+    tracing_subscriber::registry().with(lines.with_filter(filter)).init();
 }
 
 /// Prints a value as indented JSON on standard output.
