@@ -162,6 +162,10 @@ impl Growing {
     /// packed to the end.
     fn whole_steps(&self) -> Result<usize> {
         let path = self.store();
+        // Readers may see the first step already, but the end of its pack is missing, which the same file gives.
+        if self.steps == 0 && path.join(".brickyard-journal").exists() {
+            return Ok(0);
+        }
         let store = match Store::open(&path) {
             Ok(store) => store,
             Err(OpenError::NotAStore { .. } | OpenError::Incomplete { .. }) if self.steps == 0 => return Ok(0),
@@ -202,13 +206,13 @@ fn rules_of(growing: &Growing) -> Vec<Vec<String>> {
 /// An append to a store that one `append` has made: its values are not counted yet.
 #[test]
 fn an_append_that_meets_a_fault_is_right_or_goes_on() {
-    in_two(300, || Growing::new(1), rules_of, |growing, rule| growing.is_right_or_goes_on(rule));
+    in_two(100, || Growing::new(1), rules_of, |growing, rule| growing.is_right_or_goes_on(rule));
 }
 
 /// One that makes the store.
 #[test]
 fn an_append_that_makes_a_store_and_meets_a_fault_is_right_or_goes_on() {
-    in_two(150, || Growing::new(0), rules_of, |growing, rule| growing.is_right_or_goes_on(rule));
+    in_two(50, || Growing::new(0), rules_of, |growing, rule| growing.is_right_or_goes_on(rule));
 }
 
 /// One that takes back what another left: files of a step that is not committed, or all documents but the root.
@@ -216,20 +220,20 @@ fn an_append_that_makes_a_store_and_meets_a_fault_is_right_or_goes_on() {
 fn an_append_after_one_that_was_cut_off_is_right_or_goes_on() {
     for part in [0.4, 0.97] {
         let rules = |growing: &Growing| rules(&OF_WRITING, &growing.run, "");
-        in_two(100, || Growing::cut_off(2, part), rules, |growing, rule| growing.is_right_or_goes_on(rule));
+        in_two(35, || Growing::cut_off(2, part), rules, |growing, rule| growing.is_right_or_goes_on(rule));
     }
 }
 
 /// Whatever of the unsynced writes and names is lost with the power.
 #[test]
 fn an_append_that_loses_power_is_right_or_goes_on() {
-    for (steps, cases) in [(0, 100), (2, 150)] {
+    for (steps, cases) in [(0, 35), (2, 50)] {
         let moments = |growing: &Growing| moments(&growing.run, &growing.before);
         in_two(cases, || Growing::new(steps), moments, |growing, moment| growing.is_right_or_goes_on_after(moment));
     }
     let moments = |growing: &Growing| moments(&growing.run, &growing.before);
     let run = |growing: &Growing, moment: &Moment| growing.is_right_or_goes_on_after(moment);
-    in_two(100, || Growing::cut_off(2, 0.97), moments, run);
+    in_two(35, || Growing::cut_off(2, 0.97), moments, run);
 }
 
 /// The step counts when its root document has its name; whether that lasts is another thing, and both are said.
@@ -256,6 +260,17 @@ fn a_step_that_may_not_last_is_not_taken_for_one_that_is_missing() {
             growing.is(steps + 2).expect("the store to which nothing happened");
         }
     }
+}
+
+/// The last sync before the journal goes: readers see the step, which an append of the same file ends, as its message says.
+#[test]
+fn a_first_step_without_the_end_of_its_pack_is_ended_by_the_same_file() {
+    let growing = Growing::new(0);
+    let is_end =
+        |call: &brickyard_tests::faults::Call| call.name == "unlink" && call.path.ends_with(".brickyard-journal");
+    let end = growing.run.calls.iter().position(is_end).expect("the end of the pack");
+    let syncs = growing.run.calls[..end].iter().filter(|call| call.name == "sync").count();
+    growing.is_right_or_goes_on(&format!("sync {syncs} EIO")).expect("the step is ended");
 }
 
 /// Where nothing can be written, nothing is changed.

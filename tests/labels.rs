@@ -1,6 +1,7 @@
 //! Labels: read at the nearest voxel and never mixed, in every mode, by every way to draw, at every level, zoom and angle; their colours,
 //! looks and flags.
 
+use brickyard::backend::BackendChoice;
 use brickyard::oracle::render_reference;
 use brickyard::session::{SessionOptions, VolumeSource, resolve};
 use brickyard::store::{Downsample, Kind, PackOptions, Store};
@@ -9,6 +10,7 @@ use brickyard::volume::{
     Blend, Camera, Extent, Filter, Geometry, Gradient, Jitter, LevelPolicy, Lighting, LightingModel, Method, Mode,
     Picture, Placement, Projection, Sampling, Scene, SceneExpression, SceneLayer, Slice, TransferFunction, Voxel,
 };
+use brickyard_tests::sample::takes;
 use brickyard_tests::{
     Expected, FunctionSource, Sandbox, TestStore, WAYS, off, open_session, open_session_of, options, oracle, read_png,
     run, run_ok, settled,
@@ -281,9 +283,12 @@ fn labels_over_an_image_equal_the_oracle() {
                 render_reference(&stores, &resolved, 1 << 30).expect("the oracle's picture")
             };
             let expected = Expected::new(scene, &draw);
-            // Unlike cells are in no one order.
+            // Unlike cells are in no one order. Shaders of several layers take long to compile: of the compositors on a GPU a run takes half.
             for (way, session) in sessions.iter_mut().filter(|(way, _)| *way != WAYS[0] || scene.mode != Mode::Dvr) {
-                expected.assert_shown(&settled(session, scene, SIZE).0, &format!("{way:?}, {name}"));
+                let what = format!("{way:?}, {name}");
+                if way.0 == BackendChoice::Cpu || takes(&what, 2) {
+                    expected.assert_shown(&settled(session, scene, SIZE).0, &what);
+                }
             }
         }
     }

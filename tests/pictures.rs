@@ -1,14 +1,15 @@
 //! Pictures end to end: pack, page, render on both backends with every compositor, and compare with the oracle, with formulas
 //! and with symmetry.
 
+use brickyard::session::Session;
 use brickyard::store::Store;
 use brickyard::volume::{
     Camera, Extent, Geometry, Gradient, LevelPolicy, Lighting, LightingModel, Mode, Picture, Projection, Scene,
     TransferFunction, Voxel, VoxelType,
 };
 use brickyard_tests::{
-    FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, bytes_of, in_mode, oracle, read_png,
-    session, session_within, session_without_skipping, settled,
+    FunctionSource, Sandbox, TestStore, WAYS, Way, assert_same, assert_same_surface, bytes_of, in_mode, oracle,
+    read_png, session, session_within, session_without_skipping, sessions, settled,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -71,15 +72,26 @@ fn of_mode(mode: Mode, scene: Scene) -> Scene {
     in_mode(scene, mode, 110.0)
 }
 
-/// The settled picture of every way to draw equals the oracle's.
-fn check(store: &Arc<Store>, scene: &Scene, what: &str) {
-    let expected = oracle(store, scene, SIZE);
-    for backend in WAYS {
-        let Some(mut session) = session(store, backend) else { continue };
-        let (picture, stats) = settled(&mut session, scene, SIZE);
-        assert!(!stats.memory_bound && stats.bricks.failed == 0, "{what}: {stats:?}");
-        let same = if scene.mode == Mode::Isosurface { assert_same_surface } else { assert_same };
-        same(&picture, &expected, &format!("{what}, {backend:?}"));
+/// A store, and sessions that draw it in every way.
+struct Subject {
+    store: Arc<Store>,
+    sessions: Vec<(Way, Session)>,
+}
+
+impl Subject {
+    fn new(test: &TestStore) -> Self {
+        Self { store: test.store.clone(), sessions: sessions(&test.store) }
+    }
+
+    /// The settled picture of every way to draw equals the oracle's.
+    fn check(&mut self, scene: &Scene, what: &str) {
+        let expected = oracle(&self.store, scene, SIZE);
+        for (way, session) in &mut self.sessions {
+            let (picture, stats) = settled(session, scene, SIZE);
+            assert!(!stats.memory_bound && stats.bricks.failed == 0, "{what}: {stats:?}");
+            let same = if scene.mode == Mode::Isosurface { assert_same_surface } else { assert_same };
+            same(&picture, &expected, &format!("{what}, {way:?}"));
+        }
     }
 }
 
@@ -91,13 +103,14 @@ fn check_volume<T: Voxel>(
 ) {
     let source = FunctionSource::new(extent, geometry.clone(), |_, _, v| value(shells(extent, v)));
     let test = TestStore::pack(&source, 16);
+    let mut subject = Subject::new(&test);
     let (low, high) = geometry.world_box(extent);
     let transfer = transfer(window.0, window.1, geometry.voxel_size(extent) * 2.0);
     for (name, camera) in cameras(low, high) {
         let scene = Scene { camera: Some(camera), background: [0.1, 0.05, 0.2], ..Scene::of(transfer.clone()) };
-        check(&test.store, &scene, &format!("{} {extent} {name}", T::TYPE));
+        subject.check(&scene, &format!("{} {extent} {name}", T::TYPE));
         let surface = in_mode(scene, Mode::Isosurface, window.0 + 0.37 * (window.1 - window.0));
-        check(&test.store, &surface, &format!("surface in {} {extent} {name}", T::TYPE));
+        subject.check(&surface, &format!("surface in {} {extent} {name}", T::TYPE));
     }
 }
 
@@ -139,11 +152,12 @@ fn all_modes_equal_the_oracle() {
     let source =
         FunctionSource::new(extent, Geometry::default(), |_, _, v| u8::from_f64_rounded(waves(extent, v) * 255.0));
     let test = TestStore::pack(&source, 16);
+    let mut subject = Subject::new(&test);
     let (low, high) = Geometry::default().world_box(extent);
     for mode in Mode::ALL {
         for (name, camera) in cameras(low, high) {
             let scene = of_mode(mode, Scene { camera: Some(camera), ..Scene::of(transfer(0.0, 255.0, 2.0)) });
-            check(&test.store, &scene, &format!("{mode:?} {name}"));
+            subject.check(&scene, &format!("{mode:?} {name}"));
         }
     }
 }
@@ -154,15 +168,16 @@ fn every_level_lock_and_step_equals_the_oracle() {
     let source =
         FunctionSource::new(extent, Geometry::default(), |_, _, v| u8::from_f64_rounded(shells(extent, v) * 255.0));
     let test = TestStore::pack(&source, 16);
+    let mut subject = Subject::new(&test);
     let (low, high) = Geometry::default().world_box(extent);
     let camera = Some(cameras(low, high)[0].1);
     for level in 0..test.store.pyramid().levels().len() as u8 {
         for step in [0.4, 1.0, 2.5] {
             let level_policy = LevelPolicy::Locked(level);
             let scene = Scene { camera, level: level_policy, step, ..Scene::of(transfer(0.0, 255.0, 2.0)) };
-            check(&test.store, &scene, &format!("level {level} step {step}"));
+            subject.check(&scene, &format!("level {level} step {step}"));
             let surface = of_mode(Mode::Isosurface, scene);
-            check(&test.store, &surface, &format!("surface, level {level} step {step}"));
+            subject.check(&surface, &format!("surface, level {level} step {step}"));
         }
     }
 }
@@ -175,6 +190,7 @@ fn mixed_levels_in_one_view_equal_the_oracle() {
         u8::from_f64_rounded(127.0 + 60.0 * (x as f64 * 0.21).sin() + 60.0 * ((y + z) as f64 * 0.17).cos())
     });
     let test = TestStore::pack(&source, 16);
+    let mut subject = Subject::new(&test);
     let eye = DVec3::new(-6.0, 20.0, 30.0);
     for pixel_error in [1.0, 2.5] {
         let scene = Scene {
@@ -191,13 +207,13 @@ fn mixed_levels_in_one_view_equal_the_oracle() {
             levels.dedup();
             assert!(levels.len() >= 3, "the view mixes levels: {levels:?}");
         }
-        check(&test.store, &scene, &format!("mixed levels at {pixel_error} px"));
+        subject.check(&scene, &format!("mixed levels at {pixel_error} px"));
         let surface = of_mode(Mode::Isosurface, scene.clone());
-        check(&test.store, &surface, &format!("surface of mixed levels at {pixel_error} px"));
+        subject.check(&surface, &format!("surface of mixed levels at {pixel_error} px"));
         for gradient in Gradient::ALL {
             let lighting = Lighting { model: LightingModel::BlinnPhong, gradient, ..Lighting::default() };
             let lit = Scene { lighting, ..scene.clone() };
-            check(&test.store, &lit, &format!("mixed levels at {pixel_error} px, {gradient:?}"));
+            subject.check(&lit, &format!("mixed levels at {pixel_error} px, {gradient:?}"));
         }
     }
 }
@@ -236,6 +252,7 @@ fn a_clip_box_equals_the_oracle() {
     let geometry = Geometry { spacing: DVec3::new(0.5, 0.8, 1.1), ..Geometry::default() };
     let value = |v| u8::from_f64_rounded(shells(extent, v) * 255.0);
     let test = TestStore::pack(&FunctionSource::new(extent, geometry.clone(), |_, _, v| value(v)), 16);
+    let mut subject = Subject::new(&test);
     let (low, high) = geometry.world_box(extent);
     let at = |x: f64, y: f64, z: f64| low + (high - low) * DVec3::new(x, y, z);
     let clips = [
@@ -255,7 +272,7 @@ fn a_clip_box_equals_the_oracle() {
                     // This camera looks past what is left.
                     continue;
                 }
-                check(&test.store, &scene, &format!("{name}, clip box {i}, {mode:?}"));
+                subject.check(&scene, &format!("{name}, clip box {i}, {mode:?}"));
             }
         }
     }
@@ -315,6 +332,7 @@ fn a_constant_medium_is_beer_lambert() {
     let expected = Picture::quantise([1.0, 0.5, 0.25].map(|c| (c * alpha) as f32));
     for edge in [16, 64] {
         let test = TestStore::pack(&source, edge);
+        let mut sessions = sessions(&test.store);
         for (step, level) in [
             (0.3, LevelPolicy::Auto),
             (1.0, LevelPolicy::Auto),
@@ -322,9 +340,8 @@ fn a_constant_medium_is_beer_lambert() {
             (1.0, LevelPolicy::Locked(1)),
         ] {
             let scene = Scene { camera: Some(camera), step, level, ..Scene::of(transfer.clone()) };
-            for backend in WAYS {
-                let Some(mut session) = session(&test.store, backend) else { continue };
-                let (picture, _) = settled(&mut session, &scene, SIZE);
+            for (backend, session) in &mut sessions {
+                let (picture, _) = settled(session, &scene, SIZE);
                 for pixel in &picture.rgb {
                     for k in 0..3 {
                         // One code: the half-float accumulation and the 8-bit rounding may meet on an edge.
@@ -347,22 +364,22 @@ fn the_brick_size_does_not_show() {
     let source =
         FunctionSource::new(extent, Geometry::default(), |_, _, v| u8::from_f64_rounded(shells(extent, v) * 255.0));
     let stores = [16, 32, 128].map(|edge| TestStore::pack(&source, edge));
+    let mut drawn = stores.each_ref().map(|test| sessions(&test.store));
     let (low, high) = Geometry::default().world_box(extent);
     for (name, camera) in cameras(low, high) {
         let scene =
             Scene { camera: Some(camera), level: LevelPolicy::Locked(0), ..Scene::of(transfer(0.0, 255.0, 2.0)) };
         let surface = of_mode(Mode::Isosurface, scene.clone());
-        for backend in WAYS {
-            for scene in [&scene, &surface] {
-                let picture = |test: &TestStore| {
-                    let mut session = session(&test.store, backend)?;
-                    Some(settled(&mut session, scene, SIZE).0)
-                };
-                let Some(whole) = picture(&stores[2]) else { continue };
-                let same = if scene.mode == Mode::Isosurface { assert_same_surface } else { assert_same };
-                for test in &stores[..2] {
-                    let found = picture(test).expect("the same backend");
-                    same(&found, &whole, &format!("{:?} {name} {backend:?}", scene.mode));
+        for scene in [&scene, &surface] {
+            let pictures = drawn.each_mut().map(|sessions| {
+                let picture = |(way, session): &mut (Way, Session)| (*way, settled(session, scene, SIZE).0);
+                sessions.iter_mut().map(picture).collect::<Vec<_>>()
+            });
+            let same = if scene.mode == Mode::Isosurface { assert_same_surface } else { assert_same };
+            let [small, medium, whole] = &pictures;
+            for bricks in [small, medium] {
+                for ((way, found), (_, whole)) in bricks.iter().zip(whole) {
+                    same(found, whole, &format!("{:?} {name} {way:?}", scene.mode));
                 }
             }
         }

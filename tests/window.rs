@@ -90,7 +90,7 @@ fn a_mode_that_is_chosen_in_the_window_is_that_of_render() {
     };
     let tour: String = modes.iter().enumerate().map(chosen).collect();
     sandbox.write("tour.txt", &(tour + "settled quit\n"));
-    let arguments = [&path, "--backend", "cpu", "--script", "tour.txt"];
+    let arguments = [&path, "--backend", "cpu", "--script", "tour.txt", "--size", "900x600"];
     let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
     assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
     for (i, mode) in modes.iter().enumerate() {

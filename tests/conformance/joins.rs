@@ -7,6 +7,7 @@ use crate::shot::{Shot, assert_close, assert_telling};
 use crate::stage::{ALL, COMPUTE, CPU, RAYCAST, SORTED, Stage, Way};
 use crate::volume::Volume;
 use brickyard::volume::*;
+use brickyard_tests::sample::takes;
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -106,13 +107,16 @@ fn one_layer_is_the_same_through_the_shaders_of_several() {
     let frames = variety(&volume);
     for (way, few) in [(RAYCAST, frames.len()), (COMPUTE, 2), (SORTED, 4), (CPU, frames.len())] {
         for settings in frames.iter().rev().take(few) {
+            let FrameSettings { mode, sampling, lighting, .. } = settings;
+            let (surfaces, meshes) = (settings.surfaces.len(), settings.meshes.len());
+            let what = format!("{way:?} {mode:?} {sampling:?} {lighting:?}, {surfaces} surfaces, {meshes} meshes");
+            if way == RAYCAST && !takes(&what, 2) {
+                continue;
+            }
             let Some(alone) = render(&mut stage, way, &[mixed(settings)]) else { continue };
             let seen = marks(&mut stage, way, settings);
             let away = FrameSettings { placement: a_hair_away(), ..settings.clone() };
             let away = render(&mut stage, way, &[mixed(&away)]).expect("an adapter");
-            let (surfaces, meshes) = (settings.surfaces.len(), settings.meshes.len());
-            let FrameSettings { mode, sampling, lighting, .. } = settings;
-            let what = format!("{way:?} {mode:?} {sampling:?} {lighting:?}, {surfaces} surfaces, {meshes} meshes");
             assert_telling(&alone, &what);
             assert_close(&away, &alone, 0, &what);
             let away = marks(&mut stage, way, settings);

@@ -1,11 +1,12 @@
 //! A picture to be drawn: frames and draw lists of some volumes. The oracle draws it once, and then it is compared with what each renderer
 //! makes of it.
 
-use crate::stage::{Stage, Way, placed};
+use crate::stage::{CPU, Stage, Way, placed};
 use crate::volume::Volume;
 use brickyard::pager::{DrawList, Layer};
 use brickyard::reference::{ReferenceVolume, pixel};
 use brickyard::volume::*;
+use brickyard_tests::sample::{seed, takes};
 use glam::DVec3;
 use std::collections::BTreeSet;
 
@@ -86,7 +87,7 @@ impl<'a> Shot<'a> {
         self.agree_with(&expected, stage, ways, allowed, what);
     }
 
-    /// The same with a picture that is known.
+    /// The same with a picture that is known. On a GPU a run draws half of the cases, others by another seed: shaders take long to compile.
     pub(crate) fn agree_with(
         &self,
         expected: &Picture,
@@ -96,8 +97,12 @@ impl<'a> Shot<'a> {
         what: &str,
     ) {
         for &way in ways {
+            let what = format!("{what}, {way:?}");
+            if way != CPU && !takes(&what, 2) {
+                continue;
+            }
             let Some(found) = self.render(stage, way) else { continue };
-            assert_close(&found, expected, allowed, &format!("{what}, {way:?}"));
+            assert_close(&found, expected, allowed, &format!("{what}, seed {:x}", seed()));
         }
     }
 }

@@ -1,10 +1,11 @@
 //! Cases of a command under faults: which faults there are, at which calls of a run, and at which moments the power may go.
 //!
-//! Each case is one run of the command under one rule. As many cases as `BRICKYARD_FAULT_CASES` says are taken evenly from each
-//! list of all (`all` takes them all; without it, a minute's worth).
+//! Each case is one run of the command under one rule. A run takes a sample of them ([`sample`](crate::sample)); `BRICKYARD_FAULT_CASES` sets how many
+//! each test takes, or `all`.
 
 use crate::faults::{Call, Outcome};
 use crate::power_loss::{Disk, Lost, Tree};
+use crate::sample::{places, seed, takes_all};
 use crate::tree;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -81,12 +82,12 @@ pub const OF_FILES: [Fault; 5] = [
     ("stat", ONCE, "empty"),
 ];
 
-/// Chooses the cases that are run: as many as were asked for, evenly from the list of each group, and as many of each group as the group has or as
-/// its share is.
+/// Chooses the cases that are run: of each group as many as the group has or as its share is, from all of its length.
 fn chosen<C>(groups: Vec<Vec<C>>, at_most: usize) -> Vec<C> {
     let count = match std::env::var("BRICKYARD_FAULT_CASES") {
         Ok(text) if text == "all" => usize::MAX,
         Ok(text) => text.parse().expect("BRICKYARD_FAULT_CASES is `all` or a number of cases"),
+        Err(_) if takes_all() => usize::MAX,
         Err(_) => at_most,
     };
     let mut left = count;
@@ -96,13 +97,11 @@ fn chosen<C>(groups: Vec<Vec<C>>, at_most: usize) -> Vec<C> {
     let mut chosen = Vec::new();
     let many = groups.len();
     for (i, group) in groups.into_iter().enumerate() {
-        let all = group.len();
-        let share = left.div_ceil(many - i).min(all);
+        let share = left.div_ceil(many - i).min(group.len());
         left -= share;
-        let mut wanted = (0..share).map(|j| (2 * j + 1) * all / (2 * share)).peekable();
-        chosen.extend(
-            group.into_iter().enumerate().filter(|(j, _)| wanted.next_if_eq(j).is_some()).map(|(_, case)| case),
-        );
+        let mut wanted = places(&format!("faults {i}"), group.len(), share).into_iter().peekable();
+        let taken = group.into_iter().enumerate().filter(|(j, _)| wanted.next_if_eq(j).is_some());
+        chosen.extend(taken.map(|(_, case)| case));
     }
     chosen
 }
@@ -148,7 +147,7 @@ pub fn in_two<W, C: std::fmt::Display>(
         failures.extend(other.join().expect("the other half"));
         failures
     });
-    assert!(failures.is_empty(), "{} cases failed:\n{}", failures.len(), failures.join("\n"));
+    assert!(failures.is_empty(), "{} cases failed (seed {:x}):\n{}", failures.len(), seed(), failures.join("\n"));
 }
 
 /// An error with these words, unless something holds.

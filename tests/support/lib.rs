@@ -27,6 +27,7 @@ use std::time::{Duration, Instant};
 pub mod display;
 mod missing;
 mod nearest;
+pub mod sample;
 
 pub use display::Display;
 pub use missing::leave_out;
@@ -150,6 +151,11 @@ pub const WAYS: [Way; 4] = [
 /// and there is no adapter; [`leave_out`] says so.
 pub fn session(store: &Arc<Store>, way: Way) -> Option<Session> {
     session_within(store, way, 256 << 20, 256 << 20)
+}
+
+/// Opens a session for each way to draw that this machine has, as [`session`] does.
+pub fn sessions(store: &Arc<Store>) -> Vec<(Way, Session)> {
+    WAYS.into_iter().filter_map(|way| Some((way, session(store, way)?))).collect()
 }
 
 /// Opens a session for a store that skips nothing: bricks that show nothing are read, and empty space is sampled.

@@ -1,0 +1,3 @@
+//! Tests that need the machine for themselves.
+
+mod recovery;

@@ -1,0 +1,5 @@
+//! The window on displays of its own. The soak, first by name, takes its minute beside the other tests.
+
+mod soak;
+mod window;
+mod window_files;
