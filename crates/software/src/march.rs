@@ -163,9 +163,12 @@ pub(crate) struct Work {
 }
 
 impl Work {
-    pub(crate) fn new() -> Self {
+    /// On the heap, and made by a call of its own: Rayon's splits of a picture lie one over the other on a thread's stack, up to some dozens
+    /// with many threads, and each has room for all that is made in it.
+    #[inline(never)]
+    pub(crate) fn new() -> Box<Self> {
         let queue = Queue { stretches: [Stretch::EMPTY; QUEUE], len: 0, boxes: [0; LANES] };
-        Self { rays: [Ray::EMPTY; PIXELS], chunk: SampleChunk::EMPTY, queue }
+        Box::new(Self { rays: [Ray::EMPTY; PIXELS], chunk: SampleChunk::EMPTY, queue })
     }
 
     /// Takes the tile's rays through all cells, between the layers where there are meshes.

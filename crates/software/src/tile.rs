@@ -57,7 +57,8 @@ impl<'a> Scene<'a> {
         &self.frames
     }
 
-    /// Draws a tile: its pixels over the background.
+    /// Draws a tile: its pixels over the background. A call of its own, as [`Work::new`] is.
+    #[inline(never)]
     pub(crate) fn draw(&self, tile: &Tile, work: &mut Work) -> TilePixels {
         let settings = self.frames[0].settings;
         let mut seen = [Vec4::W; PIXELS];

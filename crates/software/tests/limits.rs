@@ -14,8 +14,10 @@ fn needs(edge: u32, voxel_type: VoxelType) -> VolumeNeeds {
     VolumeNeeds { encoding, edge, levels: 2, bricks: BRICKS, least_slots: 2, most_slots: 9 }
 }
 
+const SIZE_PX: [u32; 2] = [120, 100];
+
 fn options(memory_bytes: u64, threads: usize) -> SoftwareOptions {
-    SoftwareOptions { memory_bytes, max_picture_px: [120, 100], threads, skips_empty: true }
+    SoftwareOptions { memory_bytes, max_picture_px: SIZE_PX, threads, skips_empty: true }
 }
 
 /// Of three volumes whose bricks share no slots.
@@ -42,10 +44,11 @@ fn brick() -> Vec<u8> {
 }
 
 /// The picture and the marks of so many layers of one brick, of which each but the first is turned.
-fn draw(mode: Mode, layers: usize, threads: usize) -> (Picture, Option<Vec<f32>>) {
+fn draw(mode: Mode, layers: usize, threads: usize, size_px: [u32; 2]) -> (Picture, Option<Vec<f32>>) {
     let needs = vec![needs(EDGE, VoxelType::U8); layers];
     let pyramid = Pyramid::new(Extent::new(EDGE, EDGE, EDGE), [1.0; 3], EDGE);
-    let mut renderer = SoftwareRenderer::new(&needs, &options(1 << 30, threads)).expect("a gibibyte is enough");
+    let options = SoftwareOptions { max_picture_px: size_px, ..options(1 << 30, threads) };
+    let mut renderer = SoftwareRenderer::new(&needs, &options).expect("a gibibyte is enough");
     renderer.upload(0, Slot(0), brick().into()).expect("the slot is there");
     let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::default() };
     let region = pyramid.brick_box_voxel(id.level, id.index);
@@ -58,7 +61,7 @@ fn draw(mode: Mode, layers: usize, threads: usize) -> (Picture, Option<Vec<f32>>
     };
     let projection = Projection::Perspective { fov_y_deg: 40.0 };
     let (eye, target) = (DVec3::new(-30.0, -25.0, 50.0), DVec3::splat(16.0));
-    let rays = Camera { eye, target, up: DVec3::Z, projection }.rays(120, 100).expect("a camera");
+    let rays = Camera { eye, target, up: DVec3::Z, projection }.rays(size_px[0], size_px[1]).expect("a camera");
     let shown = if mode == Mode::Isosurface { vec![Isosurface::at(140.0)] } else { Vec::new() };
     let turned = Placement::from_text("0.8 -0.6 0 12  0.6 0.8 0 -9  0 0 1.1 1").expect("a map");
     let frame = |layer: usize| {
@@ -88,11 +91,21 @@ fn draw(mode: Mode, layers: usize, threads: usize) -> (Picture, Option<Vec<f32>>
 fn the_picture_does_not_depend_on_threads() {
     for mode in Mode::ALL {
         for layers in [1, 2] {
-            let one = draw(mode, layers, 1);
+            let one = draw(mode, layers, 1, SIZE_PX);
             let colors: std::collections::BTreeSet<_> = one.0.rgb.iter().collect();
             assert!(colors.len() > 60, "{mode:?}: a flat picture proves nothing");
-            assert_eq!(one, draw(mode, layers, 3), "{mode:?}, {layers} layers");
+            assert_eq!(one, draw(mode, layers, 3, SIZE_PX), "{mode:?}, {layers} layers");
         }
+    }
+}
+
+/// Splits of a large picture wait one over the other on the stacks of many threads, which once overflowed.
+#[test]
+fn many_threads_draw_a_large_picture() {
+    for layers in [1, 2] {
+        let size_px = [1024, 768];
+        let one = draw(Mode::Dvr, layers, 1, size_px);
+        assert!(one == draw(Mode::Dvr, layers, 24, size_px), "{layers} layers");
     }
 }
 
