@@ -1,8 +1,10 @@
-// What is seen, over the background.
+// What is seen, over the background, rounded to the codes of the 8-bit target as `Picture::quantise` rounds: the middle between two codes
+// goes up. A target may round it either way, and an H200 rounds 25.5 down.
 //!import frame fullscreen seen
 @fragment
 fn resolve(@builtin(position) position: vec4f) -> @location(0) vec4f {
     frame = frames[layer];
     let color = seen(position.xy);
-    return vec4f(color.rgb + (1.0 - color.a) * frame.background, 1.0);
+    let shown = saturate(color.rgb + (1.0 - color.a) * frame.background);
+    return vec4f(floor(shown * 255.0 + 0.5) / 255.0, 1.0);
 }
