@@ -110,6 +110,10 @@ fn planes_equal_the_oracle_in_all_modes() {
             let through = plane(camera.eye, across.to_array());
             scenes.push((format!("{view}, a plane through the eye"), scene(camera, &[through])));
         }
+        // Rays neither enter nor leave planes that they are parallel to.
+        let along_y = Camera { projection: ortho, ..perspective(at(0.5, -1.0, 0.5), centre) };
+        let beside = [plane(at(0.43, 0.5, 0.5), [1.0, 0.0, 0.0]), plane(at(0.5, 0.5, 0.71), [0.0, 0.0, -1.0])];
+        scenes.push(("planes beside the rays".into(), scene(along_y, &beside)));
         // Together with a box.
         let clip = Some([at(0.1, -1.0, 0.3), at(0.8, 0.9, 2.0)]);
         scenes.push(("a box too".into(), Scene { clip, ..scene(outside, &sets[0].1) }));

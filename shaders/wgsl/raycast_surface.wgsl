@@ -9,15 +9,18 @@ fn cast_ray(position: vec2f) -> vec4f {
     var pixel = pixel_start();
     var field: Field;
     var walk = enter_zone(tick_at(stretch.x), 0u, stretch);
+    // Where the ray has left the last leaf.
+    var left = 0.0;
     while (walk.start < stretch.y && !is_final(pixel)) {
         if (is_zone_left(walk)) {
             walk = next_zone(walk, stretch);
         }
-        // Where segments are long, bricks take those of others that reach into them, for the others may not be there.
+        // Where segments are long, a brick that is seen takes those of its neighbours that reach into it, and one that is not leaves them:
+        // for a segment the ray looks into all leaves that it reaches.
         let hang = overhang(ray, vec3f(1.0), walk.stride);
-        let place = find_place(ray.origin + ray.direction * min(walk.middle + hang, stretch.y));
-        // The leaf has at least this segment, even where rounding puts its end before it.
-        let leave = max(min(leaving(ray, place.low, place.size) + hang, stretch.y), walk.end);
+        let reach = min(walk.middle + hang, stretch.y);
+        let at = clamp(max(left, stretch.x), walk.middle - hang, reach);
+        let place = find_place(ray.origin + ray.direction * at);
         var brick: RayBrick;
         var is_brick_seen = place.number != 0u;
         if (is_brick_seen) {
@@ -26,6 +29,14 @@ fn cast_ray(position: vec2f) -> vec4f {
             brick = brick_at(number);
             is_brick_seen = sees(pixel, brick.range);
         }
+        let end = leaving(ray, place.low, place.size);
+        // A hair on, so that rounding does not find the same leaf again.
+        left = end + 0.01 * voxel_length(ray, vec3f(1.0));
+        if (!is_brick_seen && end > at && left < reach) {
+            continue;
+        }
+        // The leaf has at least this segment, even where rounding puts its end before it.
+        let leave = max(min(end + select(-hang, hang, is_brick_seen), stretch.y), walk.end);
         field = field_about(brick.low + 0.5 / brick.texel_scale, brick.texel_scale, brick.texel_offset, ray);
         // Longer segments reach out of macro-cells farther than their ranges hold.
         let has_cells = is_brick_seen && overhang(ray, brick.texel_scale, walk.stride) == 0.0;

@@ -171,6 +171,36 @@ fn surfaces_have_no_pinholes() {
     }
 }
 
+/// A slanted plane through bricks of 8, of which only those are there that it is in, or half a voxel beside. Its crossing may lie in a
+/// segment of a cell that is not there: the cell that the segment reaches into takes it.
+#[test]
+fn long_steps_miss_no_plane() {
+    let (n, edge) = (32, 8.0);
+    let (centre, normal) = (DVec3::splat(0.5 * n as f64), DVec3::new(1.0, 0.13, 0.21));
+    let encoding = SlotEncoding::new(VoxelType::U16, (0.0, 1.0), false);
+    let height = |p: DVec3| (p - centre).dot(normal);
+    let volume = Volume::new([n; 3], edge as u32, Geometry::default(), encoding, |p| 30000.0 + 500.0 * height(p));
+    let transfer = vivid((0.0, 65535.0));
+    let mut stage = Stage::exact(&[&volume]);
+    let target = centre - 0.5;
+    let rays = parallel(target - DVec3::new(60.0, 2.0, 3.0), target, 20.0).rays(60, 60).expect("a camera");
+    let surfaces = vec![Surface { threshold: 30000.0, color: [1.0; 3], opacity: 1.0 }];
+    for step in [1.7, 2.3, 3.1, 4.9] {
+        let plain = volume.frame(rays, &transfer, Lattice::uniform(step, 0));
+        let frame = FrameSettings { mode: Mode::Isosurface, surfaces: surfaces.clone(), ..plain };
+        let mut shot = Shot::new(&frame, finest(&volume, &frame), &transfer);
+        shot.lists[0].cells.retain(|c| {
+            let low = DVec3::from_array(c.cell.index.to_array().map(|i| edge * i as f64)) - 0.5;
+            height(low) < 0.0 && height(low + edge + 1.0) > 0.0
+        });
+        for way in MOST {
+            let Some(found) = shot.render(&mut stage, way) else { continue };
+            let missed = found.rgb.iter().filter(|&&p| p == Picture::quantise(frame.background)).count();
+            assert_eq!(missed, 0, "{way:?}, step {step}");
+        }
+    }
+}
+
 /// Where all voxels have just the isovalue, rounding makes no speckles.
 #[test]
 fn a_plateau_at_the_isovalue_is_inside() {
