@@ -1,5 +1,5 @@
-//! A tile's rays through one layer, cell by cell: the hot loop. The way through the cells is compiled for every mode and vector unit, what is
-//! done with a run of samples ([`Take`]) for every code width, too.
+//! A tile's rays through one layer, cell by cell: the hot loop. The way through the cells is compiled once a mode and vector unit; the
+//! sampling ([`Sampler`]) once a code width as well.
 
 use crate::frame::{Cell, Frame};
 use crate::lit::{LitDvr, is_lit_plainly};
@@ -12,8 +12,8 @@ use crate::ray::Ray;
 use crate::reading::Reading;
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
-use crate::sample::{Brick, Code, Code8, Code16, Float32, Portable, SampleChunk, Unit};
-use crate::stretch::{self, Stretch};
+use crate::sample::{Brick, Code, Code8, Code16, Float32, Portable, SampleChunk};
+use crate::stretch::{March, Stretch};
 use crate::surface::Isosurface;
 use crate::tiles::{PIXELS, Tile, place, places};
 use brickyard_volume::sampling::Curve;
@@ -24,16 +24,22 @@ use std::ops::Range;
 /// What is seen by a tile's rays: premultiplied colour, and how much light passes.
 pub(crate) type Seen = [Vec4; PIXELS];
 
-/// A function that takes a tile's rays through one volume's layer, between the layers of meshes where there are some.
-type March = fn(Take, &Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, &mut Seen);
+/// Takes a tile's rays through one volume's layer, between the layers of meshes where there are some.
+type MarchRays = fn(Sampler, &Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, &mut Seen);
 
-/// A function that adds some segments of a stretch through a cell to the ray's sum.
-type Take = fn(&Frame<'_>, &Cell<'_>, &Stretch, &mut Ray, &mut SampleChunk, Range<i32>);
+/// How a cell's brick is sampled: two functions of one code width.
+#[derive(Clone, Copy)]
+struct Sampler {
+    /// The cell and its brick, checked to be of the code width.
+    through: for<'a> fn(&'a Frame<'a>, &'a Cell<'a>) -> March<'a>,
+    /// Adds some segments of a stretch through such a cell to the ray's sum.
+    take: fn(&March<'_>, &Stretch, &mut Ray, &mut SampleChunk, Range<i32>),
+}
 
 /// How a tile's rays go through one volume's layer.
 pub(crate) struct MarchTile {
-    march: March,
-    take: Take,
+    march: MarchRays,
+    sampler: Sampler,
 }
 
 impl MarchTile {
@@ -46,7 +52,7 @@ impl MarchTile {
         work: &mut Work,
         seen: &mut Seen,
     ) {
-        (self.march)(self.take, frame, tile, layers, work, seen);
+        (self.march)(self.sampler, frame, tile, layers, work, seen);
     }
 }
 
@@ -85,12 +91,15 @@ fn for_machine<C: Code, B: Accumulate, const INVALID: bool>() -> MarchTile {
     if std::arch::is_x86_feature_detected!("avx2") {
         return MarchTile {
             // SAFETY: the machine has AVX2.
-            march: |take, frame, tile, layers, work, seen| unsafe {
-                march_avx2::<B>(take, frame, tile, layers, work, seen);
+            march: |sampler, frame, tile, layers, work, seen| unsafe {
+                march_avx2::<B>(sampler, frame, tile, layers, work, seen);
             },
-            // SAFETY: the machine has AVX2.
-            take: |frame, cell, stretch, ray, chunk, segments| unsafe {
-                take_avx2::<C, B, INVALID>(frame, cell, stretch, ray, chunk, segments);
+            sampler: Sampler {
+                through: through::<C>,
+                // SAFETY: the machine has AVX2.
+                take: |march, stretch, ray, chunk, segments| unsafe {
+                    take_avx2::<C, B, INVALID>(march, stretch, ray, chunk, segments);
+                },
             },
         };
     }
@@ -98,58 +107,48 @@ fn for_machine<C: Code, B: Accumulate, const INVALID: bool>() -> MarchTile {
 }
 
 fn portable<C: Code, B: Accumulate, const INVALID: bool>() -> MarchTile {
-    MarchTile { march: march::<B>, take: take::<C, B, Portable, INVALID> }
+    MarchTile { march: march::<B>, sampler: Sampler { through: through::<C>, take: B::take::<C, Portable, INVALID> } }
+}
+
+fn through<'a, C: Code>(frame: &'a Frame<'a>, cell: &'a Cell<'a>) -> March<'a> {
+    March { frame, cell, brick: Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map) }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn take_avx2<C: Code, B: Accumulate, const INVALID: bool>(
-    frame: &Frame<'_>,
-    cell: &Cell<'_>,
+    march: &March<'_>,
     stretch: &Stretch,
     ray: &mut Ray,
     chunk: &mut SampleChunk,
     segments: Range<i32>,
 ) {
-    take::<C, B, Avx2, INVALID>(frame, cell, stretch, ray, chunk, segments);
-}
-
-#[inline(always)]
-fn take<C: Code, B: Accumulate, U: Unit, const INVALID: bool>(
-    frame: &Frame<'_>,
-    cell: &Cell<'_>,
-    stretch: &Stretch,
-    ray: &mut Ray,
-    chunk: &mut SampleChunk,
-    segments: Range<i32>,
-) {
-    let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map);
-    B::take::<C, U, INVALID>(&stretch::March { frame, cell, brick }, stretch, ray, chunk, segments);
+    B::take::<C, Avx2, INVALID>(march, stretch, ray, chunk, segments);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn march_avx2<B: Accumulate>(
-    take: Take,
+    sampler: Sampler,
     frame: &Frame<'_>,
     tile: &Tile,
     layers: Option<&MeshLayers>,
     work: &mut Work,
     seen: &mut Seen,
 ) {
-    march::<B>(take, frame, tile, layers, work, seen);
+    march::<B>(sampler, frame, tile, layers, work, seen);
 }
 
 #[inline(always)]
 fn march<B: Accumulate>(
-    take: Take,
+    sampler: Sampler,
     frame: &Frame<'_>,
     tile: &Tile,
     layers: Option<&MeshLayers>,
     work: &mut Work,
     seen: &mut Seen,
 ) {
-    work.march::<B>(take, frame, tile, layers);
+    work.march::<B>(sampler, frame, tile, layers);
     for i in places(tile) {
         seen[i] = B::seen(frame, work.rays[i].sum);
     }
@@ -173,7 +172,7 @@ impl Work {
 
     /// Takes the tile's rays through all cells, between the layers where there are meshes.
     #[inline(always)]
-    fn march<B: Accumulate>(&mut self, take: Take, frame: &Frame<'_>, tile: &Tile, layers: Option<&MeshLayers>) {
+    fn march<B: Accumulate>(&mut self, sampler: Sampler, frame: &Frame<'_>, tile: &Tile, layers: Option<&MeshLayers>) {
         let Self { rays, chunk, queue } = self;
         let mut waiting = 0;
         for y in tile.y0..tile.y1 {
@@ -217,13 +216,13 @@ impl Work {
                     let mut start = first;
                     while start < last {
                         if queue.len == QUEUE {
-                            waiting -= queue.march::<B>(take, frame, cell, rays, chunk);
+                            waiting -= queue.march::<B>(sampler, frame, cell, rays, chunk);
                         }
                         start = queue.push(Stretch::new(frame, cell, &rays[i], i, start, last, B::REACH));
                     }
                 }
             }
-            waiting -= queue.march::<B>(take, frame, cell, rays, chunk);
+            waiting -= queue.march::<B>(sampler, frame, cell, rays, chunk);
             if brightest > known {
                 frame.enter(cell, brightest);
             }
@@ -257,12 +256,15 @@ impl Queue {
     #[inline(always)]
     fn march<B: Accumulate>(
         &mut self,
-        take: Take,
+        sampler: Sampler,
         frame: &Frame<'_>,
         cell: &Cell<'_>,
         rays: &mut [Ray; PIXELS],
         chunk: &mut SampleChunk,
     ) -> u32 {
+        if self.len == 0 {
+            return 0;
+        }
         let stretches = &mut self.stretches[..self.len];
         self.len = 0;
         for stretch in &mut *stretches {
@@ -271,6 +273,7 @@ impl Queue {
                 look::<B>(stretch, (frame, cell), ray.sum, &mut self.boxes);
             }
         }
+        let march = (sampler.through)(frame, cell);
         let mut ended = 0;
         for stretch in stretches {
             let ray = &mut rays[stretch.ray];
@@ -279,7 +282,7 @@ impl Queue {
             while !B::is_final(frame, ray.sum)
                 && let Some(segments) = stretch.next_seen(&mut seen)
             {
-                take(frame, cell, stretch, ray, chunk, segments);
+                (sampler.take)(&march, stretch, ray, chunk, segments);
                 if B::is_final(frame, ray.sum) {
                     ended += (ray.cursor < ray.end) as u32;
                     ray.cursor = ray.end;
