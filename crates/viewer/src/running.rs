@@ -189,7 +189,7 @@ fn refusal(error: &eframe::Error) -> String {
     };
     // What comes before names files of the window system's crates, which help nobody.
     let error = error.to_string();
-    let reason = error.rsplit(": ").find(|part| part.len() > 2).unwrap_or(&error);
+    let reason = error.rsplit(": ").find(|part| part.len() > 2).unwrap_or(&error).trim_end_matches('.');
     format!("cannot open a window: {reason}: {hint}")
 }
 
