@@ -17,7 +17,6 @@ use brickyard_tests::{
     session, settled,
 };
 use glam::DVec3;
-use std::collections::BTreeSet;
 
 const SIZE: (u32, u32) = (56, 44);
 const EXTENT: Extent = Extent::new(44, 37, 50);
@@ -114,15 +113,6 @@ fn groups() -> Vec<(&'static str, Vec<Scene>)> {
     ]
 }
 
-/// Scenes that have failed once, by name and way to draw: every run takes them.
-const ONCE_WRONG: [(&str, Way); 0] = [];
-
-/// Which of some scenes a run draws in this way: one in so many, others by another seed.
-fn taken(list: &str, names: &[String], way: Way, one_in: usize) -> BTreeSet<usize> {
-    let once_wrong = (0..names.len()).filter(|&i| ONCE_WRONG.iter().any(|case| *case == (&names[i], way)));
-    sampled(&format!("{list}, {way:?}"), names.len(), one_in).into_iter().chain(once_wrong).collect()
-}
-
 /// All scenes by their names.
 fn named() -> (Vec<String>, Vec<Scene>) {
     let all = groups().into_iter().flat_map(|(group, scenes)| {
@@ -148,7 +138,7 @@ fn every_way_to_look_is_the_oracle_s_by_every_way_to_draw() {
     for way in WAYS {
         let one_in = if way.0 == BackendChoice::Cpu { 1 } else { 3 };
         let Some(mut session) = session(&test.store, way) else { continue };
-        for i in taken("one layer", &names, way, one_in) {
+        for i in sampled(&format!("one layer, {way:?}"), names.len(), one_in) {
             let (picture, _) = settled(&mut session, &scenes[i], SIZE);
             let same = if has_surfaces(&scenes[i]) { assert_same_surface } else { assert_same };
             same(&picture, &expected[i], &format!("{}, {way:?}, seed {:x}", names[i], seed()));
@@ -208,7 +198,7 @@ fn one_in((count, grids): (usize, Grids), (backend, compositor): Way) -> Option<
     }
 }
 
-/// The same for several layers: two stores of unlike grids, in turns, or one.
+/// Scenes of several layers: two stores of unlike grids, in turns, or one.
 #[test]
 fn layers_are_the_oracle_s_by_every_way_to_draw() {
     let other = |_, _, [x, y, z]: [u32; 3]| {
@@ -230,7 +220,7 @@ fn layers_are_the_oracle_s_by_every_way_to_draw() {
             let Some(mut session) = open_session_of(volumes.clone(), options(way, 256 << 20, 256 << 20)) else {
                 continue;
             };
-            for i in taken(&format!("{count:?}"), &names, way, one_in) {
+            for i in sampled(&format!("{count:?}, {way:?}"), names.len(), one_in) {
                 let what = format!("{} of {count:?} layers, {way:?}, seed {:x}", names[i], seed());
                 let scene = &scenes[i];
                 let resolved = resolve(&volumes, scene, size).unwrap_or_else(|error| panic!("{what}: {error}"));

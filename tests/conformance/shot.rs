@@ -87,7 +87,8 @@ impl<'a> Shot<'a> {
         self.agree_with(&expected, stage, ways, allowed, what);
     }
 
-    /// The same with a picture that is known. On a GPU a run draws half of the cases, others by another seed: shaders take long to compile.
+    /// Draws it by these ways and compares with the oracle's picture `expected`. A GPU draws half of the cases in a run, chosen by the seed:
+    /// shaders take long to compile.
     pub(crate) fn agree_with(
         &self,
         expected: &Picture,

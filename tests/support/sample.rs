@@ -1,11 +1,9 @@
-//! Samples of long lists of cases: a run takes some of them, another commit's run takes others, and `BRICKYARD_CASES=all` takes all.
-//!
-//! The seed is `BRICKYARD_SEED`, which `tools/test` sets to the commit's number and prints; without it, 0. A case that has failed is put
-//! beside its list, to be taken by every run.
+//! Samples of long lists of cases, chosen by a seed: `BRICKYARD_SEED`, which `tools/test` sets to the commit's number and prints, or 0.
+//! `BRICKYARD_CASES=all` takes every case. A sampled case found wrong becomes a test of its own.
 
 use crate::Random;
 
-/// What picks the samples of this run.
+/// Seed of this run's samples.
 ///
 /// # Panics
 /// If `BRICKYARD_SEED` is not a hexadecimal number.
@@ -14,18 +12,18 @@ pub fn seed() -> u64 {
         .map_or(0, |text| u64::from_str_radix(&text, 16).expect("BRICKYARD_SEED is a hexadecimal number"))
 }
 
-/// Whether every case is taken.
+/// Whether this run takes every case.
 pub fn takes_all() -> bool {
     std::env::var("BRICKYARD_CASES").is_ok_and(|text| text == "all")
 }
 
-/// The places of the cases that a run takes of a list: every one in so many, or all.
+/// Indices of the cases that this run takes of a list: one in `one_in`, or all.
 pub fn sampled(list: &str, count: usize, one_in: usize) -> Vec<usize> {
     places(list, count, if takes_all() { count } else { count.div_ceil(one_in) })
 }
 
-/// Places of `wanted` of `count` cases, ascending: one in each of as many equal parts of the list, anywhere inside. `list` names the list,
-/// so that those of equal length are sampled independently.
+/// Indices of `wanted` of `count` cases, ascending: the list is cut into as many equal parts, and each gives one of its cases. Lists are
+/// sampled independently, each by its name.
 pub fn places(list: &str, count: usize, wanted: usize) -> Vec<usize> {
     let wanted = wanted.min(count);
     let mut random = random(list);
@@ -33,12 +31,12 @@ pub fn places(list: &str, count: usize, wanted: usize) -> Vec<usize> {
     (0..wanted).map(|part| at(part) + (random.unit() * (at(part + 1) - at(part)) as f64) as usize).collect()
 }
 
-/// Whether a run takes this case: one in so many does.
+/// Whether this run takes a case; one in `one_in` runs does.
 pub fn takes(case: &str, one_in: u64) -> bool {
     takes_all() || random(case).bits().is_multiple_of(one_in)
 }
 
-/// Numbers that are others for each name and seed.
+/// A generator seeded by the name and the run.
 fn random(name: &str) -> Random {
     Random(seed() ^ name.bytes().fold(0u64, |hash, byte| hash.wrapping_mul(31).wrapping_add(u64::from(byte))))
 }
