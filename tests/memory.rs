@@ -99,8 +99,8 @@ fn opening_takes_little() {
 #[test]
 fn rendering_stays_within_its_budgets() {
     let sandbox = sandbox();
-    for (gpu_mib, host_mib) in [(8u64, 16u64), (32, 32), (128, 64)] {
-        let budgets = format!("--gpu-memory {gpu_mib}MiB --host-memory {host_mib}MiB -j 2");
+    for (gpu_mib, host_mib, samples) in [(8u64, 16u64, 1), (32, 32, 4), (128, 64, 1)] {
+        let budgets = format!("--gpu-memory {gpu_mib}MiB --host-memory {host_mib}MiB -j 2 --aa {samples}");
         let line = format!("render t.zarr -o o.png --overwrite --size 300x200 --orbit 3 {budgets}");
         let budget = (gpu_mib + host_mib) * MIB;
         check(&sandbox, &format!("{line} --backend cpu"), budget + PROGRAM);

@@ -7,7 +7,7 @@ use crate::shot::{Shot, assert_close, assert_telling};
 use crate::stage::{ALL, COMPUTE, CPU, RAYCAST, SORTED, Stage, Way};
 use crate::volume::Volume;
 use brickyard::volume::*;
-use brickyard_tests::sample::takes;
+use brickyard_tests::sample::draws;
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -110,7 +110,7 @@ fn one_layer_is_the_same_through_the_shaders_of_several() {
             let FrameSettings { mode, sampling, lighting, .. } = settings;
             let (surfaces, meshes) = (settings.surfaces.len(), settings.meshes.len());
             let what = format!("{way:?} {mode:?} {sampling:?} {lighting:?}, {surfaces} surfaces, {meshes} meshes");
-            if way == RAYCAST && !takes(&what, 2) {
+            if !draws(&what, way) {
                 continue;
             }
             let Some(alone) = render(&mut stage, way, &[mixed(settings)]) else { continue };

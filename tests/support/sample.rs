@@ -1,7 +1,8 @@
 //! Samples of long lists of cases, chosen by a seed: `BRICKYARD_SEED`, which `tools/test` sets to the commit's number and prints, or 0.
 //! `BRICKYARD_CASES=all` takes every case. A sampled case found wrong becomes a test of its own.
 
-use crate::Random;
+use crate::{Random, Way};
+use brickyard::backend::BackendChoice;
 
 /// Seed of this run's samples.
 ///
@@ -31,9 +32,9 @@ pub fn places(list: &str, count: usize, wanted: usize) -> Vec<usize> {
     (0..wanted).map(|part| at(part) + (random.unit() * (at(part + 1) - at(part)) as f64) as usize).collect()
 }
 
-/// Whether this run takes a case; one in `one_in` runs does.
-pub fn takes(case: &str, one_in: u64) -> bool {
-    takes_all() || random(case).bits().is_multiple_of(one_in)
+/// Whether this run draws a case in this way: the CPU draws every case, and a GPU half of them, for shaders take long to compile.
+pub fn draws(case: &str, way: Way) -> bool {
+    way.0 == BackendChoice::Cpu || takes_all() || random(&format!("{case}, {way:?}")).bits().is_multiple_of(2)
 }
 
 /// A generator seeded by the name and the run.
