@@ -85,7 +85,7 @@ fn killed_at_any_moment_and_resumed_the_store_is_the_uninterrupted_one() {
     let mut random = Random(seed());
     let (mut midway, mut furthest) = (0, 0);
     // One moment in each part of the pack, anywhere inside it.
-    const MOMENTS: u32 = 25;
+    const MOMENTS: u32 = 20;
     for moment in 0..MOMENTS {
         let mut after = ((f64::from(moment) + random.unit()) / f64::from(MOMENTS) * shards as f64) as usize;
         while !killed_after(&sandbox, after, Duration::from_micros(random.bits() % 1500)) {

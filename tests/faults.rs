@@ -157,7 +157,7 @@ fn the_library_is_reached() {
 #[test]
 fn a_pack_that_meets_a_fault_is_right_or_resumed() {
     in_two(
-        100,
+        60,
         || Packed::raw(PACK, SMALL),
         |packed| [rules(&OF_WRITING, &packed.run, ""), rules(&OF_FILES, &packed.run, "in.raw")].concat(),
         |packed, rule| {
@@ -174,7 +174,7 @@ fn a_pack_of_a_series_that_meets_a_fault_is_right_or_resumed() {
         [("read", ONCE, "EIO"), ("read", ONCE, "EINTR"), ("read", ONCE, "short"), ("read", ON_THAT_FILE, "ESTALE")];
     let input = voxels(SMALL).repeat(3);
     in_two(
-        40,
+        24,
         || Packed::new(SERIES_PACK, vec![("in.raw", input.clone())]),
         |packed| {
             let read_back = rules(&OF_READING_BACK, &packed.run, ".tmp");
@@ -201,7 +201,7 @@ fn a_pack_that_is_resumed_and_meets_a_fault_is_resumed_again() {
         (packed, half)
     };
     in_two(
-        50,
+        30,
         prepare,
         |(packed, _)| rules(&OF_WRITING, &packed.run, ""),
         |(packed, half), rule| {
@@ -299,7 +299,7 @@ fn a_pack_whose_input_fails_or_changes_is_right_or_resumed() {
         ]
         .concat()
     };
-    in_two(60, prepare, rules, |packed, input| {
+    in_two(36, prepare, rules, |packed, input| {
         let packed = &packed[input.packed];
         packed.clear();
         packed.is_whole_or_resumed(packed.pack, &input.rule)
@@ -330,7 +330,7 @@ fn a_store_that_is_replaced_is_whole_whatever_happens() {
         (packed, old)
     };
     in_two(
-        70,
+        42,
         prepare,
         |(packed, _)| rules(&OF_WRITING, &packed.run, ""),
         |(packed, old), rule| {
@@ -379,7 +379,7 @@ fn only_input(packed: &Packed) -> Tree {
 #[test]
 fn a_pack_that_loses_power_is_right_or_resumed() {
     in_two(
-        85,
+        51,
         || Packed::raw(PACK, SMALL),
         |packed| moments(&packed.run, &only_input(packed)),
         |packed, moment| {
@@ -415,7 +415,7 @@ fn a_store_that_is_replaced_when_power_is_lost_is_whole() {
         (packed, old_store, before)
     };
     in_two(
-        70,
+        42,
         prepare,
         |(packed, _, before)| moments(&packed.run, before),
         |(packed, old_store, before), moment| {
@@ -562,5 +562,5 @@ fn is_sure_to_be_met(case: &Reading, outcome: &Outcome) -> bool {
 /// What cannot be read is said, or read again: a report, an export and a picture are never wrong without a word.
 #[test]
 fn readers_that_meet_a_fault_say_so() {
-    in_two(130, Readable::new, Readable::cases, |readable, case| readable.run(case));
+    in_two(78, Readable::new, Readable::cases, |readable, case| readable.run(case));
 }

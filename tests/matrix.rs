@@ -187,7 +187,7 @@ fn one_in((count, grids): (usize, Grids), (backend, compositor): Way) -> Option<
     match (count, grids, backend, compositor) {
         (_, Grids::One, BackendChoice::Cpu, _) => Some(3),
         (_, Grids::One, _, CompositorChoice::Sorted) => Some(8),
-        (3, Grids::Unlike, BackendChoice::Cpu, _) => Some(1),
+        (3, Grids::Unlike, BackendChoice::Cpu, _) => Some(2),
         (3, Grids::Unlike, _, CompositorChoice::Sorted) => Some(2),
         (3, Grids::Unlike, _, CompositorChoice::Compute) => Some(15),
         (3, Grids::Unlike, ..) => Some(10),
