@@ -87,7 +87,7 @@ fn chosen<C>(groups: Vec<Vec<C>>, at_most: usize) -> Vec<C> {
     let count = match std::env::var("BRICKYARD_FAULT_CASES") {
         Ok(text) if text == "all" => usize::MAX,
         Ok(text) => text.parse().expect("BRICKYARD_FAULT_CASES is `all` or a number of cases"),
-        Err(_) if takes_all() => 5 * at_most,
+        Err(_) if takes_all() => at_most.saturating_mul(5),
         Err(_) => at_most,
     };
     let mut left = count;
