@@ -139,12 +139,8 @@ impl Settings {
             Err(error) => return Err(store_errors::open_failure(&error)),
         };
         match Appender::open(&self.store, self.limits.of_append()) {
-            // Whoever reads sees the first step already, but the end of its pack is missing: the same file gives it.
-            Err(AppendError::Unfinished { path })
-                if times == 1 && path.extension().is_none_or(|extension| extension != "packing") =>
-            {
-                Ok(None)
-            }
+            // Readers see the first step already, but its pack has not ended: the same file ends it.
+            Err(AppendError::Unfinished { replaces: false, .. }) if times == 1 => Ok(None),
             opened => opened.map(Some).map_err(store_errors::append_failure),
         }
     }

@@ -435,11 +435,11 @@ impl From<(Stop, Reached)> for Failed {
 
 /// Refuses a directory whose pack is not finished, or that a pack is to replace which is not.
 fn refuse_unfinished(dir: &Path) -> Result<(), AppendError> {
-    for path in [dir.to_path_buf(), output::with_suffix(dir, ".packing")] {
+    for (path, replaces) in [(dir.to_path_buf(), false), (output::with_suffix(dir, ".packing"), true)] {
         let journal = path.join(JOURNAL_NAME);
         match journal.try_exists() {
             Ok(false) => {}
-            Ok(true) => return Err(AppendError::Unfinished { path }),
+            Ok(true) => return Err(AppendError::Unfinished { path, replaces }),
             Err(error) if error.kind() == std::io::ErrorKind::NotADirectory => {}
             Err(error) => return Err(PackError::Io { path: journal, error }.into()),
         }

@@ -20,8 +20,11 @@ pub enum AppendError {
     /// The store is still packed, or is to be replaced by a pack that has not ended.
     #[error("{path}: is an unfinished pack; finish it with `resume`, and then append", path = path.display())]
     Unfinished {
-        /// The directory of the unfinished pack: the store, or what is to take its place.
+        /// The directory of the unfinished pack: the store, or its replacement.
         path: PathBuf,
+        /// Whether the pack is to replace the store. If not, packing the store's own source again with [`Exists::Resume`](crate::Exists::Resume)
+        /// ends it; where the store was made by [`Appender::create`](crate::Appender::create), the same call does.
+        replaces: bool,
     },
     /// The store has a single volume, and no axis of time along which there could be more.
     #[error(

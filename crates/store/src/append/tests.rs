@@ -313,7 +313,7 @@ fn one_at_a_time_appends_or_packs() {
     pack(&byte_step(5), &path, &overwrite, &meanwhile).unwrap();
     let refused = meanwhile.1.into_inner().unwrap();
     assert!(
-        matches!(&refused[..], [AppendError::Unfinished { path }] if path.ends_with("s.zarr.packing")),
+        matches!(&refused[..], [AppendError::Unfinished { path, replaces: true }] if path.ends_with("s.zarr.packing")),
         "{refused:?}"
     );
     assert!(!dir.path().join("s.zarr.packing").exists());
