@@ -9,14 +9,15 @@ fn cast_ray(position: vec2f) -> vec4f {
     var pixel = pixel_start();
     var field: Field;
     var walk = enter_zone(tick_at(stretch.x), 0u, stretch);
-    // Where the ray has left the last leaf.
+    // Where the ray has left the last leaf, and a hair on: rounding does not find the same leaf again.
     var left = 0.0;
+    let hair = 0.01 * voxel_length(ray, vec3f(1.0));
     while (walk.start < stretch.y && !is_final(pixel)) {
         if (is_zone_left(walk)) {
             walk = next_zone(walk, stretch);
         }
-        // Where segments are long, a brick that is seen takes those of its neighbours that reach into it, and one that is not leaves them:
-        // for a segment the ray looks into all leaves that it reaches.
+        // Long segments reach out of their leaf. A seen brick takes its neighbours' segments as far as they reach into it, and an unseen one
+        // leaves its own to the next: the ray looks into each leaf in a segment's reach.
         let hang = overhang(ray, vec3f(1.0), walk.stride);
         let reach = min(walk.middle + hang, stretch.y);
         let at = clamp(max(left, stretch.x), walk.middle - hang, reach);
@@ -30,8 +31,7 @@ fn cast_ray(position: vec2f) -> vec4f {
             is_brick_seen = sees(pixel, brick.range);
         }
         let end = leaving(ray, place.low, place.size);
-        // A hair on, so that rounding does not find the same leaf again.
-        left = end + 0.01 * voxel_length(ray, vec3f(1.0));
+        left = end + hair;
         if (!is_brick_seen && end > at && left < reach) {
             continue;
         }

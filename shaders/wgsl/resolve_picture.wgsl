@@ -1,5 +1,5 @@
-// What is seen, over the background, rounded to the codes of the 8-bit target as `Picture::quantise` rounds: the middle between two codes
-// goes up. A target may round it either way, and an H200 rounds 25.5 down.
+// Resolves a pixel: its colour over the background, rounded to an 8-bit code as `Picture::quantise` does. The middle between two codes goes
+// up; a target may round it either way, and an H200 rounds 25.5 down.
 //!import frame fullscreen seen
 @fragment
 fn resolve(@builtin(position) position: vec4f) -> @location(0) vec4f {

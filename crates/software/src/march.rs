@@ -43,7 +43,7 @@ pub(crate) struct MarchTile {
 }
 
 impl MarchTile {
-    /// Takes a tile's rays through this frame's layer, the one that this was made for.
+    /// Takes a tile's rays through the layer of the frame given to [`for_frame`].
     pub(crate) fn march(
         &self,
         frame: &Frame<'_>,
@@ -162,8 +162,8 @@ pub(crate) struct Work {
 }
 
 impl Work {
-    /// On the heap, and made by a call of its own: Rayon's splits of a picture lie one over the other on a thread's stack, up to some dozens
-    /// with many threads, and each has room for all that is made in it.
+    /// On the heap, and made by a call of its own: Rayon's splits of a picture pile up on a thread's stack, dozens with many threads, and
+    /// each has room for everything made in it.
     #[inline(never)]
     pub(crate) fn new() -> Box<Self> {
         let queue = Queue { stretches: [Stretch::EMPTY; QUEUE], len: 0, boxes: [0; LANES] };
