@@ -9,7 +9,7 @@ use brickyard::volume::{
     Blend, Camera, Extent, Filter, Geometry, Gradient, Jitter, LevelPolicy, Lighting, LightingModel, Method, Mode,
     Picture, Placement, Projection, Sampling, Scene, SceneExpression, SceneLayer, Slice, TransferFunction, Voxel,
 };
-use brickyard_tests::sample::draws;
+use brickyard_tests::sample::{draws, seed};
 use brickyard_tests::{
     Expected, FunctionSource, Sandbox, TestStore, WAYS, off, open_session, open_session_of, options, oracle, read_png,
     run, run_ok, settled,
@@ -286,7 +286,7 @@ fn labels_over_an_image_equal_the_oracle() {
             for (way, session) in sessions.iter_mut().filter(|(way, _)| *way != WAYS[0] || scene.mode != Mode::Dvr) {
                 let what = format!("{way:?}, {name}");
                 if draws(&what, *way) {
-                    expected.assert_shown(&settled(session, scene, SIZE).0, &what);
+                    expected.assert_shown(&settled(session, scene, SIZE).0, &format!("{what}, seed {:x}", seed()));
                 }
             }
         }

@@ -7,7 +7,7 @@ use crate::shot::{Shot, assert_close, assert_telling};
 use crate::stage::{ALL, COMPUTE, CPU, RAYCAST, SORTED, Stage, Way};
 use crate::volume::Volume;
 use brickyard::volume::*;
-use brickyard_tests::sample::draws;
+use brickyard_tests::sample::{draws, seed};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -113,6 +113,7 @@ fn one_layer_is_the_same_through_the_shaders_of_several() {
             if !draws(&what, way) {
                 continue;
             }
+            let what = format!("{what}, seed {:x}", seed());
             let Some(alone) = render(&mut stage, way, &[mixed(settings)]) else { continue };
             let seen = marks(&mut stage, way, settings);
             let away = FrameSettings { placement: a_hair_away(), ..settings.clone() };
