@@ -289,7 +289,8 @@ fn a_hand_makes_points_of_a_transfer_function_and_moves_them() {
     let opened = Opened::new(&display, &sandbox, &[&[&path[..]], &flags[..]].concat());
     let points =
         |document: &Value| document["layers"][0]["transfer"]["opacity"].as_array().cloned().unwrap_or_default();
-    // The editor folds out of its heading, in the panel on the left.
+    // The editor folds out of its heading, in the panel on the left, once there is one.
+    opened.document();
     display.input("mousemove 74 632 sleep 0.3 click 1 sleep 0.7");
     let made = opened.until("mousemove 140 703 sleep 0.3 click --repeat 2 --delay 60 1", &|now| points(now).len() == 3);
     let moved = opened.until(&drag([140.0, 703.0], [30.0, -25.0]), &|now| points(now) != points(&made));

@@ -12,16 +12,15 @@ macro_rules! files {
 
 /// All WGSL files: the name, without `.wgsl`, and the text of each.
 pub(crate) const FILES: &[(&str, &str)] = files! {
-    "anything" "average" "axes" "axes_own" "blit" "bricks" "cast_joint" "classify" "colors" "combine" "composite" "differences" "dither" "extreme" "eyes_anaglyph"
-    "eyes_interlaced" "eyes_one" "eyes_side_by_side" "eyes_top_bottom" "field" "find_cell" "find_leaf" "float_texel" "frame" "fullscreen" "gathered"
+    "anything" "average" "axes" "axes_own" "blit" "bricks" "cast_joint" "classify" "colors" "combine" "composite" "counted" "differences" "dither" "extreme" "eyes_anaglyph"
+    "eyes_interlaced" "eyes_one" "eyes_side_by_side" "eyes_top_bottom" "field" "find_cell" "find_leaf" "frame" "fullscreen" "gathered"
     "gradient_central" "gradient_sobel" "gradient_stored" "grid" "hidden" "jitter" "lattice" "layer_medium" "light" "lighting" "limits_none"
     "limits_slab" "macrocells" "march_joint" "march_medium" "march_samples" "march_surface" "mark" "mark_none" "medium" "neighbour" "no_value"
     "opaque" "part_media" "part_value" "peel" "pictures" "project" "project_labels" "projected" "ranks" "ray" "raycast_compute" "raycast_fragment"
     "raycast_medium" "raycast_samples" "raycast_surface" "resolve_average" "resolve_composite" "resolve_join" "resolve_joined" "resolve_over"
-    "resolve_picture" "resolve_project" "resolve_slab" "runs" "sample" "sample_cubic" "sample_cubic_float" "sample_cubic_valid" "sample_float"
-    "sample_label" "sample_nearest" "sample_nearest_float" "sample_valid"
-    "sampler" "search" "see_media" "sees_average" "sees_composite" "sees_project" "sees_surface" "sees_surfaces" "shade" "sight"
-    "sorted" "spline" "surface" "surfaces" "surfaces_none" "table" "through" "joint_medium" "tree" "value_lit" "value_unlit" "way" "written_codes" "written_light"
+    "resolve_picture" "resolve_project" "resolve_slab" "runs" "sample" "sample_cubic" "sample_cubic_voxels"
+    "sample_label" "sample_nearest" "sample_nearest_voxel" "sample_voxels" "sampler" "search" "see_media" "sees_average" "sees_composite" "sees_project" "sees_surface" "sees_surfaces" "shade" "sight"
+    "sorted" "spline" "surface" "surfaces" "surfaces_none" "table" "through" "joint_medium" "tree" "value_lit" "value_unlit" "voxel" "way" "written_codes" "written_light"
 };
 
 const IMPORT: &str = "//!import";

@@ -6,7 +6,7 @@
 
 use crate::compose::Parts;
 use crate::{Curve, Filter, Light, Medium, Sampler, Surfaces, margin};
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::fmt::Write;
 
 /// Where a layer's parts of the shared buffers begin, in items of each buffer. The layer's part of the draw lists is
@@ -35,6 +35,8 @@ pub struct LayerShader {
     pub is_whole: bool,
     /// Whether the layer's slots hold 32-bit floats instead of codes.
     pub is_float: bool,
+    /// Whether the layer's transfer table lies over few of the codes that slots hold.
+    pub is_narrow: bool,
     /// Whether the layer adds its light to others instead of mixing with them. A layer that adds is not lit.
     pub adds: bool,
     /// Whether the layer has isosurfaces.
@@ -43,8 +45,8 @@ pub struct LayerShader {
     pub has_grid: bool,
     /// Where the layer's parts of the shared buffers begin.
     pub first: FirstPlaces,
-    /// The value of code 0, and the difference from it to the value of the last code, each as the bits of an `f32`.
-    /// Only expressions use them.
+    /// The value of the table's first code, and the difference from it to the value of the last, each as the bits of an `f32`. Only
+    /// expressions use them: they are 0 where there is none.
     pub values: [u32; 2],
 }
 
@@ -123,7 +125,7 @@ impl JointVariant {
              const IS_CUT: bool = {is_cut};\nconst IS_MIDDLE: bool = {};\nconst IS_ONE_SAMPLE: bool = {};\n\
              var<private> layer: u32;\nvar<private> FIRST_NODE: u32;\nvar<private> FIRST_BRICK: u32;\n\
              var<private> FIRST_RANGE: u32;\nvar<private> FIRST_PLACE: u32;\nvar<private> FIRST_COUNT: u32;\n\
-             var<private> HAS_INVALID: bool;\nvar<private> IS_LABELS: bool;\nvar<private> IS_UNBOUNDED: bool;\nvar<private> ADDS: bool;\n\
+             var<private> HAS_INVALID: bool;\nvar<private> IS_LABELS: bool;\nvar<private> IS_FLOAT: bool;\nvar<private> IS_UNBOUNDED: bool;\nvar<private> ADDS: bool;\n\
              var<private> LIGHTING: u32;\nvar<private> HAS_SURFACES: bool;\nvar<private> HAS_GRID: bool;\n",
             self.layers.len(),
             margin(self.filter),
@@ -225,7 +227,7 @@ impl JointVariant {
 
 impl LayerShader {
     fn sampler(&self) -> Sampler {
-        Sampler::of(self.has_invalid, self.is_float, self.is_labels)
+        Sampler::of(self.has_invalid, self.is_float || self.is_narrow, self.is_labels)
     }
 
     /// WGSL of layer `i` in the part `layers`: its frame, its way, and the function `become_i`, which makes it the
@@ -238,8 +240,9 @@ impl LayerShader {
             "var<private> frame_{i}: Frame;\nvar<private> way_{i}: Way;\n\n\
              fn become_{i}() {{\n    layer = {i}u;\n    frame = frame_{i};\n    way = way_{i};\n    FIRST_NODE = frame_{i}.list_at.x;\n    \
              FIRST_BRICK = frame_{i}.list_at.y;\n    FIRST_RANGE = {range}u;\n    FIRST_PLACE = {place}u;\n    FIRST_COUNT = {count}u;\n    \
-             HAS_INVALID = {has_invalid};\n    IS_LABELS = {is_labels};\n    IS_UNBOUNDED = {is_float};\n    ADDS = {adds};\n    LIGHTING = {}u;\n    \
+             HAS_INVALID = {has_invalid};\n    IS_LABELS = {is_labels};\n    IS_FLOAT = {is_float};\n    IS_UNBOUNDED = {};\n    ADDS = {adds};\n    LIGHTING = {}u;\n    \
              HAS_SURFACES = {has_surfaces};\n    HAS_GRID = {has_grid};\n}}\n\n",
+            self.sampler() == Sampler::Voxels,
             light as u32
         )
     }
@@ -270,21 +273,21 @@ pub(crate) fn atlases(layers: &[(u32, Sampler)], filter: Filter) -> String {
     for sampler in Sampler::ALL.into_iter().filter(|sampler| layers.iter().any(|(_, own)| own == sampler)) {
         let _ = writeln!(text, "//!import {}", sampler.files(filter));
     }
-    let pools: BTreeMap<u32, Sampler> = layers.iter().copied().collect();
-    for i in pools.keys() {
+    let pools: BTreeSet<u32> = layers.iter().map(|(pool, _)| *pool).collect();
+    for i in pools {
         let _ = writeln!(
             text,
             "@group(0) @binding(FIRST_ATLAS + {i}u) var atlas_{i}: texture_3d<f32>;\n\
              @group(0) @binding(FIRST_GRADIENTS + {i}u) var gradients_{i}: texture_3d<f32>;"
         );
     }
-    let value = |i: u32| format!("return {}(atlas_{i}, point);", pools[&i].function(filter));
-    let smooth = |i: u32| format!("return {}(atlas_{i}, point);", pools[&i].smooth_function());
-    let gradient = |i: u32| {
+    let value = |i: u32, sampler: Sampler| format!("return {}(atlas_{i}, point);", sampler.function(filter));
+    let smooth = |i: u32, sampler: Sampler| format!("return {}(atlas_{i}, point);", sampler.smooth_function());
+    let gradient = |i: u32, _| {
         let size = format!("vec3f(textureDimensions(gradients_{i}))");
         format!("return textureSampleLevel(gradients_{i}, atlas_sampler, node / {size}, 0.0).xyz;")
     };
-    let share = |i: u32| match pools[&i] == Sampler::Label {
+    let share = |i: u32, sampler: Sampler| match sampler == Sampler::Label {
         true => format!("return share_in_atlas(atlas_{i}, point, label);"),
         false => "return 0.0;".to_string(),
     };
@@ -293,23 +296,23 @@ pub(crate) fn atlases(layers: &[(u32, Sampler)], filter: Filter) -> String {
         "fn sample_atlas(point: vec3f) -> f32 {{\n    {}\n}}\n\nfn smooth_atlas(point: vec3f) -> f32 {{\n    {}\n}}\n\n\
          fn sample_gradients(node: vec3f) -> vec3f {{\n    {}\n}}\n\n\
          fn share_of_label(point: vec3f, label: f32) -> f32 {{\n    {}\n}}\n",
-        of_pool(layers, value),
-        of_pool(layers, smooth),
-        of_pool(layers, gradient),
-        of_pool(layers, share),
+        of_layer(layers, value),
+        of_layer(layers, smooth),
+        of_layer(layers, gradient),
+        of_layer(layers, share),
     );
     text
 }
 
-/// WGSL that runs the statement of the pool of the layer that shared code is about. It is a `switch` over layers, or
-/// the statement alone where all layers share a pool. The statement has to return.
-fn of_pool(layers: &[(u32, Sampler)], statement: impl Fn(u32) -> String) -> String {
-    let first = layers[0].0;
-    let others = layers.iter().zip(0..).filter(|((pool, _), _)| *pool != first);
-    let cases: String =
-        others.map(|((pool, _), i)| format!("        case {i}u: {{ {} }}\n", statement(*pool))).collect();
+/// WGSL that runs the statement of the layer that shared code is about, for its pool and sampler. It is a `switch` over layers, or the statement
+/// alone where all layers have the same. The statement has to return.
+fn of_layer(layers: &[(u32, Sampler)], statement: impl Fn(u32, Sampler) -> String) -> String {
+    let statements: Vec<String> = layers.iter().map(|(pool, sampler)| statement(*pool, *sampler)).collect();
+    let first = &statements[0];
+    let others = statements.iter().zip(0..).filter(|(other, _)| *other != first);
+    let cases: String = others.map(|(other, i)| format!("        case {i}u: {{ {other} }}\n")).collect();
     match cases.is_empty() {
-        true => statement(first),
-        false => format!("switch layer {{\n{cases}        default: {{ {} }}\n    }}", statement(first)),
+        true => first.clone(),
+        false => format!("switch layer {{\n{cases}        default: {{ {first} }}\n    }}"),
     }
 }

@@ -38,7 +38,7 @@ pub struct FrameUniform {
     pub per_unit_distance: f32,
     /// Extent of the volume in level-0 voxels.
     pub extent: [f32; 3],
-    /// The greatest code: 255 or 65,535.
+    /// Codes from the transfer table's first entry to its last.
     pub last_code: f32,
     /// World units per level-0 voxel along each axis, in the volume's own world.
     pub spacing: [f32; 3],
@@ -56,7 +56,7 @@ pub struct FrameUniform {
     pub size_px: [f32; 2],
     /// Index of the last place of the transfer table, counted from its first.
     pub last_place: f32,
-    /// The value of a running integral of the transfer function, over codes, that a one in its low word stands for.
+    /// The value of a running integral of the transfer function, over entries, that a one in its low word stands for.
     pub sum_unit: f32,
     /// Size of the octree's root in level-0 voxels; at least the extent.
     pub root_size: [f32; 3],
@@ -72,8 +72,8 @@ pub struct FrameUniform {
     pub lights: u32,
     /// Colour of the first isosurface, 0 to 1; black if there is none.
     pub surface_color: [f32; 3],
-    /// The normalised code at or above which a place is inside of the first isosurface; more than any code if there is
-    /// none.
+    /// The value, 0 at the transfer table's first code and 1 at its last, at or above which a place is inside of the first isosurface; more than
+    /// any if there is none.
     pub threshold: f32,
     /// How far rays lean to the right and up, in units of `right` and `up` for each unit forward; 0 in orthographic views,
     /// where `forward` leans.
@@ -95,7 +95,7 @@ pub struct FrameUniform {
     pub grid_at: u32,
     /// The first of the picture's rows that a dispatch of a compute shader draws, counted from the top.
     pub first_row: u32,
-    /// Adaptive sampling: the largest difference between a part's two end values, as a fraction of the code range, before the part is split.
+    /// Adaptive sampling: the largest difference between a part's two end values, as a share of the table, before the part is split.
     pub adaptive_step: f32,
     /// 1 if the layer adds to others in projections, 0 if it mixes with them.
     pub adds: f32,
@@ -106,12 +106,12 @@ pub struct FrameUniform {
     /// The depth of a medium that has the layer's opacity in projections, in halvings of the light; finite even if the
     /// layer is opaque.
     pub flat_depth: f32,
-    /// How entries over values and gradients are found: the code of the first row, the rows per code, the columns per
-    /// unit of gradient, and the index of the last row. A gradient is a difference of normalised codes across two
+    /// How entries over values and gradients are found: the code of the first row, counted from the table's first, the rows per code, the
+    /// columns per unit of gradient, and the index of the last row. A gradient is a difference of values across two
     /// voxels, over the size of a voxel in the volume's own world. All four are 0 if there are no such entries.
     pub grid: [f32; 4],
-    /// For each isosurface, the normalised code at or above which a place is past it, ascending; more than any code
-    /// where there is no surface.
+    /// For each isosurface, the value at or above which a place is past it, ascending, as for `threshold`; more than any where there is no
+    /// surface.
     pub thresholds: [[f32; 4]; 2],
     /// Colour and opacity of each isosurface, in the order of the thresholds; 0 where there is no surface.
     pub surfaces: [[f32; 4]; 8],
@@ -130,20 +130,28 @@ pub struct FrameUniform {
     /// Where the layer's draw list is in the buffers of all lists: the index of the octree's root among the nodes, and
     /// the index of the list's first brick. The other two numbers are 0.
     pub list_at: [u32; 4],
-    /// The number of f32 slots that stands for the table's first value.
+    /// The number in slots, a code or a 32-bit float, that stands for the table's first value.
     pub first_slot: f32,
-    /// Normalised codes from a number of f32 slots to the next.
+    /// How much of the table is between a number in slots and the next.
     pub per_slot: f32,
     /// The greatest difference from `first_slot` that is told from greater ones.
     pub farthest_slots: f32,
-    /// What stored gradients have to be multiplied by to be differences of normalised codes.
+    /// What stored gradients have to be multiplied by to be differences of values, which are 0 to 1 along the table.
     pub gradient_scale: f32,
     /// Number of clip planes in use.
     pub plane_count: u32,
     /// How far the lattice of every ray is moved towards the eye besides its jitter, in the steps of jitter.
     pub jitter_phase: u32,
+    /// Codes of a texel of 1: the greatest code of slots that hold codes.
+    pub slot_codes: f32,
+    /// The code of the transfer table's first entry.
+    pub first_code: f32,
+    /// Index of the transfer table's last entry.
+    pub last_entry: f32,
+    /// Counts of opaque places ([`OPAQUE_BEFORE`](crate::bindings::OPAQUE_BEFORE)) from a code to the next.
+    pub counts_per_code: u32,
     /// Padding: frames begin at multiples of 256 bytes, which any device can bind.
-    pub spare: [f32; 10],
+    pub spare: [f32; 6],
 }
 
 /// A vertex of a mesh; `MeshVertex` in WGSL.

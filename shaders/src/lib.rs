@@ -11,7 +11,7 @@
 //! | --- | --- | --- |
 //! | `bindings` | the numbers of all bindings | text of the table in [`bindings`] |
 //! | `context` | what is special about the variant, and about the layer that shared code is about | text: constants of one layer; with several layers, also variables that are set for each in turn |
-//! | `atlas` | the atlases and stored gradients, and how they are sampled: `sample_atlas`, `smooth_atlas` for gradients, `sample_gradients` | text that imports `sample` or `sample_cubic`; `sample_valid` or `sample_cubic_valid` where voxels may have no value; `sample_float` or `sample_cubic_float` of 32-bit floats; `sample_nearest` or `sample_nearest_float` besides, where fields have steps |
+//! | `atlas` | the atlases and stored gradients, and how they are sampled: `sample_atlas`, `smooth_atlas` for gradients, `sample_gradients` | text that imports `sample` or `sample_cubic`; `sample_voxels` or `sample_cubic_voxels` of 32-bit floats, in narrow windows, and where voxels may have no value; `sample_nearest` or `sample_nearest_voxel` besides, where fields have steps |
 //! | `world` | the map from voxels to the scene's world: `to_world`, `gradient_to_world` | `axes_own` with a single layer in its own world, else `axes` |
 //! | `limits` | what meshes leave of a ray's stretch: `limited` | `limits_none`, `limits_slab` |
 //! | `gradient` | how gradients are found: `differences` | `gradient_central`, `gradient_sobel`, `gradient_stored` |
@@ -192,6 +192,8 @@ pub struct Variant {
     pub is_labels: bool,
     /// Whether slots hold 32-bit floats instead of codes.
     pub is_float: bool,
+    /// Whether the transfer table lies over few of the codes that slots hold.
+    pub is_narrow: bool,
     /// How the field is made of voxels.
     pub filter: Filter,
     /// How segments become media. It is [`Medium::PLAIN`] unless `gather` is [`Gather::Composite`].
@@ -303,7 +305,7 @@ impl JointVariant {
 
 impl Variant {
     fn sampler(&self) -> Sampler {
-        Sampler::of(self.has_invalid, self.is_float, self.is_labels)
+        Sampler::of(self.has_invalid, self.is_float || self.is_narrow, self.is_labels)
     }
 
     /// The parts that all marches through one layer share: the layer's context, and what its samples add up to.
@@ -318,10 +320,7 @@ impl Variant {
         };
         let take = if self.medium.surfaces == Surfaces::None { "surfaces_none" } else { "surfaces" };
         Parts::new()
-            .text(
-                "context",
-                context(self.has_invalid, self.is_labels, self.is_float, self.filter) + &self.medium.constants(),
-            )
+            .text("context", self.context() + &self.medium.constants())
             .text("atlas", joint::atlases(&[(0, self.sampler())], self.filter))
             .file("world", if self.is_placed { "axes" } else { "axes_own" })
             .file("limits", if self.has_meshes { "limits_slab" } else { "limits_none" })
@@ -329,18 +328,24 @@ impl Variant {
             .file("pixel", pixel)
             .file("take", take)
     }
+
+    /// The part `context` of a layer that is alone: constants.
+    fn context(&self) -> String {
+        let Self { has_invalid, is_labels, is_float, filter, .. } = *self;
+        let firsts = ["NODE", "BRICK", "RANGE", "PLACE", "COUNT"];
+        let firsts: String = firsts.map(|what| format!("const FIRST_{what}: u32 = 0u;\n")).concat();
+        format!(
+            "const LAYERS: u32 = 1u;\nconst layer: u32 = 0u;\n{firsts}const HAS_INVALID: bool = {has_invalid};\n\
+             const IS_LABELS: bool = {is_labels};\nconst IS_FLOAT: bool = {is_float};\nconst IS_UNBOUNDED: bool = {};\n\
+             const MARGIN: f32 = {:?};\n",
+            self.sampler() == Sampler::Voxels,
+            margin(filter)
+        )
+    }
 }
 
-/// The part `context` of a layer that is alone: constants.
-fn context(has_invalid: bool, is_labels: bool, is_float: bool, filter: Filter) -> String {
-    let firsts: String =
-        ["NODE", "BRICK", "RANGE", "PLACE", "COUNT"].map(|what| format!("const FIRST_{what}: u32 = 0u;\n")).concat();
-    format!(
-        "const LAYERS: u32 = 1u;\nconst layer: u32 = 0u;\n{firsts}const HAS_INVALID: bool = {has_invalid};\n\
-         const IS_LABELS: bool = {is_labels};\nconst IS_UNBOUNDED: bool = {is_float};\nconst MARGIN: f32 = {:?};\n",
-        margin(filter)
-    )
-}
+/// The part `context` of passes that read no layer's bricks.
+const NO_LAYER: &str = "const LAYERS: u32 = 1u;\nconst layer: u32 = 0u;\nconst FIRST_PLACE: u32 = 0u;\n";
 
 /// The least distance, in texels, that a sample has to keep from the faces of its slot, so that its filter touches
 /// nothing outside of the slot.
@@ -366,23 +371,21 @@ impl Gradient {
 pub(crate) enum Sampler {
     /// By the hardware's filter.
     Full,
-    /// Voxel by voxel, leaving out those of code 0.
-    Valid,
-    /// Voxel by voxel, of 32-bit floats.
-    Float,
+    /// Voxel by voxel.
+    Voxels,
     /// The nearest voxel alone.
     Label,
 }
 
 impl Sampler {
-    const ALL: [Self; 4] = [Self::Full, Self::Valid, Self::Float, Self::Label];
+    const ALL: [Self; 3] = [Self::Full, Self::Voxels, Self::Label];
 
-    fn of(has_invalid: bool, is_float: bool, is_labels: bool) -> Self {
-        match (is_float, has_invalid) {
+    /// How an atlas is sampled some of whose voxels may have no value, or whose numbers no hardware filters exactly enough, or that has labels.
+    fn of(has_invalid: bool, is_exact: bool, is_labels: bool) -> Self {
+        match is_exact || has_invalid {
             _ if is_labels => Self::Label,
-            (true, _) => Self::Float,
-            (false, true) => Self::Valid,
-            (false, false) => Self::Full,
+            true => Self::Voxels,
+            false => Self::Full,
         }
     }
 
@@ -392,12 +395,9 @@ impl Sampler {
             (Self::Full, Filter::Nearest) => "sample sample_nearest",
             (Self::Full, Filter::Trilinear) => "sample",
             (Self::Full, Filter::Tricubic) => "sample_cubic",
-            (Self::Valid, Filter::Nearest) => "sample_valid sample_nearest",
-            (Self::Valid, Filter::Trilinear) => "sample_valid",
-            (Self::Valid, Filter::Tricubic) => "sample_cubic_valid",
-            (Self::Float, Filter::Nearest) => "sample_float sample_nearest_float",
-            (Self::Float, Filter::Trilinear) => "sample_float",
-            (Self::Float, Filter::Tricubic) => "sample_cubic_float",
+            (Self::Voxels, Filter::Nearest) => "sample_voxels sample_nearest_voxel",
+            (Self::Voxels, Filter::Trilinear) => "sample_voxels",
+            (Self::Voxels, Filter::Tricubic) => "sample_cubic_voxels",
             (Self::Label, _) => "sample_nearest sample_label",
         }
     }
@@ -405,7 +405,7 @@ impl Sampler {
     /// The function that gives the field's values.
     fn function(self, filter: Filter) -> &'static str {
         match (self, filter) {
-            (Self::Float, Filter::Nearest) => "sample_nearest_float",
+            (Self::Voxels, Filter::Nearest) => "sample_nearest_voxel",
             (_, Filter::Nearest) => "sample_nearest",
             _ => self.smooth_function(),
         }
@@ -415,8 +415,7 @@ impl Sampler {
     fn smooth_function(self) -> &'static str {
         match self {
             Self::Full => "sample_full",
-            Self::Valid => "sample_valid",
-            Self::Float => "sample_float",
+            Self::Voxels => "sample_voxels",
             Self::Label => "sample_nearest",
         }
     }
@@ -461,7 +460,7 @@ pub fn resolve(seen: Seen, shown: Shown) -> String {
         Shown::Sums => "resolve_join",
         Shown::Over => "resolve_over",
     };
-    Parts::new().text("context", context(false, false, false, Filter::Trilinear)).file("seen", seen).compose(&[resolve])
+    Parts::new().text("context", NO_LAYER.into()).file("seen", seen).compose(&[resolve])
 }
 
 /// How the pictures of eyes share one picture.
@@ -507,7 +506,7 @@ fn blit_parts(eyes: Eyes, encodes: bool) -> Parts {
 
 /// WGSL source of the pass that finds the next layer of meshes. Its entry points are `corner` and `peel`.
 pub fn peel() -> String {
-    Parts::new().text("context", context(false, false, false, Filter::Trilinear)).compose(&["peel"])
+    Parts::new().text("context", NO_LAYER.into()).compose(&["peel"])
 }
 
 #[cfg(test)]
@@ -553,6 +552,7 @@ mod tests {
             has_invalid: false,
             is_labels: false,
             is_float: false,
+            is_narrow: false,
             filter: Filter::Trilinear,
             medium,
             has_meshes: false,
@@ -566,13 +566,13 @@ mod tests {
         for gather in Gather::ALL {
             let media = if gather == Gather::Composite { media() } else { vec![Medium::PLAIN] };
             for medium in media {
-                for kind in 0..12 {
+                for kind in 0..15 {
                     let filter = [Filter::Nearest, Filter::Trilinear, Filter::Tricubic][kind % 3];
-                    let (is_float, is_labels) = (kind / 3 == 2, kind / 3 == 3);
+                    let [is_float, is_labels, is_narrow] = [2, 3, 4].map(|of| kind / 3 == of);
                     let has_invalid = kind / 3 % 2 == 1;
                     let (has_meshes, is_placed) = (kind % 2 == 1, has_invalid);
-                    let variant =
-                        Variant { gather, has_invalid, is_labels, is_float, filter, medium, has_meshes, is_placed };
+                    let own = Variant { has_invalid, is_labels, is_float, is_narrow, filter, ..plain(gather, medium) };
+                    let variant = Variant { has_meshes, is_placed, ..own };
                     all.push((format!("sorted {variant:?}"), sorted(&variant)));
                     all.push((format!("raycast {variant:?}"), raycast(&variant, Stage::Fragment, true)));
                     all.push((format!("raycast compute {variant:?}"), raycast(&variant, COMPUTE, true)));
@@ -605,6 +605,7 @@ mod tests {
             is_labels: i % 4 == 2,
             is_whole: i % 4 == 2,
             is_float: i % 3 == 2,
+            is_narrow: i % 5 == 3,
             adds: i / 2 % 2 == 1,
             has_surfaces,
             has_grid: i % 3 == 1,
@@ -767,7 +768,7 @@ mod tests {
             threshold lean jitter jitter_seed mesh_far gradient_edge first_gradient grid_at first_row adaptive_step adds
             opacity reach flat_depth grid thresholds
             surfaces light_places axes slopes zone_starts planes list_at first_slot per_slot farthest_slots gradient_scale
-            plane_count jitter_phase spare);
+            plane_count jitter_phase slot_codes first_code last_entry counts_per_code spare);
         assert_eq!(layout(module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
         assert_eq!(size_of::<FrameUniform>() % 256, 0, "frames begin where any device can bind them");
         if name.starts_with("sorted") {

@@ -60,15 +60,21 @@ struct Frame {
     zone_starts: array<vec4u, 4>,
     planes: array<vec4f, 14>,
     list_at: vec4u,
-    // Of f32 slots: the number of the table's first value, normalised codes from a number to the next, and the greatest difference.
+    // Of voxels read one by one: the number of the table's first code, how much of the table is between a number and the next, and the greatest
+    // difference.
     first_slot: f32,
     per_slot: f32,
     farthest_slots: f32,
-    // What stored gradients have to be multiplied by to be differences of normalised codes.
+    // What stored gradients have to be multiplied by to be differences of values.
     gradient_scale: f32,
     plane_count: u32,
     jitter_phase: u32,
-    spare: array<f32, 10>,
+    // The codes of a texel of 1; the table's first code, and its last entry; and counts of `opaque_before` from a code to the next.
+    slot_codes: f32,
+    first_code: f32,
+    last_entry: f32,
+    counts_per_code: u32,
+    spare: array<f32, 6>,
 }
 
 // Not a uniform: lavapipe builds those that steer loops into the shader, and compiles it anew whenever the camera moves.

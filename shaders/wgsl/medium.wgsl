@@ -68,7 +68,7 @@ fn shade(lighting: u32, field: Field, ray: Ray, t: f32, color: vec3f, difference
     return lit(lighting, frame.lights, color, is_flat, gradient, to_world(ray.direction), place);
 }
 
-// The running integral of one of four channels up to a code's entry, 64 bits as two words.
+// The running integral of one of four channels up to an entry, 64 bits as two words.
 fn sum_at(entry: u32, channel: u32) -> vec2u {
     return table[FIRST_PLACE + u32(frame.last_place) + 1u + entry * 4u + channel];
 }
@@ -79,10 +79,10 @@ fn left_integral(left: f32) -> f32 {
 
 // What there is of the integral past an entry, on the first `t` of the way to the next.
 fn rest_of(entry: u32, t: f32) -> vec4f {
-    let places = frame.last_place / frame.last_code;
+    let places = frame.last_place / frame.last_entry;
     let a = medium_at(u32(f32(entry) * places + 0.5));
     let b = medium_at(u32((f32(entry) + 1.0) * places + 0.5));
-    // What of the light is left; opacity is linear from code to code.
+    // What of the light is left; opacity is linear from entry to entry.
     let before = exp2(-a.depth);
     let slope = before - exp2(-b.depth);
     var depth = t * min(-log2(max(before - 0.5 * t * slope, 1e-30)), MAX_DEPTH);
@@ -92,10 +92,10 @@ fn rest_of(entry: u32, t: f32) -> vec4f {
     return vec4f(mix(a.color, b.color, 0.5 * t) * depth, depth);
 }
 
-// The integral past the ends of the table between two codes: the medium there is that at the end.
+// The integral past the ends of the table between two places in entries: the medium there is that at the end.
 fn beyond(low: f32, high: f32) -> vec4f {
     let before = max(min(high, 0.0) - low, 0.0);
-    let behind = max(high - max(low, frame.last_code), 0.0);
+    let behind = max(high - max(low, frame.last_entry), 0.0);
     let first = medium_at(0u);
     let last = medium_at(u32(frame.last_place));
     let depths = vec2f(before, behind) * min(vec2f(first.depth, last.depth), vec2f(MAX_DEPTH));
@@ -104,15 +104,15 @@ fn beyond(low: f32, high: f32) -> vec4f {
 
 // The mean medium between two values.
 fn mean_medium(one: f32, other: f32) -> Medium {
-    let least = min(one, other) * frame.last_code;
-    let greatest = max(one, other) * frame.last_code;
+    let least = min(one, other) * frame.last_entry;
+    let greatest = max(one, other) * frame.last_entry;
     if (greatest - least < CLOSE_CODES) {
         return classify(0.5 * (one + other));
     }
-    let low = clamp(least, 0.0, frame.last_code);
-    let high = clamp(greatest, 0.0, frame.last_code);
-    let first = min(floor(low), frame.last_code - 1.0);
-    let last = min(floor(high), frame.last_code - 1.0);
+    let low = clamp(least, 0.0, frame.last_entry);
+    let high = clamp(greatest, 0.0, frame.last_entry);
+    let first = min(floor(low), frame.last_entry - 1.0);
+    let last = min(floor(high), frame.last_entry - 1.0);
     var sums = rest_of(u32(last), high - last) - rest_of(u32(first), low - first);
     if (last > first) {
         for (var channel = 0u; channel < 4u; channel++) {

@@ -1,10 +1,10 @@
 // Whether surfaces can be among codes in a range.
 //
 // How many surfaces a code is past.
-//!import anything frame
+//!import anything counted frame
 fn rank_of_code(code: u32) -> i32 {
-    let first = select(vec4f(0.0), vec4f(1.0), frame.thresholds[0] * frame.last_code <= vec4f(f32(code)));
-    let others = select(vec4f(0.0), vec4f(1.0), frame.thresholds[1] * frame.last_code <= vec4f(f32(code)));
+    let first = select(vec4f(0.0), vec4f(1.0), frame.thresholds[0] * frame.last_code <= vec4f(counted(code)));
+    let others = select(vec4f(0.0), vec4f(1.0), frame.thresholds[1] * frame.last_code <= vec4f(counted(code)));
     return i32(dot(first + others, vec4f(1.0)));
 }
 

@@ -12,6 +12,7 @@ mod list;
 mod looks;
 mod methods;
 mod modes;
+mod narrow;
 mod scenery;
 mod shot;
 mod stage;

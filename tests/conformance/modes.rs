@@ -82,7 +82,7 @@ fn f32_slots_match_the_oracle() {
     agree(&mut stage, &MOST, &all[2..], &Mode::ALL, &transfer, &short);
     for (voxel_type, low) in [(VoxelType::U32, 4294967000.0), (VoxelType::I32, -2147483648.0)] {
         let whole = SlotEncoding::new(voxel_type, voxel_type.limits(), false);
-        let encoding = whole.for_window(Some([low, low + 290.0]), KeptSlots::default());
+        let encoding = whole.for_window(Some(Window::of([low, low + 290.0])), KeptSlots::default());
         let volume = Volume::new([40, 40, 40], 32, uneven(), encoding, |p| (low + 290.0 * waves(p)).round());
         let mut stage = Stage::exact(&[&volume]);
         let transfer = tinted((low, low + 290.0));

@@ -15,7 +15,7 @@ pub(crate) fn wide_codes() -> SlotEncoding {
 
 /// Of f32 slots, with a window from about -1 to 3 of a channel that is far wider, where some voxels have no value.
 pub(crate) fn float_slots() -> SlotEncoding {
-    SlotEncoding::new(VoxelType::F32, (-1e9, 1e9), true).for_window(Some([-1.0, 3.0]), KeptSlots::default())
+    SlotEncoding::new(VoxelType::F32, (-1e9, 1e9), true).for_window(Some(Window::of([-1.0, 3.0])), KeptSlots::default())
 }
 
 /// Waves past both ends of an encoding's range, with outliers as far as its channel goes.

@@ -4,13 +4,12 @@
 use crate::session_error::SessionError;
 use crate::volume_source::VolumeSource;
 use brickyard_pager::{SlotContents, View};
-use brickyard_volume::float_slots::window;
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
     Camera, Clip, Combination, Filter, FrameSettings, KeptSlots, LabelCodes, Lattice, LayerError, LevelPolicy, Mode,
     Needs, Occupancy, Picture, PixelSample, PixelSamples, Placement, Region, Scene, SceneError, SceneLayer, ShownMesh,
     Slice, SlotEncoding, StereoLayout, StoreCounts, Surface, Timeline, TransferFunction, TransferTable, ViewRays,
-    VolumeFrame,
+    VolumeFrame, Window,
 };
 use glam::DVec3;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -274,7 +273,7 @@ fn shown_layers<'a>(volumes: &'a [VolumeSource], scene: &Scene) -> Result<Vec<Sh
         if scene.expression.is_some() && codes.is_some() {
             return Err(refused(LayerError::HashedLabels));
         }
-        let window = window(&function, &layer.isosurfaces);
+        let window = Window::new(&function, &layer.isosurfaces, scene.mode);
         let transfer = function.scaled(layer.opacity);
         let style = if scene.expression.is_some() { layer.clone() } else { layer.written_out(function) };
         let placement = scene.placement(place, &volume.place())?;
@@ -318,7 +317,7 @@ fn hidden_layer(
     // As if it were shown, so that the same slots do when it is. A look that cannot be made is refused then.
     let function = source.function(layer).ok();
     let codes = function.as_ref().and_then(|function| source.label_codes(layer.channel, function).ok().flatten());
-    let window = function.and_then(|function| window(&function, &layer.isosurfaces));
+    let window = function.and_then(|function| Window::new(&function, &layer.isosurfaces, scene.mode));
     let encoding = source.encoding(layer.channel).for_window(window, kept);
     let codes = encoding.is_hashed.then(|| Arc::new(codes.unwrap_or_default()));
     Ok(HiddenLayer { place, volume, encoding, codes, view })
@@ -369,7 +368,7 @@ struct ShownLayer<'a> {
     transfer: TransferFunction,
     codes: Option<LabelCodes>,
     /// The window of its look.
-    window: Option<[f64; 2]>,
+    window: Option<Window>,
 }
 
 impl ShownLayer<'_> {
@@ -420,7 +419,7 @@ impl ShownLayer<'_> {
             channel,
             clip: clip.clone(),
             placement,
-            appearance: appearance(&table, &transfer, scene, &style, &meshes),
+            appearance: appearance((&table, &encoding), &transfer, scene, &style, &meshes),
             window: None,
         };
         let settings = FrameSettings {
@@ -482,7 +481,7 @@ fn opaque_bins(
 
 /// A number of all in a picture that decides which bricks hide others.
 fn appearance(
-    table: &TransferTable,
+    (table, encoding): (&TransferTable, &SlotEncoding),
     transfer: &TransferFunction,
     scene: &Scene,
     style: &SceneLayer,
@@ -495,6 +494,7 @@ fn appearance(
         [surface.value, surface.opacity].map(f64::to_bits).hash(&mut hasher);
     }
     table.unit_distance.to_bits().hash(&mut hasher);
+    encoding.table_values().map(f64::to_bits).hash(&mut hasher);
     table.entries.iter().for_each(|entry| entry[3].to_bits().hash(&mut hasher));
     transfer.gradient_opacity.as_flattened().iter().for_each(|number| number.to_bits().hash(&mut hasher));
     for Region { shape, value, gradient, color: _, opacity } in &transfer.regions {

@@ -199,7 +199,7 @@ impl Session {
         };
         for (i, tables) in self.tables.iter().enumerate() {
             let layers = (0..scene.layers.len()).filter(|&layer| scene.store(layer) == i);
-            tables.expect(layers.map(|layer| &scene.layers[layer]), scene.sampling.method.is_pre_integrated());
+            tables.expect(layers.map(|layer| &scene.layers[layer]), scene);
         }
         let slots = |place, volume| self.fit.as_ref().and_then(|fit| fit.slots_of(place, volume));
         let kept = |place, volume| slots(place, volume).map_or_else(KeptSlots::default, |slots| kept(slots.floats));

@@ -6,8 +6,7 @@
 use crate::fit::Fit;
 use crate::resolve::ResolvedScene;
 use crate::volume_source::VolumeSource;
-use brickyard_volume::float_slots::window;
-use brickyard_volume::{KeptSlots, Picture, Scene};
+use brickyard_volume::{KeptSlots, Picture, Scene, Window};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -24,7 +23,7 @@ pub(crate) struct SlotChange {
 /// A change that is put off.
 struct PutOff {
     /// Which layers ask for other slots, by their places, and their windows.
-    asked: Vec<(usize, Option<[f64; 2]>)>,
+    asked: Vec<(usize, Option<Window>)>,
     /// Since when they do.
     since: Duration,
     /// The last step meanwhile.
@@ -102,7 +101,7 @@ impl SlotChange {
 
 /// The place and window of a layer that asks for other slots than the fit has for it; `None` if it asks for none, or if those of the fit
 /// cannot show it at all.
-fn asked(fit: &Fit, volumes: &[VolumeSource], scene: &Scene, place: usize) -> Option<(usize, Option<[f64; 2]>)> {
+fn asked(fit: &Fit, volumes: &[VolumeSource], scene: &Scene, place: usize) -> Option<(usize, Option<Window>)> {
     let layer = &*scene.look(place);
     let volume = scene.store(place);
     let slots = fit.slots_of(place, volume)?;
@@ -111,7 +110,7 @@ fn asked(fit: &Fit, volumes: &[VolumeSource], scene: &Scene, place: usize) -> Op
     if scene.expression.is_some() || channel.in_slots(slots.floats) != slots {
         return None;
     }
-    let window = window(&volumes[volume].function(layer).ok()?, &layer.isosurfaces);
+    let window = Window::new(&volumes[volume].function(layer).ok()?, &layer.isosurfaces, scene.mode);
     let wanted = channel.for_window(window, KeptSlots::replaceable(slots.floats));
     (wanted.of_slots() != slots).then_some((place, window))
 }

@@ -2,8 +2,9 @@
 //! that by a thread, so that what is drawn meanwhile does not wait: for 16-bit codes table and running integrals take some
 //! milliseconds.
 
-use brickyard_volume::float_slots::window;
-use brickyard_volume::{Isosurface, KeptSlots, SceneLayer, SlotEncoding, TransferFunction, TransferTable};
+use brickyard_volume::{
+    Isosurface, KeptSlots, Mode, Scene, SceneLayer, SlotEncoding, TransferFunction, TransferTable, Window,
+};
 use crossbeam_channel::{Receiver, Sender, unbounded};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
@@ -29,8 +30,9 @@ struct Kept {
     /// How many are in use at once, and whether running integrals will be wanted of them.
     layers: usize,
     has_integrals: bool,
-    /// The isosurfaces of those layers.
+    /// The isosurfaces of those layers, and the mode in which they are shown.
     isosurfaces: Vec<Isosurface>,
+    mode: Mode,
     /// The encoding that was used last; `None` before the first table.
     encoding: Option<SlotEncoding>,
 }
@@ -73,11 +75,11 @@ impl VolumeTables {
         &self.tables[self.of_channel[channel as usize]]
     }
 
-    /// Says which layers of the next scene show the volume, and whether their tables need running integrals.
-    pub(crate) fn expect<'a>(&self, layers: impl Iterator<Item = &'a SceneLayer> + Clone, has_integrals: bool) {
+    /// Says which layers of the next scene show the volume.
+    pub(crate) fn expect<'a>(&self, layers: impl Iterator<Item = &'a SceneLayer> + Clone, scene: &Scene) {
         for (i, tables) in self.tables.iter().enumerate() {
             let is_its_own = |layer: &&SceneLayer| self.of_channel.get(layer.channel as usize) == Some(&i);
-            tables.expect(layers.clone().filter(is_its_own), has_integrals);
+            tables.expect(layers.clone().filter(is_its_own), scene);
         }
     }
 
@@ -97,10 +99,11 @@ impl Tables {
         Self { encoding, slots_stay: false, kept: Default::default(), wanted: OnceLock::new() }
     }
 
-    /// Says in which layers the next scene shows the volume, and whether their tables need running integrals.
-    pub(crate) fn expect<'a>(&self, layers: impl Iterator<Item = &'a SceneLayer> + Clone, has_integrals: bool) {
+    /// Says in which layers the next scene shows the volume.
+    pub(crate) fn expect<'a>(&self, layers: impl Iterator<Item = &'a SceneLayer> + Clone, scene: &Scene) {
         let mut kept = lock(&self.kept);
-        (kept.layers, kept.has_integrals) = (layers.clone().count(), has_integrals);
+        (kept.layers, kept.mode) = (layers.clone().count(), scene.mode);
+        kept.has_integrals = scene.sampling.method.is_pre_integrated();
         kept.isosurfaces = layers.flat_map(|layer| &layer.isosurfaces).copied().collect();
     }
 
@@ -111,7 +114,7 @@ impl Tables {
             Some(encoding) if self.slots_stay => KeptSlots::fixed(encoding.floats),
             encoding => KeptSlots::replaceable(encoding.and_then(|encoding| encoding.floats)),
         };
-        let encoding = self.encoding.for_window(window(transfer, &kept.isosurfaces), slots);
+        let encoding = self.encoding.for_window(Window::new(transfer, &kept.isosurfaces, kept.mode), slots);
         Wanted { transfer: transfer.clone(), encoding }
     }
 
@@ -204,8 +207,11 @@ mod tests {
         let encoding = SlotEncoding::new(VoxelType::I16, (-100.0, 300.0), false);
         let tables = Tables::new(encoding);
         let layers = [SceneLayer::default(), SceneLayer::default()];
-        tables.expect(layers.iter(), true);
-        let table = |transfer: &TransferFunction| tables.table(transfer, &encoding);
+        tables.expect(layers.iter(), &Scene::default());
+        let encoding = |transfer: &TransferFunction| {
+            encoding.for_window(Window::new(transfer, &[], Mode::default()), KeptSlots::default())
+        };
+        let table = |transfer: &TransferFunction| tables.table(transfer, &encoding(transfer));
         let [now, next] = [0.3, 0.6].map(function);
         let other = table(&function(0.1));
         let first = table(&now);
@@ -217,7 +223,7 @@ mod tests {
         assert!(tables.is_prepared(&now), "what is shown meanwhile stays");
         let ahead = table(&next);
         assert!(Arc::ptr_eq(&ahead, &table(&next)));
-        assert_eq!(*ahead, TransferTable::new(&next, &encoding));
+        assert_eq!(*ahead, TransferTable::new(&next, &encoding(&next)));
         assert_ne!(*ahead, *first);
     }
 

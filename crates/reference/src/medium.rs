@@ -46,7 +46,7 @@ impl Field<'_> {
         let mut alone = LayerMedium::default();
         for part in self.parts(piece) {
             let medium = match (integrals, part.ends) {
-                (Some(integrals), Some([from, to])) => integrals.between(self.code(from), self.code(to)),
+                (Some(integrals), Some([from, to])) => integrals.between(self.entry(from), self.entry(to)),
                 _ => {
                     let [r, g, b, alpha] = transfer.at(part.value, self.own_gradient(part.differences).length());
                     Medium { rgb: [r, g, b], depth: -(1.0 - alpha).log2() }
@@ -64,8 +64,9 @@ impl Field<'_> {
         self.lighting.shade(color, self.normal(differences), direction, origin + direction * t)
     }
 
-    fn code(&self, value: f64) -> f64 {
-        self.frame.encoding.unorm(value) * self.frame.encoding.format.max_code() as f64
+    /// Where in the transfer table a value is, in entries.
+    fn entry(&self, value: f64) -> f64 {
+        self.frame.encoding.place(value) * self.frame.table.last_entry() as f64
     }
 
     /// The parts of a segment; none where there is no value.
@@ -78,7 +79,7 @@ impl Field<'_> {
         // Where only one end has a value, it stands for the other.
         let ends = [self.value(a), self.value(segment.end)];
         let [Some(from), Some(to)] = [ends[0].or(ends[1]), ends[1].or(ends[0])] else { return Vec::new() };
-        let difference = (self.frame.encoding.unorm(to) - self.frame.encoding.unorm(from)).abs();
+        let difference = (self.frame.encoding.place(to) - self.frame.encoding.place(from)).abs();
         let count = self.frame.sampling.parts(difference / self.frame.table.adaptive_step());
         let part = |i: usize| Segment {
             start: a + length * i as f64 / count as f64,

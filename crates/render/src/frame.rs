@@ -9,7 +9,7 @@ use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::macrocells::per_axis;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    Blend, Clip, ClipPlane, FrameSettings, Jitter, LightingModel, MAX_PLANES, Mode, Pyramid, VoxelBox,
+    Blend, Clip, ClipPlane, FrameSettings, Jitter, LightingModel, MAX_PLANES, Mode, Pyramid, SlotEncoding, VoxelBox,
 };
 use glam::{DVec2, DVec3};
 
@@ -18,6 +18,8 @@ use glam::{DVec2, DVec3};
 pub(crate) struct TableInUse {
     /// The value of a running integral that a one in its low word stands for.
     pub(crate) sum_unit: f32,
+    /// Counts of opaque places from a code to the next.
+    pub(crate) counts_per_code: u32,
     /// Where the jitter mask begins, in places of 8 bytes.
     pub(crate) mask_at: u32,
     /// Where the entries over values and gradients begin, in places of 8 bytes.
@@ -89,6 +91,7 @@ pub(crate) fn frame_uniform(
         Jitter::White(seed) => (1, seed),
         Jitter::Blue => (2, table.mask_at),
     };
+    let [first_slot, per_slot, farthest_slots] = slots(&frame.encoding);
     FrameUniform {
         eye: single(eye),
         step: frame.lattice.step as f32,
@@ -105,7 +108,7 @@ pub(crate) fn frame_uniform(
         clip_w: single(world(rays.forward)),
         per_unit_distance: 1.0 / frame.table.unit_distance,
         extent: single(extent),
-        last_code: frame.encoding.format.max_code() as f32,
+        last_code: frame.encoding.span_codes() as f32,
         spacing: single(spacing),
         orthographic: rays.orthographic as u32,
         texel: atlas.plan.size().map(|n| (1.0 / n as f64) as f32),
@@ -113,7 +116,7 @@ pub(crate) fn frame_uniform(
         background: frame.background,
         tree_depth: splits(pyramid).len() as u32,
         size_px: [rays.width as f32, rays.height as f32],
-        last_place: last_place(frame.encoding.format) as f32,
+        last_place: last_place(&frame.table, frame.encoding.format) as f32,
         sum_unit: table.sum_unit,
         root_size: root_size(pyramid).map(|n| n as f32),
         macro_cells: per_axis(pyramid.edge() as usize) as u32,
@@ -145,23 +148,39 @@ pub(crate) fn frame_uniform(
         zone_starts: frame.lattice.zone_starts,
         planes: planes(frame),
         list_at: [0; 4],
-        first_slot: frame.encoding.first_slot(),
-        per_slot: (1.0 / (frame.encoding.high - frame.encoding.low)) as f32,
-        farthest_slots: frame.encoding.farthest_slots(),
-        gradient_scale: frame.encoding.gradient_scale() as f32,
+        first_slot,
+        per_slot,
+        farthest_slots,
+        gradient_scale: (frame.encoding.gradient_scale() / frame.encoding.span_codes()) as f32,
         plane_count: clip_planes(frame).len() as u32,
         jitter_phase: frame.lattice.phase.into(),
-        spare: [0.0; 10],
+        slot_codes: frame.encoding.format.max_code() as f32,
+        first_code: frame.encoding.first_code() as f32,
+        last_entry: frame.table.last_entry() as f32,
+        counts_per_code: table.counts_per_code,
+        spare: [0.0; 6],
     }
 }
 
-/// The code at which each surface begins, and each one's colour and opacity.
+/// The number in slots that stands for the table's first value, how much of the table is between two numbers, and the greatest difference from the
+/// first that is told from greater ones.
+fn slots(encoding: &SlotEncoding) -> [f32; 3] {
+    match encoding.floats {
+        None => [encoding.first_code() as f32, (1.0 / encoding.span_codes()) as f32, encoding.format.max_code() as f32],
+        Some(_) => {
+            let per_slot = 1.0 / (encoding.high - encoding.low);
+            [encoding.first_slot(), per_slot as f32, encoding.farthest_slots()]
+        }
+    }
+}
+
+/// Where in the table each surface begins, and each one's colour and opacity.
 fn surfaces(frame: &FrameSettings) -> ([[f32; 4]; 2], [[f32; 4]; MAX_SURFACES]) {
     // No code is past what there is not.
     let (mut thresholds, mut looks) = ([[1e30; 4]; 2], [[0.0; 4]; MAX_SURFACES]);
     for (i, surface) in frame.surfaces.iter().enumerate().take(MAX_SURFACES) {
         let [r, g, b] = surface.color;
-        thresholds[i / 4][i % 4] = frame.encoding.unorm(surface.threshold) as f32;
+        thresholds[i / 4][i % 4] = frame.encoding.place(surface.threshold) as f32;
         looks[i] = [r, g, b, surface.opacity];
     }
     (thresholds, looks)
@@ -170,8 +189,8 @@ fn surfaces(frame: &FrameSettings) -> ([[f32; 4]; 2], [[f32; 4]; MAX_SURFACES]) 
 /// Where values and gradients are in the table of both.
 fn grid(frame: &FrameSettings) -> [f32; 4] {
     let Some(grid) = frame.grid() else { return [0.0; 4] };
-    // Differences are across two voxels, of normalised codes.
-    let gradient = 0.5 * (frame.encoding.high - frame.encoding.low);
+    // Differences are across two voxels, and 1 is the whole table.
+    let gradient = 0.5 * frame.encoding.code_width() * frame.encoding.span_codes();
     let columns = (grid.columns_per_gradient as f64 * gradient) as f32;
     [grid.first_code, grid.rows_per_code, columns, (grid.rows() - 1) as f32]
 }

@@ -161,7 +161,7 @@ fn expression(
             false => expression.wgsl(framed.len()),
         },
         first_place,
-        last_place: last_place(COMBINED),
+        last_place: last_place(&combination.table, COMBINED),
         values: value_bits(&combination.encoding),
     })
 }
@@ -175,7 +175,7 @@ fn joint(
     let settings = framed[0].settings;
     let shader = |framed: &Framed<'_>| {
         let layer = &layers[framed.number];
-        layer.shader(framed, pools[layer.pool].ranges)
+        layer.shader(framed, pools[layer.pool].ranges, expression.is_some())
     };
     JointVariant {
         medium: medium_of(

@@ -31,7 +31,7 @@ pub(crate) struct GpuLayer {
 
 impl GpuLayer {
     pub(crate) fn new(needs: VolumeNeeds, pool: usize, parts: Parts) -> Self {
-        let opaque = OpaqueCodes::new(&TransferTable::from_entries(Vec::new(), 1.0));
+        let opaque = OpaqueCodes::new(&TransferTable::from_entries(vec![[0.0; 4]; 2], 1.0));
         Self { needs, pool, parts, table: None, sum_unit: 0.0, opaque }
     }
 
@@ -51,8 +51,9 @@ impl GpuLayer {
         if !given.satisfy(&asked) {
             return Err(GpuError::Mismatch(format!("a frame of {asked:?}: this renderer's bricks have {given:?}")));
         }
-        let (entries, found) = (needs.encoding.format.max_code() as usize + 1, frame.table.entries.len());
-        if found != entries {
+        let (found, per_code) = (frame.table.entries.len(), frame.table.entries_per_code);
+        let entries = frame.encoding.span_codes() as usize * per_code + 1;
+        if found != entries || found > TransferTable::most_entries(needs.encoding.format) {
             return Err(GpuError::Mismatch(format!("transfer table of {found} entries: expected {entries}")));
         }
         Ok(())
@@ -88,15 +89,17 @@ impl GpuLayer {
     /// Makes the uniform of a frame of this layer, whose bricks are in `pool`.
     pub(crate) fn uniform(&self, framed: &Framed<'_>, pool: &Pool, composite: TextureFormat) -> FrameUniform {
         let room = self.room();
-        let table = TableInUse { sum_unit: self.sum_unit, mask_at: room.mask_at(), grid_at: room.grid_at() };
+        let (mask_at, grid_at) = (room.mask_at(), room.grid_at());
+        let counts_per_code = self.opaque.places_per_code().into();
+        let table = TableInUse { sum_unit: self.sum_unit, counts_per_code, mask_at, grid_at };
         // Sums of half floats have to stay finite.
         let most_depth = if composite == TextureFormat::Rgba32Float { 1e30 } else { 1024.0 };
         frame_uniform(framed, (&pool.atlas, pool.apron()), table, most_depth)
     }
 
-    /// Describes this layer in a frame for a shader of several layers. `ranges` is the part with the macro-cells of the
-    /// layer's pool.
-    pub(crate) fn shader(&self, framed: &Framed<'_>, ranges: Part) -> LayerShader {
+    /// Describes this layer in a frame for a shader of several layers, with or without an expression over them. `ranges` is the part with the
+    /// macro-cells of the layer's pool.
+    pub(crate) fn shader(&self, framed: &Framed<'_>, ranges: Part, has_expression: bool) -> LayerShader {
         let Parts { table, counts, .. } = self.parts;
         LayerShader {
             pool: self.pool as u32,
@@ -104,6 +107,7 @@ impl GpuLayer {
             is_labels: self.needs.encoding.is_labels,
             is_whole: framed.settings.has_whole_values(),
             is_float: self.needs.encoding.format == SlotFormat::F32,
+            is_narrow: !framed.settings.encoding.has_whole_table(),
             adds: framed.blend == Blend::Add,
             has_surfaces: !framed.settings.surfaces.is_empty(),
             has_grid: framed.settings.grid().is_some(),
@@ -112,13 +116,13 @@ impl GpuLayer {
                 place: table.first(size_of::<[u32; 2]>()),
                 count: counts.first(size_of::<u32>()),
             },
-            values: value_bits(&framed.settings.encoding),
+            values: if has_expression { value_bits(&framed.settings.encoding) } else { [0; 2] },
         }
     }
 }
 
-/// Returns the bits, as f32, of the value of code 0 and of the difference between the values of the last code and code
-/// 0.
+/// Returns the bits, as f32, of the value of the transfer table's first entry and of the difference from it to the value of the last.
 pub(crate) fn value_bits(encoding: &SlotEncoding) -> [u32; 2] {
-    [encoding.low, encoding.high - encoding.low].map(|value| (value as f32).to_bits())
+    let [low, high] = encoding.table_values();
+    [low, high - low].map(|value| (value as f32).to_bits())
 }

@@ -8,7 +8,7 @@ use crate::transfer_table::{COMBINED, TableCapacity};
 use crate::upload::{MAX_BATCH, staging_bytes};
 use brickyard_pager::{BudgetRequest, VolumeNeeds, pools, share};
 use brickyard_shaders::{CellBrick, CellInstance, FrameUniform, MeshLook, MeshVertex};
-use brickyard_volume::{MeshCapacity, SlotFormat};
+use brickyard_volume::{MeshCapacity, OpaqueCodes, SlotFormat};
 use wgpu::TextureFormat;
 
 /// Most bricks of cells, of all layers together, that `sorted` draws per submission. Longer draw lists take several
@@ -88,7 +88,7 @@ impl RaycastPlan {
 
 /// Returns the bytes of a layer's counts of opaque table entries.
 pub(crate) fn opaque_bytes(codes: SlotFormat) -> u64 {
-    (codes.max_code() as u64 + 2) * 4
+    OpaqueCodes::most(codes) as u64 * 4
 }
 
 /// What a plan is made for.

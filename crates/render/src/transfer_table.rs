@@ -1,5 +1,5 @@
 //! The transfer table as the GPU has it: places so close that the nearest one will do, where the volume crate's table has
-//! one entry per code and is interpolated. A sample then costs one load of 8 bytes, and one power less: opacity is stored as
+//! entries and is interpolated. A sample then costs one load of 8 bytes, and one power less: opacity is stored as
 //! the depth that an exponential takes.
 
 use brickyard_volume::compositing::OPAQUE;
@@ -28,18 +28,23 @@ const PLACE_BYTES: u64 = size_of::<[u32; 2]>() as u64;
 /// The format of the codes of an expression's transfer table.
 pub(crate) const COMBINED: SlotFormat = SlotFormat::U16;
 
-/// Places from one code to the next. Where a table of 8-bit codes jumps from clear to opaque within a code, the nearest of 64
-/// is off by less than 2/255 in one sample; 16-bit codes are as close as that already.
-fn places_per_code(codes: SlotFormat) -> u32 {
+/// The most places of a transfer table behind the first. Of all 8-bit codes there are 64 from one to the next: where a table jumps from clear to
+/// opaque within a code, the nearest is off by less than 2/255 in one sample; 16-bit codes are as close as that already.
+fn most_places(codes: SlotFormat) -> u32 {
     match codes {
-        SlotFormat::U8 => 64,
-        SlotFormat::U16 | SlotFormat::F32 => 1,
+        SlotFormat::U8 => 255 * 64,
+        SlotFormat::U16 | SlotFormat::F32 => 65535,
     }
 }
 
-/// Returns the index of the last place of a transfer table for these codes.
-pub(crate) fn last_place(codes: SlotFormat) -> u32 {
-    codes.max_code() * places_per_code(codes)
+/// Returns the index of the last place of a transfer table: a whole number of places for each of its entries.
+pub(crate) fn last_place(table: &TransferTable, codes: SlotFormat) -> u32 {
+    let last = table.last_entry() as u32;
+    last * places_per_entry(last, codes)
+}
+
+fn places_per_entry(last_entry: u32, codes: SlotFormat) -> u32 {
+    (most_places(codes) / last_entry).max(1)
 }
 
 /// Channels of running integrals: three of colour, and depth.
@@ -70,8 +75,7 @@ impl TableCapacity {
 
     /// Returns the bytes of the buffer.
     pub(crate) fn bytes(&self) -> u64 {
-        let rows = TransferGrid::most_rows(self.codes.max_code() + 1);
-        let entries = if self.has_grid { rows * TransferGrid::COLUMNS } else { 0 };
+        let entries = if self.has_grid { TransferGrid::MOST_ROWS * TransferGrid::COLUMNS } else { 0 };
         (self.grid_at() as u64 + entries as u64) * PLACE_BYTES
     }
 
@@ -82,8 +86,8 @@ impl TableCapacity {
 
     /// Returns where the jitter mask begins, in places of 8 bytes.
     pub(crate) fn mask_at(&self) -> u32 {
-        let sums = if self.has_integrals { (self.codes.max_code() as u64 + 1) * CHANNELS } else { 0 };
-        last_place(self.codes) + 1 + sums as u32
+        let sums = if self.has_integrals { TransferTable::most_entries(self.codes) as u64 * CHANNELS } else { 0 };
+        most_places(self.codes) + 1 + sums as u32
     }
 
     /// Returns where the entries over values and gradients begin, in places of 8 bytes.
@@ -95,7 +99,7 @@ impl TableCapacity {
 /// The contents of the buffer of a transfer table.
 #[derive(Debug)]
 pub(crate) struct Words {
-    /// The words of the buffer in pairs: places; for each code the low and high word of each running integral; the
+    /// The words of the buffer in pairs: places; for each entry the low and high word of each running integral; room that is left; the
     /// jitter mask, one byte per threshold; entries over values and gradients, colour and opacity.
     pub(crate) words: Vec<[u32; 2]>,
     /// The value of a running integral that a one in its low word stands for.
@@ -116,6 +120,7 @@ pub(crate) fn words(table: &TransferTable, room: TableCapacity, holds: Places) -
             words.push([count as u32, (count >> 32) as u32]);
         }
     }
+    words.resize(room.mask_at() as usize, [0; 2]);
     words.extend(mask());
     if let Some(grid) = table.grid.as_ref().filter(|_| room.has_grid) {
         words.extend(grid.entries.iter().map(|&[r, g, b, alpha]| [pack_color([r, g, b]), alpha.to_bits()]));
@@ -131,16 +136,16 @@ fn mask() -> impl Iterator<Item = [u32; 2]> {
 
 /// Makes the places of a transfer table.
 pub(crate) fn places(table: &TransferTable, codes: SlotFormat, holds: Places) -> Vec<[u32; 2]> {
-    let last = last_place(codes);
+    let last = last_place(table, codes);
     let medium = |[r, g, b, alpha]: [f32; 4]| {
         let depth = (-(1.0 - alpha as f64).log2()).min(OPAQUE) as f32;
         [pack_color([r, g, b]), depth.to_bits()]
     };
-    let per_code = places_per_code(codes);
+    let per_entry = places_per_entry(table.last_entry() as u32, codes);
     let place = |i: u32| match holds {
         Places::Media => medium(table.lookup(i as f32 / last as f32)),
-        // A code's own entry as it is.
-        Places::Colors if i.is_multiple_of(per_code) => pack_exactly(table.entries[(i / per_code) as usize]),
+        // An entry as it is.
+        Places::Colors if i.is_multiple_of(per_entry) => pack_exactly(table.entries[(i / per_entry) as usize]),
         Places::Colors => pack_exactly(table.lookup(i as f32 / last as f32)),
     };
     (0..=last).map(place).collect()
@@ -171,13 +176,13 @@ mod tests {
             let table = TransferTable::from_entries(entries.map(|t| [t, 1.0 - t, t * t, t]).collect(), 1.0);
             let colors = places(&table, codes, Places::Colors);
             let places = places(&table, codes, Places::Media);
-            assert_eq!(places.len() as u32 - 1, last_place(codes));
+            assert_eq!(places.len() as u32 - 1, most_places(codes), "one entry a code");
             for has_integrals in [false, true] {
                 let room = TableCapacity { codes, has_integrals, has_grid: false };
                 assert_eq!(words(&table, room, Places::Media).words.len() as u64 * 8, room.bytes());
             }
             for (i, ([color, depth], exact)) in places.iter().zip(&colors).enumerate() {
-                let [r, g, b, alpha] = table.lookup(i as f32 / last_place(codes) as f32);
+                let [r, g, b, alpha] = table.lookup(i as f32 / most_places(codes) as f32);
                 let unpacked = [color & 2047, color >> 11 & 2047, color >> 22].map(|c| c as f32);
                 // Half a step of each component's bits.
                 assert!((unpacked[0] / 2047.0 - r).abs() < 0.0003 && (unpacked[1] / 2047.0 - g).abs() < 0.0003);
@@ -207,7 +212,7 @@ mod tests {
             let table = TransferTable::new(&transfer, &encoding);
             let room = TableCapacity { codes: encoding.format, has_integrals: true, has_grid: true };
             let words = words(&table, room, Places::Media).words;
-            assert_eq!(words.len() as u64 * 8, room.bytes(), "values of all codes fill it");
+            assert!(words.len() as u64 * 8 <= room.bytes(), "{voxel_type}");
             let (entries, grid) = (&words[room.grid_at() as usize..], table.grid.unwrap());
             for (word, entry) in entries.iter().zip(&grid.entries) {
                 assert_eq!([word[0], word[1]], [pack_color([1.0; 3]), entry[3].to_bits()]);

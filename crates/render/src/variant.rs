@@ -98,7 +98,15 @@ pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
     };
     let has_meshes = !frame.meshes.is_empty();
     let SlotEncoding { has_invalid, is_labels, format, .. } = frame.encoding;
-    let (is_float, is_placed) = (format == SlotFormat::F32, !frame.placement.is_identity());
-    let filter = filter_of(frame.sampling);
-    Variant { gather, has_invalid, is_labels, is_float, filter, medium, has_meshes, is_placed }
+    Variant {
+        gather,
+        has_invalid,
+        is_labels,
+        is_float: format == SlotFormat::F32,
+        is_narrow: !frame.encoding.has_whole_table(),
+        filter: filter_of(frame.sampling),
+        medium,
+        has_meshes,
+        is_placed: !frame.placement.is_identity(),
+    }
 }

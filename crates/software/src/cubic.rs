@@ -40,7 +40,7 @@ impl Brick<'_> {
         for k in 0..4 {
             for j in 0..4 {
                 let row = ((z + k - 1) * n + y + j - 1) * n + x - 1;
-                let (codes, has_value) = self.row::<C>(row);
+                let (codes, has_value) = self.row::<C, INVALID>(row);
                 let weight = wx * (wy[j] * wz[k]);
                 sum += codes * weight;
                 if INVALID {
@@ -53,12 +53,12 @@ impl Brick<'_> {
 
     /// Four neighbouring codes, or differences that become codes, and which of the voxels have a value.
     #[inline(always)]
-    fn row<C: Code>(&self, first: usize) -> (Vec4, BVec4A) {
+    fn row<C: Code, const INVALID: bool>(&self, first: usize) -> (Vec4, BVec4A) {
         let codes = &self.codes()[first * C::BYTES..][..4 * C::BYTES];
         // SAFETY: there are four codes.
         let [low, high] = unsafe { [C::pair(codes.as_ptr()), C::pair(codes.as_ptr().add(2 * C::BYTES))] };
         let [a, b, c, d] =
-            [C::near(low), C::far(low), C::near(high), C::far(high)].map(|code| C::part(code, self.map()));
+            [C::near(low), C::far(low), C::near(high), C::far(high)].map(|code| C::part::<INVALID>(code, self.map()));
         (Vec4::new(a.0, b.0, c.0, d.0), BVec4A::new(a.1, b.1, c.1, d.1))
     }
 }

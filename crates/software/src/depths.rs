@@ -2,8 +2,8 @@
 //! colour that it adds.
 //!
 //! A segment has as much more as it is longer, so one table is for segments of any length. Between its entries it is linear, where what
-//! it stands for is nearly so; the samples of other places are computed one by one. For 8-bit codes there are two entries a code, and for
-//! 16-bit ones one for 15 codes: tables of several layers then fit into the second-level cache, which tables of every code do not. A frame's
+//! it stands for is nearly so; the samples of other places are computed one by one. For 256 entries of the transfer table there are two each, and
+//! for 65,536 one for 15: tables of several layers then fit into the second-level cache, which tables of every code do not. A frame's
 //! table is made in some microseconds, and in a third of a millisecond for 16-bit codes.
 
 use crate::mixture::{Mixed, OPAQUE};
@@ -34,29 +34,32 @@ pub(crate) struct DepthTable {
     limit: f32,
 }
 
-/// How many pieces of a table are how many of a transfer table whose last entry this is: 15 divides 65,535.
+/// The most pieces that a table is cut into: 15 codes are one of 65,535.
+const MOST: usize = 0xffff / 15;
+
+/// How many pieces of a table are how many of a transfer table whose last entry this is.
 const fn pieces(last: usize) -> (usize, usize) {
-    if last == 0xffff { (1, 15) } else { (2, 1) }
+    if 2 * last <= MOST { (2, 1) } else { (1, last.div_ceil(MOST)) }
 }
 
-/// Bytes of a table for codes of this format.
+/// The most bytes of a table for codes of this format.
 pub(crate) const fn bytes(format: SlotFormat) -> usize {
-    let last = format.max_code() as usize;
-    let (own, theirs) = pieces(last);
-    (last * own / theirs + 1) * (size_of::<Vec4>() + size_of::<bool>())
+    let last = TransferTable::most_entries(format) - 1;
+    let count = if last < MOST { last } else { MOST };
+    (count + 1) * (size_of::<Vec4>() + size_of::<bool>())
 }
 
 impl DepthTable {
     /// The table of a layer that joins others by this blend.
-    pub(crate) fn new(table: &TransferTable, format: SlotFormat, blend: Blend) -> Self {
-        let (codes, last) = (&table.entries, table.entries.len() - 1);
+    pub(crate) fn new(table: &TransferTable, blend: Blend) -> Self {
+        let (codes, last) = (&table.entries, table.last_entry());
         let (own, theirs) = pieces(last);
         let stride = theirs as f32 / own as f32;
         let at = |position: f32| {
             let code = (position as usize).min(last - 1);
-            Vec4::from_array(codes[code]).lerp(Vec4::from_array(codes[code + 1]), position - code as f32)
+            Vec4::from_array(codes[code]).lerp(Vec4::from_array(codes[code + 1]), (position - code as f32).min(1.0))
         };
-        let count = last * own / theirs;
+        let count = (last * own).div_ceil(theirs);
         let entries: Box<[Vec4]> = (0..=count).map(|i| unit(blend, at(i as f32 * stride))).collect();
         let bends = |i: usize| {
             let (start, first, next) = (i as f32 * stride, at(i as f32 * stride), at((i + 1) as f32 * stride));
@@ -71,12 +74,14 @@ impl DepthTable {
             !(is_linear && (1..theirs).all(is_straight))
         };
         let bends: Box<[bool]> = (0..count).map(bends).collect();
-        let shows = |i: &usize| codes[i * theirs / own..=((i + 1) * theirs).div_ceil(own)].iter().any(|e| e[3] > 0.0);
+        let shows = |i: &usize| {
+            codes[i * theirs / own..=((i + 1) * theirs).div_ceil(own).min(last)].iter().any(|entry| entry[3] > 0.0)
+        };
         let visible = [(0..count).find(shows).unwrap_or(count), (0..count).rev().find(shows).unwrap_or(0)];
         Self {
             blend,
             has_bends: bends.contains(&true),
-            per_code: last as f32 / (format.max_code() as f32 * stride),
+            per_code: table.entries_per_code as f32 / stride,
             limit: ((entries.len() - 1) as f32).next_down(),
             visible: visible.map(|i| i as i32),
             entries,
@@ -178,7 +183,7 @@ mod tests {
             };
             let table = TransferTable::new(&transfer, &encoding);
             let max = encoding.format.max_code();
-            let (depths, mut bent) = (DepthTable::new(&table, encoding.format, blend), 0);
+            let (depths, mut bent) = (DepthTable::new(&table, blend), 0);
             for i in 0..=1000 {
                 let code = max as f32 * i as f32 / 1000.0;
                 let mut places = Places::EMPTY;

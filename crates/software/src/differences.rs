@@ -173,8 +173,8 @@ impl Brick<'_> {
             pair[i] = unsafe { C::pair(first.offset((voxel[i] as isize + at) * C::BYTES as isize)) };
         }
         for i in 0..LANES {
-            let (a, has_a) = C::part(C::near(pair[i]), map);
-            let (b, has_b) = C::part(C::far(pair[i]), map);
+            let (a, has_a) = C::part::<INVALID>(C::near(pair[i]), map);
+            let (b, has_b) = C::part::<INVALID>(C::far(pair[i]), map);
             (near[i], far[i]) = (a, b);
             if INVALID {
                 let is_near = !C::IS_FLOAT | ((a.abs() < map.farthest) & (b.abs() < map.farthest));
@@ -250,14 +250,14 @@ impl Brick<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{Code8, Code16, Float32, FloatMap};
+    use crate::sample::{Code8, Code16, CodeMap, Float32};
     use brickyard_volume::slot_encoding::INVALID_SLOT;
 
     const PADDED: usize = 7;
 
     /// Differences from shared voxels and from six samples, of noise, at places all over a brick.
     fn both<C: Code>() {
-        let map = FloatMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
+        let map = CodeMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
         let mut state = 7u32;
         let mut noise = || {
             state = state.wrapping_mul(1664525).wrapping_add(1013904223);
@@ -294,7 +294,7 @@ mod tests {
 
     #[test]
     fn voxels_without_a_value_are_left_out_as_by_six_samples() {
-        let map = FloatMap { first: 1e6, per_number: 64.0, farthest: 900.0 };
+        let map = CodeMap { first: 1e6, per_number: 64.0, farthest: 900.0 };
         let mut state = 9u32;
         let mut noise = || {
             state = state.wrapping_mul(1664525).wrapping_add(1013904223);
@@ -325,7 +325,7 @@ mod tests {
 
     #[test]
     fn places_outside_are_moved_in() {
-        let map = FloatMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
+        let map = CodeMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
         let codes: Vec<u8> = (0..PADDED.pow(3)).map(|i| (i % PADDED * 9 + i / PADDED % PADDED * 4) as u8).collect();
         let brick = Brick::new::<Code8>(&codes, PADDED as u32, map);
         let far = [-1e9, f32::NAN, 0.0, 0.5, 6.0, 1e9, f32::INFINITY, f32::NEG_INFINITY];

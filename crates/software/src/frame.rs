@@ -5,7 +5,7 @@ use crate::depths::DepthTable;
 use crate::macrocells::{Mask, over_boxes};
 use crate::packet::{LANES, Packet};
 use crate::reading::Reading;
-use crate::sample::FloatMap;
+use crate::sample::CodeMap;
 use crate::steps::StepTables;
 use crate::ticks::Ticks;
 use brickyard_pager::{DrawCell, DrawList, PixelShare, Slot};
@@ -46,17 +46,17 @@ pub(crate) struct Frame<'a> {
     pub(crate) apron: u32,
     /// The nodes of the gradients that are stored with each brick.
     pub(crate) gradients: GradientNodes,
-    /// How the numbers of f32 slots become codes.
-    pub(crate) map: FloatMap,
-    /// What stored gradients have to be multiplied by to be differences as shares of the greatest code.
+    /// How the numbers in slots become codes, which are counted from the transfer table's first.
+    pub(crate) map: CodeMap,
+    /// What stored gradients have to be multiplied by to be differences of codes.
     pub(crate) gradient_scale: f32,
-    /// The greatest code; samples of f32 slots may have greater ones.
-    pub(crate) max_code: f32,
+    /// The transfer table's last code; samples may have greater ones.
+    pub(crate) last_code: f32,
     /// Positions in the transfer table, in entries, from one code to the next.
     pub(crate) positions_per_code: f32,
     /// Unit distances of the transfer function in a world unit.
     pub(crate) per_unit: f64,
-    /// Adaptive sampling: the largest difference between a part's two end values, as a fraction of the code range, before the part is split.
+    /// Adaptive sampling: the largest difference between the codes at a part's two ends before the part is split.
     pub(crate) adaptive_step: f64,
     /// The transfer function's running integrals; `None` if the method does not use them.
     pub(crate) integrals: Option<&'a Integrals>,
@@ -105,8 +105,10 @@ pub(crate) struct Cell<'a> {
     pub(crate) side: f32,
     /// The number of surfaces that the whole brick is past; negative if that is not one number, or is not needed.
     pub(crate) rank: i32,
+    /// The least and the greatest code of the brick.
+    pub(crate) whole: [f32; 2],
     /// The greatest code in each box of macro-cells in a maximum projection, the least code in a minimum projection; else empty.
-    pub(crate) extremes: Box<[u16]>,
+    pub(crate) extremes: Box<[f32]>,
     /// The pixels that may see the cell; `pixels` are those among them that draw this entry, `None` for all.
     pub(crate) rect: PixelRect,
     pub(crate) pixels: Option<PixelShare>,
@@ -190,12 +192,12 @@ impl<'a> Frame<'a> {
         let ticks = Ticks::new(&settings.lattice);
         let (is_fog, format) = (settings.mode == Mode::Dvr, settings.encoding.format);
         let zones = if is_fog && by_itself { ticks.zones } else { 0 };
-        let depths = (is_fog && !by_itself).then(|| DepthTable::new(&settings.table, format, layer.blend));
+        let depths = (is_fog && !by_itself).then(|| DepthTable::new(&settings.table, layer.blend));
         let lit = if settings.mode.is_projection() { 0 } else { list.cells.len() };
         Self {
             settings,
             light: (0..lit).map(|_| AtomicU32::new(0)).collect(),
-            adaptive_step: settings.table.adaptive_step(),
+            adaptive_step: settings.table.adaptive_step() * settings.encoding.span_codes(),
             grid: settings.grid(),
             integrals: settings.method().is_pre_integrated().then(|| settings.table.integrals()),
             steps: StepTables::new(&settings.table, &settings.lattice, format, zones),
@@ -208,13 +210,13 @@ impl<'a> Frame<'a> {
             edge,
             apron,
             gradients: needs.gradients(edge),
-            map: FloatMap::of(&settings.encoding),
+            map: CodeMap::of(&settings.encoding),
             gradient_scale: settings.encoding.gradient_scale() as f32,
-            max_code: format.max_code() as f32,
-            positions_per_code: (entries.len() - 1) as f32 / format.max_code() as f32,
+            last_code: settings.encoding.span_codes() as f32,
+            positions_per_code: settings.table.entries_per_code as f32,
             per_unit: 1.0 / settings.table.unit_distance as f64,
             visible,
-            thresholds: thresholds(settings),
+            thresholds: thresholds(settings, 0.0),
             surface_lighting: surface::lighting(&settings.lighting),
             blend: layer.blend,
             opacity: layer.opacity as f32,
@@ -224,11 +226,11 @@ impl<'a> Frame<'a> {
     }
 }
 
-fn thresholds(settings: &FrameSettings) -> [f32; MAX_SURFACES] {
-    let code = |value: f64| settings.encoding.unorm(value) * settings.encoding.format.max_code() as f64;
+/// The codes at which surfaces begin; the table's first one counts as `first`.
+fn thresholds(settings: &FrameSettings, first: f64) -> [f32; MAX_SURFACES] {
     let mut thresholds = [f32::INFINITY; MAX_SURFACES];
     for (threshold, surface) in thresholds.iter_mut().zip(&settings.surfaces) {
-        *threshold = code(surface.threshold) as f32;
+        *threshold = (settings.encoding.code(surface.threshold) + first) as f32;
     }
     thresholds
 }
@@ -287,7 +289,7 @@ impl Frame<'_> {
     }
 }
 
-/// Which ranges of codes can be seen, where that does not depend on the ray.
+/// Which ranges of slots' codes can be seen, where that does not depend on the ray.
 enum Shows {
     All,
     Opaque(OpaqueCodes),
@@ -299,11 +301,12 @@ enum Shows {
 
 impl Shows {
     fn new(settings: &FrameSettings, is_one_opaque_surface: bool) -> Self {
+        let thresholds = thresholds(settings, settings.encoding.first_code());
         match settings.mode {
             Mode::Dvr if settings.surfaces.is_empty() => Self::Opaque(OpaqueCodes::new(&settings.table)),
-            Mode::Dvr => Self::Layers(thresholds(settings), Some(OpaqueCodes::new(&settings.table))),
-            Mode::Isosurface if is_one_opaque_surface => Self::Surface(thresholds(settings)[0]),
-            Mode::Isosurface => Self::Layers(thresholds(settings), None),
+            Mode::Dvr => Self::Layers(thresholds, Some(OpaqueCodes::new(&settings.table))),
+            Mode::Isosurface if is_one_opaque_surface => Self::Surface(thresholds[0]),
+            Mode::Isosurface => Self::Layers(thresholds, None),
             Mode::Mip | Mode::MinIp | Mode::Average => Self::All,
         }
     }
@@ -356,12 +359,21 @@ impl Shows {
 }
 
 /// What a projection needs to know of a brick's macro-cells.
-fn extremes(mode: Mode, cells: &MacroCells, edge: usize) -> Box<[u16]> {
-    let ranges = cells.ranges().iter();
-    match mode {
-        Mode::Mip => over_boxes(ranges.map(|range| range[1]), edge, u16::max),
-        Mode::MinIp => over_boxes(ranges.map(|range| range[0]), edge, u16::min),
+fn extremes(settings: &FrameSettings, cells: &MacroCells, edge: usize) -> Box<[f32]> {
+    let ranges = cells.ranges().iter().map(|range| counted(settings, *range));
+    match settings.mode {
+        Mode::Mip => over_boxes(ranges.map(|range| range[1]), edge, f32::max),
+        Mode::MinIp => over_boxes(ranges.map(|range| range[0]), edge, f32::min),
         Mode::Dvr | Mode::Average | Mode::Isosurface => Box::default(),
+    }
+}
+
+/// A range of slots' codes, counted from the transfer table's first. Past its ends they are as good as those.
+fn counted(settings: &FrameSettings, range: [u16; 2]) -> [f32; 2] {
+    let [first, last] = settings.encoding.table_codes;
+    match range[0] <= range[1] {
+        true => range.map(|code| (code.clamp(first, last) - first).into()),
+        false => [f32::MAX, f32::MIN],
     }
 }
 
@@ -379,7 +391,7 @@ impl<'a> Cell<'a> {
         let rect = pixel_rect(&settings.rays, &settings.geometry, &settings.placement, cell.region)?;
         let edge = pyramid.edge() as usize;
         let (mask, whole) = (shows.mask(&brick.cells, edge), brick.cells.whole());
-        let extremes = extremes(settings.mode, &brick.cells, edge);
+        let extremes = extremes(settings, &brick.cells, edge);
         let factor = pyramid.level(cell.brick.level).factor;
         let index = cell.brick.index.to_array();
         let (min, max) = (cell.region.min.to_array(), cell.region.max.to_array());
@@ -400,6 +412,7 @@ impl<'a> Cell<'a> {
             mask,
             side: shows.side(whole),
             rank: shows.rank(whole),
+            whole: counted(settings, whole),
             extremes,
             rect,
             pixels: (cell.pixels != PixelShare::ALL).then_some(cell.pixels),

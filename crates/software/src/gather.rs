@@ -329,7 +329,7 @@ impl Look for Read {
             let (code, weight) = (chunk.code[i / LANES][i % LANES], chunk.weight[i / LANES][i % LANES]);
             if weight > 0.0 {
                 let place = (at + segment) as usize;
-                let value = march.frame.settings.encoding.value(code as f64 / C::MAX as f64);
+                let value = march.frame.settings.encoding.value_of_code(code as f64);
                 // Whole numbers are compared by expressions.
                 let value = if march.frame.settings.has_whole_values() { value.round() } else { value };
                 media.values[place * read + way.layer] = value;

@@ -335,10 +335,11 @@ mod tests {
 
     fn same_when_lit<C: Code, B: Accumulate, const INVALID: bool>(mode: Mode, surfaces: &[f64], lighting: Lighting) {
         let voxel_type = [VoxelType::U8, VoxelType::U16, VoxelType::F32][C::BYTES / 2];
-        let window = Some([20.0, 200.0]);
+        // Of codes a third, so that they are counted from another one than 0.
+        let window = Some(Window::of([20.0, [76.0, 20_000.0, 200.0][C::BYTES / 2]]));
         let mut encoding = SlotEncoding::new(voxel_type, (0.0, 1e9), false).for_window(window, KeptSlots::default());
         encoding.has_invalid = INVALID;
-        let transfer = TransferFunction::preset("viridis", (encoding.low, encoding.high), 3.0).unwrap();
+        let transfer = TransferFunction::preset("viridis", encoding.table_values().into(), 3.0).unwrap();
         let projection = Projection::Perspective { fov_y_deg: 40.0 };
         let camera = Camera { eye: DVec3::new(-20.0, 3.0, 9.0), target: DVec3::splat(7.0), up: DVec3::Z, projection };
         let surfaces: Vec<_> =

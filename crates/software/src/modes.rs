@@ -242,8 +242,8 @@ impl Accumulate for Mip {
 
     #[inline(always)]
     fn coverage(cell: &Cell<'_>, ray: &Ray) -> Coverage {
-        let [low, high] = cell.brick.cells.whole();
-        if low > high || high as f32 <= ray.sum.x { Coverage::None } else { Coverage::Some }
+        let [low, high] = cell.whole;
+        if low > high || high <= ray.sum.x { Coverage::None } else { Coverage::Some }
     }
 
     #[inline(always)]
@@ -252,7 +252,7 @@ impl Accumulate for Mip {
         for i in 0..LANES {
             // SAFETY: the caller's promise; there is an extreme for every box.
             let greatest = unsafe { *cell.extremes.get_unchecked(boxes[i] as usize) };
-            bits |= ((greatest as f32 > sum.x) as u64) << i;
+            bits |= ((greatest > sum.x) as u64) << i;
         }
         bits
     }
@@ -270,7 +270,7 @@ impl Accumulate for Mip {
 
     #[inline(always)]
     fn is_final(frame: &Frame<'_>, sum: Vec4) -> bool {
-        sum.x >= frame.max_code
+        sum.x >= frame.last_code
     }
 
     fn seen(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
@@ -288,7 +288,7 @@ impl Sum for Mip {
         for p in 0..chunk.packets.min(PACKETS) {
             let (code, weight) = (quarters(&chunk.code[p]), quarters(&chunk.weight[p]));
             for q in 0..LANES / 4 {
-                best = best.max(Vec4::select(weight[q].cmpgt(Vec4::ZERO), shown::<C>(code[q]), Self::START));
+                best = best.max(Vec4::select(weight[q].cmpgt(Vec4::ZERO), shown(frame, code[q]), Self::START));
             }
         }
         sum.x = sum.x.max(best.max_element());
@@ -305,8 +305,8 @@ impl Accumulate for MinIp {
 
     #[inline(always)]
     fn coverage(cell: &Cell<'_>, ray: &Ray) -> Coverage {
-        let [low, high] = cell.brick.cells.whole();
-        if low > high || low as f32 >= ray.sum.x { Coverage::None } else { Coverage::Some }
+        let [low, high] = cell.whole;
+        if low > high || low >= ray.sum.x { Coverage::None } else { Coverage::Some }
     }
 
     #[inline(always)]
@@ -315,7 +315,7 @@ impl Accumulate for MinIp {
         for i in 0..LANES {
             // SAFETY: the caller's promise; there is an extreme for every box.
             let least = unsafe { *cell.extremes.get_unchecked(boxes[i] as usize) };
-            bits |= (((least as f32) < sum.x) as u64) << i;
+            bits |= ((least < sum.x) as u64) << i;
         }
         bits
     }
@@ -343,12 +343,12 @@ impl Accumulate for MinIp {
 
 impl Sum for MinIp {
     #[inline(always)]
-    fn add<C: Code>(_: &Frame<'_>, mut sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
+    fn add<C: Code>(frame: &Frame<'_>, mut sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
         let mut best = Self::START;
         for p in 0..chunk.packets.min(PACKETS) {
             let (code, weight) = (quarters(&chunk.code[p]), quarters(&chunk.weight[p]));
             for q in 0..LANES / 4 {
-                best = best.min(Vec4::select(weight[q].cmpgt(Vec4::ZERO), shown::<C>(code[q]), Self::START));
+                best = best.min(Vec4::select(weight[q].cmpgt(Vec4::ZERO), shown(frame, code[q]), Self::START));
             }
         }
         sum.x = sum.x.min(best.min_element());
@@ -431,16 +431,16 @@ fn quarters(packet: &Packet) -> [Vec4; LANES / 4] {
     out
 }
 
-/// Codes of which an extreme is shown: what is past the ends of the scale is as good as those.
+/// Codes of which an extreme is shown: what is past the ends of the table is as good as those.
 #[inline(always)]
-fn shown<C: Code>(codes: Vec4) -> Vec4 {
-    if C::IS_FLOAT { codes.clamp(Vec4::ZERO, Vec4::splat(C::MAX as f32)) } else { codes }
+fn shown(frame: &Frame<'_>, codes: Vec4) -> Vec4 {
+    codes.max(Vec4::ZERO).min(Vec4::splat(frame.last_code))
 }
 
 /// The table's colour at a code, opaque; nothing where there is none.
 fn opaque(frame: &Frame<'_>, code: Option<f32>) -> Vec4 {
     match code {
-        Some(code) => Vec4::from_array(frame.settings.table.lookup(code / frame.max_code)).with_w(0.0),
+        Some(code) => Vec4::from_array(frame.settings.table.lookup(code / frame.last_code)).with_w(0.0),
         None => Vec4::W,
     }
 }

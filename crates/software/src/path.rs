@@ -260,7 +260,7 @@ impl<'a> Path<'a> {
             let [Some(from), Some(to)] = known([i, i + 1].map(|i| (row.weight[i] > 0.0).then_some(row.code[i]))) else {
                 continue;
             };
-            let difference = (to - from).abs() as f64 / C::MAX as f64;
+            let difference = (to - from).abs() as f64;
             let parts = self.march.frame.settings.sampling.parts(difference / self.march.frame.adaptive_step);
             let [a, b] = self.ends(segments.start + i as i32);
             let part = (b - a) / parts as f32;
@@ -326,7 +326,10 @@ impl<'a> Path<'a> {
                 let [start, end] = [k, k + 1].map(|k| k as f64 / parts as f64);
                 let middle = 0.5 * (start + end);
                 let medium = match &self.march.frame.integrals {
-                    Some(integrals) => Shown::mean(integrals.between(value(start), value(end))),
+                    Some(integrals) => {
+                        let per_code = self.march.frame.positions_per_code as f64;
+                        Shown::mean(integrals.between(value(start) * per_code, value(end) * per_code))
+                    }
                     None => self.at::<C>(value(middle) as f32),
                 };
                 let Some(medium) = medium else { continue };
@@ -501,7 +504,7 @@ impl<'a> Path<'a> {
             Gradient::Central => (false, 6),
             Gradient::Sobel => (true, 27),
             Gradient::Stored => {
-                return self.stored_differences(along) * (self.march.frame.gradient_scale * C::MAX as f32);
+                return self.stored_differences(along) * self.march.frame.gradient_scale;
             }
         };
         let centre = self.slot_place(along);

@@ -77,7 +77,7 @@ impl Brick<'_> {
         let mut code = [0.0; LANES];
         for i in 0..LANES {
             let [x, y, z] = [0, 1, 2].map(|a| self.nearest(points[a][i]));
-            let (number, has_value) = C::part(self.number::<C>([x, y, z]), self.map());
+            let (number, has_value) = C::part::<INVALID>(self.number::<C>([x, y, z]), self.map());
             code[i] = if C::IS_FLOAT { self.map().code(number) } else { number };
             if INVALID && !has_value {
                 weight[i] = 0.0;
@@ -126,13 +126,13 @@ impl Brick<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{Code8, Code16, Float32, FloatMap};
+    use crate::sample::{Code8, Code16, CodeMap, Float32};
     use brickyard_volume::slot_encoding::INVALID_SLOT;
-    use brickyard_volume::{KeptSlots, SlotEncoding, VoxelType};
+    use brickyard_volume::{KeptSlots, SlotEncoding, VoxelType, Window};
 
     /// How slots of codes are mapped: not at all.
-    fn codes_alone() -> FloatMap {
-        FloatMap::of(&SlotEncoding::new(VoxelType::U8, (0.0, 1.0), false))
+    fn codes_alone() -> CodeMap {
+        CodeMap::of(&SlotEncoding::new(VoxelType::U8, (0.0, 1.0), false))
     }
 
     /// Labels 1 and 3 side by side along x, in a brick of four voxels along an edge.
@@ -155,8 +155,8 @@ mod tests {
         let numbers: Vec<u8> =
             codes.iter().flat_map(|&c| (if c == 1 { INVALID_SLOT } else { 1e6 + 0.5 }).to_le_bytes()).collect();
         let floats = SlotEncoding::new(VoxelType::F32, (-1e9, 1e9), true);
-        let floats = floats.for_window(Some([1e6, 1e6 + 1.0]), KeptSlots::default());
-        let (brick, mut weight) = (Brick::new::<Float32>(&numbers, 4, FloatMap::of(&floats)), [2.0; LANES]);
+        let floats = floats.for_window(Some(Window::of([1e6, 1e6 + 1.0])), KeptSlots::default());
+        let (brick, mut weight) = (Brick::new::<Float32>(&numbers, 4, CodeMap::of(&floats)), [2.0; LANES]);
         let found = brick.nearest_points::<Float32, true>(&[x, [1.2; LANES], [2.8; LANES]], &mut weight);
         assert_eq!((weight[3], weight[4]), (0.0, 2.0));
         assert!((f64::from(found[4]) / 65535.0 - floats.unorm(1e6 + 0.5)).abs() < 1e-6, "{found:?}");

@@ -3,9 +3,9 @@
 //! Samples go in packets of 8, one vector, and packets in chunks of 4: each step is done for the whole chunk before the next
 //! one, so that the processor has four independent packets to work on while it waits for memory and arithmetic.
 //!
-//! Neighbours along x are read together, so a sample costs four reads. Codes stay codes (as `f32`), and numbers of f32 slots become codes
-//! once they are interpolated; invalid ones are 0, so they drop out of the weighted sum by themselves and only the sum of weights has to
-//! know of them. Where all 8-bit codes are
+//! Neighbours along x are read together, so a sample costs four reads. Codes stay codes (as `f32`, counted from the transfer table's first),
+//! and numbers of f32 slots become codes once they are interpolated; invalid ones are 0, so they drop out of the weighted sum by themselves and
+//! only the sum of weights has to know of them. Where all 8-bit codes are
 //! valid, neighbours along x are weighted as whole numbers of 15 bits, one instruction for the eight pairs of a packet: that
 //! is exact to 1/256 of a code.
 //!
@@ -92,29 +92,37 @@ pub(crate) trait Code {
     /// The second of a pair.
     fn far(pair: Self::Pair) -> f32;
 
-    /// The number of a voxel that is interpolated, 0 if the voxel has no value, and whether it has one.
+    /// The number of a voxel that is interpolated, counted from the table's first, and whether the voxel has a value; 0 if it has none and
+    /// `INVALID` says that this may be.
     #[inline(always)]
-    fn part(code: f32, _: &FloatMap) -> (f32, bool) {
-        (code, code != 0.0)
+    fn part<const INVALID: bool>(code: f32, map: &CodeMap) -> (f32, bool) {
+        let is_valid = !INVALID || code != 0.0;
+        (if is_valid { code - map.first } else { 0.0 }, is_valid)
     }
 }
 
-/// How the numbers of f32 slots become codes.
+/// How the numbers in slots become codes, counted from the transfer table's first.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct FloatMap {
-    /// The number of code 0.
+pub(crate) struct CodeMap {
+    /// The number of the table's first code.
     pub(crate) first: f32,
-    /// Codes from a number to the next.
+    /// Codes from a number to the next; 1 where slots hold codes.
     pub(crate) per_number: f32,
-    /// The greatest difference from the first number that is told from greater ones.
+    /// The greatest difference from the first number that is told from greater ones, where slots hold no codes.
     pub(crate) farthest: f32,
 }
 
-impl FloatMap {
-    /// How the slots of this encoding are mapped, if they hold no codes.
+impl CodeMap {
+    /// How the slots of this encoding are mapped.
     pub(crate) fn of(encoding: &SlotEncoding) -> Self {
-        let per_number = (1.0 / encoding.code_width()) as f32;
-        Self { first: encoding.first_slot(), per_number, farthest: encoding.farthest_slots() }
+        match encoding.floats {
+            None => Self { first: encoding.first_code() as f32, per_number: 1.0, farthest: f32::MAX },
+            Some(_) => Self {
+                first: encoding.first_slot(),
+                per_number: (1.0 / encoding.code_width()) as f32,
+                farthest: encoding.farthest_slots(),
+            },
+        }
     }
 
     /// The code at an interpolated difference from the first number.
@@ -203,7 +211,7 @@ impl Code for Float32 {
 
     /// Differences of near numbers are exact, so what is far from zero is interpolated as exactly as what is near.
     #[inline(always)]
-    fn part(number: f32, map: &FloatMap) -> (f32, bool) {
+    fn part<const INVALID: bool>(number: f32, map: &CodeMap) -> (f32, bool) {
         let is_valid = number > LEAST_SLOT;
         (if is_valid { number - map.first } else { 0.0 }, is_valid)
     }
@@ -296,20 +304,20 @@ impl Grid {
 pub(crate) struct Brick<'a> {
     codes: &'a [u8],
     grid: Grid,
-    map: FloatMap,
+    map: CodeMap,
 }
 
 impl<'a> Brick<'a> {
     #[inline(always)]
-    pub(crate) fn new<C: Code>(codes: &'a [u8], padded: u32, map: FloatMap) -> Self {
+    pub(crate) fn new<C: Code>(codes: &'a [u8], padded: u32, map: CodeMap) -> Self {
         let (n, grid) = (padded as usize, Grid::new(padded));
         assert!(codes.len() == n * n * n * C::BYTES, "not a padded brick");
         Self { codes, grid, map }
     }
 
-    /// How the brick's numbers become codes, if they are none.
+    /// How the brick's numbers become codes.
     #[inline(always)]
-    pub(crate) fn map(&self) -> &FloatMap {
+    pub(crate) fn map(&self) -> &CodeMap {
         &self.map
     }
 
@@ -496,7 +504,7 @@ impl<'a> Brick<'a> {
         let plane = [mix_packets(&line[0], &line[1], &t[1]), mix_packets(&line[2], &line[3], &t[1])];
         let mut code = mix_packets(&plane[0], &plane[1], &t[2]);
         for i in 0..LANES {
-            code[i] *= 1.0 / WHOLE as f32;
+            code[i] = code[i] * (1.0 / WHOLE as f32) - self.map.first;
         }
         code
     }
@@ -527,8 +535,8 @@ impl<'a> Brick<'a> {
                     pair[i] = unsafe { C::pair(self.codes.as_ptr().add(voxel * C::BYTES)) };
                 }
                 for i in 0..LANES {
-                    let (near, has_near) = C::part(C::near(pair[i]), &self.map);
-                    let (far, has_far) = C::part(C::far(pair[i]), &self.map);
+                    let (near, has_near) = C::part::<INVALID>(C::near(pair[i]), &self.map);
+                    let (far, has_far) = C::part::<INVALID>(C::far(pair[i]), &self.map);
                     line[y][i] = mix(near, far, t[0][i]);
                     if INVALID {
                         line_valid[y][i] = mix(has_near as u8 as f32, has_far as u8 as f32, t[0][i]);
@@ -546,8 +554,8 @@ impl<'a> Brick<'a> {
             for i in 0..LANES {
                 let enough = valid[i] >= 0.5;
                 // Rounding may carry the quotient a hair past the greatest code.
-                let mean = code[i] / if enough { valid[i] } else { 1.0 };
-                code[i] = if C::IS_FLOAT || mean < C::MAX as f32 { mean } else { C::MAX as f32 };
+                let (mean, most) = (code[i] / if enough { valid[i] } else { 1.0 }, C::MAX as f32 - self.map.first);
+                code[i] = if C::IS_FLOAT || mean < most { mean } else { most };
                 weight[i] = if enough { weight[i] } else { 0.0 };
             }
         }
@@ -626,7 +634,7 @@ mod tests {
     use super::*;
     use brickyard_volume::slot_encoding::INVALID_SLOT;
 
-    const CODES: FloatMap = FloatMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
+    const CODES: CodeMap = CodeMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
 
     /// Samples at eight places along x, at one y and z.
     fn sample<C: Code, const INVALID: bool>(brick: &Brick<'_>, x: Packet, y: f32, z: f32) -> (Packet, Packet) {
@@ -687,12 +695,38 @@ mod tests {
         assert!(code[3..].iter().all(|c| (c - 200.0).abs() < 1e-3), "{code:?}");
     }
 
+    /// In f32 a code of 16 bits has 8 bits behind the point, and few codes less one of them have 20.
+    #[test]
+    fn codes_are_counted_from_the_table_s_first() {
+        let map = CodeMap { first: 40_000.0, ..CODES };
+        let row = [0u16, 40_001, 40_002, 65_535];
+        let wide: Vec<u8> = (0..64).flat_map(|i| row[i % 4].to_le_bytes()).collect();
+        let x = [0.0, 0.75, 1.0, 1.0 + 1.0 / 1024.0, 1.25, 1.5, 2.0, 3.0];
+        let (all, _) = sample::<Code16, false>(&Brick::new::<Code16>(&wide, 4, map), x, 1.3, 0.6);
+        let expected = [-40_000.0, 1.0 - 0.25 * 40_001.0, 1.0, 1.0 + 1.0 / 1024.0, 1.25, 1.5, 2.0, 25_535.0];
+        for (found, expected) in all.iter().zip(expected) {
+            assert!((found - expected).abs() <= 1e-6 * expected.abs(), "{all:?}");
+        }
+        let (valid, weight) = sample::<Code16, true>(&Brick::new::<Code16>(&wide, 4, map), x, 1.3, 0.6);
+        assert_eq!((weight[0], valid[1], valid[3]), (0.0, 1.0, all[3]), "{valid:?}");
+        let bytes: Vec<u8> = (0..64).map(|i| [100, 101, 102, 0][i % 4]).collect();
+        let (codes, _) = sample::<Code8, false>(
+            &Brick::new::<Code8>(&bytes, 4, CodeMap { first: 100.0, ..CODES }),
+            [0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 3.0],
+            1.3,
+            0.6,
+        );
+        for (found, expected) in codes.iter().zip([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, -100.0, -100.0]) {
+            assert!((found - expected).abs() < 2e-2 * expected.abs().clamp(1e-2, 1.0), "{codes:?}");
+        }
+    }
+
     #[test]
     fn numbers_become_codes_of_any_size() {
         // x = 0 has no value, x = 1 holds 1e6, and x = 2 one more; beyond is an outlier.
         let row = [INVALID_SLOT, 1e6, 1_000_001.0, 1e9];
         let numbers: Vec<u8> = (0..64).flat_map(|i| row[i % 4].to_le_bytes()).collect();
-        let map = FloatMap { first: 999_999.0, per_number: 64.0, farthest: 1e4 };
+        let map = CodeMap { first: 999_999.0, per_number: 64.0, farthest: 1e4 };
         let brick = Brick::new::<Float32>(&numbers, 4, map);
         let x = [0.25, 0.75, 1.0, 1.25, 1.5, 2.0, 2.0, 2.5];
         let (code, weight) = sample::<Float32, true>(&brick, x, 0.3, 1.6);

@@ -108,7 +108,6 @@ pub(crate) fn fixed_bytes(layers: &[VolumeNeeds], options: &SoftwareOptions) -> 
 fn table_bytes(needs: &VolumeNeeds) -> u64 {
     let format = needs.encoding.format;
     let steps = steps::bytes(format, MAX_ZONES) as u64;
-    let rows = TransferGrid::most_rows(format.max_code() + 1);
-    let entries = if needs.bricks.has_grid { rows * TransferGrid::COLUMNS } else { 0 };
+    let entries = if needs.bricks.has_grid { TransferGrid::MOST_ROWS * TransferGrid::COLUMNS } else { 0 };
     steps + (depths::bytes(format) + entries * size_of::<[f32; 4]>()) as u64
 }

@@ -1,7 +1,7 @@
 //! What one whole step through a medium does: colour gained and light passed, by code, for each zone of the lattice.
 //!
-//! Nearly all samples of a zone weigh the same, so their opacity correction is a look-up instead of a power. Between codes
-//! there are [`SUBSTEPS`] entries: where the table jumps from one code to the next, opacity is not linear in between, and
+//! Nearly all samples of a zone weigh the same, so their opacity correction is a look-up instead of a power. There are as many entries
+//! as fit, a whole number for each of the transfer table's: where that jumps from one code to the next, opacity is not linear in between, and
 //! 16 pieces keep the error of a sample below a tenth of a picture's step. One more entry is that of no sample at all. For 8-bit
 //! codes only: 64 KiB a zone, made for
 //! every frame in a third of a millisecond; for 16 bits it would be 1 MiB a zone, and slower than the power.
@@ -10,11 +10,8 @@ use crate::packet::{LANES, Packet};
 use brickyard_volume::{Lattice, SlotFormat, TransferTable};
 use glam::Vec4;
 
-/// Entries from one code to the next.
-const SUBSTEPS: usize = 16;
-
-/// The entry of code 255; one more follows to interpolate towards.
-const LAST: usize = 255 * SUBSTEPS;
+/// The last entry that a code may have; one more follows to interpolate towards.
+const LAST: usize = TransferTable::most_entries(SlotFormat::U8) - 1;
 
 /// The entry of no sample, twice.
 const NOTHING: usize = LAST + 2;
@@ -25,6 +22,9 @@ const ENTRIES: usize = NOTHING + 2;
 /// What one whole step through a frame's medium does, by code: a table for each zone of the lattice.
 pub(crate) struct StepTables {
     zones: Vec<Zone>,
+    /// Entries from one code to the next, and the last code's.
+    per_code: f32,
+    last: f32,
 }
 
 struct Zone {
@@ -38,6 +38,8 @@ struct Zone {
 pub(crate) struct StepTable<'a> {
     entries: &'a [Vec4; ENTRIES],
     visible: [i32; 2],
+    per_code: f32,
+    last: f32,
 }
 
 /// Where a packet's samples are in a table: the entries' distances from the first entry, in bytes for a [`StepTable`], and the fractions
@@ -63,24 +65,28 @@ pub(crate) const fn bytes(format: SlotFormat, zones: usize) -> usize {
 impl StepTables {
     /// The tables of the lattice's first `zones` zones; none for codes wider than 8 bits.
     pub(crate) fn new(table: &TransferTable, lattice: &Lattice, format: SlotFormat, zones: usize) -> Self {
+        let pieces = (LAST / table.last_entry()).max(1);
+        let last = table.last_entry() * pieces;
         let entry = |zone: usize, i: usize| {
-            if i >= NOTHING {
+            if i > last + 1 {
                 return Vec4::W;
             }
-            let [r, g, b, alpha] = table.lookup(i as f32 / LAST as f32);
+            let [r, g, b, alpha] = table.lookup(i as f32 / last as f32);
             let weight = lattice.step * (1u64 << zone) as f64 / table.unit_distance as f64;
             let passed = (1.0 - alpha as f64).powf(weight);
             (Vec4::new(r, g, b, 0.0) * (1.0 - passed) as f32).with_w(passed as f32)
         };
         let zones = if format == SlotFormat::U8 { zones } else { 0 };
-        Self { zones: (0..zones).map(|zone| Zone::new((0..ENTRIES).map(|i| entry(zone, i)).collect())).collect() }
+        let zones = (0..zones).map(|zone| Zone::new((0..ENTRIES).map(|i| entry(zone, i)).collect())).collect();
+        Self { zones, per_code: (table.entries_per_code * pieces) as f32, last: last as f32 }
     }
 
     /// The table of a zone; `None` if there is none.
     #[inline(always)]
     pub(crate) fn zone(&self, zone: usize) -> Option<StepTable<'_>> {
         let Zone { entries, visible } = self.zones.get(zone)?;
-        entries.as_array().map(|entries| StepTable { entries, visible: *visible })
+        let (per_code, last) = (self.per_code, self.last);
+        entries.as_array().map(|entries| StepTable { entries, visible: *visible, per_code, last })
     }
 }
 
@@ -94,18 +100,18 @@ impl Zone {
 }
 
 impl StepTable<'_> {
-    /// Finds the places in the table of the first `count` codes of a packet, which are from 0 to 255. The other codes get the place of
+    /// Finds the places in the table of the first `count` codes of a packet. The other codes get the place of
     /// no sample. Returns whether any code shows anything.
     #[inline(always)]
     pub(crate) fn find(&self, codes: &Packet, count: i32, places: &mut Places) -> bool {
         const LANE: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7];
         let mut shows = 0;
         for i in 0..LANES {
-            let position = codes[i] * SUBSTEPS as f32;
+            let position = codes[i] * self.per_code;
             // Written so that NaN, too, ends up inside.
             let position = if position > 0.0 { position } else { 0.0 };
-            let position = if position < LAST as f32 { position } else { LAST as f32 };
-            // SAFETY: 0 <= position <= LAST.
+            let position = if position < self.last { position } else { self.last };
+            // SAFETY: 0 <= position <= last <= LAST.
             let index = unsafe { position.to_int_unchecked::<i32>() };
             places.fraction[i] = position - index as f32;
             let at = index * size_of::<Vec4>() as i32;

@@ -41,6 +41,8 @@ impl Combination {
             nodata: None,
             is_labels: false,
             is_hashed: false,
+            table_codes: [0, u16::MAX],
+            spread_codes: f64::from(u16::MAX),
         };
         let table = TransferTable::new(&transfer, &encoding);
         Self { expression, transfer, table, encoding }

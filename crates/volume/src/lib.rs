@@ -64,7 +64,7 @@ pub use combination::Combination;
 pub use compositing::{Blend, VolumeFrame};
 pub use counted::counted;
 pub use expression::{Expression, ExpressionError, MAX_VOLUMES};
-pub use float_slots::KeptSlots;
+pub use float_slots::{KeptSlots, Window};
 pub use foreground::Foreground;
 pub use geometry::{Geometry, box_corners};
 pub use gradients::{GradientNodes, PaddedCodes};

@@ -234,48 +234,81 @@ impl<C: Code, const N: usize> Columns<C, N> {
     }
 }
 
-/// How many table entries before each code have opacity. Two look-ups tell what a range of codes can show.
+/// How many places of a transfer table before each code have opacity: two look-ups tell what a range of codes can show. A place is a code,
+/// or, where a table has entries between codes, all of these between two.
 #[derive(Clone, Debug)]
 pub struct OpaqueCodes {
     before: Vec<u32>,
+    first_code: u16,
+    places_per_code: u16,
 }
 
 impl OpaqueCodes {
-    /// Counts the entries of a transfer table that have opacity.
+    /// Counts the places of a transfer table that have opacity.
     pub fn new(table: &TransferTable) -> Self {
-        let count = |before: &mut u32, entry: Option<&[f32; 4]>| {
-            let at = *before;
-            *before += entry.is_some_and(|e| e[3] > 0.0) as u32;
-            Some(at)
+        let per_code = table.entries_per_code;
+        let is_seen = |entries: &[[f32; 4]]| entries.iter().any(|entry| entry[3] > 0.0);
+        let count = |before: &mut u32, is_seen: bool| {
+            *before += u32::from(is_seen);
+            Some(*before)
         };
-        Self { before: table.entries.iter().map(Some).chain([None]).scan(0, count).collect() }
+        let places = table.entries.chunks(per_code).flat_map(|code| {
+            let (at, between) = code.split_at(1);
+            [Some(is_seen(at)), (!between.is_empty()).then(|| is_seen(between))]
+        });
+        let before = [0].into_iter().chain(places.flatten().scan(0, count)).collect();
+        Self { before, first_code: table.first_code, places_per_code: per_code.min(2) as u16 }
+    }
+
+    /// The most numbers of [`before`](Self::before), for slots of a format.
+    pub const fn most(format: SlotFormat) -> usize {
+        // Between codes of a whole 16-bit table there are no entries, and of less than half of it there may be.
+        let codes = format.max_code() as usize + 2;
+        if let SlotFormat::U8 = format { 2 * codes } else { codes }
     }
 
     /// Whether a sample with a code from `low` to `high` may have opacity; false for an empty range.
     #[inline]
-    pub fn any(&self, [low, high]: [u16; 2]) -> bool {
-        low <= high && self.count([low, high]) > 0
+    pub fn any(&self, range @ [low, high]: [u16; 2]) -> bool {
+        low <= high && self.count(range.map(|code| self.place(code))) > 0
     }
 
-    /// Whether the table entries of all codes from `low` to `high` have opacity; false for an empty range.
+    /// Whether there is opacity at all codes from `low` to `high` and between them; false for an empty range.
     #[inline]
-    pub fn all(&self, [low, high]: [u16; 2]) -> bool {
-        low <= high && self.count([low, high]) == high as u32 - low as u32 + 1
+    pub fn all(&self, range @ [low, high]: [u16; 2]) -> bool {
+        let places @ [first, last] = range.map(|code| self.place(code));
+        low <= high && self.count(places) as usize == last - first + 1
     }
 
-    /// For each code the number of entries before it that have opacity, and at the end the number of all.
+    /// For each place the number of places before it that have opacity, and at the end the number of all.
     pub fn before(&self) -> &[u32] {
         &self.before
     }
 
-    fn count(&self, [low, high]: [u16; 2]) -> u32 {
-        self.before[high as usize + 1] - self.before[low as usize]
+    /// Places from one code to the next: 1 or 2.
+    pub fn places_per_code(&self) -> u16 {
+        self.places_per_code
+    }
+
+    /// The place of a code, or of the table's nearest one.
+    fn place(&self, code: u16) -> usize {
+        let place = usize::from(code.saturating_sub(self.first_code)) * usize::from(self.places_per_code);
+        place.min(self.before.len() - 2)
+    }
+
+    fn count(&self, [first, last]: [usize; 2]) -> u32 {
+        self.before[last + 1] - self.before[first]
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::float_slots::{KeptSlots, Window};
+    use crate::mode::Mode;
+    use crate::slot_encoding::SlotEncoding;
+    use crate::transfer::TransferFunction;
+    use crate::voxel_type::VoxelType;
     use proptest::prelude::*;
 
     #[test]
@@ -340,5 +373,34 @@ mod tests {
             }
         }
         assert!(!opaque.any(NONE) && !opaque.all(NONE));
+    }
+
+    /// Between codes 41 and 42 there is a shell, and past 43 everything is seen.
+    #[test]
+    fn opacity_between_codes_is_that_of_ranges_across_it() {
+        let transfer = TransferFunction {
+            opacity: vec![[41.25, 0.0], [41.5, 0.5], [41.75, 0.0], [43.0, 0.0], [43.25, 0.5]],
+            ..TransferFunction::default()
+        };
+        let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false);
+        let encoding = encoding.for_window(Window::new(&transfer, &[], Mode::Dvr), KeptSlots::default());
+        let opaque = OpaqueCodes::new(&TransferTable::new(&transfer, &encoding));
+        assert_eq!((encoding.table_codes, opaque.places_per_code()), ([40, 45], 2));
+        for (range, is_seen) in [
+            ([0, 41], false),
+            ([41, 41], false),
+            ([41, 42], true),
+            ([0, 255], true),
+            ([42, 43], false),
+            ([43, 44], true),
+            ([44, 44], true),
+            ([44, 255], true),
+            ([200, 255], true),
+            (NONE, false),
+        ] {
+            assert_eq!(opaque.any(range), is_seen, "{range:?}");
+        }
+        assert!(opaque.all([44, 255]) && !opaque.all([41, 255]));
+        assert!(opaque.before().len() <= OpaqueCodes::most(SlotFormat::U8));
     }
 }

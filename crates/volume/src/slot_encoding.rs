@@ -65,7 +65,8 @@ pub struct FloatSlots {
 }
 
 /// The map between values and codes: `value = low + code / max_code * (high - low)`. Slots hold the codes, or, as f32 slots do, numbers
-/// that do not depend on `low` and `high`.
+/// that do not depend on `low` and `high`. The transfer table is laid over all codes or, for a narrow window, over a few
+/// ([`float_slots`](crate::float_slots)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlotEncoding {
     /// The voxel type the codes come from.
@@ -88,6 +89,10 @@ pub struct SlotEncoding {
     /// Whether codes are those of [`LabelCodes`](crate::LabelCodes), and so of the layer's look: labels that are further apart than 16 bits
     /// reach. [`value`](Self::value) does not know their labels.
     pub is_hashed: bool,
+    /// The codes of the transfer table's first and last entry.
+    pub table_codes: [u16; 2],
+    /// Codes from the channel's least value to its greatest.
+    pub spread_codes: f64,
 }
 
 /// An encoding of what is neither labels nor lacks data anywhere, for all that is not said of another one.
@@ -101,6 +106,8 @@ const PLAIN: SlotEncoding = SlotEncoding {
     nodata: None,
     is_labels: false,
     is_hashed: false,
+    table_codes: [0, 255],
+    spread_codes: 255.0,
 };
 
 impl SlotEncoding {
@@ -110,13 +117,14 @@ impl SlotEncoding {
         let format = if voxel_type.bytes() == 1 { SlotFormat::U8 } else { SlotFormat::U16 };
         if voxel_type.bytes() <= 2 {
             let (low, high) = voxel_type.limits();
-            return Self { voxel_type, format, low, high, ..PLAIN };
+            let spread_codes = (range.1 - range.0).clamp(0.0, high - low);
+            return Self { voxel_type, format, low, high, spread_codes, ..PLAIN }.with_whole_table();
         }
         // One value takes a range in which it is told from its neighbours, however large it is.
         let (low, high) = if range.1 > range.0 { range } else { (range.0, range.0 + range.0.abs().max(1.0)) };
         // With code 0 taken, `range.0` is code 1.
         let low = if has_non_finite { low - (high - low) / 65534.0 } else { low };
-        Self { voxel_type, format, low, high, has_invalid: has_non_finite, ..PLAIN }
+        Self { voxel_type, format, low, high, has_invalid: has_non_finite, ..PLAIN }.with_whole_spread()
     }
 
     /// The encoding for a store of integers of `voxel_type` whose valid values lie in `range`, and in which voxels of the value
@@ -127,12 +135,15 @@ impl SlotEncoding {
         if voxel_type.bytes() <= 2 && codes <= format.max_code() as f64 {
             let low = range.0 - 1.0;
             let high = low + format.max_code() as f64;
-            return Self { voxel_type, format, low, high, has_invalid: true, nodata: Some(nodata), ..PLAIN };
+            let spread_codes = codes - 1.0;
+            let has_invalid = true;
+            return Self { voxel_type, format, low, high, has_invalid, nodata: Some(nodata), spread_codes, ..PLAIN }
+                .with_whole_table();
         }
         // One value takes a range in which it is told from its neighbours.
         let (low, high) = if codes > 1.0 { range } else { (range.0, range.0 + range.0.abs().max(1.0)) };
         let low = low - (high - low) / 65534.0;
-        Self { voxel_type, format, low, high, has_invalid: true, nodata: Some(nodata), ..PLAIN }
+        Self { voxel_type, format, low, high, has_invalid: true, nodata: Some(nodata), ..PLAIN }.with_whole_spread()
     }
 
     /// The encoding of labels in `range`: a code for each label where 65,536 codes reach from the least to the greatest, else those of
@@ -145,9 +156,20 @@ impl SlotEncoding {
         }
         let (format, low) = (SlotFormat::U16, range.0.floor() - f64::from(u8::from(has_invalid)));
         if range.1 - low <= f64::from(u16::MAX) {
-            return Self { format, low, high: low + f64::from(u16::MAX), has_invalid, nodata, ..plain };
+            return Self { format, low, high: low + f64::from(u16::MAX), has_invalid, nodata, ..plain }
+                .with_whole_spread();
         }
-        Self { format, low: 0.0, high: f64::from(u16::MAX), nodata, is_hashed: true, ..plain }
+        Self { format, low: 0.0, high: f64::from(u16::MAX), nodata, is_hashed: true, ..plain }.with_whole_spread()
+    }
+
+    /// With a transfer table over all codes.
+    fn with_whole_table(self) -> Self {
+        Self { table_codes: [0, self.format.max_code() as u16], ..self }
+    }
+
+    /// With a transfer table over all codes, of a channel that has all of them.
+    pub(crate) fn with_whole_spread(self) -> Self {
+        Self { spread_codes: f64::from(self.format.max_code()), ..self.with_whole_table() }
     }
 
     /// Whether codes are the voxels' own bytes, so that encoding only copies.
@@ -168,6 +190,41 @@ impl SlotEncoding {
     /// The normalised code of a value: below 0 or above 1 outside of the encoding's range.
     pub fn unorm(&self, value: f64) -> f64 {
         (value - self.low) / (self.high - self.low)
+    }
+
+    /// Whether the transfer table is laid over all codes.
+    pub fn has_whole_table(&self) -> bool {
+        self.table_codes == [0, self.format.max_code() as u16]
+    }
+
+    /// The code of the transfer table's first entry, from which renderers count codes: near it they are exact in f32.
+    pub fn first_code(&self) -> f64 {
+        f64::from(self.table_codes[0])
+    }
+
+    /// Codes from the transfer table's first entry to its last.
+    pub fn span_codes(&self) -> f64 {
+        f64::from(self.table_codes[1] - self.table_codes[0])
+    }
+
+    /// A value in codes from the transfer table's first entry.
+    pub fn code(&self, value: f64) -> f64 {
+        self.unorm(value) * f64::from(self.format.max_code()) - self.first_code()
+    }
+
+    /// The value of a code, counted from the transfer table's first entry.
+    pub fn value_of_code(&self, code: f64) -> f64 {
+        self.value((code + self.first_code()) / f64::from(self.format.max_code()))
+    }
+
+    /// Where in the transfer table a value is: 0 at the first entry, 1 at the last.
+    pub fn place(&self, value: f64) -> f64 {
+        self.code(value) / self.span_codes()
+    }
+
+    /// The values of the transfer table's first and last entry.
+    pub fn table_values(&self) -> [f64; 2] {
+        [self.value_of_code(0.0), self.value_of_code(self.span_codes())]
     }
 
     /// The number that an f32 slot holds for a value.

@@ -1,7 +1,7 @@
 //! The table of a transfer function of value and gradient magnitude: entries over the plane of both, looked up bilinearly after
 //! interpolation.
 //!
-//! Its rows are values: one for each code from the first to the last that the function tells apart, so that a value that a voxel
+//! Its rows are values: one or more for each code from the first to the last that the function tells apart, so that a value that a voxel
 //! can have has its own row. Where there are more such codes than [`TransferGrid::MOST_ROWS`], that many rows lie at equal
 //! distances. Its columns are gradient magnitudes, at equal distances from 0 to the greatest that the function speaks of;
 //! beyond, the last column holds. 1,024 rows over a CT's 3,000 Hounsfield units are 3 units apart, a tenth of such data's noise;
@@ -12,6 +12,7 @@
 //! Opacities are interpolated as they are, and colours by opacity, so that a region does not take on colours that are not shown.
 //! Made anew with each edit, in some milliseconds at most; 16 bytes an entry.
 
+use super::table::entries_per_code;
 use super::{Region, Shape, TransferFunction, mix};
 use crate::slot_encoding::SlotEncoding;
 use std::ops::RangeInclusive;
@@ -22,9 +23,9 @@ const COLUMNS: usize = TransferGrid::COLUMNS;
 /// The table of a transfer function of value and gradient magnitude: entries over the plane of both.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferGrid {
-    /// The code of the first row.
+    /// The code of the first row, counted from the first of the encoding's table codes.
     pub first_code: f32,
-    /// Rows per code; at most 1.
+    /// Rows per code.
     pub rows_per_code: f32,
     /// Columns per unit of gradient magnitude, which is in data units per world unit.
     pub columns_per_gradient: f32,
@@ -48,11 +49,6 @@ impl TransferGrid {
 
     /// Number of columns of a grid.
     pub const COLUMNS: usize = 256;
-
-    /// The most rows that a grid over this many codes may have.
-    pub const fn most_rows(codes: u32) -> usize {
-        if (codes as usize) < Self::MOST_ROWS { codes as usize } else { Self::MOST_ROWS }
-    }
 
     /// Samples a transfer function at the rows' values and the columns' gradient magnitudes.
     pub fn new(transfer: &TransferFunction, encoding: &SlotEncoding) -> Self {
@@ -111,17 +107,17 @@ impl TransferGrid {
         [color(0), color(1), color(2), alpha]
     }
 
-    /// For each of this many codes the greatest opacity that a value within one code of it can have, whatever the gradient.
-    pub fn most(&self, codes: u32) -> impl Iterator<Item = f32> {
+    /// For each of this many entries the greatest opacity that a value within one entry of it can have, whatever the gradient.
+    pub(crate) fn most(&self, entries: usize, entries_per_code: usize) -> impl Iterator<Item = f32> {
         let most: Vec<f32> = self
             .entries
             .chunks_exact(COLUMNS)
             .map(|row| row.iter().map(|entry| entry[3]).fold(0.0, f32::max))
             .collect();
         let (first, per_code, last) = (self.first_code, self.rows_per_code, most.len() - 1);
-        (0..codes).map(move |code| {
-            let position = |code: f32| ((code - first) * per_code).clamp(0.0, last as f32);
-            let (low, high) = (position(code as f32 - 1.0), position(code as f32 + 1.0));
+        (0..entries).map(move |entry| {
+            let position = |entry: f32| ((entry / entries_per_code as f32 - first) * per_code).clamp(0.0, last as f32);
+            let (low, high) = (position(entry as f32 - 1.0), position(entry as f32 + 1.0));
             most[low.floor() as usize..=high.ceil() as usize].iter().copied().fold(0.0, f32::max)
         })
     }
@@ -132,20 +128,22 @@ type Fitted = (Region, RangeInclusive<usize>, RangeInclusive<usize>);
 
 impl<'a> Axes<'a> {
     fn new(transfer: &TransferFunction, encoding: &'a SlotEncoding) -> Self {
-        let max = encoding.format.max_code() as f64;
-        let code = |value: f64| (encoding.unorm(value) * max).clamp(0.0, max);
-        let [low, high] = told_apart(transfer).map(code);
-        let [low, high] = [low.floor(), high.ceil()];
+        let max = encoding.span_codes();
+        let code = |value: f64| encoding.code(value).clamp(0.0, max);
+        let [low, high] = transfer.visible_changes().unwrap_or([transfer.opacity[0][0]; 2]).map(code);
         // A row more to each side, where the function is what it is from there on.
-        let (first_code, codes_per_row, rows) = match (high - low) as usize + 3 {
-            rows if rows > MOST_ROWS => {
+        let (first_code, codes_per_row, rows) = match high.ceil() - low.floor() + 3.0 {
+            rows if rows as usize > MOST_ROWS => {
                 let step = (high - low) / (MOST_ROWS - 3) as f64;
                 (low - step, step, MOST_ROWS)
             }
-            _ => {
-                let first = (low - 1.0).clamp(0.0, max - 1.0);
-                let last = (high + 1.0).clamp(first + 1.0, max);
-                (first, 1.0, (last - first) as usize + 1)
+            rows => {
+                // A code has a row, or as many as entries of the table of values, if there is room for them.
+                let most = (MOST_ROWS as f64 / rows).log2().floor().exp2();
+                let step = 1.0 / most.min(entries_per_code(transfer, encoding) as f64);
+                let first = ((low / step).floor() * step - step).clamp(0.0, max - step);
+                let last = ((high / step).ceil() * step + step).clamp(first + step, max);
+                (first, step, ((last - first) / step) as usize + 1)
             }
         };
         // Regions end where they do: the last column is behind them.
@@ -157,8 +155,7 @@ impl<'a> Axes<'a> {
     }
 
     fn value(&self, row: usize) -> f64 {
-        let code = self.first_code + row as f64 * self.codes_per_row;
-        self.encoding.value(code / self.encoding.format.max_code() as f64)
+        self.encoding.value_of_code(self.first_code + row as f64 * self.codes_per_row)
     }
 
     fn gradient(&self, column: usize) -> f64 {
@@ -168,13 +165,13 @@ impl<'a> Axes<'a> {
     /// A region that the entries do not miss: a rectangle's edges are at entries, and other shapes no narrower than two steps.
     /// `None` if it has no value that there is a code for.
     fn fit(&self, region: &Region) -> Option<Fitted> {
-        let [low, high] = region.value.map(|value| self.encoding.unorm(value));
+        let [low, high] = region.value.map(|value| self.encoding.place(value));
         if high < 0.0 || low > 1.0 {
             return None;
         }
-        let code = |value: f64| self.encoding.unorm(value) * self.encoding.format.max_code() as f64;
-        let row =
-            |value: f64| ((code(value) - self.first_code) / self.codes_per_row).clamp(0.0, (self.rows - 1) as f64);
+        let row = |value: f64| {
+            ((self.encoding.code(value) - self.first_code) / self.codes_per_row).clamp(0.0, (self.rows - 1) as f64)
+        };
         let column = |gradient: f64| (gradient / self.gradient_per_column).clamp(0.0, (COLUMNS - 1) as f64);
         let mut fitted = *region;
         let per_row = self.codes_per_row * self.encoding.code_width();
@@ -199,30 +196,6 @@ impl<'a> Axes<'a> {
 fn widened([low, high]: [f64; 2], step: f64) -> [f64; 2] {
     let middle = 0.5 * (low + high);
     [low.min(middle - step), high.max(middle + step)]
-}
-
-/// The values outside of which nothing changes any more.
-fn told_apart(transfer: &TransferFunction) -> [f64; 2] {
-    let opacity = &transfer.opacity;
-    let colors = || transfer.color.iter().map(|point| point[0]);
-    // Colours of what is clear are told apart by nobody.
-    let first = opacity.iter().position(|point| point[1] > 0.0);
-    let last = opacity.iter().rposition(|point| point[1] > 0.0);
-    let [mut low, mut high] = [f64::INFINITY, f64::NEG_INFINITY];
-    if let (Some(first), Some(last)) = (first, last) {
-        low = match first {
-            0 => colors().fold(opacity[0][0], f64::min),
-            _ => opacity[first - 1][0],
-        };
-        high = match opacity.get(last + 1) {
-            None => colors().fold(opacity[last][0], f64::max),
-            Some(point) => point[0],
-        };
-    }
-    for region in &transfer.regions {
-        (low, high) = (low.min(region.value[0]), high.max(region.value[1]));
-    }
-    if low <= high { [low, high] } else { [opacity[0][0]; 2] }
 }
 
 #[cfg(test)]
@@ -375,7 +348,7 @@ mod tests {
     /// The promise that skipping rests on.
     #[test]
     fn what_is_clear_at_every_gradient_is_known_to_be() {
-        for (voxel_type, codes) in [(VoxelType::I8, 256), (VoxelType::I16, 65536)] {
+        for (voxel_type, codes) in [(VoxelType::I8, 256usize), (VoxelType::I16, 65536)] {
             let encoding = SlotEncoding::new(voxel_type, (0.0, 1.0), false);
             let transfer = TransferFunction {
                 regions: vec![
@@ -385,7 +358,7 @@ mod tests {
                 ..ramps()
             };
             let grid = TransferGrid::new(&transfer, &encoding);
-            let most: Vec<f32> = grid.most(codes).collect();
+            let most: Vec<f32> = grid.most(codes, 1).collect();
             let zero = encoding.unorm(0.0) as f32 * (codes - 1) as f32;
             for i in -1270..1270 {
                 let code = zero + i as f32 / 10.0;

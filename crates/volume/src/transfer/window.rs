@@ -23,6 +23,30 @@ impl TransferFunction {
         (low <= high).then_some([low, high])
     }
 
+    /// [`changes`](Self::changes) of fog, in which nobody tells colours of clear values apart. `None` if nothing changes that is seen.
+    pub fn visible_changes(&self) -> Option<[f64; 2]> {
+        let [low, high] = self.changes()?;
+        let opacity = &self.opacity;
+        let first = opacity.iter().position(|point| point[1] > 0.0);
+        let last = opacity.iter().rposition(|point| point[1] > 0.0);
+        let fog = first.zip(last).map(|(first, last)| {
+            let before = first.checked_sub(1).map_or(low, |clear| opacity[clear][0].max(low));
+            [before, opacity.get(last + 1).map_or(high, |clear| clear[0].min(high))]
+        });
+        let join = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        self.regions.iter().map(|region| region.value).chain(fog).reduce(join).filter(|[low, high]| low <= high)
+    }
+
+    /// The least distance between two neighbouring points of colour or opacity within a window: nothing in it is thinner.
+    pub(crate) fn thinnest(&self, [low, high]: [f64; 2]) -> f64 {
+        fn of<const N: usize>(points: &[[f64; N]]) -> impl Iterator<Item = [f64; 2]> {
+            points.windows(2).map(|pair| [pair[0][0], pair[1][0]])
+        }
+        let gaps = of(&self.color).chain(of(&self.opacity)).chain(self.regions.iter().map(|region| region.value));
+        let within = gaps.filter(|gap| gap[0] < gap[1] && low <= gap[0] && gap[1] <= high);
+        within.map(|gap| gap[1] - gap[0]).fold(f64::INFINITY, f64::min)
+    }
+
     /// The function with the values of the interval `from` moved to the interval `to`, which has width 1 if it would be empty. Gradient
     /// magnitudes have the same units as values, and are stretched alike.
     pub fn stretched(mut self, from: (f64, f64), to: (f64, f64)) -> Self {

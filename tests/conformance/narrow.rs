@@ -1,0 +1,142 @@
+//! Windows of few codes: masks, counts, one outlier beside them, and waves over few codes of 16 bits. Between two codes a transfer function may
+//! show anything, and nothing may be lost to the bits of a filter.
+
+use crate::list::finest;
+use crate::scenery::{SMALL, lightings, overview, steep, tinted, uneven, waves};
+use crate::shot::Shot;
+use crate::stage::{ALL, MOST, Stage, Way};
+use crate::volume::Volume;
+use brickyard::volume::*;
+use glam::DVec3;
+
+/// A volume in whose table a window is laid over few codes, and the function that is shown.
+struct Narrow {
+    volume: Volume,
+    transfer: TransferFunction,
+}
+
+impl Narrow {
+    fn new(voxel_type: VoxelType, range: (f64, f64), transfer: TransferFunction, value: impl Fn(DVec3) -> f64) -> Self {
+        let window = Window::new(&transfer, &[], Mode::Mip);
+        let encoding = SlotEncoding::new(voxel_type, range, false).for_window(window, KeptSlots::default());
+        assert!(!encoding.has_whole_table(), "{voxel_type} {range:?}: not narrow");
+        Self { volume: Volume::new(SMALL, 16, uneven(), encoding, value), transfer }
+    }
+
+    /// Draws these modes, each with a sampling and a lighting of its own.
+    fn agree(&self, ways: &[Way], looks: &[(Mode, Sampling, usize)], what: &str) {
+        let Self { volume, transfer } = self;
+        let frame = |&(mode, sampling, lighting): &(Mode, Sampling, usize)| {
+            let rays = overview(volume, sampling.filter);
+            let lighting = lightings()[lighting].clone();
+            FrameSettings { sampling, lighting, ..volume.frame_in(mode, rays, transfer, Lattice::uniform(0.7, 0)) }
+        };
+        let frames: Vec<FrameSettings> = looks.iter().map(frame).collect();
+        let mut stage = Stage::with_room(&[volume], frames.iter().map(FrameSettings::needs));
+        for (frame, look) in frames.iter().zip(looks) {
+            let shot = Shot::new(frame, finest(volume, frame), transfer);
+            let expected = shot.oracle(&[volume]);
+            shot.agree_with(&expected, &mut stage, ways, 0, &format!("{what}, {look:?}"));
+        }
+    }
+}
+
+/// In and out of a ball with a bite, by number.
+fn ball(p: DVec3) -> f64 {
+    let from = p - DVec3::new(19.3, 14.1, 18.2);
+    f64::from(u8::from(from.length() < 11.0 && !(from.x.abs() < 3.0 && from.y < 0.0)))
+}
+
+/// A number between 0 and 1 for each voxel, without a pattern.
+fn noise(p: DVec3) -> f64 {
+    let [x, y, z] = p.as_uvec3().to_array();
+    let hash = (x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77) ^ z.wrapping_mul(0xc2b2_ae3d))
+        .wrapping_mul(0x27d4_eb2f);
+    f64::from((hash ^ hash >> 15).wrapping_mul(0x2c1b_3c6d) >> 8) / f64::from(1 << 24)
+}
+
+/// Opaque about the value `0.3` past `first`, and clear at all whole numbers.
+fn shell(first: f64) -> TransferFunction {
+    TransferFunction {
+        color: vec![[first, 0.0, 0.0, 1.0], [first + 0.5, 0.0, 1.0, 0.0], [first + 1.0, 1.0, 0.0, 0.0]],
+        opacity: vec![[first + 0.2, 0.0], [first + 0.3, 0.9], [first + 0.4, 0.0]],
+        ..TransferFunction::default()
+    }
+}
+
+fn plain(mode: Mode) -> (Mode, Sampling, usize) {
+    (mode, Sampling::default(), 0)
+}
+
+fn by(method: Method, filter: Filter, lighting: usize) -> (Mode, Sampling, usize) {
+    (Mode::Dvr, Sampling { method, filter, ..Sampling::default() }, lighting)
+}
+
+const MODES: [Mode; 5] = Mode::ALL;
+
+#[test]
+fn masks_match_the_oracle_between_their_two_codes() {
+    for (i, (voxel_type, first)) in
+        [(VoxelType::U8, 0.0), (VoxelType::I16, 0.0), (VoxelType::U16, 50_000.0), (VoxelType::I8, -1.0)]
+            .into_iter()
+            .enumerate()
+    {
+        let mask = |p: DVec3| first + ball(p);
+        let range = (first, first + 1.0);
+        let shell = Narrow::new(voxel_type, range, shell(first), mask);
+        let methods = [Method::Plvs, Method::Pcvs, Method::Asm, Method::Lvs];
+        shell.agree(
+            if i < 2 { &ALL } else { &MOST },
+            &[plain(Mode::Dvr), by(Method::Udvr, Filter::Trilinear, 1)],
+            "a shell",
+        );
+        shell.agree(&MOST[..1], &methods.map(|method| by(method, Filter::Trilinear, 4)), "a shell");
+        shell.agree(
+            &MOST,
+            &[by(methods[i], Filter::Trilinear, i % 2), by(Method::Udvr, Filter::Tricubic, i % 2)],
+            "a shell",
+        );
+        let ramp = Narrow::new(voxel_type, range, tinted((first + 0.4, first + 0.6)), mask);
+        ramp.agree(&MOST, &MODES.map(plain), "a fifth of a code");
+    }
+}
+
+/// Of 0 to 3 counts nearly all there is, or there is a voxel with all that the type has.
+#[test]
+fn counts_and_one_outlier_match_the_oracle() {
+    let counts = |p: DVec3| (noise(p) * if ball(p) > 0.0 { 3.9 } else { 1.2 }).floor();
+    for (i, (voxel_type, most)) in
+        [(VoxelType::U8, 255.0), (VoxelType::U16, 65_535.0), (VoxelType::I16, 32_767.0)].into_iter().enumerate()
+    {
+        let outlier = move |p: DVec3| if p.as_uvec3().to_array() == [21, 15, 17] { most } else { counts(p) };
+        let window = tinted((0.0, 3.0));
+        let ways = if i == 0 { &ALL[..] } else { &MOST[..] };
+        Narrow::new(voxel_type, (0.0, 3.0), window.clone(), counts).agree(ways, &MODES.map(plain), "counts");
+        let wild = Narrow::new(voxel_type, (0.0, most), window, outlier);
+        wild.agree(&MOST, &MODES.map(plain), "an outlier");
+        wild.agree(
+            &MOST,
+            &[by(Method::Plvs, Filter::Trilinear, 1), by(Method::Udvr, Filter::Nearest, 1)],
+            "an outlier",
+        );
+    }
+}
+
+/// Where f32s have 8 bits behind the point, and where they have more.
+#[test]
+fn waves_over_few_codes_match_the_oracle() {
+    for (i, width) in [1.0, 2.0, 5.0, 16.0, 70.0, 300.0, 511.0].into_iter().enumerate() {
+        let low = [40_000.0, 12.0, 65_000.0][i % 3];
+        let window = (low, low + width);
+        let wave = |p: DVec3| (low + width * (1.4 * waves(p) - 0.2)).round();
+        let range = (low - width, low + 2.0 * width);
+        let narrow = Narrow::new(VoxelType::U16, range, tinted(window), wave);
+        narrow.agree(&MOST, &MODES.map(plain), &format!("{width} codes"));
+        let steep = Narrow { transfer: steep(window), ..Narrow::new(VoxelType::U16, range, tinted(window), wave) };
+        steep.agree(&MOST[..1], &[by(Method::Udvr, Filter::Trilinear, 4)], &format!("{width} codes, steep"));
+    }
+    // A sixth of all codes of 8 bits.
+    let wave = |p: DVec3| (100.0 + 42.0 * waves(p)).round();
+    let narrow = Narrow::new(VoxelType::U8, (0.0, 255.0), tinted((100.0, 142.0)), wave);
+    narrow.agree(&MOST, &MODES.map(plain), "42 codes of 8 bits");
+}
