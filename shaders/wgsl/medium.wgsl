@@ -2,7 +2,7 @@
 // twins, the volume crate's `sampling`, `preintegration` and `lighting`. What `CURVE`, `PARTS`, `IS_PRE_INTEGRATED`, `LIGHTING`,
 // `HAS_FOG` and `HAS_GRID` leave out is no part of the compiled shader.
 // Values of CURVE.
-//!import classify context differences field grid no_value pixel shade world
+//!import classify context cut_face differences field grid no_value pixel shade world
 const MIDDLE: u32 = 0u;
 const LINE: u32 = 1u;
 const CUBIC: u32 = 2u;
@@ -66,6 +66,19 @@ fn shade(lighting: u32, field: Field, ray: Ray, t: f32, color: vec3f, difference
     let gradient = gradient_to_world(differences * field.scale);
     let place = to_world(ray.origin + ray.direction * t);
     return lit(lighting, frame.lights, color, is_flat, gradient, to_world(ray.direction), place);
+}
+
+// Fog's colour, lit at a place of the ray: just behind a cut, by the cut's normal.
+fn shade_fog(field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f) -> vec3f {
+    let cut = cut_face(ray);
+    let share = cut_share(cut, ray, t, field.scale);
+    if (share <= 0.0) {
+        return shade(LIGHTING, field, ray, t, color, differences);
+    }
+    let is_flat = length(differences) * frame.last_code < FLAT_CODES;
+    let view = to_world(ray.direction);
+    let normal = cut_normal(cut, share, is_flat, gradient_to_world(differences * field.scale), view);
+    return lit(LIGHTING, frame.lights, color, false, normal, view, to_world(ray.origin + ray.direction * t));
 }
 
 // The running integral of one of four channels up to an entry, 64 bits as two words.
@@ -143,7 +156,7 @@ fn add_by_gradient(
     }
     var color = medium.color;
     if (LIGHTING != UNLIT) {
-        color = shade(LIGHTING, field, ray, t, color, differences);
+        color = shade_fog(field, ray, t, color, differences);
     }
     return add(pixel, medium, color, length);
 }

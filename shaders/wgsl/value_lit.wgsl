@@ -1,7 +1,14 @@
 // The colour of an expression's value, lit by the value's gradient in the middle of the segment.
-//!import expression frame shade way world
+//!import cut_face expression frame shade way world
 fn value_color(color: vec3f, result: Result) -> vec3f {
     let place = to_world(way.ray.origin + way.ray.direction * segment_middle);
+    let view = to_world(way.ray.direction);
     let is_flat = all(result.gradient == vec3f(0.0));
-    return lit(LIGHTING, frame.lights, color, is_flat, result.gradient, to_world(way.ray.direction), place);
+    let cut = cut_face(way.ray);
+    let share = cut_share(cut, way.ray, segment_middle, vec3f(1.0));
+    var normal = result.gradient;
+    if (share > 0.0) {
+        normal = cut_normal(cut, share, is_flat, result.gradient, view);
+    }
+    return lit(LIGHTING, frame.lights, color, is_flat && share <= 0.0, normal, view, place);
 }

@@ -3,6 +3,7 @@
 //! the oracle, which draws each picture once for all renderers; `scenery` is what is looked at. Each test says who takes it: the CPU takes
 //! all; a rasteriser in software takes seconds to compile a shader, so of those with many each GPU compositor takes some.
 
+mod cuts;
 mod fog;
 mod jitter;
 mod joins;

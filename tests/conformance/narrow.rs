@@ -2,7 +2,7 @@
 //! show anything, and nothing may be lost to the bits of a filter.
 
 use crate::list::finest;
-use crate::scenery::{SMALL, lightings, overview, steep, tinted, uneven, waves};
+use crate::scenery::{SMALL, lightings, noise, overview, steep, tinted, uneven, waves};
 use crate::shot::Shot;
 use crate::stage::{ALL, MOST, Stage, Way};
 use crate::volume::Volume;
@@ -45,14 +45,6 @@ impl Narrow {
 fn ball(p: DVec3) -> f64 {
     let from = p - DVec3::new(19.3, 14.1, 18.2);
     f64::from(u8::from(from.length() < 11.0 && !(from.x.abs() < 3.0 && from.y < 0.0)))
-}
-
-/// A number between 0 and 1 for each voxel, without a pattern.
-fn noise(p: DVec3) -> f64 {
-    let [x, y, z] = p.as_uvec3().to_array();
-    let hash = (x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77) ^ z.wrapping_mul(0xc2b2_ae3d))
-        .wrapping_mul(0x27d4_eb2f);
-    f64::from((hash ^ hash >> 15).wrapping_mul(0x2c1b_3c6d) >> 8) / f64::from(1 << 24)
 }
 
 /// Opaque about the value `0.3` past `first`, and clear at all whole numbers.

@@ -39,6 +39,14 @@ pub(crate) fn waves(p: DVec3) -> f64 {
     (wave / 6.0 + 0.5).clamp(0.0, 1.0)
 }
 
+/// A number between 0 and 1 for each voxel, without a pattern.
+pub(crate) fn noise(p: DVec3) -> f64 {
+    let [x, y, z] = p.as_uvec3().to_array();
+    let hash = (x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77) ^ z.wrapping_mul(0xc2b2_ae3d))
+        .wrapping_mul(0x27d4_eb2f);
+    f64::from((hash ^ hash >> 15).wrapping_mul(0x2c1b_3c6d) >> 8) / f64::from(1 << 24)
+}
+
 /// A field between 0 and 1 in a volume's range.
 pub(crate) fn scaled(encoding: SlotEncoding, field: impl Fn(DVec3) -> f64) -> impl Fn(DVec3) -> f64 {
     move |p| encoding.low + (encoding.high - encoding.low) * field(p)

@@ -1,7 +1,7 @@
 //! One layer along a ray: the part of each segment that is its own, what it shows of that by itself, and its projection.
 
 use crate::ReferenceVolume;
-use crate::medium::Field;
+use crate::medium::{Field, turned};
 use crate::path::Path;
 use crate::surface::Crossings;
 use brickyard_volume::compositing::LayerMedium;
@@ -60,7 +60,7 @@ impl<'a> Way<'a> {
         y: u32,
     ) -> Option<Self> {
         let settings = &frame.settings;
-        let path = Path::new(settings, x, y);
+        let path = Path::new(settings, &volume.levels[0], x, y);
         let stretch = path.stretch(settings, &volume.levels[0])?;
         let jitter = settings.sampling.jitter.share(x, y);
         let mut fog_lighting = settings.lighting.clone();
@@ -77,7 +77,7 @@ impl<'a> Way<'a> {
         (part.length() > 0.0).then(|| {
             let level = &self.volume.levels[(self.volume.level_at)(self.path.at(part.middle()))];
             let frame = &self.frame.settings;
-            (part, Field { frame, level, path: &self.path, lighting: &self.fog_lighting })
+            (part, Field { frame, level, path: &self.path, lighting: &self.fog_lighting, cut: self.path.cut })
         })
     }
 
@@ -91,7 +91,8 @@ impl<'a> Way<'a> {
     /// is flat.
     pub(crate) fn lit(&self, color: DVec3, gradient: Option<DVec3>, t: f64) -> DVec3 {
         let Ray { origin, direction } = self.path.world;
-        self.fog_lighting.shade(color, gradient.map(DVec3::normalize), direction, origin + direction * t)
+        let normal = turned(&self.path, self.path.cut, DVec3::ONE, gradient.map(DVec3::normalize), t);
+        self.fog_lighting.shade(color, normal, direction, origin + direction * t)
     }
 
     /// The gradient in the scene's world in the middle of the layer's part of a segment, where the field has this
@@ -115,7 +116,7 @@ impl<'a> Way<'a> {
         surfaces: &mut Vec<Met>,
     ) {
         let Some((part, field)) = self.part(segment) else { return };
-        let of_surfaces = Field { lighting: &self.surface_lighting, ..field };
+        let of_surfaces = Field { lighting: &self.surface_lighting, cut: None, ..field };
         let mut start = part.start;
         for (t, surface) in crossings.within(part, |t| field.value(t)) {
             pieces.extend(self.piece(field, Segment { start, end: t }));

@@ -7,7 +7,7 @@ use brickyard_volume::lighting::SMOOTH;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
 use brickyard_volume::surface::FLAT_CODES;
 use brickyard_volume::{
-    Blend, FrameSettings, Gradient, Lighting, LightingModel, Medium, Ray, Segment, TransferFunction,
+    Blend, CutFace, FrameSettings, Gradient, Lighting, LightingModel, Medium, Ray, Segment, TransferFunction,
 };
 use glam::DVec3;
 
@@ -30,6 +30,8 @@ pub(crate) struct Field<'a> {
     pub(crate) level: &'a Array,
     pub(crate) path: &'a Path,
     pub(crate) lighting: &'a Lighting,
+    /// The cut whose normal lights the places just behind it.
+    pub(crate) cut: Option<CutFace>,
 }
 
 impl Field<'_> {
@@ -61,7 +63,9 @@ impl Field<'_> {
     /// A colour as it is lit at distance `t`, where the field has these differences.
     pub(crate) fn shade(&self, color: DVec3, differences: DVec3, t: f64) -> DVec3 {
         let Ray { origin, direction } = self.path.world;
-        self.lighting.shade(color, self.normal(differences), direction, origin + direction * t)
+        let factor = DVec3::from_array(self.level.factor.map(f64::from));
+        let normal = turned(self.path, self.cut, factor, self.normal(differences), t);
+        self.lighting.shade(color, normal, direction, origin + direction * t)
     }
 
     /// Where in the transfer table a value is, in entries.
@@ -171,6 +175,13 @@ impl Field<'_> {
             DVec3::from_array(self.level.factor.map(|factor| 2.0 * factor as f64)) * self.frame.geometry.spacing;
         differences / across
     }
+}
+
+/// The normal of a place at distance `t`, whose own is given, in voxels of so many level-0 voxels: behind a cut, mixed with the cut's.
+pub(crate) fn turned(path: &Path, cut: Option<CutFace>, factor: DVec3, own: Option<DVec3>, t: f64) -> Option<DVec3> {
+    let Some(cut) = cut else { return own };
+    let depth = (t - cut.entry) * cut.voxels_per_distance(path.direction, factor);
+    cut.mixed(own, path.world.direction, CutFace::share(depth))
 }
 
 #[cfg(test)]
@@ -417,8 +428,8 @@ mod tests {
             let unit = DVec3::new(0.8191725134, 0.6710436067, 0.5497004779) * i as f64;
             let place = (unit - unit.floor()) * (n as f64 - 7.0) + 3.0;
             let world = Ray { origin: DVec3::ZERO, direction: DVec3::X };
-            let path = Path { origin: place + 0.5, direction: DVec3::X, world, own: world };
-            let found = Field { frame: &frame, level: &level, path: &path, lighting: &frame.lighting };
+            let path = Path { origin: place + 0.5, direction: DVec3::X, world, own: world, cut: None };
+            let found = Field { frame: &frame, level: &level, path: &path, lighting: &frame.lighting, cut: None };
             let Some(normal) = found.normal(found.differences(0.0, field(place))) else { continue };
             let along = |axis: DVec3| field(place + axis * 1e-4) - field(place - axis * 1e-4);
             let exact = DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z));

@@ -1,7 +1,7 @@
 //! A pixel's ray in the voxel space of a volume, and the stretch of it that is shown.
 
 use crate::Array;
-use brickyard_volume::{Clip, FrameSettings, Ray};
+use brickyard_volume::{Clip, CutFace, FrameSettings, Ray};
 use glam::DVec3;
 
 /// A pixel's ray in the voxel space of a volume, with distances of the scene's world along it.
@@ -12,16 +12,19 @@ pub(crate) struct Path {
     pub(crate) own: Ray,
     pub(crate) origin: DVec3,
     pub(crate) direction: DVec3,
+    /// Where it enters what is shown, if that is through a cut.
+    pub(crate) cut: Option<CutFace>,
 }
 
 impl Path {
-    /// The path of the ray through a pixel's centre.
-    pub(crate) fn new(frame: &FrameSettings, x: u32, y: u32) -> Self {
+    /// The path of the ray through a pixel's centre, through a volume with this finest level.
+    pub(crate) fn new(frame: &FrameSettings, finest: &Array, x: u32, y: u32) -> Self {
         let world = frame.rays.ray(x as f64 + 0.5, y as f64 + 0.5);
         let own = frame.placement.volume_ray(&world);
         let origin = frame.geometry.voxel_from_world(own.origin);
         let direction = own.direction / frame.geometry.spacing;
-        Self { world, own, origin, direction }
+        let cut = frame.cut_face(finest.extent, origin, direction);
+        Self { world, own, origin, direction, cut }
     }
 
     /// The point in voxel space at a distance.

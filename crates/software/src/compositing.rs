@@ -20,7 +20,7 @@ use crate::packet::CHUNK;
 use crate::ray::{FAINTEST, Past, Ray};
 use crate::sample::SampleChunk;
 use crate::tiles::{PIXELS, Tile, place, places};
-use brickyard_volume::Combination;
+use brickyard_volume::{Combination, CutFace};
 use glam::{DVec3, Vec4};
 
 /// How a frame's layers are drawn together.
@@ -372,8 +372,15 @@ fn shade<'a>(
     let eye = settings.geometry.world_from_voxel(DVec3::from_array(ray.origin));
     let eye = settings.placement.world_from_volume(eye);
     let length = ticks.step * (1u64 << zone) as f64;
+    let voxels = DVec3::from_array(ray.direction);
+    let cut = settings.cut_face(frame.extent, DVec3::from_array(ray.origin), voxels);
+    let cut = cut.map(|cut| (cut, cut.voxels_per_distance(voxels, DVec3::ONE)));
     move |segment, color, normal| {
         let middle = tick as f64 * ticks.step + (segment as f64 + 0.5) * length;
+        let normal = match cut {
+            Some((cut, rate)) => cut.mixed(normal, direction, CutFace::share((middle - cut.entry) * rate)),
+            None => normal,
+        };
         settings.lighting.shade(color, normal, direction, eye + direction * middle)
     }
 }

@@ -13,8 +13,8 @@ use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
 use brickyard_volume::slot_encoding::ANYTHING;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    Blend, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, PixelRect, Placement, Pyramid,
-    TransferGrid, ViewRays, VolumeFrame, VoxelBox, surface,
+    Blend, Extent, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, PixelRect, Placement,
+    Pyramid, TransferGrid, ViewRays, VolumeFrame, VoxelBox, surface,
 };
 use glam::{DVec3, Mat3};
 use rayon::prelude::*;
@@ -41,6 +41,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) cells: Vec<Cell<'a>>,
     /// How bricks are read at a place.
     pub(crate) reading: Reading,
+    /// The volume's extent.
+    pub(crate) extent: Extent,
     /// Voxels along the edge of a brick's core; `apron` is the number of voxels on each side of it.
     pub(crate) edge: u32,
     pub(crate) apron: u32,
@@ -207,6 +209,7 @@ impl<'a> Frame<'a> {
             shown_high,
             cells,
             reading: Reading::of(settings),
+            extent: pyramid.levels()[0].extent,
             edge,
             apron,
             gradients: needs.gradients(edge),

@@ -335,8 +335,10 @@ mod tests {
 
     fn same_when_lit<C: Code, B: Accumulate, const INVALID: bool>(mode: Mode, surfaces: &[f64], lighting: Lighting) {
         let voxel_type = [VoxelType::U8, VoxelType::U16, VoxelType::F32][C::BYTES / 2];
-        // Of codes a third, so that they are counted from another one than 0.
-        let window = Some(Window::of([20.0, [76.0, 20_000.0, 200.0][C::BYTES / 2]]));
+        // Of codes less than half, about the values that are seen, so that they are counted from another one than 0.
+        let share = if mode == Mode::MinIp { [0.05, 0.5] } else { [0.4, 0.88] };
+        let most = [255.0, 65535.0, 250.0][C::BYTES / 2];
+        let window = Some(Window::of(share.map(|share| share * most)));
         let mut encoding = SlotEncoding::new(voxel_type, (0.0, 1e9), false).for_window(window, KeptSlots::default());
         encoding.has_invalid = INVALID;
         let transfer = TransferFunction::preset("viridis", encoding.table_values().into(), 3.0).unwrap();

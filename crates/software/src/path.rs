@@ -19,7 +19,7 @@ use crate::transfer_table::Entries;
 use brickyard_volume::lighting::SMOOTH;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
 use brickyard_volume::surface::FLAT_CODES;
-use brickyard_volume::{Filter, Gradient, Lighting, Medium as Mean, TransferGrid};
+use brickyard_volume::{CutFace, Filter, Gradient, Lighting, Medium as Mean, TransferGrid};
 use glam::{DVec3, Vec3, Vec4};
 use std::ops::Range;
 
@@ -43,6 +43,8 @@ pub(crate) struct Path<'a> {
     /// The ray in the scene's world.
     eye: DVec3,
     direction: DVec3,
+    /// Where it enters what is shown, if through a cut, and voxels below that by distance.
+    cut: Option<(CutFace, f64)>,
     is_lit: bool,
     /// Whether anything depends on gradients: light, or what is seen.
     has_gradients: bool,
@@ -83,6 +85,7 @@ impl<'a> Path<'a> {
             half_code: 0.5 * frame.settings.encoding.code_width(),
             eye,
             direction,
+            cut: march.cut(ray),
             is_lit: frame.is_lit,
             has_gradients: frame.is_lit || frame.grid.is_some(),
         }
@@ -185,7 +188,8 @@ impl<'a> Path<'a> {
             return segments.start + count;
         }
         let (mut differences, mut shaded) = ([[0.0; LANES]; 3], Shaded::EMPTY);
-        let shade = Shade::new(self.lighting(), self.march.cell.world_from_differences, self.eye, self.direction);
+        let shade =
+            Shade::new(self.lighting(), self.march.cell.world_from_differences, self.eye, self.direction, self.cut);
         if self.has_gradients {
             self.row_differences::<C, U, INVALID>(&along, &row.code, &shown, &mut differences);
         }
@@ -456,7 +460,7 @@ impl<'a> Path<'a> {
         let frame = self.march.frame;
         let look = &frame.settings.surfaces[surface];
         let differences = self.differences::<C, U, INVALID>(along, frame.thresholds[surface]);
-        self.lit_by(&frame.surface_lighting, along, Vec3::from(look.color), differences).extend(look.opacity)
+        self.lit_by((&frame.surface_lighting, None), along, Vec3::from(look.color), differences).extend(look.opacity)
     }
 
     /// The distance along the ray of a place along the path.
@@ -466,12 +470,22 @@ impl<'a> Path<'a> {
     }
 
     fn lit(&self, along: f32, color: Vec3, differences: Vec3) -> Vec3 {
-        self.lit_by(self.lighting(), along, color, differences)
+        self.lit_by((self.lighting(), self.cut), along, color, differences)
     }
 
-    /// A colour lit at a place.
-    fn lit_by(&self, lighting: &Lighting, along: f32, color: Vec3, differences: Vec3) -> Vec3 {
-        let normal = self.in_world(differences).map(DVec3::normalize);
+    /// A colour lit at a place, behind a cut if its normal is to light what is next to it.
+    fn lit_by(
+        &self,
+        (lighting, cut): (&Lighting, Option<(CutFace, f64)>),
+        along: f32,
+        color: Vec3,
+        differences: Vec3,
+    ) -> Vec3 {
+        let mut normal = self.in_world(differences).map(DVec3::normalize);
+        if let Some((cut, rate)) = cut {
+            let share = CutFace::share((self.distance(along) - cut.entry) * rate);
+            normal = cut.mixed(normal, self.direction, share);
+        }
         let place = self.eye + self.direction * self.distance(along);
         lighting.shade(color.as_dvec3(), normal, self.direction, place).as_vec3()
     }

@@ -6,7 +6,7 @@
 use crate::packet::{LANES, Packet};
 use brickyard_volume::lighting::{AMBIENT, COOL, DIFFUSE, SPECULAR, TONE_KEPT, WARM};
 use brickyard_volume::surface::FLAT_CODES;
-use brickyard_volume::{Lighting, LightingModel};
+use brickyard_volume::{CutFace, Lighting, LightingModel};
 use glam::{DVec3, Mat3, Vec3, Vec4};
 
 /// How a layer's places along one ray are lit.
@@ -19,6 +19,15 @@ pub(crate) struct Shade<'a> {
     view: Vec3,
     /// What `added` is amounts of.
     tints: [Vec4; 2],
+    cut: Option<Cut>,
+}
+
+/// The cut through which a ray enters what is shown: see [`CutFace`].
+struct Cut {
+    entry: f32,
+    /// Voxels below the cut, for each unit of distance behind the entry.
+    voxels_per_distance: f32,
+    normal: Vec3,
 }
 
 /// What light makes of the colours of eight places: a colour becomes `color * kept + added[0] * tints[0] + added[1] * tints[1]`.
@@ -32,15 +41,27 @@ impl Shaded {
 }
 
 impl<'a> Shade<'a> {
-    /// How places along a ray from `eye` with the unit direction `view` are lit.
+    /// How places along a ray from `eye` with the unit direction `view` are lit, behind a cut and its
+    /// [voxels by distance](CutFace::voxels_per_distance).
     #[inline(always)]
-    pub(crate) fn new(lighting: &'a Lighting, world_from_differences: Mat3, eye: DVec3, view: DVec3) -> Self {
+    pub(crate) fn new(
+        lighting: &'a Lighting,
+        world_from_differences: Mat3,
+        eye: DVec3,
+        view: DVec3,
+        cut: Option<(CutFace, f64)>,
+    ) -> Self {
+        let cut = cut.map(|(CutFace { entry, normal, .. }, rate)| Cut {
+            entry: entry as f32,
+            voxels_per_distance: rate as f32,
+            normal: normal.as_vec3(),
+        });
         let tint = |color: [f64; 3]| DVec3::from_array(color).as_vec3().extend(0.0);
         let tints = match lighting.model {
             LightingModel::Tone => [tint(COOL), tint(WARM)],
             _ => [tint([SPECULAR; 3]), Vec4::ZERO],
         };
-        Self { lighting, world_from_differences, eye, view: view.as_vec3(), tints }
+        Self { lighting, world_from_differences, eye, view: view.as_vec3(), tints, cut }
     }
 
     /// What light makes of a colour at the packet's place `i`. The colour's last component, and that of the result, is of no use.
@@ -56,6 +77,14 @@ impl<'a> Shade<'a> {
     pub(crate) fn packet(&self, differences: &[Packet; 3], distance: &Packet, shaded: &mut Shaded) {
         let (mut normal, mut to_eye) = ([[0.0; LANES]; 3], [0.0; LANES]);
         self.normals(differences, &mut normal, &mut to_eye);
+        let mut is_flat = [false; LANES];
+        for i in 0..LANES {
+            let [x, y, z] = [differences[0][i], differences[1][i], differences[2][i]];
+            is_flat[i] = x * x + y * y + z * z < (FLAT_CODES * FLAT_CODES) as f32;
+        }
+        if let Some(cut) = &self.cut {
+            self.turn(cut, distance, (&mut normal, &mut to_eye, &mut is_flat));
+        }
         let (mut diffuse, mut specular, mut facing) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         if self.lighting.lights.is_empty() {
             for i in 0..LANES {
@@ -74,12 +103,10 @@ impl<'a> Shade<'a> {
             }
         }
         for i in 0..LANES {
-            let [x, y, z] = [differences[0][i], differences[1][i], differences[2][i]];
-            let is_flat = x * x + y * y + z * z < (FLAT_CODES * FLAT_CODES) as f32;
             // A flat place shows its colour as if it faced a light at the eye, and reflects nothing.
-            diffuse[i] = if is_flat { 1.0 } else { diffuse[i] };
-            specular[i] = if is_flat { 0.0 } else { specular[i] };
-            facing[i] = if is_flat { 1.0 } else { facing[i] };
+            diffuse[i] = if is_flat[i] { 1.0 } else { diffuse[i] };
+            specular[i] = if is_flat[i] { 0.0 } else { specular[i] };
+            facing[i] = if is_flat[i] { 1.0 } else { facing[i] };
         }
         match self.lighting.model {
             LightingModel::Tone => {
@@ -115,6 +142,28 @@ impl<'a> Shade<'a> {
             let scale = if along > 0.0 { -scale } else { scale };
             (normal[0][i], normal[1][i], normal[2][i]) = (nx * scale, ny * scale, nz * scale);
             to_eye[i] = -(along * scale);
+        }
+    }
+
+    /// Mixes the normals of places just behind a cut with the cut's own: the twin of [`CutFace::mixed`].
+    #[inline(always)]
+    fn turn(
+        &self,
+        cut: &Cut,
+        distance: &Packet,
+        (normal, to_eye, is_flat): (&mut [Packet; 3], &mut Packet, &mut [bool; LANES]),
+    ) {
+        for i in 0..LANES {
+            let share = CutFace::share(f64::from((distance[i] - cut.entry) * cut.voxels_per_distance)) as f32;
+            if share > 0.0 {
+                let own = match is_flat[i] {
+                    true => -self.view,
+                    false => Vec3::new(normal[0][i], normal[1][i], normal[2][i]),
+                };
+                let mixed = own.lerp(cut.normal, share).normalize_or(cut.normal);
+                (normal[0][i], normal[1][i], normal[2][i]) = mixed.into();
+                (to_eye[i], is_flat[i]) = (-mixed.dot(self.view), false);
+            }
         }
     }
 
@@ -187,7 +236,7 @@ mod tests {
             if model == LightingModel::None {
                 continue;
             }
-            let shade = Shade::new(&lighting, axes, eye, view);
+            let shade = Shade::new(&lighting, axes, eye, view, None);
             for _ in 0..200 {
                 let mut differences = [[0.0; LANES]; 3];
                 differences.as_flattened_mut().iter_mut().for_each(|v| *v = 200.0 * noise());

@@ -5,6 +5,7 @@ use crate::macrocells::{Blocks, Reach, block_length};
 use crate::packet::{CHUNK, LANES, PACKETS};
 use crate::ray::{NO_RANK, Ray};
 use crate::sample::{Brick, SampleChunk};
+use brickyard_volume::CutFace;
 use brickyard_volume::macrocells::CELL_EDGE;
 use glam::DVec3;
 use std::ops::Range;
@@ -23,6 +24,16 @@ impl March<'_> {
         let (geometry, placement) = (&self.frame.settings.geometry, &self.frame.settings.placement);
         let eye = placement.world_from_volume(geometry.world_from_voxel(DVec3::from_array(ray.origin)));
         (eye, placement.world_vector(DVec3::from_array(ray.direction) * geometry.spacing))
+    }
+
+    /// The cut through which a ray enters what is shown, and how many voxels of the cell's level it goes below the cut for each unit of
+    /// distance; `None` if it enters by none.
+    #[inline(always)]
+    pub(crate) fn cut(&self, ray: &Ray) -> Option<(CutFace, f64)> {
+        self.frame.settings.clip.as_ref()?;
+        let direction = DVec3::from_array(ray.direction);
+        let cut = self.frame.settings.cut_face(self.frame.extent, DVec3::from_array(ray.origin), direction)?;
+        Some((cut, cut.voxels_per_distance(direction, DVec3::from_array(self.cell.scale).recip())))
     }
 }
 

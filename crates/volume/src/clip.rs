@@ -1,8 +1,8 @@
 //! Clipping: what of a volume is shown. It is the part inside a box and on the inner sides of planes, all in the world.
 //!
 //! All renderers shorten a ray's stretch by box and planes before they cut it into segments (see [`lattice`](crate::lattice)). The
-//! first and the last segment end just there, so an oblique cut is as smooth as the volume's own faces, and nothing else in a
-//! renderer knows of clipping. The pager leaves out bricks that lie wholly outside. Clipping costs a few products per ray and plane. On a
+//! first and the last segment end just there, so an oblique cut is as smooth as the volume's own faces, and of what a
+//! renderer does only the light of [cut faces](crate::CutFace) knows of clipping. The pager leaves out bricks that lie wholly outside. Clipping costs a few products per ray and plane. On a
 //! GPU `shaders/wgsl/ray.wgsl` (`shown`) does the same.
 
 use crate::placement::Placement;

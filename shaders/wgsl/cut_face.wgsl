@@ -1,0 +1,41 @@
+// Where a ray enters what is shown through a clip plane or a side of the clip box, whose normal then lights the first voxel. Twin of the volume
+// crate's `cut_face`.
+//!import context frame ray world
+const CUT_ALONE: f32 = 0.5;
+const CUT_GONE: f32 = 1.5;
+
+// The gradient in voxel space of the height above the cut, and the distance at which the ray enters; zeros if it enters by no cut.
+fn cut_face(ray: Ray) -> vec4f {
+    var cut = vec4f(0.0);
+    for (var a = 0u; a < 3u; a++) {
+        let is_up = ray.direction[a] > 0.0;
+        let side = (select(frame.shown_high[a], frame.shown_low[a], is_up) - ray.origin[a]) * ray.inverse[a];
+        let cut_off = select(frame.extent[a] - frame.shown_high[a], frame.shown_low[a], is_up);
+        var slope = vec3f(0.0);
+        slope[a] = select(0.0, sign(ray.direction[a]), cut_off > 0.0);
+        cut = select(cut, vec4f(slope, side), side > cut.w);
+    }
+    for (var i = 0u; i < frame.plane_count; i++) {
+        let plane = frames[layer].planes[i];
+        let rise = dot(plane.xyz, ray.direction);
+        let t = -(dot(plane.xyz, ray.origin - frame.eye) + plane.w) / max(rise, 1e-20);
+        cut = select(cut, vec4f(plane.xyz, t), rise > 1e-20 && t > cut.w);
+    }
+    return cut;
+}
+
+// The share of the cut's normal at a distance, where there are so many texels in a level-0 voxel.
+fn cut_share(cut: vec4f, ray: Ray, t: f32, scale: vec3f) -> f32 {
+    if (all(cut.xyz == vec3f(0.0))) {
+        return 0.0;
+    }
+    let depth = (t - cut.w) * dot(cut.xyz, ray.direction) / length(cut.xyz / scale);
+    return clamp((CUT_GONE - depth) / (CUT_GONE - CUT_ALONE), 0.0, 1.0);
+}
+
+// A normal of a place with a gradient of any length, or none if it is flat, mixed with the cut's. Turned to the eye.
+fn cut_normal(cut: vec4f, share: f32, is_flat: bool, gradient: vec3f, view: vec3f) -> vec3f {
+    let along = normalize(gradient);
+    let turned = select(along, -along, dot(along, view) > 0.0);
+    return mix(select(turned, -view, is_flat), -normalize(gradient_to_world(cut.xyz)), share);
+}
