@@ -3,11 +3,12 @@
 
 use brickyard::backend::{BackendChoice, BackendError};
 use brickyard::frame_governor::Quality;
+use brickyard::pager::Playback;
 use brickyard::render::{Gpu, GpuError, Target, wgpu};
 use brickyard::session::{Frame, Session, SessionError, SessionOptions, VolumeSource};
 use brickyard::volume::{
-    Camera, Extent, Filter, Geometry, Lighting, LightingModel, Mesh, MeshLook, Mode, Picture, Sampling, Scene, Stereo,
-    StereoLayout, TransferFunction,
+    Camera, Extent, Filter, Geometry, Lighting, LightingModel, Mesh, MeshLook, Mode, Picture, Projection, Sampling,
+    Scene, SceneLayer, Stereo, StereoLayout, TransferFunction,
 };
 use brickyard_tests::{FunctionSource, TestStore, leave_out, oracle};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -128,6 +129,19 @@ impl Application {
         is_this
     }
 
+    /// Frame by frame until there is a picture of the scene.
+    fn show_next(&self, session: &mut Session, scene: &Scene, target: &Target<'_>) -> Frame {
+        let begun = Instant::now();
+        loop {
+            let frame = session.step(scene, SIZE).expect("a step");
+            if self.draw(session, &frame, target) {
+                return frame;
+            }
+            assert!(begun.elapsed() < Duration::from_secs(120), "no picture: {:?}", frame.status);
+            session.wait(Duration::from_millis(5));
+        }
+    }
+
     /// Frame by frame until nothing more comes and the picture is there.
     fn settle(&self, session: &mut Session, scene: &Scene, size_px: (u32, u32), target: &Target<'_>) -> Frame {
         let begun = Instant::now();
@@ -238,8 +252,7 @@ fn slots_change_behind_the_picture_before() {
         app.settle(&mut session, &looking(-1e3, 1e3, 20.0), SIZE, &whole(&view));
         // The first picture of the window, from codes.
         let narrow = looking(0.2, 0.8, 20.0);
-        let frame = session.step(&narrow, SIZE).expect("a step");
-        while !app.draw(&mut session, &frame, &whole(&view)) {}
+        app.show_next(&mut session, &narrow, &whole(&view));
         let before = rgb(&app.read(&texture));
         let (mut kept, mut begun) = (0, None);
         loop {
@@ -258,14 +271,61 @@ fn slots_change_behind_the_picture_before() {
         assert!(kept > 0, "slots were filled behind the picture");
         let last = looking(0.2, 0.8, if moves { 50.0 } else { 20.0 });
         if moves {
-            let frame = session.step(&last, SIZE).expect("a step");
-            while !app.draw(&mut session, &frame, &whole(&view)) {}
+            app.show_next(&mut session, &last, &whole(&view));
             assert_ne!(rgb(&app.read(&texture)), before, "the camera has moved");
         }
         app.settle(&mut session, &last, SIZE, &whole(&view));
         let (found, expected) = (rgb(&app.read(&texture)), rendered(&store, &last, SIZE));
         assert!(most(&found, &expected.rgb) <= 1, "{}", most(&found, &expected.rgb));
     }
+    assert_eq!(app.errors.load(Ordering::Relaxed), 0);
+}
+
+/// While steps are appended to a store, and whatever else makes slots anew, an application's texture shows the picture before until there is something of
+/// the next one in every place; where there is none, as on another device, it stays as it was.
+#[test]
+fn the_picture_before_stays_while_a_store_grows() {
+    let Some(app) = Application::new() else { return };
+    let value = |step: u32| (30 * step + 40) as u8;
+    let store = |steps| {
+        let source = FunctionSource::series(EXTENT, Geometry::default(), steps, 1, move |step, _, _| value(step));
+        TestStore::pack(&source, 16)
+    };
+    let stores: Vec<TestStore> = (2..7).map(store).collect();
+    let inside =
+        Camera { projection: Projection::Orthographic { height: 30.0 }, ..scene(0.5, 20.0).camera.expect("one") };
+    let layer = SceneLayer { window: Some([0.0, 255.0]), ..SceneLayer::default() };
+    let mut scene = Scene { mode: Mode::Mip, camera: Some(inside), layers: vec![layer], ..Scene::default() };
+    let texture = app.texture(FORMAT, SIZE);
+    let view = texture.create_view(&Default::default());
+    let mut session = app.session(&stores[0], true);
+    app.settle(&mut session, &scene, SIZE, &whole(&view));
+    session.play(Some(Playback { steps_per_second: 20.0, ..Playback::default() }));
+    let mut held = 0;
+    for i in 0..160 {
+        match i % 40 {
+            0 => session.set_volumes(vec![VolumeSource::of_store(&stores[1 + i / 40].store)]),
+            10 => scene.stereo = Some(Stereo::new(StereoLayout::TopBottom)),
+            20 => drop(session.set_budgets(32 << 20, 32 << 20)),
+            25 => drop(session.set_budgets(64 << 20, 64 << 20)),
+            30 => scene.stereo = None,
+            35 => session.set_gpu(app.gpu()),
+            _ => {}
+        }
+        let before = app.read(&texture);
+        let frame = session.step(&scene, SIZE).expect("a step");
+        let is_this = app.draw(&mut session, &frame, &whole(&view));
+        let found = app.read(&texture);
+        held += u32::from(session.shows_before(&frame));
+        match session.shown().map(|shown| shown.scene.time) {
+            Some(step) => {
+                let is_it = |pixel: &[u8; 4]| pixel[..3].iter().all(|code| code.abs_diff(value(step)) <= 1);
+                assert!(found.iter().all(is_it), "frame {i}, step {step}: {:?}", found[0]);
+            }
+            None => assert!(!is_this && found == before, "frame {i}"),
+        }
+    }
+    assert!(held > 5, "only {held} frames");
     assert_eq!(app.errors.load(Ordering::Relaxed), 0);
 }
 
@@ -509,8 +569,8 @@ fn errors_are_the_calls_own() {
     let superseded = session.draw_to(&frame, &whole(&view), &mut encoder);
     assert!(superseded.is_err(), "the frame is of slots that are gone");
     // A depth format has no colours.
-    let (frame, format) = (session.step(&scene(0.5, 20.0), SIZE).expect("a step"), TextureFormat::Depth32Float);
-    let begun = Instant::now();
+    let frame = app.show_next(&mut session, &scene(0.5, 20.0), &whole(&view));
+    let (format, begun) = (TextureFormat::Depth32Float, Instant::now());
     let refused = loop {
         match session.draw_to(&frame, &Target { view: &view, format, area_px: None }, &mut encoder) {
             Ok(is_this) => assert!(!is_this && begun.elapsed() < Duration::from_secs(60), "drawn in a depth format"),

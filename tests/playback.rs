@@ -5,7 +5,8 @@ use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::pager::{BrickError, BrickSource, Ending, Playback, Policy};
 use brickyard::session::{Frame, Session, SessionOptions, VolumeSource};
 use brickyard::volume::{
-    Blend, BrickId, Camera, Extent, Geometry, Mode, Projection, Pyramid, Scene, SceneLayer, TimeAxis, VoxelType,
+    Blend, BrickId, Camera, Extent, Filter, Geometry, Mode, Picture, Projection, Pyramid, Scene, SceneLayer, Stereo,
+    StereoLayout, TimeAxis, VoxelType,
 };
 use brickyard_tests::{Random, open_session_of, options};
 use std::ops::Range;
@@ -159,6 +160,86 @@ fn no_picture_mixes_steps_or_has_a_hole() {
         let frame = until(&mut session, &scene, |frame| frame.status.settled);
         assert_eq!(frame.scene.time, scene.time);
         assert_one_step(&mut session, &frame, channels);
+    }
+}
+
+/// Two volumes of so many steps, whose bricks share no slots.
+fn growing(steps: u32) -> Vec<VolumeSource> {
+    let slow = Coded::new(steps, 3, 6000);
+    let slow =
+        Coded { pyramid: Pyramid::new(EXTENT, [1.0; 3], 32), ..Arc::into_inner(slow).expect("nobody else has it") };
+    vec![VolumeSource::new(Coded::new(steps, 3, 2000)), VolumeSource::new(Arc::new(slow))]
+}
+
+/// So many layers of both volumes, each in a colour of its own.
+fn coloured(count: usize) -> Vec<SceneLayer> {
+    let axis = |i: usize| std::array::from_fn(|c| f64::from(u8::from(c == i)));
+    (0..count).map(|i| layer(i % 2, i as u32, axis(i))).collect()
+}
+
+/// Changes a session or its scene, which had `steps` steps, in some way that makes slots, pagers or volumes anew, or asks for bricks that are not there.
+fn change(session: &mut Session, scene: &mut Scene, (steps, size): (&mut u32, &mut (u32, u32)), dice: &mut Random) {
+    let number = dice.bits();
+    match dice.bits() % 24 {
+        0 | 1 => {
+            *steps += 1;
+            session.set_volumes(growing(*steps));
+        }
+        2 => drop(session.set_budgets((32 + number % 32) << 20, (32 + number % 32) << 20)),
+        3 => scene.layers = coloured(1 + number as usize % 3),
+        4 => scene.layers[0].channel = (number % 3) as u32,
+        5 => scene.sampling.filter = [Filter::Trilinear, Filter::Tricubic][number as usize % 2],
+        6 => scene.stereo = [None, Some(Stereo::new(StereoLayout::SideBySide))][number as usize % 2],
+        7 => *size = [SIZE, (64, 300)][number as usize % 2],
+        8 => scene.time = (number % u64::from(*steps)) as u32,
+        9 => session.play([None, Some(playback(dice))][number as usize % 2]),
+        10 => scene.camera = Some(camera(360.0 * dice.unit())),
+        // Losses in a row are an error.
+        11 if number.is_multiple_of(3) => session.backend().into_iter().for_each(|backend| backend.destroy_device()),
+        _ => {}
+    }
+}
+
+/// Every pixel shows the steps of the frame that the session says is shown, of all its layers.
+fn assert_whole(session: &Session, picture: &Picture, what: &str) {
+    let scene = &session.shown().expect("a picture was drawn").scene;
+    let mut expected = [0; 3];
+    scene.layers.iter().for_each(|layer| expected[layer.place] = code(layer.view.time, layer.view.channel));
+    for (i, pixel) in picture.rgb.iter().enumerate() {
+        let is_it = pixel.iter().zip(expected).all(|(found, code)| found.abs_diff(code) <= 1);
+        assert!(is_it, "{what}: pixel {i} is {pixel:?}, expected {expected:?}");
+    }
+}
+
+/// Whatever a live session's volumes, slots and looks become, the picture before stays until there is something of the next one in every place: of all
+/// layers, for both eyes.
+#[test]
+fn no_change_shows_a_hole() {
+    for backend in [BackendChoice::Cpu, BackendChoice::Gpu] {
+        let (mut steps, mut size, mut dice) = (12, SIZE, Random(11));
+        let Some(mut session) = open_session_of(growing(steps), live(48 << 20, backend)) else { continue };
+        let mut scene = Scene { layers: coloured(2), ..scene(1) };
+        let first = until(&mut session, &scene, |frame| frame.status.covered);
+        session.draw(&first).unwrap();
+        let mut held = 0;
+        for i in 0..frames() {
+            change(&mut session, &mut scene, (&mut steps, &mut size), &mut dice);
+            if dice.bits().is_multiple_of(2) {
+                session.wait(Duration::from_millis(dice.bits() % 20));
+            }
+            let frame = session.step(&scene, size).unwrap();
+            let picture = session.draw(&frame).unwrap();
+            assert_whole(&session, &picture, &format!("{backend:?}, frame {i}"));
+            held += u32::from(session.shows_before(&frame));
+        }
+        assert!(steps > 15 && held > 10, "{backend:?}: {steps} steps, {held} frames");
+        // It comes to rest at what was asked for last.
+        session.play(None);
+        scene.time = if scene.time == 0 { 1 } else { 0 };
+        let frame = until(&mut session, &scene, |frame| frame.status.settled);
+        let picture = session.draw(&frame).unwrap();
+        assert_whole(&session, &picture, "at rest");
+        assert_eq!(session.shown().map(|shown| shown.scene.time), Some(scene.time));
     }
 }
 

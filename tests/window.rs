@@ -6,7 +6,7 @@ use brickyard_tests::{Display, FunctionSource, Sandbox, TestStore, command, read
 use glam::DVec3;
 use serde_json::Value;
 use std::collections::HashSet;
-use std::process::Child;
+use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 fn store() -> TestStore {
@@ -111,9 +111,14 @@ struct Opened<'a> {
 
 impl<'a> Opened<'a> {
     fn new(display: &'a Display, sandbox: &'a Sandbox, arguments: &[&str]) -> Self {
+        Self::telling(display, sandbox, arguments, Stdio::inherit())
+    }
+
+    /// A window whose log goes somewhere.
+    fn telling(display: &'a Display, sandbox: &'a Sandbox, arguments: &[&str], log: impl Into<Stdio>) -> Self {
         let unless_said = |flag, value| if arguments.contains(&flag) { Vec::new() } else { vec![flag, value] };
         let arguments = [arguments, &unless_said("--backend", "cpu"), &unless_said("--size", "900x600")].concat();
-        let window = display.view(sandbox.path(".").as_path(), &arguments).spawn().expect("it runs");
+        let window = display.view(sandbox.path(".").as_path(), &arguments).stderr(log).spawn().expect("it runs");
         display.focus();
         Self { display, sandbox, window }
     }
@@ -240,13 +245,22 @@ fn a_store_that_grows_is_followed() {
         sandbox.write("step.raw", vec![40 * step + 9; 24 * 20 * 16]);
         sandbox.run_ok("append s.zarr step.raw --shape 24,20,16 --dtype u8");
     };
-    (0..2).for_each(append);
-    let path = sandbox.path("s.zarr").display().to_string();
-    let opened = Opened::new(&display, &sandbox, &[&path, "--backend", "cpu", "--fresh"]);
-    opened.until("key bracketright", &|document| document["time"] == 1);
-    (2..4).for_each(append);
-    opened.until("key bracketright", &|document| document["time"] == 3);
-    opened.quit();
+    for backend in ["cpu", "gpu"] {
+        (0..2).for_each(append);
+        let path = sandbox.path("s.zarr").display().to_string();
+        let log = sandbox.path("log.txt");
+        let said = std::fs::File::create(&log).expect("a log");
+        let opened = Opened::telling(&display, &sandbox, &[&path, "--backend", backend, "--fresh"], said);
+        opened.until("key bracketright", &|document| document["time"] == 1);
+        for step in 2..4 {
+            append(step);
+            opened.until("key bracketright", &|document| document["time"] == step);
+        }
+        opened.quit();
+        let said = std::fs::read_to_string(&log).expect("a log");
+        assert!(!said.contains("hole"), "{backend}: {said}");
+        std::fs::remove_dir_all(&path).expect("removed");
+    }
 }
 
 /// A drag of the first button from one place to another, as xdotool has it in words.

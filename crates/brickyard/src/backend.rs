@@ -104,6 +104,11 @@ pub trait Renderer: Send {
         None
     }
 
+    /// Whether it still has the picture that the backend before it has shown last.
+    fn keeps_picture(&self) -> bool {
+        false
+    }
+
     /// Makes a lost GPU device anew, from the choice of the adapter on. All slots are empty then, and there may be
     /// fewer.
     ///

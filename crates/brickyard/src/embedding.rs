@@ -7,6 +7,7 @@
 use crate::backend::BackendError;
 use crate::device::Device;
 use crate::session::{Frame, Session, SessionError, SessionOptions, VolumeSource};
+use crate::shown_picture::ShownPicture;
 use brickyard_render::wgpu::CommandEncoder;
 use brickyard_render::{Gpu, GpuRenderer, Target};
 use brickyard_volume::Picture;
@@ -54,7 +55,7 @@ impl Session {
     /// pass in the application's encoder. Nothing is waited for. Submit the encoder before the next call.
     ///
     /// Returns whether the target shows this frame, and all of it. While a thread compiles the shaders of a new kind of
-    /// picture, or slots of another format are filled for a look with a narrower or wider window, the target shows the picture before; if there is none it stays as it was. While it is not known how
+    /// picture, and where [`Session::shows_before`] says so, the target shows the picture before; if there is none it stays as it was. While it is not known how
     /// many layers translucent meshes have, some layers may be missing.
     ///
     /// A view that has [settled](brickyard_pager::Status::settled) need not be stepped again before the scene changes.
@@ -70,7 +71,7 @@ impl Session {
         encoder: &mut CommandEncoder,
     ) -> Result<bool, SessionError> {
         let is_this = self.show(frame)?;
-        if let Some(shown) = &self.shown {
+        if let Some(shown) = self.on_texture() {
             let stereo = shown.scene.stereo;
             self.renderer()?.draw_to(stereo, target, encoder).map_err(BackendError::from)?;
         }
@@ -84,22 +85,28 @@ impl Session {
             return Err(SessionError::Superseded);
         };
         fit.hear()?;
-        if self.shown.is_some() && self.slot_change.shows_before() {
+        let lacks_layers = fit.lacks_layers();
+        let is_prepared = fit.is_prepared(&frame.scene);
+        if !is_prepared {
+            fit.prepare(&frame.scene);
+        }
+        if self.shows_before(frame) {
             return Ok(false);
         }
-        let lacks_layers = fit.lacks_layers();
-        if self.shown.as_ref().is_some_and(|shown| shown.is_copy_of(frame)) && lacks_layers != Some(true) {
+        if self.on_texture().is_some_and(|shown| shown.is_copy_of(frame)) && lacks_layers != Some(true) {
             return Ok(lacks_layers == Some(false));
         }
-        if !fit.is_prepared(&frame.scene) {
-            fit.prepare(&frame.scene);
-            return Ok(false);
-        }
+        let Some(fit) = self.fit.as_mut().filter(|_| is_prepared) else { return Ok(false) };
         self.shown = None;
         fit.show(&frame.scene, self.options.live)?;
         let lacks_layers = fit.lacks_layers();
-        self.shown = Some(frame.clone());
+        self.shown = Some(ShownPicture::on_device(frame.clone()));
         Ok(lacks_layers == Some(false))
+    }
+
+    /// The frame that the session's own texture shows; `None` while it shows nothing.
+    fn on_texture(&self) -> Option<&Frame> {
+        self.shown.as_ref().filter(|shown| shown.is_on_device()).map(ShownPicture::frame)
     }
 
     /// Asks for the pixels of the picture that the session's own texture shows, without waiting; [`Session::picture`]

@@ -262,6 +262,10 @@ impl Fit {
                 }
             });
         }
+        if whole.as_ref().is_some_and(|(status, _)| !status.covered) {
+            // All layers come at once: a picture of some would have holes.
+            self.layers.iter_mut().for_each(|layer| layer.draws.clear());
+        }
         Ok(whole)
     }
 

@@ -110,6 +110,10 @@ impl Renderer for GpuRenderer {
         self.visibility(layer)
     }
 
+    fn keeps_picture(&self) -> bool {
+        self.keeps_picture()
+    }
+
     fn renew(&mut self) -> Result<(), BackendError> {
         Ok(self.renew()?)
     }

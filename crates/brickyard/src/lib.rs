@@ -117,6 +117,7 @@ pub mod scenario;
 pub mod scene_file;
 pub mod session;
 mod session_error;
+mod shown_picture;
 mod slot_change;
 pub mod stats;
 pub mod store_place;

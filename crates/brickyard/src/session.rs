@@ -21,6 +21,7 @@ use crate::player::Player;
 use crate::resolve::resolve_with;
 pub use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, resolve};
 pub use crate::session_error::SessionError;
+use crate::shown_picture::ShownPicture;
 use crate::slot_change::{Shot, SlotChange};
 use crate::table_cache::VolumeTables;
 pub use crate::volume_source::VolumeSource;
@@ -58,6 +59,11 @@ impl Frame {
         let what = |frame: &Self| (frame.scene.time, frame.status.resident, frame.status.wanted);
         what(self) == what(later)
     }
+
+    /// Whether this frame is a copy of another one, so that both have the same picture.
+    pub fn is_copy_of(&self, other: &Self) -> bool {
+        self.step == other.step && Arc::ptr_eq(&self.scene, &other.scene)
+    }
 }
 
 #[cfg(feature = "gpu")]
@@ -65,11 +71,6 @@ impl Frame {
     /// Whether this frame is of the step with this number.
     pub(crate) fn is_of(&self, step: u64) -> bool {
         self.step == step
-    }
-
-    /// Whether this frame is a copy of another one, so that both have the same picture.
-    pub(crate) fn is_copy_of(&self, other: &Self) -> bool {
-        self.step == other.step && Arc::ptr_eq(&self.scene, &other.scene)
     }
 }
 
@@ -117,9 +118,8 @@ pub struct Session {
     /// The views of the last step, and whether they had settled.
     last: Option<(Vec<View>, bool)>,
     losses: Losses,
-    /// The frame that the session's own texture shows; `None` while it shows nothing.
-    #[cfg(feature = "gpu")]
-    pub(crate) shown: Option<Frame>,
+    /// The picture that was shown last; `None` before the first one, and where it is lost.
+    pub(crate) shown: Option<ShownPicture>,
     /// When it began, if it is live.
     clock: Option<Instant>,
     /// A live session's change of what slots hold.
@@ -154,7 +154,6 @@ impl Session {
             steps: 0,
             last: None,
             losses: Losses::default(),
-            #[cfg(feature = "gpu")]
             shown: None,
             clock: options.live.then(Instant::now),
             slot_change: SlotChange::default(),
@@ -240,14 +239,10 @@ impl Session {
         if self.fit.as_ref().is_some_and(|fit| fit.suffices(scene, &asked)) {
             return Ok(());
         }
-        let keeps_picture = self.slot_change.shows_before();
-        #[cfg(feature = "gpu")]
-        let shown = self.shown.take().filter(|_| keeps_picture);
-        let (before, mut kept) = match self.take_fit() {
-            Some(fit) => (Some(fit.demand.clone()), fit.into_cores(&mut self.device, keeps_picture)),
-            None => (None, std::mem::take(&mut self.kept)),
-        };
-        let Self { volumes, options, device, .. } = self;
+        let before = self.fit.as_ref().map(|fit| fit.demand.clone());
+        self.end_fit();
+        let Self { volumes, options, device, kept, .. } = self;
+        let mut kept = std::mem::take(kept);
         let mut make = |demand| Fit::make(volumes, demand, options, (&mut *device, &mut kept));
         // A scene before may come back. Where there is too little memory for both, this one alone counts.
         let grown = before.map(|before| asked.grown(&before)).filter(|grown| *grown != asked);
@@ -255,29 +250,27 @@ impl Session {
             Some(grown) => make(grown).or_else(|_| make(asked)),
             None => make(asked),
         };
+        let keeps_picture = made.as_ref().is_ok_and(|fit| fit.backend.keeps_picture());
+        self.shown.take_if(|shown| shown.is_on_device() && !keeps_picture);
         self.fit = Some(made?);
-        #[cfg(feature = "gpu")]
-        {
-            self.shown = shown;
-        }
         Ok(())
     }
 
-    /// Takes leave of the backend and its pagers.
-    fn take_fit(&mut self) -> Option<Fit> {
+    /// Ends the backend and its pagers. What is decoded stays, and so does the picture that is shown.
+    fn end_fit(&mut self) {
         (self.past, self.last) = (self.counted, None);
         self.player.forget();
-        #[cfg(feature = "gpu")]
-        drop(self.shown.take());
-        self.fit.take()
+        if let Some(fit) = self.fit.take() {
+            let keeps_picture = self.shown.as_ref().is_some_and(ShownPicture::is_on_device);
+            self.kept = fit.into_cores(&mut self.device, keeps_picture);
+        }
     }
 
     /// Goes on with backends on another device. What is decoded stays.
     #[cfg(feature = "gpu")]
     pub(crate) fn move_to(&mut self, device: Device) {
-        if let Some(fit) = self.take_fit() {
-            self.kept = fit.into_cores(&mut self.device, false);
-        }
+        self.end_fit();
+        self.shown.take_if(|shown| shown.is_on_device());
         self.device = device;
     }
 
@@ -289,18 +282,14 @@ impl Session {
             return false;
         }
         (self.options.gpu_memory_bytes, self.options.host_memory_bytes) = (gpu_memory_bytes, host_memory_bytes);
-        if let Some(fit) = self.take_fit() {
-            self.kept = fit.into_cores(&mut self.device, false);
-        }
+        self.end_fit();
         true
     }
 
     /// Goes on with volumes in the place of those that there are: later states of them, such as stores with more time steps. What is played goes on. The next step
-    /// fills the slots anew.
+    /// fills the slots anew; a live session shows the picture before until something of them is there in every place.
     pub fn set_volumes(&mut self, volumes: Vec<VolumeSource>) {
-        if let Some(fit) = self.take_fit() {
-            fit.into_cores(&mut self.device, false);
-        }
+        self.end_fit();
         self.kept.clear();
         self.tables = volumes.iter().map(|volume| volume.tables(self.options.live)).collect();
         self.volumes = volumes;
@@ -348,14 +337,10 @@ impl Session {
             true => self.resolve_for(scene, size_px, KeptSlots::fixed),
             false => self.resolve(scene, size_px),
         }?;
-        let Self { fit, device, slot_change, .. } = self;
-        slot_change.begin_step(&shot, is_put_off, |before| {
-            // A lent device keeps the texture that shows it.
-            fit.as_mut().filter(|_| !device.is_lent()).and_then(|fit| fit.draw(before, false).ok())
-        });
+        self.slot_change.begin_step(&shot, is_put_off);
         let mut frame = self.step_resolved(&resolved)?;
         let is_whole = frame.status.settled || frame.status.awaits_feedback;
-        self.slot_change.end_step(shot, &frame.scene, is_whole);
+        self.slot_change.end_step(shot, is_whole);
         frame.status.settled &= !is_put_off;
         Ok(frame)
     }
@@ -378,9 +363,8 @@ impl Session {
         }
         if is_other {
             // Its slots hold bricks of another pyramid.
-            if let Some(fit) = self.take_fit() {
-                fit.into_cores(&mut self.device, false);
-            }
+            self.end_fit();
+            self.kept.clear();
         }
         Ok(())
     }
@@ -470,8 +454,9 @@ impl Session {
 
     /// Renders the last step's frame from the bricks in the slots, with one sample of each pixel, both eyes from the same bricks. If the device turns
     /// out to be lost, it is made anew and its slots are filled as far as before. The picture is the same then, but
-    /// takes as long as the first one of its view. While a live session fills slots of another format for a look with a narrower or wider
-    /// window, the picture before is returned.
+    /// takes as long as the first one of its view.
+    ///
+    /// A live session returns the picture that it drew before, in the size that this one had, where [`Session::shows_before`] says so.
     ///
     /// # Errors
     /// If the frame is an earlier step's, there is no device any more, or the device is out of memory.
@@ -479,12 +464,11 @@ impl Session {
         // Hidden bricks stop being wanted. Only while the camera moves: for one picture, finding out what is hidden takes more
         // drawing than reading it, and an edit of the transfer function could bring it out.
         let tells = self.options.live;
-        // It is drawn where frames are shown, too.
-        #[cfg(feature = "gpu")]
-        drop(self.shown.take());
-        if let Some(picture) = self.slot_change.picture_before().filter(|_| frame.step == self.steps) {
-            return Ok(picture.clone());
+        if let Some(before) = self.shown.as_ref().and_then(ShownPicture::pixels).filter(|_| self.shows_before(frame)) {
+            return Ok(before.clone());
         }
+        // It is drawn where frames are shown, too.
+        self.shown.take_if(|shown| shown.is_on_device());
         loop {
             let Some(fit) = self.fit.as_mut().filter(|_| frame.step == self.steps) else {
                 return Err(SessionError::Superseded);
@@ -492,12 +476,29 @@ impl Session {
             match fit.draw(&frame.scene, tells) {
                 Ok(picture) => {
                     self.losses.picture();
+                    if self.options.live && frame.status.covered {
+                        self.shown = Some(ShownPicture::of_pixels(frame.clone(), picture.clone()));
+                    }
                     return Ok(picture);
                 }
                 Err(error) => self.recover(error)?,
             }
             self.refill()?;
         }
+    }
+
+    /// Whether drawing this frame, the last step's, shows the picture before in its place: while nothing of the frame is there yet in some place, as after a
+    /// change of volumes, layers, budgets or devices, and while a live session fills slots of another format for a look with a narrower or wider window.
+    /// If there is no picture before, drawing shows the background alone.
+    pub fn shows_before(&self, frame: &Frame) -> bool {
+        let is_held = || self.shown.is_some() && self.slot_change.shows_before();
+        frame.step == self.steps && (!frame.status.covered || is_held())
+    }
+
+    /// The frame whose picture was drawn last in a live session, by [`Session::draw`] or [`Session::draw_to`]; `None` before the first one, and where
+    /// that picture is lost.
+    pub fn shown(&self) -> Option<&Frame> {
+        self.shown.as_ref().map(ShownPicture::frame)
     }
 
     /// Makes a lost device anew; its slots are empty. Other errors are the caller's, and so is the loss of an application's device.

@@ -4,10 +4,8 @@
 //! ones are filled, the picture before is shown, as long as nothing else changes. Costs a copy of the scene for each step that waits.
 
 use crate::fit::Fit;
-use crate::resolve::ResolvedScene;
 use crate::volume_source::VolumeSource;
-use brickyard_volume::{KeptSlots, Picture, Scene, Window};
-use std::sync::Arc;
+use brickyard_volume::{KeptSlots, Scene, Window};
 use std::time::Duration;
 
 /// How long the windows must have been the same before slots change: longer than a hand pauses while it drags.
@@ -17,7 +15,8 @@ const AFTER_DRAG: Duration = Duration::from_millis(250);
 #[derive(Default)]
 pub(crate) struct SlotChange {
     put_off: Option<PutOff>,
-    before: Option<Before>,
+    /// The shot whose picture before a change is shown while the change is under way.
+    before: Option<Shot>,
 }
 
 /// A change that is put off.
@@ -27,14 +26,7 @@ struct PutOff {
     /// Since when they do.
     since: Duration,
     /// The last step meanwhile.
-    last: Option<(Shot, Arc<ResolvedScene>)>,
-}
-
-/// The picture before a change that is under way.
-struct Before {
-    shot: Shot,
-    /// Its pixels; `None` where the device has kept them.
-    picture: Option<Picture>,
+    last: Option<Shot>,
 }
 
 /// A scene and the size of its picture, width and height in pixels.
@@ -63,27 +55,20 @@ impl SlotChange {
     }
 
     /// Begins a step towards a shot. If slots change now, the picture of the step before is shown meanwhile, provided that it is the same
-    /// shot's: `draw` draws it, or returns `None` if the device keeps it.
-    pub(crate) fn begin_step(
-        &mut self,
-        shot: &Shot,
-        is_put_off: bool,
-        draw: impl FnOnce(&ResolvedScene) -> Option<Picture>,
-    ) {
-        self.before.take_if(|before| before.shot != *shot);
+    /// shot's.
+    pub(crate) fn begin_step(&mut self, shot: &Shot, is_put_off: bool) {
+        self.before.take_if(|before| before != shot);
         if is_put_off {
             return;
         }
         let last = self.put_off.take().and_then(|put_off| put_off.last);
-        if let Some((shot, resolved)) = last.filter(|(last, _)| last == shot) {
-            self.before = Some(Before { shot, picture: draw(&resolved) });
-        }
+        self.before = last.filter(|last| last == shot).or(self.before.take());
     }
 
-    /// Ends a step whose frame is of `resolved`. `is_whole` says whether nothing more is on its way to the slots.
-    pub(crate) fn end_step(&mut self, shot: Shot, resolved: &Arc<ResolvedScene>, is_whole: bool) {
+    /// Ends a step towards a shot. `is_whole` says whether nothing more is on its way to the slots.
+    pub(crate) fn end_step(&mut self, shot: Shot, is_whole: bool) {
         if let Some(put_off) = &mut self.put_off {
-            put_off.last = Some((shot, resolved.clone()));
+            put_off.last = Some(shot);
         }
         self.before.take_if(|_| is_whole);
     }
@@ -91,11 +76,6 @@ impl SlotChange {
     /// Whether the picture before a change is to be shown.
     pub(crate) fn shows_before(&self) -> bool {
         self.before.is_some()
-    }
-
-    /// The pixels of the picture before a change, if it is to be shown and the device has not kept it.
-    pub(crate) fn picture_before(&self) -> Option<&Picture> {
-        self.before.as_ref()?.picture.as_ref()
     }
 }
 

@@ -64,6 +64,8 @@ pub struct GpuRenderer {
     pub(crate) march: March,
     pub(crate) pipelines: Pipelines,
     pub(crate) targets: Option<Targets>,
+    /// Whether they came from another renderer, with the picture that it had shown last.
+    keeps_picture: bool,
     /// The meshes' buffers and pipelines; `None` if pictures never have meshes.
     pub(crate) meshes: Option<Meshes>,
     /// The further targets of pictures with meshes; `None` if pictures never have meshes.
@@ -265,6 +267,7 @@ impl GpuRenderer {
         let [_, _, marks_bytes] = memory.list_bytes();
         let largest = (Gather::Composite, layers.len() > 1);
         let last = picture.filter(|last| last.targets.fit(recipe.max_size_px));
+        let keeps_picture = last.is_some();
         let LastPicture { targets, blit, reading } = match last {
             Some(last) => last,
             None => LastPicture {
@@ -296,6 +299,7 @@ impl GpuRenderer {
             march,
             pipelines: Pipelines::kept_or_new(pipelines, maker),
             targets: Some(targets),
+            keeps_picture,
             meshes,
             peeled,
             blit,
@@ -334,12 +338,19 @@ impl GpuRenderer {
     pub fn into_compiled(self, keeps_picture: bool) -> Result<Compiled, GpuError> {
         // All else is dropped here.
         let kept = |Self { gpu, pipelines, targets, blit, reading, .. }: Self| {
-            let targets = targets.filter(|_| keeps_picture);
+            // The next renderer may have no room for sums.
+            let targets = targets.filter(|_| keeps_picture).map(Targets::without_sums);
             (gpu, pipelines, targets.map(|targets| LastPicture { targets, blit, reading }))
         };
         let (gpu, pipelines, picture) = kept(self);
         gpu.wait_for_all()?;
         Ok(Compiled { gpu, pipelines: Some(pipelines), picture })
+    }
+
+    /// Whether the renderer has taken over the picture that the one before it on the device had shown last. It shows that until it draws one of
+    /// its own.
+    pub fn keeps_picture(&self) -> bool {
+        self.keeps_picture
     }
 
     /// Destroys the device, as a driver may at any moment: for tests.

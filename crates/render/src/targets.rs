@@ -87,6 +87,11 @@ impl Targets {
         (self.gather, self.sums.is_some(), self.width_px, self.height_px) == (gather, has_sums, size_px.0, size_px.1)
     }
 
+    /// These targets without the sums, with the display picture.
+    pub(crate) fn without_sums(self) -> Self {
+        Self { sums: None, ..self }
+    }
+
     /// Whether these targets are no larger than pictures of this size.
     pub(crate) fn fit(&self, (width_px, height_px): (u32, u32)) -> bool {
         self.width_px <= width_px && self.height_px <= height_px

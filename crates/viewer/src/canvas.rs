@@ -34,6 +34,8 @@ pub(crate) struct Canvas {
     /// How time steps are played, as the session was told.
     playback: Option<Playback>,
     shown: Option<Shown>,
+    /// How far the last step of streaming was, and which time steps come next; `None` before the first one.
+    progress: Option<(Status, Vec<ComingStep>)>,
     /// What the last frames took, oldest first.
     times: VecDeque<FrameTimes>,
     /// What they took since that was last asked.
@@ -73,6 +75,17 @@ pub(crate) struct Captured {
     pub(crate) over: Over,
 }
 
+/// What has come of drawing a frame.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Drawn {
+    /// The texture shows the picture before.
+    Before,
+    /// It shows this frame, perhaps without some layers of meshes.
+    Partly,
+    /// It shows all of this frame.
+    Whole,
+}
+
 /// What the texture shows.
 struct Shown {
     scene: Scene,
@@ -107,6 +120,7 @@ impl Canvas {
             is_adaptive: true,
             playback: None,
             shown: None,
+            progress: None,
             times: VecDeque::new(),
             spent: FrameTimes::default(),
             captures: VecDeque::new(),
@@ -131,6 +145,22 @@ impl Canvas {
             }
         }
         (self.screen, self.shown) = (Some(Screen::new(&device.state)), None);
+        Ok(())
+    }
+
+    /// Begins anew with other volumes. The picture before is seen until there is one of them.
+    ///
+    /// # Errors
+    /// If the device lacks what the engine needs.
+    pub(crate) fn begin_anew(
+        &mut self,
+        volumes: Vec<VolumeSource>,
+        options: &SessionOptions,
+        device: Option<&Device>,
+    ) -> Result<(), SessionError> {
+        let anew = Self::new(volumes, options, device)?;
+        let before = std::mem::replace(self, anew);
+        self.screen = before.screen;
         Ok(())
     }
 
@@ -211,7 +241,7 @@ impl Canvas {
             && shown.frame.shows_as_much_as(&frame)
         {
             // Until the next step is due, the picture is as good as it gets.
-            shown.frame.coming = frame.coming;
+            self.progress = Some((frame.status, frame.coming));
             self.spent.step += step;
             return Ok(());
         }
@@ -220,20 +250,23 @@ impl Canvas {
         let quality = self.control.next(Change { moved, refined: true }).unwrap_or(Quality::EXACT);
         let quality = if self.is_adaptive { quality } else { Quality::EXACT };
         let begun = Instant::now();
-        let is_whole = self.draw(&quality.frame(&frame), size_px)?;
+        let drawn = self.draw(&quality.frame(&frame), size_px)?;
         if self.times.len() == FRAMES {
             self.times.pop_front();
         }
         let times = FrameTimes { step, draw: begun.elapsed() };
         self.times.push_back(times);
         self.spent = FrameTimes { step: self.spent.step + times.step, draw: self.spent.draw + times.draw };
-        if !frame.status.covered
-            && self.shown.as_ref().is_some_and(|shown| shown.frame.status.covered && is_same(shown))
-        {
+        self.progress = Some((frame.status.clone(), frame.coming.clone()));
+        if drawn == Drawn::Before {
+            self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
+            return Ok(());
+        }
+        if !frame.status.covered {
             // It never happens; tests of the window look for it.
             tracing::error!("a picture has a hole");
         }
-        let is_exact = is_whole && frame.status.settled && quality == Quality::EXACT;
+        let is_exact = drawn == Drawn::Whole && frame.status.settled && quality == Quality::EXACT;
         let samples_left = is_exact.then(|| match scene.pixel_samples {
             PixelSamples::ONE => 0,
             more => more.count(),
@@ -303,25 +336,32 @@ impl Canvas {
 
     /// The time steps that come next.
     pub(crate) fn coming(&self) -> &[ComingStep] {
-        self.shown.as_ref().map_or(&[], |shown| &shown.frame.coming)
+        self.progress.as_ref().map_or(&[], |(_, coming)| coming)
     }
 
-    /// Draws a frame into the texture, which has `size_px` pixels on a GPU. Returns whether the texture shows this frame, and all of it.
-    fn draw(&mut self, frame: &Frame, size_px: (u32, u32)) -> Result<bool, SessionError> {
-        let Some(screen) = &mut self.screen else { return Ok(false) };
+    /// Draws a frame into the texture, which has `size_px` pixels on a GPU. While there is nothing of the frame in some place, the texture stays as it is.
+    fn draw(&mut self, frame: &Frame, size_px: (u32, u32)) -> Result<Drawn, SessionError> {
+        let Some(screen) = &mut self.screen else { return Ok(Drawn::Before) };
         let Some(Device { state, .. }) = &self.gpu else {
+            if self.session.shows_before(frame) {
+                return Ok(Drawn::Before);
+            }
             let begun = Instant::now();
             let picture = self.session.draw(frame)?;
             self.control.took(begun.elapsed());
             screen.put(&picture, (picture.width, picture.height) != size_px);
-            return Ok(true);
+            return Ok(Drawn::Whole);
         };
         let target = Target { view: screen.sized(size_px), format: FORMAT, area_px: None };
         let mut encoder = state.device.create_command_encoder(&Default::default());
         let is_this = self.session.draw_to(frame, &target, &mut encoder)?;
         state.queue.submit([encoder.finish()]);
         self.session.gpu_time().into_iter().for_each(|time| self.control.took(time));
-        Ok(is_this)
+        Ok(match self.session.shown() {
+            _ if is_this => Drawn::Whole,
+            Some(shown) if shown.is_copy_of(frame) => Drawn::Partly,
+            _ => Drawn::Before,
+        })
     }
 
     /// Puts the picture over a part of the window; nothing before the first one.
@@ -334,9 +374,9 @@ impl Canvas {
         self.shown.as_ref().is_some_and(|shown| shown.samples_left == Some(0))
     }
 
-    /// How far the view is; `None` before the first picture.
+    /// How far the view is; `None` before the first step.
     pub(crate) fn status(&self) -> Option<&Status> {
-        self.shown.as_ref().map(|shown| &shown.frame.status)
+        self.progress.as_ref().map(|(status, _)| status)
     }
 
     /// The share of the exact picture's work that was done for the one that is shown.

@@ -61,13 +61,14 @@ impl Views {
         &self.volumes
     }
 
-    /// Shows other volumes from now on.
+    /// Shows other volumes from now on. The pictures before are seen until there is something of them.
     ///
     /// # Errors
     /// If the device is not to be had any more.
     pub(crate) fn set_volumes(&mut self, volumes: Vec<VolumeSource>) -> Result<(), SessionError> {
-        let options = SessionOptions { ..self.options };
-        *self = Self::new(volumes, options, self.device.clone())?;
+        let (options, device) = (SessionOptions { ..self.options }, self.device.clone());
+        self.all_mut().try_for_each(|canvas| canvas.begin_anew(volumes.clone(), &options, device.as_ref()))?;
+        self.volumes = volumes;
         Ok(())
     }
 
