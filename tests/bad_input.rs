@@ -538,7 +538,7 @@ fn requests_that_a_store_cannot_meet() {
             ("render good.zarr -o o.png --ortho -1", USAGE, &["-1"]),
             ("render good.zarr -o o.png --eye 1,1,1 --target 1,1,1", USAGE, &["eye", "direction"]),
             ("render good.zarr -o o.png --eye 1,1,9 --target 1,1,1 --up 0,0,1", USAGE, &["up"]),
-            ("render good.zarr -o o.png --step 0", USAGE, &["positive"]),
+            ("render good.zarr -o o.png --step 0", USAGE, &["'0': expected 0.005 to 16 voxels"]),
             ("render good.zarr -o o.png --pixel-error nan", USAGE, &["positive"]),
             ("render good.zarr -o o.png --background 0,0,2", USAGE, &["0..1"]),
             ("render good.zarr -o o.png --mode xray", USAGE, &["xray", "minip"]),
@@ -576,6 +576,68 @@ fn requests_that_a_store_cannot_meet() {
             ("frobnicate", USAGE, &["frobnicate"]),
         ],
     );
+}
+
+/// Numbers with which no picture would be right are refused, whichever way they come and whatever draws.
+#[test]
+fn numbers_beyond_all_bounds() {
+    let sandbox = with_good_store();
+    let far = r#"{"eye": [2e9, 0, 0], "target": [20, 20, 20], "up": [0, 0, 1], "projection": {"perspective": {"fov_y_deg": 30}}}"#;
+    sandbox.write("far.json", format!(r#"{{"camera": {far}}}"#));
+    sandbox.write("path.json", format!("[{far}]"));
+    sandbox.write("step.json", r#"{"step": 1e-30}"#);
+    sandbox.write("far.txt", "1 0 0 1e30  0 1 0 0  0 0 1 0");
+    sandbox.write("large.txt", "1e30 0 0 0  0 1e30 0 0  0 0 1e30 0");
+    let eye: &[&str] = &["eye is 2e9 voxels away", "at most 100000", "nearer"];
+    let step: &[&str] = &["1e-30", "expected 0.005 to 16 voxels", "1 takes a sample"];
+    let refused = [
+        ("--step 1e-30", step),
+        ("--step 1e30", &["'1e30'", "0.005 to 16"]),
+        ("--scene step.json", step),
+        ("--scene far.json", eye),
+        ("--path path.json", eye),
+        ("--eye 2e9,0,0", eye),
+        ("--eye 2e9,0,0 --ortho 40", eye),
+        ("--fov 1e-6", &["field of view of 1e-6", "from 0.001 to less than 180"]),
+        ("--ortho 1e-9", &["1e-9 voxels high", "at least 0.001"]),
+        ("--stereo anaglyph --eye-separation 1e30", &["voxels away"]),
+        ("--stereo anaglyph --convergence 1e30", &["voxels away"]),
+        ("--volume 0:matrix=far.txt", &["layer 0", "1e30 of its voxels away"]),
+        ("--volume 0:matrix=large.txt", &["layer 0", "a voxel is 1e30 world units large"]),
+    ];
+    for way in ["--backend cpu", "--backend gpu", "--backend gpu --exact", "--compositor reference"] {
+        let lines: Vec<String> =
+            refused.iter().map(|(flags, _)| format!("render good.zarr -o o.png {way} {flags}")).collect();
+        let cases: Vec<_> = lines.iter().zip(&refused).map(|(line, (_, words))| (&line[..], USAGE, *words)).collect();
+        check(&sandbox, &cases);
+    }
+    check(&sandbox, &[("view good.zarr --eye 2e9,0,0", USAGE, eye), ("view good.zarr --scene step.json", USAGE, step)]);
+}
+
+/// A picture whose drawing takes longer than it may is given up, by whatever draws it, and nothing is left of it.
+#[test]
+fn what_takes_too_long_to_draw() {
+    let sandbox = with_good_store();
+    let slow = "--step 0.005 --aa 16 --transfer gray --max-wait 0.3 --size 1024x1024";
+    let ways = [
+        "good.zarr --backend cpu",
+        "good.zarr --backend cpu --mode mip",
+        "good.zarr good.zarr --backend cpu",
+        "good.zarr --backend cpu --exact",
+        "good.zarr --backend gpu",
+        "good.zarr --backend gpu --compositor compute",
+        "good.zarr --backend gpu --compositor sorted",
+        "good.zarr --backend gpu --compositor raycast --exact",
+        "good.zarr --backend gpu --exact",
+        "good.zarr good.zarr --backend gpu",
+        "good.zarr --compositor reference",
+    ];
+    let outputs = ["-o o.png", "--orbit 3 --movie o.gif"];
+    let lines = ways.iter().enumerate().map(|(i, way)| format!("render {way} {slow} {}", outputs[i % 2]));
+    let lines: Vec<String> = lines.collect();
+    let words: &[&str] = &["the picture is not", " s", "--max-wait"];
+    let words_of = |line: &str| if line.contains("sorted") { &words[..1] } else { words };
+    check(&sandbox, &lines.iter().map(|line| (&line[..], 1, words_of(line))).collect::<Vec<_>>());
 }
 
 #[test]

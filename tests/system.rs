@@ -4,6 +4,7 @@ mod append;
 mod append_faults;
 mod aprons;
 mod bad_input;
+mod bounds;
 mod budgets;
 mod clipping;
 mod command;

@@ -11,6 +11,7 @@ use brickyard_render::{Compiled, GpuError, GpuPreference, GpuRenderer};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::{Combination, Needs, Picture, SlotEncoding};
 use std::sync::Arc;
+use std::time::Instant;
 
 /// Why a backend could not be made, or how it has failed.
 #[derive(Debug, thiserror::Error)]
@@ -38,6 +39,16 @@ impl BackendError {
         return matches!(self, Self::Gpu(GpuError::DeviceLost(_)));
         #[cfg(not(feature = "gpu"))]
         return false;
+    }
+
+    /// Whether a picture was given up, since the time was over that was [allowed](Renderer::draw_until).
+    pub fn is_too_long(&self) -> bool {
+        match self {
+            #[cfg(feature = "gpu")]
+            Self::Gpu(GpuError::TooLong) => true,
+            Self::Cpu(SoftwareError::TooLong) => true,
+            _ => false,
+        }
     }
 }
 
@@ -104,6 +115,9 @@ pub trait Renderer: Send {
         None
     }
 
+    /// Gives up from now on pictures that are not finished at this time; `None` gives none up.
+    fn draw_until(&mut self, until: Option<Instant>);
+
     /// Whether it still has the picture that the backend before it has shown last.
     fn keeps_picture(&self) -> bool {
         false
@@ -159,6 +173,10 @@ impl Renderer for SoftwareRenderer {
 
     fn visibility(&self, layer: usize) -> Option<&[f32]> {
         self.visibility(layer)
+    }
+
+    fn draw_until(&mut self, until: Option<Instant>) {
+        self.draw_until(until);
     }
 }
 

@@ -128,12 +128,14 @@ impl ExactRenderer {
         stats: &mut RenderStats,
     ) -> Result<Picture, ExactPictureError> {
         let begun = Instant::now();
+        self.renderer.draw_until(begun.checked_add(max_wait));
         for _ in 0..MAX_LOSSES {
             match self.try_scene(scene, begun, max_wait, stats) {
                 Err(ExactPictureError::Backend(error)) if error.is_loss() => {
                     tracing::warn!("{error}; it is started anew");
                     stats.device_losses += 1;
                     self.renderer.renew()?;
+                    self.renderer.draw_until(begun.checked_add(max_wait));
                     self.config.slots = self.renderer.slots(0);
                 }
                 Ok(picture) => {
@@ -194,7 +196,10 @@ impl ExactRenderer {
                             level_cells[cell.brick.level.index()] += 1;
                             stand_ins += (cell.brick != cell.cell) as u64;
                         }
-                        picture.draw(&list)?;
+                        match picture.draw(&list) {
+                            Err(GpuError::TooLong) => {}
+                            drawn => drawn?,
+                        }
                     }
                     Next::Wait => {}
                     Next::Done => break,

@@ -7,6 +7,7 @@ use brickyard_pager::{Layer, Upload, VolumeNeeds};
 use brickyard_render::{Compiled, Compositor, GpuError, GpuOptions, GpuPreference, GpuRenderer};
 use brickyard_volume::{Combination, Picture};
 use std::sync::Arc;
+use std::time::Instant;
 
 /// Makes the GPU backend for layers and pictures, and returns it with a line that describes it.
 ///
@@ -108,6 +109,10 @@ impl Renderer for GpuRenderer {
 
     fn visibility(&self, layer: usize) -> Option<&[f32]> {
         self.visibility(layer)
+    }
+
+    fn draw_until(&mut self, until: Option<Instant>) {
+        self.draw_until(until);
     }
 
     fn keeps_picture(&self) -> bool {

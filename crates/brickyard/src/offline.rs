@@ -24,6 +24,12 @@ pub enum OfflineError {
         /// Number of slots, which is how many bricks fit at once.
         slots: u64,
     },
+    /// The view has settled, and the picture was not drawn in the time allowed.
+    #[error("the picture is not drawn after {waited_s:.1} s")]
+    NotDrawn {
+        /// Seconds waited.
+        waited_s: f64,
+    },
     /// The view has not settled in the time allowed.
     #[error("the picture has not settled after {waited_s:.1} s: {resident} of {wanted} bricks are there")]
     NotSettled {
@@ -94,14 +100,16 @@ pub fn render_settled(
     stats: &mut RenderStats,
     frame_ms: &mut Vec<f64>,
 ) -> Result<Picture, OfflineError> {
-    let (begun, mut drawn_ms) = (Instant::now(), 0.0);
-    let picture = scene.supersampled(|sample| {
-        let frame = settle(session, sample, (begun, max_wait), started, stats)?;
-        let drawing = Instant::now();
-        let picture = session.draw(&frame)?;
-        drawn_ms += ms(drawing);
-        stats.record(&frame.status, session.backend_bytes());
-        Ok::<_, OfflineError>(picture)
+    let mut drawn_ms = 0.0;
+    let picture = within(session, max_wait, |session, begun| {
+        scene.supersampled(|sample| {
+            let frame = settle(session, sample, (begun, max_wait), started, stats)?;
+            let drawing = Instant::now();
+            let picture = session.draw(&frame)?;
+            drawn_ms += ms(drawing);
+            stats.record(&frame.status, session.backend_bytes());
+            Ok(picture)
+        })
     })?;
     frame_ms.push(drawn_ms);
     if stats.frames == 0 {
@@ -110,6 +118,24 @@ pub fn render_settled(
     stats.frames += 1;
     stats.device_losses = session.device_losses();
     Ok(picture)
+}
+
+/// Makes a picture by `make`, which is told when that began, and gives up what it draws after `max_wait`.
+pub(crate) fn within(
+    session: &mut Session,
+    max_wait: Duration,
+    make: impl FnOnce(&mut Session, Instant) -> Result<Picture, OfflineError>,
+) -> Result<Picture, OfflineError> {
+    let begun = Instant::now();
+    session.draw_until = begun.checked_add(max_wait);
+    let made = make(session, begun);
+    session.draw_until = None;
+    made.map_err(|error| match error {
+        OfflineError::Session(SessionError::Backend(error)) if error.is_too_long() => {
+            OfflineError::NotDrawn { waited_s: begun.elapsed().as_secs_f64() }
+        }
+        error => error,
+    })
 }
 
 /// Streams until the view of a scene has settled. The first complete frame is drawn, too.

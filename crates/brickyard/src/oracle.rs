@@ -7,6 +7,7 @@ use brickyard_store::{ReadError, Store};
 use brickyard_volume::{BrickIndex, Extent, Level, Picture, Pyramid, VolumeFrame};
 use glam::DVec3;
 use std::collections::HashSet;
+use std::time::{Duration, Instant};
 
 /// The reference picture could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -24,6 +25,12 @@ pub enum OracleError {
     /// The store cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
+    /// The picture was not finished in the time allowed.
+    #[error("the picture is not drawn after {waited_s:.1} s")]
+    TooLong {
+        /// Seconds waited.
+        waited_s: f64,
+    },
 }
 
 /// Renders a scene with the reference renderer, from the same cuts that streaming with unlimited memory would settle
@@ -36,10 +43,29 @@ pub fn render_reference(
     scene: &ResolvedScene,
     host_memory_bytes: u64,
 ) -> Result<Picture, OracleError> {
-    scene.supersampled(|sample| render_sample(stores, sample, host_memory_bytes))
+    render_reference_within(stores, scene, host_memory_bytes, Duration::MAX)
 }
 
-fn render_sample(stores: &[&Store], scene: &ResolvedScene, host_memory_bytes: u64) -> Result<Picture, OracleError> {
+/// Renders a scene as [`render_reference`] does, and gives up after `max_wait`.
+///
+/// # Errors
+/// As [`render_reference`], and if the picture is not finished in time.
+pub fn render_reference_within(
+    stores: &[&Store],
+    scene: &ResolvedScene,
+    host_memory_bytes: u64,
+    max_wait: Duration,
+) -> Result<Picture, OracleError> {
+    let begun = Instant::now();
+    scene.supersampled(|sample| render_sample(stores, sample, host_memory_bytes, (begun, max_wait)))
+}
+
+fn render_sample(
+    stores: &[&Store],
+    scene: &ResolvedScene,
+    host_memory_bytes: u64,
+    (begun, max_wait): (Instant, Duration),
+) -> Result<Picture, OracleError> {
     let views = || scene.layers.iter().map(|layer| (stores[layer.volume], &layer.view));
     let needed = views().map(|(store, view)| Wanted::new(store, view).bytes(store)).fold(0, u64::saturating_add);
     if needed > host_memory_bytes {
@@ -53,7 +79,9 @@ fn render_sample(stores: &[&Store], scene: &ResolvedScene, host_memory_bytes: u6
     }
     scene.picture(|eye| {
         let frames: Vec<VolumeFrame> = scene.layers.iter().map(|layer| layer.frames[eye].clone()).collect();
-        Ok(brickyard_reference::render(&frames, &volumes, scene.combination.as_ref()))
+        let goes_on = || begun.elapsed() < max_wait;
+        let picture = brickyard_reference::render_while(&frames, &volumes, scene.combination.as_ref(), goes_on);
+        picture.ok_or_else(|| OracleError::TooLong { waited_s: begun.elapsed().as_secs_f64() })
     })
 }
 

@@ -6,10 +6,10 @@ use crate::volume_source::VolumeSource;
 use brickyard_pager::{SlotContents, View};
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
-    Camera, Clip, Combination, Filter, FrameSettings, KeptSlots, LabelCodes, Lattice, LayerError, LevelPolicy, Mode,
-    Needs, Occupancy, Picture, PixelSample, PixelSamples, Placement, Region, Scene, SceneError, SceneLayer, ShownMesh,
-    Slice, SlotEncoding, StereoLayout, StoreCounts, Surface, Timeline, TransferFunction, TransferTable, ViewRays,
-    VolumeFrame, Window,
+    Camera, Clip, Combination, Expression, Filter, FrameSettings, KeptSlots, LabelCodes, Lattice, LayerError,
+    LevelPolicy, Mode, Needs, Occupancy, Picture, PixelSample, PixelSamples, Placement, Region, Scene, SceneError,
+    SceneLayer, ShownMesh, Slice, SlotEncoding, Standing, StereoLayout, StoreCounts, Surface, Timeline,
+    TransferFunction, TransferTable, ViewRays, VolumeFrame, Window,
 };
 use glam::DVec3;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -216,6 +216,7 @@ pub(crate) fn resolve_with(
     let world_box = scene.world_box(&places)?;
     let camera = scene.camera_for(&places, size_px)?;
     let eyes = Eyes::new(scene, &camera, size_px)?;
+    check_reach(volumes, scene, &eyes.rays)?;
     let is_anatomical = scene.is_anatomical(&places);
     let lattice = lattice(&shown, scene, &eyes.rays[0]);
     let is_shown = |place: &usize| shown.iter().any(|layer| layer.place == *place);
@@ -253,6 +254,37 @@ pub(crate) fn resolve_with(
     Ok(resolved)
 }
 
+/// Checks that a scene of these volumes can be shown. Nothing is made for it.
+///
+/// # Errors
+/// If the scene is [impossible](Scene::check), or its own camera is too far away, or shows too small a part.
+pub fn check(volumes: &[VolumeSource], scene: &Scene) -> Result<(), SceneError> {
+    let counts: Vec<StoreCounts> = volumes.iter().map(VolumeSource::counts).collect();
+    scene.check(&counts)?;
+    // What is wrong with a camera by itself depends on the picture's size.
+    let eyes = scene.camera.and_then(|camera| Eyes::new(scene, &camera, (2, 2)).ok());
+    eyes.map_or(Ok(()), |eyes| check_reach(volumes, scene, &eyes.rays))
+}
+
+/// Checks that rays from these eyes reach all layers that are shown.
+fn check_reach(volumes: &[VolumeSource], scene: &Scene, eyes: &[ViewRays]) -> Result<(), SceneError> {
+    let layers = scene.shown_layers()?.into_iter().map(|place| {
+        let volume = &volumes[scene.store(place)];
+        Ok((place, volume, scene.placement(place, &volume.place())?))
+    });
+    let layers = layers.collect::<Result<Vec<_>, SceneError>>()?;
+    let voxel_size = |(_, volume, placement): &(usize, &VolumeSource, Placement)| {
+        placement.voxel_size(volume.source.geometry(), volume.extent())
+    };
+    let step = scene.step * layers.iter().map(voxel_size).fold(f64::INFINITY, f64::min);
+    for (layer, volume, placement) in &layers {
+        let standing = Standing { geometry: volume.source.geometry(), extent: volume.extent(), placement };
+        let checked = eyes.iter().try_for_each(|rays| standing.check(rays, step));
+        checked.map_err(|error| SceneError::Layer { layer: *layer, error: error.into() })?;
+    }
+    Ok(())
+}
+
 /// What slots hold of a layer's voxels, given its encoding and the codes of its labels, if they have codes by their look.
 pub(crate) fn slot_contents(encoding: &SlotEncoding, codes: Option<&Arc<LabelCodes>>) -> SlotContents {
     match (encoding.floats, codes) {
@@ -282,14 +314,26 @@ fn shown_layers<'a>(volumes: &'a [VolumeSource], scene: &Scene) -> Result<Vec<Sh
     scene.shown_layers()?.into_iter().map(shown).collect()
 }
 
-/// The expression, if there is one, and how its values look: as the scene says, or on a gray ramp over all that they can be.
+/// The expression over the layers, if there is one, and the transfer function that shows its values.
 fn combination(volumes: &[VolumeSource], scene: &Scene) -> Result<Option<Combination>, SceneError> {
+    let look = expression_look(volumes, scene)?;
+    Ok(look.map(|(read, transfer)| Combination::new(read.of_its_own(), transfer)))
+}
+
+/// The scene's expression, if there is one, and how its values look: as the scene says, or on a gray ramp over all that they can be.
+///
+/// # Errors
+/// If it cannot be shown.
+pub(crate) fn expression_look(
+    volumes: &[VolumeSource],
+    scene: &Scene,
+) -> Result<Option<(Expression, TransferFunction)>, SceneError> {
     let (Some(read), Some(look)) = (scene.parsed_expression()?, &scene.expression) else { return Ok(None) };
     let volume = |place: usize| &volumes[scene.store(place)];
     let windows = scene.layers.iter().enumerate().map(|(i, layer)| volume(i).default_window(layer.channel));
     let subject = volume(read.volumes()[0]).subject_of(read.window(windows));
     let transfer = look.function(&subject).map_err(SceneError::ExpressionTransfer)?;
-    Ok(Some(Combination::new(read.of_its_own(), transfer)))
+    Ok(Some((read, transfer)))
 }
 
 fn hidden_layer(

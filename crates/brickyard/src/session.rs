@@ -19,7 +19,7 @@ pub use crate::options::SessionOptions;
 pub use crate::player::ComingStep;
 use crate::player::Player;
 use crate::resolve::resolve_with;
-pub use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, resolve};
+pub use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, check, resolve};
 pub use crate::session_error::SessionError;
 use crate::shown_picture::ShownPicture;
 use crate::slot_change::{Shot, SlotChange};
@@ -118,6 +118,8 @@ pub struct Session {
     /// The views of the last step, and whether they had settled.
     last: Option<(Vec<View>, bool)>,
     losses: Losses,
+    /// When pictures are given up; `None` never.
+    pub(crate) draw_until: Option<Instant>,
     /// The picture that was shown last; `None` before the first one, and where it is lost.
     pub(crate) shown: Option<ShownPicture>,
     /// When it began, if it is live.
@@ -154,6 +156,7 @@ impl Session {
             steps: 0,
             last: None,
             losses: Losses::default(),
+            draw_until: None,
             shown: None,
             clock: options.live.then(Instant::now),
             slot_change: SlotChange::default(),
@@ -174,7 +177,7 @@ impl Session {
     /// # Errors
     /// If not: what is wrong with the scene.
     pub fn check(&self, scene: &Scene) -> Result<(), SceneError> {
-        scene.check(&self.volumes.iter().map(VolumeSource::counts).collect::<Vec<_>>())
+        check(&self.volumes, scene)
     }
 
     /// Resolves a scene for the session's volumes: fills in the camera and transfer functions that are left open, and
@@ -473,6 +476,7 @@ impl Session {
             let Some(fit) = self.fit.as_mut().filter(|_| frame.step == self.steps) else {
                 return Err(SessionError::Superseded);
             };
+            fit.backend.draw_until(self.draw_until);
             match fit.draw(&frame.scene, tells) {
                 Ok(picture) => {
                     self.losses.picture();

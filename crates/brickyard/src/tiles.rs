@@ -5,7 +5,7 @@
 //! Costs a frame of the whole picture's size for each tile, in which the rays of other tiles meet nothing. Bricks that two tiles want
 //! stay in their slots from one to the next, as far as there is room: tiles are neighbours in the order of a Z-curve.
 
-use crate::offline::{OfflineError, POLL, give_up_after};
+use crate::offline::{OfflineError, POLL, give_up_after, within};
 use crate::session::{Frame, ResolvedScene, Session};
 use crate::stats::{RenderStats, ms};
 use brickyard_volume::{Picture, PixelRect};
@@ -23,13 +23,17 @@ pub fn render_exact(
     started: Instant,
     stats: &mut RenderStats,
 ) -> Result<Picture, OfflineError> {
-    let mut exact = Exact { session, max_wait, begun: Instant::now(), stats, tiles: 0, completeness: 1.0, failed: 0 };
-    let picture = scene.supersampled(|scene| {
-        // Each sample has its own tiles.
-        exact.tiles = 0;
-        scene.picture(|eye| exact.eye(scene.of_eye(eye)))
+    let (mut tiles, mut completeness, mut failed) = (0, 1.0, 0);
+    let picture = within(session, max_wait, |session, begun| {
+        let mut exact = Exact { session, max_wait, begun, stats, tiles, completeness, failed };
+        let picture = scene.supersampled(|scene| {
+            // Each sample has its own tiles.
+            exact.tiles = 0;
+            scene.picture(|eye| exact.eye(scene.of_eye(eye)))
+        });
+        (tiles, completeness, failed) = (exact.tiles, exact.completeness, exact.failed);
+        picture
     })?;
-    let Exact { session, stats, tiles, completeness, failed, .. } = exact;
     if stats.frames == 0 {
         (stats.first_image_ms, stats.settled_ms) = (ms(started), ms(started));
     }

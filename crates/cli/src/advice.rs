@@ -116,7 +116,7 @@ impl Advice for OfflineError {
             Self::Pixel { .. } => {
                 Some("raise --gpu-memory, or draw one volume in passes: --backend gpu --compositor sorted")
             }
-            Self::NotSettled { .. } => Some(MORE_TIME),
+            Self::NotSettled { .. } | Self::NotDrawn { .. } => Some(MORE_TIME),
         }
     }
 }
@@ -139,6 +139,7 @@ impl Advice for OracleError {
     fn advice(&self) -> Option<&'static str> {
         match self {
             Self::TooLarge { .. } => Some("lock a coarser --level, or raise --host-memory"),
+            Self::TooLong { .. } => Some(MORE_TIME),
             Self::Read(_) => None,
         }
     }

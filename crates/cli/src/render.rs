@@ -14,7 +14,7 @@ use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::exact::{ExactPictureError, ExactRenderer};
 use brickyard::lettering::letter_sides;
 use brickyard::offline::render_settled;
-use brickyard::oracle::render_reference;
+use brickyard::oracle::render_reference_within;
 use brickyard::overlay::{Overlays, color_bar};
 use brickyard::pager::ExactError;
 use brickyard::render::GpuError;
@@ -223,7 +223,8 @@ impl Pictures<'_> {
             let resolved = run.resolve(scene)?;
             let stores: Vec<&Store> = run.stores.iter().map(|store| &**store).collect();
             let begun = Instant::now();
-            let picture = render_reference(&stores, &resolved, run.arguments.host_memory).map_err(oracle_failure)?;
+            let (memory, max_wait) = (run.arguments.host_memory, run.arguments.max_wait());
+            let picture = render_reference_within(&stores, &resolved, memory, max_wait).map_err(oracle_failure)?;
             frame_ms.push(ms(begun));
             stats.frames += 1;
             Ok((resolved, picture))

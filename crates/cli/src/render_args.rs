@@ -75,7 +75,7 @@ pub(crate) struct RenderArguments {
     /// Threads for decoding and for the CPU backend [default: all]
     #[arg(help_heading = heading::DRAWING, short = 'j', long)]
     pub(super) threads: Option<NonZeroUsize>,
-    /// Give up on a picture that has not settled after S seconds
+    /// Give up on a picture that has not settled, or is not drawn, after S seconds
     #[arg(help_heading = heading::DRAWING, long, value_name = "S", default_value = "600", value_parser = values::positive)]
     pub(super) max_wait: f64,
     /// Write statistics (JSON); - is standard output

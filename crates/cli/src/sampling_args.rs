@@ -21,8 +21,8 @@ pub(crate) struct SamplingArguments {
     /// How `--mode dvr` is lit [default: phong in `render` and `view`, unless a scene file says otherwise; none in `bench`]
     #[arg(help_heading = heading::LOOK, long, value_enum)]
     lighting: Option<LightingArgument>,
-    /// Sampling step in units of the finest voxel size [default: 1]
-    #[arg(help_heading = heading::SAMPLING, long, value_parser = values::positive)]
+    /// Sampling step in units of the finest voxel size, 0.005 to 16 [default: 1]
+    #[arg(help_heading = heading::SAMPLING, long, value_parser = values::step)]
     step: Option<f64>,
     /// Level: auto, or a number (0 is the finest) [default: auto]
     #[arg(help_heading = heading::SAMPLING, long, value_parser = level)]

@@ -22,6 +22,7 @@ pub(crate) fn offline_failure(error: OfflineError) -> Failure {
 pub(crate) fn oracle_failure(error: OracleError) -> Failure {
     match error {
         OracleError::TooLarge { .. } => Failure::usage(advised(&error)),
+        OracleError::TooLong { .. } => Failure::failed(advised(&error)),
         OracleError::Read(error) => store_errors::read_failure(&error),
     }
 }

@@ -1,6 +1,7 @@
 //! Values on the command line: sizes in bytes, triples, pixels, boxes. Each parser says what it expected.
 
 use brickyard::import::NoData;
+use brickyard::volume::bounds::{LEAST_STEP, MOST_STEP, STEPS};
 use brickyard::volume::{ClipPlane, Extent, Isosurface, Jitter, MeshLook, TransferFunction, VoxelBox};
 use glam::DVec3;
 
@@ -179,6 +180,14 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
         Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
         _ => Err(format!("'{text}': expected a positive number")),
     }
+}
+
+/// A step of rays, in voxels.
+pub(crate) fn step(text: &str) -> Result<f64, String> {
+    let step = text.parse().ok().filter(|step| STEPS.contains(step));
+    step.ok_or_else(|| {
+        format!("'{text}': expected {LEAST_STEP} to {MOST_STEP} voxels; 1 takes a sample in each voxel, 0.5 two")
+    })
 }
 
 /// Labels, with commas between them.

@@ -8,12 +8,13 @@ use super::progress::{Progress, ProgressStyleArgument};
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
 use super::session_args::{BackendArgument, threads};
+use super::session_errors::session_failure;
 use super::store_errors;
 use super::values;
 use brickyard::openable::OpenableError;
 use brickyard::opening::{OpeningError, OpeningOptions};
 use brickyard::preview::PreviewError;
-use brickyard::session::SessionOptions;
+use brickyard::session::{SessionOptions, check};
 use brickyard::text_file::read_text;
 use brickyard_viewer::{Openings, Script, WindowOptions};
 use clap::parser::ValueSource;
@@ -182,6 +183,9 @@ pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(
         live: true,
         ..SessionOptions::default()
     };
+    if !volumes.is_empty() {
+        check(&volumes, &scene).map_err(|error| session_failure(error.into()))?;
+    }
     let size = [arguments.size.0 as f32, arguments.size.1 as f32];
     let options = WindowOptions {
         scene,

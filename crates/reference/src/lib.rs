@@ -18,7 +18,7 @@ mod surface;
 pub use array::{Array, mean_levels, one_level};
 pub use mesh::layers;
 
-use brickyard_volume::{Combination, Picture, TransferFunction, VolumeFrame};
+use brickyard_volume::{Combination, Picture, TransferFunction, ViewRays, VolumeFrame};
 use glam::DVec3;
 use layer::Way;
 
@@ -39,15 +39,34 @@ pub struct ReferenceVolume<'a> {
 /// # Panics
 /// If there is no frame, there are not as many volumes as frames, or a volume has no level.
 pub fn render(frames: &[VolumeFrame], volumes: &[ReferenceVolume<'_>], combination: Option<&Combination>) -> Picture {
-    let rays = &frames[0].settings.rays;
-    let mut rgb = Vec::with_capacity(rays.width as usize * rays.height as usize);
-    for y in 0..rays.height {
-        for x in 0..rays.width {
-            let color = pixel(frames, volumes, combination, x, y);
-            rgb.push(Picture::quantise(color.map(|c| c as f32)));
-        }
-    }
-    Picture { width: rays.width, height: rays.height, rgb }
+    let ViewRays { width, height, .. } = frames[0].settings.rays;
+    Picture { width, height, rgb: pixels(frames, volumes, combination).collect() }
+}
+
+/// Renders a picture as [`render`] does, as long as `goes_on`, which is asked at each pixel; `None` if it does not.
+///
+/// # Panics
+/// As [`render`] does.
+pub fn render_while(
+    frames: &[VolumeFrame],
+    volumes: &[ReferenceVolume<'_>],
+    combination: Option<&Combination>,
+    goes_on: impl Fn() -> bool,
+) -> Option<Picture> {
+    let ViewRays { width, height, .. } = frames[0].settings.rays;
+    let rgb = pixels(frames, volumes, combination).map(|pixel| goes_on().then_some(pixel)).collect::<Option<_>>()?;
+    Some(Picture { width, height, rgb })
+}
+
+/// The picture's pixels, row by row, each rendered when it is asked for.
+fn pixels<'a>(
+    frames: &'a [VolumeFrame],
+    volumes: &'a [ReferenceVolume<'_>],
+    combination: Option<&'a Combination>,
+) -> impl Iterator<Item = [u8; 3]> + 'a {
+    let ViewRays { width, height, .. } = frames[0].settings.rays;
+    let places = (0..height).flat_map(move |y| (0..width).map(move |x| (x, y)));
+    places.map(move |(x, y)| Picture::quantise(pixel(frames, volumes, combination, x, y).map(|channel| channel as f32)))
 }
 
 /// The display-referred RGB colour of the pixel in column `x` and row `y`: from back to front, slabs of the volumes and

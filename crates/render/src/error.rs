@@ -87,6 +87,9 @@ pub enum GpuError {
     /// The device was lost, with everything on it: see [`GpuRenderer::renew`](crate::GpuRenderer::renew).
     #[error("the GPU device was lost: {0}")]
     DeviceLost(String),
+    /// A picture was not finished in the time allowed: see [`GpuRenderer::draw_until`](crate::GpuRenderer::draw_until).
+    #[error("the picture was not drawn in the time allowed")]
+    TooLong,
     /// The GPU or its driver refused a command.
     #[error("the GPU reported an error: {0}")]
     Refused(String),

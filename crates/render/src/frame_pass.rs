@@ -268,11 +268,11 @@ impl Passes<'_> {
         match (march, pipeline) {
             (March::Sorted(sorted), Pipeline::Render(pipeline)) => {
                 let boxes = Boxes::new(&[self.drawn(i, draw)])?;
-                sorted.draw(gpu, (&gathering, pipeline), &sorted.bindings[self.framed[i].number], &boxes, is_first);
+                sorted.draw(gpu, (&gathering, pipeline), &sorted.bindings[self.framed[i].number], &boxes, is_first)?;
             }
             (March::Raycast(raycast), pipeline) if is_first => {
                 raycast.set_trees(gpu, shared, &[self.tree(i, draw)])?;
-                gathering.cast_rays(gpu, pipeline, &raycast.bindings[self.framed[i].number], 1);
+                gathering.cast_rays(gpu, pipeline, &raycast.bindings[self.framed[i].number], 1)?;
             }
             _ => return Err(GpuError::Mismatch("rays are cast through a single list".into())),
         }
@@ -287,11 +287,11 @@ impl Passes<'_> {
         match (march, pipeline) {
             (March::Sorted(sorted), Pipeline::Render(pipeline)) => {
                 let boxes = Boxes::new(&all.map(|(i, draw)| self.drawn(i, draw)).collect::<Vec<_>>())?;
-                sorted.draw(gpu, (&gathering, pipeline), &sorted.joint, &boxes, self.lists == 0);
+                sorted.draw(gpu, (&gathering, pipeline), &sorted.joint, &boxes, self.lists == 0)?;
             }
             (March::Raycast(raycast), pipeline) => {
                 raycast.set_trees(gpu, shared, &all.map(|(i, draw)| self.tree(i, draw)).collect::<Vec<_>>())?;
-                gathering.cast_rays(gpu, pipeline, &raycast.joint, draws.len() as u32);
+                gathering.cast_rays(gpu, pipeline, &raycast.joint, draws.len() as u32)?;
             }
             _ => return Err(no_target()),
         }
@@ -356,6 +356,7 @@ impl Passes<'_> {
             limits: peeled.as_ref().filter(|_| self.has_meshes()).map(Peeled::limits),
             is_begin: self.slabs == 0 && i == 0,
             frame: self.frame_part(i),
+            until: self.renderer.until,
         })
     }
 

@@ -2,12 +2,14 @@
 
 use crate::buffer_parts::{Part, Parts};
 use crate::buffers::{SharedBuffers, entry};
+use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::memory::TIMESTAMP_BYTES;
 use crate::pipelines::{Pipeline, TEXELS_GROUP};
 use crate::pool::Pool;
 use crate::targets::Targets;
 use brickyard_shaders::{FrameUniform, WORKGROUP_PX, bindings};
+use std::time::{Duration, Instant};
 use wgpu::BindingResource;
 
 impl SharedBuffers {
@@ -131,6 +133,11 @@ fn sampler(gpu: &Gpu) -> wgpu::Sampler {
 /// Pixels whose rays are cast per submission: a slow GPU then takes well under a second, and no watchdog sees a hang.
 const PIXELS_PER_SUBMISSION: u32 = 1 << 18;
 
+/// Of a picture that is given up at some time, the pixels of the first submission, and how long one may take before the next is larger: so much longer it
+/// may take at most until giving up is told.
+const FIRST_PIXELS: u32 = 1 << 10;
+const SUBMISSION_TIME: Duration = Duration::from_millis(50);
+
 /// What a frame's march draws into, and which part of the picture it draws.
 pub(crate) struct Gathering<'a> {
     pub(crate) shared: &'a SharedBuffers,
@@ -142,28 +149,68 @@ pub(crate) struct Gathering<'a> {
     pub(crate) is_begin: bool,
     /// The part of the frames' buffer that the march uses: the layer's frame, or the first of all layers.
     pub(crate) frame: Part,
+    /// When the picture is given up; `None` never.
+    pub(crate) until: Option<Instant>,
 }
 
 impl Gathering<'_> {
     /// Casts a ray for each pixel through `layers` layers, some rows of the picture per submission.
-    pub(crate) fn cast_rays(&self, gpu: &Gpu, pipeline: &Pipeline, bindings: &wgpu::BindGroup, layers: u32) {
-        let (width, height) = self.size_px;
+    ///
+    /// # Errors
+    /// If the picture is given up, or the device fails.
+    pub(crate) fn cast_rays(
+        &self,
+        gpu: &Gpu,
+        pipeline: &Pipeline,
+        bindings: &wgpu::BindGroup,
+        layers: u32,
+    ) -> Result<(), GpuError> {
+        let width = self.size_px.0;
         let most = (PIXELS_PER_SUBMISSION / layers / width).max(1);
-        let rows = match pipeline {
-            Pipeline::Render(_) => most,
-            // Whole workgroups.
-            Pipeline::Compute(_) => (most / WORKGROUP_PX).max(1) * WORKGROUP_PX,
-        };
-        for top in (0..height).step_by(rows as usize) {
-            let rows = rows.min(height - top);
-            match pipeline {
-                Pipeline::Render(pipeline) => self.draw(gpu, pipeline, bindings, top == 0, |pass| {
+        match pipeline {
+            Pipeline::Render(pipeline) => self.by_rows(gpu, (most, 1), |top, rows| {
+                self.draw(gpu, pipeline, bindings, top == 0, |pass| {
                     pass.set_scissor_rect(0, top, width, rows);
                     pass.draw(0..3, 0..1);
-                }),
-                Pipeline::Compute(pipeline) => self.dispatch(gpu, pipeline, bindings, (top, rows)),
+                });
+            }),
+            // Whole workgroups.
+            Pipeline::Compute(pipeline) => self.by_rows(gpu, (most, WORKGROUP_PX), |top, rows| {
+                self.dispatch(gpu, pipeline, bindings, (top, rows));
+            }),
+        }
+    }
+
+    /// Submits all of the picture, at most `most` rows at a time, and a multiple of `unit`. A picture that may be given up begins with few rows, and waits for
+    /// them: how long they take says how many follow.
+    ///
+    /// # Errors
+    /// If the picture is given up, or the device fails.
+    pub(crate) fn by_rows(
+        &self,
+        gpu: &Gpu,
+        (most, unit): (u32, u32),
+        mut submit: impl FnMut(u32, u32),
+    ) -> Result<(), GpuError> {
+        let (width, height) = self.size_px;
+        let whole = |rows: u32| (rows.min(most) / unit).max(1) * unit;
+        let mut rows = whole(if self.until.is_some() { (FIRST_PIXELS / width).max(1) } else { most });
+        let mut top = 0;
+        while top < height {
+            let begun = Instant::now();
+            submit(top, rows.min(height - top));
+            top += rows;
+            if let Some(until) = self.until {
+                gpu.wait_for_all()?;
+                if Instant::now() >= until {
+                    return Err(GpuError::TooLong);
+                }
+                if begun.elapsed() < SUBMISSION_TIME {
+                    rows = whole(2 * rows);
+                }
             }
         }
+        Ok(())
     }
 
     /// One submission of a compute shader, for some rows from the first on.

@@ -26,6 +26,7 @@ use crate::targets::{Reading, Targets};
 use brickyard_pager::{Slot, VolumeNeeds, pools};
 use brickyard_shaders::Gather;
 use brickyard_volume::{MAX_VOLUMES, TransferTable};
+use std::time::Instant;
 
 /// How the GPU backend is set up.
 #[derive(Clone, Copy, Debug)]
@@ -66,6 +67,8 @@ pub struct GpuRenderer {
     pub(crate) targets: Option<Targets>,
     /// Whether they came from another renderer, with the picture that it had shown last.
     keeps_picture: bool,
+    /// When pictures are given up; `None` never.
+    pub(crate) until: Option<Instant>,
     /// The meshes' buffers and pipelines; `None` if pictures never have meshes.
     pub(crate) meshes: Option<Meshes>,
     /// The further targets of pictures with meshes; `None` if pictures never have meshes.
@@ -300,6 +303,7 @@ impl GpuRenderer {
             pipelines: Pipelines::kept_or_new(pipelines, maker),
             targets: Some(targets),
             keeps_picture,
+            until: None,
             meshes,
             peeled,
             blit,
@@ -345,6 +349,12 @@ impl GpuRenderer {
         let (gpu, pipelines, picture) = kept(self);
         gpu.wait_for_all()?;
         Ok(Compiled { gpu, pipelines: Some(pipelines), picture })
+    }
+
+    /// Gives up from now on pictures that are not finished at this time, with [`GpuError::TooLong`]; `None` gives none up. Work that is given to the device
+    /// is then small, and waited for.
+    pub fn draw_until(&mut self, until: Option<Instant>) {
+        self.until = until;
     }
 
     /// Whether the renderer has taken over the picture that the one before it on the device had shown last. It shows that until it draws one of

@@ -117,6 +117,9 @@ impl Sorted {
 
     /// Draws boxes in chunks, one submission each, so that no watchdog sees one as a hang. `is_first` clears the
     /// target; otherwise the boxes come in front of what is there.
+    ///
+    /// # Errors
+    /// If the picture is given up, or the device fails.
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,
@@ -124,7 +127,7 @@ impl Sorted {
         bindings: &wgpu::BindGroup,
         boxes: &Boxes,
         is_first: bool,
-    ) {
+    ) -> Result<(), GpuError> {
         let layers = boxes.bricks.len() / boxes.cells.len().max(1);
         let most = CELLS_PER_SUBMISSION / layers.max(1);
         let chunks = boxes.cells.len().div_ceil(most).max(1);
@@ -133,8 +136,14 @@ impl Sorted {
             let bricks = boxes.bricks.chunks(most * layers.max(1)).nth(chunk).unwrap_or(&[]);
             gpu.queue.write_buffer(&self.cells, 0, bytemuck::cast_slice(cells));
             gpu.queue.write_buffer(&self.bricks, 0, bytemuck::cast_slice(bricks));
-            gathering
-                .draw(gpu, pipeline, bindings, is_first && chunk == 0, |pass| pass.draw(0..14, 0..cells.len() as u32));
+            let (width, height) = gathering.size_px;
+            gathering.by_rows(gpu, (height, 1), |top, rows| {
+                gathering.draw(gpu, pipeline, bindings, is_first && chunk == 0 && top == 0, |pass| {
+                    pass.set_scissor_rect(0, top, width, rows);
+                    pass.draw(0..14, 0..cells.len() as u32);
+                });
+            })?;
         }
+        Ok(())
     }
 }

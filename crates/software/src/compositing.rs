@@ -152,6 +152,9 @@ impl<'a> JointMarch<'a> {
         };
         let cells: Vec<Vec<u32>> = frames.iter().map(over).collect();
         for (i, pixel) in pixels(tile) {
+            if frames[0].is_given_up() {
+                return;
+            }
             work.follow(frames, &cells, pixel, limits(i));
             seen[i] = work.march(self, frames, Vec4::W);
         }
@@ -184,7 +187,7 @@ impl Work {
         self.pasts = vec![[Past::NONE; PIXELS]; if together.has_surfaces { frames.len() } else { 0 }];
         let mut waiting = places(tile).filter(|&i| rays[i].cursor < rays[i].end).count();
         for entries in cells.chunk_by(|a, b| a.rank == b.rank) {
-            if waiting == 0 {
+            if waiting == 0 || frames[0].is_given_up() {
                 break;
             }
             let cell = entries[0].cell(frames);

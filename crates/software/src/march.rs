@@ -185,7 +185,7 @@ impl Work {
             }
         }
         for cell in &frame.cells {
-            if waiting == 0 {
+            if waiting == 0 || frame.is_given_up() {
                 break;
             }
             let (x0, x1) = (cell.rect.x0.max(tile.x0), cell.rect.x1.min(tile.x1));

@@ -12,6 +12,7 @@ use brickyard_volume::{Clip, Combination, FrameSettings, Geometry, Method, Mode,
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::time::Instant;
 
 /// Why a renderer cannot be made, or cannot do what it was asked to do.
 #[derive(Debug, thiserror::Error)]
@@ -40,6 +41,9 @@ pub enum SoftwareError {
         /// The system's error.
         source: rayon::ThreadPoolBuildError,
     },
+    /// A picture was not finished in the time allowed: see [`SoftwareRenderer::draw_until`].
+    #[error("the picture was not drawn in the time allowed")]
+    TooLong,
     /// The renderer was given layers, frames, lists or bricks that do not belong to it: a programming error of the caller's.
     #[error("the CPU renderer was given {0}")]
     Mismatch(String),
@@ -63,6 +67,8 @@ pub struct SoftwareRenderer {
     visibility: Vec<Vec<f32>>,
     /// Over the last frame's meshes.
     meshes: MeshTree,
+    /// When pictures are given up; `None` never.
+    until: Option<Instant>,
     threads: rayon::ThreadPool,
 }
 
@@ -120,6 +126,7 @@ impl SoftwareRenderer {
             bytes: fixed_bytes + used,
             visibility: Vec::new(),
             meshes: MeshTree::default(),
+            until: None,
             threads: threads.map_err(|source| SoftwareError::Threads { threads: options.threads, source })?,
         })
     }
@@ -130,6 +137,11 @@ impl SoftwareRenderer {
     /// If there is no such layer.
     pub fn slots(&self, layer: usize) -> u32 {
         self.pools[self.pool_of[layer]].len()
+    }
+
+    /// Gives up from now on pictures that are not finished at this time; `None` gives none up.
+    pub fn draw_until(&mut self, until: Option<Instant>) {
+        self.until = until;
     }
 
     /// The bytes that the renderer takes when every slot is full, drawing included; at most the budget.
@@ -158,8 +170,9 @@ impl SoftwareRenderer {
     ///
     /// # Errors
     /// If there are no layers, they are not in ascending order, or one is not the renderer's; if the picture is larger than was agreed; if a
-    /// list names a slot to which no brick was uploaded; if frames, pyramids and needs do not belong together; or if a layer that an expression
-    /// reads has surfaces, is classified by value and gradient, or is drawn by another mode or method than the plain one.
+    /// list names a slot to which no brick was uploaded; if frames, pyramids and needs do not belong together; if a layer that an expression
+    /// reads has surfaces, is classified by value and gradient, or is drawn by another mode or method than the plain one; or if the time is over
+    /// that was [allowed](SoftwareRenderer::draw_until).
     pub fn render(
         &mut self,
         layers: &[Layer<'_>],
@@ -179,16 +192,22 @@ impl SoftwareRenderer {
         let (drawn, visibility) = self.threads.install(|| {
             let by_itself = !is_mixed || settings.mode.is_projection();
             let slots = |layer: &Layer<'_>| &self.pools[self.pool_of[layer.volume]];
-            let frames = layers.iter().map(|layer| frame(layer, slots(layer), by_itself)).collect();
+            let until = self.until;
+            let frames = layers.iter().map(|layer| Frame { until, ..frame(layer, slots(layer), by_itself) }).collect();
             let scene = Scene::new(frames, meshes, is_mixed, is_one_cut(layers), combination);
-            let drawn: Vec<TilePixels> =
-                tiles.par_iter().map_init(Work::new, |work, tile| scene.draw(tile, work)).collect();
+            let draw = |work: &mut Box<Work>, tile: &Tile| {
+                let drawn = scene.draw(tile, work);
+                // What was given up meanwhile is not whole.
+                if scene.frames()[0].is_given_up() { Err(SoftwareError::TooLong) } else { Ok(drawn) }
+            };
+            let drawn: Result<Vec<TilePixels>, SoftwareError> = tiles.par_iter().map_init(Work::new, draw).collect();
             let light = |frame: &Frame<'_>| -> Vec<f32> {
                 frame.light.iter().map(|light| f32::from_bits(light.load(Ordering::Relaxed))).collect()
             };
             (drawn, scene.frames().iter().map(light).collect::<Vec<_>>())
         });
         self.visibility = Vec::new();
+        let drawn = drawn?;
         if !settings.mode.is_projection() {
             self.visibility.resize(self.layers.len(), Vec::new());
             layers.iter().zip(visibility).for_each(|(layer, light)| self.visibility[layer.volume] = light);

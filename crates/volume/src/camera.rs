@@ -1,6 +1,8 @@
 //! The camera: where it stands, the ray of every pixel, the size of a pixel in the world, and the frustum.
 
+use crate::bounds::LEAST_FOV_DEG;
 use crate::geometry::box_corners;
+use crate::numbers::exact;
 use crate::placement::Placement;
 use crate::ray::Ray;
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -12,7 +14,7 @@ use serde::{Deserialize, Serialize};
 pub enum Projection {
     /// Rays meet in the eye.
     Perspective {
-        /// Full vertical opening angle in degrees, in (0, 180).
+        /// Full vertical opening angle in degrees: at least [`LEAST_FOV_DEG`], and less than 180.
         fov_y_deg: f64,
     },
     /// Rays are parallel and start on the plane through the eye.
@@ -53,6 +55,9 @@ pub enum CameraError {
     /// The projection's opening angle or height is out of range; the text says which.
     #[error("{0}")]
     Projection(String),
+    /// The picture has no pixel; the numbers are its width and height.
+    #[error("a picture of {0}x{1} pixels: expected at least one each way")]
+    Size(u32, u32),
 }
 
 /// Where the default camera looks from: turned by 30 degrees from -y to +x, and raised by 20; of length 1.
@@ -142,8 +147,11 @@ impl Camera {
     /// The rays of a picture of `width` x `height` square pixels.
     ///
     /// # Errors
-    /// If eye and target give no direction, up is zero or along the view, or the projection's angle or height is out of range.
+    /// If the picture has no pixel, eye and target give no direction, up is zero or along the view, or the projection's angle or height is out of range.
     pub fn rays(&self, width: u32, height: u32) -> Result<ViewRays, CameraError> {
+        if width == 0 || height == 0 {
+            return Err(CameraError::Size(width, height));
+        }
         let forward = (self.target - self.eye).try_normalize();
         let forward = forward.filter(|_| self.eye.is_finite() && self.target.is_finite());
         let forward = forward.ok_or(CameraError::NoDirection { eye: self.eye, target: self.target })?;
@@ -152,13 +160,14 @@ impl Camera {
         let right = right.try_normalize().filter(|_| right.length() > 1e-6).ok_or(CameraError::Up(self.up))?;
         let up = right.cross(forward);
         let half_height = match self.projection {
-            Projection::Perspective { fov_y_deg } if fov_y_deg > 0.0 && fov_y_deg < 180.0 => {
+            Projection::Perspective { fov_y_deg } if (LEAST_FOV_DEG..180.0).contains(&fov_y_deg) => {
                 (fov_y_deg * 0.5).to_radians().tan()
             }
             Projection::Orthographic { height } if height > 0.0 && height.is_finite() => height * 0.5,
             Projection::Perspective { fov_y_deg } => {
                 return Err(CameraError::Projection(format!(
-                    "a field of view of {fov_y_deg}: expected degrees in (0, 180)"
+                    "a field of view of {}: expected degrees, from {LEAST_FOV_DEG} to less than 180",
+                    exact(fov_y_deg, false)
                 )));
             }
             Projection::Orthographic { height } => {

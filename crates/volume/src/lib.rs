@@ -9,6 +9,7 @@
 //! - *brick index*: level voxels divided by the brick edge.
 
 pub mod apron;
+pub mod bounds;
 pub mod camera;
 pub mod channel;
 pub mod clip;
@@ -58,6 +59,7 @@ mod viewpoint;
 pub mod voxel_type;
 
 pub use apron::{Apron, MAX_APRON};
+pub use bounds::{ReachError, Standing};
 pub use camera::{Camera, Frustum, PixelRect, Projection, ViewRays};
 pub use channel::ChannelLook;
 pub use clip::{Clip, ClipError, ClipPlane, MAX_CLIP_PLANES, MAX_PLANES};

@@ -4,6 +4,7 @@
 //! What a type cannot hold is refused by the type, when a scene is read: unknown fields, and places that are singular
 //! ([`Placement`](crate::Placement)). Cameras and stereo have errors of their own, for they depend on the picture's size.
 
+use crate::bounds::STEPS;
 use crate::clip::{Clip, ClipError, MAX_CLIP_PLANES};
 use crate::expression::{Expression, MAX_VOLUMES};
 use crate::layer::SceneLayer;
@@ -159,10 +160,11 @@ impl Scene {
         {
             return Err(SceneError::Level { level, levels });
         }
-        for (name, value) in [("step", self.step), ("pixel error", self.pixel_error)] {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(SceneError::NotPositive { name, value });
-            }
+        if !STEPS.contains(&self.step) {
+            return Err(SceneError::Step(self.step));
+        }
+        if !(self.pixel_error.is_finite() && self.pixel_error > 0.0) {
+            return Err(SceneError::PixelError(self.pixel_error));
         }
         let (method, samples) = (self.sampling.method, self.sampling.virtual_samples);
         if method != Method::Udvr && self.mode != Mode::Dvr {

@@ -1,12 +1,14 @@
 //! Why a scene is impossible: what was found, what was expected, and where. One value for each reason, so that whoever shows scenes can tell
 //! them apart; nothing here depends on what data are like, only on what stores have.
 
+use crate::bounds::{LEAST_STEP, MOST_STEP, ReachError};
 use crate::clip::ClipError;
 use crate::expression::{ExpressionError, MAX_VOLUMES};
 use crate::labels::LabelCodes;
 use crate::lighting::{LightingModel, MAX_LIGHTS};
 use crate::mesh::MeshLookError;
 use crate::mode::Mode;
+use crate::numbers::exact;
 use crate::placement::PlacementError;
 use crate::sampling::{MOST_VIRTUAL_SAMPLES, Method};
 use crate::surface::MAX_SURFACES;
@@ -38,14 +40,15 @@ pub enum SceneError {
         /// Number of levels of the store that has most.
         levels: usize,
     },
-    /// The step or the pixel error is not a positive, finite number.
-    #[error("the {name} is {value}: expected a positive number")]
-    NotPositive {
-        /// Which number it is: `step` or `pixel error`.
-        name: &'static str,
-        /// The number as given.
-        value: f64,
-    },
+    /// The step is out of its bounds; the number is the step as given.
+    #[error(
+        "the step is {}: expected {LEAST_STEP} to {MOST_STEP} voxels; 1 takes a sample in each voxel, 0.5 two",
+        exact(*.0, false)
+    )]
+    Step(f64),
+    /// The pixel error, which this is, is not a positive, finite number.
+    #[error("the pixel error is {0}: expected a positive number")]
+    PixelError(f64),
     /// The background's colour is not in 0..=1.
     #[error("the background is {0:?}: expected red, green and blue in 0..1")]
     Background([f64; 3]),
@@ -116,6 +119,9 @@ pub enum LayerError {
     /// The layer's map and its store's orientation come to a map that cannot be used.
     #[error(transparent)]
     Placement(#[from] PlacementError),
+    /// The layer's volume cannot be drawn by the camera's rays.
+    #[error(transparent)]
+    Reach(#[from] ReachError),
     /// The layer's store does not exist.
     #[error("store {store} does not exist: there are {stores}, numbered from 0")]
     Store {

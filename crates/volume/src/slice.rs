@@ -110,8 +110,9 @@ impl Slice {
         let [(left, right_end), (bottom, top)] = sides;
         let target = self.point + right * (left + right_end) * 0.5 + upright * (bottom + top) * 0.5;
         let world_height = (top - bottom).max((right_end - left) * height as f64 / width as f64);
-        // Before the slab; and not far, for the sake of precision.
-        let eye = target + normal * (self.thickness + world_height);
+        // Before what the slab shows; and not far, for the sake of precision.
+        let reach = corners.iter().map(|corner| normal.dot(*corner - self.point).abs()).fold(0.0, f64::max);
+        let eye = target + normal * (self.thickness.min(2.0 * reach) + world_height);
         Camera { eye, target, up, projection: Projection::Orthographic { height: world_height } }
     }
 

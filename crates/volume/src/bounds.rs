@@ -1,0 +1,154 @@
+//! The bounds of a scene's numbers. Beyond them single precision, in which GPUs draw, or the steps of rays no longer tell places apart: a picture would be
+//! wrong, or black without a word. So a scene beyond them is refused, whoever gives it. They were found by comparing every renderer with the oracle
+//! (`tests/bounds.rs`); within them pictures agree.
+
+use crate::camera::ViewRays;
+use crate::geometry::{Geometry, box_corners};
+use crate::numbers::significant;
+use crate::placement::Placement;
+use crate::space::Extent;
+use glam::DVec3;
+use std::ops::RangeInclusive;
+
+/// The least step, in voxels of the finest layer that is shown.
+pub const LEAST_STEP: f64 = 0.005;
+/// The greatest step, in the same.
+pub const MOST_STEP: f64 = 16.0;
+
+/// All steps that there may be.
+pub const STEPS: RangeInclusive<f64> = LEAST_STEP..=MOST_STEP;
+
+/// The least opening angle of a perspective camera, degrees.
+pub const LEAST_FOV_DEG: f64 = 0.001;
+
+/// The least height of a picture of parallel rays, in voxels.
+const LEAST_HEIGHT: f64 = 0.001;
+
+/// How far an eye may be from a volume's middle, in voxels; or in longest sides of the volume, where these are more.
+const FARTHEST_VOXELS: f64 = 1e5;
+const FARTHEST_SIDES: f64 = 8.0;
+
+/// The most steps from an eye to the far end of a volume.
+const MOST_STEPS: f64 = (1 << 25) as f64;
+
+/// World units of a voxel.
+const VOXEL_SIZES: RangeInclusive<f64> = 1e-15..=1e15;
+
+/// How far a volume may be from the world's origin, in voxels: doubles hold a thousandth of one there.
+const FARTHEST_FROM_ORIGIN: f64 = 1e12;
+
+/// Why a volume cannot be drawn by a camera's rays.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum ReachError {
+    /// A voxel is too large or too small; the number is its size in world units.
+    #[error(
+        "a voxel is {} world units large: expected {:e} to {:e}; scale the volume by its matrix",
+        significant(*.0, 3), VOXEL_SIZES.start(), VOXEL_SIZES.end()
+    )]
+    VoxelSize(f64),
+    /// The volume is too far from the world's origin; the number is how many of its voxels.
+    #[error(
+        "the volume is {} of its voxels away from the world's origin: expected at most {FARTHEST_FROM_ORIGIN:e}; move it nearer by its \
+         matrix", significant(*.0, 3)
+    )]
+    Origin(f64),
+    /// The eye is too far from the volume.
+    #[error(
+        "the camera's eye is {} voxels away from the volume: expected at most {}; bring it nearer, with a wider field of view",
+        significant(*.voxels, 3), significant(*.most, 3)
+    )]
+    Eye {
+        /// How many voxels it is away from the volume's middle, along the axis along which that is most.
+        voxels: f64,
+        /// How many it may be.
+        most: f64,
+    },
+    /// Parallel rays show too small a part of the volume; the number is the picture's height in voxels.
+    #[error(
+        "the picture is {} voxels high: expected at least {LEAST_HEIGHT}; give it a greater orthographic height",
+        significant(*.0, 3)
+    )]
+    Height(f64),
+    /// A ray takes too many steps; the number is how many.
+    #[error(
+        "rays take {} steps from the camera's eye to the volume's far end: expected at most {MOST_STEPS}; take longer steps, or bring the \
+         eye nearer", significant(*.0, 3)
+    )]
+    Steps(f64),
+}
+
+/// A volume as it stands in a scene's world.
+#[derive(Clone, Copy, Debug)]
+pub struct Standing<'a> {
+    /// Where its voxels are in its own world.
+    pub geometry: &'a Geometry,
+    /// How many voxels it has.
+    pub extent: Extent,
+    /// Where its own world is in the scene's.
+    pub placement: &'a Placement,
+}
+
+impl Standing<'_> {
+    /// Checks that the volume can be drawn by these rays, whose steps are `step` world units long.
+    ///
+    /// # Errors
+    /// If not: what is out of bounds.
+    pub fn check(&self, rays: &ViewRays, step: f64) -> Result<(), ReachError> {
+        let Self { geometry, extent, placement } = *self;
+        let voxel = placement.voxel_size(geometry, extent);
+        if !VOXEL_SIZES.contains(&voxel) {
+            return Err(ReachError::VoxelSize(voxel));
+        }
+        let world_box = placement.world_box(geometry.world_box(extent));
+        let from_origin = world_box.0.abs().max(world_box.1.abs()).max_element() / voxel;
+        if !(0.0..=FARTHEST_FROM_ORIGIN).contains(&from_origin) {
+            return Err(ReachError::Origin(from_origin));
+        }
+        let sides = DVec3::from_array(extent.to_array().map(f64::from));
+        let eye = geometry.voxel_from_world(placement.volume_from_world(rays.eye));
+        let voxels = (eye - sides * 0.5).abs().max_element();
+        let most = FARTHEST_VOXELS.max(FARTHEST_SIDES * sides.max_element());
+        if !(0.0..=most).contains(&voxels) {
+            return Err(ReachError::Eye { voxels, most });
+        }
+        let height = 2.0 * rays.up.length() / voxel;
+        if rays.orthographic && height < LEAST_HEIGHT {
+            return Err(ReachError::Height(height));
+        }
+        let farthest = box_corners(world_box).into_iter().map(|corner| corner.distance(rays.eye)).fold(0.0, f64::max);
+        let steps = farthest / step;
+        if steps > MOST_STEPS { Err(ReachError::Steps(steps)) } else { Ok(()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Camera, Projection};
+
+    #[test]
+    fn what_is_out_of_bounds_is_named() {
+        let extent = Extent::new(64, 64, 64);
+        let of = |eye: DVec3, projection, scale: &str, step: f64| {
+            let (geometry, placement) = (Geometry::default(), Placement::from_text(scale).expect("a map"));
+            let rays = Camera { eye, target: DVec3::splat(31.5), up: DVec3::Z, projection }.rays(64, 64).expect("rays");
+            Standing { geometry: &geometry, extent, placement: &placement }.check(&rays, step)
+        };
+        let (fov, own) = (Projection::Perspective { fov_y_deg: 1.0 }, "1 0 0 0  0 1 0 0  0 0 1 0");
+        let parallel = |height| Projection::Orthographic { height };
+        let far = |y: f64| DVec3::new(31.5, y, 31.5);
+        assert_eq!(of(far(-9.9e4), fov, own, 1.0), Ok(()));
+        assert_eq!(of(far(-9.9e4), parallel(0.001), own, 1.0), Ok(()));
+        for (found, word) in [
+            (of(far(-2e9), fov, own, 1.0), "2e9 voxels away from the volume: expected at most 100000"),
+            (of(far(-2e5), parallel(9.0), own, 1.0), "200000 voxels away"),
+            (of(far(-99.0), parallel(1e-6), own, 1.0), "1e-6 voxels high: expected at least 0.001"),
+            (of(far(-200.0), fov, own, 5e-6), "steps from the camera's eye"),
+            (of(far(-99.0), fov, "1 0 0 1e30  0 1 0 0  0 0 1 0", 1.0), "1e30 of its voxels away"),
+            (of(far(-99.0), fov, "1e30 0 0 0  0 1e30 0 0  0 0 1e30 0", 1.0), "a voxel is 1e30 world units"),
+        ] {
+            let said = found.expect_err(word).to_string();
+            assert!(said.contains(word), "{said}");
+        }
+    }
+}
