@@ -3,6 +3,7 @@
 use super::canvas::{Area, Canvas, Pen, settle};
 use super::layer_name;
 use super::round::ticks;
+use crate::resolve::expression_look;
 use crate::volume_source::VolumeSource;
 use brickyard_volume::numbers::within_span;
 use brickyard_volume::{Mode, Scene, TransferFunction};
@@ -42,12 +43,12 @@ pub struct Bar {
     ticks: Vec<(f64, String)>,
 }
 
-/// The bars of the layers that are shown, in their order, or of the expression over them. Labels have none, and neither have surfaces that were given a colour.
+/// The bars of the layers that are shown, in their order, or of the expression over them, each of the function that is drawn. Labels have none, and neither have surfaces that were given a colour.
 pub fn bars(scene: &Scene, volumes: &[VolumeSource]) -> Vec<Bar> {
     if let Some(expression) = &scene.expression {
-        let subject = volumes.first().map(|volume| volume.subject(0));
-        let function = subject.and_then(|subject| expression.function(&subject).ok());
-        return function.and_then(|function| Bar::new(&expression.text, function)).into_iter().collect();
+        let has_all = (0..scene.layers.len()).all(|layer| scene.store(layer) < volumes.len());
+        let look = has_all.then(|| expression_look(volumes, scene).ok().flatten()).flatten();
+        return look.and_then(|(_, function)| Bar::new(&expression.text, function)).into_iter().collect();
     }
     let shown = (0..scene.layers.len()).filter(|&layer| scene.layers[layer].visible);
     let bar = |layer: usize| {
@@ -96,6 +97,11 @@ impl Bar {
         let short = name.chars().take(LONGEST - 1).collect::<String>() + "\u{2026}";
         let name = if name.chars().count() > LONGEST { short } else { name.into() };
         (low < high).then_some(Self { name, function, ticks })
+    }
+
+    #[cfg(test)]
+    pub(super) fn function(&self) -> &TransferFunction {
+        &self.function
     }
 
     #[cfg(test)]

@@ -1,4 +1,5 @@
 use super::*;
+use crate::session::resolve;
 use brickyard_pager::{BrickError, BrickSource};
 use brickyard_volume::{
     BrickId, Camera, Extent, Geometry, Isosurface, Mode, Projection, Pyramid, SceneExpression, SceneLayer, Stereo,
@@ -199,6 +200,26 @@ fn an_expression_has_one_bar_and_surfaces_with_colours_none() {
         let layers = vec![SceneLayer { isosurfaces: surfaces, ..SceneLayer::default() }];
         let scene = Scene { mode: Mode::Isosurface, layers, ..Scene::default() };
         assert_eq!(color_bar::bars(&scene, &volumes).len(), count);
+    }
+}
+
+/// Whether it is given with the scene, or left open as in a window, the bar's function is the one that draws.
+#[test]
+fn an_expression_s_bar_has_the_window_that_is_drawn() {
+    let volumes = [volume((0.0, 2.0), false), volume((0.0, 4.0), false)];
+    for (text, window) in [("a - b", (-4.0, 2.0)), ("b * 2", (0.0, 8.0)), ("0 - b", (-4.0, 0.0))] {
+        for transfer in [None, Some(TransferChoice::preset("viridis"))] {
+            let expression = SceneExpression { text: text.into(), transfer };
+            let layers = vec![SceneLayer::default(); 2];
+            let scene = Scene { expression: Some(expression), layers, ..scene() };
+            let resolved = resolve(&volumes, &scene, SIZE_PX).unwrap();
+            let drawn = &resolved.combination.as_ref().unwrap().transfer;
+            for scene in [&scene, &resolved.shown(&scene)] {
+                let bars = color_bar::bars(scene, &volumes);
+                assert_eq!(bars[0].function(), drawn, "{text}");
+            }
+            assert_eq!(drawn.span(), window, "{text}");
+        }
     }
 }
 
