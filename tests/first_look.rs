@@ -142,3 +142,22 @@ fn what_shows_less_than_one_may_expect_says_why() {
         assert!(!stderr.contains("note"), "{flags}: {stderr}");
     }
 }
+
+/// Stores of one shape whose voxels differ in size are drawn at unlike sizes: it is said, with the flag that draws them alike.
+#[test]
+fn stores_of_one_shape_and_unlike_voxels_are_named() {
+    let sandbox = Sandbox::default();
+    sandbox.write("a.raw", (0..1000).map(|i| (i % 251) as u8).collect::<Vec<_>>());
+    for (store, spacing) in [("one", 1), ("two", 2)] {
+        sandbox.run_ok(&format!(
+            "pack a.raw {store}.zarr --shape 10,10,10 --dtype u8 --spacing {spacing},{spacing},{spacing} --progress none"
+        ));
+    }
+    let render = "render one.zarr two.zarr -o o.png --overwrite --backend cpu --size 32x32";
+    let (code, _, said) = sandbox.run(render);
+    let flag = "--volume \"1:matrix=0.5 0 0 0  0 0.5 0 0  0 0 0.5 0\"";
+    let words = ["one and two both have 10 x 10 x 10 voxels", "1 x 1 x 1", "2 x 2 x 2", "unlike sizes", flag];
+    assert!(code == 0 && words.iter().all(|word| said.contains(word)), "{said}");
+    let (code, _, said) = sandbox.run(&format!("{render} --volume 1:matrix=0.5,0,0,0,0,0.5,0,0,0,0,0.5,0"));
+    assert!(code == 0 && !said.contains("unlike"), "{said}");
+}

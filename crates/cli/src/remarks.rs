@@ -2,6 +2,7 @@
 //! of one that came out empty, why. Each with the numbers that would do.
 
 use brickyard::session::{ResolvedLayer, ResolvedScene, VolumeSource};
+use brickyard::unlike_sizes::unlike_sizes;
 use brickyard::volume::numbers::within_span;
 use brickyard::volume::{Mode, Picture, Scene, Slice, TransferChoice, box_corners};
 
@@ -12,6 +13,10 @@ pub(super) fn of_scene(scene: &Scene, volumes: &[VolumeSource]) -> Vec<String> {
     remarks.extend(scene.slice.and_then(|slice| slice_outside(slice, scene, volumes)));
     remarks.extend(shown().flat_map(|layer| isovalues_outside(scene, layer, volumes)));
     remarks.extend(shown().filter_map(|layer| preset_of_other_data(scene, layer, volumes)));
+    remarks.extend(unlike_sizes(scene, volumes).map(|unlike| {
+        let matrix = unlike.numbers().map(|row| row.join(" ")).join("  ");
+        format!("{unlike}; alike with --volume \"{}:matrix={matrix}\"", unlike.layer)
+    }));
     remarks
 }
 
