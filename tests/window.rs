@@ -238,6 +238,52 @@ fn time_steps_are_played_and_the_picture_is_of_the_step_that_is_said() {
     opened.quit();
 }
 
+/// The middle of the mark in the row of time steps: a run of white, near the window's lower end.
+fn mark(screen: &Picture) -> f64 {
+    let rows = (screen.height - 90..screen.height).map(|y| (0..screen.width).map(move |x| (x, y)));
+    let runs = rows.filter_map(|row| {
+        let white: Vec<u32> = row.filter(|&(x, y)| screen.pixel(x, y) == [255; 3]).map(|(x, _)| x).collect();
+        let longest = white.chunk_by(|a, b| a + 1 == *b).max_by_key(|run| run.len())?;
+        Some((longest.len(), f64::from(longest[0] + longest[longest.len() - 1]) / 2.0))
+    });
+    runs.max_by_key(|(length, _)| *length).filter(|(length, _)| *length > 9).expect("a mark").1
+}
+
+/// However fast steps follow one another, each frame of the window marks the step of the picture that it shows.
+#[test]
+fn the_row_of_steps_is_about_the_picture_in_the_same_frame() {
+    const LAST: u32 = 15;
+    let (Some(display), sandbox) = (Display::start(), Sandbox::in_memory()) else { return };
+    let source = FunctionSource::series(Extent::new(24, 20, 16), Geometry::default(), LAST + 1, 1, |step, _, _| {
+        (12 * step + 20) as u8
+    });
+    let test = TestStore::pack(&source, 16);
+    let path = test.path().display().to_string();
+    let played: String = (0..12).map(|i| format!("0 screenshot {i}.png\n")).collect();
+    let tour = format!(
+        "0 set window.overlays {BARE}\nsettled set mode mip\nsettled set layers.0.window [0, 255]\nsettled screenshot first.png\n\
+        settled set time {LAST}\nsettled screenshot last.png\nsettled set window.play.steps_per_second 300\n\
+        settled set window.play.on true\n{played}0 set window.play.on false\nsettled quit\n"
+    );
+    sandbox.write("tour.txt", &tour);
+    for backend in ["cpu", "gpu"] {
+        let arguments = [&path, "--backend", backend, "--script", "tour.txt", "--size", "900x600", "--fresh"];
+        let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
+        assert!(ended.status.success(), "{backend}: {}", String::from_utf8_lossy(&ended.stderr));
+        let screen = |name: &str| read_png(&sandbox.path(format!("{name}.png")));
+        let ends = ["first", "last"].map(|name| mark(&screen(name)));
+        let mut seen = HashSet::new();
+        for i in 0..12 {
+            let screen = screen(&i.to_string());
+            let marked = ((mark(&screen) - ends[0]) / (ends[1] - ends[0]) * f64::from(LAST)).round();
+            let shown = ((f64::from(screen.pixel(590, 280)[0]) - 20.0) / 12.0).round();
+            assert_eq!(marked, shown, "{backend}, frame {i}");
+            seen.insert(shown as i64);
+        }
+        assert!(seen.len() > 3, "{backend}: it plays: {seen:?}");
+    }
+}
+
 #[test]
 fn a_store_that_grows_is_followed() {
     let (Some(display), sandbox) = (Display::start(), Sandbox::in_memory()) else { return };
@@ -451,6 +497,8 @@ fn a_script_that_fails_says_where_and_why() {
         ("export crop.tif", "crop.tif"),
         ("save-picture no-such-folder/a.png", "no-such-folder/a.png"),
         ("set nonsense 3", "nonsense"),
+        ("set step 1e-30", "expected 0.005 to 16 voxels"),
+        ("zoom 1e-9", "voxels away from the volume"),
         ("open no.txt", "no.txt"),
         ("screenshot no-such-folder/b.png", "no-such-folder/b.png"),
         ("save-scene no-such-folder/c.json", "no-such-folder/c.json"),
@@ -459,7 +507,7 @@ fn a_script_that_fails_says_where_and_why() {
         let arguments = [&path, "--backend", "cpu", "--script", "tour.txt", "--screenshot", "shot.png"];
         let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
         let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-        let times = if command.starts_with("set") { 2 } else { 1 };
+        let times = if command == "set nonsense 3" { 2 } else { 1 };
         let is_said = said.contains("line 3") && said.matches(why).count() == times;
         assert!(ended.status.code() == Some(1) && is_said, "{command}: {:?}: {said}", ended.status);
         assert!(!sandbox.path("after.json").exists(), "{command}: the script goes on");

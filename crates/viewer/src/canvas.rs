@@ -334,6 +334,11 @@ impl Canvas {
         self.shown.as_ref().filter(|_| !self.session.is_seeking()).map(|shown| shown.frame.scene.time)
     }
 
+    /// The time step of the picture that is seen; `None` before the first one.
+    pub(crate) fn step_seen(&self) -> Option<u32> {
+        self.shown.as_ref().map(|shown| shown.frame.scene.time)
+    }
+
     /// The time steps that come next.
     pub(crate) fn coming(&self) -> &[ComingStep] {
         self.progress.as_ref().map_or(&[], |(_, coming)| coming)

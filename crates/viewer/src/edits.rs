@@ -2,13 +2,13 @@
 //! cannot have is left out, and files that the scene newly names are read.
 
 use crate::fields::{differences, set};
-use crate::panels::mending::{add_surfaces, set_mode};
+use crate::panels::mending::{add_surfaces, set_mode, take_surfaces};
 use crate::state::State;
 use brickyard::channels::default_layers;
 use brickyard::first_look::choose_foregrounds;
 use brickyard::scene_file::read_named_files;
-use brickyard::session::VolumeSource;
-use brickyard::volume::{Mode, Scene, TransferChoice};
+use brickyard::session::{VolumeSource, check};
+use brickyard::volume::{Isosurface, Mode, Scene, TransferChoice};
 use serde_json::Value;
 
 /// A state after fields of its document have been set.
@@ -23,11 +23,22 @@ pub(crate) fn edited(state: &State, volumes: &[VolumeSource], fields: &[(String,
     let mut edited = State::from_document(document).map_err(|error| error.to_string())?;
     keep_files(&mut edited.scene, &state.scene);
     read_named_files(&mut edited.scene, volumes).map_err(|error| error.to_string())?;
+    edited.lent_surfaces.clone_from(&state.lent_surfaces);
     if edited.scene.mode != state.scene.mode {
         let mode = std::mem::replace(&mut edited.scene.mode, state.scene.mode);
         set_mode(&mut edited.scene, volumes, mode);
+        if state.scene.mode == Mode::Isosurface {
+            take_surfaces(&mut edited.scene, &edited.lent_surfaces);
+        }
+        edited.lent_surfaces = if mode == Mode::Isosurface { given(&state.scene, &edited.scene) } else { Vec::new() };
     }
     Ok(edited)
+}
+
+/// The surfaces of a scene's layers that had none before.
+fn given(before: &Scene, after: &Scene) -> Vec<Isosurface> {
+    let layers = before.layers.iter().zip(&after.layers).filter(|(before, _)| before.isosurfaces.is_empty());
+    layers.flat_map(|(_, after)| after.isosurfaces.clone()).collect()
 }
 
 /// A scene with layers for volumes that come after the first `before` ones, as they are shown by themselves. The other layers stay as they are.
@@ -51,8 +62,7 @@ pub(crate) fn with_more(scene: &Scene, volumes: &[VolumeSource], before: usize) 
     if scene.expression.is_none() && scene.mode == Mode::Isosurface {
         add_surfaces(&mut scene, volumes, first);
     }
-    let counts: Vec<_> = volumes.iter().map(VolumeSource::counts).collect();
-    scene.check(&counts).map_err(|error| error.to_string())?;
+    check(volumes, &scene).map_err(|error| error.to_string())?;
     Ok(scene)
 }
 
@@ -105,6 +115,32 @@ mod tests {
         assert_eq!(lit.scene.lighting.model, LightingModel::BlinnPhong);
         let projected = after(&lit, "mode", json!("mip")).unwrap().scene;
         assert_eq!((projected.mode, projected.lighting.model), (Mode::Mip, LightingModel::None));
+    }
+
+    #[test]
+    fn a_visit_to_isosurfaces_leaves_none_behind_but_those_that_somebody_set() {
+        let volumes = fixture::volumes();
+        let set = |state: &State, field: &str, value: Value| {
+            edited(state, &volumes, &[(field.to_string(), value)]).expect("an edit")
+        };
+        let fog = State { scene: fixture::scene(), ..State::default() };
+        let surfaces =
+            |state: &State| state.scene.layers.iter().map(|layer| layer.isosurfaces.len()).collect::<Vec<_>>();
+        let visit = set(&fog, "mode", json!("isosurface"));
+        assert_eq!(surfaces(&visit), [1, 1, 0]);
+        assert_eq!(set(&visit, "mode", json!("dvr")).scene, fog.scene);
+        // As a panel has it: the mode, and what it made of the rest.
+        let changes = changes(&fog, &State { lent_surfaces: Vec::new(), ..visit.clone() }).expect("changes");
+        let by_panel = edited(&fog, &volumes, &changes).expect("an edit");
+        assert_eq!(by_panel, visit);
+        // One that was changed meanwhile is the user's.
+        let changed = set(&visit, "layers.1.isosurfaces.0.value", json!(99));
+        assert_eq!(surfaces(&set(&changed, "mode", json!("dvr"))), [0, 1, 0]);
+        // And so is one that was there before, whatever its value.
+        let middle = visit.scene.layers[0].isosurfaces.clone();
+        let own = set(&fog, "layers.0.isosurfaces", json!(middle));
+        let back = set(&set(&own, "mode", json!("isosurface")), "mode", json!("dvr"));
+        assert_eq!(surfaces(&back), [1, 0, 0]);
     }
 
     #[test]

@@ -118,7 +118,7 @@ mod tests {
             let first = state.clone();
             for (i, window) in windows.into_iter().enumerate() {
                 history.edit(&state, &i.to_string());
-                state = State { window, scene: Scene { time: i as u32, ..Scene::default() } };
+                state = State { window, scene: Scene { time: i as u32, ..Scene::default() }, ..State::default() };
             }
             let mut expected = first;
             expected.keep_navigation_of(&state);

@@ -50,7 +50,7 @@ use crate::state::State;
 use crate::views::Views;
 use crate::window::Window;
 use brickyard::scene_file::read_named_files;
-use brickyard::session::{SessionOptions, VolumeSource};
+use brickyard::session::{SessionOptions, VolumeSource, check};
 use brickyard::volume::Scene;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -128,8 +128,11 @@ fn first_state(
         Err(problem) => (None, Some(format!("the window is not as it was left: {problem}"))),
     };
     let window = options.scene_file.as_deref().map_or(Ok(None), keeping::read)?.map(|state| state.window);
-    let mut state =
-        restored.unwrap_or_else(|| State { scene: options.scene.clone(), window: window.unwrap_or_default() });
+    let mut state = restored.unwrap_or_else(|| State {
+        scene: options.scene.clone(),
+        window: window.unwrap_or_default(),
+        ..State::default()
+    });
     state.window.volumes = paths;
     let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
     let size_px = (options.size[0] as u32, options.size[1] as u32);
@@ -147,7 +150,6 @@ fn restored(path: &Path, volumes: &[VolumeSource]) -> Result<Option<State>, Stri
     // Who does not know the keys would look for the panels in vain.
     (state.window.panels, state.window.fullscreen) = (true, false);
     read_named_files(&mut state.scene, volumes).map_err(|error| error.to_string())?;
-    let counts: Vec<_> = volumes.iter().map(VolumeSource::counts).collect();
-    state.scene.check(&counts).map_err(|error| error.to_string())?;
+    check(volumes, &state.scene).map_err(|error| error.to_string())?;
     Ok(Some(state))
 }

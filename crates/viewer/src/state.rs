@@ -2,7 +2,7 @@
 //! has. Saving, restoring, undoing and scripts all work on this document. Costs a walk through the scene each time it is written or read.
 
 use crate::play::Play;
-use brickyard::volume::{Camera, Scene};
+use brickyard::volume::{Camera, Isosurface, Scene};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -15,6 +15,8 @@ pub(crate) struct State {
     pub(crate) scene: Scene,
     /// What only a window has.
     pub(crate) window: WindowState,
+    /// Surfaces that layers were given when mode isosurface was chosen, for want of any. They go with the mode, unless somebody has changed them.
+    pub(crate) lent_surfaces: Vec<Isosurface>,
 }
 
 /// What a window has besides the scene.
@@ -249,7 +251,7 @@ impl State {
             return Err(serde::de::Error::custom("expected an object"));
         }
         let window = document.get("window").cloned().map_or_else(|| Ok(WindowState::default()), serde_json::from_value);
-        Ok(Self { window: window?, scene: serde_json::from_value(document)? })
+        Ok(Self { window: window?, scene: serde_json::from_value(document)?, lent_surfaces: Vec::new() })
     }
 
     /// Takes over what is no edit: where the views stand in space and time, which volumes there are, what memory they may take, and what the window is like.
@@ -373,7 +375,7 @@ pub(crate) mod tests {
     proptest! {
         #[test]
         fn every_field_of_a_window_is_read_as_it_was_written(window in window(), camera in prop::option::of(camera())) {
-            let state = State { scene: Scene { camera, ..Scene::default() }, window };
+            let state = State { scene: Scene { camera, ..Scene::default() }, window, ..State::default() };
             let document = state.to_document().unwrap();
             let text = serde_json::to_string(&document).unwrap();
             prop_assert_eq!(State::from_document(serde_json::from_str(&text).unwrap()).unwrap(), state);
@@ -383,7 +385,7 @@ pub(crate) mod tests {
 
         #[test]
         fn what_is_navigation_stays(first in window(), second in window()) {
-            let of = |window: &WindowState| State { scene: Scene::default(), window: window.clone() };
+            let of = |window: &WindowState| State { window: window.clone(), ..State::default() };
             let mut kept = of(&first);
             kept.keep_navigation_of(&of(&second));
             let fields = crate::fields::differences(&of(&second).to_document().unwrap(), &kept.to_document().unwrap());

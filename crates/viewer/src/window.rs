@@ -36,6 +36,7 @@ use brickyard::overlay::{World, unit};
 use brickyard::picture_file::write_shown;
 use brickyard::session::{SessionError, VolumeSource};
 use brickyard::text_file::write_text;
+use brickyard::unlike_sizes::unlike_sizes;
 use brickyard::volume::Scene;
 use brickyard::volume::scene::VolumePlace;
 use eframe::egui::layers::GraphicLayers;
@@ -118,7 +119,7 @@ impl Window {
         // A window that plays a script leaves nothing behind.
         let paths = if script.is_over() { openings.paths() } else { Vec::new() };
         let noted = paths.iter().try_for_each(|path| recent.add(path));
-        let message = message.or(noted.err());
+        let message = message.or(noted.err()).or(remark(&state.scene, views.volumes()));
         let mut window = Self {
             openings,
             next: None,
@@ -231,7 +232,7 @@ impl Window {
                 let camera = moved(command, &self.state.scene, &self.places(), self.volume_view.size_px)?;
                 let camera = camera.ok_or("this window cannot do that")?;
                 let scene = Scene { camera: Some(camera), ..self.state.scene.clone() };
-                self.views.main.check(&scene).map_err(|error| error.to_string())?;
+                self.check(&scene)?;
                 self.state.scene = scene;
                 if let Command::Center(point) = command {
                     self.state.window.planes.crosshair = Some(*point);
@@ -244,11 +245,7 @@ impl Window {
     /// Sets fields of the state's document, as one edit that can be undone.
     fn set(&mut self, fields: &[(String, Value)]) -> Result<(), String> {
         let edited = edited(&self.state, self.views.volumes(), fields)?;
-        self.views.main.check(&edited.scene).map_err(|error| error.to_string())?;
-        if let Some(camera) = edited.scene.camera {
-            let (width, height) = self.volume_view.size_px;
-            camera.rays(width.max(1), height.max(1)).map_err(|error| error.to_string())?;
-        }
+        self.check(&edited.scene)?;
         let edits: Vec<_> =
             fields.iter().map(|(field, _)| field.as_str()).filter(|field| !is_navigation(field)).collect();
         if !edits.is_empty() {
@@ -257,6 +254,15 @@ impl Window {
         }
         self.state = edited;
         Ok(())
+    }
+
+    /// Whether a scene can be shown here.
+    fn check(&self, scene: &Scene) -> Result<(), String> {
+        if let Some(camera) = scene.camera {
+            let (width, height) = self.volume_view.size_px;
+            camera.rays(width.max(1), height.max(1)).map_err(|error| error.to_string())?;
+        }
+        self.views.main.check(scene).map_err(|error| error.to_string())
     }
 
     /// Whether files are being read or written.
@@ -368,8 +374,8 @@ impl Window {
         }
     }
 
-    /// The panels around the pictures. They edit a copy of the state.
-    fn panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) {
+    /// The panels around the pictures. They edit a copy of the state. Returns the room for the row of time steps, if there is one.
+    fn panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) -> Option<Rect> {
         let budgets = self.views.budgets_bytes(&self.state.window);
         let budgets = Budgets { gpu: (budgets.0 >> 20) as u32, host: (budgets.1 >> 20) as u32 };
         let (mut wanted, has_volumes) = (None, !self.openings.are_none());
@@ -379,7 +385,7 @@ impl Window {
         let is_bare = has_volumes && !self.state.window.panels;
         self.over_pictures(ui.ctx(), is_bare);
         if is_bare {
-            return;
+            return None;
         }
         egui::Panel::top("menu").show(ui, |ui| {
             let files = panels::menu::Files { recent: self.recent.paths(), has_volumes, wanted: &mut wanted };
@@ -397,18 +403,24 @@ impl Window {
             };
             panels::status::show(ui, views, &said);
         });
+        let has_steps = has_volumes && VolumeSource::timeline(self.views.volumes(), &state.scene).steps() > 1;
+        let room = has_steps
+            .then(|| egui::Panel::bottom("playing").show(ui, |ui| panels::playing::room(ui, &state.window.play)).inner);
         if has_volumes {
-            let timeline = VolumeSource::timeline(self.views.volumes(), &state.scene);
-            if timeline.steps() > 1 {
-                let curve = self.value_curve(ui.ctx(), &state.window.play);
-                let coming = self.views.main.coming();
-                let steps = panels::playing::Steps { timeline: &timeline, coming, curve: curve.as_ref() };
-                egui::Panel::bottom("playing").show(ui, |ui| {
-                    panels::playing::show(ui, (&mut state.scene.time, &mut state.window.play), &steps);
-                });
-            }
             self.side_panels(ui, state, commands);
         }
+        room
+    }
+
+    /// The row of time steps, which is about the pictures of this frame. It edits a copy of the state.
+    fn steps_row(&mut self, ui: &mut Ui, state: &mut State, room: Rect) {
+        let timeline = VolumeSource::timeline(self.views.volumes(), &state.scene);
+        let curve = self.value_curve(ui.ctx(), &state.window.play);
+        let main = &self.views.main;
+        let (seen, coming) = (main.step_seen(), main.coming());
+        let steps = panels::playing::Steps { timeline: &timeline, seen, coming, curve: curve.as_ref() };
+        let mut row = ui.new_child(UiBuilder::new().max_rect(room).id_salt("playing"));
+        panels::playing::show(&mut row, (&mut state.scene.time, &mut state.window.play), &steps);
     }
 
     /// What lies over the lower end of the pictures: files that are being read or written, and without panels what has gone wrong. It takes no room from the
@@ -456,13 +468,18 @@ impl Window {
         }
     }
 
-    /// Takes over which time step the picture shows while it plays, and that it has stopped. Neither is an edit.
-    fn follow_clock(&mut self) {
+    /// Takes over which time step the picture shows while it plays, and that it has stopped, also in the copy that panels have edited, unless they have changed
+    /// it. Neither is an edit.
+    fn follow_clock(&mut self, edited: &mut State) {
         if !self.state.window.play.on || self.openings.are_none() {
             return;
         }
+        let before = (self.state.scene.time, self.state.window.play.on);
         self.state.scene.time = self.views.main.step_shown().unwrap_or(self.state.scene.time);
         self.state.window.play.on = self.views.main.is_playing();
+        if (edited.scene.time, edited.window.play.on) == before {
+            (edited.scene.time, edited.window.play.on) = (self.state.scene.time, self.state.window.play.on);
+        }
     }
 
     /// Keeps the state for the next time. Returns how long until that is to be tried again, if it is.
@@ -473,6 +490,14 @@ impl Window {
             None
         })
     }
+}
+
+/// That volumes of one shape are drawn at unlike sizes, and the command that mends it; `None` if they are not.
+fn remark(scene: &Scene, volumes: &[VolumeSource]) -> Option<String> {
+    unlike_sizes(scene, volumes).map(|unlike| {
+        let rows = unlike.numbers().map(|row| format!("[{}]", row.join(", "))).join(", ");
+        format!("{unlike}; alike with: set layers.{}.world_from_volume [{rows}]", unlike.layer)
+    })
 }
 
 /// That a file has been written, and where.
@@ -591,20 +616,23 @@ impl Window {
             }
         }
         let mut panel_state = self.state.clone();
-        self.panels(ui, &mut panel_state, &mut commands);
-        if panel_state != self.state {
-            match changes(&self.state, &panel_state) {
-                Ok(fields) => commands.push(Command::Set(fields)),
-                Err(problem) => self.message = Some(problem),
-            }
-        }
+        let row = self.panels(ui, &mut panel_state, &mut commands);
         self.choose_files(&egui, &mut commands);
         let mut drawn = Ok(());
         egui::CentralPanel::default().frame(egui::Frame::NONE).show(ui, |ui| match self.openings.are_none() {
             true => self.welcome(ui, &mut commands),
             false => drawn = self.pictures(ui, &mut commands),
         });
-        self.follow_clock();
+        self.follow_clock(&mut panel_state);
+        if let Some(room) = row {
+            self.steps_row(ui, &mut panel_state, room);
+        }
+        if panel_state != self.state {
+            match changes(&self.state, &panel_state) {
+                Ok(fields) => commands.push(Command::Set(fields)),
+                Err(problem) => self.message = Some(problem),
+            }
+        }
         self.is_failing = drawn.is_err();
         if let Err(error) = drawn {
             self.message = Some(error.to_string());

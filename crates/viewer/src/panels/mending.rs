@@ -47,6 +47,15 @@ pub(crate) fn add_surfaces(scene: &mut Scene, volumes: &[VolumeSource], first: u
     }
 }
 
+/// Takes surfaces away that layers were lent. A layer that has others, or more, keeps all.
+pub(crate) fn take_surfaces(scene: &mut Scene, lent: &[Isosurface]) {
+    for layer in &mut scene.layers {
+        let is_lent = matches!(&layer.isosurfaces[..], [only] if lent.contains(only));
+        layer.isosurfaces.retain(|_| !is_lent);
+    }
+    drop_idle_lights(scene);
+}
+
 /// Shows an expression over the layers in their place, or the layers again. An expression's values have its own look, so the layers lose theirs; the layers
 /// that it reads are shown.
 pub(crate) fn set_expression(scene: &mut Scene, volumes: &[VolumeSource], text: Option<String>) {

@@ -35,15 +35,27 @@ const POLICIES: Choices<'_, Policy> = &[
 pub(crate) struct Steps<'a> {
     /// All steps.
     pub(crate) timeline: &'a Timeline,
+    /// The step of the picture that is seen, which words are about; `None` before the first picture. Another one than is asked for is seen until that can be.
+    pub(crate) seen: Option<u32>,
     /// Those that come next.
     pub(crate) coming: &'a [ComingStep],
     /// The values of a voxel at all steps.
     pub(crate) curve: Option<&'a ValueCurve>,
 }
 
+/// Room for the row, which is [shown](show) once the pictures are drawn: so it says which step they show.
+pub(crate) fn room(ui: &mut Ui, play: &Play) -> Rect {
+    ui.allocate_exact_size(vec2(ui.available_width(), height(play)), Sense::hover()).0
+}
+
+/// The row's height.
+fn height(play: &Play) -> f32 {
+    if play.curve { CURVE_HEIGHT } else { HEIGHT }
+}
+
 /// Shows the row, of a timeline of several steps, and edits which step is asked for and how steps are played.
 pub(crate) fn show(ui: &mut Ui, (time, play): (&mut u32, &mut Play), steps: &Steps<'_>) {
-    let height = if play.curve { CURVE_HEIGHT } else { HEIGHT };
+    let height = height(play);
     ui.allocate_ui_with_layout(vec2(ui.available_width(), height), Layout::left_to_right(Align::Center), |ui| {
         let (name, hint) =
             if play.on { ("stop", "stands still (Space)") } else { ("play", "plays the time steps (Space)") };
@@ -54,7 +66,7 @@ pub(crate) fn show(ui: &mut Ui, (time, play): (&mut u32, &mut Play), steps: &Ste
         let (button, _) = MenuButton::new("how").config(stays).ui(ui, |ui| how(ui, play));
         button.on_hover_text("how fast, in which order, and what gives way");
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            let words = |ui: &mut Ui| ui.label(words(*time, steps));
+            let words = |ui: &mut Ui| ui.label(words(steps.seen.unwrap_or(*time), steps));
             ui.allocate_ui_with_layout(vec2(WORDS_WIDTH, height), Layout::left_to_right(Align::Center), words);
             bar(ui, time, height - 6.0, steps);
         });
@@ -185,7 +197,7 @@ mod tests {
         };
         let show = move |ui: &mut Ui, (time, play): &mut (u32, Play)| {
             let curve = Some(&curve).filter(|_| play.curve);
-            show(ui, (time, play), &Steps { timeline: &timeline, coming: &coming, curve });
+            show(ui, (time, play), &Steps { timeline: &timeline, seen: None, coming: &coming, curve });
         };
         Harness::builder().with_size(vec2(700.0, 300.0)).build_ui_state(show, (7, Play::default()))
     }

@@ -1,7 +1,7 @@
 //! What a window does with files: it opens volumes in the place of others or beside them, and exports voxels. It goes on with what it shows meanwhile, and is asked
 //! once a frame.
 
-use super::Window;
+use super::{Window, remark};
 use crate::command::{Command, Placing};
 use crate::edits::with_more;
 use crate::exporting::{Exporting, Part};
@@ -15,7 +15,7 @@ use brickyard::first_look::set_first_look;
 use brickyard::openable::is_mesh;
 use brickyard::opening::{OpeningError, OpeningOptions};
 use brickyard::session::VolumeSource;
-use brickyard::volume::{MeshLook, Scene};
+use brickyard::volume::{MeshLook, Mode, Scene};
 use eframe::egui::{self, Link, Rect, Ui, UiBuilder, ViewportCommand, pos2};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -159,8 +159,12 @@ impl Window {
         self.history.edit(&self.state, "add");
         self.history.close();
         self.keep_as(self.openings.paths())?;
+        if scene.mode == Mode::Isosurface {
+            let added = scene.layers[self.state.scene.layers.len()..].iter();
+            self.state.lent_surfaces.extend(added.flat_map(|layer| layer.isosurfaces.clone()));
+        }
         self.state.scene = scene;
-        self.message = None;
+        self.message = remark(&self.state.scene, self.views.volumes());
         Ok(())
     }
 
@@ -179,7 +183,7 @@ impl Window {
         self.state.window.distances.clear();
         self.history.clear();
         self.openings = openings;
-        self.message = None;
+        self.message = remark(&self.state.scene, self.views.volumes());
         Ok(())
     }
 
