@@ -38,7 +38,7 @@ fn a_cut_through_opaque_noise_is_lit_as_a_plane() {
     let mut stage = Stage::exact(&[&volume]);
     for (number, lighting) in lightings().into_iter().enumerate().filter(|(_, l)| l.model != LightingModel::None) {
         for (face, clip) in [
-            (normal, Clip::new(None, &[cut(&volume, 0.5, normal), cut(&volume, 0.1, normal)])),
+            (normal, Clip::new(None, &[cut(&volume, 0.5, normal), cut(&volume, 0.9, normal)])),
             (DVec3::NEG_Z, Clip::new(Some([at(&volume, DVec3::ZERO), at(&volume, DVec3::new(1.0, 1.0, 0.6))]), &[])),
         ] {
             let frame = FrameSettings {

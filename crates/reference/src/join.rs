@@ -226,7 +226,8 @@ mod tests {
         let volumes =
             [0, 1].map(|i| ReferenceVolume { levels: &levels[i], level_at: &level_at, transfer: &transfers[i] });
         let target = DVec3::splat(11.5);
-        let eye = DVec3::new(-40.0, 3.0, 25.0);
+        // Within the clip box: a ray that enters by a side of it is lit by that side's normal first.
+        let eye = target + 2.0 * (DVec3::new(-40.0, 3.0, 25.0) - target).normalize();
         let view = Camera { projection: Projection::Orthographic { height: 2.0 }, ..camera(eye, target) };
         let light = DVec3::new(1e9, -2e9, 3e9);
         // Gradients by the definition of one: how much a value changes from a place to others beside it.
@@ -477,7 +478,8 @@ mod tests {
         let placements = placements.map(|text| Placement::from_text(text).unwrap());
         let volumes = [0, 1].map(|i| ReferenceVolume { levels: &levels[i], level_at: &level_at, transfer: &transfer });
         let target = DVec3::splat(11.5);
-        let eye = DVec3::new(-40.0, 3.0, 25.0);
+        // Within the clip box: a ray that enters by a side of it is lit by that side's normal first.
+        let eye = target + 2.0 * (DVec3::new(-40.0, 3.0, 25.0) - target).normalize();
         let view = Camera { projection: Projection::Orthographic { height: 2.0 }, ..camera(eye, target) };
         let lighting = Lighting { model: LightingModel::BlinnPhong, lights: vec![], ..Lighting::default() };
         let clip = Clip::new(Some([target - 3.0, target + 3.0]), &[]).unwrap();
