@@ -16,6 +16,7 @@
 //! | `limits` | what meshes leave of a ray's stretch: `limited` | `limits_none`, `limits_slab` |
 //! | `gradient` | how gradients are found: `differences` | `gradient_central`, `gradient_sobel`, `gradient_stored` |
 //! | `pixel` | what samples add up to: `Pixel` | `composite`, `through`, `project`, `average`, `surface`; `layer_medium` with several layers |
+//! | `boxes` | how bricks are read by the boxes of segments, if they are: `take_box` | `box_none`; `box_extremes` where coarse levels hold extremes |
 //! | `take` | what a ray takes of a segment of one layer: `take` | `surfaces_none`, `surfaces` |
 //! | `sees` | whether samples with codes in a range can change a ray's pixel: `sees` | `sees_composite`, `sees_surfaces`, `sees_project`, `sees_average`, `sees_surface` |
 //! | `cast` | a ray from its start to its end: `cast_ray` | `raycast_samples`, `raycast_medium`, `raycast_surface`; `cast_joint` with several layers |
@@ -202,6 +203,8 @@ pub struct Variant {
     pub has_meshes: bool,
     /// Whether the volume has another place in the scene than its store gives it.
     pub is_placed: bool,
+    /// Whether coarse bricks are read by the boxes of segments: they hold the extremes that [`Gather::Project`] shows.
+    pub keeps_extremes: bool,
 }
 
 impl Variant {
@@ -319,9 +322,14 @@ impl Variant {
             Gather::Isosurface => "surface",
         };
         let take = if self.medium.surfaces == Surfaces::None { "surfaces_none" } else { "surfaces" };
+        let (boxes, texels) = match self.keeps_extremes {
+            true => ("box_extremes", self.sampler().boxes(self.filter)),
+            false => ("box_none", String::new()),
+        };
         Parts::new()
             .text("context", self.context() + &self.medium.constants())
-            .text("atlas", joint::atlases(&[(0, self.sampler())], self.filter))
+            .text("atlas", joint::atlases(&[(0, self.sampler())], self.filter) + &texels)
+            .file("boxes", boxes)
             .file("world", if self.is_placed { "axes" } else { "axes_own" })
             .file("limits", if self.has_meshes { "limits_slab" } else { "limits_none" })
             .file("gradient", self.medium.gradient.file())
@@ -352,6 +360,15 @@ const NO_LAYER: &str = "const LAYERS: u32 = 1u;\nconst layer: u32 = 0u;\nconst F
 fn margin(filter: Filter) -> f32 {
     match filter {
         Filter::Nearest | Filter::Trilinear => 0.5,
+        Filter::Tricubic => 1.5,
+    }
+}
+
+/// How far segments' boxes reach beyond them, in voxels of level 0.
+fn box_reach(filter: Filter) -> f32 {
+    match filter {
+        Filter::Nearest => 0.0,
+        Filter::Trilinear => 0.5,
         Filter::Tricubic => 1.5,
     }
 }
@@ -409,6 +426,16 @@ impl Sampler {
             (_, Filter::Nearest) => "sample_nearest",
             _ => self.smooth_function(),
         }
+    }
+
+    /// What reads of segments' boxes need: how far those reach beyond the segments, in voxels of level 0, and the value of a texel by its place.
+    fn boxes(self, filter: Filter) -> String {
+        let nearest = if self == Self::Voxels { "sample_nearest_voxel" } else { "sample_nearest" };
+        format!(
+            "//!import {nearest}\nconst BOX_REACH: f32 = {:?};\n\n\
+             fn texel_value(texel: vec3f) -> f32 {{\n    return {nearest}(atlas_0, texel);\n}}\n",
+            box_reach(filter)
+        )
     }
 
     /// The function that gives the values of the field whose gradients are taken. Labels have none of those.
@@ -557,6 +584,7 @@ mod tests {
             medium,
             has_meshes: false,
             is_placed: false,
+            keeps_extremes: false,
         }
     }
 
@@ -572,10 +600,14 @@ mod tests {
                     let has_invalid = kind / 3 % 2 == 1;
                     let (has_meshes, is_placed) = (kind % 2 == 1, has_invalid);
                     let own = Variant { has_invalid, is_labels, is_float, is_narrow, filter, ..plain(gather, medium) };
-                    let variant = Variant { has_meshes, is_placed, ..own };
-                    all.push((format!("sorted {variant:?}"), sorted(&variant)));
-                    all.push((format!("raycast {variant:?}"), raycast(&variant, Stage::Fragment, true)));
-                    all.push((format!("raycast compute {variant:?}"), raycast(&variant, COMPUTE, true)));
+                    let plain = Variant { has_meshes, is_placed, ..own };
+                    let keeps_extremes = gather == Gather::Project && !is_labels;
+                    let variants = [Some(plain), keeps_extremes.then_some(Variant { keeps_extremes, ..plain })];
+                    for variant in variants.into_iter().flatten() {
+                        all.push((format!("sorted {variant:?}"), sorted(&variant)));
+                        all.push((format!("raycast {variant:?}"), raycast(&variant, Stage::Fragment, true)));
+                        all.push((format!("raycast compute {variant:?}"), raycast(&variant, COMPUTE, true)));
+                    }
                 }
                 if gather == Gather::Composite {
                     all.extend(joint(medium));
@@ -670,6 +702,7 @@ mod tests {
             (plain(Gather::Composite, lit), "sees_surfaces", "raycast_medium"),
             (plain(Gather::Project, Medium::PLAIN), "sees_project", "raycast_samples"),
             (Variant { is_labels: true, ..plain(Gather::Project, lit) }, "sees_project", "raycast_samples"),
+            (Variant { keeps_extremes: true, ..plain(Gather::Project, lit) }, "sees_project", "raycast_samples"),
             (plain(Gather::Isosurface, Medium::PLAIN), "sees_surface", "raycast_surface"),
         ];
         let mut companies: Vec<Parts> = vec![blit_parts(Eyes::One, true), blit_parts(Eyes::One, false)];
@@ -700,6 +733,16 @@ mod tests {
             };
             let problems: Vec<_> = companies.iter().filter_map(|parts| check(parts).err()).collect();
             assert!(problems.len() < companies.len(), "{name}: {problems:#?}");
+        }
+    }
+
+    #[test]
+    fn boxes_reach_as_far_as_filters() {
+        use brickyard_volume::Filter as Twin;
+        for (filter, twin) in
+            [(Filter::Nearest, Twin::Nearest), (Filter::Trilinear, Twin::Trilinear), (Filter::Tricubic, Twin::Tricubic)]
+        {
+            assert_eq!(f64::from(box_reach(filter)), twin.farthest());
         }
     }
 

@@ -1,7 +1,7 @@
 // Leaves; in a leaf, runs of macro-cells that are seen; in a run, samples. Runs are as long as they can be, and looked for in a
 // loop without samples: rays side by side wait for each other, and leave a loop when the last of them does. Conditions stand at
 // the heads of loops, or one `if` deep: a `break` two deep made all of this three times slower on lavapipe (Mesa 22.3).
-//!import atlas bricks dither lattice macrocells feedback no_value pixel runs sees sight tree
+//!import atlas boxes bricks dither lattice macrocells feedback no_value pixel runs sees sight tree
 fn cast_ray(position: vec2f) -> vec4f {
     let seen = sight(position);
     let ray = seen.ray;
@@ -49,6 +49,13 @@ fn cast_ray(position: vec2f) -> vec4f {
             let base = walk.middle;
             let texel = (ray.origin + ray.direction * base) * brick.texel_scale + brick.texel_offset;
             let along = ray.direction * brick.texel_scale;
+            // A loop of its own: on lavapipe whatever is in a loop takes time in each round, also where an `if` leaves it out.
+            let is_coarse = HAS_BOXES && any(brick.texel_scale < vec3f(1.0));
+            while (is_coarse && walk.middle < min(run.end, leave) && !is_zone_left(walk) && !is_final(pixel)) {
+                let length = walk.end - walk.start;
+                pixel = take_box(pixel, texel + along * (walk.middle - base), along * length, brick.texel_scale, length);
+                walk = walk_on(walk, stretch);
+            }
             while (walk.middle < min(run.end, leave) && !is_zone_left(walk) && !is_final(pixel)) {
                 let value = sample_atlas(texel + along * (walk.middle - base));
                 if (has_value(value)) {

@@ -6,7 +6,7 @@ use crate::volume_source::VolumeSource;
 use brickyard_pager::{SlotContents, View};
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
-    Camera, Clip, Combination, Expression, Filter, FrameSettings, KeptSlots, LabelCodes, Lattice, LayerError,
+    Camera, Clip, Combination, Expression, Filter, FrameSettings, Geometry, KeptSlots, LabelCodes, Lattice, LayerError, LevelGrid,
     LevelPolicy, Mode, Needs, Occupancy, Picture, PixelSample, PixelSamples, Placement, Region, Scene, SceneError,
     SceneLayer, ShownMesh, Slice, SlotEncoding, Standing, StereoLayout, StoreCounts, Surface, Timeline,
     TransferFunction, TransferTable, ViewRays, VolumeFrame, Window,
@@ -387,18 +387,27 @@ fn joint_appearance(layers: &[ResolvedLayer], combination: Option<&Combination>)
     hasher.finish()
 }
 
-/// One lattice for all that are shown: steps of the finest volume's voxel, in zones as far out as any volume has levels.
+/// One lattice for all that are shown: steps of the finest volume's voxel, in zones as far out as any volume has levels. Where a layer is
+/// read by [boxes](brickyard_volume::extremes), steps are at most voxels, and zones twice as far away: so segments are at most half a voxel long where the view wants their level,
+/// and a whole one past that.
 fn lattice(shown: &[ShownLayer<'_>], scene: &Scene, rays: &ViewRays) -> Lattice {
     let finest = shown.iter().map(ShownLayer::voxel_size).fold(f64::INFINITY, f64::min);
-    let step = scene.step * finest;
+    let has_boxes = shown.iter().any(|layer| layer.volume.keeps_extremes(scene.mode));
+    let step = match has_boxes {
+        true => scene.step.min(1.0) * shown.iter().map(ShownLayer::shortest_step).fold(finest, f64::min),
+        false => scene.step * finest,
+    };
     let zones = |layer: &ShownLayer<'_>| {
         let coarser = (layer.voxel_size() / finest).log2().floor() as usize;
         layer.volume.source.pyramid().levels().len() + coarser
     };
     let zones = shown.iter().map(zones).max().unwrap_or(1).min(MAX_ZONES);
     match scene.level {
+        LevelPolicy::Auto if has_boxes => Lattice::for_view(step, finest, rays, 0.5 * scene.pixel_error, zones),
         LevelPolicy::Auto => Lattice::for_view(step, finest, rays, scene.pixel_error, zones),
-        LevelPolicy::Locked(level) => Lattice::uniform(step, (level as usize).min(zones - 1)),
+        LevelPolicy::Locked(level) => {
+            Lattice::uniform(step, (level as usize).min(zones - 1).saturating_sub(has_boxes.into()))
+        }
     }
 }
 
@@ -418,6 +427,18 @@ struct ShownLayer<'a> {
 impl ShownLayer<'_> {
     fn voxel_size(&self) -> f64 {
         self.placement.voxel_size(self.volume.source.geometry(), self.volume.extent())
+    }
+
+    /// The length that is no longer than a voxel of any level, where it doubles from one level to the next. Levels of voxels that are not cubes become coarser by less.
+    fn shortest_step(&self) -> f64 {
+        let geometry = self.volume.source.geometry();
+        let levels = self.volume.source.pyramid().levels().iter().enumerate();
+        let of_level = |(level, grid): (usize, &LevelGrid)| {
+            let (spacing, _) = geometry.level_placement(grid.factor);
+            let voxels = Geometry { spacing, ..geometry.clone() };
+            self.placement.voxel_size(&voxels, grid.extent) / (1u64 << level) as f64
+        };
+        levels.map(of_level).fold(f64::INFINITY, f64::min)
     }
 
     /// The layer's view and frames, on the lattice of all.
@@ -480,6 +501,7 @@ impl ShownLayer<'_> {
             background: scene.background.map(|c| c as f32),
             clip,
             meshes,
+            keeps_extremes: volume.keeps_extremes(scene.mode),
         };
         // Pixels are as large for one eye as for the other, so both have the same lattice.
         let frame =

@@ -38,6 +38,15 @@ pub struct VolumeSource {
     stride: [u32; 3],
 }
 
+/// The reduction that keeps what a mode projects; `None` if the mode projects no extreme.
+fn extreme_of(mode: Mode) -> Option<Downsample> {
+    match mode {
+        Mode::Mip => Some(Downsample::Max),
+        Mode::MinIp => Some(Downsample::Min),
+        Mode::Dvr | Mode::Average | Mode::Isosurface => None,
+    }
+}
+
 impl VolumeSource {
     /// Makes a volume of a program's own bricks. Default transfer functions span the source's range of values.
     pub fn new(source: Arc<dyn BrickSource>) -> Self {
@@ -142,18 +151,21 @@ impl VolumeSource {
     pub fn for_mode(&self, mode: Mode) -> Result<Option<Self>, OpenError> {
         let Some(store) = &self.store else { return Ok(None) };
         let reductions = store.info().downsample;
-        let wanted = match mode {
-            Mode::Mip => Downsample::Max,
-            Mode::MinIp => Downsample::Min,
-            Mode::Dvr | Mode::Average | Mode::Isosurface => reductions.main(),
-        };
-        let has_it = wanted == reductions.main() || reductions.second() == Some(wanted);
-        let wanted = if has_it { wanted } else { reductions.main() };
+        // Labels are not projected by their numbers: which of them are shown counts.
+        let extreme =
+            extreme_of(mode).filter(|extreme| !self.source.is_labels() && reductions.second() == Some(*extreme));
+        let wanted = extreme.unwrap_or(reductions.main());
         if store.downsample() == wanted {
             return Ok(None);
         }
         let store = Store::open_reduced(store.path(), wanted, IoMode::default())?;
         Ok(Some(Self { name: self.name.clone(), ..Self::of_store(&Arc::new(store)) }))
+    }
+
+    /// Whether voxels of coarse levels are the extremes that a mode projects, so that the projection loses none at any level.
+    pub fn keeps_extremes(&self, mode: Mode) -> bool {
+        let made_by = self.store.as_ref().map(|store| store.downsample());
+        !self.source.is_labels() && made_by.is_some() && made_by == extreme_of(mode)
     }
 
     /// Returns this volume with the pyramid that suits a mode.

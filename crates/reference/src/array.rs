@@ -103,6 +103,21 @@ impl Array {
         (0..8).map(|i| share([i & 1, i >> 1 & 1, i >> 2])).sum()
     }
 
+    /// The values of the voxels that a box about a point of voxel space (level-0 voxels) touches; `half` is from the point to the box's faces, in
+    /// voxels of the level. Past a face, the last voxels repeat.
+    pub(crate) fn touched(&self, point: DVec3, half: [f64; 3]) -> impl Iterator<Item = f64> {
+        let along = |a: usize| {
+            let middle = point[a] / self.factor[a] as f64;
+            (middle - half[a]).floor() as i64..=(middle + half[a]).floor() as i64
+        };
+        let [x, y, z] = [0, 1, 2].map(along);
+        let places = z.flat_map(move |z| {
+            let x = x.clone();
+            y.clone().flat_map(move |y| x.clone().map(move |x| [x, y, z]))
+        });
+        places.map(|place| self.voxel(place)).filter(|value| value.is_finite())
+    }
+
     /// The filtered value at a point of voxel space (level-0 voxels). Invalid voxels are left out; `None` where they
     /// hold more than half the weight. Past a face, the last voxels repeat.
     pub fn sample(&self, point: DVec3, filter: Filter) -> Option<f64> {

@@ -5,7 +5,7 @@ use crate::medium::{Field, turned};
 use crate::path::Path;
 use crate::surface::Crossings;
 use brickyard_volume::compositing::LayerMedium;
-use brickyard_volume::{Blend, Lighting, LightingModel, Mode, Ray, Segment, VolumeFrame, surface};
+use brickyard_volume::{Blend, Lighting, LightingModel, Mode, Ray, Segment, VolumeFrame, extremes, surface};
 use glam::DVec3;
 
 /// A ray's way through one layer.
@@ -134,9 +134,20 @@ impl<'a> Way<'a> {
         has_fog.then(|| Piece { ends, alone: field.alone(ends, self.frame.blend, self.volume.transfer) })
     }
 
+    /// The layer's part of a segment, and the value that it adds to a projection: that in the middle of the part, or the extreme of the part's box, as the
+    /// level says. `None` if there is no part or no value.
+    fn projected(&self, segment: Segment) -> Option<(Segment, f64)> {
+        let (part, field) = self.part(segment)?;
+        let Some(reach) = field.frame.box_reach(field.level.factor) else { return self.middle(segment) };
+        let way = self.path.direction * part.length() / DVec3::from_array(field.level.factor.map(f64::from));
+        let touched = field.level.touched(self.path.at(part.middle()), extremes::half_box(way.to_array(), reach));
+        let is_least = field.frame.mode == Mode::MinIp;
+        Some((part, touched.reduce(if is_least { f64::min } else { f64::max })?))
+    }
+
     /// The greatest, the least or the mean value between two distances, as the mode says; `None` where there is no value.
     pub(crate) fn projection(&self, limits: [f64; 2]) -> Option<f64> {
-        let samples = segments(std::slice::from_ref(self), limits).filter_map(|segment| self.middle(segment));
+        let samples = segments(std::slice::from_ref(self), limits).filter_map(|segment| self.projected(segment));
         // Labels that are not shown hide nothing.
         let is_shown = |value: f64| !self.frame.settings.encoding.is_labels || self.volume.transfer.alpha(value) > 0.0;
         let samples: Vec<(Segment, f64)> = samples.filter(|(_, value)| is_shown(*value)).collect();

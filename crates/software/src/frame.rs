@@ -112,6 +112,8 @@ pub(crate) struct Cell<'a> {
     pub(crate) rank: i32,
     /// The least and the greatest code of the brick.
     pub(crate) whole: [f32; 2],
+    /// How far the boxes of segments reach beyond them, in the brick's voxels, where the brick is read by [boxes](brickyard_volume::extremes); else `None`.
+    pub(crate) box_reach: Option<[f32; 3]>,
     /// The greatest code in each box of macro-cells in a maximum projection, the least code in a minimum projection; else empty.
     pub(crate) extremes: Box<[f32]>,
     /// The pixels that may see the cell; `pixels` are those among them that draw this entry, `None` for all.
@@ -425,6 +427,7 @@ impl<'a> Cell<'a> {
             side: shows.side(whole),
             rank: shows.rank(whole),
             whole: counted(settings, whole),
+            box_reach: settings.box_reach(factor).map(|reach| reach.map(|reach| reach as f32)),
             extremes,
             rect,
             pixels: (cell.pixels != PixelShare::ALL).then_some(cell.pixels),

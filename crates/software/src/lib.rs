@@ -20,6 +20,7 @@
 //! A pixel depends on the frame alone, not on the number of threads nor on AVX2: sums are always taken in the same order,
 //! and no fused multiply-add is used.
 
+mod boxes;
 mod channels;
 mod compositing;
 mod cubic;

@@ -3,6 +3,7 @@
 //! A sample's weight is its segment's length in unit distances; samples that do not exist have weight 0. As in `sample`,
 //! everything is inlined and free of closures.
 
+use crate::boxes::{Extreme, Segments};
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Reach};
 use crate::packet::{CHUNK, LANES, PACKETS, Packet, exp2, log2};
@@ -64,6 +65,9 @@ pub(crate) trait Accumulate {
 
 /// A mode that samples segments in their middles.
 pub(crate) trait Sum: Accumulate {
+    /// The extreme that the mode projects; `None` if it is no projection of one.
+    const EXTREME: Option<Extreme> = None;
+
     /// Adds a chunk of samples to a ray's sum, and returns the new sum.
     fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut SampleChunk) -> Vec4;
 }
@@ -71,7 +75,7 @@ pub(crate) trait Sum: Accumulate {
 /// Adds the samples of some segments of a stretch, or fewer if nothing behind those can be seen.
 #[inline(always)]
 fn add<C: Code, B: Sum, U: Unit, const INVALID: bool>(
-    March { frame, brick, .. }: &March<'_>,
+    March { frame, cell, brick }: &March<'_>,
     stretch: &Stretch,
     ray: &mut Ray,
     chunk: &mut SampleChunk,
@@ -81,7 +85,13 @@ fn add<C: Code, B: Sum, U: Unit, const INVALID: bool>(
     let mut done = from;
     while done < to {
         stretch.place_samples::<INVALID>(frame, ray, chunk, done..to);
-        brick.read::<C, U, INVALID>(frame.reading, stretch.origin, stretch.step, chunk);
+        match B::EXTREME.zip(cell.box_reach) {
+            Some((extreme, reach)) => {
+                let (origin, step, whole) = (stretch.origin, stretch.step, stretch.weight(frame));
+                brick.read_boxes::<C, U, INVALID>(extreme, &Segments { origin, step, whole, reach }, chunk);
+            }
+            None => brick.read::<C, U, INVALID>(frame.reading, stretch.origin, stretch.step, chunk),
+        }
         sum = B::add::<C>(frame, sum, chunk);
         if B::is_final(frame, sum) {
             break;
@@ -279,6 +289,8 @@ impl Accumulate for Mip {
 }
 
 impl Sum for Mip {
+    const EXTREME: Option<Extreme> = Some(Extreme::Greatest);
+
     #[inline(always)]
     fn add<C: Code>(frame: &Frame<'_>, mut sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
         if frame.reading == Reading::Label {
@@ -342,6 +354,8 @@ impl Accumulate for MinIp {
 }
 
 impl Sum for MinIp {
+    const EXTREME: Option<Extreme> = Some(Extreme::Least);
+
     #[inline(always)]
     fn add<C: Code>(frame: &Frame<'_>, mut sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
         let mut best = Self::START;

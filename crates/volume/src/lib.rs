@@ -19,6 +19,7 @@ pub mod counted;
 mod cut_face;
 mod enum_all;
 pub mod expression;
+pub mod extremes;
 pub mod float_slots;
 mod foreground;
 pub mod geometry;

@@ -2,6 +2,7 @@
 
 use crate::camera::ViewRays;
 use crate::clip::Clip;
+use crate::extremes;
 use crate::geometry::Geometry;
 use crate::lattice::Lattice;
 use crate::lighting::Lighting;
@@ -46,9 +47,17 @@ pub struct FrameSettings {
     pub clip: Option<Clip>,
     /// Meshes that stand in the picture, in the world of the rays; none of them has opacity 0.
     pub meshes: Vec<ShownMesh>,
+    /// Whether the mode is a projection of extremes, and voxels of coarse levels are the extremes of those of finer ones: see [`extremes`].
+    pub keeps_extremes: bool,
 }
 
 impl FrameSettings {
+    /// How far segments' [boxes](extremes) reach beyond them in a brick of a level, by which it is read, in voxels of the level that have `factor` voxels of level 0
+    /// along each axis; `None` if it is sampled through the scene's filter.
+    pub fn box_reach(&self, factor: [u32; 3]) -> Option<[f64; 3]> {
+        (self.keeps_extremes && factor != [1; 3]).then(|| extremes::reach(self.sampling.filter, factor))
+    }
+
     /// What the picture requires of bricks and of the tables beside them.
     pub fn needs(&self) -> Needs {
         let meshes = MeshCapacity::of(self.meshes.iter().map(|shown| &*shown.mesh));

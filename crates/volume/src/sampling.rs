@@ -132,6 +132,15 @@ impl Filter {
         self.taps() as f64 - 0.5
     }
 
+    /// How far from a place, in voxels, the nearest face of a voxel can be that the filter takes.
+    pub const fn farthest(self) -> f64 {
+        match self {
+            Self::Nearest => 0.0,
+            Self::Trilinear => 0.5,
+            Self::Tricubic => 1.5,
+        }
+    }
+
     /// The filter of the field whose gradients are taken.
     pub const fn of_gradients(self) -> Self {
         match self {

@@ -233,7 +233,7 @@ fn extreme(search: &Search<'_, '_>, cores: &mut Cores) -> Result<Option<(f64, f6
     let mut best: Option<(f64, f64)> = None;
     for [start, end] in search.segments() {
         let t = 0.5 * (start + end);
-        let Some(value) = reader.value(cores, t)? else { continue };
+        let Some(value) = reader.projected(cores, [start, end], is_least)? else { continue };
         // Labels that are hidden hide nothing.
         let is_shown = !way.settings.encoding.is_labels || way.layer.transfer.alpha(value) > 0.0;
         let is_better = |(_, best): (f64, f64)| if is_least { value < best } else { value > best };

@@ -325,10 +325,10 @@ fn few_bricks_are_read_and_none_twice() {
     assert!(picker.decoded() > before && picker.bytes() <= (picker.decoded() - before) * 4 * 32 * 32 * 32);
 }
 
-/// A ball of bytes to be packed.
-struct BallSource(SourceInfo);
+/// A cube of bytes to be packed, and what voxel each has.
+struct CubeSource(SourceInfo, fn([u32; 3]) -> u8);
 
-impl Source for BallSource {
+impl Source for CubeSource {
     fn info(&self) -> &SourceInfo {
         &self.0
     }
@@ -337,9 +337,8 @@ impl Source for BallSource {
         let [x, y, z] = region.extent().to_array();
         let places = (0..z).flat_map(|k| (0..y).flat_map(move |j| (0..x).map(move |i| [i, j, k])));
         for (voxel, place) in out.iter_mut().zip(places) {
-            let first = [region.min.x, region.min.y, region.min.z];
-            let at = DVec3::from_array(std::array::from_fn(|a| f64::from(first[a] + place[a]))) - 48.0;
-            *voxel = if at.length() < 30.0 { 200 } else { 0 };
+            let first = region.min.to_array();
+            *voxel = self.1(std::array::from_fn(|a| first[a] + place[a]));
         }
         Ok(())
     }
@@ -361,11 +360,9 @@ fn a_ray_that_passes_by_finds_nothing() {
     }
 }
 
-/// A store knows which bricks are empty: rays beside the ball decode nothing, and opaque ones just what they meet.
-#[test]
-fn what_is_empty_is_not_read() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("ball.zarr");
+/// The store of a cube, with bricks of 16 voxels.
+fn packed(folder: &tempfile::TempDir, voxel: fn([u32; 3]) -> u8) -> VolumeSource {
+    let path = folder.path().join("cube.zarr");
     let info = SourceInfo {
         extent: Extent::new(96, 96, 96),
         channels: 1,
@@ -377,12 +374,51 @@ fn what_is_empty_is_not_read() {
         channel_looks: Vec::new(),
         time: None,
         nodata: None,
-        identity: "a ball".into(),
+        identity: "a cube".into(),
         notes: Vec::new(),
     };
     let options = PackOptions { edge: 16, shard_edge: 64, threads: 2, ..PackOptions::new(VoxelType::U8) };
-    pack(&BallSource(info), &path, &options, &()).unwrap();
-    let volumes = [VolumeSource::open(&path).unwrap()];
+    pack(&CubeSource(info, voxel), &path, &options, &()).unwrap();
+    VolumeSource::open(&path).unwrap()
+}
+
+/// A speck is in the corner of a coarse voxel: a filter between coarse voxels makes less of it than of the block that is behind it.
+#[test]
+fn a_speck_is_picked_at_coarse_levels() {
+    let folder = tempfile::tempdir().unwrap();
+    let speck = |[x, y, z]: [u32; 3]| match [x, y, z] {
+        [35, 43, 20] => 250,
+        _ if z > 70 => 150,
+        _ => 50,
+    };
+    let volumes = [packed(&folder, speck).suited(Mode::Mip).unwrap()];
+    let camera = Camera {
+        eye: DVec3::new(48.0, 48.0, -200.0),
+        target: DVec3::splat(48.0),
+        up: DVec3::Y,
+        projection: Projection::Orthographic { height: 96.0 },
+    };
+    for level in 0..3 {
+        let level = LevelPolicy::Locked(level);
+        let scene = Scene { camera: Some(camera), mode: Mode::Mip, level, ..Scene::of(inside(1.0)) };
+        let resolved = resolve(&volumes, &scene, (96, 96)).unwrap();
+        let rays = resolved.layers[0].frames[0].settings.rays;
+        let place = rays.pixel(DVec3::new(35.0, 43.0, 20.0)).unwrap();
+        let found = Picker::default().pick(&resolved, &volumes, place).unwrap().unwrap();
+        assert!((found.point - DVec3::new(35.0, 43.0, 20.0)).length() < 1.0, "{level:?}: {found:?}");
+        assert_eq!(found.values[0].probe.values, [250.0], "{level:?}");
+    }
+}
+
+/// A store knows which bricks are empty: rays beside the ball decode nothing, and opaque ones just what they meet.
+#[test]
+fn what_is_empty_is_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let ball = |place: [u32; 3]| {
+        let at = DVec3::from_array(place.map(f64::from)) - 48.0;
+        if at.length() < 30.0 { 200 } else { 0 }
+    };
+    let volumes = [packed(&folder, ball)];
     let camera = Camera {
         eye: DVec3::new(48.0, 48.0, -200.0),
         target: DVec3::splat(48.0),

@@ -4,6 +4,7 @@ use super::cores::Cores;
 use crate::resolve::ResolvedLayer;
 use crate::volume_source::VolumeSource;
 use brickyard_pager::{BrickError, BrickSource};
+use brickyard_volume::extremes::half_box;
 use brickyard_volume::{BrickId, BrickIndex, Filter, FrameSettings, Level, LevelPolicy, Ray};
 use glam::DVec3;
 use std::sync::Arc;
@@ -132,6 +133,31 @@ impl<'w, 'a> Reader<'w, 'a> {
     /// The value of the field at a distance; `None` where there is none, or it shows nothing.
     pub(super) fn value(&mut self, cores: &mut Cores, t: f64) -> Result<Option<f64>, BrickError> {
         self.value_at(cores, self.way.place(self.level, t))
+    }
+
+    /// The value that a segment between two distances adds to a projection of extremes: that in its middle, or the extreme of its box, as the level
+    /// says. `None` where there is none, or it shows nothing.
+    pub(super) fn projected(
+        &mut self,
+        cores: &mut Cores,
+        [from, to]: [f64; 2],
+        is_least: bool,
+    ) -> Result<Option<f64>, BrickError> {
+        let factor = self.way.source.pyramid().level(self.level).factor;
+        let Some(reach) = self.way.settings.box_reach(factor) else { return self.value(cores, 0.5 * (from + to)) };
+        let [from, to] = [from, to].map(|t| self.way.place(self.level, t));
+        let (middle, half) = (0.5 * (from + to), DVec3::from_array(half_box((to - from).to_array(), reach)));
+        let [low, high] = [middle - half, middle + half].map(|corner| self.bounded(corner.floor()));
+        let mut best: Option<f64> = None;
+        for z in low[2]..=high[2] {
+            for y in low[1]..=high[1] {
+                for x in low[0]..=high[0] {
+                    let Some(value) = self.voxel(cores, [x, y, z])? else { continue };
+                    best = Some(best.map_or(value, |best| if is_least { best.min(value) } else { best.max(value) }));
+                }
+            }
+        }
+        Ok(best)
     }
 
     /// The opacity of a value that the field has at a distance, in a unit distance.
