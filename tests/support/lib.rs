@@ -14,7 +14,7 @@ use brickyard::oracle::render_reference;
 use brickyard::render::adapters;
 use brickyard::session::{ResolvedScene, Session, SessionOptions, VolumeSource, resolve};
 use brickyard::stats::RenderStats;
-use brickyard::store::{PackOptions, Store, pack};
+use brickyard::store::{Downsample, PackOptions, Store, pack};
 use brickyard::volume::{Extent, Geometry, Isosurface, Mode, Orientation, Picture, Scene, Voxel, VoxelBox, VoxelType};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read;
@@ -109,13 +109,18 @@ pub struct TestStore {
 }
 
 impl TestStore {
-    /// Packs a source into a store with bricks of `edge`^3 voxels, and shards of four bricks along each edge.
+    /// Packs a source into a store with bricks of `edge`^3 voxels, shards of four bricks along each edge, and one pyramid: that of means, which
+    /// [`TestStore::store`] is, whatever mode is drawn.
     ///
     /// # Panics
     /// If packing or opening fails.
     pub fn pack(source: &dyn Source, edge: u32) -> Self {
         let voxel_type = source.info().voxel_type;
-        Self::pack_with(source, PackOptions { edge, shard_edge: 4 * edge, threads: 2, ..PackOptions::new(voxel_type) })
+        let (shard_edge, downsample) = (4 * edge, Downsample::Mean.into());
+        Self::pack_with(
+            source,
+            PackOptions { edge, shard_edge, downsample, threads: 2, ..PackOptions::new(voxel_type) },
+        )
     }
 
     /// Packs a source into a store with these options.

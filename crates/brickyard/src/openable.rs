@@ -3,7 +3,7 @@
 use crate::volume_source::VolumeSource;
 use brickyard_import::{self as import, ImportError, OpenOptions, Source};
 use brickyard_store::layout::JOURNAL_NAME;
-use brickyard_store::{Downsample, Kind, OpenError, PackOptions};
+use brickyard_store::{Kind, OpenError, PackOptions, Reductions};
 use brickyard_volume::VoxelType;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -60,13 +60,9 @@ pub fn open(paths: &[PathBuf], options: &OpenOptions) -> Result<Openable, Openab
 
 /// The options to pack what is already shown: one processor is left to what shows it. Labels are never averaged.
 pub fn pack_options(voxel_type: VoxelType, kind: Kind) -> PackOptions {
-    let downsample = match kind {
-        Kind::Image => Downsample::Mean,
-        Kind::Labels => Downsample::Mode,
-    };
     let defaults = PackOptions::new(voxel_type);
     let threads = defaults.threads.saturating_sub(1).max(1);
-    PackOptions { kind, downsample: downsample.into(), threads, ..defaults }
+    PackOptions { kind, downsample: Reductions::default_for(kind), threads, ..defaults }
 }
 
 #[cfg(test)]

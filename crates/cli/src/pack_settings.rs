@@ -34,7 +34,7 @@ pub(crate) struct StoreSettings {
     #[arg(help_heading = heading::STORE, long)]
     codec: Option<Codec>,
     /// How a level follows from the finer one: mean, max, min, mode or nearest; mean,max makes both, so that maximum
-    /// projections are exact at every level [default: mean for images, mode for labels]
+    /// projections lose nothing at any level, and mean,min does so for minima [default: mean,max for images, mode for labels]
     #[arg(help_heading = heading::STORE, long, value_name = "METHOD[,METHOD]")]
     downsample: Option<Reductions>,
     /// Store each brick's apron too, 1 or 2 voxels wide (2 for tricubic samples): a tenth or a fifth more of disk, and a view
@@ -113,11 +113,7 @@ impl StoreSettings {
     /// Exit code 2 if they contradict each other.
     pub(crate) fn options(&self, voxel_type: VoxelType) -> Result<PackOptions, Failure> {
         let kind = self.kind.map_or(Kind::Image, Kind::from);
-        let by_kind = match kind {
-            Kind::Image => Downsample::Mean,
-            Kind::Labels => Downsample::Mode,
-        };
-        let downsample = self.downsample.unwrap_or(by_kind.into());
+        let downsample = self.downsample.unwrap_or(Reductions::default_for(kind));
         let averages = [Some(downsample.main()), downsample.second()].contains(&Some(Downsample::Mean));
         if kind == Kind::Labels && averages {
             let problem = "--downsample mean: the mean of two labels is another label: mode, max, min and nearest are for --kind labels";

@@ -7,6 +7,7 @@
 //! Loops run over whole rows with plain arithmetic, so the compiler vectorises them for whatever target feature set the
 //! caller was compiled with; everything is `#[inline(always)]` for that reason. Mean of 64^3 u8: about 10 us with AVX2.
 
+use crate::metadata::Kind;
 use brickyard_volume::Voxel;
 use serde::{Deserialize, Serialize};
 
@@ -54,7 +55,8 @@ impl std::str::FromStr for Downsample {
     }
 }
 
-/// How a store's coarser levels are made: by one method, or by two (`mean,max`) as two pyramids that share level 0.
+/// How a store's coarser levels are made: by one method, or by two (`mean,max`) as two pyramids that share level 0. The second one costs a pack an eighth more
+/// disk and a quarter more time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Reductions {
@@ -63,6 +65,14 @@ pub struct Reductions {
 }
 
 impl Reductions {
+    /// How voxels are reduced unless somebody says otherwise: images to means and maxima, labels to the most frequent.
+    pub const fn default_for(kind: Kind) -> Self {
+        match kind {
+            Kind::Image => Self { main: Downsample::Mean, second: Some(Downsample::Max) },
+            Kind::Labels => Self { main: Downsample::Mode, second: None },
+        }
+    }
+
     /// The method of the main pyramid, whose levels every Zarr reader sees.
     pub const fn main(self) -> Downsample {
         self.main

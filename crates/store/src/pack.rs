@@ -38,7 +38,7 @@ pub use lock::Holder;
 pub use plan::{PackPlan, plan};
 
 use crate::codec::Codec;
-use crate::downsample::{Downsample, Reductions};
+use crate::downsample::Reductions;
 use crate::error::ReadError;
 use crate::layout::{DEFAULT_SHARD_EDGE, Layout, check_edges};
 use crate::metadata::ChannelStatistics;
@@ -84,7 +84,7 @@ pub struct PackOptions {
     pub shard_times: u32,
     /// How bricks are compressed. zstd 3 gives 3 % smaller stores than zstd 1 in twice the time.
     pub codec: Codec,
-    /// How coarser levels are made.
+    /// How coarser levels are made: see [`Reductions::default_for`] a kind.
     pub downsample: Reductions,
     /// What the values mean.
     pub kind: Kind,
@@ -107,7 +107,7 @@ impl PackOptions {
             shard_edge: DEFAULT_SHARD_EDGE,
             shard_times: 1,
             codec: Codec::default_for(voxel_type),
-            downsample: Downsample::Mean.into(),
+            downsample: Reductions::default_for(Kind::Image),
             kind: Kind::Image,
             aprons: 0,
             memory_bytes: 2 << 30,

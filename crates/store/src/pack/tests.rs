@@ -8,6 +8,7 @@ mod shard_times;
 
 use super::disk::Disk;
 use super::*;
+use crate::downsample::Downsample;
 use crate::layout::JOURNAL_NAME;
 use crate::shard_file::IoMode;
 use crate::store::Store;
@@ -102,7 +103,14 @@ pub(crate) fn value([x, y, z]: [u32; 3]) -> f64 {
 }
 
 pub(crate) fn options(voxel_type: VoxelType) -> PackOptions {
-    PackOptions { edge: 16, shard_edge: 32, threads: 2, memory_bytes: 1 << 30, ..PackOptions::new(voxel_type) }
+    PackOptions {
+        edge: 16,
+        shard_edge: 32,
+        downsample: Downsample::Mean.into(),
+        threads: 2,
+        memory_bytes: 1 << 30,
+        ..PackOptions::new(voxel_type)
+    }
 }
 
 /// All files of a store.

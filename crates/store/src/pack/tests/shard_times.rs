@@ -307,6 +307,7 @@ fn memory_of_open_shards_is_counted() {
         threads: 1,
         shard_times,
         memory_bytes,
+        downsample: Downsample::Mean.into(),
         ..PackOptions::new(VoxelType::U8)
     };
     let refused = |shard_times, memory_bytes| match plan(&source, &options(shard_times, memory_bytes)) {
