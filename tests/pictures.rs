@@ -5,12 +5,12 @@ use brickyard::session::Session;
 use brickyard::store::Store;
 use brickyard::volume::{
     Camera, Extent, Geometry, Gradient, LevelPolicy, Lighting, LightingModel, Mode, Picture, Projection, Scene,
-    TransferFunction, Voxel, VoxelType,
+    TransferFunction, Voxel,
 };
 use brickyard_tests::sample::sampled;
 use brickyard_tests::{
-    FunctionSource, Sandbox, TestStore, WAYS, Way, assert_same, assert_same_surface, bytes_of, in_mode, oracle,
-    read_png, session, session_within, session_without_skipping, sessions, settled,
+    FunctionSource, TestStore, WAYS, Way, assert_same, assert_same_surface, in_mode, oracle, session, session_within,
+    session_without_skipping, sessions, settled,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -287,28 +287,6 @@ fn a_clip_box_equals_the_oracle() {
         let Some(whole) = wanted(None) else { continue };
         let clipped = wanted(Some(clips[1])).expect("the same backend");
         assert!(clipped * 3 < whole, "{backend:?}: {clipped} of {whole} bricks");
-    }
-}
-
-/// Bright specks keep their brightness in the maximum projection of a coarse level, if the store has a pyramid of maxima.
-#[test]
-fn the_maximum_projection_is_exact_at_any_level_of_maxima() {
-    let sandbox = Sandbox::default();
-    let extent = Extent::new(96, 80, 88);
-    let specks = |[x, y, z]: [u32; 3]| if [x % 24, y % 20, z % 22] == [11, 7, 5] { 250.0 } else { 10.0 };
-    sandbox.write("gray.json", r#"{"color": [[0, 0, 0, 0], [255, 1, 1, 1]], "opacity": [[0, 1]], "unit_distance": 1}"#);
-    sandbox.write("specks.raw", bytes_of(VoxelType::U8, extent, specks));
-    for (downsample, keeps) in [("mean,max", true), ("mean", false)] {
-        sandbox.run_ok(&format!(
-            "pack specks.raw {downsample}.zarr --shape 96,80,88 --dtype u8 --brick 16 --shard 64 --downsample {downsample} \
-             --progress none"
-        ));
-        sandbox.run_ok(&format!(
-            "render {downsample}.zarr -o o.png --overwrite --transfer gray.json --mode mip --level 2 --size 64x48 --backend cpu"
-        ));
-        let brightest = read_png(&sandbox.path("o.png")).rgb.iter().map(|p| p[0]).max();
-        // Trilinear samples between voxels that are four times as far apart, seldom at their centres.
-        assert_eq!(brightest > Some(150), keeps, "{downsample}: {brightest:?}");
     }
 }
 

@@ -13,6 +13,7 @@ mod crash;
 mod embedding;
 mod exact;
 mod examples;
+mod extremes;
 mod faults;
 mod first_look;
 mod gradients;

@@ -342,6 +342,11 @@ impl Fit {
     pub(crate) fn draw_lists(&self) -> impl Iterator<Item = &DrawList> {
         self.layers.iter().filter_map(|layer| layer.draws.first())
     }
+
+    /// Returns the present draw lists of the layer with this index in the scene, one for each eye.
+    pub(crate) fn lists_of(&self, place: usize) -> &[DrawList] {
+        self.layers.iter().find(|layer| layer.asked.place == place).map_or(&[], |layer| &layer.draws)
+    }
 }
 
 /// A scene's layers with their draw lists of now, for one eye. Layers that the scene hides are left out.

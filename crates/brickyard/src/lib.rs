@@ -94,6 +94,7 @@ pub mod frame_governor;
 mod gpu_backend;
 #[cfg(feature = "lettering")]
 pub mod lettering;
+mod lost_extremes;
 pub mod memory;
 #[cfg(feature = "movie")]
 pub mod movie_file;

@@ -285,10 +285,10 @@ mod tests {
     use super::*;
     use crate::backend::BackendChoice;
     use crate::channels::default_layers;
-    use crate::session::{Session, SessionOptions};
+    use crate::session::{Session, SessionOptions, resolve};
     use brickyard_import::Access;
     use brickyard_store::{PackOptions, pack};
-    use brickyard_volume::{BrickIndex, ChannelLook, Extent, Level, LevelGrid, Mode, Orientation, Scene};
+    use brickyard_volume::{BrickIndex, ChannelLook, Extent, Level, LevelGrid, LevelPolicy, Mode, Orientation, Scene};
     use glam::DVec3;
     use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -537,6 +537,23 @@ mod tests {
         let source = Computed::new(SourceInfo { channels: 3, ..info([400, 10, 10], VoxelType::I16) }, noise);
         let preview = Preview::read(Arc::new(source), Kind::Image, 1 << 20, &Meter::default()).unwrap();
         assert_eq!(preview.stride(), [7, 1, 1]);
+    }
+
+    /// One voxel of several is no maximum of them, even at level 0; of a preview of all voxels level 0 is right.
+    #[test]
+    fn previews_of_some_voxels_lose_maxima_at_every_level() {
+        for (extent, expected) in [([400, 10, 10], [vec![0], vec![0]]), ([200, 10, 10], [vec![], vec![0]])] {
+            let source = Computed::new(info(extent, VoxelType::I16), noise);
+            let preview = Preview::read(Arc::new(source), Kind::Image, 1 << 30, &Meter::default()).unwrap();
+            let volumes = [Arc::new(preview).volume().unwrap()];
+            for (level, expected) in [0, 1].into_iter().zip(expected) {
+                let level = LevelPolicy::Locked(level);
+                let scene = Scene { mode: Mode::Mip, level, ..Scene::default() };
+                assert_eq!(resolve(&volumes, &scene, (32, 24)).unwrap().lost_extremes(&volumes), expected, "{level:?}");
+                let fog = Scene { mode: Mode::Average, ..scene };
+                assert!(resolve(&volumes, &fog, (32, 24)).unwrap().lost_extremes(&volumes).is_empty());
+            }
+        }
     }
 
     #[test]

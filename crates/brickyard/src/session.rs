@@ -562,6 +562,11 @@ impl Session {
     pub fn draw_lists(&self) -> impl Iterator<Item = &DrawList> {
         self.fit.iter().flat_map(Fit::draw_lists)
     }
+
+    /// Returns the present draw lists of the layer with this index in the scene, one for each eye.
+    pub(crate) fn lists_of(&self, place: usize) -> &[DrawList] {
+        self.fit.as_ref().map_or(&[], |fit| fit.lists_of(place))
+    }
 }
 
 /// Refuses a view of which a part can be drawn from no level.

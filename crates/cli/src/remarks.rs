@@ -50,6 +50,26 @@ pub(super) fn of_empty(picture: &Picture, resolved: &ResolvedScene, volumes: &[V
     Some(format!("the picture is empty: {why}"))
 }
 
+/// What the projections of these layers may not show, which are drawn at coarse levels that do not hold their extremes; `None` if there are none.
+pub(super) fn of_lost_extremes(scene: &ResolvedScene, layers: &[usize], volumes: &[VolumeSource]) -> Option<String> {
+    let of_layers = scene.layers.iter().filter(|layer| layers.contains(&layer.place));
+    let mut names: Vec<String> =
+        of_layers.map(|layer| volumes[layer.volume].name().unwrap_or_else(|| "the volume".into())).collect();
+    names.dedup();
+    let (specks, pyramids) = match scene.mode {
+        Mode::MinIp => ("dark specks may be brighter than they are", "mean,min"),
+        _ => ("bright specks may be darker than they are", "mean,max"),
+    };
+    (!names.is_empty()).then(|| {
+        format!(
+            "{} {} drawn at a coarse level, whose voxels are not the extremes of those in them: {specks}, or missing; --level 0 draws all voxels, and a \
+             store packed with --downsample {pyramids} loses none at any level",
+            names.join(" and "),
+            if names.len() == 1 { "is" } else { "are" },
+        )
+    })
+}
+
 /// The least and the greatest value of a channel.
 fn values(channel: u32, volume: &VolumeSource) -> (f64, f64) {
     volume.statistics(channel).map_or_else(|| volume.source.channel_range(channel), |found| found.range.into())

@@ -23,6 +23,7 @@ use brickyard::stats::{Percentiles, RenderStats, ms};
 use brickyard::store::Store;
 use brickyard::tiles::render_exact;
 use brickyard::volume::{Picture, Scene, counted};
+use std::cell::Cell;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Instant;
@@ -67,6 +68,7 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
         destination,
         started,
         stats: RenderStats::default(),
+        has_told_of_lost: Cell::new(false),
     };
     match arguments.compositor() {
         None if arguments.exact => {
@@ -96,11 +98,21 @@ struct Pictures<'a> {
     destination: Destination,
     started: Instant,
     stats: RenderStats,
+    /// Whether it has been said that a projection may lose extremes: once is enough for all pictures.
+    has_told_of_lost: Cell<bool>,
 }
 
 impl Pictures<'_> {
     fn resolve(&self, scene: &Scene) -> Result<ResolvedScene, Failure> {
         resolve(&self.volumes, scene, self.arguments.size).map_err(session_failure)
+    }
+
+    /// Says what the projections of these layers may not show.
+    fn tell_of_lost(&self, scene: &ResolvedScene, layers: &[usize]) {
+        let Some(remark) = remarks::of_lost_extremes(scene, layers, &self.volumes) else { return };
+        if !self.has_told_of_lost.replace(true) {
+            say!("note: {remark}");
+        }
     }
 
     /// Draws every view and writes its picture. What draws is given a scene and what it took so far, in all and frame by frame.
@@ -138,7 +150,9 @@ impl Pictures<'_> {
             let resolved = session.resolve(scene, run.arguments.size).map_err(session_failure)?;
             let max_wait = run.arguments.max_wait();
             let picture = render_settled(&mut session, &resolved, max_wait, run.started, stats, frame_ms);
-            Ok((resolved, picture.map_err(offline_failure)?))
+            let picture = picture.map_err(offline_failure)?;
+            run.tell_of_lost(&resolved, &session.lost_extremes(&resolved));
+            Ok((resolved, picture))
         })?;
         self.stats.level_cells = level_cells(&session, &self.volumes);
         Ok(())
@@ -190,6 +204,7 @@ impl Pictures<'_> {
             let picture = picture.map_err(offline_failure)?;
             frame_ms.push(ms(begun));
             say!("drawn in {}", counted(stats.tiles.unwrap_or(0) as u64, "tile"));
+            run.tell_of_lost(&resolved, &resolved.lost_extremes(&run.volumes));
             Ok((resolved, picture))
         })
     }
@@ -211,6 +226,7 @@ impl Pictures<'_> {
                 n => format!("{n} passes"),
             };
             say!("{} in {passes}", counted(stats.bricks.wanted, "brick"));
+            run.tell_of_lost(&resolved, &resolved.lost_extremes(&run.volumes));
             Ok((resolved, picture))
         })
     }
@@ -227,6 +243,7 @@ impl Pictures<'_> {
             let picture = render_reference_within(&stores, &resolved, memory, max_wait).map_err(oracle_failure)?;
             frame_ms.push(ms(begun));
             stats.frames += 1;
+            run.tell_of_lost(&resolved, &resolved.lost_extremes(&run.volumes));
             Ok((resolved, picture))
         })?;
         self.stats.settled_ms = ms(self.started);

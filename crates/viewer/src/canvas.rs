@@ -394,6 +394,12 @@ impl Canvas {
         (self.shown.as_ref().map(|shown| &shown.frame.scene), self.session.volumes())
     }
 
+    /// Whether the picture is a projection that may lose extremes, since it is drawn at coarse levels that do not hold them.
+    pub(crate) fn loses_extremes(&self) -> bool {
+        let shown = self.shown.as_ref();
+        shown.is_some_and(|shown| !self.session.lost_extremes(&shown.frame.scene).is_empty())
+    }
+
     /// A line that says where the picture is drawn.
     pub(crate) fn backend_line(&self) -> &str {
         self.session.backend_line()

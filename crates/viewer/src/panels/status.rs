@@ -8,6 +8,10 @@ use eframe::egui::{Align, Label, Layout, RichText, Ui, vec2};
 /// The line's height, in points.
 const HEIGHT: f32 = 20.0;
 
+/// What is said of projections that may lose extremes.
+const LOST: &str = "This projection is drawn at a coarse level, whose voxels are not the extremes of those in them: specks may be fainter than they are, or missing. \
+                    Level 0 (View: level) draws all voxels, and a store packed with --downsample mean,max (or mean,min) loses none at any level.";
+
 /// What the line says on its left.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Said<'a> {
@@ -62,6 +66,10 @@ fn progress(ui: &mut Ui, views: &Views) {
     ui.label(views.main.backend_line());
     ui.separator();
     ui.label(state(&views.main));
+    if views.main.loses_extremes() {
+        ui.separator();
+        ui.label("specks may be missing").on_hover_text(LOST);
+    }
     ui.separator();
 }
 
