@@ -74,7 +74,7 @@ fn damage_is_summed_up_in_a_line() {
     assert!(count > 100 && stdout.lines().all(|line| line.contains("level 0 brick")), "{stdout}");
     assert_eq!(
         stderr,
-        format!("error: a.zarr: {count} of 252 bricks are damaged, in level 0, time step 0, channel 0\n")
+        format!("error: a.zarr: {count} of 288 bricks are damaged, in level 0, time step 0, channel 0\n")
     );
     let (code, _, stderr) = sandbox.run(&format!("render a.zarr -o a.png {VIEW}"));
     assert_eq!(code, 0, "{stderr}");
@@ -141,7 +141,7 @@ fn a_pack_that_is_stopped_goes_on_to_the_same_store() {
         let has_shards = || journal(made_in).is_ok_and(|text| text.lines().count() > 3);
         let (code, said) = stopped(&sandbox, &format!("{PACK}{flags}"), has_shards);
         assert_eq!(code, Some(130), "{said}");
-        for words in ["b.zarr: stopped; ", " of 294 shards are whole", "--resume"] {
+        for words in ["b.zarr: stopped; ", " of 332 shards are whole", "--resume"] {
             assert!(said.contains(words), "{words:?} is not in: {said}");
         }
         let finished = journal(made_in).expect("an unfinished pack").lines().count() - 1;

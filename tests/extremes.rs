@@ -169,17 +169,22 @@ struct Truth {
     /// What nothing more extreme may be shown than, as the picture's code; `None` where there is no bound.
     most: Vec<Option<f64>>,
     is_least: bool,
+    /// Pixels that may be off: where rays graze the face of a voxel that is not mixed with others, rounding decides whether they meet it.
+    allowed: usize,
 }
 
 impl Truth {
     fn assert_shown(&self, found: &Picture, what: &str) {
+        let sign = if self.is_least { -1.0 } else { 1.0 };
+        let mut off = Vec::new();
         for (i, (found, exact)) in found.rgb.iter().zip(&self.exact.rgb).enumerate() {
-            let sign = if self.is_least { -1.0 } else { 1.0 };
             let [found, exact] = [found[0], exact[0]].map(f64::from);
-            assert!(sign * found >= sign * exact - 1.0, "{what}: {found} in pixel {i}, where level 0 shows {exact}");
             let most = self.most[i].unwrap_or(sign * f64::INFINITY);
-            assert!(sign * found <= sign * most + 1.0, "{what}: {found} in pixel {i}, where there is at most {most}");
+            if sign * found < sign * exact - 1.0 || sign * found > sign * most + 1.0 {
+                off.push(format!("{found} in pixel {i}, where level 0 shows {exact} and there is at most {most}"));
+            }
         }
+        assert!(off.len() <= self.allowed, "{what}: {off:?}");
     }
 }
 
@@ -216,7 +221,8 @@ impl<'a> Subject<'a> {
             Some((255.0 * around.along(&ray)? / scale).clamp(0.0, 255.0))
         };
         let most = (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))).map(|(x, y)| most(x, y)).collect();
-        Truth { exact: exact.clone(), most, is_least }
+        let allowed = if scene.sampling.filter == Filter::Nearest { 3 } else { 0 };
+        Truth { exact: exact.clone(), most, is_least, allowed }
     }
 
     /// Draws a scene at every level, and where levels meet, in every way.

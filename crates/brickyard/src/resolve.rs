@@ -6,9 +6,9 @@ use crate::volume_source::VolumeSource;
 use brickyard_pager::{SlotContents, View};
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
-    Camera, Clip, Combination, Expression, Filter, FrameSettings, Geometry, KeptSlots, LabelCodes, Lattice, LayerError, LevelGrid,
-    LevelPolicy, Mode, Needs, Occupancy, Picture, PixelSample, PixelSamples, Placement, Region, Scene, SceneError,
-    SceneLayer, ShownMesh, Slice, SlotEncoding, Standing, StereoLayout, StoreCounts, Surface, Timeline,
+    Camera, Clip, Combination, Expression, Filter, FrameSettings, Geometry, KeptSlots, LabelCodes, Lattice, LayerError,
+    LevelGrid, LevelPolicy, Mode, Needs, Occupancy, Picture, PixelSample, PixelSamples, Placement, Region, Scene,
+    SceneError, SceneLayer, ShownMesh, Slice, SlotEncoding, Standing, StereoLayout, StoreCounts, Surface, Timeline,
     TransferFunction, TransferTable, ViewRays, VolumeFrame, Window,
 };
 use glam::DVec3;
