@@ -187,7 +187,7 @@ fn make_ahead(wanted: &Receiver<Wanted>, kept: &Mutex<Kept>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::VoxelType;
+    use brickyard_volume::{Method, Sampling, VoxelType};
     use std::time::{Duration, Instant};
 
     fn function(alpha: f64) -> TransferFunction {
@@ -207,7 +207,8 @@ mod tests {
         let encoding = SlotEncoding::new(VoxelType::I16, (-100.0, 300.0), false);
         let tables = Tables::new(encoding);
         let layers = [SceneLayer::default(), SceneLayer::default()];
-        tables.expect(layers.iter(), &Scene::default());
+        let sampling = Sampling { method: Method::Plvs, ..Sampling::default() };
+        tables.expect(layers.iter(), &Scene { sampling, ..Scene::default() });
         let encoding = |transfer: &TransferFunction| {
             encoding.for_window(Window::new(transfer, &[], Mode::default()), KeptSlots::default())
         };

@@ -212,8 +212,11 @@ mod tests {
             let table = TransferTable::new(&transfer, &encoding);
             let room = TableCapacity { codes: encoding.format, has_integrals: true, has_grid: true };
             let words = words(&table, room, Places::Media).words;
-            assert!(words.len() as u64 * 8 <= room.bytes(), "{voxel_type}");
             let (entries, grid) = (&words[room.grid_at() as usize..], table.grid.unwrap());
+            // A row for each code, and room for as many as there may be.
+            let left = (TransferGrid::MOST_ROWS - grid.rows()) * TransferGrid::COLUMNS;
+            assert_eq!((words.len() + left) as u64 * 8, room.bytes(), "values of all codes fill it");
+            assert_eq!(grid.rows(), [256, TransferGrid::MOST_ROWS][usize::from(voxel_type == VoxelType::U16)]);
             for (word, entry) in entries.iter().zip(&grid.entries) {
                 assert_eq!([word[0], word[1]], [pack_color([1.0; 3]), entry[3].to_bits()]);
             }
