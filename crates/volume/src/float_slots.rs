@@ -195,14 +195,20 @@ impl SlotEncoding {
         self.in_slots(self.floats)
     }
 
-    /// What an f32 slot of the table's first value holds.
+    /// What a slot of the table's first value holds.
     pub fn first_slot(&self) -> f32 {
-        (self.low - self.base()) as f32
+        self.floats.map_or(self.first_code(), |floats| self.low - floats.base) as f32
     }
 
-    /// The difference of numbers in f32 slots that is taken for all greater ones: [`FARTHEST_CODES`].
+    /// Codes from a number in slots to the next: 1 where slots hold codes.
+    pub fn codes_per_slot(&self) -> f64 {
+        self.floats.map_or(1.0, |_| 1.0 / self.code_width())
+    }
+
+    /// The difference of numbers in slots that is taken for all greater ones: of f32 slots [`FARTHEST_CODES`].
     pub fn farthest_slots(&self) -> f32 {
-        (FARTHEST_CODES as f64 * self.code_width()).min(2.0 * MOST) as f32
+        let farthest = |_| (FARTHEST_CODES as f64 * self.code_width()).min(2.0 * MOST);
+        self.floats.map_or(f64::from(self.format.max_code()), farthest) as f32
     }
 
     /// What stored gradients have to be multiplied by to be differences of codes.
