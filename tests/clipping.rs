@@ -3,9 +3,10 @@
 
 use brickyard::session::VolumeSource;
 use brickyard::store::Store;
+use brickyard::volume::surface::headlight;
 use brickyard::volume::{
-    Camera, ClipPlane, Extent, Geometry, LevelPolicy, Mode, Picture, Projection, Ray, Scene, Slice, TransferFunction,
-    Voxel,
+    Camera, ClipPlane, Extent, Geometry, Isosurface, LevelPolicy, Mode, Picture, Projection, Ray, Scene, SceneLayer,
+    Slice, TransferFunction, Voxel,
 };
 use brickyard_tests::{
     FunctionSource, Sandbox, TestStore, WAYS, assert_same, assert_same_surface, in_mode, oracle, read_png, session,
@@ -118,6 +119,48 @@ fn planes_equal_the_oracle_in_all_modes() {
         let clip = Some([at(0.1, -1.0, 0.3), at(0.8, 0.9, 2.0)]);
         scenes.push(("a box too".into(), Scene { clip, ..scene(outside, &sets[0].1) }));
         check(&test.store, &scenes);
+    }
+}
+
+/// A solid ball in bricks of 16, most of them wholly inside of its surface: a cut through it is capped from edge to edge, in one colour, and left
+/// open where that is asked for. Only bricks next to the cut or the surface are read.
+#[test]
+fn a_cut_through_a_solid_is_capped_everywhere() {
+    let (n, radius) = (96, 40.0);
+    let centre = DVec3::splat(0.5 * f64::from(n) - 0.5);
+    let value = |_, _, v: [u32; 3]| {
+        let from = DVec3::from_array(v.map(f64::from)) - centre;
+        (128.0 + 8.0 * (radius - from.length())).clamp(0.0, 255.0) as u8
+    };
+    let test = TestStore::pack(&FunctionSource::new(Extent::new(n, n, n), Geometry::default(), value), 16);
+    let normal = DVec3::new(1.0, 0.2, 0.1).normalize();
+    let camera = Camera {
+        projection: Projection::Orthographic { height: 40.0 },
+        ..perspective(centre - normal * 200.0, centre)
+    };
+    let surface = Isosurface { color: Some([0.8, 0.6, 0.2]), ..Isosurface::at(128.0) };
+    let layer = SceneLayer { isosurfaces: vec![surface], ..gray().into() };
+    let solid = Scene {
+        camera: Some(camera),
+        mode: Mode::Isosurface,
+        clip_planes: vec![plane(centre, normal.to_array())],
+        level: LevelPolicy::Locked(0),
+        layers: vec![layer],
+        ..Scene::default()
+    };
+    // It faces the light, which is at the eye.
+    let (own, white) = headlight(Some(1.0));
+    let lit = Picture::quantise([0.8, 0.6, 0.2].map(|channel| (channel * own + white) as f32));
+    for way in WAYS {
+        let Some(mut session) = session(&test.store, way) else { continue };
+        let (capped, stats) = settled(&mut session, &solid, SIZE);
+        let off = capped.rgb.iter().find(|pixel| (0..3).any(|k| pixel[k].abs_diff(lit[k]) > 1));
+        assert_eq!(off, None, "{way:?}: expected {lit:?}");
+        let open = Scene { caps: Some(false), ..solid.clone() };
+        let (open, _) = settled(&mut session, &open, SIZE);
+        assert_ne!(open, capped, "{way:?}");
+        // Of 108 on the inner side.
+        assert!(stats.bricks.wanted < 90, "{way:?}: {:?}", stats.bricks);
     }
 }
 

@@ -12,9 +12,9 @@ macro_rules! files {
 
 /// All WGSL files: the name, without `.wgsl`, and the text of each.
 pub(crate) const FILES: &[(&str, &str)] = files! {
-    "anything" "average" "axes" "axes_own" "blit" "box_extremes" "box_none" "bricks" "cast_joint" "classify" "colors" "combine" "composite" "counted" "cut_face" "differences" "dither" "extreme" "eyes_anaglyph"
+    "anything" "average" "axes" "axes_own" "blit" "box_extremes" "box_none" "bricks" "caps" "cast_joint" "classify" "colors" "combine" "composite" "counted" "cut_face" "differences" "dither" "extreme" "eyes_anaglyph"
     "eyes_interlaced" "eyes_one" "eyes_side_by_side" "eyes_top_bottom" "field" "find_cell" "find_leaf" "frame" "fullscreen" "gathered"
-    "gradient_central" "gradient_sobel" "gradient_stored" "grid" "hidden" "jitter" "lattice" "layer_medium" "light" "lighting" "limits_none"
+    "gradient_central" "gradient_sobel" "gradient_stored" "grid" "hidden" "jitter" "kept" "lattice" "layer_medium" "light" "lighting" "limits_none"
     "limits_slab" "macrocells" "march_joint" "march_medium" "march_samples" "march_surface" "mark" "mark_none" "medium" "neighbour" "no_value"
     "opaque" "part_media" "part_value" "peel" "pictures" "project" "project_labels" "projected" "ranks" "ray" "raycast_compute" "raycast_fragment"
     "raycast_medium" "raycast_samples" "raycast_surface" "resolve_average" "resolve_composite" "resolve_join" "resolve_joined" "resolve_over"

@@ -1,13 +1,20 @@
 //! Shaders of several layers: the files of one layer, in the context of each in turn.
 //!
 //! What differs from layer to layer is in private variables (the part `context`): the layer's number, its frame, its first places in
-//! shared buffers, flags. The function `become_#` sets them for the layer with that number; textures are chosen by the number. Shared
-//! code is called once for each layer, and no loop goes over layers, so that drivers fold what is constant.
+//! shared buffers, flags. The function `become_#` sets them for the layer with that number; textures are chosen by the number. Up to
+//! [`MOST_UNROLLED`] layers, shared code is called once for each, so that drivers fold what is constant; more layers are gone through by loops,
+//! as the time to compile grows faster than the number of calls.
 
 use crate::compose::Parts;
 use crate::{Curve, Filter, Light, Medium, Sampler, Surfaces, margin};
 use std::collections::BTreeSet;
 use std::fmt::Write;
+
+/// The most layers for which code is repeated. Measured in `docs/performance.md`.
+const MOST_UNROLLED: usize = 4;
+
+/// The variables of the part `context` that say one thing or the other of a layer, in the order of the bits of [`LayerShader::numbers`].
+const FLAGS: [&str; 7] = ["HAS_INVALID", "IS_LABELS", "IS_FLOAT", "IS_UNBOUNDED", "ADDS", "HAS_SURFACES", "HAS_GRID"];
 
 /// Where a layer's parts of the shared buffers begin, in items of each buffer. The layer's part of the draw lists is
 /// not among them, as it changes with each frame: see [`FrameUniform::list_at`](crate::FrameUniform::list_at).
@@ -122,50 +129,115 @@ impl JointVariant {
         format!(
             "const LAYERS: u32 = {}u;\nconst MARGIN: f32 = {:?};\nconst CURVE: u32 = {}u;\nconst PARTS: u32 = {parts}u;\n\
              const IS_PRE_INTEGRATED: bool = {is_pre_integrated};\nconst SURFACE_LIGHTING: u32 = {}u;\nconst HAS_FOG: bool = {};\n\
-             const IS_CUT: bool = {is_cut};\nconst IS_MIDDLE: bool = {};\nconst IS_ONE_SAMPLE: bool = {};\n\
+             const IS_CUT: bool = {is_cut};\nconst IS_READ: bool = {};\nconst IS_MIDDLE: bool = {};\nconst IS_ONE_SAMPLE: bool = {};\n\
              var<private> layer: u32;\nvar<private> FIRST_NODE: u32;\nvar<private> FIRST_BRICK: u32;\n\
              var<private> FIRST_RANGE: u32;\nvar<private> FIRST_PLACE: u32;\nvar<private> FIRST_COUNT: u32;\n\
-             var<private> HAS_INVALID: bool;\nvar<private> IS_LABELS: bool;\nvar<private> IS_FLOAT: bool;\nvar<private> IS_UNBOUNDED: bool;\nvar<private> ADDS: bool;\n\
-             var<private> LIGHTING: u32;\nvar<private> HAS_SURFACES: bool;\nvar<private> HAS_GRID: bool;\n",
+             var<private> LIGHTING: u32;\n{}",
             self.layers.len(),
             margin(self.filter),
             curve as u32,
             self.medium.surface_light() as u32,
             surfaces != Surfaces::Alone,
+            self.expression.is_some(),
             curve == Curve::Middle && !is_cut,
             curve == Curve::Middle || (curve != Curve::Field && parts == 1),
+            self.flags()
         )
+    }
+
+    /// The flags of [`FLAGS`]: constants where they are the same for all layers, so that what no layer has is no part of the compiled shader.
+    fn flags(&self) -> String {
+        let declare = |(bit, name): (usize, &&str)| match self.common_flag(bit) {
+            Some(flag) => format!("const {name}: bool = {flag};\n"),
+            None => format!("var<private> {name}: bool;\n"),
+        };
+        FLAGS.iter().enumerate().map(declare).collect()
+    }
+
+    /// A flag that is the same for all layers.
+    fn common_flag(&self, bit: usize) -> Option<bool> {
+        let flag = self.layers[0].flags()[bit];
+        self.layers.iter().all(|layer| layer.flags()[bit] == flag).then_some(flag)
+    }
+
+    /// The names of flags that differ from layer to layer, each with its bit.
+    fn own_flags(&self) -> impl Iterator<Item = (usize, &'static str)> {
+        FLAGS.into_iter().enumerate().filter(|(bit, _)| self.common_flag(*bit).is_none())
     }
 
     /// The part `layers`: each layer's variables, and functions that do something for all layers, one after the other.
     fn layers(&self) -> String {
-        let mut text = "//!import context frame way\n".to_string();
-        for (i, layer) in self.layers.iter().enumerate() {
-            text.push_str(&layer.declarations(i, self.medium.light));
-        }
-        let each = |line: &str| self.each(line);
+        let mut text = "//!import context frame shade way\n".to_string() + &self.declarations();
+        let (each, first) = (|line: &str| self.each(line), self.of_layer(0, "become_#();"));
+        let nothing = if self.is_looped() { "shown_together = JointMedium(vec3f(0.0), 0.0, vec3f(0.0));" } else { "" };
         let _ = write!(
             text,
-            "fn set_out_all(position: vec2f) -> vec2f {{\n    var whole = vec2f(1e30, 0.0);\n{}    become_0();\n    \
+            "fn set_out_all(position: vec2f) -> vec2f {{\n    var whole = vec2f(1e30, 0.0);\n{}    {first}\n    \
              return whole;\n}}\n\n\
              fn shift_all(shift: f32) {{\n{}}}\n\n\
-             fn find_all(walk: Walk, threshold: u32, transmittance: f32) {{\n{}    become_0();\n}}\n\n\
-             fn take_all(walk: Walk) {{\n{}    become_0();\n}}\n\n",
+             fn find_all(walk: Walk, threshold: u32, transmittance: f32) {{\n{}    {first}\n}}\n\n\
+             fn take_all(walk: Walk) {{\n    {nothing}\n{}    {first}\n}}\n\n",
             each(
-                "    frame_# = frames[#];\n    become_#();\n    set_out(position);\n    whole = union_with(whole);\n    \
-                 way_# = way;\n"
+                "    prepare_#();\n    become_#();\n    set_out(position);\n    whole = union_with(whole);\n    keep_#();\n"
             ),
-            each("    way = way_#;\n    shift_by(shift);\n    way_# = way;\n"),
-            each("    become_#();\n    find(walk, threshold, transmittance);\n    way_# = way;\n"),
-            each("    become_#();\n    take_part(walk);\n    way_# = way;\n"),
+            each("    restore_#();\n    shift_by(shift);\n    keep_#();\n"),
+            each("    become_#();\n    find(walk, threshold, transmittance);\n    keep_#();\n"),
+            each("    become_#();\n    take_part(walk);\n    taken_#();\n    join_shown();\n"),
         );
-        text.push_str(&if self.expression.is_some() { self.reading() } else { self.seeing(&each) });
+        text.push_str(&if self.expression.is_some() { self.reading() } else { self.seeing() });
         text
     }
 
-    /// Repeats a line for each layer, with the layer's number in the place of `#`.
-    fn each(&self, line: &str) -> String {
-        (0..self.layers.len()).map(|i| line.replace('#', &i.to_string())).collect()
+    /// Whether loops go over the layers.
+    fn is_looped(&self) -> bool {
+        self.layers.len() > MOST_UNROLLED
+    }
+
+    /// Some lines for each layer, one after the other: repeated, or in a loop.
+    fn each(&self, lines: &str) -> String {
+        match self.is_looped() {
+            true => format!("    for (var i = 0u; i < LAYERS; i++) {{\n{}    }}\n", looped(lines, "i")),
+            false => (0..self.layers.len()).map(|i| self.of_layer(i, lines)).collect(),
+        }
+    }
+
+    /// Some lines for one layer.
+    fn of_layer(&self, i: usize, lines: &str) -> String {
+        if self.is_looped() { looped(lines, &format!("{i}u")) } else { repeated(lines, i) }
+    }
+
+    /// Each layer's frame and way, and the functions that make a layer the one that shared code is about.
+    fn declarations(&self) -> String {
+        let layers = || self.layers.iter().zip(0..);
+        if !self.is_looped() {
+            // Frames are read once: in loops, lavapipe would read them anew in each round.
+            let unrolled = |(layer, i): (&LayerShader, usize)| {
+                let own = "var<private> frame_#: Frame;\nvar<private> way_#: Way;\n\n\
+                           fn become_#() {\n    layer = #u;\n    frame = frame_#;\n    way = way_#;\n    ";
+                own.replace('#', &i.to_string()) + &self.settings(layer) + "\n}\n\n"
+            };
+            return layers().map(unrolled).collect();
+        }
+        let flag = |(bit, name)| format!("    {name} = (flags & {}u) != 0u;\n", 1 << bit);
+        let flags: String = self.own_flags().map(flag).collect();
+        let lighting = self.medium.light as u32;
+        format!(
+            "//!import kept\nfn set_flags(flags: u32) {{\n{flags}}}\n\n\
+             fn become_layer(i: u32) {{\n    turn_to(i, {lighting}u);\n    restore(i);\n}}\n\n"
+        )
+    }
+
+    /// WGSL that sets the variables of the part `context` to what is said of a layer.
+    fn settings(&self, layer: &LayerShader) -> String {
+        let FirstPlaces { range, place, count } = layer.first;
+        let light = if layer.adds { Light::Unlit } else { self.medium.light };
+        let flags = layer.flags();
+        let flags: String = self.own_flags().map(|(bit, name)| format!("    {name} = {};\n", flags[bit])).collect();
+        format!(
+            "FIRST_NODE = frame.list_at.x;\n    FIRST_BRICK = frame.list_at.y;\n    FIRST_RANGE = {range}u;\n    \
+             FIRST_PLACE = {place}u;\n    FIRST_COUNT = {count}u;\n{flags}    LIGHTING = {}u;",
+            light as u32
+        )
     }
 
     /// The part `asking`: functions with which a ray asks something of all layers.
@@ -173,33 +245,40 @@ impl JointVariant {
         format!(
             "//!import find layers way\nfn is_any_due(walk: Walk) -> bool {{\n    var is_any = false;\n{}    return is_any;\n}}\n\n\
              fn is_any_elsewhere(walk: Walk) -> bool {{\n    var is_any = false;\n{}    return is_any;\n}}\n\n\
-             fn look_all(walk: Walk) {{\n{}    become_0();\n}}\n\n\
+             fn look_all(walk: Walk) {{\n{}    {first}\n}}\n\n\
              fn empty_until_all(walk: Walk) -> f32 {{\n    var empty = 1e30;\n{}    return empty;\n}}\n",
-            self.each("    way = way_#;\n    is_any = is_any || is_due(walk);\n"),
-            self.each("    way = way_#;\n    is_any = is_any || is_elsewhere(walk);\n"),
-            self.each("    become_#();\n    look(walk);\n    way_# = way;\n"),
-            self.each("    way = way_#;\n    empty = min(empty, empty_until(walk));\n"),
+            self.each("    restore_#();\n    is_any = is_any || is_due(walk);\n"),
+            self.each("    restore_#();\n    is_any = is_any || is_elsewhere(walk);\n"),
+            self.each("    become_#();\n    look(walk);\n    looked_#();\n"),
+            self.each("    restore_#();\n    empty = min(empty, empty_until(walk));\n"),
+            first = self.of_layer(0, "become_#();"),
         )
     }
 
     /// The functions of the part `layers` by which the media of all layers are seen together.
-    fn seeing(&self, each: &dyn Fn(&str) -> String) -> String {
-        let cut = |line: &str| {
+    fn seeing(&self) -> String {
+        // A layer without surfaces passes none: in a loop it is asked all the same.
+        let cut = |lines: &str| {
             let layers = self.layers.iter().enumerate().filter(|(_, layer)| layer.has_surfaces);
-            layers.map(|(i, _)| line.replace('#', &i.to_string())).collect::<String>()
+            let repeated = || layers.map(|(i, _)| self.of_layer(i, lines)).collect();
+            if self.is_looped() { self.each(lines) } else { repeated() }
         };
         format!(
             "//!import part see joint_medium\nfn shares_between(start: f32, end: f32) -> JointMedium {{\n    var together: JointMedium;\n{}    \
              return together;\n}}\n\n\
              fn next_crossing() -> f32 {{\n    var next = 1e30;\n{}    return next;\n}}\n\n\
-             fn pass_surfaces(before: Light, next: f32) -> Light {{\n    var light = before;\n{}    become_0();\n    \
+             fn pass_surfaces(before: Light, next: f32) -> Light {{\n    var light = before;\n{}    {first}\n    \
              return light;\n}}\n",
-            each("    together = with_piece(together, way_#.shown, way_#.piece, vec2f(start, end));\n"),
+            match self.is_looped() && !self.has_surfaces() {
+                true => "    together = shown_together;\n".to_string(),
+                false =>
+                    self.each("    together = with_piece(together, way_#.shown, way_#.piece, vec2f(start, end));\n"),
+            },
             cut("    next = min(next, way_#.crossing);\n"),
             cut(
-                "    if (way_#.crossing <= next) {\n        become_#();\n        light = pass_surface(light);\n        \
-                 way_# = way;\n    }\n"
+                "    if (way_#.crossing <= next) {\n        become_#();\n        light = pass_surface(light);\n        taken_#();\n    }\n"
             ),
+            first = self.of_layer(0, "become_#();"),
         )
     }
 
@@ -208,18 +287,18 @@ impl JointVariant {
         let mut text = String::from("//!import expression no_value\nfn read_all() -> Read {\n    var read: Read;\n");
         for (i, layer) in self.layers.iter().enumerate() {
             let [low, width] = layer.values.map(f32::from_bits);
-            let value = format!("{low:?}f + way_{i}.value * {width:?}f");
+            let value = format!("{low:?}f + way_#.value * {width:?}f");
             // Whole numbers are compared by expressions.
             let value = if layer.is_whole { format!("round({value})") } else { value };
-            let _ = write!(
-                text,
+            let mut lines = format!(
                 "    read.values[{i}] = {value};\n    \
-                 read.are_valid[{i}] = has_value(way_{i}.value);\n    \
-                 read.longest = max(read.longest, select(0.0, way_{i}.length, has_value(way_{i}.value)));\n"
+                 read.are_valid[{i}] = has_value(way_#.value);\n    \
+                 read.longest = max(read.longest, select(0.0, way_#.length, has_value(way_#.value)));\n"
             );
             if self.medium.light != Light::Unlit {
-                let _ = writeln!(text, "    read.gradients[{i}] = way_{i}.gradient * {width:?}f;");
+                let _ = writeln!(lines, "    read.gradients[{i}] = way_#.gradient * {width:?}f;");
             }
+            text.push_str(&self.of_layer(i, &lines));
         }
         text + "    return read;\n}\n"
     }
@@ -230,22 +309,43 @@ impl LayerShader {
         Sampler::of(self.has_invalid, self.is_float || self.is_narrow, self.is_labels)
     }
 
-    /// WGSL of layer `i` in the part `layers`: its frame, its way, and the function `become_i`, which makes it the
-    /// layer that shared code is about.
-    fn declarations(&self, i: usize, light: Light) -> String {
-        let Self { has_invalid, is_labels, is_float, adds, has_surfaces, has_grid, first, .. } = *self;
-        let FirstPlaces { range, place, count } = first;
-        let light = if adds { Light::Unlit } else { light };
-        format!(
-            "var<private> frame_{i}: Frame;\nvar<private> way_{i}: Way;\n\n\
-             fn become_{i}() {{\n    layer = {i}u;\n    frame = frame_{i};\n    way = way_{i};\n    FIRST_NODE = frame_{i}.list_at.x;\n    \
-             FIRST_BRICK = frame_{i}.list_at.y;\n    FIRST_RANGE = {range}u;\n    FIRST_PLACE = {place}u;\n    FIRST_COUNT = {count}u;\n    \
-             HAS_INVALID = {has_invalid};\n    IS_LABELS = {is_labels};\n    IS_FLOAT = {is_float};\n    IS_UNBOUNDED = {};\n    ADDS = {adds};\n    LIGHTING = {}u;\n    \
-             HAS_SURFACES = {has_surfaces};\n    HAS_GRID = {has_grid};\n}}\n\n",
-            self.sampler() == Sampler::Voxels,
-            light as u32
-        )
+    /// The values of [`FLAGS`].
+    fn flags(&self) -> [bool; FLAGS.len()] {
+        let Self { has_invalid, is_labels, is_float, adds, has_surfaces, has_grid, .. } = *self;
+        [has_invalid, is_labels, is_float, self.sampler() == Sampler::Voxels, adds, has_surfaces, has_grid]
     }
+
+    /// Where the layer's parts of the shared buffers begin, and a bit for each of its flags: what shaders with loops over layers read of it.
+    pub fn numbers(&self) -> [u32; 4] {
+        let FirstPlaces { range, place, count } = self.first;
+        [
+            range,
+            place,
+            count,
+            self.flags().into_iter().zip(0..).fold(0, |all, (flag, bit)| all | u32::from(flag) << bit),
+        ]
+    }
+}
+
+/// Lines that are about the layer `#`, for a layer with variables of its own.
+fn repeated(lines: &str, i: usize) -> String {
+    let lines = lines.replace("    join_shown();\n", "").replace("prepare_#();", "frame_# = frames[#];");
+    let lines = lines.replace("restore_#();", "way = way_#;");
+    let kept = ["keep_#();", "looked_#();", "taken_#();"];
+    kept.iter().fold(lines, |lines, call| lines.replace(call, "way_# = way;")).replace('#', &i.to_string())
+}
+
+/// Lines that are about the layer `#`, for the one with this index in a shader with loops.
+fn looped(lines: &str, index: &str) -> String {
+    let lines = lines.replace("    prepare_#();\n", "").replace("way_#", &format!("all_kept[{index}]"));
+    let calls = [
+        ("become_#", "become_layer"),
+        ("restore_#", "restore"),
+        ("keep_#", "keep"),
+        ("looked_#", "keep_looked"),
+        ("taken_#", "keep_taken"),
+    ];
+    calls.iter().fold(lines, |lines, (from, to)| lines.replace(&format!("{from}()"), &format!("{to}({index})")))
 }
 
 impl ExpressionShader {

@@ -150,8 +150,12 @@ pub struct FrameUniform {
     pub last_entry: f32,
     /// Counts of opaque places ([`OPAQUE_BEFORE`](crate::bindings::OPAQUE_BEFORE)) from a code to the next.
     pub counts_per_code: u32,
+    /// 1 if isosurfaces are capped where a clip opens them, else 0.
+    pub caps: u32,
     /// Padding: frames begin at multiples of 256 bytes, which any device can bind.
-    pub spare: [f32; 6],
+    pub spare: f32,
+    /// The [numbers](crate::LayerShader::numbers) of a layer that is drawn together with others; else 0.
+    pub firsts: [u32; 4],
 }
 
 /// A vertex of a mesh; `MeshVertex` in WGSL.

@@ -22,8 +22,8 @@
 //! | `cast` | a ray from its start to its end: `cast_ray` | `raycast_samples`, `raycast_medium`, `raycast_surface`; `cast_joint` with several layers |
 //! | `feedback` | the marks of bricks that rays enter: `mark` | `mark`, `mark_none` |
 //! | `texels` | the type of the texture that a compute shader writes: `Texels` | text with the texture's format |
-//! | `layers` | the variables of several layers, and what is done for all of them: `take_all` and others | text: each function names the layers one after the other |
-//! | `asking` | what a ray asks of all layers: `is_any_due` and others | text: each function names the layers one after the other |
+//! | `layers` | the variables of several layers, and what is done for all of them: `take_all` and others | text: each function names the layers one after the other, or loops over what is `kept` of them |
+//! | `asking` | what a ray asks of all layers: `is_any_due` and others | text: the same |
 //! | `find` | how the brick of a layer is found: `find` | `find_leaf` for rays through octrees, `find_cell` for cells drawn as boxes |
 //! | `part` | what one of several layers shows of a segment: `show_part` | `part_media`; `part_value` under an expression |
 //! | `see` | what is seen of all layers together: `see_all` | `see_media`; `combine` under an expression |
@@ -716,8 +716,11 @@ mod tests {
         }
         let joint =
             JointVariant { medium: lit, filter: Filter::Trilinear, has_meshes: false, layers, expression: None };
-        companies.push(joint.casting(COMPUTE, true));
-        companies.push(joint.parts().file("find", "find_cell"));
+        let many = JointVariant { layers: (0..9).map(|i| layer_shader(i, true)).collect(), ..joint.clone() };
+        for joint in [&joint, &many] {
+            companies.push(joint.casting(COMPUTE, true));
+            companies.push(joint.parts().file("find", "find_cell"));
+        }
         let read = brickyard_volume::Expression::parse("a", 1).unwrap();
         for (light, wgsl) in [(Light::Unlit, read.wgsl(2)), (Light::Phong, read.wgsl_with_gradient(2))] {
             let expression = Some(ExpressionShader { wgsl, first_place: 0, last_place: 1, values: [0, 0] });
@@ -811,7 +814,7 @@ mod tests {
             threshold lean jitter jitter_seed mesh_far gradient_edge first_gradient grid_at first_row adaptive_step adds
             opacity reach flat_depth grid thresholds
             surfaces light_places axes slopes zone_starts planes list_at first_slot per_slot farthest_slots gradient_scale
-            plane_count jitter_phase slot_codes first_code last_entry counts_per_code spare);
+            plane_count jitter_phase slot_codes first_code last_entry counts_per_code caps spare firsts);
         assert_eq!(layout(module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
         assert_eq!(size_of::<FrameUniform>() % 256, 0, "frames begin where any device can bind them");
         if name.starts_with("sorted") {
@@ -849,6 +852,7 @@ mod tests {
             ("SPECULAR", single(lighting::SPECULAR)),
             ("SPECULAR_POWER", single(lighting::SPECULAR_POWER as f64)),
             ("FLAT_CODES", single(surface::FLAT_CODES)),
+            ("FLAT_SHARE", single(surface::FLAT_SHARE)),
             ("LEAF", naga::Literal::U32(LEAF)),
             ("GROUP", naga::Literal::U32(HALVES_X - 1)),
             ("MARK_STEPS", naga::Literal::F32(MARK_STEPS as f32)),

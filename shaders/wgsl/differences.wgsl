@@ -1,9 +1,11 @@
 // Differences across two voxels along each axis, about a place with a value: of values, or, where these are labels, of the indicator of the label
 // there, which is as high as one code.
-//!import atlas context field frame gradient
+//!import atlas context field frame gradient lighting
 fn differences(field: Field, t: f32, middle: f32) -> vec3f {
     if (!IS_LABELS) {
-        return value_differences(field, t, middle);
+        let found = value_differences(field, t, middle);
+        let is_flat = !IS_STORED && length(found) < FLAT_SHARE * abs(middle);
+        return select(found, vec3f(0.0), is_flat);
     }
     let texel = field.origin + field.along * clamp(t, field.reach.x, field.reach.y);
     let low = vec3f(

@@ -15,8 +15,21 @@ fn is_own(t: f32) -> bool {
 }
 
 fn find(walk: Walk, threshold: u32, transmittance: f32) {
-    let brick = cell_bricks[drawn.first_brick + layer];
     way.until = 1e30;
-    way.is_seen = brick.is_there != 0u;
+    way.is_seen = cell_bricks[drawn.first_brick + layer].is_there != 0u;
+    open_brick();
+}
+
+fn open_brick() {
+    let brick = cell_bricks[drawn.first_brick + layer];
     way.field = field_about(drawn.centre, brick.texel_scale, brick.texel_offset, way.ray);
+}
+
+// What a loop over layers keeps of what was found, and what is restored from that.
+fn kept_found() -> vec3u {
+    return vec3u(0u);
+}
+
+fn restore_found(kept: vec3u) {
+    open_brick();
 }

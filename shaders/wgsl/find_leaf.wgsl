@@ -4,6 +4,7 @@ struct Found {
     // Where the ray leaves the leaf that it has come to last, and whether anything may be seen there.
     leave: f32,
     is_seen: bool,
+    number: u32,
     brick: RayBrick,
     // Ticks of the segments for which it was looked at.
     stride: u32,
@@ -45,11 +46,30 @@ fn find(walk: Walk, threshold: u32, transmittance: f32) {
     if (way.found.is_seen) {
         let number = brick_number(place.number, threshold);
         mark(number, transmittance);
-        way.found.brick = brick_at(number);
-        let scale = way.found.brick.texel_scale;
-        way.field = field_about(way.found.brick.low + 0.5 / scale, scale, way.found.brick.texel_offset, way.ray);
+        way.found.number = number;
+        open_brick();
         way.found.is_seen = may_show(way.found.brick.range);
     }
+}
+
+// The brick with the number that was found, and its field.
+fn open_brick() {
+    way.found.brick = brick_at(way.found.number);
+    let scale = way.found.brick.texel_scale;
+    way.field = field_about(way.found.brick.low + 0.5 / scale, scale, way.found.brick.texel_offset, way.ray);
+}
+
+// What a loop over layers keeps of what was found, and what is restored from that.
+fn kept_found() -> vec3u {
+    return vec3u(bitcast<u32>(way.found.leave), way.found.number, way.found.stride << 1u | u32(way.found.is_seen));
+}
+
+fn restore_found(kept: vec3u) {
+    way.found.leave = bitcast<f32>(kept.x);
+    way.found.number = kept.y;
+    way.found.stride = kept.z >> 1u;
+    way.found.is_seen = (kept.z & 1u) != 0u;
+    open_brick();
 }
 
 // Whether the layer's part of a segment is somewhere else than where it was looked at last.

@@ -74,7 +74,11 @@ struct Frame {
     first_code: f32,
     last_entry: f32,
     counts_per_code: u32,
-    spare: array<f32, 6>,
+    // 1 if isosurfaces are capped where a clip opens them.
+    caps: u32,
+    spare: f32,
+    // Of several layers that loops go over, where the layer's parts of the shared buffers begin (ranges, places of the table, counts), and flags.
+    firsts: vec4u,
 }
 
 // Not a uniform: lavapipe builds those that steer loops into the shader, and compiles it anew whenever the camera moves.

@@ -1,5 +1,7 @@
 // Differences of values across two voxels along each axis, about a place with a value.
 //!import field neighbour
+const IS_STORED: bool = false;
+
 fn value_differences(field: Field, t: f32, middle: f32) -> vec3f {
     let texel = field.origin + field.along * clamp(t, field.reach.x, field.reach.y);
     let x = vec3f(1.0, 0.0, 0.0);

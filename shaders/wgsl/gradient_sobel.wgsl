@@ -1,5 +1,7 @@
 // Differences of values across two voxels along each axis, about a place with a value, by the 3D Sobel operator.
 //!import field neighbour
+const IS_STORED: bool = false;
+
 fn value_differences(field: Field, t: f32, middle: f32) -> vec3f {
     let texel = field.origin + field.along * clamp(t, field.reach.x, field.reach.y);
     var sum = vec3f(0.0);

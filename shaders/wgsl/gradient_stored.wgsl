@@ -2,6 +2,8 @@
 //!import atlas field frame
 const GRADIENT_SCALE: f32 = 256.0;
 
+const IS_STORED: bool = true;
+
 fn value_differences(field: Field, t: f32, middle: f32) -> vec3f {
     let texel = field.origin + field.along * clamp(t, field.reach.x, field.reach.y);
     let slot = floor(field.low / frame.slot_edge);

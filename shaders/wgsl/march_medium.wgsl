@@ -1,5 +1,5 @@
 // Adds up the segments of a cell, each looked at from end to end.
-//!import field lattice medium sight sorted take
+//!import caps field lattice medium sight sorted take
 @fragment
 fn march(in: Proxy) -> @location(0) vec4f {
     frame = frames[layer];
@@ -12,11 +12,17 @@ fn march(in: Proxy) -> @location(0) vec4f {
     var pixel = pixel_start();
     var known: Known;
     var walk = enter_zone(tick_at(own.x), 0u, stretch);
+    if (walk.start <= stretch.x) {
+        pixel.rank = first_rank(ray, stretch.x);
+    }
     while (own.x < own.y && walk.middle < own.y && !is_final(pixel)) {
         if (is_in_box(box, ray.origin + ray.direction * walk.middle)) {
             let taken = take(pixel, known, field, ray, walk.start, walk.end);
             pixel = taken.pixel;
             known = taken.known;
+        } else {
+            // The cell before has taken the first segment.
+            pixel.rank = max(pixel.rank, -1);
         }
         walk = walk_on(walk, stretch);
         if (is_zone_left(walk)) {

@@ -15,7 +15,10 @@ fn march(in: Proxy) -> @location(0) vec4f {
     var walk = enter_zone(tick_at(before), 0u, stretch);
     let last = min(own.y + overhang(ray, in.texel_scale, walk.stride), stretch.y);
     var pixel = pixel_start();
-    pixel.side = side_of(value_at(field, max(walk.start, field.reach.x)));
+    if (own.x < own.y && before <= stretch.x) {
+        pixel = pixel_before(ray, stretch.x);
+    }
+    pixel = begin(pixel, field, walk.start);
     while (own.x < own.y && walk.middle < last && !is_final(pixel)) {
         pixel = search(pixel, field, walk.start, walk.end);
         walk = walk_on(walk, stretch);

@@ -1,5 +1,5 @@
 // What a layer shows of its part of a segment, piece by piece between its own surfaces.
-//!import differences layers medium search joint_medium way
+//!import caps differences layers medium search joint_medium way
 fn show_nothing() {
     way.crossing = 1e30;
     way.piece = vec2f(0.0, 1.0);
@@ -8,12 +8,20 @@ fn show_nothing() {
 
 fn show_part(start: f32, end: f32) {
     way.end = end;
+    way.cap = 0;
     if (HAS_SURFACES) {
+        let is_at_cut = way.rank == AT_CUT && start <= way.stretch.x;
         if (way.rank < 0) {
             way.rank = rank_of(inside(way.field, start));
         }
+        way.cap = select(0, max(way.rank, 0), is_at_cut);
         way.last = rank_of(inside(way.field, end));
         way.rank = select(way.last, way.rank, way.rank >= 0 && way.last >= 0);
+    }
+    if (way.cap > 0) {
+        way.crossing = start;
+        way.piece = vec2f(start);
+        return;
     }
     show_piece(start);
 }
@@ -42,12 +50,19 @@ fn next_surface() -> u32 {
 
 // Shows the next surface in front of what comes behind it, and goes on to the next piece.
 fn pass_surface(light: Light) -> Light {
-    let surface = next_surface();
     let t = way.crossing;
+    let is_cap = way.cap > 0;
+    let surface = select(next_surface(), u32(max(way.cap - 1, 0)), is_cap);
     let look = frames[layer].surfaces[surface];
-    let gradient = differences(way.field, t, threshold_of(surface));
-    let color = shade(SURFACE_LIGHTING, way.field, way.ray, t, look.rgb, gradient);
-    way.rank += select(-1, 1, way.last > way.rank);
+    var color: vec3f;
+    if (is_cap) {
+        color = cap_color(way.ray, t, look.rgb);
+        way.cap = 0;
+    } else {
+        let gradient = differences(way.field, t, threshold_of(surface));
+        color = shade(SURFACE_LIGHTING, way.field, way.ray, t, look.rgb, gradient);
+        way.rank += select(-1, 1, way.last > way.rank);
+    }
     way.known.length = 0.0;
     show_piece(t);
     return Light(light.color + light.transmittance * look.a * color, light.transmittance * (1.0 - look.a));

@@ -1,12 +1,13 @@
 // As for samples: leaves, runs of macro-cells, segments. But segments are looked at from end to end, each in the brick that owns it,
 // and what is known of the field goes with a ray from one segment of a brick to the next.
-//!import bricks dither field lattice macrocells feedback medium runs sees sight take tree
+//!import bricks caps dither field lattice macrocells feedback medium runs sees sight take tree
 fn cast_ray(position: vec2f) -> vec4f {
     let seen = sight(position);
     let ray = seen.ray;
     let threshold = dither(position);
     let stretch = seen.stretch;
     var pixel = pixel_start();
+    pixel.rank = first_rank(ray, stretch.x);
     var walk = enter_zone(tick_at(stretch.x), 0u, stretch);
     while (walk.start < stretch.y && !is_final(pixel)) {
         if (is_zone_left(walk)) {
@@ -38,7 +39,7 @@ fn cast_ray(position: vec2f) -> vec4f {
             // A leaf too thin for its segment's length to be told from nothing is left, too: every round goes on.
             if (run.enter > walk.middle || leave <= walk.middle) {
                 walk = walk_past(walk, run.enter, stretch);
-                pixel.rank = select(pixel.rank, -1, HAS_INVALID);
+                pixel.rank = max(select(pixel.rank, -1, HAS_INVALID), -1);
             }
             let until = min(run.end, leave);
             var known: Known;

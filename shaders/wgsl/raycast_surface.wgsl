@@ -6,7 +6,7 @@ fn cast_ray(position: vec2f) -> vec4f {
     let ray = seen.ray;
     let threshold = dither(position);
     let stretch = seen.stretch;
-    var pixel = pixel_start();
+    var pixel = pixel_before(ray, stretch.x);
     var field: Field;
     var walk = enter_zone(tick_at(stretch.x), 0u, stretch);
     // Where the ray has left the last leaf, and a hair on: rounding does not find the same leaf again.
@@ -33,6 +33,7 @@ fn cast_ray(position: vec2f) -> vec4f {
         let end = leaving(ray, place.low, place.size);
         left = end + hair;
         if (!is_brick_seen && end > at && left < reach) {
+            pixel.side = select(pixel.side, 0.0, pixel.side == AT_CUT);
             continue;
         }
         // The leaf has at least this segment, even where rounding puts its end before it.
@@ -51,11 +52,11 @@ fn cast_ray(position: vec2f) -> vec4f {
             // A leaf too thin for its segment's length to be told from nothing is left, too: every round goes on.
             if (run.enter > walk.middle || leave <= walk.middle) {
                 walk = walk_past(walk, run.enter, stretch);
-                pixel.side = select(pixel.side, 0.0, HAS_INVALID);
+                pixel.side = select(pixel.side, 0.0, HAS_INVALID || pixel.side == AT_CUT);
             }
             let until = min(run.end, leave);
-            if (pixel.side == 0.0 && walk.middle < until) {
-                pixel.side = side_of(value_at(field, max(walk.start, field.reach.x)));
+            if ((pixel.side == 0.0 || pixel.side == AT_CUT) && walk.middle < until) {
+                pixel = begin(pixel, field, walk.start);
             }
             while (walk.middle < until && !is_zone_left(walk) && !is_final(pixel)) {
                 pixel = search(pixel, field, walk.start, walk.end);

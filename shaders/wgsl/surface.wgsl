@@ -1,19 +1,40 @@
 // Isosurfaces: the first place where a ray passes the threshold, opaque, lit from the eye. The rule is written down beside its
 // CPU twin, the volume crate's `surface`.
-//!import field frame lighting no_value search
+//!import cut_face field frame lighting no_value search
 
 struct Pixel {
     // 1 before the surface, then 0.
     transmittance: f32,
-    // Which one the ray is on: 1 inside, -1 outside, 0 not known.
+    // Which one the ray is on: 1 inside, -1 outside, 0 not known, `AT_CUT` before the first place behind a cut, on which a cap may stand.
     side: f32,
-    // The piece of the ray with the surface.
+    // The piece of the ray with the surface; a cap's has no length.
     start: f32,
     end: f32,
 }
 
+const AT_CUT: f32 = -2.0;
+
 fn pixel_start() -> Pixel {
     return Pixel(1.0, 0.0, 0.0, 0.0);
+}
+
+// Before the first place of a stretch that begins at `start`.
+fn pixel_before(ray: Ray, start: f32) -> Pixel {
+    var pixel = pixel_start();
+    if (frame.caps != 0u) {
+        let cut = cut_face(ray);
+        // What rounding leaves of a distance; behind it, a layer of meshes bounds the stretch.
+        let is_here = abs(start - cut.w) <= 0.01 * frame.step + 1e-6 * abs(start);
+        pixel.side = select(0.0, AT_CUT, is_here && any(cut.xyz != vec3f(0.0)));
+    }
+    return pixel;
+}
+
+// At the start of the first segment that is looked at: on a cap, if that is the first behind a cut and inside.
+fn begin(before: Pixel, field: Field, start: f32) -> Pixel {
+    let side = side_of(value_at(field, max(start, field.reach.x)));
+    let is_cap = before.side == AT_CUT && side > 0.0;
+    return Pixel(select(before.transmittance, 0.0, is_cap), side, start, start);
 }
 
 fn light_left(pixel: Pixel) -> f32 {
@@ -41,6 +62,9 @@ fn search(before: Pixel, field: Field, segment_start: f32, segment_end: f32) -> 
 
 // The pixel of a ray that ended in the field, or met nothing.
 fn pixel_in(pixel: Pixel, field: Field, ray: Ray) -> vec4f {
+    if (is_final(pixel) && pixel.start == pixel.end) {
+        return vec4f(facing(cut_face(ray).xyz / frame.spacing, ray), 1.0);
+    }
     if (is_final(pixel)) {
         let t = locate(field, pixel.start, pixel.end, frame.threshold, pixel.side > 0.0);
         return vec4f(lit(field, ray, t), 1.0);
@@ -67,10 +91,14 @@ fn lit(field: Field, ray: Ray, t: f32) -> vec3f {
         difference(field, texel, vec3f(0.0, 1.0, 0.0)),
         difference(field, texel, vec3f(0.0, 0.0, 1.0)),
     );
-    if (length(differences) * frame.last_code < FLAT_CODES) {
+    if (length(differences) < max(FLAT_CODES / frame.last_code, FLAT_SHARE * abs(frame.threshold))) {
         return (AMBIENT + DIFFUSE) * frame.surface_color;
     }
-    let gradient = normalize(differences * field.scale / frame.spacing);
-    let cosine = min(abs(dot(gradient, ray.direction * frame.spacing)), 1.0);
+    return facing(differences * field.scale / frame.spacing, ray);
+}
+
+// The surface's colour under a gradient of any length in the volume's own world.
+fn facing(gradient: vec3f, ray: Ray) -> vec3f {
+    let cosine = min(abs(dot(normalize(gradient), ray.direction * frame.spacing)), 1.0);
     return (AMBIENT + DIFFUSE * cosine) * frame.surface_color + SPECULAR * pow(cosine, SPECULAR_POWER);
 }

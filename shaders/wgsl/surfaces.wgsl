@@ -1,11 +1,16 @@
 // Isosurfaces, in fog or alone: each cuts its segment, and what is in front of it and behind it are segments of their own. The rule is
 // written down beside its CPU twin, the volume crate's `surface`.
 // Takes a segment, given what is known of the field from the one before it in the same brick.
-//!import differences medium search
+//!import caps differences medium search
 fn take(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, end: f32) -> Taken {
     var taken = Taken(before, so_far);
     if (taken.pixel.rank < 0) {
+        let is_at_cut = taken.pixel.rank == AT_CUT;
         taken.pixel.rank = rank_of(inside(field, start));
+        if (is_at_cut && taken.pixel.rank > 0) {
+            let look = frames[layer].surfaces[taken.pixel.rank - 1];
+            taken.pixel = with_surface(taken.pixel, cap_color(ray, start, look.rgb), look.a);
+        }
     }
     let last = rank_of(inside(field, end));
     let is_known = taken.pixel.rank >= 0 && last >= 0;
@@ -40,6 +45,9 @@ fn take(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, end: f
 fn add_surface(pixel: Pixel, field: Field, ray: Ray, t: f32, surface: u32) -> Pixel {
     let look = frames[layer].surfaces[surface];
     let value = threshold_of(surface);
-    let color = shade(SURFACE_LIGHTING, field, ray, t, look.rgb, differences(field, t, value));
-    return Pixel(pixel.color + pixel.transmittance * look.a * color, pixel.transmittance * (1.0 - look.a), pixel.rank);
+    return with_surface(pixel, shade(SURFACE_LIGHTING, field, ray, t, look.rgb, differences(field, t, value)), look.a);
+}
+
+fn with_surface(pixel: Pixel, color: vec3f, opacity: f32) -> Pixel {
+    return Pixel(pixel.color + pixel.transmittance * opacity * color, pixel.transmittance * (1.0 - opacity), pixel.rank);
 }

@@ -1,5 +1,5 @@
 // A ray's way through one layer: what it finds of the layer in each segment.
-//!import field find frame lattice medium part ray
+//!import caps field find frame lattice medium part ray
 struct Way {
     ray: Ray,
     // Where it is in what is shown of the layer.
@@ -13,6 +13,8 @@ struct Way {
     // Of its own surfaces, how many it is past, and how many at the end of its part of the segment; negative where that is not known.
     rank: i32,
     last: i32,
+    // Of the cap where it enters, one more than the surface's index; 0 without a cap.
+    cap: i32,
     // Where the part ends, and where the next surface in it is passed: far away if none is.
     end: f32,
     crossing: f32,
@@ -41,7 +43,7 @@ fn set_out(position: vec2f) {
     way.until = -1.0;
     way.is_seen = false;
     way.known.length = 0.0;
-    way.rank = -1;
+    way.rank = first_rank(way.ray, stretch.x);
 }
 
 // The stretch of all layers so far, and of this one.

@@ -1,8 +1,11 @@
-//! The light of cut faces: just behind a clip plane or a side of the clip box the cut's normal lights, not the gradient of what it lays open.
+//! Cut faces: just behind a clip plane or a side of the clip box the cut's normal lights, not the gradient of what it lays open, and isosurfaces
+//! that it opens are capped.
 
 use crate::list::finest;
-use crate::scenery::{SMALL, lightings, noise, overview, parallel, tinted, u8_codes, uneven};
-use crate::shot::Shot;
+use crate::scenery::{
+    SMALL, is_hole, lightings, noise, overview, parallel, range, tinted, u8_codes, uneven, waves, wide_codes,
+};
+use crate::shot::{Shot, pixels_off};
 use crate::stage::{ALL, MOST, Stage};
 use crate::volume::Volume;
 use brickyard::volume::*;
@@ -94,6 +97,69 @@ fn cuts_through_noise_match_the_oracle() {
             let ways = if lighting == 1 + i % 2 { &MOST[..] } else { &MOST[..1] };
             // Where a ray enters by an edge, rounding decides which of two faces it is.
             shot.agree(&mut stage, ways, 1, &format!("{method:?}, lighting {lighting}, cut {}", i / 4));
+        }
+    }
+}
+
+/// Caps of one opaque surface and of several translucent ones, alone and in fog, in bricks that lie wholly inside of surfaces and in others.
+#[test]
+fn caps_match_the_oracle() {
+    let of = |encoding: SlotEncoding| {
+        let (low, high) = range(&encoding);
+        let field = move |p: DVec3| low + (high - low) * waves(p * 0.6);
+        let value = move |p: DVec3| if encoding.has_invalid && is_hole(p) { f64::NAN } else { field(p) };
+        Volume::new(SMALL, 8, uneven(), encoding, value)
+    };
+    let (low, high) = (DVec3::new(0.2, 0.1, 0.3), DVec3::new(0.8, 0.9, 0.7));
+    let (white, blue) = ([0.9, 0.9, 0.8], [0.3, 0.4, 1.0]);
+    for volume in &[of(u8_codes()), of(wide_codes())] {
+        let (encoding, transfer) = (&volume.encoding, tinted(range(&volume.encoding)));
+        let surface = |share: f64, color: [f64; 3], opacity: f64| {
+            let value = encoding.low + share * (encoding.high - encoding.low);
+            Isosurface { value, color: Some(color), opacity }
+        };
+        let boxed = Clip::new(Some([at(volume, low), at(volume, high)]), &[]);
+        let plane = cut(volume, 0.45, DVec3::new(0.9, 0.6, -0.5));
+        let cuts = [boxed, Clip::new(None, &[plane])].map(|clip| clip.expect("a cut"));
+        let solid = Surface::all(&[surface(0.35, white, 1.0)], &transfer, encoding);
+        let nested = Surface::all(&[surface(0.35, blue, 0.4), surface(0.6, white, 0.7)], &transfer, encoding);
+        let mut stage = Stage::with_room(
+            &[volume],
+            [3, 0].map(|lighting| {
+                let lighting = lightings()[lighting].clone();
+                let frame = volume.frame(overview(volume, Filter::Trilinear), &transfer, Lattice::uniform(0.7, 0));
+                FrameSettings { surfaces: nested.clone(), lighting, ..frame }.needs()
+            }),
+        );
+        for (i, (clip, (mode, surfaces, lighting))) in cuts
+            .iter()
+            .flat_map(|clip| {
+                [
+                    (Mode::Isosurface, &solid, 0),
+                    (Mode::Isosurface, &solid, 3),
+                    (Mode::Isosurface, &nested, 0),
+                    (Mode::Dvr, &nested, 0),
+                    (Mode::Dvr, &nested, 3),
+                ]
+                .map(|look| (clip, look))
+            })
+            .enumerate()
+        {
+            let frame = |caps| FrameSettings {
+                mode,
+                caps,
+                surfaces: surfaces.clone(),
+                lighting: lightings()[lighting].clone(),
+                clip: Some(clip.clone()),
+                ..volume.frame(overview(volume, Filter::Trilinear), &transfer, Lattice::uniform(0.7, 0))
+            };
+            let shot = |caps| Shot::new(&frame(caps), finest(volume, &frame(caps)), &transfer);
+            let what = format!("{mode:?}, {} surfaces, cut {}, {:?}", surfaces.len(), i / 5, encoding.voxel_type);
+            // Rays that graze a surface, and those that enter by an edge of two cuts.
+            shot(true).agree(&mut stage, &MOST, 3, &what);
+            let open = shot(false).oracle(&[volume]);
+            let capped = pixels_off(&open, &shot(true).oracle(&[volume]));
+            assert!(capped > 10, "{what}: {capped} pixels of caps");
         }
     }
 }

@@ -9,6 +9,7 @@ use crate::stage::{ALL, COMPUTE, CPU, MOST, RAYCAST, SORTED, Stage, Way};
 use crate::volume::Volume;
 use brickyard::pager::PixelShare;
 use brickyard::volume::*;
+use brickyard_tests::sample::sampled;
 use glam::DVec3;
 
 /// A volume, where it is and how it looks.
@@ -128,6 +129,7 @@ fn frames(members: &[Member], view: &View<'_>, look: &Look) -> Vec<VolumeFrame> 
             sampling: Sampling { filter: view.filter, ..look.sampling },
             lighting: look.lighting.clone(),
             clip: Clip::in_volume(view.clip, placement, *crop).expect("a crop"),
+            caps: true,
             ..volume.frame(rays, transfer, Lattice::for_view(step, 1.0, &rays, view.pixel_error, 3))
         };
         VolumeFrame { settings, blend: *blend, opacity: 1.0 }
@@ -334,5 +336,58 @@ fn expressions_match_the_oracle() {
             // Where half of a place's weight has no value, rounding decides which side of an expression is taken.
             shot.agree(&mut stage, ways, 3, text);
         }
+    }
+}
+
+/// Numbers of layers for which shaders do not repeat their code.
+const COUNTS: [usize; 3] = [5, 16, MAX_VOLUMES];
+
+/// Layers of several types, places and crops, some with surfaces; and an expression over them. A run draws one number of them.
+#[test]
+fn many_layers_match_the_oracle() {
+    let rgb = |i: usize| [RED, GREEN, BLUE][i % 3];
+    let look = Look { has_surfaces: true, ..PLAIN };
+    for count in sampled("many layers", COUNTS.len(), COUNTS.len()).into_iter().map(|i| COUNTS[i]) {
+        let member = |i: usize| {
+            let encoding = [u8_codes(), float_codes()][usize::from(i % 4 == 3)];
+            let [low, high] = encoding.table_values();
+            let shifted = move |p: DVec3| low + (high - low) * waves(p * (1.0 + 0.01 * i as f64));
+            let geometry = Geometry { origin: DVec3::splat(0.2 * i as f64), ..Geometry::default() };
+            let volume = Volume::new([20, 24, 18], 16, geometry, encoding, shifted);
+            let crop = (i % 3 == 1).then(|| [DVec3::splat(2.2), DVec3::splat(15.0 + 0.1 * i as f64)]);
+            let surfaces = if i % 5 == 2 { vec![surface(0.6 * high, 0.4)] } else { Vec::new() };
+            let blend = if i % 4 == 1 { Blend::Add } else { Blend::Mix };
+            Member { blend, crop, surfaces, ..Member::new(volume, rgb(i), 0.6 / count as f64) }
+        };
+        let members: Vec<Member> = (0..count).map(member).collect();
+        let view = View {
+            camera: camera(false, [-40.0, -25.0, 60.0]),
+            step: 1.0,
+            pixel_error: 0.01,
+            filter: Filter::Trilinear,
+            clip: None,
+        };
+        let mut stage = Stage::exact(&volumes(&members));
+        let transfer = transfers(&members, &look);
+        let all = shot(&members, frames(&members, &view, &look), &transfer, (&|_| false, &own));
+        all.agree(&mut stage, &[CPU, RAYCAST], allowed(&look), &format!("{count} layers"));
+        let letters = (0..count).map(|i| match i {
+            0..26 => char::from(b'a' + i as u8).to_string(),
+            _ => format!("v{i}"),
+        });
+        let text = letters.map(|letter| format!("default({letter}, 0)")).collect::<Vec<_>>().join(" + ");
+        let combination = Combination::new(
+            Expression::parse(&text, count).expect("an expression"),
+            ramp((0.0, 150.0 * count as f64), GREEN, 0.5),
+        );
+        let windows: Vec<[f64; 2]> = members.iter().map(|member| member.volume.encoding.table_values()).collect();
+        let transfer: Vec<TransferFunction> = (0..count).map(|i| combination.of_volume(i, &windows)).collect();
+        let mut frames = frames(&members, &view, &PLAIN);
+        for ((frame, member), transfer) in frames.iter_mut().zip(&members).zip(&transfer) {
+            frame.settings.table = TransferTable::new(transfer, &member.volume.encoding).into();
+        }
+        let sum = shot(&members, frames, &transfer, (&|_| false, &own));
+        let sum = Shot { combination: Some(&combination), ..sum };
+        sum.agree(&mut stage, &[CPU, RAYCAST], 0, &format!("a sum of {count} layers"));
     }
 }

@@ -17,9 +17,20 @@ struct Narrow {
 
 impl Narrow {
     fn new(voxel_type: VoxelType, range: (f64, f64), transfer: TransferFunction, value: impl Fn(DVec3) -> f64) -> Self {
+        let narrow = Self::in_slots(voxel_type, range, transfer, value);
+        assert!(!narrow.volume.encoding.has_whole_table(), "{voxel_type} {range:?}: not narrow");
+        narrow
+    }
+
+    /// The same in slots of whatever kind its window takes.
+    fn in_slots(
+        voxel_type: VoxelType,
+        range: (f64, f64),
+        transfer: TransferFunction,
+        value: impl Fn(DVec3) -> f64,
+    ) -> Self {
         let window = Window::new(&transfer, &[], Mode::Mip);
         let encoding = SlotEncoding::new(voxel_type, range, false).for_window(window, KeptSlots::default());
-        assert!(!encoding.has_whole_table(), "{voxel_type} {range:?}: not narrow");
         Self { volume: Volume::new(SMALL, 16, uneven(), encoding, value), transfer }
     }
 
@@ -131,4 +142,25 @@ fn waves_over_few_codes_match_the_oracle() {
     let wave = |p: DVec3| (100.0 + 42.0 * waves(p)).round();
     let narrow = Narrow::new(VoxelType::U8, (0.0, 255.0), tinted((100.0, 142.0)), wave);
     narrow.agree(&MOST, &MODES.map(plain), "42 codes of 8 bits");
+}
+
+/// Inside and outside of a mask there is no gradient: what rounding leaves of an even field far from the table's first value lights nothing.
+#[test]
+fn even_masks_are_flat_however_narrow_the_window() {
+    for (voxel_type, most, window) in
+        [(VoxelType::F32, 1.0, (0.5, 0.51)), (VoxelType::F32, 1.0, (0.0, 1.0)), (VoxelType::U16, 6e4, (0.0, 6e4))]
+    {
+        let (low, high) = window;
+        let transfer = TransferFunction {
+            color: vec![[low, 0.5, 0.2, 0.6], [high, 0.1, 0.9, 0.4]],
+            opacity: vec![[low, 0.1], [high, 0.3]],
+            unit_distance: 2.5,
+            ..TransferFunction::default()
+        };
+        // Beside values so far off that 16-bit codes would be too coarse for the first window.
+        let range = (0.0, if voxel_type == VoxelType::F32 { 100.0 } else { most });
+        let mask = Narrow::in_slots(voxel_type, range, transfer, |p| most * ball(p));
+        let looks = [Filter::Trilinear, Filter::Tricubic].map(|filter| by(Method::Udvr, filter, 1));
+        mask.agree(&MOST, &looks, &format!("a mask of {voxel_type}, {window:?}"));
+    }
 }

@@ -87,7 +87,7 @@ impl<'a> Shot<'a> {
         self.agree_with(&expected, stage, ways, allowed, what);
     }
 
-    /// Draws it by these ways and compares with the oracle's picture `expected`. Of the cases on a GPU it draws the seed's half.
+    /// Draws it by these ways and compares with the oracle's picture `expected`. Of the cases on a GPU it draws the seed's third.
     pub(crate) fn agree_with(
         &self,
         expected: &Picture,

@@ -228,6 +228,7 @@ mod tests {
             background: [0.0; 3],
             clip: None,
             meshes: Vec::new(),
+            caps: false,
             keeps_extremes: false,
         };
         let coarse = Quality { scale: 0.5, step: 3.0 }.settings(&exact);

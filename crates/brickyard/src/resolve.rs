@@ -348,6 +348,7 @@ fn hidden_layer(
         rays: eyes.rays[0],
         other_eye: eyes.rays.get(1).copied(),
         opaque: Some(Occupancy::NONE),
+        capped: Occupancy::NONE,
         filter: scene.sampling.filter,
         level: LevelPolicy::Auto,
         pixel_error: scene.pixel_error,
@@ -469,10 +470,12 @@ impl ShownLayer<'_> {
         let table = table((store, channel), shown.as_ref().unwrap_or(&transfer), &encoding);
         let surfaces = Surface::all(&style.isosurfaces, &transfer, &encoding);
         let meshes = scene.shown_meshes()?;
+        let (opaque, inside) = bins_seen(volume, channel, scene.mode, &transfer, (&table, &encoding), &surfaces);
         let view = View {
             rays,
             other_eye: eyes.rays.get(1).copied(),
-            opaque: opaque_bins(volume, channel, scene.mode, &transfer, (&table, &encoding), &surfaces),
+            opaque,
+            capped: if scene.has_caps() { inside } else { Occupancy::NONE },
             filter: scene.sampling.filter,
             level: match scene.level {
                 // The coarsest of a volume that does not have it.
@@ -500,6 +503,7 @@ impl ShownLayer<'_> {
             lighting: scene.lighting.clone(),
             background: scene.background.map(|c| c as f32),
             clip,
+            caps: scene.has_caps(),
             meshes,
             keeps_extremes: volume.keeps_extremes(scene.mode),
         };
@@ -523,15 +527,15 @@ fn opaque(unit_distance: f64) -> TransferFunction {
     TransferFunction { color, opacity, unit_distance, ..TransferFunction::default() }
 }
 
-/// The bins of values of which a brick must have one to show anything; `None` where all may.
-fn opaque_bins(
+/// The bins of values of which a brick must have one to show anything, `None` where all may; and the bins of values that are past a surface.
+fn bins_seen(
     volume: &VolumeSource,
     channel: u32,
     mode: Mode,
     transfer: &TransferFunction,
     (table, encoding): (&TransferTable, &SlotEncoding),
     surfaces: &[Surface],
-) -> Option<Occupancy> {
+) -> (Option<Occupancy>, Occupancy) {
     // Quantisation moves a value by half a code.
     let slack = (table.reach_codes() + 0.5) * encoding.code_width();
     let bins = volume.source.occupancy_bins(channel);
@@ -542,7 +546,8 @@ fn opaque_bins(
         Mode::Isosurface => Some(Occupancy::NONE),
         Mode::Mip | Mode::MinIp | Mode::Average => None,
     };
-    fog.map(|fog| passed.fold(fog, Occupancy::union))
+    let inside = surfaces.first().map(|first| bins.mask(first.threshold - slack, f64::INFINITY));
+    (fog.map(|fog| passed.fold(fog, Occupancy::union)), inside.unwrap_or(Occupancy::NONE))
 }
 
 /// A number of all in a picture that decides which bricks hide others.
@@ -554,7 +559,7 @@ fn appearance(
     meshes: &[ShownMesh],
 ) -> u64 {
     let mut hasher = DefaultHasher::new();
-    scene.mode.hash(&mut hasher);
+    (scene.mode, scene.has_caps()).hash(&mut hasher);
     scene.sampling.hash(&mut hasher);
     for surface in &style.isosurfaces {
         [surface.value, surface.opacity].map(f64::to_bits).hash(&mut hasher);

@@ -95,6 +95,10 @@ pub(crate) struct SceneArguments {
     /// Show only what is on the side of this plane that its normal points to (a point and the normal, world units); up to six times
     #[arg(help_heading = heading::PART, long, value_name = "X,Y,Z:NX,NY,NZ", value_parser = values::plane, allow_hyphen_values = true)]
     clip_plane: Vec<ClipPlane>,
+    /// Cap isosurfaces where --clip, --clip-plane or a crop opens them, in the colour of the innermost; --caps=false leaves them open
+    /// [default: capped in mode isosurface, open in fog]
+    #[arg(help_heading = heading::PART, long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    caps: Option<bool>,
     /// Show only this plane, seen straight on unless there is a camera: across x, y or z of the world at a coordinate; across i, j or k,
     /// the first layer's own axes, at an index of voxels, from 0; axial, coronal or sagittal of a patient, at a world coordinate; all of these
     /// in per cent of what there is, too, as in `--slice z=50%`, or in the middle, as in `--slice axial=middle`; or
@@ -275,6 +279,7 @@ impl SceneArguments {
         if !self.clip_plane.is_empty() {
             scene.clip_planes.clone_from(&self.clip_plane);
         }
+        scene.caps = self.caps.or(scene.caps);
         if !self.mesh.is_empty() {
             scene.meshes.clone_from(&self.mesh);
         }

@@ -26,6 +26,8 @@ pub struct View {
     pub other_eye: Option<ViewRays>,
     /// The value bins that can be seen; bricks with none of them are left out. `None` keeps every brick (MIP and the like).
     pub opaque: Option<Occupancy>,
+    /// The value bins that can be seen besides in bricks that the clip cuts through: those of caps.
+    pub capped: Occupancy,
     /// How the field is interpolated between voxels. A brick is empty only if all voxels that its samples read are.
     pub filter: Filter,
     /// Which level the view wants.
@@ -84,9 +86,12 @@ impl View {
         self.clip.as_ref().is_none_or(|clip| clip.meets_box(low, high))
     }
 
-    /// Whether a brick can show something under this view: whether it is not empty.
-    pub(crate) fn shows(&self, source: &dyn BrickSource, id: BrickId) -> bool {
-        let Some(mask) = self.opaque else { return true };
+    /// Whether a brick, with this box of the volume's own world, can show something under this view: whether it is not empty.
+    pub(crate) fn shows(&self, source: &dyn BrickSource, id: BrickId, (low, high): (DVec3, DVec3)) -> bool {
+        let Some(mut mask) = self.opaque else { return true };
+        if self.capped != Occupancy::NONE && self.clip.as_ref().is_some_and(|clip| clip.cuts_box(low, high)) {
+            mask = mask.union(self.capped);
+        }
         source.occupancy(id).meets(mask) || self.filter == Filter::Tricubic && self.shows_neighbour(source, id, mask)
     }
 

@@ -225,10 +225,10 @@ fn ring(source: &dyn BrickSource, cut: &Cut) -> Vec<(BrickId, f64)> {
             beside[axis] = at[axis].wrapping_add_signed(side);
             let away = DVec3::AXES[axis] * size * side as f64;
             // A neighbour at the volume's end may be smaller than the cell: then this asks a little too much.
-            let is_shown = cut.view.is_inside_clip(low + away, high + away);
-            if bricks.contains(beside) && is_shown && !frusta.meet_box(low + away, high + away) {
+            let (low, high) = (low + away, high + away);
+            if bricks.contains(beside) && cut.view.is_inside_clip(low, high) && !frusta.meet_box(low, high) {
                 let id = cut.view.id(level, BrickIndex::from_array(beside));
-                if cut.view.shows(source, id) {
+                if cut.view.shows(source, id, (low, high)) {
                     ring.push((id, error_px));
                 }
             }

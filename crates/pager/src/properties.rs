@@ -156,6 +156,7 @@ impl Shot {
             rays,
             other_eye: self.aside.map(|aside| rays.from_aside(aside * diagonal, diagonal)),
             opaque,
+            capped: Occupancy::NONE,
             filter: Filter::Trilinear,
             level: self.level,
             pixel_error: self.pixel_error,

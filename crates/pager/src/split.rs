@@ -388,7 +388,7 @@ fn visible_to(
         return 0;
     }
     let is_visible = |Subject { source, view, .. }: &Subject<'_>| {
-        view.is_inside_clip(low, high) && view.shows(*source, view.id(level, index))
+        view.is_inside_clip(low, high) && view.shows(*source, view.id(level, index), (low, high))
     };
     subjects.iter().zip(0..).fold(0, |all, (subject, i)| all | (is_visible(subject) as Members) << i)
 }

@@ -141,6 +141,7 @@ pub(crate) fn box_view(source: &TestSource, projection: Projection) -> View {
         rays,
         other_eye: None,
         opaque: None,
+        capped: Occupancy::NONE,
         filter: Filter::Trilinear,
         level: LevelPolicy::Auto,
         pixel_error: 1.0,

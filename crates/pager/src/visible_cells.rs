@@ -58,7 +58,7 @@ impl<'a> Looked<'a> {
                 return node.visible & cut.member != 0;
             }
             let is_in_sight = frusta.meet_box(node.low, node.high) && view.is_inside_clip(node.low, node.high);
-            is_in_sight && view.shows(source, view.id(node.level, node.index))
+            is_in_sight && view.shows(source, view.id(node.level, node.index), (node.low, node.high))
         }
     }
 }

@@ -110,6 +110,7 @@ fn frame(transfer: &TransferFunction) -> Result<FrameSettings, Box<dyn std::erro
         background: [0.0; 3],
         clip: Some(Clip::new(Some([DVec3::new(0.0, edge / 2.0, 0.0), DVec3::splat(edge)]), &[])?),
         meshes: Vec::new(),
+        caps: false,
         keeps_extremes: false,
     })
 }

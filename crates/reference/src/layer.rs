@@ -3,7 +3,7 @@
 use crate::ReferenceVolume;
 use crate::medium::{Field, turned};
 use crate::path::Path;
-use crate::surface::Crossings;
+use crate::surface::{Crossing, Crossings};
 use brickyard_volume::compositing::LayerMedium;
 use brickyard_volume::{Blend, Lighting, LightingModel, Mode, Ray, Segment, VolumeFrame, extremes, surface};
 use glam::DVec3;
@@ -116,10 +116,13 @@ impl<'a> Way<'a> {
         surfaces: &mut Vec<Met>,
     ) {
         let Some((part, field)) = self.part(segment) else { return };
-        let of_surfaces = Field { lighting: &self.surface_lighting, cut: None, ..field };
         let mut start = part.start;
-        for (t, surface) in crossings.within(part, |t| field.value(t)) {
+        let extent = self.volume.levels[0].extent;
+        let cap = self.frame.settings.cap(extent, self.path.origin, self.path.direction, start);
+        for Crossing { t, surface, is_cap } in crossings.within(part, cap.is_some(), |t| field.value(t)) {
             pieces.extend(self.piece(field, Segment { start, end: t }));
+            let cut = if is_cap { cap } else { None };
+            let of_surfaces = Field { lighting: &self.surface_lighting, cut, ..field };
             let color = DVec3::from_array(surface.color.map(f64::from));
             let color = of_surfaces.shade(color, of_surfaces.differences(t, surface.threshold), t);
             surfaces.push(Met { t, color, opacity: surface.opacity as f64 });

@@ -127,6 +127,7 @@ pub(crate) mod tests {
             background: [0.25, 0.0, 1.0],
             clip: None,
             meshes: Vec::new(),
+            caps: false,
             keeps_extremes: false,
         }
     }

@@ -5,7 +5,7 @@ use crate::path::Path;
 use brickyard_volume::compositing::LayerMedium;
 use brickyard_volume::lighting::SMOOTH;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
-use brickyard_volume::surface::FLAT_CODES;
+use brickyard_volume::surface::{FLAT_CODES, FLAT_SHARE};
 use brickyard_volume::{
     Blend, CutFace, FrameSettings, Gradient, Lighting, LightingModel, Medium, Ray, Segment, TransferFunction,
 };
@@ -134,6 +134,15 @@ impl Field<'_> {
         if self.lighting.model == LightingModel::None && self.frame.grid().is_none() {
             return DVec3::ZERO;
         }
+        let (first, differences) = (self.frame.encoding.table_values()[0], self.all_differences(t, value));
+        // Indicators of labels are not rounded so, and neither are stored gradients.
+        let is_exact = self.frame.encoding.is_labels || self.lighting.gradient == Gradient::Stored;
+        let is_flat = !is_exact && differences.length() < FLAT_SHARE * (value - first).abs();
+        if is_flat { DVec3::ZERO } else { differences }
+    }
+
+    /// The same, whatever they are of the value.
+    fn all_differences(&self, t: f64, value: f64) -> DVec3 {
         let voxel = DVec3::from_array(self.level.factor.map(f64::from));
         let is_labels = self.frame.encoding.is_labels;
         let around = |offset: DVec3| {

@@ -10,28 +10,42 @@ pub(crate) struct Crossings<'a> {
     before: Option<usize>,
 }
 
+/// A surface that a ray passes at a distance. Where it is a cap, it stands on the cut by which the ray enters.
+pub(crate) struct Crossing<'a> {
+    pub(crate) t: f64,
+    pub(crate) surface: &'a Surface,
+    pub(crate) is_cap: bool,
+}
+
 impl<'a> Crossings<'a> {
     pub(crate) fn new(frame: &'a FrameSettings) -> Self {
         Self { surfaces: &frame.surfaces, before: None }
     }
 
-    /// The surfaces that the ray passes in the next segment, near to far, each with its distance. `field` gives the
-    /// value at a distance.
-    pub(crate) fn within(&mut self, segment: Segment, field: impl Fn(f64) -> Option<f64>) -> Vec<(f64, &'a Surface)> {
+    /// The surfaces that the ray passes in the next segment, near to far. `field` gives the value at a distance; `is_capped` says whether the
+    /// segment begins on a cut that surfaces are capped by.
+    pub(crate) fn within(
+        &mut self,
+        segment: Segment,
+        is_capped: bool,
+        field: impl Fn(f64) -> Option<f64>,
+    ) -> Vec<Crossing<'a>> {
         let rank_at = |t: f64| field(t).map(|value| rank(self.surfaces, value));
         let before = self.before.or_else(|| rank_at(segment.start));
         let after = rank_at(segment.end);
         self.before = after;
-        let (Some(before), Some(after)) = (before, after) else { return Vec::new() };
+        let innermost = before.filter(|_| is_capped).and_then(|rank| rank.checked_sub(1));
+        let cap = innermost.map(|i| Crossing { t: segment.start, surface: &self.surfaces[i], is_cap: true });
+        let (Some(before), Some(after)) = (before, after) else { return Vec::from_iter(cap) };
         let is_inside = after > before;
         let passed: Vec<usize> = if is_inside { (before..after).collect() } else { (after..before).rev().collect() };
         let mut start = segment.start;
         let cross = |surface: usize| {
             let surface = &self.surfaces[surface];
             start = locate(start, segment.end, is_inside, surface.threshold, &field);
-            (start, surface)
+            Crossing { t: start, surface, is_cap: false }
         };
-        passed.into_iter().map(cross).collect()
+        cap.into_iter().chain(passed.into_iter().map(cross)).collect()
     }
 }
 
@@ -173,6 +187,52 @@ mod tests {
             assert_eq!(central(&frame), None);
         }
         assert_eq!(alone(&frame, &volume, 16, 16), [0.25, 0.0, 1.0], "the background");
+    }
+
+    #[test]
+    fn a_cap_stands_on_the_cut_in_the_look_of_the_innermost_surface() {
+        let levels = [cube(32, |[x, ..]| 8.0 * x as f64)];
+        let (transfer, level_at) = (transfer(), one_level(0));
+        let volume = ReferenceVolume { levels: &levels, level_at: &level_at, transfer: &transfer };
+        let middle = DVec3::splat(15.5);
+        let surface = |threshold: f64, color: [f32; 3], opacity: f32| Surface { threshold, color, opacity };
+        let surfaces = vec![surface(60.0, [1.0, 0.0, 0.0], 0.9), surface(100.0, [0.0, 1.0, 0.0], 0.25)];
+        // Askew to the ray: the field's own gradient is along x.
+        let normal = DVec3::new(0.6, 0.8, 0.0);
+        let view = camera(middle - DVec3::X * 60.0, middle);
+        let lit = |cosine: f64, color: f64| (AMBIENT + DIFFUSE * cosine) * color + SPECULAR * cosine.powi(10);
+        for (at, expected) in [
+            // Past both, at 124: the second one's, and then what is behind.
+            (15.5, [0.25 * lit(0.6, 0.0) + 0.75 * 0.25, 0.25 * lit(0.6, 1.0), 0.25 * lit(0.6, 0.0) + 0.75]),
+            // Past none, at 16: the surfaces themselves, which the ray meets head-on.
+            (2.0, {
+                let behind = |color: f64, background: f64| 0.25 * lit(1.0, color) + 0.75 * background;
+                let seen = |red: f64, green: f64, back: f64| 0.9 * lit(1.0, red) + 0.1 * behind(green, back);
+                [seen(1.0, 0.0, 0.25), seen(0.0, 1.0, 0.0), seen(0.0, 0.0, 1.0)]
+            }),
+        ] {
+            let plane = ClipPlane { point: middle.with_x(at), normal };
+            let frame = FrameSettings {
+                surfaces: surfaces.clone(),
+                clip: Some(Clip::new(None, &[plane]).expect("a clip")),
+                caps: true,
+                ..at_plain(view)
+            };
+            let found = alone(&frame, &volume, 16, 16);
+            for (found, expected) in found.into_iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-6, "{at}: {found} {expected}");
+            }
+            assert!(hit(&frame, &volume, 16, 16).is_some());
+            let open = FrameSettings { caps: false, ..frame };
+            assert_eq!(hit(&open, &volume, 16, 16).is_some(), at < 8.0);
+        }
+        // By the volume's own face a ray enters without one.
+        let whole = FrameSettings { surfaces, caps: true, ..at_plain(camera(middle + DVec3::X * 60.0, middle)) };
+        assert!((hit(&whole, &volume, 16, 16).expect("the way out") - (60.0 + 15.5 - 12.5)).abs() < 1e-9);
+    }
+
+    fn at_plain(view: brickyard_volume::Camera) -> FrameSettings {
+        at(0.0, Geometry::default(), view, 0.7)
     }
 
     #[test]

@@ -9,7 +9,7 @@ use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::macrocells::per_axis;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    Blend, Clip, ClipPlane, FrameSettings, Jitter, LightingModel, MAX_PLANES, Mode, Pyramid, SlotEncoding, VoxelBox,
+    Blend, Clip, ClipPlane, FrameSettings, Jitter, Level, LightingModel, MAX_PLANES, Mode, Pyramid, VoxelBox,
 };
 use glam::{DVec2, DVec3};
 
@@ -38,13 +38,16 @@ pub(crate) struct Framed<'a> {
     pub(crate) opacity: f64,
     /// The number of the cut that the layer's draw list is from; layers with the same number share a cut.
     pub(crate) cut: u32,
+    /// Whether draw lists of the layer may have bricks of coarse levels.
+    pub(crate) has_coarse: bool,
 }
 
 impl<'a> Framed<'a> {
     /// Takes over a layer of a picture.
     pub(crate) fn of(layer: &Layer<'a>) -> Self {
-        let Layer { volume: number, frame, pyramid, cut, .. } = *layer;
-        Self { number, settings: &frame.settings, pyramid, blend: frame.blend, opacity: frame.opacity, cut }
+        let Layer { volume: number, frame, pyramid, draw, cut, .. } = *layer;
+        let has_coarse = draw.cells.iter().any(|cell| cell.brick.level > Level(0));
+        Self { number, settings: &frame.settings, pyramid, blend: frame.blend, opacity: frame.opacity, cut, has_coarse }
     }
 
     /// Whether the layer and another one have the same cells in the same order.
@@ -91,7 +94,6 @@ pub(crate) fn frame_uniform(
         Jitter::White(seed) => (1, seed),
         Jitter::Blue => (2, table.mask_at),
     };
-    let [first_slot, per_slot, farthest_slots] = slots(&frame.encoding);
     FrameUniform {
         eye: single(eye),
         step: frame.lattice.step as f32,
@@ -148,9 +150,9 @@ pub(crate) fn frame_uniform(
         zone_starts: frame.lattice.zone_starts,
         planes: planes(frame),
         list_at: [0; 4],
-        first_slot,
-        per_slot,
-        farthest_slots,
+        first_slot: frame.encoding.first_slot(),
+        per_slot: (frame.encoding.codes_per_slot() / frame.encoding.span_codes()) as f32,
+        farthest_slots: frame.encoding.farthest_slots(),
         gradient_scale: (frame.encoding.gradient_scale() / frame.encoding.span_codes()) as f32,
         plane_count: clip_planes(frame).len() as u32,
         jitter_phase: frame.lattice.phase.into(),
@@ -158,19 +160,9 @@ pub(crate) fn frame_uniform(
         first_code: frame.encoding.first_code() as f32,
         last_entry: frame.table.last_entry() as f32,
         counts_per_code: table.counts_per_code,
-        spare: [0.0; 6],
-    }
-}
-
-/// The number in slots that stands for the table's first value, how much of the table is between two numbers, and the greatest difference from the
-/// first that is told from greater ones.
-fn slots(encoding: &SlotEncoding) -> [f32; 3] {
-    match encoding.floats {
-        None => [encoding.first_code() as f32, (1.0 / encoding.span_codes()) as f32, encoding.format.max_code() as f32],
-        Some(_) => {
-            let per_slot = 1.0 / (encoding.high - encoding.low);
-            [encoding.first_slot(), per_slot as f32, encoding.farthest_slots()]
-        }
+        caps: frame.caps as u32,
+        spare: 0.0,
+        firsts: [0; 4],
     }
 }
 

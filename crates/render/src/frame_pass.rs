@@ -108,7 +108,15 @@ impl GpuRenderer {
             return Err(GpuError::Mismatch("passes are of one volume in its own world".into()));
         }
         self.begin(
-            vec![Framed { number: 0, settings: frame, pyramid, blend: Blend::Mix, opacity: 1.0, cut: 0 }],
+            vec![Framed {
+                number: 0,
+                settings: frame,
+                pyramid,
+                blend: Blend::Mix,
+                opacity: 1.0,
+                cut: 0,
+                has_coarse: true,
+            }],
             None,
             true,
         )
@@ -183,6 +191,7 @@ impl GpuRenderer {
         let write = |part: Part, layer: &GpuLayer, framed: &Framed<'_>| {
             let mut uniform = layer.uniform(framed, &pools[layer.pool], composite);
             uniform.mesh_far = mesh_far;
+            uniform.firsts = layer.shader(framed, pools[layer.pool].ranges, false).numbers();
             gpu.queue.write_buffer(&shared.frame, part.at, bytemuck::bytes_of(&uniform));
         };
         for (framed, part) in framed.iter().zip(parts) {

@@ -108,6 +108,6 @@ pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
         medium,
         has_meshes,
         is_placed: !frame.placement.is_identity(),
-        keeps_extremes: frame.keeps_extremes,
+        keeps_extremes: frame.keeps_extremes && framed.has_coarse,
     }
 }

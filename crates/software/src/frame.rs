@@ -338,12 +338,21 @@ impl Shows {
         }
     }
 
-    /// Where in a brick something can be seen.
-    fn mask(&self, cells: &MacroCells, edge: usize) -> Mask {
+    /// Whether some codes of a range are past a surface.
+    fn is_inside(&self, [low, high]: [u16; 2]) -> bool {
+        match self {
+            Self::Surface(first) | Self::Layers([first, ..], _) => low <= high && *first <= high as f32,
+            Self::All | Self::Opaque(_) => false,
+        }
+    }
+
+    /// Where in a brick something can be seen. With caps that is also what is past a surface: rays may enter there.
+    fn mask(&self, cells: &MacroCells, edge: usize, has_caps: bool) -> Mask {
+        let any = |range| self.any(range) || has_caps && self.is_inside(range);
         match self {
             Self::All => Mask::All,
-            _ if !self.any(cells.whole()) => Mask::None,
-            _ => Mask::new(cells, edge, |range| self.any(range)),
+            _ if !any(cells.whole()) => Mask::None,
+            _ => Mask::new(cells, edge, any),
         }
     }
 
@@ -404,7 +413,10 @@ impl<'a> Cell<'a> {
     ) -> Option<Self> {
         let rect = pixel_rect(&settings.rays, &settings.geometry, &settings.placement, cell.region)?;
         let edge = pyramid.edge() as usize;
-        let (mask, whole) = (shows.mask(&brick.cells, edge), brick.cells.whole());
+        let [low, high] = [cell.region.min, cell.region.max]
+            .map(|corner| settings.geometry.world_from_voxel(DVec3::from_array(corner.to_array().map(f64::from))));
+        let is_cut = settings.clip.as_ref().is_some_and(|clip| clip.cuts_box(low, high));
+        let (mask, whole) = (shows.mask(&brick.cells, edge, settings.caps && is_cut), brick.cells.whole());
         let extremes = extremes(settings, &brick.cells, edge);
         let factor = pyramid.level(cell.brick.level).factor;
         let index = cell.brick.index.to_array();

@@ -294,10 +294,10 @@ impl<const ENDS: bool> Look for Any<ENDS> {
                     media.take_alone(segment, piece.path.ends(segment).map(|along| path.distance(along)));
                 }
             }
-            if let (Some((surface, along)), Some(found)) = (piece.surface, &mut media.found) {
+            if let (Some(crossing), Some(found)) = (piece.surface, &mut media.found) {
                 let segment = media.alone.place(piece.segments.start);
-                let shown = path.surface::<C, U, INVALID>(surface, along);
-                found.surfaces.push(Met { segment, t: path.distance(along), shown });
+                let shown = path.surface::<C, U, INVALID>(crossing);
+                found.surfaces.push(Met { segment, t: path.distance(crossing.along), shown });
                 if shown.w >= 1.0 {
                     media.end = media.end.min(segment + 1);
                     return;

@@ -361,6 +361,7 @@ mod tests {
             background: [0.1, 0.2, 0.3],
             clip: None,
             meshes: Vec::new(),
+            caps: false,
             keeps_extremes: false,
         };
         let pyramid = Pyramid::new(Extent::new(16, 16, 16), [1.0; 3], 16);

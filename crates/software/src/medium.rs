@@ -55,8 +55,8 @@ impl<const ENDS: bool> Accumulate for Medium<ENDS> {
             if has_fog {
                 take::<C, U, INVALID>(&piece.path, ray, piece.segments, &mut chunk.media);
             }
-            if let Some((surface, along)) = piece.surface {
-                let shown = path.surface::<C, U, INVALID>(surface, along);
+            if let Some(crossing) = piece.surface {
+                let shown = path.surface::<C, U, INVALID>(crossing);
                 let light = ray.sum.w;
                 let color = ray.sum.truncate() + shown.truncate() * (light * shown.w);
                 ray.sum = color.extend(light * (1.0 - shown.w));

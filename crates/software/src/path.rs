@@ -7,6 +7,7 @@
 
 use crate::gradients::Gradients;
 use crate::packet::{LANES, Packet};
+use crate::pieces::Crossing;
 use crate::ray::Ray;
 use crate::reading::Reading;
 use crate::row::{Passed, Row};
@@ -18,7 +19,7 @@ use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
 use brickyard_volume::lighting::SMOOTH;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
-use brickyard_volume::surface::FLAT_CODES;
+use brickyard_volume::surface::{FLAT_CODES, FLAT_SHARE};
 use brickyard_volume::{CutFace, Filter, Gradient, Lighting, Medium as Mean, TransferGrid};
 use glam::{DVec3, Vec3, Vec4};
 use std::ops::Range;
@@ -432,35 +433,39 @@ impl<'a> Path<'a> {
         Shown::of(Entries::of(frame).lookup(code * frame.positions_per_code))
     }
 
-    /// The lit straight colour of a surface at a place along the path, and the surface's opacity. The work is not inlined: see [`Path::row`].
+    /// The lit straight colour of a surface where the path passes it, and the surface's opacity. The work is not inlined: see [`Path::row`].
     #[inline(always)]
-    pub(crate) fn surface<C: Code, U: Unit, const INVALID: bool>(&self, surface: usize, along: f32) -> Vec4 {
+    pub(crate) fn surface<C: Code, U: Unit, const INVALID: bool>(&self, crossing: Crossing) -> Vec4 {
         #[cfg(target_arch = "x86_64")]
         if U::AVX2 {
             // SAFETY: the machine has AVX2.
-            return unsafe { self.surface_avx2::<C, INVALID>(surface, along) };
+            return unsafe { self.surface_avx2::<C, INVALID>(crossing) };
         }
-        self.surface_portable::<C, INVALID>(surface, along)
+        self.surface_portable::<C, INVALID>(crossing)
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     #[inline(never)]
-    fn surface_avx2<C: Code, const INVALID: bool>(&self, surface: usize, along: f32) -> Vec4 {
-        self.surface_on::<C, Avx2, INVALID>(surface, along)
+    fn surface_avx2<C: Code, const INVALID: bool>(&self, crossing: Crossing) -> Vec4 {
+        self.surface_on::<C, Avx2, INVALID>(crossing)
     }
 
     #[inline(never)]
-    fn surface_portable<C: Code, const INVALID: bool>(&self, surface: usize, along: f32) -> Vec4 {
-        self.surface_on::<C, Portable, INVALID>(surface, along)
+    fn surface_portable<C: Code, const INVALID: bool>(&self, crossing: Crossing) -> Vec4 {
+        self.surface_on::<C, Portable, INVALID>(crossing)
     }
 
     #[inline(always)]
-    fn surface_on<C: Code, U: Unit, const INVALID: bool>(&self, surface: usize, along: f32) -> Vec4 {
-        let frame = self.march.frame;
+    fn surface_on<C: Code, U: Unit, const INVALID: bool>(&self, crossing: Crossing) -> Vec4 {
+        let (frame, Crossing { surface, along, is_cap }) = (self.march.frame, crossing);
         let look = &frame.settings.surfaces[surface];
-        let differences = self.differences::<C, U, INVALID>(along, frame.thresholds[surface]);
-        self.lit_by((&frame.surface_lighting, None), along, Vec3::from(look.color), differences).extend(look.opacity)
+        // A cap is lit by the normal of its cut.
+        let (differences, cut) = match is_cap {
+            true => (Vec3::ZERO, self.cut),
+            false => (self.differences::<C, U, INVALID>(along, frame.thresholds[surface]), None),
+        };
+        self.lit_by((&frame.surface_lighting, cut), along, Vec3::from(look.color), differences).extend(look.opacity)
     }
 
     /// The distance along the ray of a place along the path.
@@ -533,7 +538,8 @@ impl<'a> Path<'a> {
                 differences += Vec3::new(offset[0] * y * z, offset[1] * x * z, offset[2] * x * y) * codes[i];
             }
         }
-        differences
+        let is_flat = differences.length() < FLAT_SHARE as f32 * middle.abs();
+        if is_flat { Vec3::ZERO } else { differences }
     }
 
     /// Differences across two voxels along each axis of the indicator of a label: as large as one code between the label and others.

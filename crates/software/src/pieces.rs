@@ -34,8 +34,19 @@ pub(crate) struct Pieces<'a> {
 pub(crate) struct Piece<'a> {
     pub(crate) path: Path<'a>,
     pub(crate) segments: Range<i32>,
-    /// The index of the surface at the piece's end, and its place along the path; `None` if there is no surface.
-    pub(crate) surface: Option<(usize, f32)>,
+    /// The surface at the piece's end, if there is one.
+    pub(crate) surface: Option<Crossing>,
+}
+
+/// Where a path passes a surface.
+#[derive(Clone, Copy)]
+pub(crate) struct Crossing {
+    /// The index of the surface.
+    pub(crate) surface: usize,
+    /// The place along the path.
+    pub(crate) along: f32,
+    /// Whether it is a cap, which stands on the cut by which the ray enters.
+    pub(crate) is_cap: bool,
 }
 
 impl<'a> Pieces<'a> {
@@ -75,6 +86,9 @@ impl<'a> Pieces<'a> {
             let segments = std::mem::replace(&mut self.rest, 0..0);
             return (!segments.is_empty()).then_some(Piece { path, segments, surface: None });
         }
+        if let Some(cap) = self.cap::<C, U, INVALID>(ray) {
+            return Some(Piece { path: path.piece(cap.along, cap.along), segments: from..from, surface: Some(cap) });
+        }
         self.skip::<C, U, INVALID>(ray, settings.mode == Mode::Dvr);
         let first = self.rest.start;
         if first > from && settings.mode == Mode::Dvr {
@@ -100,7 +114,23 @@ impl<'a> Pieces<'a> {
         let hit = line.locate::<C, U, INVALID>(inside(start), [inside(end), code]);
         ray.past.rank += if is_up { 1 } else { -1 };
         self.cut = Some(hit);
-        Some(Piece { path: path.piece(start, hit), segments: first..first + 1, surface: Some((surface, hit)) })
+        Some(Piece {
+            path: path.piece(start, hit),
+            segments: first..first + 1,
+            surface: Some(Crossing { surface, along: hit, is_cap: false }),
+        })
+    }
+
+    /// The cap where the ray enters, if there is one. The ray's rank becomes that behind it.
+    #[inline(always)]
+    fn cap<C: Code, U: Unit, const INVALID: bool>(&self, ray: &mut Ray) -> Option<Crossing> {
+        let is_new = ray.past.rank == NO_RANK && self.cut.is_none() && self.rest.start == 0;
+        if !is_new || self.rest.is_empty() || !self.march.is_capped(ray, self.stretch.start) {
+            return None;
+        }
+        let along = self.path.ends(0)[0];
+        ray.past.rank = self.rank::<C, U, INVALID>(along).0;
+        (ray.past.rank > 0).then(|| Crossing { surface: ray.past.rank as usize - 1, along, is_cap: true })
     }
 
     /// Skips segments at whose ends the ray is past as many surfaces as it is: all of them, or as many as are looked at together.

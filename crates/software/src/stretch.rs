@@ -26,6 +26,18 @@ impl March<'_> {
         (eye, placement.world_vector(DVec3::from_array(ray.direction) * geometry.spacing))
     }
 
+    /// Whether a cap may stand where the segment at the tick `first` begins: whether the ray enters there by a cut that caps surfaces.
+    #[inline(always)]
+    pub(crate) fn is_capped(&self, ray: &Ray, first: u32) -> bool {
+        let settings = self.frame.settings;
+        if !settings.caps || first != ray.first {
+            return false;
+        }
+        let (start, _) = ray.ends(&self.frame.ticks, first);
+        let [origin, direction] = [ray.origin, ray.direction].map(DVec3::from_array);
+        settings.cap(self.frame.extent, origin, direction, start).is_some()
+    }
+
     /// The cut through which a ray enters what is shown, and how many voxels of the cell's level it goes below the cut for each unit of
     /// distance; `None` if it enters by none.
     #[inline(always)]

@@ -13,7 +13,7 @@ use crate::packet::{LANES, Packet};
 use crate::ray::Ray;
 use crate::sample::{Code, SampleChunk, Unit};
 use crate::stretch::{March, Stretch};
-use brickyard_volume::surface::{FLAT_CODES, PARTS, ROUNDS, headlight};
+use brickyard_volume::surface::{FLAT_CODES, FLAT_SHARE, PARTS, ROUNDS, headlight};
 use glam::{Vec3, Vec4};
 use std::ops::Range;
 
@@ -66,7 +66,12 @@ impl Accumulate for Isosurface {
         }
         if ray.sum.x == 0.0 {
             let start = inside(stretch.along(ray.ends(ticks, first).0));
-            ray.sum.x = Line { march, stretch, threshold: march.frame.thresholds[0] }.side::<C, U, INVALID>(start);
+            let line = Line { march, stretch, threshold: march.frame.thresholds[0] };
+            ray.sum.x = line.side::<C, U, INVALID>(start);
+            if ray.sum.x == INSIDE && march.is_capped(ray, first) {
+                ray.sum = line.cap(ray).extend(0.0);
+                return;
+            }
         }
         let mut done = segments.start;
         while done < segments.end {
@@ -193,6 +198,15 @@ impl Line<'_> {
         if to_code == from_code { to } else { from + (to - from) * share.clamp(0.0, 1.0) }
     }
 
+    /// The colour of a cap on the cut by which the ray enters.
+    #[inline(never)]
+    fn cap(&self, ray: &Ray) -> Vec3 {
+        let (_, direction) = self.march.world_ray(ray);
+        let cosine = self.march.cut(ray).map(|(cut, _)| cut.normal.dot(direction));
+        let (own, white) = headlight(cosine);
+        Vec3::from(self.march.frame.settings.surfaces[0].color) * own as f32 + Vec3::splat(white as f32)
+    }
+
     /// The colour of the surface at a place.
     #[inline(always)]
     fn lit<C: Code, U: Unit, const INVALID: bool>(&self, ray: &Ray, along: f32) -> Vec3 {
@@ -218,7 +232,7 @@ impl Line<'_> {
             gradient[a] = differences[a] * (cell.scale[a] / spacing[a]) as f32;
             direction[a] = (ray.direction[a] * spacing[a]) as f32;
         }
-        let is_flat = differences.length_squared() < (FLAT_CODES * FLAT_CODES) as f32;
+        let is_flat = differences.length() < (FLAT_SHARE as f32 * self.threshold.abs()).max(FLAT_CODES as f32);
         let (own, white) = headlight((!is_flat).then(|| (gradient.dot(direction) / gradient.length()) as f64));
         Vec3::from(frame.settings.surfaces[0].color) * own as f32 + Vec3::splat(white as f32)
     }

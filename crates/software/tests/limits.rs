@@ -79,6 +79,7 @@ fn draw(mode: Mode, layers: usize, threads: usize, size_px: [u32; 2]) -> (Pictur
             background: [0.1, 0.2, 0.35],
             clip: None,
             meshes: Vec::new(),
+            caps: false,
             keeps_extremes: false,
         })
     };
@@ -146,6 +147,7 @@ fn what_does_not_belong_together_is_an_error() {
             background: [0.0; 3],
             clip: None,
             meshes: Vec::new(),
+            caps: false,
             keeps_extremes: false,
         })
     };

@@ -163,6 +163,7 @@ pub(crate) fn slice_scene(
         pixel_samples: PixelSamples::ONE,
         clip: None,
         clip_planes: Vec::new(),
+        caps: None,
         slice: Some(slice),
         meshes: Vec::new(),
         layers: layers.collect(),

@@ -150,6 +150,21 @@ impl Clip {
         low.cmplt(high).all() && self.planes.iter().all(|plane| plane.height(farthest(plane)) >= 0.0)
     }
 
+    /// Whether the clip may cut through the box from `low` to `high`: whether a side of the clip box or a plane meets it.
+    pub fn cuts_box(&self, low: DVec3, high: DVec3) -> bool {
+        let corner = |plane: &ClipPlane, is_far: bool| {
+            DVec3::select(
+                plane.normal.cmpge(DVec3::ZERO),
+                if is_far { high } else { low },
+                if is_far { low } else { high },
+            )
+        };
+        let side = |side: DVec3| (side.cmpge(low) & side.cmple(high)).any();
+        let is_cut =
+            |plane: &ClipPlane| plane.height(corner(plane, false)) <= 0.0 && plane.height(corner(plane, true)) >= 0.0;
+        side(self.low) || side(self.high) || self.planes.iter().any(is_cut)
+    }
+
     /// The part of a ray's stretch `(from, to)` that is on the inner sides of all planes; empty if it does not end after it begins.
     /// The clip box plays no part.
     pub fn shorten(&self, ray: &Ray, (mut from, mut to): (f64, f64)) -> (f64, f64) {
@@ -236,6 +251,31 @@ mod tests {
             let (from, to) = clip.shorten(&ray, (0.0, 3.0));
             prop_assert_eq!(least > 0.0, from <= t && t <= to, "{} in {}..{}", t, from, to);
             prop_assert!(least < 0.0 || clip.meets_box(point - size, point + 1e-6));
+        }
+
+        /// A box is cut where it has points on both sides of a plane, or of the clip box; one that is not cut has none.
+        #[test]
+        fn boxes_are_cut_that_have_both_sides(
+            at in vector(), normal in vector(), low in vector(), size in prop::array::uniform3(0.01f64..1.5),
+            shares in prop::collection::vec(prop::array::uniform3(0.0f64..1.0), 30), is_box in any::<bool>(),
+        ) {
+            prop_assume!(normal.length() > 0.01);
+            let plane = ClipPlane { point: at, normal };
+            let corners = [at, at + normal.abs() + 0.01];
+            let clip = if is_box { Clip::new(Some(corners), &[]) } else { Clip::new(None, &[plane]) }.unwrap();
+            let size = DVec3::from_array(size);
+            let is_shown = |p: &DVec3| match is_box {
+                true => p.cmpge(corners[0]).all() && p.cmple(corners[1]).all(),
+                false => plane.height(*p) >= 0.0,
+            };
+            let points: Vec<bool> = shares.iter().map(|share| is_shown(&(low + size * DVec3::from_array(*share)))).collect();
+            let is_mixed = points.contains(&true) && points.contains(&false);
+            prop_assert!(!is_mixed || clip.cuts_box(low, low + size));
+            // A box before or behind the plane is not cut.
+            for side in [-5.0, 5.0] {
+                let (away, half) = (at + side * normal.normalize(), DVec3::splat(0.5));
+                prop_assert!(is_box || !clip.cuts_box(away - half, away + half));
+            }
         }
     }
 

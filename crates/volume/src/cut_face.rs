@@ -2,6 +2,10 @@
 //! cut lays open, of noise too, which is no surface: lit by it, a cut through a scan is salt and pepper. So the cut's own normal lights
 //! the first voxel behind it, and gives way to the gradient over the next one. A volume's own faces are no cuts, and isosurfaces keep
 //! their gradients. Costs a few products per ray and plane. On a GPU `shaders/wgsl/cut_face.wgsl` does the same.
+//!
+//! A cut opens isosurfaces; *caps* close them where rays enter. Where the first place behind the cut is past surfaces, the innermost of
+//! them stands on the cut, lit by the cut's normal. So caps are as sharp as the field on the cut, and cost a sample a ray. A renderer does
+//! not skip the insides of surfaces next to a cut.
 
 use crate::picture::FrameSettings;
 use crate::space::Extent;
@@ -46,6 +50,17 @@ impl CutFace {
 }
 
 impl FrameSettings {
+    /// The cut on which a cap stands if the place at the distance `start`, where a segment of the ray begins, is past surfaces; `None` if surfaces
+    /// are not capped, or the ray does not enter by a cut there.
+    pub fn cap(&self, extent: Extent, origin: DVec3, direction: DVec3, start: f64) -> Option<CutFace> {
+        if !self.caps {
+            return None;
+        }
+        // What rounding leaves of a distance; behind it, a layer of meshes bounds what is drawn.
+        let is_here = |cut: &CutFace| (start - cut.entry).abs() <= 1e-6 * self.lattice.step;
+        self.cut_face(extent, origin, direction).filter(is_here)
+    }
+
     /// The cut through which a ray, given in voxel space, enters what is shown of a volume of this extent; `None` if it enters by the volume's own
     /// face, or begins inside.
     pub fn cut_face(&self, extent: Extent, origin: DVec3, direction: DVec3) -> Option<CutFace> {

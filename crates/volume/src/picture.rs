@@ -45,6 +45,8 @@ pub struct FrameSettings {
     pub background: [f32; 3],
     /// What is shown of the volume, in the volume's own world; `None` is everything.
     pub clip: Option<Clip>,
+    /// Whether isosurfaces are capped where the clip opens them: see [`CutFace`](crate::CutFace).
+    pub caps: bool,
     /// Meshes that stand in the picture, in the world of the rays; none of them has opacity 0.
     pub meshes: Vec<ShownMesh>,
     /// Whether the mode is a projection of extremes, and voxels of coarse levels are the extremes of those of finer ones: see [`extremes`].

@@ -67,6 +67,10 @@ pub struct Scene {
     /// Clip planes, at most [`MAX_CLIP_PLANES`](crate::MAX_CLIP_PLANES): nothing on the outer side of any of them is shown, or
     /// read.
     pub clip_planes: Vec<ClipPlane>,
+    /// Whether isosurfaces that clip box, clip planes or crops open are capped, in the colour of the innermost of them; `None` caps them in
+    /// [`Mode::Isosurface`], and not in fog, whose own cut face is seen.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub caps: Option<bool>,
     /// Restricts what is shown of the volumes to a plane, or to a slab about it. The mode says what is shown of the values across
     /// it: their mean, greatest or least. `None` shows the whole volumes.
     pub slice: Option<Slice>,
@@ -144,6 +148,7 @@ impl Default for Scene {
             time: 0,
             clip: None,
             clip_planes: Vec::new(),
+            caps: None,
             slice: None,
             meshes: Vec::new(),
             layers: vec![SceneLayer::default()],
@@ -241,6 +246,11 @@ impl Scene {
             (None, true) => Camera::looking_at_patient(world_box).fitted(world_box, size),
             (None, false) => Camera::looking_at_box(world_box).fitted(world_box, size),
         })
+    }
+
+    /// Whether isosurfaces are capped where a clip opens them.
+    pub fn has_caps(&self) -> bool {
+        self.caps.unwrap_or(self.mode == Mode::Isosurface)
     }
 
     /// What clip box, clip planes and slice show of a volume by these rays, in the scene's world; `None` is everything. `placement` is where in
@@ -357,6 +367,7 @@ mod tests {
             time: 4,
             clip: Some([DVec3::ZERO, DVec3::ONE]),
             clip_planes: vec![ClipPlane { point: DVec3::ONE, normal: DVec3::new(0.0, -0.1, 3.0) }],
+            caps: Some(false),
             slice: Some(Slice { point: DVec3::Y, normal: DVec3::new(0.2, 0.0, 7.0), thickness: 0.25 }),
             meshes: vec![MeshLook { color: Some([1.0, 0.5, 0.0]), opacity: 0.25, ..MeshLook::new("a.stl") }],
             layers: vec![

@@ -7,7 +7,8 @@
 //! it ends; the start of the first one in that one's brick. Where an end is on another side of the isovalue than the end before
 //! it, the surface has been crossed in between; the first crossing is what is seen. So a ray has exactly one hit where it
 //! passes from one side to the other: bricks that disagree at their border, by rounding or by their level, leave no gap. An end
-//! without a value has no side, and where the volume or the shown box begins there is no surface.
+//! without a value has no side, and where the volume begins there is no surface; where a clip begins there are [caps](crate::CutFace), if they
+//! are asked for.
 //!
 //! Where in its segment the crossing is, is found in the segment's own brick: of [`PARTS`] equal parts the first whose ends are
 //! on two sides, the same once more within it, then a straight line between its ends. A 64th of a segment holds the crossing
@@ -98,6 +99,10 @@ pub const ROUNDS: usize = 2;
 /// A field has no gradient where the vector of its differences of codes across two voxels is shorter than this: it is what rounding
 /// leaves of a flat field.
 pub const FLAT_CODES: f64 = 1.0 / 64.0;
+
+/// Nor where that vector is a smaller share than this of the distance of the value from the transfer table's first, which is what rounding
+/// leaves of an even field far from there: of 16 bits, and of f32 slots in a narrow window, that is more. Stored gradients are not rounded so.
+pub const FLAT_SHARE: f64 = 1.0 / (1 << 20) as f64;
 
 /// A share of a code, by which surfaces lie below their isovalue: where many voxels have just that value, rounding does not
 /// decide on which side they are.

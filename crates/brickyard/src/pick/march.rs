@@ -171,7 +171,11 @@ fn collect(search: &Search<'_, '_>, cores: &mut Cores, mut depth: f64, enough: f
                         (part[1] - part[0]) / way.layer.transfer.unit_distance,
                     );
                 }
-                own += last[i].map_or(0.0, |before| passed(way, before, value));
+                own += match last[i] {
+                    Some(before) => passed(way, before, value),
+                    None if way.is_capped(part[0]) => capped(way, value),
+                    None => 0.0,
+                };
             }
             last[i] = value;
             depth += own;
@@ -201,12 +205,21 @@ fn halvings(alpha: f64, length: f64) -> f64 {
 fn passed(way: &Way<'_>, before: f64, value: f64) -> f64 {
     let surfaces = &way.settings.surfaces;
     let [one, other] = [before, value].map(|value| surface::rank(surfaces, value));
-    let shown = |surface: &&Surface| surface.opacity > 0.0;
-    let depth = |surface: &Surface| match way.settings.mode {
+    surfaces[one.min(other)..one.max(other)].iter().map(|surface| taken_by(way, surface)).sum()
+}
+
+/// How often the cap halves light on a cut behind which a layer has this value.
+fn capped(way: &Way<'_>, value: f64) -> f64 {
+    let surfaces = &way.settings.surfaces;
+    surfaces[..surface::rank(surfaces, value)].last().map_or(0.0, |surface| taken_by(way, surface))
+}
+
+fn taken_by(way: &Way<'_>, surface: &Surface) -> f64 {
+    match way.settings.mode {
+        _ if surface.opacity <= 0.0 => 0.0,
         Mode::Isosurface => OPAQUE_DEPTH,
         _ => halvings(f64::from(surface.opacity), 1.0),
-    };
-    surfaces[one.min(other)..one.max(other)].iter().filter(shown).map(depth).sum()
+    }
 }
 
 /// Where each way's value is greatest, or least in [`Mode::MinIp`], and that value: the nearest such place.

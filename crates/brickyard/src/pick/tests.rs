@@ -208,10 +208,14 @@ fn clip_planes_box_and_crops_count() {
         ((to - from).abs() > 3.0).then_some((from < to).then_some(from))
     };
     let clipped = Scene { clip_planes: vec![plane], ..Scene::of(inside(1.0)) };
-    check(&clipped, &[ball()], 1.0, |_, ray| match chord(ray)? {
+    let met = |_: &ResolvedScene, ray: &Ray| match chord(ray)? {
         Some(chord) => cut(ray, chord),
         None => Some(None),
-    });
+    };
+    check(&clipped, &[ball()], 1.0, met);
+    // On the ball's surface, or on its cap.
+    let surface = SceneLayer { isosurfaces: vec![Isosurface::at(100.0)], ..inside(1.0).into() };
+    check(&Scene { mode: Mode::Isosurface, layers: vec![surface], ..clipped }, &[ball()], 1.0, met);
     // Only what is above the centre, in voxels or in the world: the same, for the origin is a voxel's centre.
     let low = DVec3::new(-10.0, -10.0, 90.0);
     let above = |_: &ResolvedScene, ray: &Ray| {

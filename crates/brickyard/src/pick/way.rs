@@ -93,6 +93,12 @@ impl<'a> Way<'a> {
         1.0 / (self.direction.abs() / factor).max_element()
     }
 
+    /// Whether a segment begins on a cut that caps surfaces.
+    pub(super) fn is_capped(&self, start: f64) -> bool {
+        let extent = self.source.pyramid().levels()[0].extent;
+        start == self.stretch[0] && self.settings.cap(extent, self.origin, self.direction, start).is_some()
+    }
+
     /// What a distance along the ray comes to, within what is shown.
     pub(super) fn clamped(&self, t: f64) -> f64 {
         t.clamp(self.stretch[0], self.stretch[1])

@@ -84,6 +84,7 @@ impl Bricks {
             background: [0.2, 0.1, 0.4],
             clip: None,
             meshes: Vec::new(),
+            caps: false,
             keeps_extremes: false,
         }
     }

@@ -1,4 +1,4 @@
-//! What is cut away of all volumes: everything outside of a box, and outside of planes.
+//! What is cut away of all volumes: everything outside of a box, and outside of planes; and whether that opens isosurfaces.
 
 use super::World;
 use crate::panels::widgets::{group, range, row, slider, switch, vector};
@@ -22,6 +22,15 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
     group(ui, "clip planes", "cuts away what is on the outer side of planes", |ui| {
         planes(ui, &mut scene.clip_planes, world);
     });
+    if scene.layers.iter().any(|layer| !layer.isosurfaces.is_empty()) {
+        group(ui, "caps", "of isosurfaces that clip box, planes and crops open", |ui| {
+            let mut is_on = scene.has_caps();
+            let hint = "closes them, in the colour of the innermost; left alone, in mode isosurface and not in fog";
+            if switch(ui, "caps", hint, &mut is_on).changed() {
+                scene.caps = Some(is_on);
+            }
+        });
+    }
 }
 
 fn clip_box(ui: &mut Ui, clip: &mut Option<[DVec3; 2]>, world: &World<'_>) {
