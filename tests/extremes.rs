@@ -256,7 +256,7 @@ impl<'a> Subject<'a> {
         let scenes = self.speckled.scenes(self.mode);
         let mut sessions = self.sessions();
         let list = format!("extremes {:?} {}", self.mode, self.speckled.scale);
-        for case in sampled(&list, scenes.len() * Filter::ALL.len(), 2) {
+        for case in sampled(&list, scenes.len() * Filter::ALL.len(), 4) {
             let (name, scene) = &scenes[case % scenes.len()];
             let sampling = Sampling { filter: Filter::ALL[case / scenes.len()], ..Sampling::default() };
             self.check(&mut sessions, name, &Scene { sampling, ..scene.clone() });

@@ -31,6 +31,7 @@ mod overlays;
 mod pictures;
 mod playback;
 mod quality;
+mod random_scenes;
 mod readers;
 mod stereo;
 mod streaming;

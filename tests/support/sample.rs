@@ -32,9 +32,10 @@ pub fn places(list: &str, count: usize, wanted: usize) -> Vec<usize> {
     (0..wanted).map(|part| at(part) + (random.unit() * (at(part + 1) - at(part)) as f64) as usize).collect()
 }
 
-/// Whether this run draws a case, named with its way to draw: the CPU draws every case, and a GPU half of them, for shaders take long to compile.
+/// Whether this run draws a case, named with its way to draw: the CPU draws every case, and a GPU a third of them, for shaders take long to
+/// compile.
 pub fn draws(case: &str, way: Way) -> bool {
-    way.0 == BackendChoice::Cpu || takes_all() || random(case).bits().is_multiple_of(2)
+    way.0 == BackendChoice::Cpu || takes_all() || random(case).bits().is_multiple_of(3)
 }
 
 /// A generator seeded by the name and the run.
