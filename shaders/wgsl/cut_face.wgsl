@@ -24,6 +24,17 @@ fn cut_face(ray: Ray) -> vec4f {
     return cut;
 }
 
+// Whether a ray whose stretch begins at `start` enters what is shown there by a cut on which caps may stand.
+fn is_at_cut(ray: Ray, start: f32) -> bool {
+    if (frame.caps == 0u) {
+        return false;
+    }
+    let cut = cut_face(ray);
+    // Rounding moves a distance by less; behind it, a layer of meshes bounds the stretch.
+    let is_here = abs(start - cut.w) <= 0.01 * frame.step + 1e-6 * abs(start);
+    return is_here && any(cut.xyz != vec3f(0.0));
+}
+
 // The share of the cut's normal at a distance, where there are so many texels in a level-0 voxel.
 fn cut_share(cut: vec4f, ray: Ray, t: f32, scale: vec3f) -> f32 {
     if (all(cut.xyz == vec3f(0.0))) {

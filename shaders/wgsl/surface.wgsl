@@ -21,12 +21,7 @@ fn pixel_start() -> Pixel {
 // Before the first place of a stretch that begins at `start`.
 fn pixel_before(ray: Ray, start: f32) -> Pixel {
     var pixel = pixel_start();
-    if (frame.caps != 0u) {
-        let cut = cut_face(ray);
-        // What rounding leaves of a distance; behind it, a layer of meshes bounds the stretch.
-        let is_here = abs(start - cut.w) <= 0.01 * frame.step + 1e-6 * abs(start);
-        pixel.side = select(0.0, AT_CUT, is_here && any(cut.xyz != vec3f(0.0)));
-    }
+    pixel.side = select(0.0, AT_CUT, is_at_cut(ray, start));
     return pixel;
 }
 
