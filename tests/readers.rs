@@ -24,3 +24,8 @@ fn slices_of_scans_in_any_orientation_are_those_that_simpleitk_resamples() {
 fn files_of_nibabel_tifffile_pillow_pydicom_and_numpy_are_packed_bit_for_bit() {
     Sandbox::default().python("import_files.py");
 }
+
+#[test]
+fn tiff_files_are_what_they_say_of_themselves() {
+    Sandbox::default().python("tiff_descriptions.py");
+}

@@ -35,7 +35,11 @@ pub(crate) mod tiff_stack {
         Err(refuse(path))
     }
 
-    pub(crate) fn open_file(path: &Path, _: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+    pub(crate) fn is_companion(_: &Path) -> Result<bool, ImportError> {
+        Ok(false)
+    }
+
+    pub(crate) fn open_file(path: &Path, _: &OpenOptions, _: bool) -> Result<Box<dyn Source>, ImportError> {
         Err(refuse(path))
     }
 

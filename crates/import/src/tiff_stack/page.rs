@@ -1,24 +1,19 @@
 //! One TIFF file being decoded: its pages' format, the check that their data exist, and rectangles of samples.
 
-use super::description::Description;
-use super::imagej;
 use super::lzw::{self, Predictor, Rows};
+use super::told::is_damage;
+use super::turn::Turn;
 use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;
 use crate::stamp::Stamp;
-use brickyard_volume::{ChannelLook, VoxelBox, VoxelType};
+use brickyard_volume::{VoxelBox, VoxelType};
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use tiff::ColorType;
 use tiff::TiffError;
 use tiff::decoder::{ChunkType, Decoder, DecodingSampleType, Limits};
-use tiff::tags::{ByteOrder, Tag, Type};
-
-/// Most bytes of a description that are read; OME-XML of large plates reaches tens of megabytes.
-const LONGEST_DESCRIPTION: u64 = 256 << 20;
-/// The most characters of a number that are read.
-const LONGEST_NUMBER: usize = 64;
+use tiff::tags::{ByteOrder, Tag};
 
 /// Most memory for the values of one tag: 8 million strips.
 const MOST_TAG_BYTES: usize = 256 << 20;
@@ -65,11 +60,20 @@ pub(super) struct PageFormat {
     /// Samples per pixel.
     pub(super) samples: u16,
     /// Whether the samples of a pixel lie in planes of their own.
-    planar: bool,
+    pub(super) planar: bool,
     /// The decoder inverts such images for display; data want the stored values.
-    white_is_zero: bool,
+    pub(super) white_is_zero: bool,
     /// Whether the first three samples are red, green and blue.
     pub(super) is_rgb: bool,
+    /// How rows and columns of what is stored become those of the page. Width and height are what is stored.
+    pub(super) turn: Turn,
+}
+
+impl PageFormat {
+    /// Pixels along x and y, as the page is meant.
+    pub(super) fn shown_size(&self) -> [u32; 2] {
+        self.turn.size([self.width, self.height])
+    }
 }
 
 impl std::fmt::Display for PageFormat {
@@ -81,14 +85,17 @@ impl std::fmt::Display for PageFormat {
         if self.white_is_zero {
             write!(f, " (white is zero)")?;
         }
+        if !self.turn.is_none() {
+            write!(f, " (of another Orientation than 1)")?;
+        }
         Ok(())
     }
 }
 
 /// An open TIFF file with a decoder that stands at one of its pages.
 pub(super) struct OpenTiff {
-    path: PathBuf,
-    decoder: Decoder<BufReader<File>>,
+    pub(super) path: PathBuf,
+    pub(super) decoder: Decoder<BufReader<File>>,
     /// The file's size and modification time when it was opened.
     pub(super) stamp: Stamp,
     /// How the samples are packed in the page at which the decoder stands.
@@ -144,71 +151,6 @@ impl OpenTiff {
         seek.map_err(|e| refusal(&self.path, &format!("page {} cannot be read", page + 1), e))
     }
 
-    /// Reads the image description and the resolution: how pages are ordered, how values are calibrated, and how large
-    /// pixels are.
-    ///
-    /// # Errors
-    /// If the disk cannot read them.
-    pub(super) fn description(&mut self) -> Result<Description, ImportError> {
-        let path = self.path.clone();
-        let resolution = self.resolution()?;
-        let mut tags = self.decoder.image_ifd();
-        let length = tags
-            .find_entry(Tag::ImageDescription)
-            .map_or(0, |e| e.count().min(LONGEST_DESCRIPTION).min(self.stamp.bytes()));
-        let mut bytes = vec![0; length as usize];
-        let read = said(&path, tags.find_tag_bytes(Tag::ImageDescription, &mut bytes, 0))?;
-        bytes.truncate(read.unwrap_or(0));
-        let text = match std::str::from_utf8(&bytes) {
-            Ok(text) => text.to_owned(),
-            // ImageJ writes Latin-1, whose bytes are the first 256 code points.
-            Err(_) => bytes.iter().map(|&b| b as char).collect(),
-        };
-        let mut description = Description::parse(text.trim_end_matches('\0'), resolution);
-        description.nodata = self.gdal_nodata()?;
-        let looks = self.imagej_looks()?;
-        if !looks.is_empty() {
-            description.channel_looks = looks;
-        }
-        Ok(description)
-    }
-
-    /// The stored number of pixels without data, as GDAL writes it: in digits.
-    fn gdal_nodata(&mut self) -> Result<Option<f64>, ImportError> {
-        let path = self.path.clone();
-        let mut bytes = [0; LONGEST_NUMBER];
-        let mut tags = self.decoder.image_ifd();
-        let entry = tags.find_entry(Tag::GdalNodata).filter(|entry| entry.field_type() == Type::ASCII);
-        let length = entry.map_or(0, |entry| entry.count()).min(LONGEST_NUMBER as u64) as usize;
-        said(&path, tags.find_tag_bytes(Tag::GdalNodata, &mut bytes[..length], 0))?;
-        let text = std::str::from_utf8(&bytes[..length]).unwrap_or_default();
-        Ok(text.trim_matches(['\0', ' ']).parse().ok())
-    }
-
-    /// How ImageJ shows the channels; empty if the file does not say it.
-    fn imagej_looks(&mut self) -> Result<Vec<ChannelLook>, ImportError> {
-        let path = self.path.clone();
-        let counts = said(&path, self.decoder.find_tag_unsigned_vec::<u64>(imagej::BYTE_COUNTS))?.unwrap_or_default();
-        let mut tags = self.decoder.image_ifd();
-        let length = tags.find_entry(imagej::METADATA).map_or(0, |entry| entry.count());
-        let mut bytes = vec![0; length.min(LONGEST_DESCRIPTION).min(self.stamp.bytes()) as usize];
-        let read = said(&path, tags.find_tag_bytes(imagej::METADATA, &mut bytes, 0))?;
-        bytes.truncate(read.unwrap_or(0));
-        Ok(imagej::channel_looks(&bytes, &counts))
-    }
-
-    /// Pixels per unit along x and y.
-    fn resolution(&mut self) -> Result<Option<(f64, f64)>, ImportError> {
-        use tiff::decoder::ifd::Value;
-        let mut read = |tag| {
-            Ok(match said(&self.path, self.decoder.find_tag(tag))? {
-                Some(Value::Rational(n, d)) if d > 0 => Some(n as f64 / d as f64),
-                _ => None,
-            })
-        };
-        Ok(read(Tag::XResolution)?.zip(read(Tag::YResolution)?))
-    }
-
     pub(super) fn format(&mut self) -> Result<PageFormat, ImportError> {
         let path = self.path.clone();
         let refuse = |e| refusal(&path, "a page", e);
@@ -249,7 +191,17 @@ impl OpenTiff {
         }
         let planar = tag(&mut self.decoder, Tag::PlanarConfiguration)? == Some(2);
         let is_rgb = matches!(color, ColorType::RGB(_) | ColorType::RGBA(_));
-        Ok(PageFormat { width, height, element, samples: color.num_samples(), planar, white_is_zero, is_rgb })
+        let turn = self.turn()?;
+        Ok(PageFormat { width, height, element, samples: color.num_samples(), planar, white_is_zero, is_rgb, turn })
+    }
+
+    fn turn(&mut self) -> Result<Turn, ImportError> {
+        let value = self.decoder.find_tag_unsigned::<u16>(Tag::Orientation);
+        let value = value.map_err(|e| refusal(&self.path, "a page", e))?.unwrap_or(1);
+        Turn::of_orientation(value).ok_or_else(|| {
+            let advice = "write it again with one from 1 to 8 (tiffset -s Orientation 1)";
+            ImportError::unsupported_but(&self.path, format!("an Orientation of {value}"), advice)
+        })
     }
 
     /// Memory in bytes that decoding a strip or tile of the page takes: the decoded pixels, what the decompressor
@@ -269,6 +221,9 @@ impl OpenTiff {
         let (width, height) = self.decoder.chunk_dimensions();
         let chunks = format.width.div_ceil(width.max(1)) as u64 * format.height.div_ceil(height.max(1)) as u64;
         let planes = if format.planar { format.samples as u64 } else { 1 };
+        // A plane before it is turned, of voxels of four bytes at most.
+        let turned = if format.turn.is_none() { 0 } else { 4 * format.width as u64 * format.height as u64 };
+        let decoded = decoded.saturating_add(turned);
         Ok(decoded.saturating_add(kept).saturating_add(chunks.saturating_mul(planes * CHUNK_PLACE_BYTES)))
     }
 
@@ -367,24 +322,51 @@ impl OpenTiff {
         Ok(Some(PlainChunk { row_bytes, rows: rows.max(1) as u64, height }))
     }
 
-    /// Returns the byte at which the data of the page start, and their byte order.
+    /// Returns the byte at which the data of the page start, and their byte order, where other planes lie behind them without a
+    /// directory.
     ///
     /// # Errors
-    /// If the page is compressed, tiled, or has several samples a pixel.
+    /// If the page is compressed, tiled, turned, or in strips that do not follow one another.
     pub(super) fn contiguous_start(&mut self, path: &Path, format: &PageFormat) -> Result<(u64, Endian), ImportError> {
         let refuse = |e| refusal(path, "cannot be read", e);
         let compression = self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(refuse)?.unwrap_or(1);
-        let offsets = self.decoder.find_tag_unsigned_vec::<u64>(Tag::StripOffsets).map_err(refuse)?.unwrap_or_default();
-        let (Some(&start), 1, 1) = (offsets.first(), compression, format.samples) else {
-            let feature = "a stack in one directory that is compressed, tiled or coloured";
+        let mut numbers = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map(Option::unwrap_or_default);
+        let (offsets, counts) =
+            (numbers(Tag::StripOffsets).map_err(refuse)?, numbers(Tag::StripByteCounts).map_err(refuse)?);
+        let (Some(&start), 1, true) = (offsets.first(), compression, format.turn.is_none()) else {
+            let feature = "a stack in one directory that is compressed, tiled or of another Orientation than 1";
             return Err(ImportError::unsupported(path, feature));
         };
+        let ends = offsets.iter().zip(&counts).map(|(offset, count)| offset.saturating_add(*count));
+        if offsets.iter().skip(1).zip(ends).any(|(next, end)| *next != end) {
+            let feature = "a stack in one directory whose strips do not follow one another";
+            return Err(ImportError::unsupported_but(path, feature, "write it again with a directory for each plane"));
+        }
         Ok((start, self.endian()))
     }
 
     /// Fills `out` with the voxels in the x, y rectangle of `region`: one sample of each pixel of the page where the
     /// decoder stands.
     pub(super) fn read_rectangle(
+        &mut self,
+        format: &PageFormat,
+        sample: u32,
+        decode: Decode,
+        region: VoxelBox,
+        out: &mut [u8],
+    ) -> Result<(), ImportError> {
+        if format.turn.is_none() {
+            return self.read_stored(format, sample, decode, region, out);
+        }
+        let mut stored = vec![0; out.len()];
+        self.read_stored(format, sample, decode, format.turn.stored(region, format.shown_size()), &mut stored)?;
+        let size = [region.extent().x, region.extent().y];
+        format.turn.turn(&stored, size, decode.voxel_type().bytes(), out);
+        Ok(())
+    }
+
+    /// The same of a region of what is stored.
+    fn read_stored(
         &mut self,
         format: &PageFormat,
         sample: u32,
@@ -613,12 +595,9 @@ fn element_of(sample: DecodingSampleType) -> Option<Element> {
 
 /// What a tag says that voxels can do without: nothing where it is not there, or is damaged. But what the disk does not give now may
 /// say what the values are.
-fn said<T>(path: &Path, read: Result<Option<T>, TiffError>) -> Result<Option<T>, ImportError> {
-    use std::io::ErrorKind::{InvalidInput, UnexpectedEof};
+pub(super) fn said<T>(path: &Path, read: Result<Option<T>, TiffError>) -> Result<Option<T>, ImportError> {
     match read {
-        Err(TiffError::IoError(error)) if !matches!(error.kind(), UnexpectedEof | InvalidInput) => {
-            Err(ImportError::io(path)(error))
-        }
+        Err(TiffError::IoError(error)) if !is_damage(&error) => Err(ImportError::io(path)(error)),
         read => Ok(read.ok().flatten()),
     }
 }

@@ -1,5 +1,8 @@
 //! TIFF files built byte by byte (layouts) and by the library's encoder (compressions), read back.
 
+mod described;
+mod sets;
+
 use crate::error::ImportError;
 use crate::open::open;
 use crate::options::{NoData, OpenOptions};
@@ -30,6 +33,8 @@ struct Layout {
     lzw: Option<u64>,
     /// Directory entries more, or in place of others: tag and number.
     tags: Vec<(u16, u64)>,
+    /// Entries of the first directory more: tag, type and numbers, floats by their bits.
+    lists: Vec<(u16, u16, Vec<u64>)>,
 }
 
 impl Default for Layout {
@@ -46,6 +51,7 @@ impl Default for Layout {
             directories: None,
             lzw: None,
             tags: Vec::new(),
+            lists: Vec::new(),
         }
     }
 }
@@ -76,7 +82,7 @@ impl Writer {
         // Values too long for their entry go before the directory.
         let mut entries = Vec::new();
         for (tag, kind, values) in tags {
-            let size = [0, 1, 1, 2, 4, 4, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 8][kind as usize];
+            let size = [0, 1, 1, 2, 4, 4, 1, 0, 0, 0, 0, 0, 8, 0, 0, 0, 8][kind as usize];
             let count = if kind == 5 { values.len() / 2 } else { values.len() };
             let data: Vec<u8> = values.iter().flat_map(|&v| self.number(v, size)).collect();
             let mut field = if data.len() > width {
@@ -199,6 +205,7 @@ fn written(field: Field, page_axes: &str, layout: &Layout) -> Vec<u8> {
             tags.retain(|(t, ..)| *t != tag);
             tags.push((tag, 3, vec![number]));
         }
+        tags.append(&mut w.layout.lists);
         let at = w.directory(tags);
         w.put_at(link, at as u64, width);
         link = w.bytes.len() - width;

@@ -1,0 +1,122 @@
+//! ImageJ's description: lines of `key=value`. Pages run through channels first, then slices, then frames.
+
+use super::calibration::Calibration;
+use super::description::{Declared, Description, Spacing};
+use crate::axes::Axis;
+use brickyard_volume::{ChannelLook, TimeAxis};
+
+/// How ImageJ's description begins.
+pub(super) const START: &str = "ImageJ=";
+
+/// What the text says. `resolution` is pixels per unit along x and y, which ImageJ keeps in the page's tags.
+pub(super) fn read(text: &str, resolution: Option<[f64; 2]>) -> Description {
+    let value = |key: &str| text.lines().find_map(|l| l.strip_prefix(key)?.strip_prefix('=')).map(str::trim);
+    let count = |key| value(key).and_then(|v| v.parse::<u32>().ok());
+    let images = count("images").unwrap_or(1);
+    let (channels, frames) = (count("channels").unwrap_or(1), count("frames").unwrap_or(1));
+    let others = channels.saturating_mul(frames);
+    let slices = count("slices").unwrap_or(if others == 1 { images } else { 1 });
+    let mut description = Description {
+        declared: Some(Declared {
+            page_axes: vec![Axis::T, Axis::Z, Axis::C],
+            z: slices,
+            channels,
+            times: frames,
+            in_one_directory: true,
+            ..Declared::one_plane()
+        }),
+        ignores_resolution: true,
+        calibration: Calibration::parse(value),
+        channel_looks: display_range(value).into_iter().collect(),
+        ..Description::default()
+    };
+    let depth = value("spacing").and_then(|v| v.parse::<f64>().ok()).map(f64::abs).filter(|&depth| is_length(depth));
+    let unit = value("unit").filter(|u| !u.starts_with("pixel"));
+    description.set_unit(unit);
+    description.spacing = spacing(unit.is_some(), depth, resolution);
+    let interval = value("finterval").and_then(|v| v.parse::<f64>().ok()).filter(|step| *step != 0.0);
+    if let Some(step) = interval.filter(|_| frames > 1) {
+        let unit = value("tunit").unwrap_or("s");
+        let axis = TimeAxis { step, ..TimeAxis::default() };
+        description.set_time(axis, unit, frames);
+    }
+    description
+}
+
+/// ImageJ's spacing, of which it writes no depth that is 1; `None` if nothing is said. Without a unit the resolution is a printer's, not
+/// the data's.
+pub(super) fn spacing(has_unit: bool, depth: Option<f64>, resolution: Option<[f64; 2]>) -> Option<Spacing> {
+    if !has_unit && depth.is_none() {
+        return None;
+    }
+    let size = |r: f64| if has_unit && is_length(1.0 / r) { 1.0 / r } else { 1.0 };
+    let [x, y] = resolution.unwrap_or([1.0; 2]).map(size);
+    Some(Spacing { x, y, z: Some(depth.unwrap_or(1.0)) })
+}
+
+/// Whether a number can be a distance.
+pub(super) fn is_length(number: f64) -> bool {
+    number > 0.0 && number.is_finite()
+}
+
+/// The look of an image of one channel, by ImageJ's display range.
+fn display_range<'a>(value: impl Fn(&str) -> Option<&'a str>) -> Option<ChannelLook> {
+    let number = |key| value(key)?.parse::<f64>().ok().filter(|number| number.is_finite());
+    let (low, high) = number("min").zip(number("max"))?;
+    (low < high).then(|| ChannelLook { window: Some([low, high]), ..ChannelLook::default() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spacing_of(description: &Description) -> Option<[f64; 3]> {
+        description.spacing.map(|s| [s.x, s.y, s.z.unwrap()])
+    }
+
+    #[test]
+    fn hyperstacks_run_through_channels_first() {
+        let text =
+            "ImageJ=1.53t\nimages=24\nchannels=2\nslices=4\nframes=3\nhyperstack=true\nspacing=2.5\nunit=\\u00B5m\n";
+        let d = read(text, Some([4.0, 2.0]));
+        assert_eq!((spacing_of(&d), d.unit), (Some([0.25, 0.5, 2.5]), Some("micrometer")));
+        let declared = d.declared.unwrap();
+        assert_eq!(declared.page_axes, [Axis::T, Axis::Z, Axis::C]);
+        assert_eq!((declared.z, declared.channels, declared.times, declared.planes()), (4, 2, 3, 24));
+    }
+
+    #[test]
+    fn without_a_unit_the_printers_resolution_is_ignored() {
+        let d = read("ImageJ=1.4\nimages=5\nspacing=-3\n", Some([72.0, 72.0]));
+        assert_eq!((spacing_of(&d), d.unit, d.declared.unwrap().z), (Some([1.0, 1.0, 3.0]), None, 5));
+        assert_eq!(read("ImageJ=1.4\nimages=5\nunit=pixel\n", Some([72.0, 72.0])).spacing, None);
+        for spacing in ["inf", "-Infinity", "NaN", "0"] {
+            let text = format!("ImageJ=1.4\nimages=5\nspacing={spacing}\n");
+            assert_eq!(read(&text, None).spacing, None, "{spacing}");
+        }
+        let odd = read("ImageJ=1.4\nimages=5\nunit=furlong\n", None);
+        assert!(odd.notes[0].contains("furlong"));
+    }
+
+    #[test]
+    fn frames_are_taken_when_the_description_says() {
+        let of = |text: &str| read(text, None);
+        let axis = |step, unit: &str| Some(TimeAxis { step, unit: Some(unit.into()), ..TimeAxis::default() });
+        let imagej = "ImageJ=1.53\nimages=6\nframes=3\nslices=2\n";
+        assert_eq!(of(&format!("{imagej}finterval=0.25\n")).time, axis(0.25, "second"));
+        assert_eq!(of(&format!("{imagej}finterval=0.25\ntunit=min\n")).time, axis(0.25, "minute"));
+        assert_eq!((of(imagej).time, of(&format!("{imagej}finterval=0\n")).time), (None, None));
+        assert_eq!(of("ImageJ=1.53\nimages=6\nfinterval=0.25\n").time, None);
+        let bad = of(&format!("{imagej}finterval=-2\n"));
+        assert!(bad.time.is_none() && bad.notes[0].contains("found -2"), "{:?}", bad.notes);
+        let odd = of(&format!("{imagej}finterval=2\ntunit=moon\n"));
+        assert!(odd.time.is_some_and(|axis| axis.unit.is_none()) && odd.notes[0].contains("'moon'"), "{:?}", odd.notes);
+    }
+
+    #[test]
+    fn the_display_range_is_that_of_one_channel() {
+        let looks = |text: &str| read(text, None).channel_looks;
+        assert_eq!(looks("ImageJ=1.53\nimages=4\nmin=-2.5\nmax=900\n")[0].window, Some([-2.5, 900.0]));
+        assert_eq!(looks("ImageJ=1.53\nimages=4\nmin=7\nmax=7\n"), []);
+    }
+}

@@ -1,0 +1,160 @@
+//! Which page is which plane, as OME's `TiffData` elements say: in any order, from several files. Every plane must have one page.
+
+use super::ome::{Pixels, TiffData};
+use super::page_map::{PageMap, PageOrder, Place, planes_of, too_few_or_many};
+use crate::axes::{Axis, Sizes};
+
+/// The files whose pages are mapped.
+pub(super) struct Files<'a> {
+    /// The number of pages of each file.
+    pub(super) pages: &'a [u32],
+    /// The files' names, for messages.
+    pub(super) names: &'a [String],
+    /// The file of each of [`Pixels::parts`].
+    pub(super) of_part: &'a [u32],
+    /// The file that has the XML, if it has pages.
+    pub(super) own: Option<u32>,
+}
+
+const UNSET: Place = Place { file: u32::MAX, page: u32::MAX };
+
+/// The map of the planes of `pixels` to pages: a list, or a rule where one says the same. It takes eight bytes a page. `sizes` are those
+/// in pages.
+///
+/// # Errors
+/// If a plane has no page or two, or a page or plane is named that is not there. The message names it.
+pub(super) fn map(pixels: &Pixels, sizes: Sizes, files: &Files) -> Result<PageMap, String> {
+    let channels = sizes.channels;
+    let samples = pixels.sizes[1] / channels;
+    let (planes, pages) = (planes_of(sizes), files.pages.iter().map(|&n| n as u64).sum::<u64>());
+    if planes > pages {
+        return Err(too_few_or_many(sizes, pages, if files.pages.len() == 1 { "it holds" } else { "its files hold" }));
+    }
+    // Some programs count the samples of a pixel as channels here, too.
+    let counts_samples = pixels.tiff_data.iter().any(|data| data.first[1] >= channels);
+    let mut mapping = Mapping { pixels, sizes, files, places: vec![UNSET; planes as usize] };
+    for data in &pixels.tiff_data {
+        let mut first = data.first;
+        if counts_samples {
+            first[1] /= samples;
+        }
+        mapping.take(TiffData { first, ..*data })?;
+    }
+    let Mapping { places, .. } = mapping;
+    if let Some(missing) = places.iter().position(|&place| place == UNSET) {
+        let plane = Plane::at(missing as u64, sizes);
+        return Err(format!(
+            "its OME-XML (TiffData) gives no page for {plane}; pass `axes` zyx to take the pages as they are"
+        ));
+    }
+    let map = PageMap { sizes, order: PageOrder::Listed(places) };
+    Ok(if files.pages.len() == 1 { map.shortened(&pixels.axes) } else { map })
+}
+
+struct Mapping<'a> {
+    pixels: &'a Pixels,
+    sizes: Sizes,
+    files: &'a Files<'a>,
+    places: Vec<Place>,
+}
+
+impl Mapping<'_> {
+    /// Takes the places that one element gives.
+    fn take(&mut self, data: TiffData) -> Result<(), String> {
+        let file = match data.part {
+            Some(part) => self.files.of_part[part as usize],
+            None => self.files.own.ok_or("its OME-XML has TiffData that names no file (UUID FileName)")?,
+        };
+        let pages = self.files.pages[file as usize];
+        let limits = [self.sizes.times, self.sizes.channels, self.sizes.extent.z];
+        let plane = Plane(data.first);
+        if data.first.iter().zip(limits).any(|(&i, limit)| i >= limit) {
+            return Err(format!("its OME-XML (TiffData) tells of {plane}, which its sizes do not have"));
+        }
+        let ifd = data.ifd.unwrap_or(0);
+        let count = match data.count {
+            Some(count) => count,
+            None if data.ifd.is_some() => 1,
+            None => pages,
+        };
+        let start = self.along_order(data.first);
+        for i in 0..count {
+            let page = ifd.checked_add(i).filter(|&page| page < pages).ok_or_else(|| {
+                format!(
+                    "its OME-XML (TiffData) tells of directory {} of {}, which has {pages} (0 to {}); fetch the file again",
+                    ifd as u64 + i as u64,
+                    self.files.names[file as usize],
+                    pages.saturating_sub(1)
+                )
+            })?;
+            let index = start + i as u64;
+            if index >= self.places.len() as u64 {
+                return Err(too_few_or_many(self.sizes, start + count as u64, "its TiffData elements tell of"));
+            }
+            let plane = self.plane_at(index);
+            let place = &mut self.places[plane.index(self.sizes) as usize];
+            if *place != UNSET {
+                let names = [*place, Place { file, page }]
+                    .map(|place| format!("directory {} of {}", place.page, self.files.names[place.file as usize]));
+                return Err(format!(
+                    "its OME-XML (TiffData) gives two pages for {plane}: {} and {}; pass `axes` zyx to take the pages as they are",
+                    names[0], names[1]
+                ));
+            }
+            *place = Place { file, page };
+        }
+        Ok(())
+    }
+
+    /// A plane's number as planes follow one another.
+    fn along_order(&self, [t, c, z]: [u32; 3]) -> u64 {
+        self.pixels.axes.iter().fold(0, |index, &axis| {
+            let i = match axis {
+                Axis::T => t,
+                Axis::C => c,
+                _ => z,
+            };
+            index * self.sizes.of(axis) as u64 + i as u64
+        })
+    }
+
+    /// The plane of this number as planes follow one another.
+    fn plane_at(&self, mut index: u64) -> Plane {
+        let mut plane = [0; 3];
+        for &axis in self.pixels.axes.iter().rev() {
+            let size = self.sizes.of(axis) as u64;
+            let slot = match axis {
+                Axis::T => 0,
+                Axis::C => 1,
+                _ => 2,
+            };
+            plane[slot] = (index % size) as u32;
+            index /= size;
+        }
+        Plane(plane)
+    }
+}
+
+/// A plane's step, channel and slice, as messages name it.
+struct Plane([u32; 3]);
+
+impl Plane {
+    /// A plane's number along t, c and z, slowest first.
+    fn index(&self, sizes: Sizes) -> u64 {
+        let Self([t, c, z]) = *self;
+        (t as u64 * sizes.channels as u64 + c as u64) * sizes.extent.z as u64 + z as u64
+    }
+
+    /// The plane of this number.
+    fn at(index: u64, sizes: Sizes) -> Self {
+        let (z, channels) = (sizes.extent.z as u64, sizes.channels as u64);
+        Self([(index / z / channels) as u32, (index / z % channels) as u32, (index % z) as u32])
+    }
+}
+
+impl std::fmt::Display for Plane {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self([t, c, z]) = self;
+        write!(f, "the plane of step {t}, channel {c}, slice {z}")
+    }
+}

@@ -1,0 +1,196 @@
+//! The files of an OME set: their names are in XML, their pages beside it. A name leads to a regular file in the folder of the file that was
+//! given, or below; the UUID inside is the one that the XML says, where both say one.
+
+use super::description::{Description, Ome, OmeSays};
+use super::ome::{self, Part};
+use super::page::OpenTiff;
+use super::told::LONGEST_DESCRIPTION;
+use super::xml::Failure;
+use crate::error::ImportError;
+use crate::files::first_bytes;
+use std::collections::HashMap;
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::{Component, Path, PathBuf};
+
+/// Whether a file is OME-XML by itself: by its name, and by how it begins.
+pub(crate) fn is_companion(path: &Path) -> Result<bool, ImportError> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    if ![".ome", ".ome.xml"].iter().any(|end| name.ends_with(end)) {
+        return Ok(false);
+    }
+    let start = first_bytes(path, 64)?;
+    let start = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&start);
+    Ok(start.trim_ascii_start().starts_with(b"<"))
+}
+
+/// Reads OME-XML in a file of its own.
+///
+/// # Errors
+/// If it is none, or cannot be followed; the disk cannot read it.
+pub(super) fn read_companion(path: &Path) -> Result<Description, ImportError> {
+    let file = File::open(path).map_err(ImportError::io(path))?;
+    let bytes = file.metadata().map_err(ImportError::io(path))?.len();
+    if bytes > LONGEST_DESCRIPTION {
+        return Err(ImportError::unsupported(
+            path,
+            format!("OME-XML of {bytes} bytes, more than {LONGEST_DESCRIPTION},"),
+        ));
+    }
+    match ome::read(BufReader::new(file.take(LONGEST_DESCRIPTION))) {
+        Ok(Some(description)) => Ok(description),
+        Ok(None) => Err(ImportError::invalid(path, "is called a companion of OME-TIFF files, but is no OME-XML")),
+        Err(Failure::Disk(error)) => Err(ImportError::io(path)(error)),
+        Err(Failure::Meaning(problem)) => Err(ImportError::invalid(path, format!("its OME-XML {problem}"))),
+    }
+}
+
+/// The file that has the metadata of a file whose own are elsewhere, and what they say.
+///
+/// # Errors
+/// If the name leads out of the folder, or to no file, or to one of another UUID.
+pub(super) fn follow(
+    path: &Path,
+    metadata_file: &str,
+    uuid: Option<&str>,
+) -> Result<(PathBuf, Description), ImportError> {
+    let what = "is BinaryOnly: its pages are described in";
+    let other = beside(path, metadata_file, what)?;
+    let description = match first_bytes(&other, 4)?.as_slice() {
+        b"II*\0" | b"MM\0*" | b"II+\0" | b"MM\0+" => {
+            let mut tiff = OpenTiff::open(&other)?;
+            let format = tiff.format()?;
+            tiff.description(&format)?
+        }
+        _ => read_companion(&other)?,
+    };
+    match &description.ome {
+        Some(Ome { uuid: found, says: OmeSays::Pixels(_) }) => check_uuid(path, &other, uuid, found.as_deref())?,
+        Some(Ome { says: OmeSays::Elsewhere { .. }, .. }) => {
+            return Err(ImportError::invalid(&other, format!("is BinaryOnly, too, as {} is", path.display())));
+        }
+        None if description.problem.is_some() => {}
+        None => {
+            let problem =
+                format!("{what} {metadata_file}, which has no OME-XML; pass `axes` zyx to take its pages as they are");
+            return Err(ImportError::invalid(path, problem));
+        }
+    }
+    Ok((other, description))
+}
+
+/// The files of a set.
+pub(super) struct Set {
+    /// The first is the one that has the XML, if it has pages.
+    pub(super) paths: Vec<PathBuf>,
+    /// The file of each part.
+    pub(super) of_part: Vec<u32>,
+    /// The UUID of each file, as the XML says it.
+    pub(super) uuids: Vec<Option<String>>,
+}
+
+impl Set {
+    /// Finds the files of the parts beside `path`, which has the UUID `uuid`, and has pages itself if `has_pages`.
+    ///
+    /// # Errors
+    /// If a name leads out of the folder, or to no file: the message names it.
+    pub(super) fn find(path: &Path, uuid: Option<&str>, has_pages: bool, parts: &[Part]) -> Result<Self, ImportError> {
+        let mut set = Self { paths: Vec::new(), of_part: Vec::with_capacity(parts.len()), uuids: Vec::new() };
+        let mut known: HashMap<PathBuf, u32> = HashMap::new();
+        if has_pages {
+            set.paths.push(path.to_owned());
+            set.uuids.push(uuid.map(str::to_owned));
+            known.insert(path.to_owned(), 0);
+        }
+        for part in parts {
+            let is_own = has_pages && uuid.is_some_and(|own| same_uuid(own, &part.uuid));
+            let found = match &part.name {
+                _ if is_own => path.to_owned(),
+                Some(name) => beside(path, name, "its OME-XML tells of pages in")?,
+                None => {
+                    let problem =
+                        format!("its OME-XML tells of pages in a file of UUID '{}', but not of its name", part.uuid);
+                    return Err(ImportError::invalid(path, problem));
+                }
+            };
+            let next = set.paths.len() as u32;
+            let file = *known.entry(found.clone()).or_insert_with(|| {
+                set.paths.push(found);
+                set.uuids.push(None);
+                next
+            });
+            let said = &mut set.uuids[file as usize];
+            if !part.uuid.is_empty() {
+                let expected = said.get_or_insert_with(|| part.uuid.clone());
+                if !same_uuid(expected, &part.uuid) {
+                    let problem = format!(
+                        "is meant by {} under two UUIDs, '{expected}' and '{}': the file that is there is not both",
+                        path.display(),
+                        part.uuid
+                    );
+                    return Err(ImportError::invalid(&set.paths[file as usize], problem));
+                }
+            }
+            set.of_part.push(file);
+        }
+        Ok(set)
+    }
+}
+
+/// Checks that a file has the UUID by which another one means it, where both say one.
+pub(super) fn check_uuid(
+    naming: &Path,
+    path: &Path,
+    expected: Option<&str>,
+    found: Option<&str>,
+) -> Result<(), ImportError> {
+    match expected.zip(found) {
+        Some((expected, found)) if !same_uuid(expected, found) => {
+            let problem = format!(
+                "is another file than {} means: its UUID is '{found}', expected '{expected}'; put the files of one set together",
+                naming.display()
+            );
+            Err(ImportError::invalid(path, problem))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn same_uuid(a: &str, b: &str) -> bool {
+    let plain = |uuid: &str| {
+        let uuid = uuid.trim().to_ascii_lowercase();
+        uuid.strip_prefix("urn:uuid:").map(str::to_owned).unwrap_or(uuid)
+    };
+    plain(a) == plain(b)
+}
+
+/// The regular file of this name in the folder of `path`, or below it. `what` says in messages what the name is for.
+fn beside(path: &Path, name: &str, what: &str) -> Result<PathBuf, ImportError> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let outside = || {
+        let problem = format!(
+            "{what} '{name}', which is not in its folder or below; pass `axes` zyx to take its own pages as they are"
+        );
+        ImportError::invalid(path, problem)
+    };
+    let is_inside = !name.is_empty() && Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
+    if !is_inside || name.contains('\0') {
+        return Err(outside());
+    }
+    let found = path.with_file_name(name);
+    let missing = |why: String| {
+        let problem = format!(
+            "{what} '{name}', which is missing ({why}): put it into the folder of this file, or pass `axes` zyx to take the \
+             pages of this file as they are"
+        );
+        ImportError::invalid(path, problem)
+    };
+    let real = found.canonicalize().map_err(|error| missing(error.to_string()))?;
+    if !real.starts_with(folder.canonicalize().map_err(ImportError::io(folder))?) {
+        return Err(outside());
+    }
+    if !real.is_file() {
+        return Err(missing("it is no file".into()));
+    }
+    Ok(found)
+}

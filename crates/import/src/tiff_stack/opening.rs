@@ -1,0 +1,217 @@
+//! Opening TIFF files as a stack: which files there are, which pages, and that they agree. All directories are walked once.
+
+use super::description::{Declared, Description};
+use super::ome_opening::{Opening, open_companion};
+use super::ome_set::is_companion;
+use super::page::{OpenTiff, PageFormat};
+use super::page_map::{Misfit, arrange};
+use super::{Parts, TiffFile, TiffStack};
+use crate::axes::{Axis, AxisOrder};
+use crate::element::Decode;
+use crate::error::ImportError;
+use crate::mapped::MappedFile;
+use crate::options::{NoData, OpenOptions};
+use crate::raw::{ArrayLayout, RawSource, identity};
+use crate::source::{Source, SourceInfo};
+use std::path::{Path, PathBuf};
+
+/// Whether a TIFF file has more than one page.
+pub(crate) fn is_multi_page(path: &Path) -> Result<bool, ImportError> {
+    if is_companion(path)? {
+        return Ok(true);
+    }
+    OpenTiff::open(path).map(|tiff| tiff.has_more_pages())
+}
+
+/// Opens one TIFF file, of one page or several, with the others of its set where it is one of an OME set; or the companion of such
+/// files. `is_alone` says whether no other file is given beside it.
+pub(crate) fn open_file(path: &Path, options: &OpenOptions, is_alone: bool) -> Result<Box<dyn Source>, ImportError> {
+    if is_companion(path)? {
+        return open_companion(path, options, is_alone);
+    }
+    let mut tiff = OpenTiff::open(path)?;
+    let format = tiff.format()?;
+    let mut description = tiff.description(&format)?;
+    if options.axes.is_none() {
+        refuse_problem(path, &description)?;
+        if let Some(ome) = description.ome.take() {
+            let opening = Opening { path, format, options, is_alone };
+            return opening.ome(tiff, ome, description);
+        }
+        if let Some(declared) = &description.declared
+            && declared.in_one_directory
+            && declared.planes() > 1
+            && !tiff.has_more_pages()
+        {
+            return open_contiguous(path, &mut tiff, &format, declared, &description, options);
+        }
+    }
+    open_pages(Walked::of(tiff, &format)?, format, &description, options)
+}
+
+/// Opens single-page files as planes, in the order given.
+pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+    let mut first: Option<(PageFormat, Description)> = None;
+    let mut files = Vec::with_capacity(paths.len());
+    let mut reader_bytes = 0;
+    for path in paths {
+        let mut tiff = OpenTiff::open(path)?;
+        let format = tiff.format()?;
+        tiff.check_data(path, 1)?;
+        reader_bytes = tiff.reader_bytes(&format)?.max(reader_bytes);
+        let description = tiff.description(&format)?;
+        files.push(TiffFile { path: path.clone(), stamp: tiff.stamp, pages: 1 });
+        match &first {
+            Some((_, expected)) if description.calibration != expected.calibration => {
+                let problem = format!(
+                    "its values are calibrated (ImageJ's c0, c1, cf) in another way than those of {}; calibrate all alike",
+                    paths[0].display()
+                );
+                return Err(ImportError::invalid(path, problem));
+            }
+            Some((_, expected)) if description.nodata != expected.nodata && options.nodata == NoData::OfFile => {
+                let value = |nodata: Option<f64>| nodata.map_or("no value".into(), |value| value.to_string());
+                let problem = format!(
+                    "says with {} that pixels hold no data (GDAL_NODATA), but {} with {}; give one for all with `nodata`",
+                    value(description.nodata),
+                    paths[0].display(),
+                    value(expected.nodata)
+                );
+                return Err(ImportError::options(path, problem));
+            }
+            Some((expected, _)) if format != *expected => {
+                let problem = format!("is {format}, but {} is {expected}", paths[0].display());
+                return Err(ImportError::invalid(path, problem));
+            }
+            Some(_) => {}
+            None => first = Some((format, description)),
+        }
+    }
+    let Some((format, mut description)) = first else {
+        return Err(ImportError::options(Path::new(""), "no TIFF file given"));
+    };
+    // What a single plane's file says of a stack's shape is about the stack it was cut from.
+    description.declared = None;
+    let (map, note) =
+        arrange(1, paths.len() as u32, options, None, &format).map_err(|misfit| refusal(&paths[0], misfit))?;
+    description.notes.extend(note);
+    let parts = Parts { files, format, map, reader_bytes, idle: Vec::new() };
+    Ok(Box::new(TiffStack::new(parts, &description, options)?))
+}
+
+/// Opens the pages of one file, as they are described.
+pub(super) fn open_pages(
+    walked: Walked,
+    format: PageFormat,
+    description: &Description,
+    options: &OpenOptions,
+) -> Result<Box<dyn Source>, ImportError> {
+    let Walked { file, tiff, reader_bytes, odd } = walked;
+    if let Some(odd) = odd {
+        return Err(odd);
+    }
+    let declared = description.declared.as_ref();
+    let (map, note) =
+        arrange(file.pages, 1, options, declared, &format).map_err(|misfit| refusal(&file.path, misfit))?;
+    let parts = Parts { files: vec![file], format, map, reader_bytes, idle: vec![(0, tiff)] };
+    let mut stack = TiffStack::new(parts, description, options)?;
+    stack.info.notes.extend(note);
+    Ok(Box::new(stack))
+}
+
+fn refusal(path: &Path, misfit: Misfit) -> ImportError {
+    match misfit {
+        Misfit::OfOptions(problem) => ImportError::options(path, problem),
+        Misfit::OfFile(problem) => ImportError::invalid(path, problem),
+    }
+}
+
+pub(super) fn refuse_problem(path: &Path, description: &Description) -> Result<(), ImportError> {
+    description.problem.as_ref().map_or(Ok(()), |problem| Err(ImportError::invalid(path, problem)))
+}
+
+pub(super) fn odd_page(path: &Path, number: u32, format: &PageFormat, expected: &PageFormat) -> ImportError {
+    ImportError::invalid(path, format!("page {number} is {format}, but page 1 is {expected}"))
+}
+
+/// A file whose directories were all looked at.
+pub(super) struct Walked {
+    pub(super) file: TiffFile,
+    pub(super) tiff: OpenTiff,
+    pub(super) reader_bytes: u64,
+    /// What is wrong with the first page that differs from the others, or whose data are not there.
+    pub(super) odd: Option<ImportError>,
+}
+
+impl Walked {
+    /// Walks the directories of a file from its first page on. `format` is what its pages should be.
+    pub(super) fn of(mut tiff: OpenTiff, format: &PageFormat) -> Result<Self, ImportError> {
+        let path = tiff.path.clone();
+        let (mut pages, mut reader_bytes, mut odd) = (1u32, 0, None);
+        loop {
+            let checked = tiff.format().and_then(|other| {
+                if other != *format {
+                    return Err(odd_page(&path, pages, &other, format));
+                }
+                tiff.check_data(&path, pages)?;
+                tiff.reader_bytes(format)
+            });
+            match checked {
+                Ok(bytes) => reader_bytes = reader_bytes.max(bytes),
+                Err(error) => odd = odd.or(Some(error)),
+            }
+            if !tiff.has_more_pages() {
+                break;
+            }
+            tiff.next_page(pages + 1)?;
+            pages += 1;
+        }
+        Ok(Self { file: TiffFile { path, stamp: tiff.stamp, pages }, tiff, reader_bytes, odd })
+    }
+}
+
+/// ImageJ's form for stacks past 4 GiB, tifffile's where it is told so, and MetaMorph's: one directory, then all planes without a gap.
+fn open_contiguous(
+    path: &Path,
+    tiff: &mut OpenTiff,
+    format: &PageFormat,
+    declared: &Declared,
+    description: &Description,
+    options: &OpenOptions,
+) -> Result<Box<dyn Source>, ImportError> {
+    let (scale, note) = description.scale(format.element, format.samples);
+    let (offset, endian) = tiff.contiguous_start(path, format)?;
+    let mut sizes = declared.sizes([format.width, format.height]);
+    let within = match (format.samples, format.planar) {
+        (1, _) => &[Axis::Y, Axis::X][..],
+        (samples, planar) if declared.channels == 1 => {
+            sizes.channels = samples.into();
+            if planar { &[Axis::C, Axis::Y, Axis::X] } else { &[Axis::Y, Axis::X, Axis::C] }
+        }
+        _ => return Err(ImportError::unsupported(path, "a stack in one directory of coloured channels")),
+    };
+    let page_axes = declared.page_axes.iter().copied().filter(|axis| format.samples == 1 || *axis != Axis::C);
+    let array = ArrayLayout {
+        sizes,
+        axes: AxisOrder::of(&page_axes.chain(within.iter().copied()).collect::<Vec<_>>()),
+        decode: Decode { element: format.element, endian, scale },
+        offset,
+    };
+    let expected = array.body_bytes().map_err(|p| ImportError::invalid(path, p))?.saturating_add(offset);
+    let file = MappedFile::open(path)?;
+    let found = file.len() as u64;
+    if found < expected {
+        let problem = format!(
+            "its description declares {} planes of {format}, so at least {expected} bytes are expected; found {found} ({} missing); \
+             pass `axes` zyx to take only the page it has",
+            declared.planes(),
+            expected - found
+        );
+        return Err(ImportError::invalid(path, problem));
+    }
+    let mut info = SourceInfo { identity: identity("tiff contiguous", &[path])?, ..array.info() };
+    description.place(&mut info);
+    description.mark(&mut info, scale, options.nodata);
+    info.notes.extend(note);
+    Ok(Box::new(RawSource::new(file, array, info)?.with_losses(options)?))
+}

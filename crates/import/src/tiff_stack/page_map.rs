@@ -1,0 +1,209 @@
+//! Which page of which file holds which plane: a rule, where pages follow one another along axes, or else a list.
+
+use super::description::Declared;
+use super::page::PageFormat;
+use crate::axes::{Axis, AxisOrder, Sizes};
+use crate::options::OpenOptions;
+
+/// Where a plane lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Place {
+    /// The file's number in the stack.
+    pub(super) file: u32,
+    /// The page's number in the file, from 0.
+    pub(super) page: u32,
+}
+
+/// Which page of which file holds which plane.
+#[derive(Debug, PartialEq)]
+pub(super) struct PageMap {
+    /// Sizes in pages: samples within a page are not counted as channels. Those along x and y are a page's.
+    pub(super) sizes: Sizes,
+    pub(super) order: PageOrder,
+}
+
+#[derive(Debug, PartialEq)]
+pub(super) enum PageOrder {
+    /// Pages follow one another along these axes (of t, c, z), slowest first, through files of as many pages each.
+    Along { axes: Vec<Axis>, pages_per_file: u32 },
+    /// One place for each plane, along t, c and z, slowest first.
+    Listed(Vec<Place>),
+}
+
+impl PageMap {
+    /// Pages along axes, slowest first. `sizes` has their number along each.
+    pub(super) fn along(axes: &[Axis], sizes: Sizes, pages_per_file: u32) -> Self {
+        Self { sizes, order: PageOrder::Along { axes: axes.to_vec(), pages_per_file } }
+    }
+
+    /// The place of a plane. Every index is below its size.
+    pub(super) fn place(&self, time: u32, page_channel: u32, z: u32) -> Place {
+        let index = |axes: &[Axis]| {
+            axes.iter().fold(0, |index, &axis| {
+                let i = match axis {
+                    Axis::T => time,
+                    Axis::C => page_channel,
+                    _ => z,
+                };
+                index * self.sizes.of(axis) as u64 + i as u64
+            })
+        };
+        match &self.order {
+            PageOrder::Along { axes, pages_per_file } => {
+                let page = index(axes);
+                let per_file = *pages_per_file as u64;
+                Place { file: (page / per_file) as u32, page: (page % per_file) as u32 }
+            }
+            PageOrder::Listed(places) => places[index(&[Axis::T, Axis::C, Axis::Z]) as usize],
+        }
+    }
+
+    /// How many planes there are.
+    pub(super) fn planes(&self) -> u64 {
+        planes_of(self.sizes)
+    }
+
+    /// The places of all planes, file by file.
+    pub(super) fn by_file(&self) -> Vec<Place> {
+        let Sizes { extent, channels, times } = self.sizes;
+        let mut places: Vec<Place> = (0..times)
+            .flat_map(|t| (0..channels).flat_map(move |c| (0..extent.z).map(move |z| (t, c, z))))
+            .map(|(t, c, z)| self.place(t, c, z))
+            .collect();
+        places.sort_unstable();
+        places
+    }
+
+    /// The same map as a rule, where the planes of one file lie along these axes.
+    pub(super) fn shortened(self, axes: &[Axis]) -> Self {
+        let rule = Self::along(axes, self.sizes, self.planes().try_into().unwrap_or(u32::MAX));
+        let Sizes { extent, channels, times } = self.sizes;
+        let is_same = (0..times)
+            .all(|t| (0..channels).all(|c| (0..extent.z).all(|z| self.place(t, c, z) == rule.place(t, c, z))));
+        if is_same { rule } else { self }
+    }
+
+    /// What tells this map from others of the same files, for the identity of an input.
+    pub(super) fn kind(&self) -> String {
+        match &self.order {
+            PageOrder::Along { axes, .. } => format!("{axes:?}"),
+            PageOrder::Listed(_) => "listed".into(),
+        }
+    }
+}
+
+/// Planes of these sizes in pages.
+pub(super) fn planes_of(sizes: Sizes) -> u64 {
+    (sizes.extent.z as u64).saturating_mul(sizes.channels as u64).saturating_mul(sizes.times as u64)
+}
+
+/// The map of `files` files of as many pages each, and a note if there is something to say: by the caller's axes, else as declared, else
+/// all along z.
+///
+/// # Errors
+/// If the pages are not as many as the axes or the description need; the message says which.
+pub(super) fn arrange(
+    pages: u32,
+    files: u32,
+    options: &OpenOptions,
+    declared: Option<&Declared>,
+    format: &PageFormat,
+) -> Result<(PageMap, Option<String>), Misfit> {
+    let all = pages.saturating_mul(files);
+    let map = |axes: &[Axis], sizes: Sizes| PageMap::along(axes, of_page(sizes, format), pages);
+    if let Some(axes) = &options.axes {
+        let (page_axes, sizes) = as_told(axes, all, options).map_err(Misfit::OfOptions)?;
+        return Ok((map(&page_axes, sizes), None));
+    }
+    let along_z = || map(&[Axis::Z], Sizes::from_ordered(&[Axis::Z], &[all]));
+    let Some(declared) = declared else { return Ok((along_z(), None)) };
+    if declared.of_each_page && declared.planes() == 1 && all > 1 {
+        let note = format!(
+            "The {all} pages are arrays of their own, as the description of the first says: they are taken along z."
+        );
+        return Ok((along_z(), Some(note)));
+    }
+    let sizes = declared.page_sizes(format).map_err(Misfit::OfFile)?;
+    if planes_of(sizes) != all as u64 {
+        return Err(Misfit::OfFile(too_few_or_many(sizes, all as u64, "it holds")));
+    }
+    Ok((map(&declared.page_axes, sizes), None))
+}
+
+/// What is wrong where pages do not fit what is said of them.
+#[derive(Debug)]
+pub(super) enum Misfit {
+    /// What the caller says.
+    OfOptions(String),
+    /// What the file says.
+    OfFile(String),
+}
+
+/// The message for a description of more or fewer planes than there are pages. `holders` hold the pages.
+pub(super) fn too_few_or_many(sizes: Sizes, pages: u64, holders: &str) -> String {
+    format!(
+        "its description declares {} planes ({} along z, {} channels, {} time steps), but {holders} {pages} pages; \
+         pass `axes` zyx to take the pages as they are",
+        planes_of(sizes),
+        sizes.extent.z,
+        sizes.channels,
+        sizes.times
+    )
+}
+
+/// Page axes and sizes by the caller's axes: the one size that was not given follows from the number of pages.
+fn as_told(axes: &AxisOrder, pages: u32, options: &OpenOptions) -> Result<(Vec<Axis>, Sizes), String> {
+    let [page_axes @ .., Axis::Y, Axis::X] = axes.axes() else {
+        return Err(format!("axes '{axes}' do not end in yx, the order within a TIFF page"));
+    };
+    let given = |axis| match axis {
+        Axis::T => options.times,
+        Axis::C => options.channels,
+        _ => None,
+    };
+    let known: u64 = page_axes.iter().filter_map(|&a| given(a)).map(u64::from).product();
+    let unknown: Vec<Axis> = page_axes.iter().copied().filter(|&a| given(a).is_none()).collect();
+    let rest = (pages as u64).checked_div(known).unwrap_or(0) as u32;
+    let fits = rest as u64 * known == pages as u64;
+    match unknown[..] {
+        [] if known == pages as u64 => {}
+        [_] if fits => {}
+        [] | [_] => return Err(format!("{pages} pages do not divide into axes '{axes}' of the given sizes")),
+        _ => {
+            return Err(format!(
+                "axes '{axes}' leave several sizes open for {pages} pages; give `channels` and `times` as well"
+            ));
+        }
+    }
+    let sizes: Vec<u32> = page_axes.iter().map(|&a| given(a).unwrap_or(rest)).collect();
+    Ok((page_axes.to_vec(), Sizes::from_ordered(page_axes, &sizes)))
+}
+
+/// Sizes in pages, with those of a page along x and y.
+pub(super) fn of_page(mut sizes: Sizes, format: &PageFormat) -> Sizes {
+    [sizes.extent.x, sizes.extent.y] = format.shown_size();
+    sizes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_list_that_follows_a_rule_becomes_one() {
+        let sizes = Sizes::from_ordered(&[Axis::T, Axis::C, Axis::Z], &[2, 3, 2]);
+        let axes = [Axis::Z, Axis::T, Axis::C];
+        let rule = PageMap::along(&axes, sizes, 12);
+        let listed = || {
+            let places = (0..2).flat_map(|t| (0..3).flat_map(move |c| (0..2).map(move |z| (t, c, z))));
+            places.map(|(t, c, z)| rule.place(t, c, z)).collect::<Vec<_>>()
+        };
+        assert_eq!(PageMap { sizes, order: PageOrder::Listed(listed()) }.shortened(&axes), rule);
+        let mut turned = listed();
+        turned.swap(3, 7);
+        let list = PageMap { sizes, order: PageOrder::Listed(turned.clone()) };
+        let kept = list.shortened(&axes);
+        assert_eq!(kept, PageMap { sizes, order: PageOrder::Listed(turned) });
+        assert_eq!(kept.by_file(), rule.by_file());
+    }
+}

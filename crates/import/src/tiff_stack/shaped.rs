@@ -1,0 +1,327 @@
+//! The description that tifffile writes, and scikit-image and napari through it: JSON with the array's shape and, often, its axes,
+//! `{"shape": [3, 4, 7, 9], "axes": "TZYX"}`. What else its callers hand over stands beside these: spacings and units among it.
+//!
+//! The last axes are those of a page; the others are steps, channels and slices by their letters. One axis without a meaning is taken along
+//! z; where there are several, nobody but the user knows.
+
+use super::description::{Declared, Description, Spacing};
+use super::hyperstack::{is_length, spacing};
+use super::page::PageFormat;
+use super::tag_scale::ScaleTags;
+use crate::axes::Axis;
+use brickyard_volume::TimeAxis;
+use serde_json::Value;
+
+/// The most bytes of a description that are read.
+pub(super) const LONGEST: u64 = 1 << 20;
+
+/// How the oldest ones begin: `shape=(5, 7, 9)`.
+const OLD_START: &str = "shape=";
+/// The letter of an axis of which nothing is said.
+const UNSAID: char = 'Q';
+
+/// Whether a description that begins so is one of an array's shape. Others write JSON, too.
+pub(super) fn is_shaped(text: &str) -> bool {
+    text.starts_with(OLD_START) || text.starts_with('{') && text.contains("\"shape\":") && !text.contains("\"mibi.")
+}
+
+/// What the text says of pages of this format. `tags` say how many pixels go into a unit.
+pub(super) fn read(text: &str, format: &PageFormat, tags: &ScaleTags) -> Description {
+    let (declared, values) = match parsed(text).and_then(|array| Ok((array.declared(format)?, array.values))) {
+        Ok(read) => read,
+        Err(problem) => {
+            return Description::unreadable(format!(
+                "its description (tifffile's) {problem}; pass `axes` (with `channels` and `times`) to say what pages are, such as zyx"
+            ));
+        }
+    };
+    let mut description = Description::default();
+    description.notes.extend(declared.1);
+    let declared = declared.0;
+    place(&mut description, &values, tags);
+    let step = [("finterval", "tunit"), ("TimeIncrement", "TimeIncrementUnit")]
+        .iter()
+        .find_map(|(step, unit)| Some((number(&values, step).filter(|step| *step != 0.0)?, text_of(&values, unit))));
+    if let Some((step, unit)) = step.filter(|_| declared.times > 1) {
+        description.set_time(TimeAxis { step, ..TimeAxis::default() }, unit.unwrap_or("s"), declared.times);
+    }
+    Description { declared: Some(declared), ..description }
+}
+
+/// Spacing and unit: by OME's names, or else by ImageJ's.
+fn place(description: &mut Description, values: &Value, tags: &ScaleTags) {
+    let depth = number(values, "spacing").map(f64::abs).filter(|&depth| is_length(depth));
+    let unit = text_of(values, "unit").filter(|unit| !unit.starts_with("pixel"));
+    let sizes = ["X", "Y", "Z"].map(|axis| {
+        let name = format!("PhysicalSize{axis}");
+        let size = number(values, &name).filter(|&size| is_length(size))?;
+        let unit = text_of(values, &format!("{name}Unit")).or(unit).unwrap_or("µm");
+        Some((size, unit.to_owned()))
+    });
+    description.set_physical_sizes(sizes);
+    match &mut description.spacing {
+        Some(spacing) => spacing.z = spacing.z.or(depth),
+        None => {
+            let resolution = unit.and_then(|unit| tags.pixels_per(unit));
+            if resolution.is_none() && depth.is_none() {
+                return;
+            }
+            description.set_unit(unit);
+            description.spacing = spacing(resolution.is_some(), depth, resolution).map(|s| Spacing { z: depth, ..s });
+        }
+    }
+}
+
+/// A number, written as one or as text.
+fn number(values: &Value, key: &str) -> Option<f64> {
+    match values.get(key)? {
+        Value::Number(number) => number.as_f64(),
+        Value::String(text) => text.trim().parse().ok(),
+        _ => None,
+    }
+    .filter(|number| number.is_finite())
+}
+
+fn text_of<'a>(values: &'a Value, key: &str) -> Option<&'a str> {
+    values.get(key)?.as_str().map(str::trim).filter(|text| !text.is_empty())
+}
+
+/// An array, as it is described.
+struct Array {
+    shape: Vec<u32>,
+    axes: Option<String>,
+    /// Whether there is one directory for all pages.
+    truncated: bool,
+    values: Value,
+}
+
+fn parsed(text: &str) -> Result<Array, String> {
+    if let Some(list) = text.strip_prefix(OLD_START) {
+        let numbers = list.trim().trim_matches(['(', ')']).split(',').map(str::trim).filter(|n| !n.is_empty());
+        let shape = numbers.map(str::parse).collect::<Result<_, _>>();
+        let shape = shape.map_err(|_| format!("has the shape '{}'", list.chars().take(60).collect::<String>()))?;
+        return Ok(Array { shape, axes: None, truncated: false, values: Value::Null });
+    }
+    let values: Value = serde_json::from_str(text).map_err(|error| format!("is no JSON ({error})"))?;
+    let size = |size: &Value| size.as_u64().and_then(|size| u32::try_from(size).ok());
+    let shape = values.get("shape").and_then(Value::as_array).and_then(|sizes| sizes.iter().map(size).collect());
+    let shape: Vec<u32> = shape.ok_or("has a shape that is no list of sizes")?;
+    let axes = match values.get("axes") {
+        None | Some(Value::Null) => None,
+        Some(Value::String(axes)) if axes.is_empty() => None,
+        Some(Value::String(axes)) => Some(axes.to_ascii_uppercase()),
+        Some(_) => return Err("has axes that are no text".into()),
+    };
+    let truncated = values.get("truncated").and_then(Value::as_bool).unwrap_or(false);
+    Ok(Array { shape, axes, truncated, values })
+}
+
+impl Array {
+    /// The arrangement of pages, and a note if there is something to say.
+    fn declared(&self, format: &PageFormat) -> Result<(Declared, Option<String>), String> {
+        if self.shape.contains(&0) {
+            return Err(format!("has the shape {:?}, of no pixels", self.shape));
+        }
+        let before_page = match &self.axes {
+            Some(axes) => self.named_before_page(axes, format)?,
+            None => self.unnamed_before_page(format)?,
+        };
+        let mut declared = Declared {
+            page_axes: Vec::new(),
+            in_one_directory: true,
+            of_each_page: !self.truncated,
+            ..Declared::one_plane()
+        };
+        let mut note = None;
+        for &(letter, size) in &before_page {
+            let axis = match letter {
+                'T' => Axis::T,
+                'C' | 'S' => Axis::C,
+                'Z' => Axis::Z,
+                'I' | UNSAID if before_page.len() == 1 => {
+                    note =
+                        (letter == 'I').then(|| "The axis I (a sequence) of the description is taken along z.".into());
+                    Axis::Z
+                }
+                _ => return Err(format!("does not say what is along every axis of the shape {}", self.words())),
+            };
+            if declared.page_axes.contains(&axis) {
+                return Err(format!("has two axes along {axis:?} in the shape {}", self.words()));
+            }
+            declared.page_axes.push(axis);
+            match axis {
+                Axis::T => declared.times = size,
+                Axis::C => declared.channels = size,
+                _ => declared.z = size,
+            }
+        }
+        Ok((declared, note))
+    }
+
+    /// The axes longer than 1 before those of a page, which stand last: y and x, and the samples of a pixel.
+    fn named_before_page(&self, axes: &str, format: &PageFormat) -> Result<Vec<(char, u32)>, String> {
+        let mut rest: Vec<(char, u32)> = axes.chars().zip(self.shape.iter().copied()).collect();
+        if axes.chars().count() != self.shape.len() {
+            return Err(format!("has {} axes '{axes}' for the shape {:?}", axes.chars().count(), self.shape));
+        }
+        let unfit = || format!("tells of the shape {}, of which pages of {format} are no part", self.words());
+        let samples = format.samples as u32;
+        let y_x = [('X', format.width), ('Y', format.height)];
+        let of_page: Vec<(&[char], u32)> = match (samples, format.planar) {
+            (1, _) => vec![(&['X'], y_x[0].1), (&['Y'], y_x[1].1)],
+            (_, false) => vec![(&['S', 'C'], samples), (&['X'], y_x[0].1), (&['Y'], y_x[1].1)],
+            (_, true) => vec![(&['X'], y_x[0].1), (&['Y'], y_x[1].1), (&['S', 'C'], samples)],
+        };
+        for (letters, size) in of_page {
+            while rest.last().is_some_and(|(letter, n)| *n == 1 && !letters.contains(letter)) {
+                rest.pop();
+            }
+            rest.pop().filter(|(letter, n)| letters.contains(letter) && *n == size).ok_or_else(unfit)?;
+        }
+        rest.retain(|(_, size)| *size > 1);
+        Ok(rest)
+    }
+
+    /// The same where axes have no names.
+    fn unnamed_before_page(&self, format: &PageFormat) -> Result<Vec<(char, u32)>, String> {
+        let mut rest = self.shape.clone();
+        let samples = format.samples as u32;
+        let of_page = match (samples, format.planar) {
+            (1, _) => vec![format.width, format.height],
+            (_, false) => vec![samples, format.width, format.height],
+            (_, true) => vec![format.width, format.height, samples],
+        };
+        // Axes of length 1 may be left out, or be there.
+        for size in of_page.into_iter().filter(|size| *size > 1) {
+            while rest.last() == Some(&1) {
+                rest.pop();
+            }
+            if rest.pop() != Some(size) {
+                return Err(format!("tells of the shape {:?}, of which pages of {format} are no part", self.shape));
+            }
+        }
+        Ok(rest.into_iter().filter(|size| *size > 1).map(|size| (UNSAID, size)).collect())
+    }
+
+    fn words(&self) -> String {
+        let axes = self.axes.as_ref().map_or(" without axes".into(), |axes| format!(" of the axes '{axes}'"));
+        format!("{:?}{axes}", self.shape)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::element::Element;
+    use brickyard_volume::VoxelType;
+
+    fn format(samples: u16, planar: bool) -> PageFormat {
+        let element = Element::Voxel(VoxelType::U16);
+        PageFormat {
+            width: 9,
+            height: 7,
+            element,
+            samples,
+            planar,
+            white_is_zero: false,
+            is_rgb: false,
+            turn: Default::default(),
+        }
+    }
+
+    fn gray(text: &str) -> Description {
+        read(text, &format(1, false), &ScaleTags::default())
+    }
+
+    #[test]
+    fn letters_are_steps_channels_and_slices() {
+        let declared = |text: &str| {
+            let d = gray(text).declared.unwrap_or_else(|| panic!("{text}"));
+            (d.page_axes, [d.times, d.channels, d.z])
+        };
+        use Axis::*;
+        for (text, axes, sizes) in [
+            (r#"{"shape": [3, 4, 7, 9], "axes": "TZYX"}"#, vec![T, Z], [3, 1, 4]),
+            (r#"{"shape": [3, 4, 7, 9], "axes": "CZYX"}"#, vec![C, Z], [1, 3, 4]),
+            (r#"{"shape": [2, 3, 4, 7, 9], "axes": "zctyx"}"#, vec![Z, C, T], [4, 3, 2]),
+            (r#"{"shape": [5, 1, 7, 9, 1], "axes": "TZYXS"}"#, vec![T], [5, 1, 1]),
+            (r#"{"shape": [5, 7, 9], "axes": "SYX"}"#, vec![C], [1, 5, 1]),
+            (r#"{"shape": [5, 7, 9], "axes": "QYX"}"#, vec![Z], [1, 1, 5]),
+            (r#"{"shape": [7, 9], "axes": "YX"}"#, vec![], [1, 1, 1]),
+            (r#"{"shape": [5, 7, 9]}"#, vec![Z], [1, 1, 5]),
+            (r#"{"shape": [1, 5, 1, 7, 9, 1]}"#, vec![Z], [1, 1, 5]),
+            ("shape=(5, 7, 9)", vec![Z], [1, 1, 5]),
+            ("shape=(7, 9)", vec![], [1, 1, 1]),
+        ] {
+            // Axes of length 1 have no place.
+            let (found, counts) = declared(text);
+            assert_eq!((found, counts), (axes, sizes), "{text}");
+        }
+        assert!(gray(r#"{"shape": [5, 7, 9], "axes": "IYX"}"#).notes[0].contains("axis I"));
+    }
+
+    #[test]
+    fn samples_are_a_pages_own_axis() {
+        for (text, samples, planar, sizes) in [
+            (r#"{"shape": [5, 7, 9, 3], "axes": "TYXS"}"#, 3, false, [5, 1]),
+            (r#"{"shape": [5, 7, 9, 3], "axes": "TYXC"}"#, 3, false, [5, 1]),
+            (r#"{"shape": [5, 3, 7, 9], "axes": "TCYX"}"#, 3, true, [5, 1]),
+            (r#"{"shape": [2, 5, 3, 7, 9], "axes": "CTSYX"}"#, 3, true, [5, 2]),
+        ] {
+            let d = read(text, &format(samples, planar), &ScaleTags::default()).declared.unwrap();
+            assert_eq!([d.times, d.channels], sizes, "{text}");
+        }
+        let bare = read(r#"{"shape": [5, 7, 9, 3]}"#, &format(3, false), &ScaleTags::default()).declared.unwrap();
+        assert_eq!(bare.z, 5);
+    }
+
+    #[test]
+    fn what_cannot_be_followed_is_told() {
+        for (text, words) in [
+            (r#"{"shape": [3, 4, 7, 9]}"#, "along every axis of the shape [3, 4, 7, 9] without axes"),
+            (r#"{"shape": [3, 4, 7, 9], "axes": "IZYX"}"#, "of the axes 'IZYX'"),
+            (r#"{"shape": [3, 7, 9], "axes": "AYX"}"#, "of the axes 'AYX'"),
+            (r#"{"shape": [3, 4, 7, 9], "axes": "ZZYX"}"#, "two axes along Z"),
+            (r#"{"shape": [3, 4, 7, 9], "axes": "CSYX"}"#, "two axes along C"),
+            (r#"{"shape": [3, 7, 9], "axes": "ZXY"}"#, "no part"),
+            (r#"{"shape": [3, 7, 8], "axes": "ZYX"}"#, "no part"),
+            (r#"{"shape": [3, 7, 8]}"#, "no part"),
+            (r#"{"shape": [3, 7, 9], "axes": "YX"}"#, "2 axes"),
+            (r#"{"shape": [0, 7, 9]}"#, "no pixels"),
+            (r#"{"shape": [-1, 7, 9]}"#, "no list of sizes"),
+            (r#"{"shape": 5}"#, "no list of sizes"),
+            (r#"{"shape": [5, 7, 9]"#, "no JSON"),
+            ("shape=(5, x)", "has the shape"),
+        ] {
+            let problem = gray(text).problem.unwrap_or_else(|| panic!("{text}"));
+            assert!(problem.contains(words) && problem.contains("`axes`"), "{problem}");
+        }
+        assert!(!is_shaped(r#"{"mibi.": 1, "shape": [5]}"#) && !is_shaped(r#"{"a": 1}"#) && !is_shaped("shape"));
+    }
+
+    #[test]
+    fn spacing_and_times_are_taken() {
+        let place = |more: &str, resolution| {
+            let tags = ScaleTags { resolution, ..ScaleTags::default() };
+            let text = format!(r#"{{"shape": [3, 4, 7, 9], "axes": "TZYX", {more}}}"#);
+            let d = read(&text, &format(1, false), &tags);
+            (d.spacing.map(|s| [s.x, s.y, s.z.unwrap_or(0.0)]), d.unit, d.time)
+        };
+        let micrometres = Some("micrometer");
+        assert_eq!(
+            place(r#""spacing": 2.5, "unit": "um""#, Some([4.0, 2.0])),
+            (Some([0.25, 0.5, 2.5]), micrometres, None)
+        );
+        assert_eq!(place(r#""spacing": "2.5""#, None), (Some([1.0, 1.0, 2.5]), None, None));
+        let ome = r#""PhysicalSizeX": 0.5, "PhysicalSizeY": 0.25, "PhysicalSizeYUnit": "um", "PhysicalSizeZ": 2"#;
+        assert_eq!(place(ome, None), (Some([0.5, 0.25, 2.0]), micrometres, None));
+        assert_eq!(place(r#""PhysicalSizeX": 0.5"#, None).0, Some([0.5, 0.5, 0.0]));
+        let axis = Some(TimeAxis { step: 0.5, unit: Some("second".into()), ..TimeAxis::default() });
+        assert_eq!(place(r#""finterval": 0.5"#, None), (None, None, axis));
+        // What stands in files whose writer was told nothing.
+        assert_eq!(place(r#""unit": "um""#, Some([1.0, 1.0])).0, None);
+        for odd in [r#""spacing": -0.0"#, r#""spacing": [1]"#, r#""PhysicalSizeX": "NaN""#, r#""finterval": "x""#] {
+            assert_eq!(place(odd, None), (None, None, None), "{odd}");
+        }
+    }
+}

@@ -1,0 +1,291 @@
+//! What is described in one file is what is read: tifffile's axes, MetaMorph's planes, scales of tags, Orientation, GDAL's value.
+
+use super::*;
+
+fn field(z: u32, c: u32, t: u32) -> Field {
+    Field { sizes: [7, 5, z, c, t], voxel_type: VoxelType::U16 }
+}
+
+/// Opens a field as it is written with this layout.
+fn read(field: Field, page_axes: &str, layout: &Layout) -> (tempfile::TempDir, Box<dyn Source>) {
+    let (folder, path) = temp_file("a.tif", &written(field, page_axes, layout));
+    let source = opened(&path).unwrap_or_else(|error| panic!("{error}"));
+    (folder, source)
+}
+
+fn described(description: &str) -> Layout {
+    Layout { description: description.into(), ..Layout::default() }
+}
+
+fn notes(source: &dyn Source) -> String {
+    source.info().notes.join(" ")
+}
+
+#[test]
+fn tifffiles_axes_are_steps_channels_and_slices() {
+    for (axes, order, whole) in
+        [("TZYX", "tz", field(4, 1, 3)), ("CZYX", "cz", field(4, 3, 1)), ("ZTCYX", "ztc", field(4, 2, 3))]
+    {
+        let whole_axes = |axis| match axis {
+            't' => whole.sizes[4],
+            'c' => whole.sizes[3],
+            _ => whole.sizes[2],
+        };
+        let shape: Vec<u32> = order.chars().map(whole_axes).chain([5, 7]).collect();
+        let layout = described(&format!(r#"{{"shape": {shape:?}, "axes": "{axes}"}}"#));
+        assert_boxes(&*read(whole, order, &layout).1, whole);
+        // All behind one directory.
+        let text = format!(r#"{{"shape": {shape:?}, "axes": "{axes}", "truncated": true}}"#);
+        let one = Layout { directories: Some(1), big_endian: true, ..described(&text) };
+        assert_boxes(&*read(whole, order, &one).1, whole);
+        // Nobody but the user knows what axes without names are.
+        let message = refusal(&written(whole, order, &described(&format!(r#"{{"shape": {shape:?}}}"#))), &options());
+        assert!(message.contains("without axes") && message.contains("`axes`"), "{message}");
+    }
+    let told = OpenOptions { axes: Some("tzyx".parse().unwrap()), times: Some(3), ..options() };
+    let bytes = written(field(4, 1, 3), "tz", &described(r#"{"shape": [3, 4, 5, 7]}"#));
+    let (_folder, path) = temp_file("a.tif", &bytes);
+    assert_boxes(&*open(&[path], &told).unwrap(), field(4, 1, 3));
+}
+
+#[test]
+fn tifffiles_coloured_planes_in_one_directory_are_read() {
+    for (planar, axes, shape) in [(false, "TYXS", "[3, 5, 7, 3]"), (true, "TSYX", "[3, 3, 5, 7]")] {
+        let whole = field(1, 3, 3);
+        for directories in [None, Some(1)] {
+            let layout = Layout {
+                samples: 3,
+                photometric: 2,
+                planar,
+                directories,
+                chunk: Err(5),
+                ..described(&format!(r#"{{"shape": {shape}, "axes": "{axes}"}}"#))
+            };
+            if directories.is_some() && planar {
+                // The writer here knows one strip for a single directory, and samples in planes have one each.
+                continue;
+            }
+            assert_boxes(&*read(whole, "tc", &layout).1, whole);
+        }
+    }
+}
+
+#[test]
+fn arrays_of_a_plane_each_are_a_stack_and_others_are_counted() {
+    let (_folder, source) = read(field(6, 1, 1), "z", &described(r#"{"shape": [5, 7]}"#));
+    assert_boxes(&*source, field(6, 1, 1));
+    assert!(notes(&*source).contains("6 pages are arrays of their own"), "{}", notes(&*source));
+    for shape in ["[4, 5, 7]", "[9, 5, 7]"] {
+        let message =
+            refusal(&written(field(6, 1, 1), "z", &described(&format!(r#"{{"shape": {shape}}}"#))), &options());
+        assert!(message.contains("it holds 6 pages"), "{message}");
+    }
+}
+
+/// A MetaMorph stack: distance of planes in tenths, and the millisecond of each.
+fn metamorph(planes: &[(u64, u64)]) -> Vec<u8> {
+    let numbers = planes.iter().flat_map(|&(z, ms)| [z, 10, 2_459_000, ms, 0, 0]).collect();
+    let whole = field(planes.len() as u32, 1, 1);
+    let lists = vec![(33628, 4, vec![4, 12]), (33629, 5, numbers)];
+    let layout = Layout { directories: Some(1), lists, ..Layout::default() };
+    let mut bytes = written(whole, "z", &layout);
+    // MetaMorph's counts are of planes and of entries, not of numbers.
+    for (tag, count) in [(33629u16, planes.len() as u32), (33628, 1)] {
+        let at = bytes.windows(2).rposition(|w| w == tag.to_le_bytes()).unwrap();
+        bytes[at + 4..at + 8].copy_from_slice(&count.to_le_bytes());
+    }
+    bytes
+}
+
+#[test]
+fn metamorphs_planes_lie_behind_the_first() {
+    let (_folder, path) = temp_file("a.stk", &metamorph(&[(5, 7); 4]));
+    // The name is none that is known: the first bytes are.
+    let source = opened(&path).unwrap();
+    assert_boxes(&*source, field(4, 1, 1));
+    assert_eq!((source.info().geometry.spacing.z, source.info().calibrated), (0.5, true));
+    let (_folder, path) = temp_file("a.stk", &metamorph(&[(0, 7), (0, 1007), (0, 2007)]));
+    let source = opened(&path).unwrap();
+    assert_eq!((source.info().times, source.info().extent.z), (3, 1));
+    assert_eq!(source.info().time.as_ref().map(|axis| axis.step), Some(1.0));
+    let short = metamorph(&[(5, 7); 4]);
+    let at = short.windows(2).rposition(|w| w == 33629u16.to_le_bytes()).unwrap();
+    let mut more = short.clone();
+    more[at + 4] = 200;
+    let message = refusal(&more, &options());
+    assert!(message.contains("STK") || message.contains("missing"), "{message}");
+}
+
+#[test]
+fn descriptions_of_other_programs_are_named() {
+    for (lists, name) in [
+        (vec![(34362, 1, vec![0; 64])], "FluoView"),
+        (vec![(34412, 1, vec![0; 64])], "Zeiss LSM"),
+        (vec![(305, 2, b"SI.VERSION = 1\0".map(u64::from).to_vec())], "ScanImage"),
+        (vec![(270, 2, b"state.acq=2\0".map(u64::from).to_vec())], "ScanImage"),
+    ] {
+        let layout = Layout { lists, ..Layout::default() };
+        let bytes = written(field(4, 1, 1), "z", &layout);
+        let message = refusal(&bytes, &options());
+        assert!(message.contains(name) && message.contains("`axes`"), "{message}");
+        let (_folder, path) = temp_file("a.tif", &bytes);
+        let told = OpenOptions { axes: Some("zyx".parse().unwrap()), ..options() };
+        assert_boxes(&*open(&[path], &told).unwrap(), field(4, 1, 1));
+        // One page has no order.
+        assert_boxes(&*read(field(1, 1, 1), "z", &layout).1, field(1, 1, 1));
+    }
+}
+
+#[test]
+fn packed_planes_in_one_directory_are_refused() {
+    let lists = vec![(33629, 5, vec![5, 10, 2_459_000, 7, 0, 0])];
+    let layout = Layout { lists, lzw: Some(1), ..Layout::default() };
+    let mut bytes = written(field(1, 1, 1), "z", &layout);
+    let at = bytes.windows(2).rposition(|w| w == 33629u16.to_le_bytes()).unwrap();
+    let uic2 = u32::from_le_bytes(bytes[at + 8..at + 12].try_into().unwrap()) as usize;
+    let planes = bytes[uic2..uic2 + 24].repeat(3);
+    let end = bytes.len() as u32;
+    bytes.extend(planes);
+    bytes[at + 4..at + 8].copy_from_slice(&3u32.to_le_bytes());
+    bytes[at + 8..at + 12].copy_from_slice(&end.to_le_bytes());
+    let message = refusal(&bytes, &options());
+    assert!(message.contains("in one directory") && message.contains("compressed"), "{message}");
+}
+
+#[test]
+fn scales_of_tags_are_spacings_and_the_missing_one_is_told() {
+    let with = |z, layout: Layout| {
+        let (_folder, source) = read(field(z, 1, 1), "z", &layout);
+        let geometry = &source.info().geometry;
+        (geometry.spacing, geometry.unit.clone(), source.info().calibrated, notes(&*source))
+    };
+    let (spacing, unit, calibrated, said) =
+        with(3, Layout { resolution: Some(50), tags: vec![(296, 3)], ..Layout::default() });
+    assert_eq!((spacing, unit.as_deref(), calibrated), (DVec3::splat(0.02), Some("centimeter"), true));
+    assert!(said.contains("0.02 centimeter is taken along z"), "{said}");
+    let (_, _, _, said) = with(1, Layout { resolution: Some(50), tags: vec![(296, 3)], ..Layout::default() });
+    assert!(!said.contains("along z"), "{said}");
+    let (spacing, _, calibrated, said) =
+        with(3, Layout { resolution: Some(72), tags: vec![(296, 2)], ..Layout::default() });
+    assert_eq!((spacing, calibrated), (DVec3::ONE, false));
+    assert!(said.contains("72 pixels per inch"), "{said}");
+    let scale = vec![(33550, 12, [30.0f64, 15.0, 0.0].map(f64::to_bits).to_vec())];
+    let (spacing, _, _, said) = with(3, Layout { lists: scale, ..Layout::default() });
+    assert_eq!(spacing, DVec3::new(30.0, 15.0, 30.0));
+    assert!(said.contains("GeoTIFF") && said.contains("30 is taken along z"), "{said}");
+}
+
+#[test]
+fn pages_are_turned_as_they_are_meant() {
+    for orientation in 2..=8 {
+        for (samples, chunk) in [(1, Err(2)), (3, Ok([16, 16]))] {
+            let whole = field(2, samples, 1);
+            let photometric = if samples == 3 { 2 } else { 1 };
+            let layout = Layout { samples, photometric, chunk, tags: vec![(274, orientation)], ..Layout::default() };
+            let (_folder, source) = read(whole, "zc", &layout);
+            let (_other, plain) = read(whole, "zc", &Layout { tags: vec![(274, 1)], ..layout.clone() });
+            let is_transposed = orientation >= 5;
+            let [columns, rows] = if is_transposed { [5, 7] } else { [7, 5] };
+            assert_eq!(source.info().extent.to_array(), [columns, rows, 2]);
+            assert!(notes(&*source).contains("Orientation"));
+            for (channel, z) in (0..samples).flat_map(|c| [(c, 0), (c, 1)]) {
+                let plane = |source: &dyn Source, [x, y]: [u32; 2]| {
+                    let mut out = vec![0; 70];
+                    source.read_box(0, channel, VoxelBox::new([0, 0, z], [x, y, z + 1]), &mut out).unwrap();
+                    out
+                };
+                let (turned, stored) = (plane(&*source, [columns, rows]), plane(&*plain, [7, 5]));
+                let mut part = vec![0; 12];
+                source.read_box(0, channel, VoxelBox::new([1, 2, z], [4, 4, z + 1]), &mut part).unwrap();
+                for (i, j) in (0..7usize).flat_map(|i| (0..5usize).map(move |j| (i, j))) {
+                    // Where the stored column i and row j go, by the standard's words.
+                    let (right, below) = (6 - i, 4 - j);
+                    let [x, y] = match orientation {
+                        2 => [right, j],
+                        3 => [right, below],
+                        4 => [i, below],
+                        5 => [j, i],
+                        6 => [below, i],
+                        7 => [below, right],
+                        _ => [j, right],
+                    };
+                    let voxel = |bytes: &[u8], at: usize| [bytes[2 * at], bytes[2 * at + 1]];
+                    let expected = voxel(&stored, j * 7 + i);
+                    assert_eq!(voxel(&turned, y * columns as usize + x), expected, "{orientation}");
+                    if (1..4).contains(&x) && (2..4).contains(&y) {
+                        assert_eq!(voxel(&part, (y - 2) * 3 + x - 1), expected, "{orientation}, a part");
+                    }
+                }
+            }
+        }
+    }
+    let message =
+        refusal(&written(field(1, 1, 1), "z", &Layout { tags: vec![(274, 9)], ..Layout::default() }), &options());
+    assert!(message.contains("an Orientation of 9 is not supported"), "{message}");
+    let layout = Layout { directories: Some(1), tags: vec![(274, 3)], ..described(r#"{"shape": [4, 5, 7]}"#) };
+    let message = refusal(&written(field(4, 1, 1), "z", &layout), &options());
+    assert!(message.contains("another Orientation than 1"), "{message}");
+}
+
+#[test]
+fn values_without_data_are_those_that_the_type_holds() {
+    let floats = Field { voxel_type: VoxelType::F32, ..field(2, 1, 1) };
+    let nodata = |text: &str, lists_of: Field| {
+        let digits = text.bytes().chain([0]).map(u64::from).collect();
+        let layout = Layout { lists: vec![(42113, 2, digits)], ..Layout::default() };
+        read(lists_of, "z", &layout).1.info().nodata
+    };
+    let least = Some(f32::MIN as f64);
+    for text in ["-3.4028234663852886e+38", "-3.4028235e+38", "-3.40282347e+38", " -3.40282346638529e+38 "] {
+        assert_eq!(nodata(text, floats), least, "{text}");
+    }
+    assert_eq!(nodata("3.4028235e+38", floats), Some(f32::MAX as f64));
+    assert_eq!(nodata("-9999.9", floats), Some(-9999.9f32 as f64));
+    assert_eq!((nodata("-3.41e38", floats), nodata("1e39", floats)), (None, None));
+    assert_eq!(nodata("17", field(2, 1, 1)), Some(17.0));
+    assert_eq!(nodata("17.5", field(2, 1, 1)), None);
+}
+
+/// Floats of 64 bits become voxels of 32: so does their value.
+#[test]
+fn values_without_data_are_narrowed_with_the_voxels() {
+    assert_eq!(super::super::description::nearest(0.1, crate::element::Element::F64), 0.1f32 as f64);
+    assert_eq!(super::super::description::nearest(65504.01, crate::element::Element::F16), 65504.0);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Damage ends in an error or in wrong voxels, never in a panic.
+    #[test]
+    fn damaged_descriptions_do_not_panic(
+        damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+        kind in 0..4usize,
+    ) {
+        let texts = [
+            r#"{"shape": [3, 2, 5, 7], "axes": "TZYX", "spacing": 2.5, "unit": "um"}"#,
+            "<OME UUID='a'><Image><Pixels DimensionOrder='XYZCT' SizeX='7' SizeY='5' SizeZ='2' SizeC='1' SizeT='3'>\
+             <TiffData IFD='2' FirstT='1' PlaneCount='4'/><TiffData PlaneCount='2'><UUID FileName='a.tif'>a</UUID></TiffData></Pixels></Image></OME>",
+            "ImageJ=1.53t\nimages=6\nslices=2\nframes=3\nunit=um\nspacing=2\n",
+        ];
+        let mut bytes = match texts.get(kind) {
+            Some(text) => written(field(2, 1, 3), "tz", &described(text)),
+            None => metamorph(&[(5, 7); 4]),
+        };
+        // Most of it in the description and the first directory.
+        let first = u32::from_le_bytes(bytes[4..8].try_into().unwrap()) as usize;
+        for (place, value) in damage {
+            let place = first.saturating_sub(280) + place.index(480);
+            if let Some(byte) = bytes.get_mut(place) {
+                *byte = value;
+            }
+        }
+        let (_folder, path) = temp_file("a.tif", &bytes);
+        if let Ok(source) = opened(&path) {
+            let e = source.info().extent;
+            let region = VoxelBox::new([0, 0, 0], [e.x.min(50), e.y.min(50), e.z.min(2)]);
+            let mut out = vec![0; region.extent().volume() as usize * source.info().voxel_type.bytes()];
+            let _ = source.read_box(0, 0, region, &mut out);
+        }
+    }
+}

@@ -1,0 +1,255 @@
+//! Reads what a TIFF file says of itself: the description, in whatever form, and the tags beside it.
+//!
+//! OME-XML, which may have many megabytes, is read as a stream; other forms are read whole, up to a limit.
+
+use super::description::{Description, nearest};
+use super::ome;
+use super::page::{OpenTiff, PageFormat, said};
+use super::tag_scale::ScaleTags;
+use super::xml::Failure;
+use super::{hyperstack, imagej, shaped, stk};
+use crate::error::ImportError;
+use brickyard_volume::ChannelLook;
+use std::io::{BufReader, Read};
+use std::path::Path;
+use tiff::TiffError;
+use tiff::decoder::ifd::Value;
+use tiff::tags::{ByteOrder, Tag, Type};
+
+/// Most bytes of OME-XML that are read; that of large plates reaches tens of megabytes.
+pub(super) const LONGEST_DESCRIPTION: u64 = 128 << 20;
+/// The most bytes of look-up tables that are read.
+const LONGEST_LOOKS: u64 = 16 << 20;
+/// The most characters of a number that are read.
+const LONGEST_NUMBER: usize = 64;
+/// Tags of programs that describe the order of pages in ways of their own.
+const OTHERS: [(u16, &str); 2] = [(34362, "Olympus FluoView (tag 34362)"), (34412, "Zeiss LSM (tag 34412)")];
+/// How much of a description says what it is.
+const START_BYTES: u64 = 256;
+
+impl OpenTiff {
+    /// Reads what the page at which the decoder stands, of this format, says of the file: how pages are ordered, how values are
+    /// calibrated, and how large pixels are.
+    ///
+    /// # Errors
+    /// If the disk cannot read it.
+    pub(super) fn description(&mut self, format: &PageFormat) -> Result<Description, ImportError> {
+        let tags = self.scale_tags()?;
+        let mut description = self.text_description(format, &tags)?.unwrap_or_default();
+        let says_nothing = description.declared.is_none() && description.ome.is_none() && description.problem.is_none();
+        if says_nothing {
+            if let Some(stack) = self.stk()? {
+                description = stack;
+            } else if let Some(name) = self.other_description()? {
+                description.problem = Some(format!(
+                    "has pages in an order that {name} describes, which is not read: write it as OME-TIFF (bfconvert), or pass `axes` \
+                     (with `channels` and `times`) to say what pages are"
+                ));
+            }
+        }
+        tags.describe(&mut description);
+        description.nodata = self.gdal_nodata()?.map(|value| nearest(value, format.element));
+        let looks = self.imagej_looks()?;
+        if !looks.is_empty() {
+            description.channel_looks = looks;
+        }
+        if !format.turn.is_none() {
+            let note = "Rows and columns are put in order as the file's Orientation says.";
+            description.notes.push(note.into());
+        }
+        Ok(description)
+    }
+
+    /// The UUID of a file of an OME set, if it says it.
+    ///
+    /// # Errors
+    /// If the disk cannot read it.
+    pub(super) fn ome_uuid(&mut self) -> Result<Option<String>, ImportError> {
+        let path = self.path.clone();
+        let length = self.decoder.image_ifd().find_entry(Tag::ImageDescription).map_or(0, |entry| entry.count());
+        let text = TagText { end: length.min(LONGEST_DESCRIPTION).min(self.stamp.bytes()), tiff: self, at: 0 };
+        match ome::uuid(BufReader::new(text)) {
+            Ok(uuid) => Ok(uuid),
+            Err(Failure::Disk(error)) => Err(ImportError::io(&path)(error)),
+            Err(Failure::Meaning(_)) => Ok(None),
+        }
+    }
+
+    /// What the text of the description says; `None` if it is a plain remark.
+    fn text_description(&mut self, format: &PageFormat, tags: &ScaleTags) -> Result<Option<Description>, ImportError> {
+        let path = self.path.clone();
+        let entry = self.decoder.image_ifd().find_entry(Tag::ImageDescription);
+        let is_text = |kind| matches!(kind, Type::ASCII | Type::BYTE | Type::UNDEFINED);
+        let Some(length) = entry.filter(|entry| is_text(entry.field_type())).map(|entry| entry.count()) else {
+            return Ok(None);
+        };
+        let length = length.min(self.stamp.bytes());
+        let start = self.text(START_BYTES.min(length))?;
+        let start = start.trim_start_matches('\u{feff}').trim_start();
+        if start.starts_with('<') {
+            let text = TagText { tiff: self, at: 0, end: length.min(LONGEST_DESCRIPTION) };
+            return match ome::read(BufReader::with_capacity(1 << 16, text)) {
+                Ok(description) => Ok(description),
+                Err(Failure::Disk(error)) => Err(ImportError::io(&path)(error)),
+                Err(Failure::Meaning(_)) if length > LONGEST_DESCRIPTION => {
+                    Ok(Some(too_long("OME-XML", length, LONGEST_DESCRIPTION)))
+                }
+                Err(Failure::Meaning(problem)) => {
+                    let problem = format!("its OME-XML {problem}; pass `axes` zyx to take the pages as they are");
+                    Ok(Some(Description::unreadable(problem)))
+                }
+            };
+        }
+        let is_imagej = start.starts_with(hyperstack::START);
+        if !is_imagej && !start.starts_with('{') && !start.starts_with("shape=") {
+            return Ok(None);
+        }
+        let text = self.text(length.min(shaped::LONGEST))?;
+        let text = text.trim_end_matches(['\0', ' ', '\n']);
+        if length > shaped::LONGEST && (is_imagej || shaped::is_shaped(text)) {
+            return Ok(Some(too_long("a description", length, shaped::LONGEST)));
+        }
+        Ok(match is_imagej {
+            true => Some(hyperstack::read(text, tags.resolution)),
+            false => shaped::is_shaped(text).then(|| shaped::read(text, format, tags)),
+        })
+    }
+
+    /// The first bytes of the description.
+    fn text(&mut self, length: u64) -> Result<String, ImportError> {
+        let path = self.path.clone();
+        let mut bytes = Vec::new();
+        TagText { tiff: self, at: 0, end: length }.read_to_end(&mut bytes).map_err(ImportError::io(&path))?;
+        Ok(match String::from_utf8(bytes) {
+            Ok(text) => text,
+            // ImageJ writes Latin-1, whose bytes are the first 256 code points.
+            Err(error) => error.as_bytes().iter().map(|&b| b as char).collect(),
+        })
+    }
+
+    /// What MetaMorph's tags say; `None` if there are none.
+    fn stk(&mut self) -> Result<Option<Description>, ImportError> {
+        let path = self.path.clone();
+        if self.decoder.image_ifd().find_entry(stk::UIC2).is_none() {
+            return Ok(None);
+        }
+        if self.decoder.byte_order() != ByteOrder::LittleEndian {
+            let problem = "has tags of a MetaMorph stack (STK), but in another byte order than MetaMorph's; pass `axes` zyx to take its pages";
+            return Ok(Some(Description::unreadable(problem.into())));
+        }
+        let Some(ifd) = self.decoder.ifd_pointer() else { return Ok(None) };
+        let bytes = self.stamp.bytes();
+        stk::read(self.decoder.inner(), ifd.0, bytes).map_err(ImportError::io(&path))
+    }
+
+    /// Whose description there is of the order of several pages, where it is none of those that are read.
+    fn other_description(&mut self) -> Result<Option<&'static str>, ImportError> {
+        if !self.has_more_pages() {
+            return Ok(None);
+        }
+        let path = self.path.clone();
+        let mut tags = self.decoder.image_ifd();
+        if let Some((_, name)) = OTHERS.iter().find(|(tag, _)| tags.find_entry(Tag::Unknown(*tag)).is_some()) {
+            return Ok(Some(name));
+        }
+        let mut starts = |tag, expected: &[u8]| {
+            let mut start = vec![0; expected.len()];
+            let is_long = tags.find_entry(tag).is_some_and(|entry| entry.count() >= expected.len() as u64);
+            Ok::<_, ImportError>(
+                is_long && said(&path, tags.find_tag_bytes(tag, &mut start, 0))?.is_some() && start == expected,
+            )
+        };
+        let is_scanimage = starts(Tag::Software, b"SI.")?
+            || starts(Tag::ImageDescription, b"state.")?
+            || starts(Tag::ImageDescription, b"scanimage.SI")?;
+        Ok(is_scanimage.then_some("ScanImage"))
+    }
+
+    /// The stored number of pixels without data, as GDAL writes it: in digits.
+    fn gdal_nodata(&mut self) -> Result<Option<f64>, ImportError> {
+        let path = self.path.clone();
+        let mut bytes = [0; LONGEST_NUMBER];
+        let mut tags = self.decoder.image_ifd();
+        let entry = tags.find_entry(Tag::GdalNodata).filter(|entry| entry.field_type() == Type::ASCII);
+        let length = entry.map_or(0, |entry| entry.count()).min(LONGEST_NUMBER as u64) as usize;
+        said(&path, tags.find_tag_bytes(Tag::GdalNodata, &mut bytes[..length], 0))?;
+        let text = std::str::from_utf8(&bytes[..length]).unwrap_or_default();
+        Ok(text.split('\0').next().unwrap_or_default().trim().parse().ok())
+    }
+
+    /// How ImageJ shows the channels; empty if the file does not say it.
+    fn imagej_looks(&mut self) -> Result<Vec<ChannelLook>, ImportError> {
+        let path = self.path.clone();
+        let counts = said(&path, self.decoder.find_tag_unsigned_vec::<u64>(imagej::BYTE_COUNTS))?.unwrap_or_default();
+        let mut tags = self.decoder.image_ifd();
+        let length = tags.find_entry(imagej::METADATA).map_or(0, |entry| entry.count());
+        let mut bytes = vec![0; length.min(LONGEST_LOOKS).min(self.stamp.bytes()) as usize];
+        let read = said(&path, tags.find_tag_bytes(imagej::METADATA, &mut bytes, 0))?;
+        bytes.truncate(read.unwrap_or(0));
+        Ok(imagej::channel_looks(&bytes, &counts))
+    }
+
+    fn scale_tags(&mut self) -> Result<ScaleTags, ImportError> {
+        let mut ratio = |tag| {
+            Ok::<_, ImportError>(match said(&self.path, self.decoder.find_tag(tag))? {
+                Some(Value::Rational(n, d)) if d > 0 => Some(n as f64 / d as f64),
+                _ => None,
+            })
+        };
+        let resolution = ratio(Tag::XResolution)?.zip(ratio(Tag::YResolution)?).map(|(x, y)| [x, y]);
+        let mut numbers = |tag| {
+            let value = said(&self.path, self.decoder.find_tag(tag))?;
+            Ok::<_, ImportError>(value.and_then(|value| value.into_f64_vec().ok()).unwrap_or_default())
+        };
+        let model_scale = numbers(Tag::ModelPixelScaleTag)?;
+        let model_matrix = numbers(Tag::ModelTransformationTag)?;
+        let geo_keys =
+            said(&self.path, self.decoder.find_tag_unsigned_vec(Tag::GeoKeyDirectoryTag))?.unwrap_or_default();
+        let unit = said(&self.path, self.decoder.find_tag_unsigned(Tag::ResolutionUnit))?;
+        Ok(ScaleTags { resolution, unit, model_scale, model_matrix, geo_keys })
+    }
+}
+
+fn too_long(what: &str, bytes: u64, most: u64) -> Description {
+    Description::unreadable(format!(
+        "has {what} of {bytes} bytes, and at most {most} are read; pass `axes` zyx to take the pages as they are"
+    ))
+}
+
+/// The bytes of the description, read as they are asked for.
+struct TagText<'a> {
+    tiff: &'a mut OpenTiff,
+    at: u64,
+    end: u64,
+}
+
+impl Read for TagText<'_> {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        let count = (self.end - self.at).min(out.len() as u64) as usize;
+        if count == 0 {
+            return Ok(0);
+        }
+        let read = self.tiff.decoder.image_ifd().find_tag_bytes(Tag::ImageDescription, &mut out[..count], self.at);
+        match read {
+            Ok(Some(_)) => {
+                self.at += count as u64;
+                Ok(count)
+            }
+            // A description that ends behind the file's end.
+            Ok(None) => Ok(0),
+            Err(TiffError::IoError(error)) if !is_damage(&error) => Err(error),
+            Err(_) => Ok(0),
+        }
+    }
+}
+
+/// Whether an error of reading is the file's own: it names a place that it does not have.
+pub(super) fn is_damage(error: &std::io::Error) -> bool {
+    use std::io::ErrorKind::{InvalidInput, UnexpectedEof};
+    matches!(error.kind(), UnexpectedEof | InvalidInput)
+}
+
+/// The path of a file, for messages about another.
+pub(super) fn name_of(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}

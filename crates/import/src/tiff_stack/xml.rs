@@ -1,0 +1,116 @@
+//! XML of any length, read as a stream of tags and texts of bounded length.
+
+use quick_xml::Reader;
+use quick_xml::events::BytesStart;
+use std::borrow::Cow;
+use std::io::{BufRead, Read};
+
+/// The most bytes of a text, or of a tag with its attributes.
+const LONGEST_PIECE: u64 = 16 << 20;
+/// The most bytes of a UUID or a file's name.
+pub(super) const LONGEST_NAME: usize = 1024;
+
+/// A reader of a text. [`next_piece`] is to be called before each event is read.
+pub(super) fn reader<R: BufRead>(text: R) -> Reader<Pieces<R>> {
+    Reader::from_reader(Pieces { text, left: LONGEST_PIECE })
+}
+
+/// Allows the next tag or text its full length.
+pub(super) fn next_piece<R>(xml: &mut Reader<Pieces<R>>, piece: &mut Vec<u8>) {
+    piece.clear();
+    xml.get_mut().left = LONGEST_PIECE;
+}
+
+/// Why a text cannot be followed.
+#[derive(Debug)]
+pub(super) enum Failure {
+    /// The disk does not give it.
+    Disk(std::io::Error),
+    /// What it says, in words.
+    Meaning(String),
+}
+
+impl From<quick_xml::Error> for Failure {
+    fn from(error: quick_xml::Error) -> Self {
+        match error {
+            quick_xml::Error::Io(error) if error.kind() != std::io::ErrorKind::FileTooLarge => {
+                Self::Disk(std::io::Error::new(error.kind(), error.to_string()))
+            }
+            error => Self::Meaning(format!("is not well-formed ({error})")),
+        }
+    }
+}
+
+pub(super) fn meaning<T>(problem: impl Into<String>) -> Result<T, Failure> {
+    Err(Failure::Meaning(problem.into()))
+}
+
+/// A text of which no more than so many bytes are given before the next piece is begun.
+pub(super) struct Pieces<R> {
+    text: R,
+    left: u64,
+}
+
+impl<R: BufRead> Read for Pieces<R> {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.fill_buf()?.read(out)?;
+        self.consume(count);
+        Ok(count)
+    }
+}
+
+impl<R: BufRead> BufRead for Pieces<R> {
+    fn fill_buf(&mut self) -> std::io::Result<&[u8]> {
+        if self.left == 0 {
+            let problem = format!("a text or tag of more than {} MiB", LONGEST_PIECE >> 20);
+            return Err(std::io::Error::new(std::io::ErrorKind::FileTooLarge, problem));
+        }
+        let bytes = self.text.fill_buf()?;
+        Ok(&bytes[..bytes.len().min(usize::try_from(self.left).unwrap_or(usize::MAX))])
+    }
+
+    fn consume(&mut self, count: usize) {
+        self.left = self.left.saturating_sub(count as u64);
+        self.text.consume(count);
+    }
+}
+
+/// A whole number in an attribute.
+pub(super) fn number<T: std::str::FromStr>(tag: &BytesStart, name: &str) -> Result<Option<T>, Failure> {
+    let Some(text) = attribute(tag, name)? else { return Ok(None) };
+    match text.trim().parse() {
+        Ok(number) => Ok(Some(number)),
+        Err(_) => meaning(format!(
+            "has {} whose {name} is '{}', expected a whole number",
+            decoded(tag.local_name().as_ref()),
+            text.chars().take(40).collect::<String>()
+        )),
+    }
+}
+
+/// The value of an attribute.
+pub(super) fn attribute(tag: &BytesStart, name: &str) -> Result<Option<String>, Failure> {
+    for attribute in tag.attributes().with_checks(false) {
+        let attribute = attribute.map_err(|error| Failure::from(quick_xml::Error::from(error)))?;
+        if attribute.key.as_ref() == name.as_bytes() {
+            let text = decoded(&attribute.value);
+            let text = match quick_xml::escape::unescape(&text) {
+                Ok(text) => text.into_owned(),
+                Err(error) => return Err(quick_xml::Error::from(error).into()),
+            };
+            if text.len() > LONGEST_NAME {
+                return meaning(format!("has a {name} of more than 1,024 characters"));
+            }
+            return Ok(Some(text));
+        }
+    }
+    Ok(None)
+}
+
+/// UTF-8, or else Latin-1, whose bytes are the first 256 code points.
+pub(super) fn decoded(bytes: &[u8]) -> Cow<'_, str> {
+    match std::str::from_utf8(bytes) {
+        Ok(text) => text.into(),
+        Err(_) => bytes.iter().map(|&b| b as char).collect(),
+    }
+}
