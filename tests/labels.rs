@@ -391,3 +391,39 @@ fn labels_have_the_colours_of_the_metadata() {
     let (info, _) = run_ok(&["info", &store]);
     assert!(info.contains("2 labels with colors of their own"), "{info}");
 }
+
+/// Labels that no voxel holds are refused, whatever is allowed of images, and nobody is advised to merge them.
+#[test]
+fn labels_beyond_32_bits_are_never_merged() {
+    let sandbox = Sandbox::default();
+    let npy = |descr: &str, numbers: &[u8]| {
+        let header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (1, 2, 3), }}\n");
+        [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), numbers].concat()
+    };
+    let ids: [u64; 6] = [0, 1, 1 << 40, (1 << 40) + 1, 7, 7];
+    sandbox.write("wide.npy", npy("<u8", ids.map(u64::to_le_bytes).as_flattened()));
+    let fractions = [0.0, 16_777_216.0, 16_777_217.0, 1.0, 2.0, 3.0f64];
+    sandbox.write("floats.npy", npy("<f8", fractions.map(f64::to_le_bytes).as_flattened()));
+    let small: [i64; 6] = [-1, 0, 1, 70_000, 70_001, -70_000];
+    sandbox.write("small.npy", npy("<i8", small.map(i64::to_le_bytes).as_flattened()));
+    for (file, label) in [("wide.npy", "1099511627776"), ("floats.npy", "16777217")] {
+        for flag in ["", " --allow-lossy"] {
+            for command in ["pack FILE no.zarr", "append no.zarr FILE"] {
+                let line = format!("{}{flag} --kind labels --progress none", command.replace("FILE", file));
+                let (code, _, stderr) = sandbox.run(&line);
+                assert!(code == 2 && stderr.contains(file) && stderr.contains(label), "{line}: {code}: {stderr}");
+                assert!(stderr.contains("fastremap.renumber") && !stderr.contains("--allow-lossy"), "{stderr}");
+            }
+        }
+        assert!(!sandbox.path("no.zarr").exists());
+    }
+    // Those that fit are exact, negative ones too; a store of labels takes only such, whatever is said of the next file.
+    sandbox.run_ok("append labels.zarr small.npy --kind labels --time-step 1 --progress none");
+    sandbox.run_ok("export labels.zarr labels.raw --time 0 --progress none");
+    let expected = small.map(|label| i32::try_from(label).expect("32 bits").to_le_bytes());
+    assert_eq!(sandbox.read("labels.raw"), expected.as_flattened());
+    let (code, _, stderr) = sandbox.run("append labels.zarr wide.npy --allow-lossy --progress none");
+    assert!(code == 2 && stderr.contains("fastremap.renumber"), "{code}: {stderr}");
+    // Of an image they may be clamped, as ever.
+    sandbox.run_ok("pack wide.npy image.zarr --allow-lossy --progress none");
+}

@@ -51,6 +51,8 @@ def series(store, dtype, channels):
                 group = zarr.open_group(FOLDER / f"{store}.zarr", mode="r+")
                 group.attrs["experiment"] = {"name": "flow", "runs": [1, 2]}
                 group["1"].attrs["note"] = "coarse"
+                # Readers believe this in place of the arrays' own documents.
+                zarr.consolidate_metadata(FOLDER / f"{store}.zarr")
         group = zarr.open_group(FOLDER / f"{store}.zarr", mode="r")
         check(group.attrs["experiment"] == {"name": "flow", "runs": [1, 2]}, dict(group.attrs))
         check(group["1"].attrs["note"] == "coarse", dict(group["1"].attrs))

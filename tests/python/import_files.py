@@ -5,6 +5,7 @@ import io
 import pathlib
 import shutil
 import struct
+import warnings
 
 import nibabel
 import numpy as np
@@ -471,6 +472,68 @@ def dicom_enhanced():
         pack(["enhanced.dcm"], expected, spacing=(0.5, 0.75, 1.25), unit="millimeter")
 
 
+def csa_header(**elements):
+    """Siemens' own header ("SV10") with these elements: a representation, and texts."""
+    made = b"SV10\4\3\2\1" + struct.pack("<2I", len(elements), 77)
+    for name, (vr, *values) in elements.items():
+        made += struct.pack("<64si4s3i", name.encode(), len(values), vr.encode(), 0, 6, 77)
+        for value in [v.encode() + b"\0" for v in values] + [b""] * (6 - len(values)):
+            made += struct.pack("<4i", len(value), len(value), 77, 77) + value + b"\0" * (-len(value) % 4)
+    return made
+
+
+def dicom_mosaic():
+    """Siemens mosaics: voxels and place as nibabel has them, upright and oblique, with slices along either side of the normal."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Its authors call it experimental.
+        from nibabel.nicom.dicomwrappers import wrapper_from_file
+    (FOLDER / "mosaic").mkdir()
+    for count, directions, sign in [(9, AXIAL, 1), (7, AXIAL, -1), (11, OBLIQUE, 1), (1, OBLIQUE, -1)]:
+        across = int(np.ceil(np.sqrt(count)))
+        tiles = np.zeros((across**2, 6, 8), "u2")
+        tiles[:count] = noise("u2", count, 6, 8) % 4096
+        picture = tiles.reshape(across, across, 6, 8).swapaxes(1, 2).reshape(across * 6, across * 8)
+        data = dicom_slice(np.ascontiguousarray(picture), (-100.5, 50.25, 30.0), directions)
+        data.ImageType, data.SpacingBetweenSlices, data.Manufacturer = ["ORIGINAL", "PRIMARY", "M", "ND", "MOSAIC"], 2.5, "SIEMENS"
+        normal = [f"{n:.8f}" for n in sign * np.cross(*directions)]
+        data.add_new(0x00290010, "LO", "SIEMENS CSA HEADER")
+        data.add_new(0x00291010, "OB", csa_header(
+            EchoTime=["DS", "30"], AcquisitionMatrixText=["SH", "8p*6"], NumberOfImagesInMosaic=["US", str(count)],
+            SliceNormalVector=["FD", *normal]))
+        dicom_write("mosaic/a.dcm", data)
+        read = wrapper_from_file(FOLDER / "mosaic/a.dcm")
+        check(read.is_mosaic and read.n_mosaic == count, count)
+        # Rows, columns, slices, in DICOM's world; slices that go down are turned round.
+        expected, affine = read.get_data().transpose(2, 0, 1), read.affine
+        if sign < 0:
+            expected = expected[::-1]
+            affine = affine @ [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, count - 1], [0, 0, 0, 1]]
+        matrix = np.array([[-1], [-1], [1]]) * affine[:3, [1, 0, 2, 3]]
+        pack(["mosaic/a.dcm"], expected.astype("u2"), spacing=(0.5, 0.75, 2.5), unit="millimeter")
+        kept = info("o.zarr")["store"]["orientation"]
+        check(kept is not None and np.allclose(kept, matrix, atol=1e-5), count, kept, matrix)
+
+
+def dicom_gaps():
+    """Missing slices: refused, and with --gaps blank where they would be."""
+    array = noise("u2", 9, 19, 23) % 4096
+    dicom_series(array, bits=12)
+    for path in (FOLDER / "series").iterdir():
+        z = round((float(pydicom.dcmread(path).ImagePositionPatient[2]) - 30.0) / 2.5)
+        if z in [2, 5, 6]:
+            path.unlink()
+    try:
+        brickyard("pack", "series", "gaps.zarr", "--progress", "none")
+        refusal = "none"
+    except AssertionError as error:
+        refusal = str(error)
+    check("2 slices are missing between them" in refusal and "--gaps blank" in refusal, refusal)
+    expected = array.astype("i2")
+    expected[[2, 5, 6]] = -1
+    pack(["series"], expected, "zyx", ["--gaps", "blank"], spacing=(0.5, 0.75, 2.5), unit="millimeter")
+    check(info("o.zarr")["store"]["nodata"] == -1, info("o.zarr")["store"])
+
+
 def dicom_jpeg():
     """JPEG baseline by Pillow, in one fragment and in three."""
     smooth = np.add.outer(np.arange(0, 200, 5), np.arange(0, 50, 1)).astype("u1")
@@ -539,5 +602,5 @@ def dicom_of_others():
 run_cases({f.__name__: f for f in [
     nifti_types, nifti_gz, nifti_scaled, nifti_series, nifti_2, nifti_big_endian, nifti_placed, nifti_turned,
     tiff_types, tiff_layouts, tiff_lzw, tiff_nodata, tiff_imagej, tiff_imagej_calibrated, tiff_ome, tiff_folder, numpy_arrays, raw_files,
-    dicom_syntaxes, dicom_rescaled, dicom_padding, dicom_oblique, dicom_enhanced, dicom_jpeg, dicom_jpeg_2000, dicom_of_others,
+    dicom_syntaxes, dicom_rescaled, dicom_padding, dicom_oblique, dicom_enhanced, dicom_mosaic, dicom_gaps, dicom_jpeg, dicom_jpeg_2000, dicom_of_others,
 ]})

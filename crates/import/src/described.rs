@@ -32,8 +32,18 @@ impl<S: Deref<Target: Source> + Send + Sync> Source for Described<S> {
         self.source.read_box(time - self.first, channel, region, out)
     }
 
-    fn lend(&self, time: u32, channel: u32, region: VoxelBox) -> Option<Lent<'_>> {
-        self.source.lend(time - self.first, channel, region)
+    fn scratch_bytes(&self) -> u64 {
+        self.source.scratch_bytes()
+    }
+
+    fn lend(
+        &self,
+        time: u32,
+        channel: u32,
+        region: VoxelBox,
+        take: &mut dyn FnMut(Lent<'_>),
+    ) -> Result<bool, ImportError> {
+        self.source.lend(time - self.first, channel, region, take)
     }
 
     fn announce(&self, time: u32, channel: u32, region: VoxelBox) {

@@ -2,16 +2,21 @@
 //! every frame.
 //!
 //! Opening reads all headers; slices are sorted by position, never by name or number, and must be one upright, evenly
-//! spaced stack of one series. Voxels are the rescaled values (Hounsfield units of a CT): integers where slopes and
+//! spaced stack of one series, but for missing ones that are to be blank. Voxels are the rescaled values (Hounsfield units of a CT): integers where slopes and
 //! intercepts are, else floats. Where 16 stored bits and an intercept leave open whether 16 bits are enough, opening decodes all
 //! slices once to see. Reading decodes whole slices, each when it is asked for: the memory is that of one slice per
 //! thread.
 
 mod decode;
 mod frames;
+#[cfg(test)]
+mod gap_tests;
 mod header;
 #[cfg(test)]
 mod lossy_tests;
+mod mosaic;
+#[cfg(test)]
+mod mosaic_tests;
 mod pixels;
 mod stack;
 #[cfg(test)]
@@ -21,17 +26,17 @@ use crate::axes::Sizes;
 use crate::dicom_files::files_in;
 use crate::element::smallest_type;
 use crate::error::ImportError;
-use crate::options::{NoData, OpenOptions};
+use crate::options::{Gaps, NoData, OpenOptions};
 use crate::placement;
 use crate::raw::identity;
 use crate::source::{Access, Source, SourceInfo};
-use brickyard_volume::{ChannelLook, Extent, VoxelBox, VoxelType, counted};
+use brickyard_volume::{ChannelLook, Extent, VoxelBox, VoxelType, counted, with_voxel_type};
 use dicom_dictionary_std::tags;
 use frames::Frames;
 use glam::DVec3;
 use header::Header;
 use pixels::Meaning;
-use stack::{Names, Slice, kinds};
+use stack::{Names, Slice, Spacing, kinds};
 use std::path::{Path, PathBuf};
 
 /// Larger frames are not decoded just to find the smallest type that holds their values: nobody has said yet what memory there is.
@@ -43,6 +48,9 @@ pub(crate) struct DicomSeries {
     files: Vec<(Header, Frames)>,
     /// The slices, ascending along z.
     slices: Vec<(Slice, Meaning)>,
+    /// For each z the slice that lies there; `None` where one is missing, whose voxels are all `blank`.
+    places: Vec<Option<usize>>,
+    blank: f64,
 }
 
 /// Opens a DICOM file. If it holds a single slice, the other slices of its series are read from its folder, as most
@@ -50,7 +58,7 @@ pub(crate) struct DicomSeries {
 pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let header = Header::read(path)?;
     check_is_image(&header)?;
-    if header.number(tags::NUMBER_OF_FRAMES).is_some_and(|n| n > 1.0) {
+    if header.number(tags::NUMBER_OF_FRAMES).is_some_and(|n| n > 1.0) || header.is_mosaic() {
         return DicomSeries::new(vec![header], options, Vec::new()).map(|s| Box::new(s) as _);
     }
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -134,7 +142,7 @@ impl DicomSeries {
         for (file, (header, frames)) in files.iter().enumerate() {
             for frame in 0..frames.count() {
                 slices.push((
-                    find_slice(header, file, frame, options)?,
+                    find_slice((header, frames), file, frame, options)?,
                     meaning_of(header, frames, frame, options.nodata)?,
                 ));
             }
@@ -142,7 +150,12 @@ impl DicomSeries {
         let paths: Vec<PathBuf> = files.iter().map(|(header, _)| header.path.clone()).collect();
         let names = Names { paths: &paths, by_frame: files.iter().any(|(_, frames)| frames.count() > 1) };
         let mut sorted: Vec<Slice> = slices.iter().map(|(slice, _)| slice.clone()).collect();
-        let placement = stack::arrange(&mut sorted, &names, options.spacing.is_some())?;
+        let spacing = match (options.gaps, options.spacing) {
+            (Gaps::Blank, _) => Spacing::WithGaps,
+            (Gaps::Refuse, Some(spacing)) => Spacing::Told(spacing.z),
+            (Gaps::Refuse, None) => Spacing::Even,
+        };
+        let placement = stack::arrange(&mut sorted, &names, spacing)?;
         let slices: Vec<(Slice, Meaning)> = sorted
             .into_iter()
             .map(|slice| {
@@ -152,22 +165,42 @@ impl DicomSeries {
             })
             .collect();
 
-        let format = &files[0].1.format;
-        let extent = Extent::new(format.columns, format.rows, slices.len() as u32);
+        let mut places = vec![None; placement.levels.last().map_or(0, |level| *level as usize + 1)];
+        placement.levels.iter().enumerate().for_each(|(slice, level)| places[*level as usize] = Some(slice));
+        let missing = places.iter().filter(|place| place.is_none()).count();
+        let [columns, rows] = files[0].1.size();
+        let extent = Extent::new(columns, rows, places.len() as u32);
         let sizes = Sizes { extent, channels: 1, times: 1 };
-        let voxel_type = voxel_type_of(&files, &slices)?;
+        let Voxels { voxel_type, blank } = voxels_of(&files, &slices, missing > 0)?;
+        check_exact(&files, voxel_type, missing > 0, options)?;
         sizes.checked_bytes(voxel_type.bytes()).map_err(|p| ImportError::invalid(&paths[0], p))?;
         let mut info = SourceInfo { identity: identity("dicom", &paths)?, ..SourceInfo::plain(sizes, voxel_type) };
         info.geometry.spacing = placement.spacing;
         info.geometry.unit = Some("millimeter".into());
         info.calibrated = true;
         info.channel_looks = vec![look_of(&files[0].0)];
-        info.nodata = slices[0].1.nodata(voxel_type);
+        info.nodata = slices[0].1.nodata(voxel_type).or((missing > 0 && !voxel_type.is_float()).then_some(blank));
+        if info.nodata.is_some() && missing > 0 && options.nodata != NoData::OfFile {
+            let problem = "`nodata` with `gaps`: missing slices hold no data, by a value that no other voxel has; give one of the two";
+            return Err(ImportError::options(&paths[0], problem));
+        }
+        if let Some(mosaic) = files.iter().find_map(|(_, frames)| frames.mosaic) {
+            notes.push(format!("A mosaic: {} side by side in one picture.", counted(mosaic.slices.into(), "slice")));
+        }
+        if missing > 0 {
+            let are = if missing == 1 { "is" } else { "are" };
+            notes.push(format!(
+                "{} of {} {are} missing; there is no data in their places{}.",
+                counted(missing as u64, "slice"),
+                places.len(),
+                info.nodata.map_or(String::new(), |value| format!(", which voxels of {value} say"))
+            ));
+        }
         notes.extend(placement.note);
         notes.extend(notes_on_values(&files, &slices, voxel_type));
         placement::set_matrix(placement.matrix, &mut info, &mut notes);
         info.notes = notes;
-        Ok(Self { info, files, slices })
+        Ok(Self { info, files, slices, places, blank })
     }
 }
 
@@ -185,7 +218,10 @@ fn look_of(header: &Header) -> ChannelLook {
 
 /// All files must have pictures of one size.
 fn check_sizes(files: &[(Header, Frames)]) -> Result<(), ImportError> {
-    let size = |(_, frames): &(Header, Frames)| (frames.format.columns, frames.format.rows);
+    let size = |(_, frames): &(Header, Frames)| {
+        let [columns, rows] = frames.size();
+        (columns, rows)
+    };
     if let [most, other, ..] = kinds(files, |a, b| size(a) == size(b))[..] {
         let [a, b] = [other, most].map(|(i, count)| (size(&files[i]), count));
         let problem = format!(
@@ -218,7 +254,12 @@ fn check_frames(header: &Header, count: u64) -> Result<(), ImportError> {
     Ok(())
 }
 
-fn find_slice(header: &Header, file: usize, frame: usize, options: &OpenOptions) -> Result<Slice, ImportError> {
+fn find_slice(
+    (header, frames): (&Header, &Frames),
+    file: usize,
+    frame: usize,
+    options: &OpenOptions,
+) -> Result<Slice, ImportError> {
     let need = |tag, name: &str, count: usize, help: &str| {
         let found = header.numbers(frame, tag);
         found.clone().filter(|numbers| numbers.len() == count).ok_or_else(|| {
@@ -250,12 +291,27 @@ fn find_slice(header: &Header, file: usize, frame: usize, options: &OpenOptions)
     };
     let roundings = header.roundings(frame, tags::IMAGE_POSITION_PATIENT);
     let steps = [(tags::SPACING_BETWEEN_SLICES, "SpacingBetweenSlices"), (tags::SLICE_THICKNESS, "SliceThickness")];
+    let [along_row, along_column] = [vector(&directions), vector(&directions[3..])];
+    let mut position = vector(&position);
+    if let Some(mosaic) = &frames.mosaic {
+        let help = "a mosaic has one place for all its slices; pass `spacing` X,Y,Z";
+        let step_mm = match options.spacing {
+            Some(spacing) => spacing.z,
+            None => need(tags::SPACING_BETWEEN_SLICES, "SpacingBetweenSlices", 1, help)?[0],
+        };
+        if step_mm <= 0.0 || step_mm.is_nan() {
+            let problem = format!("SpacingBetweenSlices is {step_mm}, expected a number above 0; {help}");
+            return Err(ImportError::invalid(&header.path, problem));
+        }
+        let step = [along_row * pixel_mm[0], along_column * pixel_mm[1]];
+        position = mosaic.position(&header.path, frame as u32, position, step, step_mm)?;
+    }
     Ok(Slice {
         file,
         frame,
-        position: vector(&position),
-        along_row: vector(&directions),
-        along_column: vector(&directions[3..]),
+        position,
+        along_row,
+        along_column,
         pixel_mm,
         rounding: if let [x, y, z] = roundings[..] { DVec3::new(x, y, z) } else { DVec3::ZERO },
         step_mm: steps.into_iter().find_map(|(tag, name)| {
@@ -295,36 +351,76 @@ fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) ->
     Ok(Meaning { slope: slope.unwrap_or(1.0), intercept: intercept.unwrap_or(0.0), padding })
 }
 
-/// The smallest type that holds every value; floats where values are not integers.
-fn voxel_type_of(files: &[(Header, Frames)], slices: &[(Slice, Meaning)]) -> Result<VoxelType, ImportError> {
+/// What voxels are, and those of missing slices.
+struct Voxels {
+    voxel_type: VoxelType,
+    blank: f64,
+}
+
+/// The smallest type that holds every value, and where slices are missing one more, which no voxel has; floats where values are not integers.
+fn voxels_of(
+    files: &[(Header, Frames)],
+    slices: &[(Slice, Meaning)],
+    are_missing: bool,
+) -> Result<Voxels, ImportError> {
+    let floats = Voxels { voxel_type: VoxelType::F32, blank: f64::NAN };
     let is_integer = |n: f64| n == n.trunc() && n.abs() < 1e9;
     if !slices.iter().all(|(_, m)| is_integer(m.slope) && is_integer(m.intercept)) {
-        return Ok(VoxelType::F32);
+        return Ok(floats);
     }
     // One integer stands for padding in all slices; where it would be a value of some, padding is NaN.
     let is_padded = slices.iter().any(|(_, m)| m.padding.is_some());
     if is_padded && slices.iter().any(|(_, m)| *m != slices[0].1) {
-        return Ok(VoxelType::F32);
+        return Ok(floats);
     }
+    let voxels = |[least, greatest]: [f64; 2]| {
+        // Padding has a value already.
+        let blank = match slices[0].1.padding {
+            Some([padding, _]) => slices[0].1.value(padding),
+            None => least - 1.0,
+        };
+        let least = if are_missing { least.min(blank) } else { least };
+        let voxel_type = smallest_type(least, greatest);
+        if voxel_type.is_float() { Voxels { voxel_type, ..floats } } else { Voxels { voxel_type, blank } }
+    };
     let limits = |slice: &Slice, _: &Meaning| Ok(files[slice.file].1.format.limits());
-    let possible = type_of_range(slices, limits)?;
+    let possible = voxels(range_of(slices, limits)?);
     let is_short = files.iter().all(|(_, frames)| frames.format.width <= 2);
     let is_small = files.iter().all(|(_, frames)| frames.reader_bytes() <= MOST_LOOKED_AT_BYTES);
-    if possible.bytes() < 4 || !is_short || !is_small {
+    if possible.voxel_type.bytes() < 4 || !is_short || !is_small {
         return Ok(possible);
     }
     // Scanners that store 16 bits and shift them seldom use them all: twice the memory for nothing. So look.
-    type_of_range(slices, |slice, meaning| {
+    range_of(slices, |slice, meaning| {
         let (header, frames) = &files[slice.file];
         Ok(frames.read(header, slice.frame)?.range(&frames.format, meaning.padding))
     })
+    .map(voxels)
 }
 
-/// The smallest integer type that holds the rescaled ends of what each slice stores; floats if there is none.
-fn type_of_range(
+/// Refuses numbers of 32 bits that become floats where that would make others of them without need: labels, and beside missing slices.
+fn check_exact(
+    files: &[(Header, Frames)],
+    voxel_type: VoxelType,
+    are_missing: bool,
+    options: &OpenOptions,
+) -> Result<(), ImportError> {
+    let Some((header, _)) = files.iter().find(|(_, frames)| frames.format.width == 4 && voxel_type.is_float()) else {
+        return Ok(());
+    };
+    let what = match () {
+        () if options.are_labels => "labels of 32 bits that become f32, which would merge some,",
+        () if are_missing => "a series of 32 bits with missing slices, which would become f32,",
+        () => return Ok(()),
+    };
+    Err(ImportError::unsupported(&header.path, what))
+}
+
+/// Least and greatest of the rescaled ends of what each slice stores.
+fn range_of(
     slices: &[(Slice, Meaning)],
     stored: impl Fn(&Slice, &Meaning) -> Result<[i64; 2], ImportError>,
-) -> Result<VoxelType, ImportError> {
+) -> Result<[f64; 2], ImportError> {
     let (mut least, mut greatest) = (f64::INFINITY, f64::NEG_INFINITY);
     for (slice, meaning) in slices {
         for value in stored(slice, meaning)?.map(|n| meaning.value(n)) {
@@ -332,7 +428,7 @@ fn type_of_range(
             greatest = greatest.max(value);
         }
     }
-    Ok(smallest_type(least, greatest))
+    Ok([least, greatest])
 }
 
 fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxel_type: VoxelType) -> Vec<String> {
@@ -383,11 +479,25 @@ impl Source for DicomSeries {
         self.info.check_box(time, channel, region, out);
         let plane_bytes = out.len() / region.extent().z as usize;
         for (z, plane) in (region.min.z..).zip(out.chunks_exact_mut(plane_bytes)) {
-            let (slice, meaning) = &self.slices[z as usize];
+            let voxel_type = self.info.voxel_type;
+            let Some(slice) = self.places[z as usize] else {
+                fill(plane, voxel_type, self.blank);
+                continue;
+            };
+            let (slice, meaning) = &self.slices[slice];
             let (header, frames) = &self.files[slice.file];
             let samples = frames.read(header, slice.frame)?;
-            samples.deliver(&frames.format, meaning, self.info.voxel_type, region, plane);
+            let region = frames.in_picture(slice.frame, region);
+            samples.deliver(&frames.format, meaning, voxel_type, region, plane);
         }
         Ok(())
     }
+}
+
+/// Makes all voxels of a plane one value.
+fn fill(plane: &mut [u8], voxel_type: VoxelType, value: f64) {
+    with_voxel_type!(voxel_type, T => {
+        let (voxels, _) = plane.as_chunks_mut::<{ size_of::<T>() }>();
+        voxels.fill((value as T).to_le_bytes());
+    });
 }

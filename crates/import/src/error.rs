@@ -14,6 +14,17 @@ pub enum ImportError {
         #[source]
         error: std::io::Error,
     },
+    /// The process, or the system, has no more of what it takes to open a file. The file itself may be sound.
+    #[error("{path}: {error}: {limit}; nothing is wrong with the file", path = path.display())]
+    Limit {
+        /// Path of the file.
+        path: PathBuf,
+        /// The operating system's error.
+        #[source]
+        error: std::io::Error,
+        /// Which limit that is, and what raises it.
+        limit: &'static str,
+    },
     /// The file is damaged, cut short or not what it says.
     #[error("{path}: {problem}", path = path.display())]
     Invalid {
@@ -45,7 +56,10 @@ pub enum ImportError {
 impl ImportError {
     /// Wraps an I/O error with its file, for `map_err`.
     pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
-        move |error| Self::Io { path: path.to_owned(), error }
+        move |error| match limit_behind(&error) {
+            Some(limit) => Self::Limit { path: path.to_owned(), error, limit },
+            None => Self::Io { path: path.to_owned(), error },
+        }
     }
 
     pub(crate) fn invalid(path: &Path, problem: impl Into<String>) -> Self {
@@ -62,5 +76,38 @@ impl ImportError {
 
     pub(crate) fn options(path: &Path, problem: impl Into<String>) -> Self {
         Self::Options { path: path.to_owned(), problem: problem.into() }
+    }
+}
+
+/// The limit of process or system that an error tells of, and what raises it; `None` if it tells of none.
+fn limit_behind(error: &std::io::Error) -> Option<&'static str> {
+    use rustix::io::Errno;
+    match Errno::from_io_error(error)? {
+        Errno::MFILE => Some("the process has as many files open as it may, raise that with `ulimit -n`"),
+        Errno::NFILE => Some("the system has as many files open as it may, which is its setting fs.file-max"),
+        Errno::NOMEM => Some(
+            "the process has as much memory (`ulimit -v`) or as many files mapped (the system's setting vm.max_map_count) as it may",
+        ),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_of_the_process_are_not_the_file_s_fault() {
+        let message = |code| ImportError::io(Path::new("a.tif"))(std::io::Error::from_raw_os_error(code)).to_string();
+        for (errno, word) in [
+            (rustix::io::Errno::MFILE, "`ulimit -n`"),
+            (rustix::io::Errno::NFILE, "fs.file-max"),
+            (rustix::io::Errno::NOMEM, "vm.max_map_count"),
+        ] {
+            let message = message(errno.raw_os_error());
+            assert!(message.starts_with("a.tif: ") && message.contains(word), "{message}");
+            assert!(message.contains("nothing is wrong with the file"), "{message}");
+        }
+        assert!(!message(rustix::io::Errno::NOENT.raw_os_error()).contains("nothing is wrong"));
     }
 }

@@ -61,8 +61,8 @@ pub use element::Endian;
 pub use error::ImportError;
 #[cfg(feature = "mesh")]
 pub use mesh::read_mesh;
-pub use open::open;
-pub use options::{FileOrder, NoData, OpenOptions};
+pub use open::{open, order_steps};
+pub use options::{FileOrder, Gaps, NoData, OpenOptions};
 pub use raw::{RawLayout, RawSource};
 pub use source::{Access, Lent, Source, SourceInfo};
 pub use strided::Strided;

@@ -5,6 +5,7 @@
 
 use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;
+use crate::options::OpenOptions;
 use brickyard_volume::{VoxelType, with_voxel_type};
 use std::path::Path;
 
@@ -18,6 +19,8 @@ pub(crate) struct Losses<'a> {
     decode: Decode,
     /// Whether the user allows them.
     allowed: bool,
+    /// Whether the numbers are labels, of which none may become another.
+    are_labels: bool,
     count: u64,
     /// Clamped, or infinite though they are not in the file.
     beyond: u64,
@@ -52,23 +55,26 @@ impl Fate {
 }
 
 impl<'a> Losses<'a> {
-    /// Starts a count; `None` if decoding cannot lose anything. `allowed` says whether losses are counted; otherwise
-    /// the first one is an error.
-    pub(crate) fn may_occur(path: &'a Path, decode: Decode, allowed: bool) -> Option<Self> {
+    /// Starts a count; `None` if decoding cannot lose anything, or if it is known what it loses. The options say whether losses are counted;
+    /// otherwise, and always of labels, the first one is an error.
+    pub(crate) fn may_occur(path: &'a Path, decode: Decode, options: &OpenOptions) -> Option<Self> {
+        let are_labels = options.are_labels;
         let [least, greatest] = decode.element.limits();
         let may = match (decode.element, decode.scale) {
             (Element::I64 | Element::U64 | Element::F64, _) => true,
+            (Element::Voxel(VoxelType::U32 | VoxelType::I32), Some(scale)) if are_labels => scale.to == VoxelType::F32,
             (_, Some(scale)) if scale.to == VoxelType::F32 => {
                 greatest.max(-least) * scale.slope.abs() + scale.intercept.abs() > f64::from(f32::MAX)
             }
             _ => false,
         };
-        may.then_some(Self {
+        (may && !options.is_looked_at).then_some(Self {
             path,
             files_before: 0,
             first_path: path,
             decode,
-            allowed,
+            allowed: options.allow_lossy && !are_labels,
+            are_labels,
             count: 0,
             beyond: 0,
             rounded: 0,
@@ -110,19 +116,28 @@ impl<'a> Losses<'a> {
             (Element::U64, _) => each!(u64, n => scaled(n as f64, true)),
             (Element::F64, _) => each!(f64, n => scaled(n, true)),
             (Element::F16, _) => each!(half::f16, n => scaled(n.to_f64(), false)),
-            (Element::Voxel(t), _) => with_voxel_type!(t, T => each!(T, n => scaled(n as f64, false))),
+            // Of images no more is said than that numbers of 32 bits are rounded when they are scaled; labels are looked at.
+            (Element::Voxel(t), _) => {
+                let is_wide = self.are_labels && t.bytes() == 4;
+                with_voxel_type!(t, T => each!(T, n => scaled(n as f64, is_wide)))
+            }
         }
         Ok(())
     }
 
     fn lose(&mut self, fate: Fate, number: &dyn std::fmt::Debug) -> Result<(), ImportError> {
         if !self.allowed {
+            let advice = match self.are_labels {
+                true => "and labels that are rounded or clamped become others: number them anew from 1, as fastremap.renumber(array) does in \
+                         Python, which also gives the table of old and new numbers"
+                    .into(),
+                false => format!("pass `allow_lossy` to have such values {}", self.what_becomes_of(fate)),
+            };
             let problem = format!(
-                "voxels are {}, of which {:?} cannot be held as it is in {}; pass `allow_lossy` to have such values {}",
+                "voxels are {}, of which {:?} cannot be held as it is in {}; {advice}",
                 self.decode.element.name(),
                 number,
                 self.decode.voxel_type(),
-                self.what_becomes_of(fate),
             );
             return Err(ImportError::options(self.path, problem));
         }
@@ -170,9 +185,18 @@ mod tests {
     use super::*;
     use crate::element::Scale;
 
-    fn census(element: Element, scale: Option<Scale>, bytes: &[u8], allowed: bool) -> Result<String, String> {
+    fn census(element: Element, scale: Option<Scale>, bytes: &[u8], allow_lossy: bool) -> Result<String, String> {
+        census_with(element, scale, bytes, &OpenOptions { allow_lossy, ..OpenOptions::default() })
+    }
+
+    fn census_with(
+        element: Element,
+        scale: Option<Scale>,
+        bytes: &[u8],
+        options: &OpenOptions,
+    ) -> Result<String, String> {
         let decode = Decode { element, endian: Endian::Little, scale };
-        let Some(mut losses) = Losses::may_occur(Path::new("folder/a.npy"), decode, allowed) else {
+        let Some(mut losses) = Losses::may_occur(Path::new("folder/a.npy"), decode, options) else {
             return Ok("nothing".into());
         };
         losses.see(bytes).map_err(|e| e.to_string()).map(|()| losses.note())
@@ -215,6 +239,30 @@ mod tests {
         refused(Element::F64, &mixed, &["0.1", "rounded to the nearest", "`allow_lossy`"]);
         // Half a step above the greatest f32 is the least that rounds to infinity.
         counted(Element::F64, &mixed, &["of 6 values", "3 infinite, 1 rounded", "such as 1e300"]);
+    }
+
+    #[test]
+    fn labels_are_never_merged_whatever_is_allowed() {
+        let labels = |allow_lossy| OpenOptions { allow_lossy, are_labels: true, ..OpenOptions::default() };
+        let scaled = |slope| Some(Scale { slope, intercept: 0.0, to: VoxelType::F32 });
+        let i32s = |values: &[i32]| -> Vec<u8> { values.iter().flat_map(|v| v.to_le_bytes()).collect() };
+        let long = Element::Voxel(VoxelType::I32);
+        for (element, scale, bytes, label) in [
+            (Element::U64, None, i64s(&[7, 1 << 40]), "1099511627776"),
+            (Element::I64, None, i64s(&[-1, -(1 << 31) - 1]), "-2147483649"),
+            (Element::F64, None, f64s(&[3.0, 16777217.0]), "16777217"),
+            (long, scaled(0.5), i32s(&[16777217]), "16777217"),
+        ] {
+            for allow_lossy in [false, true] {
+                let message = census_with(element, scale, &bytes, &labels(allow_lossy)).unwrap_err();
+                assert!(message.contains(label) && message.contains("fastremap.renumber"), "{message}");
+                assert!(!message.contains("allow_lossy"), "{message}");
+            }
+        }
+        // Those that fit are read as ever; of an image such a number is rounded, as its note says.
+        assert!(census_with(Element::I64, None, &i64s(&[-5, 0, 70000]), &labels(false)).is_ok());
+        assert!(census_with(long, scaled(0.5), &i32s(&[1 << 25, 3]), &labels(false)).is_ok());
+        assert_eq!(census(long, scaled(0.5), &i32s(&[16777217]), false).unwrap(), "nothing");
     }
 
     #[test]

@@ -37,6 +37,11 @@ impl MappedFile {
         self.stamp
     }
 
+    /// Bytes of scratch space that the file takes: none, unless it is a scratch file.
+    pub(crate) fn scratch_bytes(&self) -> u64 {
+        if self.stamp.is_some() { 0 } else { self.map.len() as u64 }
+    }
+
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }

@@ -1,7 +1,7 @@
 //! NIfTI-1 and NIfTI-2, both byte orders: `.nii`, `.nii.gz` and `.hdr`/`.img` pairs.
 //!
-//! The body is a plain array read through [`RawSource`]. A compressed one is inflated once, streaming, into a scratch
-//! file without a name, which is then mapped; its cost is that much scratch space.
+//! The body is a plain array read through [`RawSource`]. A compressed one is inflated, streaming, into a scratch file without a name, which is
+//! then mapped; its cost is that much scratch space. Of a series it is inflated when its step is read, and its scratch file goes when others are.
 
 mod header;
 mod placement;
@@ -9,70 +9,134 @@ mod placement;
 use crate::axes::Sizes;
 use crate::element::{Decode, Element, Scale};
 use crate::error::ImportError;
+use crate::losses::Losses;
 use crate::mapped::MappedFile;
 use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
-use crate::source::SourceInfo;
+use crate::series::StepFile;
+use crate::source::{Access, SourceInfo};
 use crate::stamp::Stamp;
 use brickyard_volume::VoxelType;
 use flate2::read::MultiGzDecoder;
 use header::Header;
 use std::fs::File;
-use std::io::{BufReader, BufWriter, Read, Write};
+use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+
+/// Bytes of a gzip file that holds nothing: head, an empty block, checksum and length.
+const LEAST_GZIP_BYTES: u64 = 20;
 
 /// Opens a NIfTI file, or a pair of `.hdr` and `.img` by either name.
 pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
-    let (header_path, pair_body) = pair_of(path);
-    let stamp = Stamp::of(&header_path)?;
-    let header = Header::read(&mut Stream::open(&header_path)?, &header_path)?;
-    let body_path = if header.single_file { header_path.clone() } else { pair_body };
-    let body_stamp = Stamp::of(&body_path)?;
-    let mut notes = Vec::new();
-    if let Some(Scale { slope, intercept, to }) = header.scale {
-        let is_long = matches!(header.element, Element::Voxel(VoxelType::I32 | VoxelType::U32));
-        let rounded = if is_long { ", rounded to 24 bits" } else { "" };
-        notes.push(format!(
-            "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {to}{rounded}."
-        ));
-    }
-    let array = ArrayLayout {
-        sizes: Sizes { extent: header.extent, channels: header.channels, times: header.times },
-        axes: header.axes(),
-        decode: Decode { element: header.element, endian: header.endian, scale: header.scale },
-        offset: header.body_offset,
-    };
-    let body = array.body_bytes().map_err(|problem| ImportError::invalid(&header_path, problem))?;
-    let expected = body.saturating_add(header.body_offset);
-    let (file, trailing) = match Stream::open(&body_path)? {
+    let found = Found::read(path)?;
+    let expected = found.bytes()?;
+    let (file, trailing) = match Stream::open(&found.body_path)? {
         Stream::Plain(_) => {
-            let file = MappedFile::open(&body_path)?;
-            let found = file.len() as u64;
-            if found < expected {
-                return Err(ImportError::invalid(&body_path, cut_short(&array, expected, found)));
+            let file = MappedFile::open(&found.body_path)?;
+            let length = file.len() as u64;
+            if length < expected {
+                let problem = cut_short(&found.array, expected, length);
+                return Err(ImportError::invalid(&found.body_path, problem));
             }
-            (file, found - expected)
+            (file, length - expected)
         }
         Stream::Gzip(stream) => {
-            notes.push(format!(
-                "The file is compressed: it is unpacked into {} of scratch space first.",
-                human_bytes(expected)
-            ));
-            let (scratch, trailing) = inflate(stream, &body_path, &array, expected, options)?;
-            (MappedFile::of_scratch(&body_path, &scratch)?, trailing)
+            let (scratch, trailing) = inflate(stream, &found.body_path, &found.array, expected, options)?;
+            (MappedFile::of_scratch(&found.body_path, &scratch)?, trailing)
         }
     };
-    if trailing > 0 {
-        notes.push(format!("{trailing} bytes after the voxels are ignored."));
+    let info = found.info(trailing)?;
+    RawSource::new(file, found.array, info)?.with_losses(options)
+}
+
+/// Looks at a NIfTI file or pair without keeping it open. A compressed one is not inflated if its last bytes say that it holds what its header
+/// promises, unless all its values have to be looked at.
+pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, ImportError> {
+    let found = Found::read(path)?;
+    let expected = found.bytes()?;
+    let is_seen = found.is_compressed && Losses::may_occur(path, found.array.decode, options).is_none();
+    if is_seen && inflated_bytes(&found.body_path)? == Some(expected as u32) {
+        let info = found.info(0)?;
+        return Ok(StepFile { info, access: Access::Box, reader_bytes: 0, scratch_bytes: expected });
     }
-    let mut info = SourceInfo { identity: identity("nifti", &[&header_path, &body_path])?, ..array.info() };
-    placement::place(&header, &mut info, &mut notes);
-    placement::set_time(&header, &mut info, &mut notes);
-    info.notes = notes;
-    // Header and body were opened one after the other, and inflating takes its time.
-    stamp.check(&header_path)?;
-    body_stamp.check(&body_path)?;
-    RawSource::new(file, array, info)?.with_losses(options.allow_lossy)
+    Ok(StepFile::of(&open(path, options)?))
+}
+
+/// What a header says.
+struct Found {
+    header: Header,
+    array: ArrayLayout,
+    header_path: PathBuf,
+    body_path: PathBuf,
+    /// The states that the files of header and body were in when the header was read.
+    stamps: [Stamp; 2],
+    is_compressed: bool,
+}
+
+impl Found {
+    fn read(path: &Path) -> Result<Self, ImportError> {
+        let (header_path, pair_body) = pair_of(path);
+        let stamp = Stamp::of(&header_path)?;
+        let header = Header::read(&mut Stream::open(&header_path)?, &header_path)?;
+        let body_path = if header.single_file { header_path.clone() } else { pair_body };
+        let stamps = [stamp, Stamp::of(&body_path)?];
+        let array = ArrayLayout {
+            sizes: Sizes { extent: header.extent, channels: header.channels, times: header.times },
+            axes: header.axes(),
+            decode: Decode { element: header.element, endian: header.endian, scale: header.scale },
+            offset: header.body_offset,
+        };
+        let is_compressed = matches!(Stream::open(&body_path)?, Stream::Gzip(_));
+        Ok(Self { header, array, header_path, body_path, stamps, is_compressed })
+    }
+
+    /// Bytes up to the last voxel, inflated.
+    fn bytes(&self) -> Result<u64, ImportError> {
+        let body = self.array.body_bytes().map_err(|problem| ImportError::invalid(&self.header_path, problem))?;
+        Ok(body.saturating_add(self.array.offset))
+    }
+
+    /// The description of the volume, behind whose voxels there are `trailing` bytes.
+    ///
+    /// # Errors
+    /// If one of the files has changed meanwhile.
+    fn info(&self, trailing: u64) -> Result<SourceInfo, ImportError> {
+        let mut notes = Vec::new();
+        if let Some(Scale { slope, intercept, to }) = self.header.scale {
+            let is_long = matches!(self.header.element, Element::Voxel(VoxelType::I32 | VoxelType::U32));
+            let rounded = if is_long { ", rounded to 24 bits" } else { "" };
+            notes.push(format!(
+                "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {to}{rounded}."
+            ));
+        }
+        if self.is_compressed {
+            let bytes = human_bytes(self.bytes()?);
+            notes.push(format!("The file is compressed: it is unpacked into {bytes} of scratch space first."));
+        }
+        if trailing > 0 {
+            notes.push(format!("{trailing} bytes after the voxels are ignored."));
+        }
+        let identity = identity("nifti", &[&self.header_path, &self.body_path])?;
+        let mut info = SourceInfo { identity, ..self.array.info() };
+        placement::place(&self.header, &mut info, &mut notes);
+        placement::set_time(&self.header, &mut info, &mut notes);
+        info.notes = notes;
+        // Header and body were opened one after the other, and inflating takes its time.
+        self.stamps[0].check(&self.header_path)?;
+        self.stamps[1].check(&self.body_path)?;
+        Ok(info)
+    }
+}
+
+/// The number of bytes that a gzip file says it holds, modulo 2^32: of its last part, if it has several. `None` if it is too short to say.
+fn inflated_bytes(path: &Path) -> Result<Option<u32>, ImportError> {
+    let mut file = File::open(path).map_err(ImportError::io(path))?;
+    if file.metadata().map_err(ImportError::io(path))?.len() < LEAST_GZIP_BYTES {
+        return Ok(None);
+    }
+    let mut end = [0; 4];
+    file.seek(SeekFrom::End(-4)).and_then(|_| file.read_exact(&mut end)).map_err(ImportError::io(path))?;
+    Ok(Some(u32::from_le_bytes(end)))
 }
 
 /// The header's name and, for a pair, the body's, whichever of the two was given.

@@ -53,7 +53,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
         notes: trailing.into_iter().collect(),
         ..array.info()
     };
-    RawSource::new(file, array, info)?.with_losses(options.allow_lossy)
+    RawSource::new(file, array, info)?.with_losses(options)
 }
 
 /// Gives each dimension its axis.

@@ -10,7 +10,7 @@ use crate::folder::{files_of, is_tiff_name};
 use crate::options::{FileOrder, NoData, OpenOptions};
 use crate::pattern;
 use crate::raw::{RawLayout, RawSource};
-use crate::series::Series;
+use crate::series::{Series, StepFile};
 use crate::source::{Source, SourceInfo};
 use crate::time::override_time;
 use crate::{dicom, foreign, nifti, npy, tiff_stack};
@@ -28,7 +28,7 @@ enum Format {
 
 /// Formats and their names, for the message that none fits.
 const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy, NIfTI (.nii, .nii.gz, \
-                    .hdr with .img), TIFF (.tif, .tiff), DICOM (a folder, files or one file of a series), and folders of files of one of these";
+                    .hdr with .img), TIFF (.tif, .tiff, .companion.ome), DICOM (a folder, files or one file of a series), and folders of files of one of these";
 
 /// Opens an input: a file, a list of files, a folder of files of one format, or a pattern of file names, with `*` and `?` or with
 /// one number as `%04d`. Several files are one time step each or, if they are TIFF files of a single page, one plane each;
@@ -74,10 +74,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
         (Format::Dicom, paths) if folder || paths.len() > 1 => dicom::open_series(paths, folder, options)?,
         (Format::Tiff, [_, _, ..]) => open_tiffs(&paths, options)?,
         (_, [path]) => open_one(path, format, options)?,
-        _ => {
-            let steps = paths.iter().map(|path| open_one(path, format, options)).collect::<Result<_, _>>()?;
-            Box::new(Series::new(&paths, steps)?)
-        }
+        _ => open_steps(&paths, format, options)?,
     };
     let mut info = source.info().clone();
     info.notes.extend(order_note);
@@ -85,6 +82,19 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     override_nodata(&mut info, &paths[0], options.nodata)?;
     override_time(&mut info, &paths[0], options)?;
     Ok(Box::new(Described { info, source, first: 0 }))
+}
+
+/// Puts files that each hold a time step in order, as [`open`] does with a list; returns them, and a sentence that says which order that is. `told` is
+/// the order that the caller asks for.
+///
+/// # Errors
+/// As [`open`]: if a file is named twice, or the numbers in the names have gaps or count more than steps, unless the caller asks for an order.
+pub fn order_steps(paths: &[PathBuf], told: Option<FileOrder>) -> Result<(Vec<PathBuf>, String), ImportError> {
+    if told != Some(FileOrder::Given) {
+        check_named_once(paths)?;
+    }
+    let FileList { paths, note } = FileList::of_list(paths, told, false)?;
+    Ok((paths, note))
 }
 
 /// Refuses a file that is named twice.
@@ -103,9 +113,28 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
         Format::Raw => Box::new(open_raw(path, options)?),
         Format::Npy => Box::new(npy::open(path, options)?),
         Format::Nifti => Box::new(nifti::open(path, options)?),
-        Format::Tiff => tiff_stack::open_file(path, options)?,
+        Format::Tiff => tiff_stack::open_file(path, options, true)?,
         Format::Dicom => dicom::open_file(path, options)?,
     })
+}
+
+/// Several files of a time step each.
+fn open_steps(paths: &[PathBuf], format: Format, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+    let check = |path: &Path| match format {
+        Format::Nifti => nifti::check(path, options),
+        _ => open_step(path, format, options).map(|source| StepFile::of(&*source)),
+    };
+    let again = OpenOptions { is_looked_at: true, ..options.clone() };
+    let open = move |path: &Path| open_step(path, format, &again);
+    Ok(Box::new(Series::new(paths, check, Box::new(open))?))
+}
+
+/// One file of several: others that it names are no part of it.
+fn open_step(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+    match format {
+        Format::Tiff => tiff_stack::open_file(path, options, false),
+        _ => open_one(path, format, options),
+    }
 }
 
 fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError> {
@@ -140,8 +169,7 @@ fn open_tiffs(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source
     if !multi_page {
         return tiff_stack::open_planes(paths, options);
     }
-    let steps = paths.iter().map(|path| tiff_stack::open_file(path, options)).collect::<Result<_, _>>()?;
-    Ok(Box::new(Series::new(paths, steps)?))
+    open_steps(paths, Format::Tiff, options)
 }
 
 fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> {
@@ -163,6 +191,9 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     }
     let tiff_magics: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
     if tiff_magics.iter().any(|magic| start.starts_with(magic)) || is_tiff_name(path) {
+        return Ok(Format::Tiff);
+    }
+    if tiff_stack::is_companion(path)? {
         return Ok(Format::Tiff);
     }
     foreign::refuse(path, &name)?;

@@ -15,6 +15,16 @@ pub enum FileOrder {
     Natural,
 }
 
+/// What becomes of slices that are missing between those of a DICOM series.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Gaps {
+    /// A series with missing slices is an error.
+    #[default]
+    Refuse,
+    /// Their places are left, and hold no data.
+    Blank,
+}
+
 /// Which voxels of an input hold no data.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum NoData {
@@ -50,8 +60,10 @@ pub struct OpenOptions {
     /// gaps. For DICOM files it must be `None`.
     pub order: Option<FileOrder>,
     /// Distance between voxel centres along x, y, z, in place of the file's; every one must be above 0. DICOM slices
-    /// are then taken as evenly spaced.
+    /// are then taken as evenly spaced, with a note if their positions are not, unless `gaps` leaves the places of missing ones.
     pub spacing: Option<DVec3>,
+    /// What becomes of missing slices of a DICOM series.
+    pub gaps: Gaps,
     /// Position of the first voxel's centre in place of the file's.
     pub origin: Option<DVec3>,
     /// UDUNITS name of the unit of length (`micrometer`), in place of the file's.
@@ -65,8 +77,13 @@ pub struct OpenOptions {
     /// Which voxels hold no data. The voxels' type must hold the value.
     pub nodata: NoData,
     /// Whether values that a voxel cannot hold may be rounded, clamped or become infinite: 64-bit numbers, and scaled
-    /// numbers beyond f32. Otherwise the first such value is an error.
+    /// numbers beyond f32. Otherwise the first such value is an error. Never of labels.
     pub allow_lossy: bool,
+    /// Whether the voxels are labels: a value that a voxel cannot hold is an error then, since another would be another label.
+    pub are_labels: bool,
+    /// Whether somebody has opened the same files before with these options: they are not read again for values that a voxel cannot hold,
+    /// and no note is made of these.
+    pub is_looked_at: bool,
     /// Folder in which compressed inputs are inflated; `None` is the system's temporary directory.
     pub scratch_dir: Option<PathBuf>,
 }

@@ -11,6 +11,7 @@ use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;
 use crate::losses::Losses;
 use crate::mapped::MappedFile;
+use crate::options::OpenOptions;
 use crate::source::{Lent, Source, SourceInfo};
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use std::path::Path;
@@ -124,10 +125,10 @@ impl RawSource {
     /// cannot lose anything are not read.
     ///
     /// # Errors
-    /// If a value is lost and `allowed` is false, or the file cannot be read.
-    pub(crate) fn with_losses(mut self, allowed: bool) -> Result<Self, ImportError> {
+    /// If a value is lost that must not be, or the file cannot be read.
+    pub(crate) fn with_losses(mut self, options: &OpenOptions) -> Result<Self, ImportError> {
         let path = self.file.path();
-        let Some(mut losses) = Losses::may_occur(path, self.array.decode, allowed) else { return Ok(self) };
+        let Some(mut losses) = Losses::may_occur(path, self.array.decode, options) else { return Ok(self) };
         let body = self.array.body_bytes().map_err(|problem| ImportError::invalid(path, problem))?;
         let numbers = &self.file[self.array.offset as usize..][..body as usize];
         for part in numbers.chunks(LOSSES_AT_ONCE) {
@@ -165,11 +166,24 @@ impl Source for RawSource {
         self.file.confirm()
     }
 
-    fn lend(&self, time: u32, channel: u32, region: VoxelBox) -> Option<Lent<'_>> {
-        let [x, y, z] = [Axis::X, Axis::Y, Axis::Z].map(|a| self.array.stride(a) as usize);
-        let as_it_is = self.array.decode.is_copy() && x == self.info.voxel_type.bytes();
+    fn scratch_bytes(&self) -> u64 {
+        self.file.scratch_bytes()
+    }
+
+    fn lend(
+        &self,
+        time: u32,
+        channel: u32,
+        region: VoxelBox,
+        take: &mut dyn FnMut(Lent<'_>),
+    ) -> Result<bool, ImportError> {
+        let [x, row_bytes, slice_bytes] = [Axis::X, Axis::Y, Axis::Z].map(|a| self.array.stride(a) as usize);
+        if !self.array.decode.is_copy() || x != self.info.voxel_type.bytes() {
+            return Ok(false);
+        }
         let (start, _) = self.copy_of(time, channel, region);
-        as_it_is.then(|| Lent::of_file(&self.file, start, y, z))
+        take(Lent { bytes: &self.file[start..], row_bytes, slice_bytes });
+        self.file.confirm().map(|()| true)
     }
 
     fn announce(&self, time: u32, channel: u32, region: VoxelBox) {
@@ -346,8 +360,8 @@ mod tests {
                 let (_folder, path) = temp_file("a b.raw", &field.bytes("zyx", endian == Endian::Big));
                 let source = RawSource::open(&path, &layout(field, "zyx", endian)).unwrap();
                 assert_boxes(&source, field);
-                let lent = source.lend(0, 0, source.info().extent.full_box());
-                assert_eq!(lent.is_some(), endian == Endian::Little || voxel_type.bytes() == 1);
+                let is_lent = source.lend(0, 0, source.info().extent.full_box(), &mut |_| ()).unwrap();
+                assert_eq!(is_lent, endian == Endian::Little || voxel_type.bytes() == 1);
             }
         }
     }
@@ -424,9 +438,9 @@ mod tests {
         let mut out = vec![0; full.extent().volume() as usize * source.info().voxel_type.bytes()];
         let message = source.read_box(0, 0, full, &mut out).unwrap_err().to_string();
         assert!(message.contains("changed while it was read") && message.contains(what), "{message}");
-        let lent = source.lend(0, 0, full).unwrap();
-        let sum: u64 = lent.bytes.iter().map(|&b| b as u64).sum();
-        assert!(lent.confirm().is_err(), "{what}: {sum}");
+        let mut sum = 0;
+        let lent = source.lend(0, 0, full, &mut |lent| sum = lent.bytes.iter().map(|&b| u64::from(b)).sum());
+        assert!(lent.is_err(), "{what}: {sum}");
     }
 
     #[test]

@@ -1,72 +1,203 @@
 //! One file per time step, as one source.
+//!
+//! Each file is looked at when the series is opened, and closed: what it is, and the state it was in, stay. While voxels are read, the last
+//! few steps are open; one that is opened anew must be as it was. So neither descriptors, maps nor scratch space grow with the number of
+//! steps. Steps are mostly read one after another; jumping between more than are open costs an opening each time, which for compressed
+//! files means to inflate them.
+
+#[cfg(test)]
+mod tests;
 
 use crate::error::ImportError;
 use crate::source::{Access, Lent, Source, SourceInfo};
+use crate::stamp::Stamp;
 use brickyard_volume::{VoxelBox, counted};
-use std::path::PathBuf;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A time series: sources of one time step each that agree in extent, voxel type, channels and spacing.
+/// Number of steps that are open at a time: the one that a pack reads, and the one that somebody looks at meanwhile.
+pub(crate) const OPEN_STEPS: usize = 2;
+
+/// What a file of one time step is, which is known without having it open.
+pub(crate) struct StepFile {
+    pub(crate) info: SourceInfo,
+    pub(crate) access: Access,
+    /// As [`Source::reader_bytes`] and [`Source::scratch_bytes`].
+    pub(crate) reader_bytes: u64,
+    pub(crate) scratch_bytes: u64,
+}
+
+impl StepFile {
+    /// What an open file is.
+    pub(crate) fn of(source: &dyn Source) -> Self {
+        Self {
+            info: source.info().clone(),
+            access: source.access(),
+            reader_bytes: source.reader_bytes(),
+            scratch_bytes: source.scratch_bytes(),
+        }
+    }
+}
+
+/// Opens a step's file.
+type Open = dyn Fn(&Path) -> Result<Box<dyn Source>, ImportError> + Send + Sync;
+
+/// A time series: files of one time step each that agree in extent, voxel type, channels and spacing.
 pub(crate) struct Series {
     info: SourceInfo,
-    steps: Vec<Box<dyn Source>>,
+    access: Access,
+    reader_bytes: u64,
+    scratch_bytes: u64,
+    steps: Vec<Step>,
+    open: Box<Open>,
+    /// The steps that were read last, at most [`OPEN_STEPS`], the latest one at the end.
+    recent: Mutex<Vec<Recent>>,
+}
+
+/// A step's file, and the state it was in when the series was opened.
+struct Step {
+    path: PathBuf,
+    stamp: Stamp,
+    /// Where the step's own identity stands in the series'.
+    identity: Range<usize>,
+}
+
+/// A step that was read a short while ago.
+struct Recent {
+    time: u32,
+    /// `None` until it is open. Whoever opens it holds the lock, so that others wait for that and do not do the same.
+    source: Arc<Mutex<Option<Arc<dyn Source>>>>,
 }
 
 impl Series {
-    /// Joins sources of one time step each. `paths` are their files, for messages.
+    /// Joins files of one time step each. `check` looks at one and closes it; `open` opens it to be read.
     ///
     /// # Errors
-    /// If a source has several time steps or differs from the first.
-    pub(crate) fn new(paths: &[PathBuf], steps: Vec<Box<dyn Source>>) -> Result<Self, ImportError> {
-        let mut info = steps[0].info().clone();
-        info.times = steps.len() as u32;
-        info.identity.clear();
-        info.notes.clear();
-        for (path, step) in paths.iter().zip(&steps) {
-            let (first, step) = (steps[0].info(), step.info());
-            if step.times != 1 {
-                let problem =
-                    format!("{} files given, one per time step, but this one holds {}", paths.len(), step.times);
-                return Err(ImportError::options(path, problem));
-            }
-            let describe = |i: &SourceInfo| {
-                let channels = counted(i.channels.into(), "channel");
-                format!("{} {} with {channels}, spacing {}", i.extent, i.voxel_type, i.geometry.spacing)
-            };
-            if describe(step) != describe(first) {
-                let problem = format!("is {}, but {} is {}", describe(step), paths[0].display(), describe(first));
-                return Err(ImportError::invalid(path, problem));
-            }
-            if step.nodata != first.nodata {
-                let value = |info: &SourceInfo| info.nodata.map_or("no value".into(), |value| value.to_string());
-                let problem = format!(
-                    "says with {} that voxels hold no data, but {} with {}; give one for all with `nodata`",
-                    value(step),
-                    paths[0].display(),
-                    value(first)
-                );
-                return Err(ImportError::options(path, problem));
-            }
-            let lies_there = match (&step.orientation, &first.orientation) {
-                (Some(own), Some(other)) => own.agrees(other, step.extent),
-                (own, other) => own == other,
-            };
-            if !lies_there {
-                let problem = format!(
-                    "lies otherwise in the patient than {}: register the steps to one place, or pack each by itself",
-                    paths[0].display()
-                );
-                return Err(ImportError::invalid(path, problem));
-            }
-            info.identity += &step.identity;
-            info.identity += "\n";
-            for note in &step.notes {
-                if !info.notes.contains(note) {
-                    info.notes.push(note.clone());
+    /// If a file cannot be read, has several time steps or differs from the first.
+    pub(crate) fn new(
+        paths: &[PathBuf],
+        check: impl Fn(&Path) -> Result<StepFile, ImportError>,
+        open: Box<Open>,
+    ) -> Result<Self, ImportError> {
+        let mut first: Option<StepFile> = None;
+        let (mut identity, mut notes) = (String::new(), Vec::new());
+        let (mut reader_bytes, mut scratch_bytes) = (0, 0);
+        let mut steps = Vec::with_capacity(paths.len());
+        for path in paths {
+            let stamp = Stamp::of(path)?;
+            let found = check(path);
+            // What was found, an error too, is of the file that has this stamp, or of none.
+            stamp.check(path)?;
+            let file = found?;
+            check_alike(&file.info, path, &first.as_ref().unwrap_or(&file).info, paths)?;
+            reader_bytes = file.reader_bytes.max(reader_bytes);
+            scratch_bytes = file.scratch_bytes.max(scratch_bytes);
+            let start = identity.len();
+            identity += &file.info.identity;
+            steps.push(Step { path: path.clone(), stamp, identity: start..identity.len() });
+            identity += "\n";
+            for note in &file.info.notes {
+                if !notes.contains(note) {
+                    notes.push(note.clone());
                 }
             }
+            first.get_or_insert(file);
         }
-        Ok(Self { info, steps })
+        let Some(StepFile { info, access, .. }) = first else {
+            return Err(ImportError::options(Path::new("input"), "none given"));
+        };
+        let info = SourceInfo { times: steps.len() as u32, identity, notes, ..info };
+        let scratch_bytes = scratch_bytes.saturating_mul(OPEN_STEPS.min(steps.len()) as u64);
+        Ok(Self { info, access, reader_bytes, scratch_bytes, steps, open, recent: Mutex::default() })
     }
+
+    /// The source of a step, which is opened unless it is among the last ones.
+    fn step(&self, time: u32) -> Result<Arc<dyn Source>, ImportError> {
+        let place = self.place(time);
+        let mut source = lock(&place);
+        if let Some(source) = &*source {
+            return Ok(source.clone());
+        }
+        let opened = self.reopen(&self.steps[time as usize])?;
+        *source = Some(opened.clone());
+        Ok(opened)
+    }
+
+    /// Makes a step the latest one, and closes the one that was latest longest ago if there are too many.
+    fn place(&self, time: u32) -> Arc<Mutex<Option<Arc<dyn Source>>>> {
+        let mut recent = lock(&self.recent);
+        let step = match recent.iter().position(|step| step.time == time) {
+            Some(i) => recent.remove(i),
+            None => {
+                if recent.len() == OPEN_STEPS {
+                    recent.remove(0);
+                }
+                Recent { time, source: Arc::default() }
+            }
+        };
+        let source = step.source.clone();
+        recent.push(step);
+        source
+    }
+
+    fn reopen(&self, step: &Step) -> Result<Arc<dyn Source>, ImportError> {
+        let opened = (self.open)(&step.path);
+        // What was found, an error too, is of the file that was looked at, or of none.
+        step.stamp.check(&step.path)?;
+        let opened = opened?;
+        let (found, known) = (opened.info(), &self.info);
+        let is_same = found.identity == self.info.identity[step.identity.clone()]
+            && (found.extent, found.voxel_type, found.channels) == (known.extent, known.voxel_type, known.channels)
+            && found.times == 1;
+        if !is_same {
+            let problem = "changed since the series was opened; start over when nothing writes to it";
+            return Err(ImportError::invalid(&step.path, problem));
+        }
+        Ok(opened.into())
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // A list of steps, and one that is open or not, are whole whatever a thread that panicked was about.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Steps must agree in all that a series has once.
+fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[PathBuf]) -> Result<(), ImportError> {
+    let first_path = paths[0].display();
+    if step.times != 1 {
+        let problem = format!("{} files given, one per time step, but this one holds {}", paths.len(), step.times);
+        return Err(ImportError::options(path, problem));
+    }
+    let describe = |i: &SourceInfo| {
+        let channels = counted(i.channels.into(), "channel");
+        format!("{} {} with {channels}, spacing {}", i.extent, i.voxel_type, i.geometry.spacing)
+    };
+    if describe(step) != describe(first) {
+        let problem = format!("is {}, but {first_path} is {}", describe(step), describe(first));
+        return Err(ImportError::invalid(path, problem));
+    }
+    if step.nodata != first.nodata {
+        let value = |info: &SourceInfo| info.nodata.map_or("no value".into(), |value| value.to_string());
+        let problem = format!(
+            "says with {} that voxels hold no data, but {first_path} with {}; give one for all with `nodata`",
+            value(step),
+            value(first)
+        );
+        return Err(ImportError::options(path, problem));
+    }
+    let lies_there = match (&step.orientation, &first.orientation) {
+        (Some(own), Some(other)) => own.agrees(other, step.extent),
+        (own, other) => own == other,
+    };
+    if !lies_there {
+        let problem = format!(
+            "lies otherwise in the patient than {first_path}: register the steps to one place, or pack each by itself"
+        );
+        return Err(ImportError::invalid(path, problem));
+    }
+    Ok(())
 }
 
 impl Source for Series {
@@ -75,23 +206,36 @@ impl Source for Series {
     }
 
     fn access(&self) -> Access {
-        self.steps[0].access()
+        self.access
     }
 
     fn reader_bytes(&self) -> u64 {
-        self.steps.iter().map(|step| step.reader_bytes()).max().unwrap_or(0)
+        self.reader_bytes
+    }
+
+    fn scratch_bytes(&self) -> u64 {
+        self.scratch_bytes
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.info.check_box(time, channel, region, out);
-        self.steps[time as usize].read_box(0, channel, region, out)
+        self.step(time)?.read_box(0, channel, region, out)
     }
 
-    fn lend(&self, time: u32, channel: u32, region: VoxelBox) -> Option<Lent<'_>> {
-        self.steps[time as usize].lend(0, channel, region)
+    fn lend(
+        &self,
+        time: u32,
+        channel: u32,
+        region: VoxelBox,
+        take: &mut dyn FnMut(Lent<'_>),
+    ) -> Result<bool, ImportError> {
+        self.step(time)?.lend(0, channel, region, take)
     }
 
     fn announce(&self, time: u32, channel: u32, region: VoxelBox) {
-        self.steps[time as usize].announce(0, channel, region);
+        // Whoever reads it is told why it cannot be opened.
+        if let Ok(step) = self.step(time) {
+            step.announce(0, channel, region);
+        }
     }
 }

@@ -2,7 +2,6 @@
 
 use crate::axes::Sizes;
 use crate::error::ImportError;
-use crate::mapped::MappedFile;
 use brickyard_volume::{ChannelLook, Extent, Geometry, Orientation, TimeAxis, VoxelBox, VoxelType};
 
 /// What a source says of itself before any voxel is read.
@@ -97,29 +96,6 @@ pub struct Lent<'a> {
     pub row_bytes: usize,
     /// Bytes from one slice to the next along z.
     pub slice_bytes: usize,
-    /// The file they lie in, if it is one that others can change.
-    file: Option<&'a MappedFile>,
-}
-
-impl<'a> Lent<'a> {
-    /// Lends voxels in memory that nobody else can change.
-    pub fn new(bytes: &'a [u8], row_bytes: usize, slice_bytes: usize) -> Self {
-        Self { bytes, row_bytes, slice_bytes, file: None }
-    }
-
-    /// Lends voxels in a mapped file, from byte `start` on.
-    pub(crate) fn of_file(file: &'a MappedFile, start: usize, row_bytes: usize, slice_bytes: usize) -> Self {
-        Self { bytes: &file[start..], row_bytes, slice_bytes, file: Some(file) }
-    }
-
-    /// Checks that the voxels read so far are the file's. Call it after copying them: a file may be cut short or
-    /// written to while it is read.
-    ///
-    /// # Errors
-    /// If the file has changed or could not be read. The error names the file and says what happened.
-    pub fn confirm(&self) -> Result<(), ImportError> {
-        self.file.map_or(Ok(()), MappedFile::confirm)
-    }
 }
 
 /// A volume, time series or multi-channel set that can be read box by box. Calls may come from many threads at once.
@@ -137,6 +113,11 @@ pub trait Source: Send + Sync {
         0
     }
 
+    /// Most bytes of scratch files that the source keeps at a time.
+    fn scratch_bytes(&self) -> u64 {
+        0
+    }
+
     /// Fills `out` with the box's voxels, little-endian, x fastest.
     ///
     /// # Errors
@@ -147,10 +128,20 @@ pub trait Source: Send + Sync {
     /// box's bytes.
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError>;
 
-    /// Lends the voxels of a box without a copy; `None` unless they lie in memory as [`Source::read_box`] would deliver
-    /// them. Call [`Lent::confirm`] after copying them.
-    fn lend(&self, _time: u32, _channel: u32, _region: VoxelBox) -> Option<Lent<'_>> {
-        None
+    /// Lends the voxels of a box to `take`, without a copy, and returns true. Returns false, and does not call `take`, unless they lie in
+    /// memory as [`Source::read_box`] would deliver them.
+    ///
+    /// # Errors
+    /// As for [`Source::read_box`]. `take` may have been called: a file may be cut short or written to while it is read, and what was taken
+    /// is then not to be believed.
+    fn lend(
+        &self,
+        _time: u32,
+        _channel: u32,
+        _region: VoxelBox,
+        _take: &mut dyn FnMut(Lent<'_>),
+    ) -> Result<bool, ImportError> {
+        Ok(false)
     }
 
     /// Hints that a box will be read soon, so that the source may fetch it ahead.

@@ -74,15 +74,18 @@ impl Strided {
     fn read_plane(&self, time: u32, channel: u32, plane: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         let bytes = self.info.voxel_type.bytes();
         let whole = self.box_of_whole(plane);
-        let rows = out.chunks_exact_mut(plane.extent().x as usize * bytes);
+        let own_row_bytes = plane.extent().x as usize * bytes;
         let row_bytes = whole.extent().x as usize * bytes;
-        if let Some(lent) = self.source.lend(time, channel, whole) {
-            for (y, row) in rows.enumerate() {
+        let is_lent = self.source.lend(time, channel, whole, &mut |lent| {
+            for (y, row) in out.chunks_exact_mut(own_row_bytes).enumerate() {
                 let from = y * self.stride[1] as usize * lent.row_bytes;
                 self.pick(&lent.bytes[from..from + row_bytes], row);
             }
-            return lent.confirm();
+        })?;
+        if is_lent {
+            return Ok(());
         }
+        let rows = out.chunks_exact_mut(own_row_bytes);
         if self.source.access() == Access::Planes {
             let mut voxels = vec![0; whole.extent().volume() as usize * bytes];
             self.source.read_box(time, channel, whole, &mut voxels)?;
@@ -114,6 +117,10 @@ impl Source for Strided {
         let rows = if self.access() == Access::Planes { y } else { 1 };
         let buffer = u64::from(x) * u64::from(rows) * self.info.voxel_type.bytes() as u64;
         self.source.reader_bytes().saturating_add(buffer)
+    }
+
+    fn scratch_bytes(&self) -> u64 {
+        self.source.scratch_bytes()
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {

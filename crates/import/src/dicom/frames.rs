@@ -4,10 +4,11 @@
 
 use super::decode;
 use super::header::{EXPLICIT_BIG_ENDIAN, Header};
+use super::mosaic::Mosaic;
 use super::pixels::{PixelFormat, Samples};
 use crate::element::Endian;
 use crate::error::ImportError;
-use brickyard_volume::counted;
+use brickyard_volume::{VoxelBox, counted};
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
 use std::fs::File;
@@ -41,13 +42,14 @@ enum Codec {
     Jpeg2000,
 }
 
-/// The frames of one DICOM file: how their pixels are stored, and where they lie.
+/// The frames of one DICOM file: how their pixels are stored, and where they lie. The slices of a mosaic are frames of one picture.
 #[derive(Debug)]
 pub(super) struct Frames {
     pub(super) format: PixelFormat,
     packing: Packing,
     /// For each frame its ranges in the file (or in what the file inflates to): first byte and length in bytes.
     places: Vec<Vec<(u64, u64)>>,
+    pub(super) mosaic: Option<Mosaic>,
 }
 
 impl Frames {
@@ -95,12 +97,26 @@ impl Frames {
                 native_places(path, &format, count, pixels.offset, length, end)?
             }
         };
+        let mosaic = Mosaic::of(header)?;
+        if mosaic.is_some() && places.len() > 1 {
+            return Err(ImportError::unsupported(path, "a mosaic of several frames"));
+        }
         header.confirm()?;
-        Ok(Self { format, packing, places })
+        Ok(Self { format, packing, places, mosaic })
     }
 
     pub(super) fn count(&self) -> usize {
-        self.places.len()
+        self.mosaic.map_or(self.places.len(), |mosaic| mosaic.slices as usize)
+    }
+
+    /// Columns and rows of a frame.
+    pub(super) fn size(&self) -> [u32; 2] {
+        self.mosaic.map_or([self.format.columns, self.format.rows], |mosaic| [mosaic.columns, mosaic.rows])
+    }
+
+    /// Where a box of a frame lies in the picture that is read for it.
+    pub(super) fn in_picture(&self, frame: usize, region: VoxelBox) -> VoxelBox {
+        self.mosaic.map_or(region, |mosaic| mosaic.in_picture(frame as u32, region))
     }
 
     /// Most memory that reading one frame takes, in bytes: the packed frame and what its decoder needs.
@@ -128,9 +144,10 @@ impl Frames {
         }
     }
 
-    /// Reads and decodes one frame.
+    /// Reads and decodes one frame, or the picture that it is a part of.
     pub(super) fn read(&self, header: &Header, frame: usize) -> Result<Samples, ImportError> {
         let path = header.path.as_path();
+        let frame = if self.mosaic.is_some() { 0 } else { frame };
         let bytes = self.read_packed(header, frame);
         // The file is opened anew for each frame: what was read, an error too, is of the file whose header this is, or of none.
         header.confirm()?;

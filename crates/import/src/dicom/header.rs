@@ -43,6 +43,7 @@ const DEEPEST: usize = 64;
 
 /// What is kept of a data set.
 const WANTED: &[Tag] = &[
+    tags::IMAGE_TYPE,
     tags::SERIES_DESCRIPTION,
     tags::SERIES_INSTANCE_UID,
     tags::IMAGE_POSITION_PATIENT,
@@ -75,6 +76,14 @@ const MACROS: &[Tag] = &[
     tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE,
     tags::FRAME_VOILUT_SEQUENCE,
 ];
+
+/// Longest value of a private element that is kept: Siemens' own header has some 10 kB.
+const LONGEST_PRIVATE: u32 = 1 << 20;
+/// Who Siemens' private elements are of.
+const CSA_HEADER: &str = "SIEMENS CSA HEADER";
+const MR_HEADER: &str = "SIEMENS MR HEADER";
+/// Within the elements of [`MR_HEADER`], the number of slices of a mosaic.
+const MOSAIC_SLICES: Tag = Tag(0x0019, 0x100a);
 
 type Values = BTreeMap<Tag, PrimitiveValue>;
 
@@ -280,7 +289,8 @@ impl Header {
                 }
                 Element::Value(parents, header) => {
                     let tag = header.tag;
-                    match self.values_at(parents).filter(|_| WANTED.contains(&tag)) {
+                    let is_wanted = WANTED.contains(&tag) || self.is_of_mosaic(&header);
+                    match self.values_at(parents).filter(|_| is_wanted) {
                         Some(values) => values.insert(tag, elements.read(&header)?).map_or((), drop),
                         None => elements.skip(&header)?,
                     }
@@ -288,6 +298,52 @@ impl Header {
             }
         }
         Ok(())
+    }
+
+    /// Whether the file is a mosaic: the slices of a volume side by side in one picture.
+    pub(super) fn is_mosaic(&self) -> bool {
+        self.text(tags::IMAGE_TYPE).is_some_and(|kinds| kinds.split('\\').any(|kind| kind.trim() == "MOSAIC"))
+    }
+
+    /// Whether an element is one of those that say how a mosaic is laid out. They come after what says that it is one.
+    fn is_of_mosaic(&self, header: &DataElementHeader) -> bool {
+        let Tag(group, element) = header.tag;
+        let is_one = match group {
+            0x0019 => element == MOSAIC_SLICES.1 || element == 0x0010,
+            0x0029 => (0x0010..=0x00ff).contains(&element) || (element >= 0x1000 && element & 0xff == 0x10),
+            _ => false,
+        };
+        is_one && header.len.0 <= LONGEST_PRIVATE && self.is_mosaic()
+    }
+
+    /// Siemens' own header, of the image.
+    pub(super) fn csa(&self) -> Option<&[u8]> {
+        let block = (0x10..=0xff).find(|block| self.is_creator(Tag(0x0029, *block), CSA_HEADER))?;
+        match self.top.get(&Tag(0x0029, (block << 8) | 0x10))? {
+            PrimitiveValue::U8(bytes) => Some(&bytes[..]),
+            _ => None,
+        }
+    }
+
+    /// Whether an element says that a block of private elements is this creator's.
+    fn is_creator(&self, tag: Tag, creator: &str) -> bool {
+        let found = match self.top.get(&tag) {
+            // As files have it that do not say what their elements are.
+            Some(PrimitiveValue::U8(bytes)) => String::from_utf8_lossy(bytes),
+            Some(value) => value.to_str(),
+            None => return false,
+        };
+        found.trim_matches(['\0', ' ']) == creator
+    }
+
+    /// The number of slices of a mosaic that stands beside Siemens' own header.
+    pub(super) fn private_mosaic_slices(&self) -> Option<u32> {
+        let value =
+            self.top.get(&MOSAIC_SLICES).filter(|_| self.is_creator(Tag(MOSAIC_SLICES.0, 0x0010), MR_HEADER))?;
+        match value {
+            PrimitiveValue::U8(bytes) => bytes.first_chunk().map(|bytes| u16::from_le_bytes(*bytes).into()),
+            value => value.to_int().ok(),
+        }
     }
 
     /// Notes a sequence or an item's begin.

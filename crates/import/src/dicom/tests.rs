@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 const BIG_ENDIAN: &str = super::header::EXPLICIT_BIG_ENDIAN;
 
 /// A file of a CT series, to be changed by each test.
-pub(super) struct Written(InMemDicomObject);
+pub(super) struct Written(pub(super) InMemDicomObject);
 
 impl Written {
     /// A slice of 4 x 3 pixels at a height, whose stored values count up from a number.
@@ -100,11 +100,11 @@ impl Written {
 }
 
 /// A folder of files, and what was given to `open`.
-struct Folder(tempfile::TempDir);
+pub(super) struct Folder(pub(super) tempfile::TempDir);
 
 impl Folder {
     /// Files named so that their names say nothing of their order.
-    fn of(slices: impl IntoIterator<Item = Written>) -> Self {
+    pub(super) fn of(slices: impl IntoIterator<Item = Written>) -> Self {
         let folder = Self(tempfile::tempdir().unwrap());
         for (i, slice) in slices.into_iter().enumerate() {
             slice.save(&folder.file(i), uids::EXPLICIT_VR_LITTLE_ENDIAN);
@@ -112,23 +112,23 @@ impl Folder {
         folder
     }
 
-    fn file(&self, i: usize) -> PathBuf {
+    pub(super) fn file(&self, i: usize) -> PathBuf {
         self.0.path().join(format!("IM{i}"))
     }
 
     /// With the folder, without which the source has nothing to read.
-    fn opened(slices: impl IntoIterator<Item = Written>) -> (Self, Box<dyn Source>) {
+    pub(super) fn opened(slices: impl IntoIterator<Item = Written>) -> (Self, Box<dyn Source>) {
         let folder = Self::of(slices);
         let source = folder.open().unwrap();
         (folder, source)
     }
 
-    fn open(&self) -> Result<Box<dyn Source>, ImportError> {
+    pub(super) fn open(&self) -> Result<Box<dyn Source>, ImportError> {
         open(&[self.0.path().to_owned()], &OpenOptions::default())
     }
 
     #[track_caller]
-    fn refused(&self, words: &[&str]) {
+    pub(super) fn refused(&self, words: &[&str]) {
         let message = self.open().err().expect("a refusal").to_string();
         for word in words {
             assert!(message.contains(word), "{word:?} is not in: {message}");
@@ -137,7 +137,7 @@ impl Folder {
 }
 
 /// Slices from 20 mm up, 2.5 mm apart, in an order of their own; slice `k` from below holds values from `100 k`.
-fn shuffled() -> impl Iterator<Item = Written> {
+pub(super) fn shuffled() -> impl Iterator<Item = Written> {
     [3, 0, 4, 1, 2].into_iter().map(|k| Written::slice(20.0 + 2.5 * k as f64, 100 * k))
 }
 
@@ -400,9 +400,9 @@ fn stacks_that_are_not_a_volume_are_refused_with_numbers() {
         "(-100, -50, 4)",
         "1 slice is missing",
         "1 of 4 steps",
-        "`spacing`",
+        "add the missing files, or pass `gaps` blank",
     ]);
-    Folder::of([0.0, 2.0, 4.3, 6.2].map(at)).refused(&["not evenly spaced", "2.3000"]);
+    Folder::of([0.0, 2.0, 4.3, 6.2].map(at)).refused(&["not evenly spaced", "2.3000", "`spacing`"]);
     Folder::of([0.0, 2.0, 2.0, 4.0].map(at)).refused(&[
         "IM2: lies where",
         "IM1",
@@ -428,7 +428,7 @@ fn stacks_that_are_not_a_volume_are_refused_with_numbers() {
 }
 
 /// Slices at these positions along z, as they are written.
-fn at_texts(positions: &[&str]) -> Folder {
+pub(super) fn at_texts(positions: &[&str]) -> Folder {
     Folder::of(positions.iter().map(|z| {
         let mut slice = Written::slice(0.0, 0);
         slice.text(tags::IMAGE_POSITION_PATIENT, VR::DS, &format!("-100.0\\-50.0\\{z}"));
@@ -451,7 +451,7 @@ fn rounded_positions_are_even_as_far_as_their_digits_explain() {
     at_texts(&["0", "10", "21", "31"]).refused(&["not evenly spaced", "pass `spacing` 0.5,0.75,10.3333 "]);
     // Rounding never explains a missing slice, nor a tenth of a step.
     let folder = at_texts(&["0", "0.1", "0.3", "0.4"]);
-    folder.refused(&["1 slice is missing", "add the missing files, or pass `spacing` 0.5,0.75,0.1 "]);
+    folder.refused(&["1 slice is missing", "add the missing files, or pass `gaps` blank"]);
     at_texts(&["0", "0.4", "0.9", "1.3"]).refused(&["not evenly spaced"]);
     let message = at_texts(&["0.00", "1.40", "2.90"]).open().err().unwrap().to_string();
     assert!(!message.contains("missing"), "{message}");
@@ -490,6 +490,17 @@ fn told_spacings_settle_gaps_and_missing_pixel_sizes() {
     assert_eq!(source.info().geometry.spacing, spacing);
     let found = voxels(&*source);
     assert_eq!([0, 12, 24, 36].map(|i| found[i]), [0.0, 20.0, 80.0, 100.0]);
+    let notes = source.info().notes.join(" ");
+    assert!(notes.contains("2.0000 to 6.0000 mm apart by their positions, and taken as 2 mm apart"), "{notes}");
+    // The third and the fourth, 2 and 3 steps up, are 8 and 10 mm up.
+    assert!(notes.contains("4.0000 mm from where its position says") && notes.contains("`gaps` blank"), "{notes}");
+    // Nothing is said where positions are even, whatever the spacing is said to be.
+    let even = open_with(&Folder::of(shuffled()), &told);
+    assert!(!even.unwrap().info().notes.join(" ").contains("apart"));
+}
+
+pub(super) fn open_with(folder: &Folder, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
+    open(&[folder.0.path().to_owned()], options)
 }
 
 #[test]
