@@ -80,6 +80,7 @@ fn follow(path: &Path, is_done: &AtomicBool) -> u32 {
                     Some(newer)
                 }
                 Ok(None) => Some(store),
+                Err(OpenError::Replaced { .. }) => None,
                 Err(error) => {
                     assert!(!path.join("zarr.json").exists(), "{error}");
                     None
@@ -156,7 +157,7 @@ fn two_at_once_exclude_each_other() {
     let files: String = (0..400).map(|i| format!("s{}.raw ", i % STEPS)).collect();
     let mut child = sandbox
         .command()
-        .args(format!("append out.zarr {files}{FLAGS}").split(' '))
+        .args(format!("append out.zarr {files}{FLAGS} --order given").split(' '))
         .stderr(Stdio::null())
         .spawn()
         .expect("the command starts");
@@ -224,6 +225,128 @@ fn what_does_not_fit_is_refused_with_both_values_and_changes_nothing() {
         assert!(words.iter().all(|word| stderr.contains(word)), "brickyard {line}: {words:?}: {stderr}");
         assert_eq!(tree_difference(&tree(&sandbox.path("")), &before), [""; 0], "brickyard {line}");
     }
+}
+
+#[test]
+fn files_are_taken_in_the_order_in_which_pack_takes_them() {
+    let sandbox = with_steps();
+    // As a shell expands `s*.raw`: 0, 1, 10, 11, 2.
+    let mut names: Vec<String> = (0..STEPS).map(|number| format!("s{number}.raw")).collect();
+    names.sort();
+    let shells = names.join(" ");
+    let times = |name: &str| name[1..name.len() - 4].parse::<f64>().expect("a number") * 0.5;
+    let of_names = names.iter().map(|name| times(name).to_string()).collect::<Vec<_>>().join(",");
+    let (_, _, said) = sandbox.run(&format!("append one.zarr {shells} {FLAGS}"));
+    assert!(
+        said.contains("12 files in natural order, from s0.raw to s11.raw") && said.contains("--order given"),
+        "{said}"
+    );
+    // Each time goes with its file.
+    sandbox.run_ok(&format!("append two.zarr {shells} {FLAGS} --time {of_names}"));
+    for store in ["one.zarr", "two.zarr"] {
+        assert_eq!(whole_steps(&sandbox.path(store)), STEPS);
+    }
+    sandbox.run_ok(&format!("append given.zarr s0.raw s1.raw s10.raw s2.raw {FLAGS} --order given"));
+    let given = Store::open(sandbox.path("given.zarr")).expect("a store");
+    let mut found = vec![0; EXTENT.iter().product()];
+    given.read_box(2, 0, Level(0), given.pyramid().level(Level(0)).extent.full_box(), &mut found).expect("sound");
+    assert!(found == step(10));
+    for (files, words) in [
+        ("s0.raw s1.raw s3.raw", &["without 2", "--order natural"][..]),
+        ("s0.raw s1.raw s1.raw", &["s1.raw", "named twice", "--order given"]),
+        (
+            "s0.raw s1.raw s10.raw s2.raw --time 0,1,2,3 --order natural",
+            &["--time", "2 of s10.raw is not after 3 of s2.raw"],
+        ),
+    ] {
+        let (code, _, stderr) = sandbox.run(&format!("append none.zarr {files} {FLAGS}"));
+        assert!(code == 2 && words.iter().all(|word| stderr.contains(word)), "{files}: {code}: {stderr}");
+        assert!(!sandbox.path("none.zarr").exists(), "{files}");
+    }
+}
+
+/// A store that came from elsewhere may lead out of its folder. What is there stays as it is.
+#[test]
+fn nothing_is_written_or_deleted_through_a_link_in_a_store() {
+    let sandbox = with_steps();
+    sandbox.run_ok(&append("other.zarr", 0..3));
+    std::fs::create_dir(sandbox.path("victim")).expect("the sandbox is writable");
+    sandbox.write("victim/0", "precious");
+    for (link, target) in [
+        ("0/c/1", "victim"),
+        ("0/c", "other.zarr/0/c"),
+        ("0", "other.zarr/0"),
+        ("1/.brickyard/hashes/c", "victim"),
+        ("0/.brickyard/counts", "other.zarr/0/.brickyard/counts"),
+        ("0/zarr.json.tmp", "victim/0"),
+        ("zarr.json.tmp", "victim/0"),
+        (".brickyard-lock", "victim/0"),
+    ] {
+        sandbox.run_ok(&append("evil.zarr", 0..1));
+        let link_path = sandbox.path("evil.zarr").join(link);
+        if link_path.is_dir() {
+            std::fs::remove_dir_all(&link_path).expect("the sandbox is writable");
+        }
+        std::os::unix::fs::symlink(sandbox.path(target), &link_path).expect("the sandbox is writable");
+        let elsewhere = || [tree(&sandbox.path("victim")), tree(&sandbox.path("other.zarr"))];
+        let before = elsewhere();
+        let (code, _, stderr) = sandbox.run(&append("evil.zarr", 1..2));
+        // A level of another store has other steps, which is found before anything is written.
+        let words = if link == "0" { "expected [3," } else { "symbolic link" };
+        assert!(code != 0 && stderr.contains(words), "{link}: {code}: {stderr}");
+        let (code, _, stderr) = sandbox.run(&format!("pack s0.raw evil.zarr --overwrite {FLAGS}"));
+        assert!(code != 0, "{link}: {stderr}");
+        for (before, after) in before.iter().zip(&elsewhere()) {
+            assert_eq!(tree_difference(after, before), [""; 0], "{link}");
+        }
+        std::fs::remove_dir_all(sandbox.path("evil.zarr")).expect("the sandbox is writable");
+    }
+}
+
+/// What somebody else left where a step's files go stays, and stops nobody.
+#[test]
+fn a_foreign_file_does_not_stop_appends() {
+    let sandbox = with_steps();
+    sandbox.run_ok(&append("out.zarr", 0..2));
+    let foreign =
+        ["0/c/2/notes", "0/.brickyard/counts/notes", "0/.brickyard/counts/7/notes", "0/.brickyard/ranges/c/2/0/notes"];
+    for name in foreign {
+        let path = sandbox.path("out.zarr").join(name);
+        std::fs::create_dir_all(path.parent().expect("a folder")).expect("the sandbox is writable");
+        std::fs::write(path, "mine").expect("the sandbox is writable");
+    }
+    sandbox.run_ok(&append("out.zarr", 2..4));
+    assert_eq!(whole_steps(&sandbox.path("out.zarr")), 4);
+    sandbox.run_ok("verify out.zarr --progress none");
+    for name in foreign {
+        assert_eq!(std::fs::read_to_string(sandbox.path("out.zarr").join(name)).expect("it stays"), "mine");
+    }
+}
+
+#[test]
+fn floats_without_data_are_so_in_steps_that_are_appended() {
+    let sandbox = Sandbox::in_memory();
+    let step = |value: f32| {
+        let voxel = move |i: usize| if i.is_multiple_of(5) { -9999.0 } else { value };
+        (0..64).flat_map(|i| voxel(i).to_le_bytes()).collect::<Vec<u8>>()
+    };
+    (0..4).for_each(|i| sandbox.write(format!("f{i}.raw"), step(i as f32)));
+    let flags = "--shape 4,4,4 --dtype f32 --brick 8 --progress none";
+    sandbox.run_ok(&format!("append out.zarr f0.raw {flags} --nodata -9999"));
+    sandbox.run_ok(&format!("append out.zarr f1.raw {flags}"));
+    sandbox.run_ok(&format!("append out.zarr f2.raw {flags} --nodata -9999"));
+    let (code, _, stderr) = sandbox.run(&format!("append out.zarr f3.raw {flags} --nodata 3"));
+    assert!(code == 3 && stderr.contains("value for no data") && stderr.contains("-9999"), "{stderr}");
+    let store = Store::open(sandbox.path("out.zarr")).expect("a store");
+    assert_eq!((store.times(), store.channel_range(0)), (3, (0.0, 2.0)));
+    let found = sandbox.run_ok("probe out.zarr 0,0,0 --voxel --time all --csv");
+    assert_eq!(found, "step,time,channel 0\n0,0,\n1,1,\n2,2,\n");
+    // A store that never heard of it learns it from the first step that says so.
+    sandbox.run_ok(&format!("append late.zarr f0.raw {flags}"));
+    sandbox.run_ok(&format!("append late.zarr f1.raw {flags} --nodata -9999"));
+    sandbox.run_ok(&format!("append late.zarr f2.raw {flags}"));
+    let found = sandbox.run_ok("probe late.zarr 0,0,0 --voxel --time all --csv");
+    assert_eq!(found, "step,time,channel 0\n0,0,-9999\n1,1,\n2,2,\n");
 }
 
 #[test]

@@ -91,9 +91,46 @@ fn verifying_stays_within_its_memory() {
 }
 
 #[test]
-fn opening_takes_little() {
+fn appending_stays_within_its_memory() {
+    let sandbox = Sandbox::within(env!("CARGO_TARGET_TMPDIR"));
+    let flags = "--shape 160,160,160 --dtype f32 --brick 32 --shard 64 -j 2 --progress none";
+    for seed in 0..3 {
+        sandbox.run_ok(&format!(
+            "synth turbulence s{seed}.raw --shape 160,160,160 --dtype f32 --seed {seed} --progress none"
+        ));
+    }
+    // One that counts its values in the steps that it has, which a pack left uncounted.
+    sandbox.run_ok(&format!("pack s0.raw packed.zarr {flags} --time-step 1"));
+    for (store, files) in [("new.zarr", "s0.raw s1.raw s2.raw"), ("packed.zarr", "s1.raw s2.raw")] {
+        check(&sandbox, &format!("append {store} {files} {flags} --memory 64MiB"), 64 * MIB);
+    }
+}
+
+#[test]
+fn exporting_stays_within_its_memory() {
+    let sandbox = sandbox();
+    for mib in [24u64, 64] {
+        check(&sandbox, &format!("export t.zarr o.raw --overwrite --memory {mib}MiB --progress none"), mib * MIB);
+    }
+    assert!(sandbox.read("o.raw") == sandbox.read("t.raw"));
+    // A row of bricks of this one is 64 MiB.
+    let wide = "--shape 262144,16,8 --dtype f32 --brick 8 --shard 1024 --progress none";
+    sandbox.write("wide.raw", vec![7; 262_144 * 16 * 8 * 4]);
+    sandbox.run_ok(&format!("pack wide.raw wide.zarr {wide}"));
+    check(&sandbox, "export wide.zarr o.raw --overwrite --memory 32MiB --progress none", 32 * MIB);
+    assert!(sandbox.read("o.raw") == sandbox.read("wide.raw"));
+    let (code, _, stderr) = sandbox.run("export t.zarr p.raw --memory 1MiB --progress none");
+    assert!(
+        code == 2 && stderr.contains("--memory 1 MiB is too little") && !sandbox.path("p.raw").exists(),
+        "{stderr}"
+    );
+}
+
+#[test]
+fn opening_and_probing_take_little() {
     let sandbox = sandbox();
     check(&sandbox, "info t.zarr", PROGRAM);
+    check(&sandbox, "probe t.zarr 100,100,100 --voxel", PROGRAM);
 }
 
 #[test]

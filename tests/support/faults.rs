@@ -43,7 +43,7 @@ pub struct Call {
     /// What the call returned; below zero if it failed, or did nothing and said that it did.
     pub result: i64,
     /// A number that goes with the call: the flags of an open, rename or unlink, the offset of a write, the new length
-    /// of a truncated file.
+    /// of a truncated file, 1 for a sync of the whole file system.
     pub number: i64,
     /// The file or folder that the call was on, by its path in the sandbox.
     pub path: PathBuf,

@@ -70,6 +70,8 @@ const CREATE: i64 = 0o100;
 const TRUNCATE: i64 = 0o1000;
 /// The flag `RENAME_EXCHANGE` of Linux's `renameat2`.
 const EXCHANGE: i64 = 2;
+/// The number of a sync of the whole file system.
+const WHOLE: i64 = 1;
 /// What the record has in place of a rename's flags for a link: a second name for the same file.
 const LINK: i64 = -1;
 
@@ -112,6 +114,7 @@ impl Disk {
             ("truncate", _) => self.change(&call.path, Change::Length(length)),
             ("mkdir", _) => self.place(&call.path).map(|(folder, name)| self.make(folder, &name, true)).is_some(),
             ("unlink", _) => self.name(&call.path, None),
+            ("sync", _) if call.number == WHOLE => self.sync_all(),
             ("sync", _) => self.sync(&call.path),
             ("rename", Some(to)) => self.rename(&call.path, to, call.number),
             _ => false,
@@ -142,6 +145,16 @@ impl Disk {
             _ => None,
         };
         self.naming(Naming(vec![(from_folder, from_name, back), (to_folder, to_name, Some(moved))]));
+        true
+    }
+
+    fn sync_all(&mut self) -> bool {
+        for inode in &mut self.inodes {
+            inode.bytes = inode.content(|_| Fate::Lasts);
+            inode.changes.clear();
+            inode.names = inode.names_now.clone();
+        }
+        self.namings.clear();
         true
     }
 

@@ -10,7 +10,7 @@ use std::io;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -75,7 +75,8 @@ pub enum BackgroundError<E: std::error::Error + 'static> {
     NoThread(#[source] io::Error),
 }
 
-/// Work on a thread of its own. Dropping it cancels the work and waits until it has stopped.
+/// Work on a thread of its own. Dropping it cancels the work and does not wait: what it does at that moment may take long, as reading a large compressed
+/// file does. [`wait_for_all`] gives it time to clean up before the program ends.
 pub struct Background<T, E> {
     meter: Arc<Meter>,
     /// The thread, or why there is none; `None` once the result was taken.
@@ -87,7 +88,12 @@ impl<T: Send + 'static, E: std::error::Error + Send + 'static> Background<T, E> 
     pub fn start(work: impl FnOnce(&Meter) -> Result<T, E> + Send + 'static) -> Self {
         let meter = Arc::new(Meter::default());
         let of_work = meter.clone();
-        let thread = std::thread::Builder::new().name("background".into()).spawn(move || work(&of_work));
+        let running = Running::begin();
+        let work = move || {
+            let _running = running;
+            work(&of_work)
+        };
+        let thread = std::thread::Builder::new().name("background".into()).spawn(work);
         Self { meter, thread: Some(thread) }
     }
 
@@ -120,11 +126,35 @@ impl<T: Send + 'static, E: std::error::Error + Send + 'static> Background<T, E> 
 impl<T, E> Drop for Background<T, E> {
     fn drop(&mut self) {
         self.meter.cancel();
-        if let Some(Ok(thread)) = self.thread.take() {
-            // Nobody is left to be told what came of it.
-            let _ = thread.join();
-        }
     }
+}
+
+/// How much work is under way in this process, and what tells of less.
+static RUNNING: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
+
+/// Work that is under way.
+struct Running;
+
+impl Running {
+    fn begin() -> Self {
+        *RUNNING.0.lock().unwrap_or_else(PoisonError::into_inner) += 1;
+        Self
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        *RUNNING.0.lock().unwrap_or_else(PoisonError::into_inner) -= 1;
+        RUNNING.1.notify_all();
+    }
+}
+
+/// Waits until no work is under way in this process, for so long at most: work that was cancelled deletes what it has half made. Returns whether all
+/// of it has ended.
+pub fn wait_for_all(most: Duration) -> bool {
+    let running = RUNNING.0.lock().unwrap_or_else(PoisonError::into_inner);
+    let waited = RUNNING.1.wait_timeout_while(running, most, |running| *running > 0);
+    !waited.unwrap_or_else(PoisonError::into_inner).1.timed_out()
 }
 
 /// What a panic said.
@@ -246,16 +276,17 @@ mod tests {
     }
 
     #[test]
-    fn dropping_cancels_and_waits() {
-        let (say, said) = channel();
+    fn dropping_cancels_and_does_not_wait() {
+        let ((go, gone), (say, said)) = (channel::<()>(), channel());
         drop(Background::<(), io::Error>::start(move |meter| {
-            while !meter.is_cancelled() {
-                std::thread::yield_now();
-            }
-            say.send(()).expect("the test listens");
+            gone.recv().expect("told to go on");
+            say.send(meter.is_cancelled()).expect("the test listens");
             Ok(())
         }));
-        said.try_recv().expect("the work has ended");
+        assert!(!wait_for_all(Duration::ZERO), "it is under way");
+        go.send(()).expect("the work listens");
+        assert!(said.recv().expect("an answer"));
+        assert!(wait_for_all(Duration::from_secs(60)));
     }
 
     #[test]

@@ -5,18 +5,16 @@ use crate::volume_source::VolumeSource;
 use brickyard_store::Store;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use std::sync::Arc;
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// How long a store is left alone before it is looked at again.
 const INTERVAL: Duration = Duration::from_secs(1);
 
-/// Follows a store. Dropping it ends that.
+/// Follows a store. Dropping it ends that, and does not wait for a look that is under way.
 pub struct Follower {
     grown: Receiver<VolumeSource>,
-    /// `None` while it is dropped: closed, it ends the thread.
-    stop: Option<Sender<()>>,
-    thread: Option<JoinHandle<()>>,
+    /// Closed, it ends the thread, which may still be looking for a moment.
+    _stop: Sender<()>,
 }
 
 impl Follower {
@@ -36,22 +34,13 @@ impl Follower {
         let (stop, is_over) = bounded(0);
         let store = store.clone();
         let follow = move || look(store, interval, &send, &is_over);
-        let thread = std::thread::Builder::new().name("brickyard-follow".into()).spawn(follow)?;
-        Ok(Some(Self { grown, stop: Some(stop), thread: Some(thread) }))
+        std::thread::Builder::new().name("brickyard-follow".into()).spawn(follow)?;
+        Ok(Some(Self { grown, _stop: stop }))
     }
 
     /// The store with the time steps that were appended since it was last opened, without waiting; `None` if there are none.
     pub fn poll(&self) -> Option<VolumeSource> {
         self.grown.try_recv().ok()
-    }
-}
-
-impl Drop for Follower {
-    fn drop(&mut self) {
-        // A closed channel is what the thread listens for.
-        self.stop = None;
-        (_, self.grown) = bounded(0);
-        self.thread.take().map(JoinHandle::join);
     }
 }
 

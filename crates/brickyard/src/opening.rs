@@ -108,7 +108,7 @@ pub enum Activity {
     Nothing,
 }
 
-/// The opening of one store, file or folder. Dropping it stops what it does, and waits for that.
+/// The opening of one store, file or folder. Dropping it tells what it does to stop, and does not wait for that.
 pub struct Opening {
     /// What its volume is called: a store in the cache has a hash in its name.
     name: String,
@@ -266,7 +266,8 @@ impl Drop for Opening {
 
 /// Opens the path, and reads the preview of what is not packed yet.
 fn found(path: PathBuf, options: OpeningOptions, meter: &Meter) -> Result<Found, OpeningError> {
-    let source = match openable::open(std::slice::from_ref(&path), &options.files)? {
+    let files = OpenOptions { are_labels: options.kind == Kind::Labels, ..options.files };
+    let source = match openable::open(std::slice::from_ref(&path), &files)? {
         Openable::Store(volume) => return Ok(Found::Store(volume)),
         Openable::Source(source) => source,
     };

@@ -2,7 +2,7 @@
 
 use crate::table_cache::VolumeTables;
 use brickyard_pager::{BrickSource, encoding_of};
-use brickyard_store::{ChannelDisplay, ChannelStatistics, Downsample, IoMode, OpenError, Store};
+use brickyard_store::{ChannelDisplay, ChannelStatistics, Downsample, OpenError, Store};
 use brickyard_volume::channel::default_color;
 use brickyard_volume::layer::label_codes;
 use brickyard_volume::scene::VolumePlace;
@@ -158,7 +158,7 @@ impl VolumeSource {
         if store.downsample() == wanted {
             return Ok(None);
         }
-        let store = Store::open_reduced(store.path(), wanted, IoMode::default())?;
+        let store = store.reduced(wanted)?;
         Ok(Some(Self { name: self.name.clone(), ..Self::of_store(&Arc::new(store)) }))
     }
 

@@ -1,15 +1,15 @@
-//! Files that are there whole or not at all: written under a temporary name beside the place they go to, then renamed.
+//! Files that are there whole or not at all: written under a temporary name beside the place they go to, then renamed. That name is random, and
+//! the file is a new one: nobody can put a link there by which another file is overwritten.
 
-use std::fs::File;
+use std::ffi::{OsStr, OsString};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
 
 /// A file that is being written under a temporary name. Unless it is finished, what was at its path before stays, and the temporary file goes.
 pub(crate) struct WholeFile {
-    file: BufWriter<File>,
-    temporary: PathBuf,
+    file: BufWriter<NamedTempFile>,
     path: PathBuf,
-    is_finished: bool,
 }
 
 impl WholeFile {
@@ -20,26 +20,32 @@ impl WholeFile {
     pub(crate) fn create(path: &Path) -> io::Result<Self> {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let name = path.file_name().ok_or_else(|| io::Error::other("not a file name"))?;
-        let temporary = folder.join(format!(".{}.{}.tmp", name.to_string_lossy(), std::process::id()));
-        let file = BufWriter::new(File::create(&temporary)?);
-        Ok(Self { file, temporary, path: path.to_path_buf(), is_finished: false })
+        // Whose it is can be told, where a program was killed.
+        let prefix: OsString = [OsStr::new("."), name, OsStr::new(".")].into_iter().collect();
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(&prefix).suffix(".tmp");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            // As of any new file: what the process's mask leaves of it.
+            builder.permissions(std::fs::Permissions::from_mode(0o666));
+        }
+        Ok(Self { file: BufWriter::new(builder.tempfile_in(folder)?), path: path.to_path_buf() })
     }
 
     /// Writes out what is left and gives the file its name.
     ///
     /// # Errors
     /// If that fails.
-    pub(crate) fn finish(mut self) -> io::Result<()> {
-        self.file.flush()?;
-        std::fs::rename(&self.temporary, &self.path)?;
-        self.is_finished = true;
-        Ok(())
+    pub(crate) fn finish(self) -> io::Result<()> {
+        let file = self.file.into_inner().map_err(io::IntoInnerError::into_error)?;
+        file.persist(&self.path).map(drop).map_err(|error| error.error)
     }
 
     /// The temporary name, for a program that writes the file.
     #[cfg(feature = "movie")]
     pub(crate) fn temporary(&self) -> &Path {
-        &self.temporary
+        self.file.get_ref().path()
     }
 
     /// The path that the file goes to.
@@ -59,15 +65,6 @@ impl Write for WholeFile {
     }
 }
 
-impl Drop for WholeFile {
-    fn drop(&mut self) {
-        if !self.is_finished {
-            // It may not be there.
-            let _ = std::fs::remove_file(&self.temporary);
-        }
-    }
-}
-
 /// Writes a file by `write`. What was at `path` before stays until all of it is written, and if anything fails.
 ///
 /// # Errors
@@ -79,4 +76,44 @@ pub(crate) fn write_whole<E: From<io::Error>>(
     let mut file = WholeFile::create(path)?;
     write(&mut file)?;
     Ok(file.finish()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_there_whole_or_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        write_whole(&path, |file| file.write_all(b"first")).unwrap();
+        let failed: io::Result<()> = write_whole(&path, |file| {
+            file.write_all(b"second")?;
+            Err(io::Error::other("no"))
+        });
+        assert!(failed.is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), b"first");
+        write_whole(&path, |file| file.write_all(b"third")).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"third");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left behind");
+        assert!(WholeFile::create(Path::new("/")).is_err());
+    }
+
+    /// Links under names that could be foreseen lead nowhere, and the file has the permissions of any new one.
+    #[cfg(unix)]
+    #[test]
+    fn links_are_not_followed_and_permissions_are_those_of_new_files() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let [path, other, plain] = ["a.png", "other", "plain"].map(|name| folder.path().join(name));
+        std::fs::write(&other, "precious").unwrap();
+        let foreseen = format!(".a.png.{}.tmp", std::process::id());
+        std::os::unix::fs::symlink(&other, folder.path().join(foreseen)).unwrap();
+        write_whole(&path, |file| file.write_all(b"picture")).unwrap();
+        assert_eq!(std::fs::read(&other).unwrap(), b"precious");
+        assert!(path.symlink_metadata().unwrap().is_file());
+        std::fs::write(&plain, "").unwrap();
+        let mode = |path: &Path| path.metadata().unwrap().permissions().mode();
+        assert_eq!(mode(&path), mode(&plain));
+    }
 }

@@ -21,7 +21,7 @@ pub(super) fn advised<E: Advice>(error: &E) -> String {
 }
 
 /// Options of the library by the names that its messages have them under, and the command's flags for them.
-const FLAGS: [(&str, &str); 25] = [
+const FLAGS: [(&str, &str); 26] = [
     ("`allow_lossy`", "--allow-lossy"),
     ("`aprons`", "--aprons"),
     ("`axes`", "--axes"),
@@ -29,6 +29,7 @@ const FLAGS: [(&str, &str); 25] = [
     ("`codec`", "--codec"),
     ("`downsample`", "--downsample"),
     ("`edge`", "--brick"),
+    ("`gaps`", "--gaps"),
     ("`memory`", "--memory"),
     ("`nodata`", "--nodata"),
     ("`offset`", "--offset"),

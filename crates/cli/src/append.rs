@@ -9,10 +9,11 @@ use super::pack_settings::{PackingLimits, StoreSettings};
 use super::progress::Progress;
 use super::say::say;
 use super::store_errors;
-use brickyard::import::{self, Source};
-use brickyard::store::{self, AppendError, Appender, OpenError, Store};
+use brickyard::import::{self, FileOrder, OpenOptions, Source};
+use brickyard::store::{self, AppendError, Appender, Kind, OpenError, Store};
 use brickyard::volume::counted;
 use clap::Args;
+use std::collections::HashMap;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -54,8 +55,14 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
         let (given, files) = (counted(time.len() as u64, "time"), counted(files.len() as u64, "file"));
         return Err(Failure::usage(format!("--time: expected one for each file, found {given} for {files}")));
     }
+    // Where the store is not one yet, or cannot be read, its own opening says so.
+    let are_labels = settings.are_labels() || Store::open(&store).is_ok_and(|store| store.info().kind == Kind::Labels);
+    let mut input = OpenOptions { are_labels, ..input.options() };
     let settings = Settings { store, settings, limits, interrupt: Interrupt::watch()? };
-    let input = input.options();
+    let (files, time) = match files.len() {
+        1 => (files, time),
+        _ => in_order(&files, &time, input.order.take())?,
+    };
     let mut appender = None;
     for (i, file) in files.iter().enumerate() {
         let source = import::open(std::slice::from_ref(file), &input);
@@ -63,6 +70,23 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
         appender = Some(settings.append(appender, &*source, file, time.get(i).copied())?);
     }
     Ok(())
+}
+
+/// Files in the order of their steps, each with its time if there are any: what packing them at once would take for it.
+fn in_order(files: &[PathBuf], times: &[f64], told: Option<FileOrder>) -> Result<(Vec<PathBuf>, Vec<f64>), Failure> {
+    let (ordered, note) = import::order_steps(files, told).map_err(|error| store_errors::import_failure(&error))?;
+    say!("note: {}", with_flags(&note));
+    if ordered == files {
+        return Ok((ordered, times.to_vec()));
+    }
+    let time_of: HashMap<&PathBuf, f64> = files.iter().zip(times.iter().copied()).collect();
+    let times: Vec<f64> = ordered.iter().filter_map(|file| time_of.get(file).copied()).collect();
+    if let Some(at) = times.windows(2).position(|pair| pair[0] >= pair[1]) {
+        let [before, after] = [at, at + 1].map(|i| format!("{} of {}", times[i], ordered[i].display()));
+        let problem = format!("--time: {after} is not after {before}, which comes first by the numbers in the names");
+        return Err(Failure::usage(format!("{problem}; pass --order given to keep the order of the files")));
+    }
+    Ok((ordered, times))
 }
 
 impl Settings {

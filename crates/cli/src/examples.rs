@@ -12,7 +12,7 @@ Inputs, as a file, a folder of files of one format, a pattern in quotes, or a li
   DICOM     a folder, the files, or one file of a series; also multi-frame files
   NIfTI     .nii, .nii.gz, .hdr with .img
   NumPy     .npy
-  TIFF      .tif, .tiff, of one page or several; also of OME, ImageJ and BigTIFF
+  TIFF      .tif, .tiff, of one page or several; also of OME (.companion.ome), ImageJ, MetaMorph, BigTIFF
   raw       .raw, .bin, .dat or any other file, with --shape and --dtype";
 
 pub(crate) const APPEND: &str = "\

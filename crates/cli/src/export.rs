@@ -32,6 +32,9 @@ pub(crate) struct ExportArguments {
     /// Channel
     #[arg(help_heading = heading::READ, long, default_value_t = 0)]
     channel: u32,
+    /// Limit of the process's own memory
+    #[arg(help_heading = heading::WORK, long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
+    memory: u64,
     /// Replace an existing file
     #[arg(help_heading = heading::OUTPUT, long)]
     overwrite: bool,
@@ -58,6 +61,7 @@ pub(crate) fn run(arguments: &ExportArguments) -> Result<(), Failure> {
         level: Level(arguments.level),
         region: arguments.roi,
         overwrite: arguments.overwrite,
+        memory_bytes: arguments.memory,
     };
     let interrupt = Interrupt::watch()?;
     let progress = Progress::new(arguments.progress, "export");

@@ -2,7 +2,7 @@
 
 use super::heading;
 use super::values;
-use brickyard::import::{AxisOrder, Endian, FileOrder, NoData, OpenOptions};
+use brickyard::import::{AxisOrder, Endian, FileOrder, Gaps, NoData, OpenOptions};
 use brickyard::volume::{Extent, VoxelType};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -36,7 +36,10 @@ pub(crate) struct InputArguments {
     /// made it of a pattern; otherwise by their numbers, where these have no gaps and count one thing]
     #[arg(help_heading = heading::INPUT, long, value_enum)]
     order: Option<OrderArgument>,
-    /// World distance between voxel centres [default: the file's, or 1,1,1]
+    /// Missing slices of a DICOM series: refuse them, or leave their places blank, without data
+    #[arg(help_heading = heading::INPUT, long, value_enum, default_value_t = GapsArgument::Refuse)]
+    gaps: GapsArgument,
+    /// World distance between voxel centres; DICOM slices are taken as evenly spaced [default: the file's, or 1,1,1]
     #[arg(help_heading = heading::INPUT, long, value_name = "X,Y,Z", value_parser = values::spacing)]
     spacing: Option<DVec3>,
     /// World position of the first voxel's centre [default: the file's, or 0,0,0]
@@ -59,7 +62,8 @@ pub(crate) struct InputArguments {
     /// (DICOM's padding, GDAL's tag in TIFF) is data [default: the file's]
     #[arg(help_heading = heading::INPUT, long, value_name = "VALUE|none", value_parser = values::nodata, allow_hyphen_values = true)]
     nodata: Option<NoData>,
-    /// Accept 64-bit numbers that f32 or 32-bit integers do not hold as they are; what is lost is counted
+    /// Accept 64-bit numbers that f32 or 32-bit integers do not hold as they are; what is lost is counted. Never of labels, which would
+    /// become others
     #[arg(help_heading = heading::INPUT, long)]
     allow_lossy: bool,
     /// Folder for scratch files of inputs that cannot be sought in [default: the system's for temporary files]
@@ -77,6 +81,12 @@ enum EndianArgument {
 enum OrderArgument {
     Given,
     Natural,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum GapsArgument {
+    Refuse,
+    Blank,
 }
 
 impl InputArguments {
@@ -97,6 +107,10 @@ impl InputArguments {
                 OrderArgument::Given => FileOrder::Given,
                 OrderArgument::Natural => FileOrder::Natural,
             }),
+            gaps: match self.gaps {
+                GapsArgument::Refuse => Gaps::Refuse,
+                GapsArgument::Blank => Gaps::Blank,
+            },
             spacing: self.spacing,
             origin: self.origin,
             unit: self.unit.as_deref().map(unit_name),
@@ -106,6 +120,7 @@ impl InputArguments {
             nodata: self.nodata.unwrap_or_default(),
             allow_lossy: self.allow_lossy,
             scratch_dir: self.scratch,
+            ..OpenOptions::default()
         }
     }
 }

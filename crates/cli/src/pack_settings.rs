@@ -107,6 +107,11 @@ impl From<KindArgument> for Kind {
 }
 
 impl StoreSettings {
+    /// Whether the voxels are said to be labels.
+    pub(crate) fn are_labels(&self) -> bool {
+        matches!(self.kind, Some(KindArgument::Labels))
+    }
+
     /// The options of a new store of voxels of this type.
     ///
     /// # Errors
@@ -169,6 +174,11 @@ impl PackSettings {
         self.overwrite
     }
 
+    /// Whether the voxels are said to be labels.
+    pub(crate) fn are_labels(&self) -> bool {
+        self.store.are_labels()
+    }
+
     /// How to show progress.
     pub(crate) fn progress(&self) -> ProgressStyleArgument {
         self.limits.progress
@@ -201,7 +211,8 @@ impl PackSettings {
         let style = self.progress();
         let progress = Progress::new(style, "pack");
         let interrupt = Interrupt::watch()?;
-        let watcher = Watcher { source, style, progress, aprons: OnceLock::new(), interrupt };
+        let shard_times = options.shard_times;
+        let watcher = Watcher { source, shard_times, style, progress, aprons: OnceLock::new(), interrupt };
         let started = Instant::now();
         let packed = store::pack(source, path, &options, &watcher);
         watcher.finish();
@@ -251,6 +262,8 @@ fn input_bytes(source: &dyn Source) -> u64 {
 /// Shows a pack's plan, warnings and progress.
 struct Watcher<'a> {
     source: &'a dyn Source,
+    /// Number of time steps in a shard.
+    shard_times: u32,
     style: ProgressStyleArgument,
     progress: Progress,
     /// From when aprons are made.
@@ -263,6 +276,23 @@ impl Watcher<'_> {
         self.progress.finish();
         self.aprons.get().inspect(|aprons| aprons.finish());
     }
+}
+
+/// What to say of a pack of many steps that are small: each has files of its own.
+fn of_small_shards(plan: &PackPlan, shard_times: u32) -> Option<String> {
+    const MANY: u64 = 1000;
+    const SMALL_BYTES: u64 = 1 << 20;
+    let shards = plan.layout.shard_count();
+    let shard_bytes = plan.output_bytes_at_most / shards.max(1);
+    if shard_times > 1 || plan.layout.times == 1 || shards < MANY || shard_bytes >= SMALL_BYTES {
+        return None;
+    }
+    let steps = (8 * SMALL_BYTES).div_ceil(shard_bytes.max(1)).min(plan.layout.times.into());
+    Some(format!(
+        "{} of {} at most: --shard-time {steps} puts so many steps into one, which packs faster and makes fewer files, but then no step can be appended",
+        counted(shards, "shard"),
+        values::human_bytes(shard_bytes),
+    ))
 }
 
 impl store::Progress for Watcher<'_> {
@@ -278,9 +308,12 @@ impl store::Progress for Watcher<'_> {
             counted(info.times.into(), "step"),
             counted(info.channels.into(), "channel"),
             values::human_bytes(plan.memory_bytes),
-            values::human_bytes(plan.scratch_bytes),
+            values::human_bytes(plan.scratch_bytes.saturating_add(plan.input_scratch_bytes)),
             values::human_bytes(plan.output_bytes_at_most),
         );
+        if let Some(hint) = of_small_shards(plan, self.shard_times) {
+            say!("note: {hint}");
+        }
     }
 
     fn warn(&self, message: &str) {

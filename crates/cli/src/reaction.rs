@@ -146,11 +146,18 @@ impl Source for ReactionStep {
         Ok(())
     }
 
-    fn lend(&self, _time: u32, _channel: u32, region: VoxelBox) -> Option<Lent<'_>> {
+    fn lend(
+        &self,
+        _time: u32,
+        _channel: u32,
+        region: VoxelBox,
+        take: &mut dyn FnMut(Lent<'_>),
+    ) -> Result<bool, ImportError> {
         let row_bytes = self.info.extent.x as usize * self.info.voxel_type.bytes();
         let slice_bytes = row_bytes * self.info.extent.y as usize;
         let start = self.offset(region.min.to_array());
-        Some(Lent::new(&self.voxels[start..], row_bytes, slice_bytes))
+        take(Lent { bytes: &self.voxels[start..], row_bytes, slice_bytes });
+        Ok(true)
     }
 }
 
@@ -216,9 +223,12 @@ mod tests {
         let region = VoxelBox::new([2, 1, 3], [6, 7, 5]);
         let mut out = vec![0; region.extent().volume() as usize * 2];
         step.read_box(0, 0, region, &mut out).unwrap();
-        let lent = step.lend(0, 0, region).unwrap();
-        let rows = (0..2).flat_map(|z| (0..6).map(move |y| z * lent.slice_bytes + y * lent.row_bytes));
-        let expected: Vec<u8> = rows.flat_map(|start| lent.bytes[start..start + 8].to_vec()).collect();
+        let mut expected = Vec::new();
+        let is_lent = step.lend(0, 0, region, &mut |lent| {
+            let rows = (0..2).flat_map(|z| (0..6).map(move |y| z * lent.slice_bytes + y * lent.row_bytes));
+            expected.extend(rows.flat_map(|start| lent.bytes[start..start + 8].to_vec()));
+        });
+        assert!(is_lent.unwrap());
         assert!(out == expected && out.iter().any(|byte| *byte > 0));
         assert!(reaction.step(VoxelType::I16).is_none());
     }

@@ -107,6 +107,12 @@ impl Pictures<'_> {
         resolve(&self.volumes, scene, self.arguments.size).map_err(session_failure)
     }
 
+    /// Refuses a picture for which bricks could not be read since their store is gone: coarser ones would stand in for a whole store.
+    fn refuse_replaced(&self, stats: &RenderStats) -> Result<(), Failure> {
+        let replaced = damage(stats).and_then(|_| self.stores.iter().find(|store| store.is_replaced()));
+        replaced.map_or(Ok(()), |store| Err(store_errors::open_failure(&store.replaced())))
+    }
+
     /// Says what the projections of these layers may not show.
     fn tell_of_lost(&self, scene: &ResolvedScene, layers: &[usize]) {
         let Some(remark) = remarks::of_lost_extremes(scene, layers, &self.volumes) else { return };
@@ -124,6 +130,7 @@ impl Pictures<'_> {
         for i in 0..self.views.count() {
             let scene = self.views.scene(i)?;
             let (resolved, mut picture) = draw(self, &scene, &mut stats, &mut frame_ms)?;
+            self.refuse_replaced(&stats)?;
             if let Some(remark) = remarks::of_empty(&picture, &resolved, &self.volumes) {
                 say!("note: {remark}");
             }

@@ -56,6 +56,7 @@ pub(crate) fn read_failure(error: &ReadError) -> Failure {
 pub(crate) fn import_failure(error: &ImportError) -> Failure {
     match error {
         ImportError::Options { .. } => Failure::usage(error),
+        ImportError::Limit { .. } => Failure::failed(error),
         _ => Failure::bad_input(error),
     }
 }
@@ -68,6 +69,7 @@ pub(crate) fn pack_failure(error: PackError) -> Failure {
 fn pack_kind(error: &PackError) -> ExitKind {
     match error {
         PackError::Incomplete { .. } | PackError::Cancelled { .. } => ExitKind::Incomplete,
+        PackError::Source { error: ImportError::Limit { .. }, .. } => ExitKind::Failed,
         PackError::Source { .. } | PackError::Unfit { .. } => ExitKind::BadInput,
         PackError::Options(_)
         | PackError::Memory { .. }
@@ -93,6 +95,7 @@ pub(crate) fn append_failure(error: AppendError) -> Failure {
         AppendError::Read(error) => return read_failure(error),
         AppendError::Pack(error) => pack_kind(error),
         AppendError::Time { .. } => ExitKind::Usage,
+        AppendError::Source { error: ImportError::Limit { .. }, .. } => ExitKind::Failed,
         AppendError::Mismatch { .. }
         | AppendError::Several { .. }
         | AppendError::NoTime { .. }
@@ -110,7 +113,7 @@ pub(crate) fn append_failure(error: AppendError) -> Failure {
 pub(crate) fn export_failure(error: ExportError) -> Failure {
     let kind = match &error {
         ExportError::Read(_) => ExitKind::BadInput,
-        ExportError::Io { .. } => ExitKind::Failed,
+        ExportError::Io { .. } | ExportError::Threads(_) => ExitKind::Failed,
         // Only Ctrl-C cancels.
         ExportError::Cancelled { .. } => ExitKind::Interrupted,
         _ => ExitKind::Usage,

@@ -43,6 +43,7 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
             "bricks": report.bricks,
             "shards": report.shards,
             "bytes": report.bytes,
+            "is_cut_short": report.is_cut_short,
             "problems": report.problems.iter().map(problem).collect::<Vec<_>>(),
         }))?;
     } else {
@@ -67,6 +68,14 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
 
 /// A report's problems in one line: how many of its bricks are damaged and where, and how much else is wrong.
 fn summary(report: &VerifyReport) -> String {
+    let found = problems(report);
+    match report.is_cut_short {
+        true => format!("{found}; there are more, and the rest was not looked at"),
+        false => found,
+    }
+}
+
+fn problems(report: &VerifyReport) -> String {
     let bricks = counted(report.bricks, "brick");
     let damaged: BTreeSet<BrickId> = report.problems.iter().filter_map(|problem| problem.brick).collect();
     let others = report.problems.iter().filter(|problem| problem.brick.is_none()).count() as u64;

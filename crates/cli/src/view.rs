@@ -11,6 +11,7 @@ use super::session_args::{BackendArgument, threads};
 use super::session_errors::session_failure;
 use super::store_errors;
 use super::values;
+use brickyard::background;
 use brickyard::openable::OpenableError;
 use brickyard::opening::{OpeningError, OpeningOptions};
 use brickyard::preview::PreviewError;
@@ -22,7 +23,7 @@ use clap::{ArgMatches, Args, Command, FromArgMatches, Id};
 use std::cell::Cell;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// `brickyard view PATH...`
 #[derive(Args)]
@@ -74,7 +75,7 @@ pub(crate) struct ViewArguments {
 }
 
 /// The flags that say nothing of what is shown.
-const OTHER_FLAGS: [&str; 30] = [
+const OTHER_FLAGS: [&str; 31] = [
     "ViewArguments",
     "InputArguments",
     "stores",
@@ -100,6 +101,7 @@ const OTHER_FLAGS: [&str; 30] = [
     "times",
     "channels",
     "order",
+    "gaps",
     "spacing",
     "origin",
     "unit",
@@ -198,7 +200,10 @@ pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(
         opened: begun,
         stats: arguments.stats,
     };
-    brickyard_viewer::run(openings, options).map_err(Failure::failed)
+    let ended = brickyard_viewer::run(openings, options).map_err(Failure::failed);
+    // A file that is still being read is left where it is; an export deletes what it has half written.
+    background::wait_for_all(Duration::from_secs(2));
+    ended
 }
 
 /// The volumes that a scene file's window showed.

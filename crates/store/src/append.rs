@@ -5,9 +5,10 @@
 //!
 //! The *commit* of a step is the order in which it becomes part of the store:
 //!
-//! 1. its shards and pages of side data, and the counts of values of all steps (`counts.rs`), are written and synced;
-//! 2. each array's document says that there is a step more, coarse levels first, level 0 last;
-//! 3. the root document counts it, with the times and statistics of all steps.
+//! 1. its shards and pages of side data, the counts of values of all steps (`counts.rs`) and the documents under temporary names are written and
+//!    synced, together where the file system can;
+//! 2. each array's document says that there is a step more, coarse levels first, level 0 last, and is synced;
+//! 3. the root document counts it, with the times and statistics of all steps, and in what other programs consolidated there.
 //!
 //! What this program reads, it reads as the root document counts. Whoever is killed before that leaves files and documents of a step that nobody
 //! counts: they are taken back by the next one who opens an [`Appender`], before anything is written. A document is replaced in one step.
@@ -28,25 +29,27 @@ pub use error::AppendError;
 
 use crate::counts::{Counts, count_store};
 use crate::error::{OpenError, ReadError};
+use crate::folder::Folder;
 use crate::layout::JOURNAL_NAME;
 use crate::metadata::{ChannelStatistics, StoreInfo, document_bytes, root_document};
 use crate::pack::aprons::ApronPass;
 use crate::pack::cascade::{Pass, Passed, Reached, Stop};
-use crate::pack::disk::{Disk, DiskError, temporary};
+use crate::pack::disk::{Disk, DiskError, Part, temporary};
 use crate::pack::journal::Journal;
 use crate::pack::lock::DirLock;
 use crate::pack::plan::plan_last;
 use crate::pack::{Exists, PackError, PackOptions, PackPlan, Progress, ours, output, pack_on};
 use crate::shard_file::IoMode;
-use crate::side::{parse_json, read_document, read_json};
+use crate::side::{parse_json, read_json};
 use crate::stats::ChannelTotals;
-use crate::store::Store;
+use crate::store::{Store, open_folder};
 use brickyard_import::Source;
 use brickyard_volume::{TimeAxis, with_voxel_type};
-use documents::{array_dirs, update_root};
+use documents::{array_dirs, update_consolidated, update_root};
 use serde_json::{Value, json};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use step::{first_step, next_axis, next_step};
 
 /// How steps are appended.
@@ -83,6 +86,7 @@ pub struct AppendReport {
 pub struct Appender {
     disk: Disk,
     dir: PathBuf,
+    folder: Arc<Folder>,
     options: AppendOptions,
     times: u32,
     _lock: DirLock,
@@ -100,11 +104,12 @@ fn can_grow(store: &Store) -> Result<(), AppendError> {
 }
 
 /// The next step of a store, which may be appended.
-struct Next<'a> {
-    store: &'a Store,
+struct Next {
     plan: PackPlan,
     options: PackOptions,
     time: Option<TimeAxis>,
+    /// The value of floats without data, by which the step was packed.
+    blanked: Option<f64>,
 }
 
 impl Appender {
@@ -158,13 +163,15 @@ impl Appender {
 
     fn open_on(disk: Disk, store: &Path, options: AppendOptions) -> Result<Self, AppendError> {
         let dir = output::resolve(store)?;
+        disk.work_at(&dir);
         refuse_unfinished(&dir)?;
         can_grow(&Store::open(&dir)?)?;
         let lock = DirLock::take(&disk, &dir)?;
         // Looked at again: another one may have been at work until now.
         refuse_unfinished(&dir)?;
         lock.declare(&disk).map_err(PackError::from)?;
-        let mut appender = Self { disk, dir, options, times: 0, _lock: lock };
+        let folder = Arc::new(open_folder(&dir)?);
+        let mut appender = Self { disk, dir, folder, options, times: 0, _lock: lock };
         appender.take_back().map_err(|error| appender.stopped(error))?;
         can_grow(&appender.open_store()?)?;
         Ok(appender)
@@ -220,7 +227,8 @@ impl Appender {
         let (non_finite, nodata) = left_out(&before);
         source.info().notes.iter().for_each(|note| progress.warn(note));
         progress.planned(&plan);
-        let next = Next { store: &store, plan, options, time };
+        let blanked = step.info.nodata.filter(|_| step.info.voxel_type.is_float());
+        let next = Next { plan, options, time, blanked };
         let passed = self.pack_step(&next, &step, counted, progress)?;
         self.commit(&next, &before, &passed.channels)?;
         let after = left_out(&passed.channels);
@@ -234,9 +242,9 @@ impl Appender {
 
     /// Opens the store, and checks the documents of its second pyramid as well, if there is one.
     fn open_store(&self) -> Result<Store, OpenError> {
-        let store = Store::open(&self.dir)?;
+        let store = Store::open_view(&self.folder, IoMode::default(), None)?;
         if let Some(method) = store.info().downsample.second() {
-            Store::open_reduced(&self.dir, method, IoMode::default())?;
+            store.reduced(method)?;
         }
         Ok(store)
     }
@@ -260,7 +268,9 @@ impl Appender {
     /// What is counted of the steps that the store has: as the store keeps it, or by reading all of them, once.
     fn counted(&self, store: &Store, progress: &dyn Progress) -> Result<Vec<ChannelTotals>, Failed> {
         let counts = Counts::of(&self.dir, store.layout());
-        let kept = counts.read(store.times(), store.channels(), store.voxel_type()).map_err(AppendError::from)?;
+        let kept = counts
+            .read(store.folder(), store.times(), store.channels(), store.voxel_type())
+            .map_err(AppendError::from)?;
         if let Some(kept) = kept {
             return check_counts(store, &counts, &kept).map(|()| kept).map_err(|error| AppendError::from(error).into());
         }
@@ -274,7 +284,7 @@ impl Appender {
         Ok(pool.install(count).map_err(AppendError::from)?)
     }
 
-    /// Writes the step's shards and pages, so that they survive a crash.
+    /// Writes the step's shards and pages.
     fn pack_step(
         &self,
         next: &Next,
@@ -293,24 +303,16 @@ impl Appender {
             let written = catch_unwind(run).unwrap_or_else(|panic| Err((Stop::panic(panic), Reached::new(0, 0, 0, 0))));
             passed.written_bytes += written?;
         }
-        for dir in array_dirs(next.store) {
-            let of_step = chunks_of(&dir, plan.steps.start);
-            if of_step.try_exists().map_err(|error| DiskError { path: of_step.clone(), error })? {
-                output::sync_tree(disk, &of_step)?;
-                disk.sync_dir(output::parent(&of_step))?;
-                disk.sync_dir(&dir)?;
-            }
-        }
         Ok(passed)
     }
 
     /// Makes the step, whose files are there, part of the store. `before` and `after` is what is counted without it and with it.
     fn commit(&mut self, next: &Next, before: &[ChannelTotals], after: &[ChannelTotals]) -> Result<(), Failed> {
         let root_path = self.dir.join("zarr.json");
-        let text = read_document(&root_path)?;
+        let text = self.folder.document(&root_path)?;
         let mut root = parse_json(&root_path, &text)?;
         // As others may have edited it meanwhile.
-        let store = Store::open_with_root(self.dir.clone(), IoMode::default(), None, &text)?;
+        let store = Store::open_with_root(&self.folder, IoMode::default(), None, &text)?;
         let info = store.info();
         let (first, times) = (next.plan.steps.start, next.plan.steps.end);
         if store.times() != first {
@@ -319,38 +321,48 @@ impl Appender {
         }
         let counts = Counts::of(&self.dir, store.layout());
         counts.write(&self.disk, times, after)?;
+        let dirs = array_dirs(&store);
+        let of_step = dirs.iter().map(|dir| chunks_of(dir, first)).filter(|chunks| chunks.exists());
+        let of_step: Vec<PathBuf> = of_step.collect();
         let written = |info: &StoreInfo| root_document(store.layout(), store.geometry(), info);
         let counting = StoreInfo { times: Some(store.times()), ..info.clone() };
         if info.times.is_none() {
             counts.write(&self.disk, first, before)?;
+            self.sync(&counts, &of_step, &dirs)?;
             update_root(&written(info), &written(&counting), &mut root);
             self.write_synced(&root_path, &root)?;
         }
-        for dir in array_dirs(&store) {
-            self.set_steps(&dir, times)?;
+        for dir in &dirs {
+            let (path, document) = with_steps(&self.folder, dir, times)?;
+            self.disk.prepare(&path, &document_bytes(&document))?;
+        }
+        self.sync(&counts, &of_step, &dirs)?;
+        for dir in &dirs {
+            self.disk.name(&dir.join("zarr.json"))?;
         }
         let grown = StoreInfo {
             times: Some(times),
             time: next.time.clone(),
+            blanked: next.blanked,
             channels: statistics(info, before, after),
             ..info.clone()
         };
         update_root(&written(&counting), &written(&grown), &mut root);
-        self.disk.write(&root_path, &document_bytes(&root))?;
+        update_consolidated(&self.dir, &dirs, times, &mut root);
+        self.disk.prepare(&root_path, &document_bytes(&root))?;
+        self.disk.sync_parts(&self.dir, dirs.iter().map(|dir| Part::Folder(dir)))?;
+        self.disk.name(&root_path)?;
         self.times = times;
         self.disk.sync_dir(&self.dir)?;
         Ok(counts.keep_only(&self.disk, times)?)
     }
 
-    /// Makes an array's document say that the array has so many steps, and leaves the rest of it as it is.
-    fn set_steps(&self, dir: &Path, times: u32) -> Result<(), Failed> {
-        let path = dir.join("zarr.json");
-        let mut document = read_json(&path)?;
-        let Some(steps) = document.pointer_mut("/shape/0") else {
-            return Err(OpenError::invalid(&path, "shape", "a list of numbers", &document["shape"]).into());
-        };
-        *steps = json!(times);
-        Ok(self.write_synced(&path, &document)?)
+    /// Makes a step's files last: chunks and counts, and the names of all in the folders of arrays.
+    fn sync(&self, counts: &Counts, of_step: &[PathBuf], dirs: &[PathBuf]) -> Result<(), DiskError> {
+        let chunks = of_step.iter().flat_map(|chunks| [Part::Tree(chunks), Part::Folder(output::parent(chunks))]);
+        let counts = [Part::Tree(counts.folder()), Part::Folder(output::parent(counts.folder()))];
+        let dirs = dirs.iter().map(|dir| Part::Folder(dir));
+        self.disk.sync_parts(&self.dir, chunks.chain(counts).chain(dirs))
     }
 
     fn write_synced(&self, path: &Path, document: &Value) -> Result<(), DiskError> {
@@ -366,9 +378,10 @@ impl Appender {
         self.disk.sync_dir(&self.dir)?;
         let dirs = array_dirs(&store);
         for dir in dirs.iter().rev() {
-            let document = read_json(&dir.join("zarr.json"))?;
+            let document = read_json(&self.folder, &dir.join("zarr.json"))?;
             if document["shape"][0] != json!(self.times) && store.info().times.is_some() {
-                self.set_steps(dir, self.times)?;
+                let (path, document) = with_steps(&self.folder, dir, self.times)?;
+                self.write_synced(&path, &document)?;
             }
         }
         for dir in &dirs {
@@ -401,6 +414,17 @@ impl Appender {
             Failed::Stop(Stop::Threads(problem)) => PackError::Threads(problem).into(),
         }
     }
+}
+
+/// The path of an array's document, and the document with so many steps and all else as it is.
+fn with_steps(folder: &Folder, dir: &Path, times: u32) -> Result<(PathBuf, Value), OpenError> {
+    let path = dir.join("zarr.json");
+    let mut document = read_json(folder, &path)?;
+    let Some(steps) = document.pointer_mut("/shape/0") else {
+        return Err(OpenError::invalid(&path, "shape", "a list of numbers", &document["shape"]));
+    };
+    *steps = json!(times);
+    Ok((path, document))
 }
 
 /// Why an append stopped, before it is known how many steps the store has then.

@@ -6,6 +6,7 @@
 
 use crate::codec::BrickCodec;
 use crate::error::ReadError;
+use crate::folder::Folder;
 use crate::layout::{Layout, ShardId};
 use crate::scratch::Scratch;
 use crate::shard::{BrickRange, Fingerprint, index_bytes};
@@ -31,7 +32,7 @@ const MOST_INDEX_BYTES: usize = 4 << 20;
 const KEPT_PAGES: usize = 16;
 
 pub(crate) struct Chunks {
-    store: PathBuf,
+    folder: Arc<Folder>,
     layout: Layout,
     codec: BrickCodec,
     mode: IoMode,
@@ -41,11 +42,11 @@ pub(crate) struct Chunks {
 }
 
 impl Chunks {
-    /// Makes a reader for the chunks of the store at `store`. No file is opened yet.
-    pub(crate) fn new(store: &Path, layout: Layout, codec: BrickCodec, mode: IoMode) -> Self {
+    /// Makes a reader for the chunks of the store in a folder. No file is opened yet.
+    pub(crate) fn new(folder: &Arc<Folder>, layout: Layout, codec: BrickCodec, mode: IoMode) -> Self {
         let open = Mutex::new(LruCache::new(most_open(&layout, mode)));
         let fingerprints = Mutex::new(LruCache::new(at_least_one(KEPT_PAGES)));
-        Self { store: store.into(), layout, codec, mode, fingerprints, open, bytes_read: AtomicU64::new(0) }
+        Self { folder: folder.clone(), layout, codec, mode, fingerprints, open, bytes_read: AtomicU64::new(0) }
     }
 
     pub(crate) fn layout(&self) -> &Layout {
@@ -64,23 +65,19 @@ impl Chunks {
 
     /// The most memory that open shards and kept pages take, in bytes.
     pub(crate) fn cache_bytes(&self) -> u64 {
-        let array = SideArray::fingerprints(&self.store, &self.layout, Level(0));
-        let levels = self.layout.pyramid.levels().len() as u64;
-        let pages = (KEPT_PAGES as u64).min(array.page_count().saturating_mul(levels));
-        let shards = (most_open(&self.layout, self.mode).get() as u64).min(self.layout.shard_count());
-        pages * array.page_bytes() as u64 + shards * (shard_index_bytes(&self.layout) as u64 + SHARD_BYTES)
+        cache_bytes(&self.layout, self.mode)
     }
 
     /// The number of a level's pages of fingerprints.
     pub(crate) fn fingerprint_pages(&self, level: Level) -> u64 {
-        SideArray::fingerprints(&self.store, &self.layout, level).page_count()
+        SideArray::fingerprints(self.folder.path(), &self.layout, level).page_count()
     }
 
     /// The number of shard files that a page of fingerprints lists, and the sum of their lengths in bytes.
     pub(crate) fn files_of_page(&self, level: Level, page: u64) -> Result<(u64, u64), ReadError> {
-        let array = SideArray::fingerprints(&self.store, &self.layout, level);
+        let array = SideArray::fingerprints(self.folder.path(), &self.layout, level);
         // Past the grid a page holds zeros.
-        let files = read_fingerprints(&array, array.page_at(level, page))?;
+        let files = read_fingerprints(&self.folder, &array, array.page_at(level, page))?;
         Ok(files.iter().filter(|f| f.has_file()).fold((0, 0), |(n, bytes), f| (n + 1, bytes + f.file_bytes)))
     }
 
@@ -100,8 +97,8 @@ impl Chunks {
             let decoded = bytes.map(|bytes| self.codec.decode(scratch, bytes, out));
             scratch.encoded = encoded;
             decoded
-                .map_err(|error| ReadError::Io { path: path(), error })?
-                .map_err(|error| shard.unreadable(&path(), id, error))
+                .map_err(|error| self.folder.unreadable(&path(), error))?
+                .map_err(|error| shard.unreadable(&self.folder, &path(), id, error))
         });
         if read.is_err() {
             // The next try opens the file anew, and maps pages again that could not be read.
@@ -164,7 +161,8 @@ impl Chunks {
             return Ok(None);
         }
         let slots = self.layout.shard_slots(id.level);
-        let shard = ShardFile::open(&self.path(id), fingerprint, slots, self.codec.encoded_cap(), self.mode)?;
+        let shard =
+            ShardFile::open(&self.folder, &self.path(id), fingerprint, slots, self.codec.encoded_cap(), self.mode)?;
         let shard = Arc::new(shard);
         // What goes is closed when its last reader is done, outside of the lock.
         let _evicted = lock(&self.open).push(id, shard.clone());
@@ -177,15 +175,20 @@ impl Chunks {
         if let Some(kept) = lock(&self.fingerprints).get(&page) {
             return Ok(kept[place]);
         }
-        let array = SideArray::fingerprints(&self.store, &self.layout, id.level);
-        let read: Arc<[Fingerprint]> = read_fingerprints(&array, page)?.into();
+        let array = SideArray::fingerprints(self.folder.path(), &self.layout, id.level);
+        let read: Arc<[Fingerprint]> = read_fingerprints(&self.folder, &array, page)?.into();
         lock(&self.fingerprints).put(page, read.clone());
         Ok(read[place])
     }
 
+    /// Whether there is a file under a shard's path, whatever the side data say.
+    pub(crate) fn has_file(&self, id: ShardId) -> bool {
+        self.folder.file(&self.path(id)).is_ok()
+    }
+
     /// The path of a shard's file.
     pub(crate) fn path(&self, id: ShardId) -> PathBuf {
-        self.layout.shard_path(&self.store, id)
+        self.layout.shard_path(self.folder.path(), id)
     }
 }
 
@@ -195,6 +198,15 @@ const SHARD_BYTES: u64 = 256;
 /// Bytes of the index of a shard of level 0, which has the most bricks.
 fn shard_index_bytes(layout: &Layout) -> usize {
     index_bytes(layout.shard_slots(Level(0)))
+}
+
+/// The most memory that open shards and kept pages of a pyramid's chunks take, in bytes.
+pub(crate) fn cache_bytes(layout: &Layout, mode: IoMode) -> u64 {
+    let array = SideArray::fingerprints(Path::new(""), layout, Level(0));
+    let levels = layout.pyramid.levels().len() as u64;
+    let pages = (KEPT_PAGES as u64).min(array.page_count().saturating_mul(levels));
+    let shards = (most_open(layout, mode).get() as u64).min(layout.shard_count());
+    pages * array.page_bytes() as u64 + shards * (shard_index_bytes(layout) as u64 + SHARD_BYTES)
 }
 
 fn most_open(layout: &Layout, mode: IoMode) -> NonZeroUsize {

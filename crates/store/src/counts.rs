@@ -5,17 +5,19 @@
 //! Zstandard frame, and its crc32c. The files of N + 1 steps are there before the root document counts that many, and those of N steps go after.
 
 use crate::error::ReadError;
+use crate::folder::Folder;
 use crate::layout::{COUNTS_NAME, Layout};
 use crate::pack::brick::Workspace;
 use crate::pack::cascade::shape;
 use crate::pack::disk::{Disk, DiskError};
-use crate::pack::{ours, output};
+use crate::pack::ours;
 use crate::side_file::{encode, read_at_most};
 use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use crate::store::{Store, bricks_of};
 use crate::value_counts::MOST_CLASSES;
 use brickyard_volume::{BrickId, BrickIndex, Level, VoxelType};
 use rayon::prelude::*;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -48,33 +50,40 @@ impl Counts {
         self.dir(times).join(channel.to_string())
     }
 
-    /// Writes the counts of the first `times` steps, one for each channel, so that they survive a crash.
+    /// Writes the counts of the first `times` steps, one for each channel. They last once the store was synced.
     pub(crate) fn write(&self, disk: &Disk, times: u32, channels: &[ChannelTotals]) -> Result<(), DiskError> {
         for (channel, totals) in channels.iter().enumerate() {
             let mut words = vec![VERSION];
             totals.to_words(&mut words);
             let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
-            disk.write_with_parents(&self.path(times, channel), &encode(&bytes))?;
+            disk.write_early(&self.path(times, channel), &encode(&bytes))?;
         }
-        output::sync_tree(disk, &self.dir)?;
-        disk.sync_dir(output::parent(&self.dir))
+        Ok(())
+    }
+
+    /// The folder of all counts.
+    pub(crate) fn folder(&self) -> &Path {
+        &self.dir
     }
 
     /// Reads the counts of the first `times` steps of as many channels; `None` if the store has none.
     pub(crate) fn read(
         &self,
+        folder: &Folder,
         times: u32,
         channels: u32,
         voxel_type: VoxelType,
     ) -> Result<Option<Vec<ChannelTotals>>, ReadError> {
         let dir = self.dir(times);
-        if !dir.try_exists().map_err(|error| ReadError::Io { path: dir, error })? {
-            return Ok(None);
+        match folder.file(&dir) {
+            Err(error) if error.kind() == ErrorKind::NotFound && !folder.is_replaced() => return Ok(None),
+            Err(error) => return Err(folder.unreadable(&dir, error)),
+            Ok(_) => {}
         }
         let read = |channel| {
             let path = self.path(times, channel);
             let most = zstd::zstd_safe::compress_bound(MOST_WORDS * 8) as u64 + 4;
-            let file = read_at_most(&path, most).map_err(|error| ReadError::Io { path: path.clone(), error })?;
+            let file = read_at_most(folder.file(&path), most).map_err(|error| folder.unreadable(&path, error))?;
             decode(&file, voxel_type).map_err(|what| ReadError::CorruptPage { path, what })
         };
         (0..channels as usize).map(read).collect::<Result<_, _>>().map(Some)
@@ -85,14 +94,15 @@ impl Counts {
         let io = |error| DiskError { path: self.dir.clone(), error };
         let entries = match std::fs::read_dir(&self.dir) {
             Ok(entries) => entries,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
             Err(error) => return Err(io(error)),
         };
         let kept = self.dir(times);
         for entry in entries {
-            let path = entry.map_err(io)?.path();
-            if path != kept {
-                ours::remove_chunks(disk, &path)?;
+            let entry = entry.map_err(io)?;
+            let is_ours = ours::is_number(&entry.file_name().to_string_lossy());
+            if is_ours && entry.path() != kept && entry.file_type().map_err(io)?.is_dir() {
+                ours::remove_chunks(disk, &entry.path())?;
             }
         }
         Ok(())

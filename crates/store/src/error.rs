@@ -92,6 +92,12 @@ pub enum OpenError {
         /// What the field holds.
         found: String,
     },
+    /// The open store is not there any more: it was deleted, or another one has its path.
+    #[error("{store}: was replaced, moved or deleted while it was open; open it again", store = store.display())]
+    Replaced {
+        /// The path by which the store was opened.
+        store: PathBuf,
+    },
     /// The operating system could not open or read a file of the store.
     #[error("{path}: {error}", path = path.display())]
     Io {
@@ -172,6 +178,12 @@ pub enum ReadError {
         /// What is wrong with the page.
         what: String,
     },
+    /// The open store is not there any more: it was deleted, or another one has its path.
+    #[error("{store}: was replaced, moved or deleted while it was open; open it again", store = store.display())]
+    Replaced {
+        /// The path by which the store was opened.
+        store: PathBuf,
+    },
     /// The operating system could not open or read a file of the store.
     #[error("{path}: {error}", path = path.display())]
     Io {
@@ -192,6 +204,7 @@ impl ReadError {
             | Self::CorruptIndex { path, .. }
             | Self::CorruptBrick { path, .. }
             | Self::CorruptPage { path, .. }
+            | Self::Replaced { store: path }
             | Self::Io { path, .. } => path,
         }
     }
@@ -300,6 +313,20 @@ pub enum ExportError {
         /// The output's path.
         path: PathBuf,
     },
+    /// The memory allowed is less than the least that one thread needs.
+    #[error(
+        "`memory` {given} MiB is too little: exporting from this store needs at least {needed} MiB",
+        given = given_bytes >> 20, needed = needed_bytes.div_ceil(1 << 20)
+    )]
+    Memory {
+        /// The least memory that exporting from this store needs, in bytes.
+        needed_bytes: u64,
+        /// The memory that was allowed, in bytes.
+        given_bytes: u64,
+    },
+    /// The worker threads could not be started.
+    #[error("cannot start worker threads: {0}")]
+    Threads(String),
     /// A brick could not be read.
     #[error(transparent)]
     Read(#[from] ReadError),

@@ -1,7 +1,8 @@
 //! Export: one level, or a box of it, of one channel and of one time step or several, as one file.
 //!
 //! `.raw` is the voxels alone, little-endian, x fastest; `.npy` is NumPy's format, shape (z, y, x), or (t, z, y, x)
-//! of a range of steps. Rows of bricks are decoded on all threads and written at their places, so a thread holds one row of bricks whatever the size of the box.
+//! of a range of steps. Bars of bricks along x are decoded on all threads and written at their places, so a thread holds one bar whatever the size of the
+//! box: a whole row of bricks, or as many as its part of the memory allows.
 //! The file gets its name when it is whole; until then it has a temporary one beside it.
 
 use crate::error::ExportError;
@@ -49,7 +50,7 @@ impl ExportTime {
 }
 
 /// Which part of a store to export, and whether an existing file may be replaced.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExportRequest {
     /// The level to export.
     pub level: Level,
@@ -61,6 +62,16 @@ pub struct ExportRequest {
     pub region: Option<VoxelBox>,
     /// Whether an existing file may be replaced.
     pub overwrite: bool,
+    /// The most anonymous memory that exporting may take, in bytes, with what the open store takes.
+    pub memory_bytes: u64,
+}
+
+/// Level 0 of the first step and channel, whole, within 1 GiB.
+impl Default for ExportRequest {
+    fn default() -> Self {
+        let (level, time, region) = Default::default();
+        Self { level, time, channel: 0, region, overwrite: false, memory_bytes: 1 << 30 }
+    }
 }
 
 /// Writes voxels of a store to `output`, whose extension (`.raw` or `.npy`) chooses the format. Calls `progress` with
@@ -68,7 +79,7 @@ pub struct ExportRequest {
 ///
 /// # Errors
 /// If the output exists and may not be replaced, its extension is not known, the request is outside the store, a brick
-/// cannot be read, the file cannot be written, or `progress` breaks off. After an error, nothing new is left behind.
+/// cannot be read, the memory is too little for one thread, the file cannot be written, or `progress` breaks off. After an error, nothing new is left behind.
 pub fn export(
     store: &Store,
     output: &Path,
@@ -88,11 +99,10 @@ pub fn export(
     }
     let io = |error| ExportError::Io { path: output.into(), error };
     let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut file = tempfile::Builder::new().prefix(".brickyard-export").tempfile_in(folder).map_err(io)?;
+    let mut file = temporary_in(folder).map_err(io)?;
     file.write_all(&header).map_err(io)?;
     write_voxels(store, request, region, file.as_file(), header.len() as u64, output, &progress)?;
     file.as_file().sync_all().map_err(io)?;
-    make_readable(file.as_file()).map_err(io)?;
     let persisted = if request.overwrite { file.persist(output) } else { file.persist_noclobber(output) };
     persisted.map_err(|e| match e.error.kind() {
         std::io::ErrorKind::AlreadyExists => ExportError::Exists { path: output.into() },
@@ -145,21 +155,24 @@ fn write_voxels(
     let step_bytes = extent.volume() * voxel_bytes;
     let total = step_bytes.saturating_mul(request.time.steps().count() as u64);
     let done = AtomicU64::new(0);
-    let bars: Vec<VoxelBox> = cuts(region.min.z, region.max.z, edge)
-        .flat_map(|(z0, z1)| {
-            cuts(region.min.y, region.max.y, edge)
-                .map(move |(y0, y1)| VoxelBox::new([region.min.x, y0, z0], [region.max.x, y1, z1]))
-        })
-        .collect();
-    let parts = (0..).zip(request.time.steps()).flat_map(|step| bars.iter().map(move |bar| (step, *bar)));
-    parts.par_bridge().try_for_each_init(Vec::new, |buffer, ((i, time), bar)| {
+    let (width, threads) = bar_width(store, region, request.memory_bytes)?;
+    let bars = move || {
+        let planes = cuts(region.min.z, region.max.z, edge);
+        let rows = planes.flat_map(move |z| cuts(region.min.y, region.max.y, edge).map(move |y| (y, z)));
+        rows.flat_map(move |(y, z)| cuts(region.min.x, region.max.x, width).map(move |x| bar([x, y, z])))
+    };
+    let parts = (0..).zip(request.time.steps()).flat_map(|step| bars().map(move |bar| (step, bar)));
+    let write = |buffer: &mut Vec<u8>, ((i, time), bar): ((u64, u32), VoxelBox)| {
         buffer.resize((bar.extent().volume() * voxel_bytes) as usize, 0);
         store.read_box(time, request.channel, request.level, bar, buffer)?;
-        // The rows of one slice of the bar lie together in the file.
-        let slice_bytes = bar.extent().x as usize * bar.extent().y as usize * voxel_bytes as usize;
-        for (z, slice) in (bar.min.z..).zip(buffer.chunks_exact(slice_bytes)) {
-            let at = extent.linear([0, bar.min.y - region.min.y, z - region.min.z]) * voxel_bytes;
-            file.write_all_at(slice, start + i * step_bytes + at)
+        // The rows of one slice of the bar lie together in the file, unless the bar is a part of them.
+        let rows = if bar.extent().x == extent.x { bar.extent().y } else { 1 };
+        let piece_bytes = bar.extent().x as usize * rows as usize * voxel_bytes as usize;
+        let pieces =
+            (bar.min.z..bar.max.z).flat_map(|z| (bar.min.y..bar.max.y).step_by(rows as usize).map(move |y| [y, z]));
+        for ([y, z], piece) in pieces.zip(buffer.chunks_exact(piece_bytes)) {
+            let at = extent.linear([bar.min.x - region.min.x, y - region.min.y, z - region.min.z]) * voxel_bytes;
+            file.write_all_at(piece, start + i * step_bytes + at)
                 .map_err(|error| ExportError::Io { path: output.into(), error })?;
         }
         let bytes = buffer.len() as u64;
@@ -167,7 +180,36 @@ fn write_voxels(
             ControlFlow::Continue(()) => Ok(()),
             ControlFlow::Break(()) => Err(ExportError::Cancelled { path: output.into() }),
         }
-    })
+    };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool = pool.map_err(|error| ExportError::Threads(error.to_string()))?;
+    pool.install(|| parts.par_bridge().try_for_each_init(Vec::new, write))
+}
+
+/// What takes memory whatever is exported: the program, its stacks and its allocator.
+const PROGRAM_BYTES: u64 = 16 << 20;
+
+/// The widest bars along x, of whole bricks, and then the most threads, that fit into the memory.
+fn bar_width(store: &Store, region: VoxelBox, memory_bytes: u64) -> Result<(u32, usize), ExportError> {
+    let edge = store.pyramid().edge();
+    let core = store.core_bytes() as u64;
+    // A brick, encoded and shuffled and decoded.
+    let least = 3 * core + core;
+    let fixed = PROGRAM_BYTES + store.cache_bytes();
+    let room = memory_bytes.saturating_sub(fixed);
+    if room < least {
+        let needed_bytes = fixed + least;
+        return Err(ExportError::Memory { needed_bytes, given_bytes: memory_bytes });
+    }
+    let threads = (rayon::current_num_threads() as u64).min(room / least).max(1);
+    let bricks = (room / threads - 3 * core) / core;
+    let whole = region.extent().x.div_ceil(edge) as u64 + 1;
+    Ok((bricks.min(whole) as u32 * edge, threads as usize))
+}
+
+/// The box of these ranges along x, y and z.
+fn bar([x, y, z]: [(u32, u32); 3]) -> VoxelBox {
+    VoxelBox::new([x.0, y.0, z.0], [x.1, y.1, z.1])
 }
 
 /// `[from, to)` cut at multiples of `edge`.
@@ -198,12 +240,11 @@ fn npy_header(voxel_type: VoxelType, extent: Extent, time: ExportTime) -> Vec<u8
     [MAGIC, &(padded.len() as u16).to_le_bytes(), padded.as_bytes()].concat()
 }
 
-/// Temporary files are private; an export has the permissions of any new file.
-fn make_readable(file: &File) -> std::io::Result<()> {
-    let mask = rustix::process::umask(rustix::fs::Mode::empty());
-    rustix::process::umask(mask);
-    rustix::fs::fchmod(file, rustix::fs::Mode::from_raw_mode(0o666) & !mask)?;
-    Ok(())
+/// A file that goes unless it is given a name. Temporary files are private; an export has the permissions of any new file.
+fn temporary_in(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
+    use std::os::unix::fs::PermissionsExt;
+    let permissions = std::fs::Permissions::from_mode(0o666);
+    tempfile::Builder::new().prefix(".brickyard-export").permissions(permissions).tempfile_in(folder)
 }
 
 #[cfg(test)]
@@ -249,6 +290,66 @@ mod tests {
     }
 
     #[test]
+    fn a_store_that_is_replaced_meanwhile_is_not_exported() {
+        let spec = TestStore { extent: [8 * 40, 8, 8 * 8], shard: 8, ..TestStore::default() };
+        let (dir, store) = store(&spec);
+        let out = tempfile::tempdir().unwrap();
+        let is_first = AtomicBool::new(true);
+        let replace = |_, _| {
+            if is_first.swap(false, Ordering::Relaxed) {
+                std::fs::remove_dir_all(dir.path()).unwrap();
+                std::fs::create_dir(dir.path()).unwrap();
+                spec.write(dir.path(), |t, c, v| bumps(t, c, v) + 100.0);
+            }
+            ControlFlow::Continue(())
+        };
+        // So that the rest is read after the first bar.
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let output = out.path().join("a.raw");
+        let error = pool.install(|| export(&store, &output, &ExportRequest::default(), replace)).unwrap_err();
+        assert!(matches!(error, ExportError::Read(crate::error::ReadError::Replaced { .. })), "{error}");
+        assert_eq!(std::fs::read_dir(out.path()).unwrap().count(), 0);
+    }
+
+    /// Bars that are parts of rows give the same file, and what does not fit is refused by the least that does.
+    #[test]
+    fn the_file_is_the_same_within_any_memory() {
+        let spec = TestStore { extent: [300, 20, 19], times: 2, ..TestStore::default() };
+        let (dir, store) = store(&spec);
+        let output = dir.path().join("out.raw");
+        let region = Some(VoxelBox::new([3, 1, 2], [299, 20, 18]));
+        let request = ExportRequest {
+            region,
+            overwrite: true,
+            time: ExportTime::Steps { first: 0, end: 2, stride: 1 },
+            ..ExportRequest::default()
+        };
+        export(&store, &output, &request, go_on).unwrap();
+        let expected = std::fs::read(&output).unwrap();
+        let least = match export(&store, &output, &ExportRequest { memory_bytes: 1, ..request }, go_on) {
+            Err(ExportError::Memory { needed_bytes, .. }) => needed_bytes,
+            other => panic!("{other:?}"),
+        };
+        for more in [0, 2, 5, 30].map(|cores| cores * store.core_bytes() as u64) {
+            export(&store, &output, &ExportRequest { memory_bytes: least + more, ..request }, go_on).unwrap();
+            assert!(std::fs::read(&output).unwrap() == expected, "{more} bytes more");
+        }
+        let short = ExportRequest { memory_bytes: least - 1, ..request };
+        assert!(matches!(export(&store, &output, &short, go_on), Err(ExportError::Memory { .. })));
+    }
+
+    #[test]
+    fn an_export_has_the_permissions_of_any_new_file() {
+        use std::os::unix::fs::PermissionsExt;
+        let (dir, store) = store(&TestStore::default());
+        let [output, plain] = ["a.raw", "plain"].map(|name| dir.path().join(name));
+        export(&store, &output, &ExportRequest::default(), go_on).unwrap();
+        std::fs::write(&plain, "").unwrap();
+        let mode = |path: &Path| path.metadata().unwrap().permissions().mode();
+        assert_eq!(mode(&output), mode(&plain));
+    }
+
+    #[test]
     fn raw_is_the_voxels_alone() {
         let spec = TestStore { times: 2, channels: 2, ..TestStore::default() };
         let (dir, store) = store(&spec);
@@ -261,6 +362,7 @@ mod tests {
                 channel: 1,
                 overwrite: true,
                 region: None,
+                ..ExportRequest::default()
             };
             let watch = |done, total| {
                 whole.store(done == total, Ordering::Relaxed);

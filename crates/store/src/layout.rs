@@ -24,11 +24,11 @@ pub const DEFAULT_SHARD_EDGE: u32 = 512;
 /// The greatest number of voxels along a shard's edge that a store may have.
 pub const MAX_SHARD_EDGE: u32 = 8192;
 
-/// The most bricks that a shard of several time steps may have: as many as the largest shards have of bricks of 64 voxels.
-const MAX_SERIES_BRICKS: u64 = (MAX_SHARD_EDGE as u64 / 64).pow(3);
+/// The most bricks that a shard may have, of all of its time steps: as many as the largest shards have of bricks of 64 voxels. Its index takes 32 MiB.
+const MAX_SHARD_BRICKS: u64 = (MAX_SHARD_EDGE as u64 / 64).pow(3);
 
 /// The name of the journal, a file that is in a store directory exactly while a pack is unfinished. Its first line is a
-/// JSON object whose `shards` is the number of shards in all; every further complete line is one finished shard.
+/// JSON object whose `shards` is the number of shards in all; every further complete line that does not begin with a blank is one finished shard.
 pub const JOURNAL_NAME: &str = ".brickyard-journal";
 
 /// The name of the lock file, which is in a store directory while a process packs into it. It names the process and its
@@ -69,12 +69,18 @@ pub(crate) fn check_size(extent: Extent, times: u32, channels: u32) -> Result<()
     }
 }
 
-/// Checks that the shards of a store may hold as many time steps as its layout says. Packing and opening make the same
-/// check.
-pub(crate) fn check_shard_times(layout: &Layout) -> Result<(), Unfit> {
+/// Checks that the shards of a store may hold as many bricks as its layout says, whose index is in memory while a shard is open. Packing and opening
+/// make the same check.
+pub(crate) fn check_shard_bricks(layout: &Layout) -> Result<(), Unfit> {
     let bricks = layout.shard_bricks(Level(0)).volume();
-    if layout.shard_times > 1 && bricks.saturating_mul(layout.shard_times.into()) > MAX_SERIES_BRICKS {
-        let most = (MAX_SERIES_BRICKS / bricks).max(1);
+    if bricks > MAX_SHARD_BRICKS {
+        return Err((
+            "shard",
+            format!("an edge with which a shard has at most {MAX_SHARD_BRICKS} bricks, not {bricks}"),
+        ));
+    }
+    if bricks.saturating_mul(layout.shard_times.into()) > MAX_SHARD_BRICKS {
+        let most = MAX_SHARD_BRICKS / bricks;
         return Err(("shard_times", format!("at most {most}, as shards have {bricks} bricks of each time step")));
     }
     Ok(())
@@ -308,7 +314,7 @@ pub fn journal_percent(store: &Path) -> Option<u8> {
     let mut lines = journal.split_inclusive(|&b| b == b'\n');
     let head: serde_json::Value = serde_json::from_slice(lines.next()?).ok()?;
     let total = head.get("shards")?.as_u64()?.max(1);
-    let done = lines.filter(|l| l.ends_with(b"\n")).count() as u64;
+    let done = lines.filter(|line| line.ends_with(b"\n") && !line.starts_with(b" ")).count() as u64;
     Some((done.saturating_mul(100) / total).min(99) as u8)
 }
 
@@ -369,8 +375,13 @@ mod tests {
             let pyramid = Pyramid::new(Extent::new(1024, 1024, 1024), [1.0; 3], 8);
             Layout::new(pyramid, 9, 1, 1024).with_shard_times(steps)
         };
-        assert_eq!(check_shard_times(&of(1)), Ok(()));
-        assert!(check_shard_times(&of(2)).unwrap_err().1.contains("at most 1, as shards have 2097152 bricks"));
+        assert_eq!(check_shard_bricks(&of(1)), Ok(()));
+        // What is not there has no entry in an index.
+        let in_shards_of = |extent| Layout::new(Pyramid::new(extent, [1.0; 3], 8), 1, 1, 8192);
+        assert_eq!(check_shard_bricks(&in_shards_of(Extent::new(1024, 1024, 1024))), Ok(()));
+        let (field, expected) = check_shard_bricks(&in_shards_of(Extent::new(1024, 1024, 1025))).unwrap_err();
+        assert!(field == "shard" && expected.contains("at most 2097152 bricks, not 2113536"), "{expected}");
+        assert!(check_shard_bricks(&of(2)).unwrap_err().1.contains("at most 1, as shards have 2097152 bricks"));
     }
 
     #[test]

@@ -7,7 +7,7 @@
 use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
 use crate::error::OpenError;
-use crate::layout::{Layout, check_edges, check_shard_times, check_size};
+use crate::layout::{Layout, check_edges, check_shard_bricks, check_size};
 use crate::time;
 pub use crate::version::FORMAT_VERSION;
 use brickyard_volume::channel;
@@ -209,6 +209,10 @@ pub struct StoreInfo {
     /// The integer that stands in voxels that hold no data; `None` if no value says so. Floats are NaN instead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub nodata: Option<i64>,
+    /// The value of the source's floats that hold no data, which are NaN in the store; `None` if no value says so, or the store keeps integers. Steps
+    /// that are appended are packed by it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub blanked: Option<f64>,
     /// Width of the stored aprons in voxels; 0 where none are stored.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub aprons: u32,
@@ -274,6 +278,9 @@ impl StoreInfo {
             self.nodata.filter(|&nodata| self.voxel_type.is_float() || !self.voxel_type.holds(nodata as f64))
         {
             return invalid("nodata", &format!("an integer that {} voxels hold", self.voxel_type), nodata.to_string());
+        }
+        if let Some(blanked) = self.blanked.filter(|&blanked| !self.voxel_type.is_float() || !blanked.is_finite()) {
+            return invalid("blanked", "a finite number, in a store of floats", blanked.to_string());
         }
         if !self.spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
             return invalid("spacing", "three positive numbers", format!("{:?}", self.spacing));
@@ -564,12 +571,14 @@ pub(crate) fn parse_layout(
     info.check(root_path, channels)?;
     let pyramid = Pyramid::new(extent, info.spacing, info.edge);
     let layout = Layout::new(pyramid, times, channels, info.shard).with_shard_times(info.shard_times);
-    let unfit =
-        |expected| OpenError::invalid(root_path, "attributes.brickyard.shard_times", expected, info.shard_times);
+    let unfit = |field: &str, expected| {
+        let found = if field == "shard" { info.shard } else { info.shard_times };
+        OpenError::invalid(root_path, format!("attributes.brickyard.{field}"), expected, found)
+    };
     if layout.shard_times != info.shard_times {
-        return Err(unfit(format!("1 to {times}, the number of time steps")));
+        return Err(unfit("shard_times", format!("1 to {times}, the number of time steps")));
     }
-    check_shard_times(&layout).map_err(|(_, expected)| unfit(expected))?;
+    check_shard_bricks(&layout).map_err(|(field, expected)| unfit(field, expected))?;
     Ok(if names[0] == "t" { layout.with_time() } else { layout })
 }
 

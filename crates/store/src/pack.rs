@@ -10,8 +10,8 @@
 //! Output does not depend on threads, memory or interruptions: results pass through one sequence in the bricks' order, so
 //! stores from the same source and settings are equal byte for byte.
 //!
-//! Nothing half-made ever stands under a final name. Shards are written under a temporary one, synced, renamed, and noted
-//! in `STORE/.brickyard-journal`; the root `zarr.json`, written last, makes the store a store; then the journal goes. Kill
+//! Nothing half-made ever stands under a final name, but for what a power failure takes of an unfinished pack. Shards are written under a temporary
+//! name, renamed, synced every few seconds (one by one where a file system cannot be synced as a whole), and noted in `STORE/.brickyard-journal`; the root `zarr.json`, written last, makes the store a store; then the journal goes. Kill
 //! it at any moment and [`Exists::Resume`] reads the source again for statistics and coarser levels, but neither encodes
 //! nor writes the shards that are there. A finished store is replaced only by a finished one: [`Exists::Overwrite`] packs
 //! into `STORE.packing` beside it and exchanges the two in one step at the end.
@@ -50,7 +50,7 @@ use aprons::ApronPass;
 use brickyard_import::{ImportError, Source};
 use brickyard_volume::{Apron, ChannelLook, DEFAULT_BRICK_EDGE, Level, MAX_APRON, VoxelType, with_voxel_type};
 use cascade::{Pass, Passed, Reached, Stop};
-use disk::Disk;
+use disk::{Disk, Part};
 use output::Output;
 use plan::Stage;
 use serde_json::{Value, json};
@@ -564,6 +564,7 @@ fn write_metadata(
         downsample: options.downsample,
         kind: options.kind,
         nodata: info.nodata.filter(|_| !info.voxel_type.is_float()).map(|nodata| nodata as i64),
+        blanked: info.nodata.filter(|_| info.voxel_type.is_float()),
         aprons: options.aprons,
         spacing: info.geometry.spacing.to_array(),
         calibrated: info.calibrated,
@@ -590,9 +591,9 @@ fn write_metadata(
         }
     }
     for (path, bytes) in files {
-        disk.write_with_parents(&path, &bytes)?;
+        disk.write_early(&path, &bytes)?;
     }
-    output::sync_tree(disk, dir)?;
+    disk.sync_parts(dir, [Part::Tree(dir)])?;
     disk.write(&dir.join("zarr.json"), &document_bytes(&root_document(layout, &info.geometry, &store_info)))?;
     disk.sync_dir(dir)
 }

@@ -1,6 +1,7 @@
 //! An open shard: its checked index, and its bytes, mapped or read at offsets.
 
 use crate::error::{CodecError, ReadError, ShardError};
+use crate::folder::Folder;
 use crate::shard::{BrickRange, Fingerprint, ShardIndex, index_bytes};
 use brickyard_filemap::GuardedMap;
 use brickyard_volume::BrickId;
@@ -40,6 +41,7 @@ impl ShardFile {
     /// Opens a shard that must exist. `bricks` is the number of its index entries, `cap` the greatest length of an
     /// encoded brick.
     pub(crate) fn open(
+        folder: &Folder,
         path: &Path,
         fingerprint: Fingerprint,
         bricks: usize,
@@ -47,10 +49,10 @@ impl ShardFile {
         mode: IoMode,
     ) -> Result<Self, ReadError> {
         let io = |error: std::io::Error| match error.kind() {
-            std::io::ErrorKind::NotFound => ReadError::MissingShard { path: path.into() },
-            _ => ReadError::Io { path: path.into(), error },
+            std::io::ErrorKind::NotFound if !folder.is_replaced() => ReadError::MissingShard { path: path.into() },
+            _ => folder.unreadable(path, error),
         };
-        let file = File::open(path).map_err(io)?;
+        let file = folder.file(path).map_err(io)?;
         let file_bytes = file.metadata().map_err(io)?.len();
         let rewritten = |what, expected, found| ReadError::Rewritten { path: path.into(), what, expected, found };
         if file_bytes != fingerprint.file_bytes {
@@ -121,9 +123,10 @@ impl ShardFile {
 
     /// The error for a brick of this shard that does not decode: the file has been truncated or its disk has failed
     /// since it was opened, or else the brick is damaged.
-    pub(crate) fn unreadable(&self, path: &Path, id: BrickId, error: CodecError) -> ReadError {
+    pub(crate) fn unreadable(&self, folder: &Folder, path: &Path, id: BrickId, error: CodecError) -> ReadError {
         let path = path.to_path_buf();
-        let (expected, found) = (self.file_bytes, std::fs::metadata(&path).map(|file| file.len()));
+        let (expected, found) =
+            (self.file_bytes, folder.file(&path).and_then(|file| file.metadata()).map(|file| file.len()));
         match found {
             Ok(found) if found != expected => ReadError::Rewritten { path, what: "bytes", expected, found },
             _ if self.lost() => {

@@ -16,10 +16,11 @@
 //! leave old pages as they are. A page of ranges takes 16 KiB to 64 KiB in memory.
 
 use crate::error::{OpenError, ReadError};
+use crate::folder::Folder;
 use crate::layout::{Layout, place_at};
 use crate::metadata::{Steps, array_document, bytes_codec, check_array, document_bytes, sharding_codecs};
 use crate::shard::Fingerprint;
-use crate::side_file::{self, read_at_most};
+use crate::side_file;
 use brickyard_volume::{BrickId, Extent, Level, Occupancy, OccupancyBins, PageId, Paging, VoxelType};
 use lru::LruCache;
 use serde_json::{Value, json};
@@ -122,15 +123,15 @@ impl SideArray {
     }
 
     /// Compares the array's document with the one that the layout calls for.
-    pub(crate) fn check(&self, steps: Steps) -> Result<(), OpenError> {
+    pub(crate) fn check(&self, folder: &Folder, steps: Steps) -> Result<(), OpenError> {
         let path = self.document_path();
-        check_array(&path, &self.document(), &read_json(&path)?, steps)
+        check_array(&path, &self.document(), &read_json(folder, &path)?, steps)
     }
 
     /// Reads and decodes a page.
-    pub(crate) fn read_page(&self, page: PageId) -> Result<Vec<u8>, ReadError> {
+    pub(crate) fn read_page(&self, folder: &Folder, page: PageId) -> Result<Vec<u8>, ReadError> {
         let (slot, slots, _) = self.place_in_file(page);
-        side_file::read(&self.page_path(page), slot, slots, self.page_bytes())
+        side_file::read(folder, &self.page_path(page), slot, slots, self.page_bytes())
     }
 
     /// The number of pages of the array, over all time steps (or groups of them) and channels.
@@ -241,7 +242,7 @@ impl RangePage {
 
 /// Reads the pages of one pyramid's side data, and keeps the last few.
 pub(crate) struct SidePages {
-    store: PathBuf,
+    folder: Arc<Folder>,
     layout: Layout,
     voxel_type: VoxelType,
     ranges: Mutex<LruCache<PageId, Arc<RangePage>>>,
@@ -251,24 +252,24 @@ pub(crate) struct SidePages {
 const KEPT_BYTES: usize = 8 << 20;
 
 impl SidePages {
-    pub(crate) fn new(store: &Path, layout: &Layout, voxel_type: VoxelType) -> Self {
-        let page_bytes = SideArray::ranges(store, layout, Level(0), voxel_type).page_bytes();
+    pub(crate) fn new(folder: &Arc<Folder>, layout: &Layout, voxel_type: VoxelType) -> Self {
+        let page_bytes = SideArray::ranges(folder.path(), layout, Level(0), voxel_type).page_bytes();
         let kept = NonZeroUsize::new(KEPT_BYTES / page_bytes).unwrap_or(NonZeroUsize::MIN);
-        Self { store: store.into(), layout: layout.clone(), voxel_type, ranges: Mutex::new(LruCache::new(kept)) }
+        Self { folder: folder.clone(), layout: layout.clone(), voxel_type, ranges: Mutex::new(LruCache::new(kept)) }
     }
 
     /// The most memory that kept pages take, in bytes.
     pub(crate) fn cache_bytes(&self) -> u64 {
         let levels = (0..self.layout.pyramid.levels().len()).map(|k| Level(k as u8));
-        let arrays = levels.map(|level| SideArray::ranges(&self.store, &self.layout, level, self.voxel_type));
+        let arrays = levels.map(|level| SideArray::ranges(self.folder.path(), &self.layout, level, self.voxel_type));
         let all: u64 = arrays.map(|array| array.page_count().saturating_mul(array.page_bytes() as u64)).sum();
         all.min(KEPT_BYTES as u64)
     }
 
     /// Reads a page of ranges without keeping it.
     pub(crate) fn read_ranges(&self, page: PageId) -> Result<RangePage, ReadError> {
-        let array = SideArray::ranges(&self.store, &self.layout, page.level, self.voxel_type);
-        Ok(RangePage { voxel_type: self.voxel_type, bytes: array.read_page(page)? })
+        let array = SideArray::ranges(self.folder.path(), &self.layout, page.level, self.voxel_type);
+        Ok(RangePage { voxel_type: self.voxel_type, bytes: array.read_page(&self.folder, page)? })
     }
 
     /// The page that holds a brick's ranges, and the brick's place in it. The page is kept.
@@ -284,14 +285,19 @@ impl SidePages {
 
     /// Reads a page of hashes: one for each brick, and zeros past the grid.
     pub(crate) fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, ReadError> {
-        let bytes = SideArray::hashes(&self.store, &self.layout, page.level).read_page(page)?;
+        let array = SideArray::hashes(self.folder.path(), &self.layout, page.level);
+        let bytes = array.read_page(&self.folder, page)?;
         Ok(bytes.as_chunks().0.iter().map(|hash| u128::from_le_bytes(*hash)).collect())
     }
 }
 
 /// Reads and decodes a page of fingerprints.
-pub(crate) fn read_fingerprints(array: &SideArray, page: PageId) -> Result<Vec<Fingerprint>, ReadError> {
-    let bytes = array.read_page(page)?;
+pub(crate) fn read_fingerprints(
+    folder: &Folder,
+    array: &SideArray,
+    page: PageId,
+) -> Result<Vec<Fingerprint>, ReadError> {
+    let bytes = array.read_page(folder, page)?;
     Ok(bytes.chunks_exact(size_of::<Fingerprint>()).map(bytemuck::pod_read_unaligned).collect())
 }
 
@@ -301,14 +307,8 @@ pub(crate) fn core_hash(core: &[u8]) -> u128 {
 }
 
 /// Reads a metadata document of at most 64 MiB.
-pub(crate) fn read_json(path: &Path) -> Result<Value, OpenError> {
-    parse_json(path, &read_document(path)?)
-}
-
-/// Reads the bytes of a metadata document of at most 64 MiB.
-pub(crate) fn read_document(path: &Path) -> Result<Vec<u8>, OpenError> {
-    const CAP: u64 = 64 << 20;
-    read_at_most(path, CAP).map_err(|error| OpenError::Io { path: path.into(), error })
+pub(crate) fn read_json(folder: &Folder, path: &Path) -> Result<Value, OpenError> {
+    parse_json(path, &folder.document(path)?)
 }
 
 /// Parses the bytes of a metadata document, which were read from `path`.

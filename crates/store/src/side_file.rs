@@ -4,6 +4,7 @@
 //! index is at the end, as in shards of bricks. Cost: a page of a shard is read in two pieces, of which the first is the index: 16 bytes a step.
 
 use crate::error::ReadError;
+use crate::folder::Folder;
 use crate::scratch::Scratch;
 use crate::shard::{BrickRange, ShardIndex, encode_index, index_bytes};
 use std::collections::HashMap;
@@ -40,14 +41,20 @@ pub(crate) fn join(pages: &[Option<Vec<u8>>]) -> Vec<u8> {
 }
 
 /// Reads and decodes page `slot` of a file of `slots` pages, of `page_bytes` each.
-pub(crate) fn read(path: &Path, slot: usize, slots: usize, page_bytes: usize) -> Result<Vec<u8>, ReadError> {
-    let io = |error| ReadError::Io { path: path.into(), error };
+pub(crate) fn read(
+    folder: &Folder,
+    path: &Path,
+    slot: usize,
+    slots: usize,
+    page_bytes: usize,
+) -> Result<Vec<u8>, ReadError> {
+    let io = |error| folder.unreadable(path, error);
     let corrupt = |what: String| ReadError::CorruptPage { path: path.into(), what };
     let most = zstd::zstd_safe::compress_bound(page_bytes) as u64 + 4;
     let encoded = match slots {
-        1 => read_at_most(path, most).map_err(io)?,
+        1 => read_at_most(folder.file(path), most).map_err(io)?,
         _ => {
-            let file = File::open(path).map_err(io)?;
+            let file = folder.file(path).map_err(io)?;
             let file_bytes = file.metadata().map_err(io)?.len();
             let index_bytes = (index_bytes(slots) as u64).min(file_bytes);
             let mut index = vec![0; index_bytes as usize];
@@ -77,9 +84,9 @@ fn decode(encoded: &[u8], expected_bytes: usize) -> Result<Vec<u8>, String> {
 }
 
 /// A file's bytes; an error where there are more.
-pub(crate) fn read_at_most(path: &Path, most: u64) -> std::io::Result<Vec<u8>> {
+pub(crate) fn read_at_most(file: std::io::Result<File>, most: u64) -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
+    file?.take(most + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most {
         return Err(std::io::Error::other(format!("larger than the {most} bytes that it can have")));
     }
@@ -98,9 +105,10 @@ mod tests {
         // The third step is as the first; there is no fifth.
         let pages = [Some(page(1)), Some(page(2)), Some(page(1)), Some(page(3)), None];
         let file = join(&pages.map(|page| page.map(|page| encode(&page))));
+        let folder = Folder::open(dir.path()).unwrap();
         let page_of = |bytes: &[u8], slot| {
             std::fs::write(&path, bytes).unwrap();
-            read(&path, slot, 5, 100)
+            read(&folder, &path, slot, 5, 100)
         };
         for (slot, i) in [1, 2, 1, 3].into_iter().enumerate() {
             assert_eq!(page_of(&file, slot).unwrap(), page(i));

@@ -8,6 +8,7 @@ use crate::chunks::Chunks;
 use crate::codec::BrickCodec;
 use crate::downsample::Downsample;
 use crate::error::{OpenError, ReadError};
+use crate::folder::Folder;
 use crate::inside;
 use crate::layout::{JOURNAL_NAME, Layout, journal_percent};
 use crate::metadata::{
@@ -15,20 +16,22 @@ use crate::metadata::{
     parse_geometry, parse_info, parse_label_colors, parse_layout, parse_placement,
 };
 use crate::shard_file::IoMode;
-use crate::side::{RangePage, SideArray, SidePages, level_arrays, parse_json, read_document, read_json};
+use crate::side::{RangePage, SideArray, SidePages, level_arrays, parse_json, read_json};
 use crate::time::parse_time;
 use brickyard_volume::{
     Apron, BrickId, BrickIndex, Geometry, LabelColor, Level, Occupancy, OccupancyBins, PageId, Placement, Pyramid,
     TimeAxis, VoxelBox, VoxelType,
 };
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// How often a store may change while it is opened.
 const MOST_CHANGES: u32 = 100;
 
 /// A finished brick store that is open: one of its pyramids, if it has two.
 pub struct Store {
-    path: PathBuf,
+    folder: Arc<Folder>,
     mode: IoMode,
     /// The hash of the bytes of the root document, by which a newer one is told.
     root_hash: u64,
@@ -59,7 +62,7 @@ impl Store {
     /// # Errors
     /// As for [`Store::open`].
     pub fn open_with(path: impl Into<PathBuf>, mode: IoMode) -> Result<Self, OpenError> {
-        Self::open_view(path.into(), mode, None)
+        Self::open_at(path.into(), mode, None)
     }
 
     /// Opens the pyramid of a store whose coarser levels are made by `method`: the main one or the second one.
@@ -67,51 +70,66 @@ impl Store {
     /// # Errors
     /// As for [`Store::open`], or if neither pyramid is made by `method`.
     pub fn open_reduced(path: impl Into<PathBuf>, method: Downsample, mode: IoMode) -> Result<Self, OpenError> {
-        Self::open_view(path.into(), mode, Some(method))
+        Self::open_at(path.into(), mode, Some(method))
     }
 
-    /// Opens the main pyramid, or the one that is made by `method`.
-    fn open_view(path: PathBuf, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
-        Self::open_unchanged(path.clone(), mode, method).map_err(|error| inside::explained(error, &path))
-    }
-
-    /// Opens a store between two changes of it.
-    fn open_unchanged(path: PathBuf, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
-        let root_path = path.join("zarr.json");
-        let mut text = read_root(&path, &root_path)?;
+    /// Opens the main pyramid of the store at a path, or the one that is made by `method`.
+    fn open_at(path: PathBuf, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
+        let open = || Self::open_view(&Arc::new(open_folder(&path)?), mode, method);
+        let mut opened = open();
         for _ in 0..MOST_CHANGES {
-            let opened = Self::open_with_root(path.clone(), mode, method, &text);
+            // Of a store that is replaced, the one that takes its place.
+            let Err(OpenError::Replaced { .. }) = opened else { break };
+            opened = open();
+        }
+        opened.map_err(|error| inside::explained(error, &path))
+    }
+
+    /// Opens the main pyramid, or the one that is made by `method`, between two changes of the store.
+    pub(crate) fn open_view(folder: &Arc<Folder>, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
+        let mut text = read_root(folder)?;
+        for _ in 0..MOST_CHANGES {
+            let opened = Self::open_with_root(folder, mode, method, &text);
             if opened.is_ok() {
                 return opened;
             }
             // Documents that contradict each other may be of before and after a change, which ends with the root document.
-            match read_root(&path, &root_path) {
+            match read_root(folder) {
                 Ok(now) if now != text => text = now,
                 _ => return opened,
             }
         }
-        Self::open_with_root(path, mode, method, &text)
+        Self::open_with_root(folder, mode, method, &text)
+    }
+
+    /// Opens the pyramid of the same store, wherever its folder is now, whose coarser levels are made by `method`.
+    ///
+    /// # Errors
+    /// As for [`Store::open_reduced`], or if the store was deleted.
+    pub fn reduced(&self, method: Downsample) -> Result<Self, OpenError> {
+        Self::open_view(&self.folder, self.mode, Some(method))
     }
 
     /// Opens the main pyramid, or the one that is made by `method`, of a store whose root document has these bytes.
     pub(crate) fn open_with_root(
-        path: PathBuf,
+        folder: &Arc<Folder>,
         mode: IoMode,
         method: Option<Downsample>,
         text: &[u8],
     ) -> Result<Self, OpenError> {
+        let path = folder.path();
         let root_path = path.join("zarr.json");
         let root = parse_json(&root_path, text)?;
         let info = parse_info(&root_path, &root)?;
         if !info.complete {
-            return Err(OpenError::Incomplete { percent: journal_percent(&path).unwrap_or(0), path });
+            return Err(OpenError::Incomplete { percent: journal_percent(path).unwrap_or(0), path: path.into() });
         }
         let level_0_path = path.join("0/zarr.json");
-        let level_0 = read_json(&level_0_path)?;
+        let level_0 = read_json(folder, &level_0_path)?;
         let mut layout = parse_layout(&root_path, &root, &level_0_path, &level_0, &info)?;
         if let Some(asked) = method.filter(|m| *m != info.downsample.main()) {
             if Some(asked) != info.downsample.second() {
-                return Err(OpenError::NoReduction { path, asked, found: info.downsample });
+                return Err(OpenError::NoReduction { path: path.into(), asked, found: info.downsample });
             }
             layout = layout.of_second(asked);
         }
@@ -122,20 +140,20 @@ impl Store {
         for k in 0..layout.pyramid.levels().len() {
             let level = Level(k as u8);
             let document_path = path.join(layout.level_path(level)).join("zarr.json");
-            let document = read_json(&document_path)?;
+            let document = read_json(folder, &document_path)?;
             check_array(&document_path, &level_document(&layout, level, &info), &document, steps)?;
-            let arrays = level_arrays(&path, &layout, level, info.voxel_type);
-            arrays.iter().try_for_each(|array| array.check(steps))?;
+            let arrays = level_arrays(path, &layout, level, info.voxel_type);
+            arrays.iter().try_for_each(|array| array.check(folder, steps))?;
         }
         let displays = parse_displays(&root, &info);
         let label_colors = parse_label_colors(&root);
-        let aprons = open_aprons(&path, &layout, &info, mode)?;
+        let aprons = open_aprons(folder, &layout, &info, mode)?;
         let codec = BrickCodec::new(info.codec, info.voxel_type, info.edge);
         let root_hash = hash(text);
-        let sides = SidePages::new(&path, &layout, info.voxel_type);
-        let cores = Chunks::new(&path, layout, codec, mode);
+        let sides = SidePages::new(folder, &layout, info.voxel_type);
+        let cores = Chunks::new(folder, layout, codec, mode);
         Ok(Self {
-            path,
+            folder: folder.clone(),
             mode,
             root_hash,
             geometry,
@@ -154,10 +172,13 @@ impl Store {
     /// nothing that it reads ever changes. As long as nothing was written, this reads the root document alone, and does not parse it.
     ///
     /// # Errors
-    /// As for [`Store::open`], or if another store has taken this one's place.
+    /// As for [`Store::open`], or if the store was moved or deleted, or another one has taken its place.
     pub fn newer(&self) -> Result<Option<Self>, OpenError> {
-        let root_path = self.path.join("zarr.json");
-        let text = read_root(&self.path, &root_path)?;
+        if self.is_replaced() {
+            return Err(self.replaced());
+        }
+        let root_path = self.path().join("zarr.json");
+        let text = read_root(&self.folder)?;
         if hash(&text) == self.root_hash {
             return Ok(None);
         }
@@ -170,7 +191,7 @@ impl Store {
         if info.times.is_none_or(|times| times <= self.times()) {
             return Ok(None);
         }
-        Self::open_view(self.path.clone(), self.mode, self.layout().second()).map(Some)
+        Self::open_view(&self.folder, self.mode, self.layout().second()).map(Some)
     }
 
     /// Whether time steps can be appended to the store: it has an axis of time, and shards of one step.
@@ -180,7 +201,23 @@ impl Store {
 
     /// The store's directory.
     pub fn path(&self) -> &Path {
-        &self.path
+        self.folder.path()
+    }
+
+    /// Whether the store's path leads elsewhere now, or nowhere: the store was moved or deleted, or another one has its place. An open store reads
+    /// its own files alone; those that are gone give [`ReadError::Replaced`].
+    pub fn is_replaced(&self) -> bool {
+        self.folder.is_replaced()
+    }
+
+    /// The error for a store that is gone from its path.
+    pub fn replaced(&self) -> OpenError {
+        OpenError::Replaced { store: self.path().into() }
+    }
+
+    /// The open folder of the store.
+    pub(crate) fn folder(&self) -> &Arc<Folder> {
+        &self.folder
     }
 
     /// The store's settings and statistics.
@@ -481,18 +518,24 @@ impl Store {
 }
 
 /// The stored aprons, checked like levels, if there are any.
-fn open_aprons(path: &Path, layout: &Layout, info: &StoreInfo, mode: IoMode) -> Result<Option<Chunks>, OpenError> {
+fn open_aprons(
+    folder: &Arc<Folder>,
+    layout: &Layout,
+    info: &StoreInfo,
+    mode: IoMode,
+) -> Result<Option<Chunks>, OpenError> {
     let Some(apron) = info.apron() else { return Ok(None) };
+    let path = folder.path();
     let layout = layout.of_aprons();
     for k in 0..layout.pyramid.levels().len() {
         let level = Level(k as u8);
         let document_path = path.join(layout.level_path(level)).join("zarr.json");
-        let document = read_json(&document_path)?;
+        let document = read_json(folder, &document_path)?;
         check_array(&document_path, &apron_document(&layout, level, apron, info), &document, Steps::of(info))?;
-        SideArray::fingerprints(path, &layout, level).check(Steps::of(info))?;
+        SideArray::fingerprints(path, &layout, level).check(folder, Steps::of(info))?;
     }
     let codec = BrickCodec::of_aprons(info.codec, info.voxel_type, apron);
-    Ok(Some(Chunks::new(path, layout, codec, mode)))
+    Ok(Some(Chunks::new(folder, layout, codec, mode)))
 }
 
 /// The bricks of `edge`^3 voxels that share voxels with a box, x fastest.
@@ -511,14 +554,21 @@ fn hash(text: &[u8]) -> u64 {
     xxhash_rust::xxh3::xxh3_64(text)
 }
 
-/// The bytes of the root document, or what is there instead.
-fn read_root(store: &Path, root_path: &Path) -> Result<Vec<u8>, OpenError> {
-    match read_document(root_path) {
-        Err(OpenError::Io { error, .. }) if error.kind() == std::io::ErrorKind::NotFound => {}
-        Err(OpenError::Io { error, .. }) if error.kind() == std::io::ErrorKind::NotADirectory => {}
+/// The folder of a store, or the error for what is there instead.
+pub(crate) fn open_folder(store: &Path) -> Result<Folder, OpenError> {
+    Folder::open(store).map_err(|error| match error.kind() {
+        ErrorKind::NotADirectory if store.exists() => OpenError::NotAStore { path: store.into() },
+        _ => OpenError::Io { path: store.into(), error },
+    })
+}
+
+/// The bytes of the root document, or the error for what is there instead.
+fn read_root(folder: &Folder) -> Result<Vec<u8>, OpenError> {
+    let store = folder.path();
+    match folder.document(&store.join("zarr.json")) {
+        Err(OpenError::Io { error, .. }) if error.kind() == ErrorKind::NotFound => {}
         other => return other,
     }
-    std::fs::metadata(store).map_err(|error| OpenError::Io { path: store.into(), error })?;
     if store.join(JOURNAL_NAME).exists() {
         return Err(OpenError::Incomplete { path: store.into(), percent: journal_percent(store).unwrap_or(0) });
     }
@@ -668,6 +718,46 @@ mod tests {
                 let error = store.read_core(id, &mut vec![0; store.core_bytes()]).unwrap_err();
                 assert!(matches!(error, ReadError::Rewritten { .. }), "cut to {n}: {error}");
             }
+        }
+    }
+
+    /// The store whose place another one has taken is read as long as its files are there, and then no other in its stead.
+    #[test]
+    fn a_store_that_is_replaced_is_never_mixed_with_the_other() {
+        let brighter = |t: u32, c: u32, v: [u32; 3]| bumps(t, c, v) + 100.0;
+        for mode in [IoMode::Mmap, IoMode::Pread] {
+            let parent = tempfile::tempdir().unwrap();
+            let [path, old, new] = ["s.zarr", "old.zarr", "new.zarr"].map(|name| parent.path().join(name));
+            let spec = TestStore::default();
+            for (path, value) in [(&path, bumps as fn(_, _, _) -> f64), (&new, brighter)] {
+                std::fs::create_dir(path).unwrap();
+                spec.write(path, value);
+            }
+            let [read, unread] = [0, 1].map(|_| Store::open_with(&path, mode).unwrap());
+            let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(2, 1, 1) };
+            let core = |store: &Store| {
+                let mut core = vec![0; store.core_bytes()];
+                store.read_core(id, &mut core).map(|()| core)
+            };
+            let [before, of_new] = [&path, &new].map(|path| core(&Store::open(path).unwrap()).unwrap());
+            assert!(before != of_new && core(&read).unwrap() == before);
+            std::fs::rename(&path, &old).unwrap();
+            assert!(unread.is_replaced() && core(&unread).unwrap() == before, "moved away");
+            std::fs::rename(&new, &path).unwrap();
+            let late = unread.reduced(Downsample::Mean).unwrap();
+            assert!(core(&late).unwrap() == before && late.minmax(id).unwrap() == read.minmax(id).unwrap());
+            let untouched = unread.reduced(Downsample::Mean).unwrap();
+            std::fs::remove_dir_all(&old).unwrap();
+            let is_replaced = |error: ReadError| {
+                assert!(matches!(&error, ReadError::Replaced { store } if *store == path), "{error}")
+            };
+            is_replaced(core(&untouched).unwrap_err());
+            is_replaced(untouched.occupancy(id).err().unwrap());
+            is_replaced(untouched.read_hashes(untouched.pyramid().page_of(id).0).err().unwrap());
+            let is_gone = |error: OpenError| assert!(matches!(error, OpenError::Replaced { .. }), "{error}");
+            is_gone(untouched.reduced(Downsample::Mean).err().unwrap());
+            is_gone(untouched.newer().err().unwrap());
+            assert!(core(&Store::open_with(&path, mode).unwrap()).unwrap() == of_new);
         }
     }
 

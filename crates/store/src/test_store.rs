@@ -3,17 +3,20 @@
 
 use crate::codec::{BrickCodec, Codec};
 use crate::downsample::Downsample;
+use crate::error::OpenError;
+use crate::folder::Folder;
 use crate::layout::{Layout, ShardId};
 use crate::metadata::{ChannelStatistics, Kind, StoreInfo, document_bytes, level_document, root_document};
 use crate::scratch::Scratch;
 use crate::shard::{BrickRange, Fingerprint, encode_index};
-use crate::side::{PageFiles, SideArray, core_hash, level_arrays};
+use crate::side::{self, PageFiles, SideArray, core_hash, level_arrays};
 use crate::stats::{ChannelTotals, Counter, Measure, Tally};
 use crate::version::FORMAT_VERSION;
 use brickyard_volume::{
     BrickId, Extent, Geometry, Level, PageId, Pyramid, TimeAxis, Voxel, VoxelBox, VoxelType, with_voxel_type,
 };
 use glam::DVec3;
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -185,6 +188,7 @@ impl TestStore {
             downsample: Downsample::Mean.into(),
             kind: Kind::Image,
             nodata: None,
+            blanked: None,
             aprons: 0,
             spacing: self.spacing,
             calibrated: true,
@@ -301,12 +305,18 @@ pub(crate) fn bumps(t: u32, c: u32, [x, y, z]: [u32; 3]) -> f64 {
     ((x * 7 + y * 3 + z * 11 + t * 50 + c * 90) % 120) as f64
 }
 
+/// Reads a document.
+pub(crate) fn read_json(path: &Path) -> Result<Value, OpenError> {
+    side::read_json(&Folder::open(path.parent().unwrap()).unwrap(), path)
+}
+
 /// Changes the decoded bytes of a page of side data.
 pub(crate) fn edit_page(array: &SideArray, page: PageId, edit: impl FnOnce(&mut Vec<u8>)) {
     let (slot, _, filled) = array.place_in_file(page);
     let first = page.time - slot as u32;
     let of_file = (first..first + filled as u32).map(|time| PageId { time, ..page });
-    let mut pages: Vec<(PageId, Vec<u8>)> = of_file.map(|page| (page, array.read_page(page).unwrap())).collect();
+    let root = Folder::open(Path::new("/")).unwrap();
+    let mut pages: Vec<(PageId, Vec<u8>)> = of_file.map(|page| (page, array.read_page(&root, page).unwrap())).collect();
     edit(&mut pages[slot].1);
     let mut begun = PageFiles::default();
     let files = pages.iter().filter_map(|(page, bytes)| begun.add(array, *page, bytes));

@@ -23,7 +23,6 @@ use crate::metadata::ChannelStatistics;
 use crate::nodata;
 use crate::pack::brick::Workspace;
 use crate::shard::ShardIndex;
-use crate::shard_file::IoMode;
 use crate::side::{SideArray, core_hash, level_arrays};
 use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use crate::store::{Store, bricks_of};
@@ -32,7 +31,7 @@ use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
 /// One thing that is wrong with a store.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -67,6 +66,8 @@ pub struct VerifyReport {
     /// All problems found: first those of documents, side data and shards, then those of bricks by time step, channel
     /// and level, then those of the statistics.
     pub problems: Vec<VerifyProblem>,
+    /// Whether there were so many problems that the rest of the store was not looked at.
+    pub is_cut_short: bool,
 }
 
 /// Why a store was not verified.
@@ -90,6 +91,9 @@ pub enum VerifyError {
     #[error("cannot start worker threads: {0}")]
     Threads(String),
 }
+
+/// Problems after which a verification ends: who has so many does not read on, and a few bytes of metadata can claim any number of missing files.
+pub const MOST_PROBLEMS: usize = 10_000;
 
 /// The memory that [`verify`] may take, in bytes.
 pub const VERIFY_MEMORY_BYTES: u64 = 2 << 30;
@@ -116,17 +120,19 @@ pub fn verify_within(
 ) -> Result<VerifyReport, VerifyError> {
     let store = Store::open(path)?;
     let second = store.info().downsample.second();
-    let second = second.map(|method| Store::open_reduced(path, method, IoMode::default())).transpose()?;
+    let second = second.map(|method| store.reduced(method)).transpose()?;
     let views: Vec<Store> = std::iter::once(store).chain(second).collect();
     let (block_edge, threads) = block_edge(&views, memory_bytes, rayon::current_num_threads())?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|error| VerifyError::Threads(error.to_string()))?;
     let verifier = Verifier::new(&views, &progress, block_edge);
-    Ok(pool.install(|| with_voxel_type!(views[0].voxel_type(), T => verifier.run::<T>())))
+    let report = pool.install(|| with_voxel_type!(views[0].voxel_type(), T => verifier.run::<T>()));
+    // Of a store whose files go while they are read, each would be a problem.
+    if !report.problems.is_empty() && views[0].is_replaced() { Err(views[0].replaced().into()) } else { Ok(report) }
 }
 
-/// The program, its stacks and its allocator.
-const PROGRAM_BYTES: u64 = 24 << 20;
+/// The program, its stacks and its allocator, and as many problems as are kept.
+const PROGRAM_BYTES: u64 = (24 << 20) + MOST_PROBLEMS as u64 * 512;
 
 /// The greatest blocks, and then the most threads, that fit.
 fn block_edge(views: &[Store], memory_bytes: u64, threads: usize) -> Result<(u32, usize), VerifyError> {
@@ -168,6 +174,7 @@ struct Verifier<'a> {
     /// Voxels along a block's edge: whole bricks.
     block_edge: u32,
     bricks_done: AtomicU64,
+    problems: AtomicUsize,
     /// Whether some brick of level 0 could not be read, so that the volume's statistics cannot be known.
     level_0_unread: AtomicBool,
     /// Level-0 statistics, per channel.
@@ -225,14 +232,27 @@ impl HashPage {
 impl<'a> Verifier<'a> {
     fn new(views: &'a [Store], progress: &'a (dyn Fn(u64, u64) + Sync), block_edge: u32) -> Self {
         let totals = (0..views[0].channels()).map(|_| ChannelTotals::new(views[0].voxel_type())).collect();
-        let (unread, level_0_unread, bricks_done) = Default::default();
-        Self { views, progress, block_edge, bricks_done, level_0_unread, totals: Mutex::new(totals), unread }
+        let (unread, level_0_unread, bricks_done, problems) = Default::default();
+        Self { views, progress, block_edge, bricks_done, problems, level_0_unread, totals: Mutex::new(totals), unread }
     }
 
     fn run<T: Measure>(&self) -> VerifyReport {
         let mut report = self.check_shards();
-        self.check_bricks::<T>(&mut report);
+        if !self.has_enough() {
+            self.check_bricks::<T>(&mut report);
+        }
+        report.is_cut_short = self.has_enough();
         report
+    }
+
+    /// Whether there are so many problems that no more are looked for.
+    fn has_enough(&self) -> bool {
+        self.problems.load(Ordering::Relaxed) >= MOST_PROBLEMS
+    }
+
+    /// Problems as they are found, until there are enough.
+    fn some<P: ParallelIterator<Item = VerifyProblem>>(&self, found: P) -> impl ParallelIterator<Item = VerifyProblem> {
+        found.take_any_while(|_| self.problems.fetch_add(1, Ordering::Relaxed) < MOST_PROBLEMS)
     }
 
     /// Documents, and every shard's file and index.
@@ -240,23 +260,25 @@ impl<'a> Verifier<'a> {
         let problems = documents::check(&self.views[0], self.levels());
         let mut report = VerifyReport { bricks: self.brick_count(), problems, ..VerifyReport::default() };
         for (store, level) in self.levels() {
-            report.problems.par_extend(self.check_pages(store, level));
+            report.problems.par_extend(self.some(self.check_pages(store, level)));
             for chunks in store.chunks() {
                 let pages = (0..chunks.fingerprint_pages(level)).into_par_iter();
                 let (shards, bytes) = (AtomicU64::new(0), AtomicU64::new(0));
-                report.problems.par_extend(pages.filter_map(|page| match chunks.files_of_page(level, page) {
-                    Ok((count, length)) => {
-                        shards.fetch_add(count, Ordering::Relaxed);
-                        bytes.fetch_add(length, Ordering::Relaxed);
-                        None
-                    }
-                    Err(error) => self.unread(error),
-                }));
+                report.problems.par_extend(self.some(pages.filter_map(
+                    |page| match chunks.files_of_page(level, page) {
+                        Ok((count, length)) => {
+                            shards.fetch_add(count, Ordering::Relaxed);
+                            bytes.fetch_add(length, Ordering::Relaxed);
+                            None
+                        }
+                        Err(error) => self.unread(error),
+                    },
+                )));
                 report.shards += shards.into_inner();
                 report.bytes += bytes.into_inner();
                 let shards = (0..chunks.layout().level_shards(level)).into_par_iter();
                 let shards = shards.map(|i| chunks.layout().shard_at(level, i));
-                report.problems.par_extend(shards.filter_map(|id| self.check_shard(chunks, id)));
+                report.problems.par_extend(self.some(shards.filter_map(|id| self.check_shard(chunks, id))));
             }
         }
         report
@@ -265,11 +287,11 @@ impl<'a> Verifier<'a> {
     fn check_bricks<T: Measure>(&self, report: &mut VerifyReport) {
         let buffers = || self.buffers::<T>();
         let in_blocks = self.blocks().map_init(buffers, |b, block| self.check_block(b, block));
-        let mut found: Vec<VerifyProblem> = in_blocks.flatten().collect();
+        let mut found: Vec<VerifyProblem> = self.some(in_blocks.flatten()).collect();
         // A brick is read for its neighbours too, and is reported by who comes first.
         found.sort_by_key(|problem| problem.brick.map(|id| (id.time, id.channel, id.level, id.index)));
         report.problems.append(&mut found);
-        if !self.level_0_unread.load(Ordering::Relaxed) {
+        if !self.has_enough() && !self.level_0_unread.load(Ordering::Relaxed) {
             self.check_statistics(&mut report.problems);
         }
     }
@@ -290,7 +312,7 @@ impl<'a> Verifier<'a> {
     fn check_shard(&self, chunks: &Chunks, id: ShardId) -> Option<VerifyProblem> {
         let path = chunks.path(id);
         match chunks.shard(id) {
-            Ok(None) if path.exists() => {
+            Ok(None) if chunks.has_file(id) => {
                 let what = "file of a shard that was packed without one (all fill value)".into();
                 Some(VerifyProblem { brick: None, path, what })
             }
@@ -313,7 +335,7 @@ impl<'a> Verifier<'a> {
         let arrays: Vec<SideArray> = arrays.into_iter().chain(of_aprons).collect();
         arrays.into_par_iter().flat_map(move |array| {
             let pages = (0..array.page_count()).into_par_iter();
-            pages.filter_map(move |i| self.unread(array.read_page(array.page_at(level, i)).err()?))
+            pages.filter_map(move |i| self.unread(array.read_page(store.folder(), array.page_at(level, i)).err()?))
         })
     }
 
@@ -647,7 +669,7 @@ fn check_counts(store: &Store, totals: &[ChannelTotals]) -> Option<VerifyProblem
     let times = store.info().times?;
     let counts = Counts::of(store.path(), store.layout());
     let problem = |path: PathBuf, what: String| Some(VerifyProblem { brick: None, path, what });
-    match counts.read(times, store.channels(), store.voxel_type()) {
+    match counts.read(store.folder(), times, store.channels(), store.voxel_type()) {
         Ok(Some(kept)) => {
             let wrong = kept.iter().zip(totals).position(|(kept, counted)| !kept.is_near(counted))?;
             problem(

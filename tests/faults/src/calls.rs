@@ -312,6 +312,10 @@ instead! {
     fdatasync(file: c_int) -> c_int {
         simple(Call::Sync, || path_of(file), 0, libc::SYS_fdatasync, [file as usize, 0, 0, 0, 0, 0]) as c_int
     }
+    /// Told from the others by its number.
+    syncfs(file: c_int) -> c_int {
+        simple(Call::Sync, || path_of(file), 1, libc::SYS_syncfs, [file as usize, 0, 0, 0, 0, 0]) as c_int
+    }
 
     rename(from: *const c_char, to: *const c_char) -> c_int { rename_at(libc::AT_FDCWD, from, libc::AT_FDCWD, to, 0) }
     renameat(from_dir: c_int, from: *const c_char, to_dir: c_int, to: *const c_char) -> c_int {

@@ -4,8 +4,8 @@ use crate::layout::Layout;
 use crate::side::{SideArray, level_arrays};
 use crate::store::Store;
 use brickyard_volume::Level;
-use serde_json::Value;
-use std::path::PathBuf;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
 
 /// The folders of all arrays of a store, in the order in which their documents come to say that there is a step more: coarse levels first, and
 /// what belongs to a level before the level itself.
@@ -25,6 +25,18 @@ pub(super) fn array_dirs(store: &Store) -> Vec<PathBuf> {
         }
     }
     dirs
+}
+
+/// Makes the arrays' documents that another program gathered in the root document (`consolidated_metadata`) say that there are so many steps:
+/// readers believe those in place of the arrays' own.
+pub(super) fn update_consolidated(store: &Path, dirs: &[PathBuf], times: u32, root: &mut Value) {
+    let Some(documents) = root.pointer_mut("/consolidated_metadata/metadata") else { return };
+    for dir in dirs {
+        let name = dir.strip_prefix(store).unwrap_or(dir).to_string_lossy();
+        if let Some(steps) = documents.get_mut(&*name).and_then(|document| document.pointer_mut("/shape/0")) {
+            *steps = json!(times);
+        }
+    }
 }
 
 /// Whose word counts where a document is not as it was written.
@@ -92,7 +104,6 @@ fn is_same(a: &Value, b: &Value) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use serde_json::json;
 
     #[test]
     fn what_others_wrote_stays_and_what_a_step_changes_is_changed() {

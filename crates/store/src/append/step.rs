@@ -1,6 +1,7 @@
 //! One step of a source on its way into a store: whether it fits the steps that are there, when it was taken, and how it is described.
 
 use super::AppendError;
+use crate::metadata::StoreInfo;
 use crate::pack::plan::MAX_STAMPS;
 use crate::store::Store;
 use brickyard_import::{Described, Source, SourceInfo};
@@ -24,8 +25,10 @@ pub(super) fn first_step(source: &dyn Source, stamp: Option<f64>) -> Result<Step
 pub(super) fn next_step<'a>(source: &'a dyn Source, store: &Store) -> Result<Step<'a>, AppendError> {
     let mut info = one_step(source)?.clone();
     check(&info, store)?;
-    if !info.voxel_type.is_float() {
-        info.nodata = store.info().nodata.map(|nodata| nodata as f64);
+    match store_nodata(store) {
+        // A store of floats may not have known: what the step says holds for it, and for those that follow.
+        None if info.voxel_type.is_float() => {}
+        of_store => info.nodata = of_store,
     }
     Ok(Step { info, source, first: store.times() })
 }
@@ -35,6 +38,12 @@ fn one_step(source: &dyn Source) -> Result<&SourceInfo, AppendError> {
         info if info.times == 1 => Ok(info),
         info => Err(AppendError::Several { times: info.times }),
     }
+}
+
+/// The value of a source's voxels without data, by which the store's steps were packed.
+fn store_nodata(store: &Store) -> Option<f64> {
+    let StoreInfo { nodata, blanked, .. } = store.info();
+    nodata.map(|nodata| nodata as f64).or(*blanked)
 }
 
 /// Checks that a step is of the same volume as a store's: in shape and type, and in place, unit and no data where it says these.
@@ -74,8 +83,9 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
         let rows = |orientation: brickyard_volume::Orientation| format!("{:?}", orientation.rows());
         return differs("orientation", rows(theirs), store.info().orientation.map_or("not known".into(), rows));
     }
-    let nodata = store.info().nodata.map(|nodata| nodata as f64);
-    if !step.voxel_type.is_float() && step.nodata.is_some() && step.nodata != nodata {
+    let nodata = store_nodata(store);
+    let may_differ = step.voxel_type.is_float() && nodata.is_none();
+    if step.nodata.is_some() && step.nodata != nodata && !may_differ {
         let value = |nodata: Option<f64>| nodata.map_or("none".into(), |nodata| nodata.to_string());
         return differs("value for no data", value(step.nodata), value(nodata));
     }

@@ -12,9 +12,10 @@
 use crate::chunks::Chunks;
 use crate::codec::BrickCodec;
 use crate::error::ReadError;
+use crate::folder::Folder;
 use crate::layout::{Layout, ShardId};
 use crate::pack::cascade::{Reached, Stop};
-use crate::pack::disk::Disk;
+use crate::pack::disk::{Disk, DiskError};
 use crate::pack::journal::Journal;
 use crate::pack::plan::{PackPlan, Stage};
 use crate::pack::shards::{Encoded, ShardWriter, settle};
@@ -31,6 +32,7 @@ use lru::LruCache;
 use rayon::prelude::*;
 use std::num::NonZeroUsize;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Everything about the pass over aprons that does not change while it runs.
 pub(crate) struct ApronPass<'a> {
@@ -58,9 +60,12 @@ impl ApronPass<'_> {
         let mut made = Made::default();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.options.threads).build();
         let pool = pool.map_err(|e| (Stop::Threads(e.to_string()), self.reached(&made)))?;
+        let folder = Folder::open(self.store).map_err(|error| DiskError { path: self.store.into(), error });
+        let folder = Arc::new(folder.map_err(|error| (Stop::Disk(error), self.reached(&made)))?);
         for stage in &self.plan.stages {
-            let of_stage = pool.install(|| StagePass::new(self, stage).run(journal, &mut made));
-            of_stage.map_err(|stop| (stop, self.reached(&made)))?;
+            let of_stage = pool.install(|| StagePass::new(self, &folder, stage).run(journal, &mut made));
+            let synced = journal.sync(self.disk, self.store).map_err(Stop::Disk);
+            of_stage.and(synced).map_err(|stop| (stop, self.reached(&made)))?;
         }
         Ok(made.written_bytes)
     }
@@ -93,12 +98,12 @@ struct StagePass<'a> {
 }
 
 impl<'a> StagePass<'a> {
-    fn new(pass: &'a ApronPass<'a>, stage: &Stage) -> Self {
+    fn new(pass: &'a ApronPass<'a>, folder: &Arc<Folder>, stage: &Stage) -> Self {
         let ApronPass { options, voxel_type, apron, .. } = *pass;
         let codec = BrickCodec::new(options.codec, voxel_type, options.edge);
         Self {
             pass,
-            cores: Chunks::new(pass.store, stage.layout.clone(), codec, IoMode::Mmap),
+            cores: Chunks::new(folder, stage.layout.clone(), codec, IoMode::Mmap),
             layout: stage.layout.of_aprons(),
             level: stage.level,
             grid: stage.grid().bricks,
@@ -118,7 +123,7 @@ impl<'a> StagePass<'a> {
             let fingerprint = earlier.map_or_else(|| self.shard(id, journal, made), Ok)?;
             shard_pages.add(id, fingerprint, &mut pages);
             for (path, bytes) in pages.drain(..) {
-                disk.write_with_parents(&path, &bytes).map_err(Stop::Disk)?;
+                disk.write_early(&path, &bytes).map_err(Stop::Disk)?;
             }
             made.shards += 1;
             made.bricks += self.layout.steps_of(id.group).len() as u64 * self.bricks(id).extent().volume();

@@ -1,7 +1,7 @@
 //! The streaming pass: layers of bricks, level 0 in z order, each coarser level's as soon as its slices are there.
 //!
 //! ```text
-//! source ──► workers (one brick each) ──► sequence ──► writer ──► shard files ──► settler (sync, rename, journal)
+//! source ──► workers (one brick each) ──► sequence ──► writer ──► shard files ──► settler (rename, journal, sync)
 //!               ▲        │ coarse part                   └─► side data ──► pages ──┘
 //!               └── coarser windows ◄┘
 //! ```
@@ -120,6 +120,9 @@ enum Settle {
     Page(PageFile),
 }
 
+/// Shards and pages that wait for the settler, at most: some 2 MiB.
+const MOST_UNSETTLED: usize = 32;
+
 /// One thread's state.
 struct Worker<T> {
     workspace: Workspace<T>,
@@ -193,7 +196,7 @@ impl Pass<'_> {
         };
         let earlier_shards = journal.finished_count();
         let (statistics, settled_shards) = std::thread::scope(|scope| {
-            let (to_settler, finished) = mpsc::channel();
+            let (to_settler, finished) = mpsc::sync_channel(MOST_UNSETTLED);
             let writer = scope.spawn(|| {
                 let _stop = shared.sequence.stop_on_panic();
                 shared.write(to_settler, &mut written)
@@ -262,7 +265,7 @@ impl<T: Measure> Shared<'_, T> {
     }
 
     /// The writer: shards and statistics, brick by brick in order. Returns each channel's range and tally of level 0.
-    fn write(&self, to_settler: mpsc::Sender<Settle>, written: &mut Written) -> Vec<(Range<T>, Tally)> {
+    fn write(&self, to_settler: mpsc::SyncSender<Settle>, written: &mut Written) -> Vec<(Range<T>, Tally)> {
         let Pass { plan, store, disk, progress, .. } = *self.pass;
         let total = plan.input_voxels();
         let mut channels = vec![(T::EMPTY, Tally::default()); plan.layout.channels as usize];
@@ -312,12 +315,15 @@ impl<T: Measure> Shared<'_, T> {
                 Settle::Shard(s, shard) => {
                     settle(disk, store, &plan.stages[s].layout, journal, &shard).map(|made| settled += made as u64)
                 }
-                Settle::Page((path, bytes)) => disk.write_with_parents(&path, &bytes),
+                Settle::Page((path, bytes)) => disk.write_early(&path, &bytes),
             };
             if let Err(error) = made {
                 self.fail(Stop::Disk(error));
                 break;
             }
+        }
+        if let Err(error) = journal.sync(disk, store) {
+            self.fail(Stop::Disk(error));
         }
         settled
     }
@@ -565,9 +571,8 @@ impl<'a, T: Measure> Volume<'a, T> {
             workspace.gather(window.lend(region), shape(region));
             return Ok(true);
         }
-        let Some(lent) = self.shared.pass.source.lend(self.time, self.channel, region) else { return Ok(false) };
-        workspace.gather(lent, shape(region));
-        lent.confirm().map(|()| true)
+        let source = self.shared.pass.source;
+        source.lend(self.time, self.channel, region, &mut |lent| workspace.gather(lent, shape(region)))
     }
 
     /// Reads a brick of level 0 to core 0, unless the source knows that it is constant.

@@ -1,9 +1,11 @@
 //! Every change that packing makes to the file system goes through here, but for the lock's (`lock.rs`): one place for paths
-//! in errors, syncs, and tests' injected failures.
+//! in errors, syncs, tests' injected failures, and the rule that nothing outside of a store changes.
 
+use crate::pack::lock;
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 /// A change to the file system that failed, and its path.
 #[derive(Debug)]
@@ -17,6 +19,10 @@ type Result<T> = std::result::Result<T, DiskError>;
 /// The file system as packing sees it.
 #[derive(Default)]
 pub(crate) struct Disk {
+    pub(crate) home: OnceLock<Home>,
+    /// Whether each file is synced by itself, as where a file system cannot be synced as a whole.
+    #[cfg(test)]
+    pub(crate) syncs_each: bool,
     /// Number of changes after which all further ones fail, as on a full disk or after a crash.
     #[cfg(test)]
     pub(crate) fuse: Option<std::sync::atomic::AtomicI64>,
@@ -34,10 +40,53 @@ pub(crate) struct Disk {
     pub(crate) cannot_exchange: bool,
 }
 
+/// Where a store is.
+pub(crate) struct Home {
+    /// The folder that holds the store. Below it no change goes through a symbolic link.
+    folder: PathBuf,
+    /// Whether one call syncs the whole file system, so that files need not be synced one by one.
+    syncs_as_one: bool,
+}
+
 #[cfg(test)]
 pub(crate) type Meanwhile = Box<dyn FnOnce() + Send>;
 
 impl Disk {
+    /// Learns where the store is, or is to be. From then on all changes are refused that a symbolic link in its folder, or beside it under one of its
+    /// names, would lead elsewhere.
+    pub(crate) fn work_at(&self, store: &Path) {
+        let folder = store.parent().unwrap_or(Path::new(""));
+        let made = folder.ancestors().map(named).find(|folder| folder.exists());
+        // A server's own disks learn of single files at most.
+        let syncs_as_one = tells_of_lost_writes() && made.is_some_and(|folder| !lock::may_be_local(folder));
+        #[cfg(test)]
+        let syncs_as_one = syncs_as_one && !self.syncs_each;
+        let _ = self.home.set(Home { folder: folder.into(), syncs_as_one });
+    }
+
+    /// Whether files are synced together, by [`Disk::sync_parts`], and not one by one as they are written.
+    pub(crate) fn syncs_as_one(&self) -> bool {
+        self.home.get().is_some_and(|home| home.syncs_as_one)
+    }
+
+    fn check_links(&self, path: &Path) -> io::Result<()> {
+        let Some(mut at) = self.home.get().map(|home| home.folder.clone()) else { return Ok(()) };
+        for name in path.strip_prefix(&at).unwrap_or(Path::new("")) {
+            at.push(name);
+            match std::fs::symlink_metadata(&at) {
+                Ok(found) if found.is_symlink() => {
+                    let what =
+                        "is a symbolic link: nothing is written or deleted through one; move it out of the store";
+                    return Err(io::Error::other(format!("{} {what}", at.display())));
+                }
+                Ok(_) => {}
+                Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
     /// Marks a moment at which another pack may come between. In tests, what is registered for that moment runs, once.
     #[cfg(test)]
     pub(crate) fn meanwhile(&self, moment: &'static str) {
@@ -72,18 +121,23 @@ impl Disk {
         self.step(what, path).and_then(|()| change()).map_err(|error| DiskError { path: path.into(), error })
     }
 
+    /// Makes a change at a path, if that leads through no link.
+    fn run_at<T>(&self, what: &'static str, path: &Path, change: impl FnOnce() -> io::Result<T>) -> Result<T> {
+        self.run(what, path, || self.check_links(path).and_then(|()| change()))
+    }
+
     pub(crate) fn create_dir_all(&self, path: &Path) -> Result<()> {
-        self.run("create_dir_all", path, || std::fs::create_dir_all(path))
+        self.run_at("create_dir_all", path, || std::fs::create_dir_all(path))
     }
 
     /// Creates an empty file, or empties the one that is there, and opens it for writing and reading.
     pub(crate) fn create(&self, path: &Path) -> Result<File> {
-        self.run("create", path, || File::options().read(true).write(true).create(true).truncate(true).open(path))
+        self.run_at("create", path, || File::options().read(true).write(true).create(true).truncate(true).open(path))
     }
 
     /// Opens a file to append to what is there, and to read it.
     pub(crate) fn reopen(&self, path: &Path) -> Result<File> {
-        self.run("reopen", path, || File::options().read(true).append(true).open(path))
+        self.run_at("reopen", path, || File::options().read(true).append(true).open(path))
     }
 
     pub(crate) fn append(&self, path: &Path, file: &mut File, bytes: &[u8]) -> Result<()> {
@@ -108,13 +162,16 @@ impl Disk {
     }
 
     pub(crate) fn rename(&self, from: &Path, to: &Path) -> Result<()> {
-        self.run("rename", to, || std::fs::rename(from, to))
+        self.run_at("rename", to, || self.check_links(from).and_then(|()| std::fs::rename(from, to)))
     }
 
     /// Renames a directory to a free name, or over an empty directory. If others have just put something into that
     /// directory, waits up to half a second for them to remove it.
     pub(crate) fn rename_dir(&self, from: &Path, to: &Path) -> Result<()> {
-        self.run("rename_dir", to, || patiently(|| std::fs::rename(from, to)))
+        self.run_at("rename_dir", to, || {
+            self.check_links(from)?;
+            patiently(|| std::fs::rename(from, to))
+        })
     }
 
     /// Exchanges the names of two directories in one step. Returns false where the file system cannot, or where one of
@@ -126,7 +183,7 @@ impl Disk {
         if self.cannot_exchange {
             return Ok(false);
         }
-        self.run("exchange", b, || match renameat_with(CWD, a, CWD, b, RenameFlags::EXCHANGE) {
+        self.run_at("exchange", b, || match renameat_with(CWD, a, CWD, b, RenameFlags::EXCHANGE) {
             Ok(()) => Ok(true),
             Err(Errno::INVAL | Errno::NOSYS | Errno::OPNOTSUPP | Errno::NOENT) => Ok(false),
             Err(error) => Err(error.into()),
@@ -134,13 +191,13 @@ impl Disk {
     }
 
     pub(crate) fn remove_file(&self, path: &Path) -> Result<()> {
-        self.run("remove_file", path, || std::fs::remove_file(path))
+        self.run_at("remove_file", path, || std::fs::remove_file(path))
     }
 
     /// Removes an empty directory. If others have put something there for a moment (a lock), waits up to half a second
     /// for them to remove it.
     pub(crate) fn remove_dir(&self, path: &Path) -> Result<()> {
-        self.run("remove_dir", path, || patiently(|| std::fs::remove_dir(path)))
+        self.run_at("remove_dir", path, || patiently(|| std::fs::remove_dir(path)))
     }
 
     /// Writes a whole small file. Under its name there is the old content, the new content, or no file, but never a
@@ -153,12 +210,83 @@ impl Disk {
         self.rename(&temporary, path)
     }
 
-    /// Writes a whole small file in a folder that may not be there yet.
-    pub(crate) fn write_with_parents(&self, path: &Path, bytes: &[u8]) -> Result<()> {
+    /// Writes a whole small file under its temporary name. It lasts once [`Disk::sync_parts`] has been called.
+    pub(crate) fn prepare(&self, path: &Path, bytes: &[u8]) -> Result<()> {
+        let temporary = temporary(path);
+        let mut file = self.create(&temporary)?;
+        self.append(&temporary, &mut file, bytes)?;
+        if self.syncs_as_one() { Ok(()) } else { self.sync(&temporary, &file) }
+    }
+
+    /// Gives a file that was prepared its name.
+    pub(crate) fn name(&self, path: &Path) -> Result<()> {
+        self.rename(&temporary(path), path)
+    }
+
+    /// Writes a whole small file, in a folder that may not be there yet, which nobody reads before [`Disk::sync_parts`] has been called: until then
+    /// the power may take a part of it.
+    pub(crate) fn write_early(&self, path: &Path, bytes: &[u8]) -> Result<()> {
         let missing = path.parent().filter(|parent| !parent.exists());
         missing.map_or(Ok(()), |parent| self.create_dir_all(parent))?;
-        self.write(path, bytes)
+        self.prepare(path, bytes)?;
+        self.name(path)
     }
+
+    /// Makes all that was written in a store last: by one call where the file system can, which takes one wait for the disk, and otherwise by syncing these
+    /// folders, and all below those that are trees.
+    pub(crate) fn sync_parts<'a>(&self, store: &Path, parts: impl IntoIterator<Item = Part<'a>>) -> Result<()> {
+        if self.syncs_as_one() {
+            return self.run("sync_all", store, || if cfg!(test) { Ok(()) } else { sync_file_system(store) });
+        }
+        parts.into_iter().try_for_each(|part| match part {
+            Part::Tree(folder) => self.sync_tree(folder),
+            Part::Folder(folder) => self.sync_dir(folder),
+        })
+    }
+
+    /// Syncs a folder and all folders below it, so that the names of all files there survive a crash.
+    fn sync_tree(&self, folder: &Path) -> Result<()> {
+        let io = |error| DiskError { path: folder.into(), error };
+        for entry in std::fs::read_dir(folder).map_err(io)? {
+            let entry = entry.map_err(io)?;
+            if entry.file_type().map_err(io)?.is_dir() {
+                self.sync_tree(&entry.path())?;
+            }
+        }
+        self.sync_dir(folder)
+    }
+}
+
+/// A part of a store that is to last.
+pub(crate) enum Part<'a> {
+    /// A folder, with all below it.
+    Tree(&'a Path),
+    /// The names in a folder.
+    Folder(&'a Path),
+}
+
+/// Whether syncing a file system says that something could not be written: on Linux since 5.8.
+fn tells_of_lost_writes() -> bool {
+    let system = rustix::system::uname();
+    let release = system.release().to_string_lossy();
+    let mut numbers = release.split(|c: char| !c.is_ascii_digit()).map(|number| number.parse::<u32>().unwrap_or(0));
+    cfg!(target_os = "linux") && (numbers.next(), numbers.next()) >= (Some(5), Some(8))
+}
+
+/// Syncs the file system that holds a folder: all that anybody has written there, which is mostly what a pack has.
+#[cfg(target_os = "linux")]
+fn sync_file_system(folder: &Path) -> io::Result<()> {
+    Ok(rustix::fs::syncfs(File::open(folder)?)?)
+}
+
+#[cfg(not(target_os = "linux"))]
+fn sync_file_system(_: &Path) -> io::Result<()> {
+    Err(io::ErrorKind::Unsupported.into())
+}
+
+/// A folder by a name that can be opened.
+fn named(folder: &Path) -> &Path {
+    if folder.as_os_str().is_empty() { Path::new(".") } else { folder }
 }
 
 /// Tries for half a second as long as a directory is not empty.

@@ -6,7 +6,10 @@
 //! ```
 //!
 //! A line is believed only if it is complete and the shard's file is there with that length and checksum: so lines and
-//! renames may reach the disk in any order, and the journal is never synced. Only who has the directory's lock touches it.
+//! renames may reach the disk in any order. Only who has the directory's lock touches it.
+//!
+//! Where the file system is synced as a whole, shards are so every few seconds and when a pass ends, and not one by one. Lines that begin with a blank tell
+//! of that: `unsynced`, that what follows is believed only where `synced` comes after it. So whoever kills a pack, or the power, costs it a few seconds.
 //!
 //! `replaces` is the settings' fingerprint of the finished store whose place the pack is to take, if there is one.
 
@@ -20,6 +23,7 @@ use std::collections::HashMap;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 pub(crate) struct Journal {
     path: PathBuf,
@@ -28,7 +32,12 @@ pub(crate) struct Journal {
     head: Head,
     /// Shards finished by earlier runs, by path below the store.
     finished: HashMap<PathBuf, Fingerprint>,
+    /// When the first shard was noted that is not known to last; `None` if all are.
+    unsynced_since: Option<Instant>,
 }
+
+/// How long shards may wait to be synced.
+const SYNC_INTERVAL: Duration = Duration::from_secs(5);
 
 /// A journal's first line.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -63,21 +72,22 @@ const MOST_HEAD_BYTES: u64 = 16 << 20;
 impl Journal {
     /// A journal that notes nothing: of a step that is appended, which is made anew where it was cut off.
     pub(crate) fn none() -> Self {
-        Self { path: PathBuf::new(), file: None, head: Head::default(), finished: HashMap::new() }
+        Self { path: PathBuf::new(), file: None, head: Head::default(), finished: HashMap::new(), unsynced_since: None }
     }
 
     /// Starts a journal in a store directory, and replaces the journal that is there, if any.
     pub(crate) fn create(disk: &Disk, store: &Path, head: Head) -> Result<Self, DiskError> {
         let path = store.join(JOURNAL_NAME);
-        disk.write(&path, format!("{}\n", json!(head)).as_bytes())?;
+        disk.write(&path, format!("{}\n{}", json!(head), first_line(disk)).as_bytes())?;
         disk.sync_dir(store)?;
-        Ok(Self { file: Some(disk.reopen(&path)?), path, head, finished: HashMap::new() })
+        Ok(Self { file: Some(disk.reopen(&path)?), path, head, finished: HashMap::new(), unsynced_since: None })
     }
 
     /// Opens the journal of an unfinished pack, and reads its head.
     pub(crate) fn open(disk: &Disk, store: &Path) -> Result<Self, PackError> {
         let path = store.join(JOURNAL_NAME);
-        Ok(Self { file: Some(disk.reopen(&path)?), path, head: Head::of(store)?, finished: HashMap::new() })
+        let (file, head) = (Some(disk.reopen(&path)?), Head::of(store)?);
+        Ok(Self { file, path, head, finished: HashMap::new(), unsynced_since: None })
     }
 
     /// The settings' fingerprint of the finished store that the pack is to replace; `None` if it replaces none.
@@ -98,12 +108,14 @@ impl Journal {
             return Err(PackError::Mismatch { store: store.into(), difference });
         }
         let complete = lines.rfind('\n').map_or(0, |end| end + 1);
-        self.finished = lines[..complete].lines().filter_map(|line| parse(store, line)).collect();
+        self.finished = believed(store, &lines[..complete]);
         if complete < lines.len() {
             // A torn last line: end it, so that the next one starts afresh, in a way that no shard's line ends.
             self.append(disk, b" torn\n")?;
         }
-        Ok(())
+        self.append(disk, first_line(disk).as_bytes())?;
+        // Before any shard's line, which would be believed without it.
+        Ok(self.file.as_ref().map_or(Ok(()), |file| disk.sync(&self.path, file))?)
     }
 
     /// The fingerprint of a shard that an earlier run finished; `None` if no run did.
@@ -116,16 +128,59 @@ impl Journal {
         self.finished.len() as u64
     }
 
-    /// Notes a finished shard, whose file is at `path` below the store.
-    pub(crate) fn add(&mut self, disk: &Disk, path: &Path, fingerprint: Fingerprint) -> Result<(), DiskError> {
+    /// Notes a finished shard, whose file is at `path` below the store. Syncs the file system when that is due.
+    pub(crate) fn add(
+        &mut self,
+        disk: &Disk,
+        store: &Path,
+        path: &Path,
+        fingerprint: Fingerprint,
+    ) -> Result<(), DiskError> {
         let Fingerprint { file_bytes, index_crc } = fingerprint;
         let line = format!("{file_bytes} {index_crc:08x} {}\n", path.display());
-        self.append(disk, line.as_bytes())
+        self.append(disk, line.as_bytes())?;
+        let since = *self.unsynced_since.get_or_insert_with(Instant::now);
+        if since.elapsed() >= SYNC_INTERVAL { self.sync(disk, store) } else { Ok(()) }
+    }
+
+    /// Makes the shards that were noted last, where that is not done one by one.
+    pub(crate) fn sync(&mut self, disk: &Disk, store: &Path) -> Result<(), DiskError> {
+        if self.file.is_some() && disk.syncs_as_one() && self.unsynced_since.take().is_some() {
+            disk.sync_parts(store, [])?;
+            self.append(disk, b" synced\n")?;
+        }
+        Ok(())
     }
 
     fn append(&mut self, disk: &Disk, bytes: &[u8]) -> Result<(), DiskError> {
         self.file.as_mut().map_or(Ok(()), |file| disk.append(&self.path, file, bytes))
     }
+}
+
+/// The line before those of shards that are synced together; empty where each is synced before it is noted.
+fn first_line(disk: &Disk) -> &'static str {
+    if disk.syncs_as_one() { " unsynced\n" } else { "" }
+}
+
+/// The shards that lines tell of, whose files are there and last.
+fn believed(store: &Path, lines: &str) -> HashMap<PathBuf, Fingerprint> {
+    let (mut believed, mut noted) = (HashMap::new(), Vec::new());
+    // Without a word on it each was synced.
+    let mut lasts = true;
+    for line in lines.lines() {
+        match line {
+            " unsynced" | " synced" => {
+                let noted = noted.drain(..);
+                if lasts || line == " synced" {
+                    believed.extend(noted);
+                }
+                lasts = false;
+            }
+            line => noted.extend(parse(store, line)),
+        }
+    }
+    believed.extend(noted.into_iter().filter(|_| lasts));
+    believed
 }
 
 fn parse(store: &Path, line: &str) -> Option<(PathBuf, Fingerprint)> {
@@ -156,4 +211,29 @@ fn difference(then: &Value, now: &Value) -> Option<String> {
     let value = |of: &serde_json::Map<String, Value>, name| of.get(name).cloned().unwrap_or_default();
     let mut pairs = names.map(|name| (name, value(then, name), value(now, name)));
     pairs.find(|(_, then, now)| then != now).map(|(name, then, now)| format!("{name} was {then}, now {now}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_lasts_is_believed() {
+        let names = |lines: &[&str]| {
+            let lines = lines.iter().map(|line| match *line {
+                "unsynced" | "synced" => format!(" {line}\n"),
+                // All fill: there is no file to look at.
+                name => format!("0 00000000 {name}\n"),
+            });
+            let found = believed(Path::new("/nowhere"), &lines.collect::<String>());
+            let mut names: Vec<_> = found.keys().map(|path| path.to_str().unwrap().to_owned()).collect();
+            names.sort();
+            names.join(" ")
+        };
+        assert_eq!(names(&["a", "b"]), "a b", "synced one by one");
+        assert_eq!(names(&["unsynced", "a"]), "");
+        assert_eq!(names(&["unsynced", "a", "synced", "b"]), "a");
+        assert_eq!(names(&["a", "unsynced", "b", "unsynced", "c", "synced"]), "a c");
+        assert_eq!(names(&["unsynced", "a", "synced", "unsynced", "b"]), "a");
+    }
 }

@@ -12,9 +12,10 @@
 use crate::layout::LOCK_NAME;
 use crate::pack::PackError;
 use crate::pack::disk::{Disk, DiskError};
+use rustix::fs::OFlags;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
-use std::os::unix::fs::{FileExt, MetadataExt};
+use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -107,7 +108,10 @@ impl DirLock {
             disk.create_dir_all(dir)?;
         }
         let path = dir.join(LOCK_NAME);
-        let file = match OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path) {
+        let mut options = OpenOptions::new();
+        options.read(true).write(true).create(true).truncate(false);
+        // A link would lead to somebody's file, which would be emptied.
+        let file = match options.custom_flags(OFlags::NOFOLLOW.bits() as i32).open(&path) {
             Ok(file) => file,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Attempt::Gone),
             Err(error)

@@ -50,7 +50,7 @@ impl Folder {
 }
 
 /// Whether it is a number as we write it.
-fn is_number(name: &str) -> bool {
+pub(crate) fn is_number(name: &str) -> bool {
     name.parse::<u32>().is_ok_and(|n| n.to_string() == name)
 }
 
@@ -93,47 +93,49 @@ fn find_foreign_in(folder: Folder, dir: &Path) -> io::Result<Option<PathBuf>> {
     Ok(None)
 }
 
-/// Deletes what packing wrote into a store's directory, but not its journal and lock.
+/// Deletes what packing wrote into a store's directory, but not its journal and lock. Folders that hold something else stay.
 ///
 /// # Errors
-/// If something cannot be deleted, such as a folder that holds something else.
+/// If something cannot be deleted.
 pub(crate) fn remove(disk: &Disk, store: &Path) -> Result<(), DiskError> {
     // From its first moment on this is no store any more.
     for name in [store.join("zarr.json"), temporary(&store.join("zarr.json"))] {
         remove_file(disk, &name)?;
     }
     disk.sync_dir(store)?;
-    remove_in(disk, Folder::Store, store)
+    remove_in(disk, Folder::Store, store).map(drop)
 }
 
-/// Deletes a folder of chunks, if it is there.
+/// Deletes the chunks in a folder, if it is there, and the folder unless it holds something else.
 ///
 /// # Errors
-/// If something cannot be deleted, such as a folder that holds something else.
+/// If something cannot be deleted.
 pub(crate) fn remove_chunks(disk: &Disk, dir: &Path) -> Result<(), DiskError> {
     match dir.try_exists() {
         Ok(false) => Ok(()),
-        Ok(true) => remove_in(disk, Folder::Chunks, dir).and_then(|()| disk.remove_dir(dir)),
+        Ok(true) => match remove_in(disk, Folder::Chunks, dir)? {
+            true => disk.remove_dir(dir),
+            false => Ok(()),
+        },
         Err(error) => Err(DiskError { path: dir.into(), error }),
     }
 }
 
-fn remove_in(disk: &Disk, folder: Folder, dir: &Path) -> Result<(), DiskError> {
+/// Deletes what packing wrote into a folder of a store. Returns whether nothing is left in it.
+fn remove_in(disk: &Disk, folder: Folder, dir: &Path) -> Result<bool, DiskError> {
     let io = |error| DiskError { path: dir.into(), error };
+    let mut is_empty = true;
     for entry in std::fs::read_dir(dir).map_err(io)? {
         let entry = entry.map_err(io)?;
         let path = entry.path();
         match classify(folder, &entry).map_err(io)? {
-            Entry::File if entry.file_name() == JOURNAL_NAME || entry.file_name() == LOCK_NAME => {}
+            Entry::File if entry.file_name() == JOURNAL_NAME || entry.file_name() == LOCK_NAME => is_empty = false,
             Entry::File => remove_file(disk, &path)?,
-            Entry::Folder(inner) => {
-                remove_in(disk, inner, &path)?;
-                disk.remove_dir(&path)?;
-            }
-            Entry::Foreign => {}
+            Entry::Folder(inner) if remove_in(disk, inner, &path)? => disk.remove_dir(&path)?,
+            Entry::Folder(_) | Entry::Foreign => is_empty = false,
         }
     }
-    Ok(())
+    Ok(is_empty)
 }
 
 /// Deletes a file, if it is there.

@@ -13,11 +13,13 @@
 //! moment without a store under the final name: meanwhile the pack beside it counts.
 
 use crate::error::OpenError;
+use crate::folder::Folder;
 use crate::layout::{JOURNAL_NAME, LOCK_NAME};
-use crate::pack::disk::{Disk, DiskError, temporary};
+use crate::pack::disk::{Disk, temporary};
 use crate::pack::journal::{Head, Journal};
 use crate::pack::lock::DirLock;
 use crate::pack::{Exists, PackError, fingerprint, ours};
+use crate::side::read_json;
 use serde_json::Value;
 use std::ffi::OsString;
 use std::io;
@@ -80,6 +82,7 @@ impl Output {
         shards: u64,
     ) -> Result<Option<Self>, PackError> {
         let store = resolve(store)?;
+        disk.work_at(&store);
         let made = ancestors_to_make(&store);
         for _ in 0..MOST_CHANGES {
             let Some((step, dir)) = decide(disk, &store, exists, settings)? else {
@@ -284,7 +287,8 @@ fn find(path: &Path) -> Result<Found, PackError> {
         Err(error) => return Err(io(error)),
     };
     let names = entries.map(|e| e.map(|e| e.file_name())).collect::<io::Result<Vec<OsString>>>().map_err(io)?;
-    let ours = match crate::side::read_json(&path.join("zarr.json")) {
+    let folder = Folder::open(path).map_err(io)?;
+    let ours = match read_json(&folder, &path.join("zarr.json")) {
         Ok(root) => Some(root["attributes"]["brickyard"].clone()).filter(|ours| !ours.is_null()),
         // What cannot be read now may be a whole store.
         Err(OpenError::Io { path, error }) if error.kind() != io::ErrorKind::NotFound => {
@@ -336,16 +340,4 @@ fn aside(store: &Path) -> PathBuf {
 
 pub(crate) fn parent(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
-/// Syncs a directory and all directories below it, so that the names of all files there survive a crash.
-pub(crate) fn sync_tree(disk: &Disk, dir: &Path) -> Result<(), DiskError> {
-    let io = |error| DiskError { path: dir.into(), error };
-    for entry in std::fs::read_dir(dir).map_err(io)? {
-        let entry = entry.map_err(io)?;
-        if entry.file_type().map_err(io)?.is_dir() {
-            sync_tree(disk, &entry.path())?;
-        }
-    }
-    disk.sync_dir(dir)
 }

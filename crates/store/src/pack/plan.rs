@@ -26,10 +26,10 @@
 //! The greater of both counts. Windows are kept in memory, the smallest first, as far as `memory_bytes` reaches; the others are
 //! rings of the same size in a scratch file. So `fixed + reading` is the least memory a pack needs.
 
-use crate::chunks::Chunks;
+use crate::chunks;
 use crate::codec::{BrickCodec, Codec};
 use crate::downsample::{Downsample, Reductions};
-use crate::layout::{Layout, ShardId, check_shard_times, check_size};
+use crate::layout::{Layout, ShardId, check_shard_bricks, check_size};
 use crate::pack::brick::Workspace;
 use crate::pack::shards::{finishing_bytes, open_bytes};
 use crate::pack::shells::ApronMaker;
@@ -40,7 +40,6 @@ use crate::stats::ChannelTotals;
 use brickyard_import::{Access, Source, SourceInfo};
 use brickyard_volume::{Extent, Level, LevelGrid, PAGE_EDGE_BRICKS, Paging, Pyramid, VoxelType};
 use std::ops::Range;
-use std::path::Path;
 
 const MIB: u64 = 1 << 20;
 const PROGRAM_BYTES: u64 = 24 * MIB;
@@ -64,6 +63,8 @@ pub struct PackPlan {
     pub memory_bytes: u64,
     /// Bytes of scratch files that the pack keeps in the store's directory while it runs.
     pub scratch_bytes: u64,
+    /// Bytes of scratch files that the source keeps at a time while it is read, in a folder of its own: of compressed inputs.
+    pub input_scratch_bytes: u64,
     /// Bytes of the voxels of all levels and of all aprons, uncompressed. The store can hardly become larger.
     pub output_bytes_at_most: u64,
     /// Bytes of all aprons, uncompressed; 0 if none are stored.
@@ -262,8 +263,9 @@ impl Draft {
         let pyramid = Pyramid::new(info.extent, info.geometry.spacing.to_array(), options.edge);
         let layout = Layout::new(pyramid, info.times, info.channels, options.shard_edge);
         let layout = layout.with_shard_times(options.shard_times);
-        check_shard_times(&layout).map_err(|(field, expected)| {
-            PackError::Options(format!("`{field}` {}: expected {expected}", layout.shard_times))
+        check_shard_bricks(&layout).map_err(|(field, expected)| {
+            let found = if field == "shard" { options.shard_edge } else { layout.shard_times };
+            PackError::Options(format!("`{field}` {found}: expected {expected}"))
         })?;
         // Who says when a single step was taken means to have more.
         let layout = if info.time.is_some() { layout.with_time() } else { layout };
@@ -281,6 +283,7 @@ impl Draft {
             steps,
             memory_bytes: 0,
             scratch_bytes: 0,
+            input_scratch_bytes: source.scratch_bytes(),
             output_bytes_at_most: 0,
             apron_bytes: 0,
             shells: 0,
@@ -359,9 +362,7 @@ impl ApronMemory {
             |stage: &Stage| open_bytes(&stage.layout, stage.level) + finishing_bytes(&stage.layout, stage.level);
         let threads =
             options.threads as u64 * (core + maker.apron_bytes() as u64 + compressor_bytes(core, options.codec));
-        let codec = BrickCodec::new(options.codec, voxel_type, options.edge);
-        let chunks =
-            |stage: &Stage| Chunks::new(Path::new(""), stage.layout.clone(), codec, IoMode::Mmap).cache_bytes();
+        let chunks = |stage: &Stage| chunks::cache_bytes(&stage.layout, IoMode::Mmap);
         Self {
             fixed: threads + most(&chunks) + most(&in_layer) * encoded + most(&shard_bytes) + PROGRAM_BYTES,
             shell: maker.shell_bytes() as u64 + SHELL_ENTRY_BYTES,

@@ -1,5 +1,5 @@
 //! Writes a stage's bricks, in their order, to their shards' files: appended under a temporary name as they come, finished
-//! with an index, synced and renamed by a thread of its own, then noted in the journal.
+//! with an index, renamed by a thread of its own, and noted in the journal.
 //!
 //! A shard that spans several layers of bricks, or several time steps, stays open as a place in memory (its index so far), not
 //! as a file: one file a stage is open at a time.
@@ -213,8 +213,7 @@ fn holds(file: &File, offset: u64, bytes: &[u8]) -> io::Result<bool> {
     Ok(true)
 }
 
-/// Makes a finished shard durable: syncs it, renames it, and notes it in the journal. Returns false if an earlier run
-/// did that.
+/// Gives a finished shard its name and notes it in the journal, which sees that it lasts. Returns false if an earlier run did that.
 pub(crate) fn settle(
     disk: &Disk,
     store: &Path,
@@ -227,12 +226,14 @@ pub(crate) fn settle(
     }
     if shard.fingerprint.has_file() {
         let path = layout.shard_path(store, shard.id);
-        let temporary = temporary(&path);
-        let file = disk.reopen(&temporary)?;
-        disk.sync(&temporary, &file)?;
-        disk.rename(&temporary, &path)?;
+        if !disk.syncs_as_one() {
+            let temporary = temporary(&path);
+            let file = disk.reopen(&temporary)?;
+            disk.sync(&temporary, &file)?;
+        }
+        disk.name(&path)?;
     }
-    journal.add(disk, &layout.shard_path(Path::new(""), shard.id), shard.fingerprint)?;
+    journal.add(disk, store, &layout.shard_path(Path::new(""), shard.id), shard.fingerprint)?;
     Ok(true)
 }
 

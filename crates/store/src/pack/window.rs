@@ -76,7 +76,7 @@ impl Window {
     pub(crate) fn lend(&self, region: VoxelBox) -> Lent<'_> {
         let slice_bytes = self.extent.x as usize * self.extent.y as usize * self.voxel_bytes;
         let start = self.row(region.min.x, region.min.y, region.min.z);
-        Lent::new(&self.bytes[start..], self.extent.x as usize * self.voxel_bytes, slice_bytes)
+        Lent { bytes: &self.bytes[start..], row_bytes: self.extent.x as usize * self.voxel_bytes, slice_bytes }
     }
 
     /// Copies the voxels of a box, which are packed, into the ring.

@@ -5,6 +5,7 @@
 //! as well, the document holds a checksum of what was written.
 
 use crate::error::OpenError;
+use crate::folder::Folder;
 use crate::metadata::{apron_document, level_document, root_document};
 use crate::side::{SideArray, level_arrays, read_json};
 use crate::store::Store;
@@ -32,9 +33,10 @@ pub(super) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, L
             documents.extend(side_documents(store, level));
         }
     }
-    let found: Vec<_> = documents.iter().map(|(path, _)| read_json(path)).collect();
+    let found: Vec<_> = documents.iter().map(|(path, _)| read_json(main.folder(), path)).collect();
     // Read after the arrays: so they have at most one step more, of a commit that was cut off or is under way.
-    let times = main.info().times.map(|times| times..=count_of(&root_path).unwrap_or(times).saturating_add(1));
+    let times =
+        main.info().times.map(|times| times..=count_of(main.folder(), &root_path).unwrap_or(times).saturating_add(1));
     let checked = documents.into_iter().zip(found).map(|((path, expected), found)| {
         let found = found.map(|found| with_committed_times(&expected, found, times.as_ref()));
         check_one(path, &expected, found)
@@ -50,8 +52,8 @@ fn side_documents(store: &Store, level: Level) -> Vec<(PathBuf, Value)> {
 }
 
 /// The number of time steps that the root document counts; `None` where it does not, or cannot be read.
-fn count_of(root_path: &Path) -> Option<u32> {
-    read_json(root_path).ok()?["attributes"]["brickyard"]["times"].as_u64()?.try_into().ok()
+fn count_of(folder: &Folder, root_path: &Path) -> Option<u32> {
+    read_json(folder, root_path).ok()?["attributes"]["brickyard"]["times"].as_u64()?.try_into().ok()
 }
 
 /// An array's document with the number of time steps that is expected of it, where it has one that it may have.

@@ -3,6 +3,7 @@ use crate::codec::{BrickCodec, Codec};
 use crate::metadata::document_bytes;
 use crate::scratch::Scratch;
 use crate::shard::{BrickRange, encode_index, index_bytes};
+use crate::shard_file::IoMode;
 use crate::test_store::{TestStore, bumps, edit_page};
 use brickyard_volume::VoxelType;
 
@@ -211,4 +212,16 @@ fn wrong_statistics_are_found() {
     assert!(found.contains("level 0 brick (4,1,0): range of the core: expected"), "{found}");
     assert!(found.contains("level 0 brick (1,2,0): hashes: expected"), "{found}");
     assert!(found.contains("channels[0]: percentiles: expected"), "{found}");
+}
+
+/// A few documents can claim any number of files.
+#[test]
+fn a_store_that_claims_more_than_it_has_is_not_looked_at_to_its_end() {
+    let dir = tempfile::tempdir().unwrap();
+    let spec = TestStore { extent: [32768; 3], edge: 64, shard: 512, ..TestStore::default() };
+    spec.write_documents(dir.path());
+    let report = verify(dir.path(), |_, _| {}).unwrap();
+    assert!(report.is_cut_short && report.problems.len() == MOST_PROBLEMS, "{}", report.problems.len());
+    let missing = &report.problems[0];
+    assert!(missing.path.starts_with(dir.path().join("0/.brickyard/ranges")), "{missing}");
 }

@@ -3,6 +3,7 @@
 use crate::canvas::Canvas;
 use crate::panels::widgets::problem_color;
 use crate::views::Views;
+use brickyard::session::VolumeSource;
 use eframe::egui::{Align, Label, Layout, RichText, Ui, vec2};
 
 /// The line's height, in points.
@@ -81,7 +82,11 @@ fn state(canvas: &Canvas) -> String {
         false => format!("{:.0} % of bricks, quality {:.0} %", 100.0 * status.completeness, 100.0 * canvas.quality()),
     };
     if status.failed > 0 {
-        words += &format!(", {} bricks cannot be read", status.failed);
+        let mut stores = canvas.resolved().1.iter().filter_map(VolumeSource::store);
+        words += &match stores.find(|store| store.is_replaced()) {
+            Some(store) => format!(", {} was replaced, moved or deleted: open it again", store.path().display()),
+            None => format!(", {} bricks cannot be read", status.failed),
+        };
     }
     if status.memory_bound {
         words += &format!(", as fine as memory allows ({:.1} px)", status.effective_error_px);

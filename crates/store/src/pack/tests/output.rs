@@ -459,14 +459,14 @@ fn an_overwrite_stopped_at_any_change_leaves_a_whole_store_and_is_finished() {
     }
 }
 
-/// What makes a store last, in this order: the journal's name; a shard's bytes, its name, the journal's line; all names, the root document, the
-/// folder that the store is in; the exchange, the old store's removal; the journal's.
+/// What makes a store last, in this order: the journal's name; a shard's bytes and name; all names, the root document, the folder that the store is in;
+/// the exchange, the old store's removal; the journal's. Whether the file system is synced as one, or files one by one.
 #[test]
 fn what_lasts_lasts_before_what_tells_of_it() {
     let dir = tempfile::tempdir().unwrap();
     let store = dir.path().join("new/folder/s.zarr");
-    let changes = |options: &PackOptions| {
-        let disk = Disk::default();
+    let changes = |options: &PackOptions, syncs_each: bool| {
+        let disk = Disk { syncs_each, ..Disk::default() };
         pack_on(&disk, &source(), &store, options, &()).unwrap();
         let name = |path: &Path| path.strip_prefix(dir.path()).unwrap().to_string_lossy().into_owned();
         disk.log.into_inner().unwrap().iter().map(|(what, path)| format!("{what} {}", name(path))).collect::<Vec<_>>()
@@ -477,8 +477,22 @@ fn what_lasts_lasts_before_what_tells_of_it() {
         let first = log.iter().position(|change| change == after).unwrap_or_else(|| panic!("{after} in {log:#?}"));
         assert!(last < first, "{before} before {after}: {log:#?}");
     };
-    let log = changes(&variant(0, Exists::Refuse));
     let at = "new/folder/s.zarr";
+    let log = changes(&variant(0, Exists::Refuse), false);
+    let root = format!("rename {at}/zarr.json");
+    // All names but the root's come before the last sync of the whole, and that before the root's.
+    let last_sync = log.iter().rposition(|change| *change == format!("sync_all {at}")).unwrap();
+    let place_of_root = log.iter().position(|change| *change == root).unwrap();
+    let is_name = |change: &String| change.starts_with("rename") && *change != root;
+    let last_name = log.iter().rposition(|change| is_name(change)).unwrap();
+    assert!(last_name < last_sync && last_sync < place_of_root, "{log:#?}");
+    check(&log, &format!("sync {at}/zarr.json.tmp"), &root);
+    // Whatever the number of files: those of the pack, and one for each level's aprons.
+    let syncs = log.iter().filter(|change| change.contains("sync")).count();
+    assert!(syncs < 20, "{syncs}: {log:#?}");
+    std::fs::remove_dir_all(dir.path().join("new")).unwrap();
+
+    let log = changes(&variant(0, Exists::Refuse), true);
     let begun = log.iter().position(|change| change.contains("/c/")).unwrap();
     for made in ["", "new", "new/folder"] {
         assert!(log[..begun].contains(&format!("sync_dir {made}")), "{made}: {log:#?}");
@@ -502,7 +516,7 @@ fn what_lasts_lasts_before_what_tells_of_it() {
     let (synced, parent) = (format!("sync_dir {at}"), "sync_dir new/folder".to_string());
     assert_eq!(tail, [&synced, &parent, &format!("remove_file {journal}"), &synced]);
 
-    let log = changes(&variant(1, Exists::Overwrite));
+    let log = changes(&variant(1, Exists::Overwrite), true);
     let exchange = log.iter().position(|change| change.starts_with("exchange")).unwrap();
     let (before, tail) = log.split_at(exchange);
     assert_eq!(

@@ -1,6 +1,7 @@
 //! A panic anywhere in a pack ends it, with what was said, and leaves what can be resumed.
 
 use super::*;
+use brickyard_import::Lent;
 use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
@@ -51,9 +52,9 @@ impl Source for Faulty {
         self.call(matches!(self.at, At::Read(_)));
         self.array.read_box(t, c, region, out)
     }
-    fn lend(&self, _: u32, _: u32, _: VoxelBox) -> Option<brickyard_import::Lent<'_>> {
+    fn lend(&self, _: u32, _: u32, _: VoxelBox, _: &mut dyn FnMut(Lent<'_>)) -> Result<bool, ImportError> {
         self.call(matches!(self.at, At::Lend(_)));
-        None
+        Ok(false)
     }
     fn constant_in(&self, _: u32, _: u32, _: VoxelBox) -> Option<f64> {
         self.call(matches!(self.at, At::Constant(_)));

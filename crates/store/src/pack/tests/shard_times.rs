@@ -48,7 +48,9 @@ fn pages(path: &Path) -> Vec<Vec<u8>> {
         let store = Store::open_reduced(path, method, IoMode::Pread).unwrap();
         for level in (0..store.pyramid().levels().len()).map(|k| Level(k as u8)) {
             for array in &level_arrays(path, store.layout(), level, store.voxel_type())[..2] {
-                pages.extend((0..array.page_count()).map(|i| array.read_page(array.page_at(level, i)).unwrap()));
+                pages.extend(
+                    (0..array.page_count()).map(|i| array.read_page(store.folder(), array.page_at(level, i)).unwrap()),
+                );
             }
         }
     }
