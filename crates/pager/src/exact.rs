@@ -14,6 +14,7 @@ use crate::dither::PixelShare;
 use crate::draw_list::{DrawCell, DrawList, Slot};
 use crate::ram_cache::{RamCache, layout_of};
 use crate::residency::Upload;
+use crate::retry::Failure;
 use crate::slot_contents::scratch_bytes;
 use crate::source::{BrickError, BrickSource};
 use crate::status::Counters;
@@ -21,6 +22,7 @@ use crate::visible_cells::VisibleCells;
 use brickyard_volume::{BrickId, Level};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread::JoinHandle;
@@ -265,11 +267,14 @@ impl Readers {
                 for mut codes in taken {
                     let at = next.fetch_add(1, Ordering::Relaxed);
                     let Some(&cell) = cells.get(at) else { return };
-                    if at % ADVISE_BATCH == 0 {
-                        source.advise(&cells[at..cells.len().min(at + ADVISE_BATCH)]);
-                    }
-                    // A buffer from the channel has one holder, so the copy never happens.
-                    let read = read_nearest(&mut reader, &*source, cell, Arc::make_mut(&mut codes));
+                    let read = AssertUnwindSafe(|| {
+                        if at % ADVISE_BATCH == 0 {
+                            source.advise(&cells[at..cells.len().min(at + ADVISE_BATCH)]);
+                        }
+                        // A buffer from the channel has one holder, so the copy never happens.
+                        read_nearest(&mut reader, &*source, cell, Arc::make_mut(&mut codes))
+                    });
+                    let read = catch_unwind(read).unwrap_or_else(|_| Err(Failure::of_panic(cell).error));
                     if sender.send((at, read.map(|brick| StandIn { brick, codes }))).is_err() {
                         return;
                     }
@@ -407,6 +412,16 @@ mod tests {
         let source = Arc::new(source);
         let mut exact = ExactPasses::new(source.clone(), &finest(&source), &config(50, 1 << 20)).unwrap();
         assert!(matches!(exact.next(DEADLINE), Err(ExactError::Unreadable(error)) if error.id == brick(0, 0)));
+    }
+
+    #[test]
+    fn a_panic_beside_the_decoder_ends_the_passes() {
+        let mut source = TestSource::cube(32);
+        source.advice = |_| panic!("told to");
+        let source = Arc::new(source);
+        let mut exact = ExactPasses::new(source.clone(), &finest(&source), &config(50, 1 << 20)).unwrap();
+        let ended = (0..100).find_map(|_| exact.next(DEADLINE).err()).expect("a brick is missing");
+        assert!(matches!(&ended, ExactError::Unreadable(error) if error.reason.contains("panicked")), "{ended}");
     }
 
     #[test]

@@ -13,7 +13,7 @@ use brickyard_volume::{BrickId, BrickIndex, Level, PageId};
 use lru::LruCache;
 use rustc_hash::FxHashMap;
 use std::num::NonZeroUsize;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use xxhash_rust::xxh3::Xxh3Default;
 
 /// The content of a padded brick, whatever its time step: two bricks of one content are equal, voxel by voxel.
@@ -54,9 +54,12 @@ impl CoreKey {
 /// The hashes of the cores of a source's bricks, read page by page.
 pub(crate) struct CoreHashes {
     source: Arc<dyn BrickSource>,
-    /// The pages that were used last; `None` for those that cannot be read.
-    pages: Mutex<LruCache<PageId, Option<Arc<[u128]>>>>,
+    /// The pages that were used last. Each is read once, by who asks first; the others who want it wait for that, and nobody else does.
+    pages: Mutex<LruCache<PageId, Arc<OnceLock<HashPage>>>>,
 }
+
+/// The hashes of a page; `None` if they cannot be read.
+type HashPage = Option<Arc<[u128]>>;
 
 /// Bytes of a page of a source's hashes, at most.
 fn page_bytes(source: &dyn BrickSource) -> u64 {
@@ -106,15 +109,22 @@ impl CoreHashes {
 
     /// Tells the hashes of bricks one by one. Returns what was said of the last one; `None` as soon as a hash is not known.
     fn all_of<T>(&self, bricks: impl Iterator<Item = BrickId>, mut tell: impl FnMut(u128) -> T) -> Option<T> {
-        let mut pages = self.pages.lock().unwrap_or_else(PoisonError::into_inner);
         let mut last = None;
+        let mut kept: Option<(PageId, Arc<OnceLock<HashPage>>)> = None;
         for id in bricks {
             let (page, place) = self.source.pyramid().page_of(id);
-            // Whoever else wants a hash is likely to want one of this page.
-            let hashes = pages.get_or_insert(page, || self.read(page)).as_ref()?;
-            last = Some(tell(*hashes.get(place)?));
+            let (_, hashes) = match &kept {
+                Some(kept) if kept.0 == page => kept,
+                _ => kept.insert((page, self.page(page))),
+            };
+            last = Some(tell(*hashes.get_or_init(|| self.read(page)).as_ref()?.get(place)?));
         }
         last
+    }
+
+    /// A page, read or not.
+    fn page(&self, page: PageId) -> Arc<OnceLock<HashPage>> {
+        self.pages.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(page, Arc::default).clone()
     }
 
     fn read(&self, page: PageId) -> Option<Arc<[u128]>> {

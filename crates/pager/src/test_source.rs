@@ -40,6 +40,8 @@ pub(crate) struct TestSource {
     keeps_hashes: bool,
     pub(crate) failing_hashes: HashSet<PageId>,
     bytes_read: AtomicU64,
+    /// What happens when bricks are advised.
+    pub(crate) advice: fn(&[BrickId]),
 }
 
 /// Bytes that differ between neighbouring voxels, levels, channels and times. Floats stay finite: the top byte is small.
@@ -75,6 +77,7 @@ impl TestSource {
             keeps_hashes: false,
             failing_hashes: HashSet::new(),
             bytes_read,
+            advice: |_| {},
         }
     }
 
@@ -206,7 +209,9 @@ impl BrickSource for TestSource {
         }
         Ok(hashes)
     }
-    fn advise(&self, _: &[BrickId]) {}
+    fn advise(&self, ids: &[BrickId]) {
+        (self.advice)(ids);
+    }
 
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
         assert!(!self.panicking.contains(&id), "told to");

@@ -11,11 +11,13 @@ use crate::budget::Meter;
 use crate::buffer_lru::zeroed;
 use crate::ram_cache::RamCache;
 use crate::residency::{Arrival, Arrived};
+use crate::retry::Failure;
 use crate::sameness::{Content, SlotsByContent};
 use crate::tier::Tier;
 use brickyard_volume::BrickId;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use rustc_hash::{FxHashMap, FxHashSet};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Instant;
@@ -66,6 +68,14 @@ struct Job {
     id: BrickId,
     buffer: Arc<[u8]>,
     advise: Vec<BrickId>,
+}
+
+/// What a worker has found out of a brick.
+enum Found {
+    /// A slot holds the same.
+    Held(Content),
+    /// It is in the buffer, with its content where that is known.
+    Read(Option<Content>),
 }
 
 impl Queue {
@@ -181,25 +191,14 @@ impl Drop for Workers {
 impl Shared {
     fn work(&self, mut reader: PaddedReader, sender: &Sender<Arrival>, advise: impl Fn(&[BrickId])) {
         while let Some(Job { id, mut buffer, advise: batch }) = self.take() {
-            let is_held = |content: &Content| self.held.get(content).is_some();
-            let to_read = |id: &BrickId| !reader.content(*id).as_ref().is_some_and(is_held);
-            let batch: Vec<BrickId> = batch.into_iter().filter(to_read).collect();
-            if !batch.is_empty() {
-                advise(&batch);
-            }
-            let content = reader.content(id);
-            if let Some(content) = content.filter(is_held) {
-                self.give_back(buffer);
-                if sender.send(Arrival { id, result: Ok(Arrived::Held(content)) }).is_err() {
-                    return;
+            let read = AssertUnwindSafe(|| self.read(&mut reader, id, &mut buffer, batch, &advise));
+            let panicked = |_| Err(Failure::of_panic(id));
+            let result = match catch_unwind(read).unwrap_or_else(panicked) {
+                Ok(Found::Held(content)) => {
+                    self.give_back(buffer);
+                    Ok(Arrived::Held(content))
                 }
-                continue;
-            }
-            // A buffer from `take` has one holder, so the copy never happens.
-            let result = reader.try_read(id, Arc::make_mut(&mut buffer));
-            let result = match result {
-                // What a neighbour should have lent may be there in another step.
-                Ok(is_whole) => Ok(Arrived::Read { codes: buffer, content: content.filter(|_| is_whole) }),
+                Ok(Found::Read(content)) => Ok(Arrived::Read { codes: buffer, content }),
                 Err(failure) => {
                     failure.again.map(|again| self.lock().not_before.insert(id, again));
                     self.give_back(buffer);
@@ -210,6 +209,31 @@ impl Shared {
                 return;
             }
         }
+    }
+
+    /// Advises the batch, and reads a brick into the buffer unless a slot holds the same.
+    fn read(
+        &self,
+        reader: &mut PaddedReader,
+        id: BrickId,
+        buffer: &mut Arc<[u8]>,
+        batch: Vec<BrickId>,
+        advise: impl Fn(&[BrickId]),
+    ) -> Result<Found, Failure> {
+        let is_held = |content: &Content| self.held.get(content).is_some();
+        let to_read = |id: &BrickId| !reader.content(*id).as_ref().is_some_and(is_held);
+        let batch: Vec<BrickId> = batch.into_iter().filter(to_read).collect();
+        if !batch.is_empty() {
+            advise(&batch);
+        }
+        let content = reader.content(id);
+        if let Some(content) = content.filter(is_held) {
+            return Ok(Found::Held(content));
+        }
+        // A buffer from `take` has one holder, so the copy never happens.
+        let is_whole = reader.try_read(id, Arc::make_mut(buffer))?;
+        // What a neighbour should have lent may be there in another step.
+        Ok(Found::Read(content.filter(|_| is_whole)))
     }
 
     /// The next brick of the plan and a buffer for it; `None` to stop.

@@ -90,6 +90,20 @@ fn a_threaded_pager_settles_around_failures_within_its_budget() {
 }
 
 #[test]
+fn a_panic_beside_the_decoder_gives_a_brick_up_and_no_more() {
+    let mut source = TestSource::cube(64);
+    source.advice = |ids| assert!(!ids.contains(&brick(0, [7, 7, 7])), "told to");
+    let source = Arc::new(source);
+    let mut pager = pager_of(&source, config(600, 1 << 20));
+    let mut view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
+    view.level = LevelPolicy::Locked(0);
+    let status = settle(&mut pager, from_ref(&view), &mut HashMap::new()).status;
+    // The batch with that brick is advised anew where a plan replaces the one before.
+    assert!((1..9).contains(&status.failed) && status.resident + status.failed == 512, "{status:?}");
+    assert!(!pager.wait(Duration::from_secs(9)), "nothing is on its way");
+}
+
+#[test]
 fn one_slot_shows_the_root_of_each_channel() {
     let source = Arc::new(TestSource::cube(40));
     let mut pager = pager_of(&source, config(1, 8192));
