@@ -9,15 +9,13 @@ use crate::packet::{LANES, Packet};
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
 use crate::sample::{Brick, Code, Portable, Unit, mix, mix_packets};
-use brickyard_volume::surface::FLAT_SHARE;
 
 /// Voxels along the edge of the smallest brick that has two voxels on each side of a place.
 const LEAST_PADDED: usize = 4;
 
 impl Brick<'_> {
     /// Puts into `differences` the differences of codes across two voxels along each axis, at eight slot coordinates, given axis by axis.
-    /// Places less than a voxel from the padded brick's faces are moved inwards. What has no value is as good as the middle's code. What
-    /// rounding leaves is nothing ([`FLAT_SHARE`]).
+    /// Places less than a voxel from the padded brick's faces are moved inwards. What has no value is as good as the middle's code.
     #[inline(always)]
     pub(crate) fn central_differences<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -38,17 +36,6 @@ impl Brick<'_> {
         let odd = unsafe { self.shared_differences::<C, INVALID>(&voxel, &t, differences) };
         if INVALID && odd > 0.0 {
             self.six_samples::<C, U, INVALID>(points, middle, differences);
-        }
-        // Of 8 bits that is less than what is flat anyway.
-        if C::BYTES > 1 {
-            for i in 0..LANES {
-                let [x, y, z] = [differences[0][i], differences[1][i], differences[2][i]];
-                let least = FLAT_SHARE as f32 * middle[i];
-                let kept = if x * x + y * y + z * z < least * least { 0.0 } else { 1.0 };
-                for a in 0..3 {
-                    differences[a][i] *= kept;
-                }
-            }
         }
     }
 

@@ -144,5 +144,5 @@ fn light_packet<C: Code, U: Unit, const INVALID: bool>(
         distance[i] = stretch.middle as f32 + along[i] * stretch.length as f32;
     }
     brick.central_differences::<C, U, INVALID>(&points, code, &mut differences);
-    shade.packet(&differences, &distance, shaded);
+    shade.packet(&differences, (&distance, code), shaded);
 }

@@ -199,7 +199,8 @@ impl<'a> Path<'a> {
             for i in 0..LANES {
                 distance[i] = self.distance(along[i]) as f32;
             }
-            shade.packet(&differences, &distance, &mut shaded);
+            // What rounding leaves is gone from these differences; those of labels have none.
+            shade.packet(&differences, (&distance, &[0.0; LANES]), &mut shaded);
         }
         for i in 0..count as usize {
             let Some(mut medium) = shown[i].take() else { continue };
@@ -244,7 +245,8 @@ impl<'a> Path<'a> {
                     points[a][i] = place[a];
                 }
             }
-            return brick.central_differences::<C, U, INVALID>(&points, code, differences);
+            brick.central_differences::<C, U, INVALID>(&points, code, differences);
+            return without_rounding(code, differences);
         }
         for i in 0..LANES {
             if shown[i].is_some() {
@@ -624,5 +626,15 @@ impl Shown {
 
     fn mean(Mean { rgb, depth }: Mean) -> Option<Self> {
         (depth > 0.0).then(|| Self { color: DVec3::from_array(rgb).as_vec3(), depth })
+    }
+}
+/// Leaves nothing of differences at places of these codes that are no more than rounding ([`FLAT_SHARE`]).
+#[inline(always)]
+fn without_rounding(code: &Packet, differences: &mut [Packet; 3]) {
+    for i in 0..LANES {
+        let [x, y, z] = [differences[0][i], differences[1][i], differences[2][i]];
+        let least = FLAT_SHARE as f32 * code[i];
+        let kept = if x * x + y * y + z * z < least * least { 0.0 } else { 1.0 };
+        differences.iter_mut().for_each(|axis| axis[i] *= kept);
     }
 }

@@ -5,7 +5,7 @@
 
 use crate::packet::{LANES, Packet};
 use brickyard_volume::lighting::{AMBIENT, COOL, DIFFUSE, SPECULAR, TONE_KEPT, WARM};
-use brickyard_volume::surface::FLAT_CODES;
+use brickyard_volume::surface::{FLAT_CODES, FLAT_SHARE};
 use brickyard_volume::{CutFace, Lighting, LightingModel};
 use glam::{DVec3, Mat3, Vec3, Vec4};
 
@@ -38,6 +38,16 @@ pub(crate) struct Shaded {
 
 impl Shaded {
     pub(crate) const EMPTY: Self = Self { kept: [0.0; LANES], added: [[0.0; LANES]; 2] };
+}
+
+/// The square of the differences at the packet's place `i` less that of the least that are not flat there, in codes: below 0 where they are flat, or what
+/// rounding leaves ([`FLAT_SHARE`]).
+#[inline(always)]
+fn slope_of(differences: &[Packet; 3], code: &Packet, i: usize) -> f32 {
+    let [x, y, z] = [differences[0][i], differences[1][i], differences[2][i]];
+    let least = FLAT_SHARE as f32 * code[i];
+    let (of_rounding, of_codes) = (least * least, (FLAT_CODES * FLAT_CODES) as f32);
+    x * x + y * y + z * z - if of_rounding > of_codes { of_rounding } else { of_codes }
 }
 
 impl<'a> Shade<'a> {
@@ -74,16 +84,15 @@ impl<'a> Shade<'a> {
 
     /// Finds what light makes of colours where codes differ so, at these distances along the ray.
     #[inline(always)]
-    pub(crate) fn packet(&self, differences: &[Packet; 3], distance: &Packet, shaded: &mut Shaded) {
+    pub(crate) fn packet(&self, differences: &[Packet; 3], (distance, code): (&Packet, &Packet), shaded: &mut Shaded) {
         let (mut normal, mut to_eye) = ([[0.0; LANES]; 3], [0.0; LANES]);
         self.normals(differences, &mut normal, &mut to_eye);
-        let mut is_flat = [false; LANES];
+        let mut slope = [0.0; LANES];
         for i in 0..LANES {
-            let [x, y, z] = [differences[0][i], differences[1][i], differences[2][i]];
-            is_flat[i] = x * x + y * y + z * z < (FLAT_CODES * FLAT_CODES) as f32;
+            slope[i] = slope_of(differences, code, i);
         }
         if let Some(cut) = &self.cut {
-            self.turn(cut, distance, (&mut normal, &mut to_eye, &mut is_flat));
+            self.turn(cut, distance, (&mut normal, &mut to_eye, &mut slope));
         }
         let (mut diffuse, mut specular, mut facing) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         if self.lighting.lights.is_empty() {
@@ -104,9 +113,10 @@ impl<'a> Shade<'a> {
         }
         for i in 0..LANES {
             // A flat place shows its colour as if it faced a light at the eye, and reflects nothing.
-            diffuse[i] = if is_flat[i] { 1.0 } else { diffuse[i] };
-            specular[i] = if is_flat[i] { 0.0 } else { specular[i] };
-            facing[i] = if is_flat[i] { 1.0 } else { facing[i] };
+            let is_flat = slope[i] < 0.0;
+            diffuse[i] = if is_flat { 1.0 } else { diffuse[i] };
+            specular[i] = if is_flat { 0.0 } else { specular[i] };
+            facing[i] = if is_flat { 1.0 } else { facing[i] };
         }
         match self.lighting.model {
             LightingModel::Tone => {
@@ -151,18 +161,18 @@ impl<'a> Shade<'a> {
         &self,
         cut: &Cut,
         distance: &Packet,
-        (normal, to_eye, is_flat): (&mut [Packet; 3], &mut Packet, &mut [bool; LANES]),
+        (normal, to_eye, slope): (&mut [Packet; 3], &mut Packet, &mut Packet),
     ) {
         for i in 0..LANES {
             let share = CutFace::share(f64::from((distance[i] - cut.entry) * cut.voxels_per_distance)) as f32;
             if share > 0.0 {
-                let own = match is_flat[i] {
+                let own = match slope[i] < 0.0 {
                     true => -self.view,
                     false => Vec3::new(normal[0][i], normal[1][i], normal[2][i]),
                 };
                 let mixed = own.lerp(cut.normal, share).normalize_or(cut.normal);
                 (normal[0][i], normal[1][i], normal[2][i]) = mixed.into();
-                (to_eye[i], is_flat[i]) = (-mixed.dot(self.view), false);
+                (to_eye[i], slope[i]) = (-mixed.dot(self.view), 0.0);
             }
         }
     }
@@ -243,7 +253,7 @@ mod tests {
                 differences.iter_mut().for_each(|axis| axis[3] = 0.005);
                 let distance = [7.0; LANES];
                 let mut shaded = Shaded::EMPTY;
-                shade.packet(&differences, &distance, &mut shaded);
+                shade.packet(&differences, (&distance, &[0.0; LANES]), &mut shaded);
                 for i in 0..LANES {
                     let gradient = axes * Vec3::new(differences[0][i], differences[1][i], differences[2][i]);
                     let normal = (i != 3).then(|| gradient.as_dvec3().normalize());
