@@ -14,7 +14,6 @@ use crate::dither::PixelShare;
 use crate::draw_list::{DrawCell, DrawList, Slot};
 use crate::ram_cache::{RamCache, layout_of};
 use crate::residency::Upload;
-use crate::retry::Failure;
 use crate::slot_contents::scratch_bytes;
 use crate::source::{BrickError, BrickSource};
 use crate::status::Counters;
@@ -274,7 +273,7 @@ impl Readers {
                         // A buffer from the channel has one holder, so the copy never happens.
                         read_nearest(&mut reader, &*source, cell, Arc::make_mut(&mut codes))
                     });
-                    let read = catch_unwind(read).unwrap_or_else(|_| Err(Failure::of_panic(cell).error));
+                    let read = catch_unwind(read).unwrap_or_else(|_| Err(BrickError::of_panic(cell, "what reads it")));
                     if sender.send((at, read.map(|brick| StandIn { brick, codes }))).is_err() {
                         return;
                     }

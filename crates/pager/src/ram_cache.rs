@@ -329,7 +329,7 @@ impl RamCache {
 
 /// Reads a part of a brick. A panic in a codec costs one brick, not a worker and everyone who waits for it.
 fn decode(id: BrickId, read: impl FnOnce() -> Result<(), BrickError>) -> Result<(), BrickError> {
-    let panicked = |_| Err(BrickError { id, reason: "the decoder panicked".into(), is_passing: false });
+    let panicked = |_| Err(BrickError::of_panic(id, "the decoder"));
     catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(panicked)
 }
 

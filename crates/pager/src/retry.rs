@@ -24,14 +24,6 @@ pub(crate) struct Failure {
     pub(crate) again: Option<Instant>,
 }
 
-impl Failure {
-    /// A brick whose reader panicked, which has been printed: it is given up.
-    pub(crate) fn of_panic(id: BrickId) -> Self {
-        let error = BrickError { id, reason: "what reads it panicked".into(), is_passing: false };
-        Self { error, again: None }
-    }
-}
-
 /// All bricks of one source that could not be read.
 #[derive(Default)]
 pub(crate) struct Failures {

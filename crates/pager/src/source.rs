@@ -16,6 +16,13 @@ pub struct BrickError {
     pub is_passing: bool,
 }
 
+impl BrickError {
+    /// The error for a brick that is given up since `who` panicked on it, which has been printed.
+    pub(crate) fn of_panic(id: BrickId, who: &str) -> Self {
+        Self { id, reason: format!("{who} panicked"), is_passing: false }
+    }
+}
+
 /// A paged volume: a pyramid of bricks that can be read one by one. Many worker threads call it at once. The methods that describe the volume
 /// as a whole must be quick and always give the same answer.
 ///

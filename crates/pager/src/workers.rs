@@ -13,6 +13,7 @@ use crate::ram_cache::RamCache;
 use crate::residency::{Arrival, Arrived};
 use crate::retry::Failure;
 use crate::sameness::{Content, SlotsByContent};
+use crate::source::BrickError;
 use crate::tier::Tier;
 use brickyard_volume::BrickId;
 use crossbeam_channel::{Receiver, Sender, bounded};
@@ -192,7 +193,7 @@ impl Shared {
     fn work(&self, mut reader: PaddedReader, sender: &Sender<Arrival>, advise: impl Fn(&[BrickId])) {
         while let Some(Job { id, mut buffer, advise: batch }) = self.take() {
             let read = AssertUnwindSafe(|| self.read(&mut reader, id, &mut buffer, batch, &advise));
-            let panicked = |_| Err(Failure::of_panic(id));
+            let panicked = |_| Err(Failure { error: BrickError::of_panic(id, "what reads it"), again: None });
             let result = match catch_unwind(read).unwrap_or_else(panicked) {
                 Ok(Found::Held(content)) => {
                     self.give_back(buffer);

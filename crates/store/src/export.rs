@@ -193,8 +193,8 @@ const PROGRAM_BYTES: u64 = 16 << 20;
 fn bar_width(store: &Store, region: VoxelBox, memory_bytes: u64) -> Result<(u32, usize), ExportError> {
     let edge = store.pyramid().edge();
     let core = store.core_bytes() as u64;
-    // A brick, encoded and shuffled and decoded.
-    let least = 3 * core + core;
+    // A brick, encoded and shuffled and decoded, and a bar of one.
+    let least = 4 * core;
     let fixed = PROGRAM_BYTES + store.cache_bytes();
     let room = memory_bytes.saturating_sub(fixed);
     if room < least {

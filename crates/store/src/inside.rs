@@ -2,20 +2,20 @@
 
 use crate::error::OpenError;
 use crate::metadata::parse_info;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The error for a path that does not open: if it is inside of a store, the one that names the store in place of this one.
 pub(crate) fn explained(error: OpenError, path: &Path) -> OpenError {
     // The first is the path itself.
     match path.ancestors().skip(1).map(named).find(|folder| is_store(folder)) {
-        Some(store) => OpenError::Inside { what: what(path, &store), path: path.into(), store },
+        Some(store) => OpenError::Inside { what: what(path, store), path: path.into(), store: store.into() },
         None => error,
     }
 }
 
-/// A folder by a name that can be read: the working directory has none as the ancestor of a relative path.
-fn named(folder: &Path) -> PathBuf {
-    if folder.as_os_str().is_empty() { ".".into() } else { folder.into() }
+/// A folder by a name that can be opened: the working directory has none as the ancestor of a relative path.
+pub(crate) fn named(folder: &Path) -> &Path {
+    if folder.as_os_str().is_empty() { Path::new(".") } else { folder }
 }
 
 fn is_store(folder: &Path) -> bool {

@@ -1,6 +1,7 @@
 //! Every change that packing makes to the file system goes through here, but for the lock's (`lock.rs`): one place for paths
 //! in errors, syncs, tests' injected failures, and the rule that nothing outside of a store changes.
 
+use crate::inside::named;
 use crate::pack::lock;
 use std::fs::File;
 use std::io::{self, Write};
@@ -203,19 +204,23 @@ impl Disk {
     /// Writes a whole small file. Under its name there is the old content, the new content, or no file, but never a
     /// part.
     pub(crate) fn write(&self, path: &Path, bytes: &[u8]) -> Result<()> {
-        let temporary = temporary(path);
-        let mut file = self.create(&temporary)?;
-        self.append(&temporary, &mut file, bytes)?;
+        let (temporary, file) = self.fill(path, bytes)?;
         self.sync(&temporary, &file)?;
-        self.rename(&temporary, path)
+        self.name(path)
     }
 
     /// Writes a whole small file under its temporary name. It lasts once [`Disk::sync_parts`] has been called.
     pub(crate) fn prepare(&self, path: &Path, bytes: &[u8]) -> Result<()> {
+        let (temporary, file) = self.fill(path, bytes)?;
+        if self.syncs_as_one() { Ok(()) } else { self.sync(&temporary, &file) }
+    }
+
+    /// Writes a file's bytes under its temporary name; returns that, and the file.
+    fn fill(&self, path: &Path, bytes: &[u8]) -> Result<(PathBuf, File)> {
         let temporary = temporary(path);
         let mut file = self.create(&temporary)?;
         self.append(&temporary, &mut file, bytes)?;
-        if self.syncs_as_one() { Ok(()) } else { self.sync(&temporary, &file) }
+        Ok((temporary, file))
     }
 
     /// Gives a file that was prepared its name.
@@ -282,11 +287,6 @@ fn sync_file_system(folder: &Path) -> io::Result<()> {
 #[cfg(not(target_os = "linux"))]
 fn sync_file_system(_: &Path) -> io::Result<()> {
     Err(io::ErrorKind::Unsupported.into())
-}
-
-/// A folder by a name that can be opened.
-fn named(folder: &Path) -> &Path {
-    if folder.as_os_str().is_empty() { Path::new(".") } else { folder }
 }
 
 /// Tries for half a second as long as a directory is not empty.

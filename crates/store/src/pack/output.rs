@@ -14,6 +14,7 @@
 
 use crate::error::OpenError;
 use crate::folder::Folder;
+use crate::inside::named;
 use crate::layout::{JOURNAL_NAME, LOCK_NAME};
 use crate::pack::disk::{Disk, temporary};
 use crate::pack::journal::{Head, Journal};
@@ -339,5 +340,5 @@ fn aside(store: &Path) -> PathBuf {
 }
 
 pub(crate) fn parent(path: &Path) -> &Path {
-    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+    path.parent().map_or(Path::new("."), named)
 }
