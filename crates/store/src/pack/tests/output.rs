@@ -484,7 +484,7 @@ fn what_lasts_lasts_before_what_tells_of_it() {
     let last_sync = log.iter().rposition(|change| *change == format!("sync_all {at}")).unwrap();
     let place_of_root = log.iter().position(|change| *change == root).unwrap();
     let is_name = |change: &String| change.starts_with("rename") && *change != root;
-    let last_name = log.iter().rposition(|change| is_name(change)).unwrap();
+    let last_name = log.iter().rposition(is_name).unwrap();
     assert!(last_name < last_sync && last_sync < place_of_root, "{log:#?}");
     check(&log, &format!("sync {at}/zarr.json.tmp"), &root);
     // Whatever the number of files: those of the pack, and one for each level's aprons.
