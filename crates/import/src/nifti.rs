@@ -62,7 +62,7 @@ pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, Impo
     Ok(StepFile::of(&open(path, options)?))
 }
 
-/// What a header says.
+/// Contents of a header.
 struct Found {
     header: Header,
     array: ArrayLayout,

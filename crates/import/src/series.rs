@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// Number of steps that are open at a time: the one that a pack reads, and the one that somebody looks at meanwhile.
 pub(crate) const OPEN_STEPS: usize = 2;
 
-/// What a file of one time step is, which is known without having it open.
+/// Description of a file of one time step, kept while the file is closed.
 pub(crate) struct StepFile {
     pub(crate) info: SourceInfo,
     pub(crate) access: Access,
@@ -29,7 +29,7 @@ pub(crate) struct StepFile {
 }
 
 impl StepFile {
-    /// What an open file is.
+    /// Description of an open file.
     pub(crate) fn of(source: &dyn Source) -> Self {
         Self {
             info: source.info().clone(),

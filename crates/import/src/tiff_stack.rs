@@ -71,7 +71,7 @@ struct TiffFile {
     pages: u32,
 }
 
-/// What a stack is made of.
+/// Parts of a stack: its files, the format of its pages, and which page is which plane.
 struct Parts {
     files: Vec<TiffFile>,
     format: PageFormat,
@@ -163,7 +163,7 @@ impl TiffStack {
         // What was read, an error too, is of the file whose pages were checked, or of none.
         file.stamp.check(&file.path)?;
         let tiff = tiff?;
-        // Of a file of one page nothing is to be found again.
+        // The only page of a file needs no search.
         if file.pages > 1 {
             let mut rest = rest();
             if rest.len() >= MOST_IDLE {

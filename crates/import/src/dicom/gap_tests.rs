@@ -50,7 +50,7 @@ fn the_places_of_missing_slices_are_left_and_hold_no_data() {
     // Rounded positions: steps of 7.04 mm of a tenth each, the third and fourth missing.
     let source = open_with(&at_texts(&["0", "7.0", "14.1", "35.2", "42.2"]), &blank).unwrap();
     assert_eq!(source.info().extent.z, 7);
-    // What is no gap, or more gap than series; two in one place; a value for no data that missing slices would not have.
+    // Distances that are no gap; more gap than series; two slices in one place; a value for no data that missing slices would not have.
     let refused = |folder: Folder, options: &OpenOptions, words: &[&str]| {
         let message = open_with(&folder, options).err().unwrap().to_string();
         words.iter().for_each(|word| assert!(message.contains(word), "{word}: {message}"));

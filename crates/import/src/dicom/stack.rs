@@ -55,7 +55,7 @@ pub(super) struct Placement {
     pub(super) note: Option<String>,
 }
 
-/// What is asked of the distances between slices.
+/// Rule for the distances between slices.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Spacing {
     /// They are even.

@@ -1,4 +1,4 @@
-//! What a TIFF file says of itself, whoever wrote it: which page is which plane, spacing and unit, times, channels, and what stored
+//! Description that a TIFF file carries, whoever wrote it: which page is which plane, spacing and unit, times, channels, and what stored
 //! numbers stand for.
 //!
 //! [`hyperstack`](super::hyperstack) (ImageJ), [`ome`](super::ome), [`shaped`](super::shaped) (tifffile), [`stk`](super::stk) (MetaMorph)
