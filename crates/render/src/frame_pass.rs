@@ -365,7 +365,7 @@ impl Passes<'_> {
             limits: peeled.as_ref().filter(|_| self.has_meshes()).map(Peeled::limits),
             is_begin: self.slabs == 0 && i == 0,
             frame: self.frame_part(i),
-            until: self.renderer.until,
+            pace: &self.renderer.pace,
         })
     }
 

@@ -29,6 +29,7 @@ mod mapping;
 mod march;
 mod memory;
 mod meshes;
+mod pace;
 mod pipeline_cache;
 mod pipelines;
 mod pool;

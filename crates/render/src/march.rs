@@ -5,11 +5,11 @@ use crate::buffers::{SharedBuffers, entry};
 use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::memory::TIMESTAMP_BYTES;
+use crate::pace::Pace;
 use crate::pipelines::{Pipeline, TEXELS_GROUP};
 use crate::pool::Pool;
 use crate::targets::Targets;
 use brickyard_shaders::{FrameUniform, WORKGROUP_PX, bindings};
-use std::time::{Duration, Instant};
 use wgpu::BindingResource;
 
 impl SharedBuffers {
@@ -133,11 +133,6 @@ fn sampler(gpu: &Gpu) -> wgpu::Sampler {
 /// Pixels whose rays are cast per submission: a slow GPU then takes well under a second, and no watchdog sees a hang.
 const PIXELS_PER_SUBMISSION: u32 = 1 << 18;
 
-/// Of a picture that is given up at some time, the pixels of the first submission, and how long one may take before the next is larger: so much longer it
-/// may take at most until giving up is told.
-const FIRST_PIXELS: u32 = 1 << 10;
-const SUBMISSION_TIME: Duration = Duration::from_millis(50);
-
 /// What a frame's march draws into, and which part of the picture it draws.
 pub(crate) struct Gathering<'a> {
     pub(crate) shared: &'a SharedBuffers,
@@ -149,8 +144,7 @@ pub(crate) struct Gathering<'a> {
     pub(crate) is_begin: bool,
     /// The part of the frames' buffer that the march uses: the layer's frame, or the first of all layers.
     pub(crate) frame: Part,
-    /// When the picture is given up; `None` never.
-    pub(crate) until: Option<Instant>,
+    pub(crate) pace: &'a Pace,
 }
 
 impl Gathering<'_> {
@@ -172,17 +166,16 @@ impl Gathering<'_> {
                 self.draw(gpu, pipeline, bindings, top == 0, |pass| {
                     pass.set_scissor_rect(0, top, width, rows);
                     pass.draw(0..3, 0..1);
-                });
+                })
             }),
             // Whole workgroups.
-            Pipeline::Compute(pipeline) => self.by_rows(gpu, (most, WORKGROUP_PX), |top, rows| {
-                self.dispatch(gpu, pipeline, bindings, (top, rows));
-            }),
+            Pipeline::Compute(pipeline) => {
+                self.by_rows(gpu, (most, WORKGROUP_PX), |top, rows| self.dispatch(gpu, pipeline, bindings, (top, rows)))
+            }
         }
     }
 
-    /// Submits all of the picture, at most `most` rows at a time, and a multiple of `unit`. A picture that may be given up begins with few rows, and waits for
-    /// them: how long they take says how many follow.
+    /// Submits all of the picture from the top, at most `most` rows at a time, and a multiple of `unit`. `submit` is given the first row and how many.
     ///
     /// # Errors
     /// If the picture is given up, or the device fails.
@@ -190,25 +183,15 @@ impl Gathering<'_> {
         &self,
         gpu: &Gpu,
         (most, unit): (u32, u32),
-        mut submit: impl FnMut(u32, u32),
+        mut submit: impl FnMut(u32, u32) -> wgpu::SubmissionIndex,
     ) -> Result<(), GpuError> {
         let (width, height) = self.size_px;
-        let whole = |rows: u32| (rows.min(most) / unit).max(1) * unit;
-        let mut rows = whole(if self.until.is_some() { (FIRST_PIXELS / width).max(1) } else { most });
         let mut top = 0;
         while top < height {
-            let begun = Instant::now();
-            submit(top, rows.min(height - top));
+            let rows = (self.pace.pixels() / width).min(most) / unit;
+            let rows = (rows.max(1) * unit).min(height - top);
+            self.pace.submitted(gpu, submit(top, rows), rows * width)?;
             top += rows;
-            if let Some(until) = self.until {
-                gpu.wait_for_all()?;
-                if Instant::now() >= until {
-                    return Err(GpuError::TooLong);
-                }
-                if begun.elapsed() < SUBMISSION_TIME {
-                    rows = whole(2 * rows);
-                }
-            }
         }
         Ok(())
     }
@@ -220,7 +203,7 @@ impl Gathering<'_> {
         pipeline: &wgpu::ComputePipeline,
         bindings: &wgpu::BindGroup,
         (top, rows): (u32, u32),
-    ) {
+    ) -> wgpu::SubmissionIndex {
         let at = self.frame.at + std::mem::offset_of!(FrameUniform, first_row) as u64;
         gpu.queue.write_buffer(&self.shared.frame, at, bytemuck::bytes_of(&top));
         let texels = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -247,7 +230,7 @@ impl Gathering<'_> {
             pass.set_bind_group(TEXELS_GROUP, &texels, &[]);
             pass.dispatch_workgroups(self.size_px.0.div_ceil(WORKGROUP_PX), rows.div_ceil(WORKGROUP_PX), 1);
         }
-        gpu.queue.submit([encoder.finish()]);
+        gpu.queue.submit([encoder.finish()])
     }
 
     /// Submits one pass of a fragment shader into the target. `is_first` clears the target before.
@@ -258,7 +241,7 @@ impl Gathering<'_> {
         bindings: &wgpu::BindGroup,
         is_first: bool,
         draw: impl FnOnce(&mut wgpu::RenderPass<'_>),
-    ) {
+    ) -> wgpu::SubmissionIndex {
         let load = if is_first { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         {
@@ -275,7 +258,7 @@ impl Gathering<'_> {
             }
             draw(&mut pass);
         }
-        gpu.queue.submit([encoder.finish()]);
+        gpu.queue.submit([encoder.finish()])
     }
 }
 

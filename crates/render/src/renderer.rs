@@ -17,6 +17,7 @@ use crate::layer::GpuLayer;
 use crate::layouts::Layouts;
 use crate::memory::{MemoryNeeds, MemoryPlan, PoolPlan};
 use crate::meshes::{Meshes, Peeled};
+use crate::pace::Pace;
 use crate::pipeline_cache::Pipelines;
 use crate::pipelines::Maker;
 use crate::pool::Pool;
@@ -67,8 +68,7 @@ pub struct GpuRenderer {
     pub(crate) targets: Option<Targets>,
     /// Whether they came from another renderer, with the picture that it had shown last.
     keeps_picture: bool,
-    /// When pictures are given up; `None` never.
-    pub(crate) until: Option<Instant>,
+    pub(crate) pace: Pace,
     /// The meshes' buffers and pipelines; `None` if pictures never have meshes.
     pub(crate) meshes: Option<Meshes>,
     /// The further targets of pictures with meshes; `None` if pictures never have meshes.
@@ -303,7 +303,7 @@ impl GpuRenderer {
             pipelines: Pipelines::kept_or_new(pipelines, maker),
             targets: Some(targets),
             keeps_picture,
-            until: None,
+            pace: Pace::new(None),
             meshes,
             peeled,
             blit,
@@ -351,10 +351,12 @@ impl GpuRenderer {
         Ok(Compiled { gpu, pipelines: Some(pipelines), picture })
     }
 
-    /// Gives up from now on pictures that are not finished at this time, with [`GpuError::TooLong`]; `None` gives none up. Work that is given to the device
-    /// is then small, and waited for.
+    /// Gives up from now on pictures that are not finished at this time, with [`GpuError::TooLong`]; `None` gives none up. Submissions are then only as
+    /// large as the device draws in a moment.
     pub fn draw_until(&mut self, until: Option<Instant>) {
-        self.until = until;
+        if self.pace.until() != until {
+            self.pace = Pace::new(until);
+        }
     }
 
     /// Whether the renderer has taken over the picture that the one before it on the device had shown last. It shows that until it draws one of

@@ -141,7 +141,7 @@ impl Sorted {
                 gathering.draw(gpu, pipeline, bindings, is_first && chunk == 0 && top == 0, |pass| {
                     pass.set_scissor_rect(0, top, width, rows);
                     pass.draw(0..14, 0..cells.len() as u32);
-                });
+                })
             })?;
         }
         Ok(())
