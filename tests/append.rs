@@ -341,12 +341,15 @@ fn floats_without_data_are_so_in_steps_that_are_appended() {
     assert_eq!((store.times(), store.channel_range(0)), (3, (0.0, 2.0)));
     let found = sandbox.run_ok("probe out.zarr 0,0,0 --voxel --time all --csv");
     assert_eq!(found, "step,time,channel 0\n0,0,\n1,1,\n2,2,\n");
-    // A store that never heard of it learns it from the first step that says so.
+    let (code, _, stderr) = sandbox.run(&format!("append out.zarr f3.raw {flags} --nodata none"));
+    assert!(code == 2 && stderr.contains("--nodata none") && stderr.contains("-9999"), "{stderr}");
+    // Of a store that never heard of it, the value is a number as any other.
     sandbox.run_ok(&format!("append late.zarr f0.raw {flags}"));
-    sandbox.run_ok(&format!("append late.zarr f1.raw {flags} --nodata -9999"));
-    sandbox.run_ok(&format!("append late.zarr f2.raw {flags}"));
+    let (code, _, stderr) = sandbox.run(&format!("append late.zarr f1.raw {flags} --nodata -9999"));
+    assert!(code == 3 && stderr.contains("value for no data") && stderr.contains("pass --nodata none"), "{stderr}");
+    sandbox.run_ok(&format!("append late.zarr f1.raw {flags} --nodata none"));
     let found = sandbox.run_ok("probe late.zarr 0,0,0 --voxel --time all --csv");
-    assert_eq!(found, "step,time,channel 0\n0,0,-9999\n1,1,\n2,2,\n");
+    assert_eq!(found, "step,time,channel 0\n0,0,-9999\n1,1,-9999\n");
 }
 
 #[test]

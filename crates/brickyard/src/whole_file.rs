@@ -16,8 +16,11 @@ impl WholeFile {
     /// Begins a file that goes to `path`.
     ///
     /// # Errors
-    /// If the path has no file name, or no file can be made in its folder.
+    /// If the path has no file name, something else than a file is there, or no file can be made in its folder.
     pub(crate) fn create(path: &Path) -> io::Result<Self> {
+        if std::fs::metadata(path).is_ok_and(|found| !found.is_file()) {
+            return Err(io::Error::other("is no file, and is not replaced by one"));
+        }
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let name = path.file_name().ok_or_else(|| io::Error::other("not a file name"))?;
         // Whose it is can be told, where a program was killed.
@@ -97,6 +100,7 @@ mod tests {
         assert_eq!(std::fs::read(&path).unwrap(), b"third");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left behind");
         assert!(WholeFile::create(Path::new("/")).is_err());
+        assert!(WholeFile::create(Path::new("/dev/null")).is_err_and(|error| error.to_string().contains("is no file")));
     }
 
     /// Links under names that could be foreseen lead nowhere, and the file has the permissions of any new one.

@@ -9,7 +9,7 @@ use super::pack_settings::{PackingLimits, StoreSettings};
 use super::progress::Progress;
 use super::say::say;
 use super::store_errors;
-use brickyard::import::{self, FileOrder, OpenOptions, Source};
+use brickyard::import::{self, FileOrder, NoData, OpenOptions, Source};
 use brickyard::store::{self, AppendError, Appender, Kind, OpenError, Store};
 use brickyard::volume::counted;
 use clap::Args;
@@ -56,8 +56,17 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
         return Err(Failure::usage(format!("--time: expected one for each file, found {given} for {files}")));
     }
     // Where the store is not one yet, or cannot be read, its own opening says so.
-    let are_labels = settings.are_labels() || Store::open(&store).is_ok_and(|store| store.info().kind == Kind::Labels);
+    let known = Store::open(&store).ok();
+    let known = known.as_ref().map(Store::info);
+    let are_labels = settings.are_labels() || known.is_some_and(|info| info.kind == Kind::Labels);
     let mut input = OpenOptions { are_labels, ..input.options() };
+    if let Some(value) = known.and_then(|info| info.nodata.map(|nodata| nodata as f64).or(info.blanked))
+        && input.nodata == NoData::None
+    {
+        let problem =
+            format!("in {} voxels of {value} have no data, in all steps: leave the flag out", store.display());
+        return Err(Failure::usage(format!("--nodata none: {problem}")));
+    }
     let settings = Settings { store, settings, limits, interrupt: Interrupt::watch()? };
     let (files, time) = match files.len() {
         1 => (files, time),
@@ -151,22 +160,15 @@ impl Settings {
 
     /// Opens the store; `None` where there is none, or one whose first step is not packed to the end.
     fn open(&self) -> Result<Option<Appender>, Failure> {
-        let times = match Store::open(&self.store) {
-            Ok(store) => {
-                self.settings.check(&store)?;
-                store.times()
-            }
+        match Store::open(&self.store) {
+            Ok(store) => self.settings.check(&store)?,
             Err(OpenError::NotAStore { .. } | OpenError::Incomplete { .. }) => return Ok(None),
             Err(OpenError::Io { error, .. }) if error.kind() == ErrorKind::NotFound && !self.store.exists() => {
                 return Ok(None);
             }
             Err(error) => return Err(store_errors::open_failure(&error)),
-        };
-        match Appender::open(&self.store, self.limits.of_append()) {
-            // Readers see the first step already, but its pack has not ended: the same file ends it.
-            Err(AppendError::Unfinished { replaces: false, .. }) if times == 1 => Ok(None),
-            opened => opened.map(Some).map_err(store_errors::append_failure),
         }
+        Appender::open(&self.store, self.limits.of_append()).map(Some).map_err(store_errors::append_failure)
     }
 }
 

@@ -5,6 +5,7 @@ use super::failure::Failure;
 use super::heading;
 use super::output::{make_folder, may_write};
 use super::say::say;
+use brickyard::text_file::write_text;
 use brickyard::volume::counted;
 use clap::{Args, Command, CommandFactory};
 use clap_mangen::Man;
@@ -24,7 +25,7 @@ pub(crate) struct ManArguments {
 struct Page {
     /// Its file's name.
     name: String,
-    roff: Vec<u8>,
+    roff: String,
 }
 
 /// Runs `man`.
@@ -37,8 +38,7 @@ pub(crate) fn run(arguments: &ManArguments) -> Result<(), Failure> {
     pages.iter().try_for_each(|page| may_write(&folder.join(&page.name), arguments.overwrite))?;
     make_folder(folder)?;
     for page in &pages {
-        let path = folder.join(&page.name);
-        std::fs::write(&path, &page.roff).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
+        write_text(&folder.join(&page.name), &page.roff).map_err(Failure::failed)?;
     }
     say!("{}: {}", folder.display(), counted(pages.len() as u64, "page"));
     Ok(())
@@ -53,7 +53,7 @@ fn pages(command: Command) -> Result<Vec<Page>, Failure> {
     let page = |command: Command| {
         let (page, mut roff) = (Man::new(command), Vec::new());
         page.render(&mut roff).map_err(Failure::failed)?;
-        Ok(Page { name: page.get_filename(), roff })
+        Ok(Page { name: page.get_filename(), roff: String::from_utf8(roff).map_err(Failure::failed)? })
     };
     std::iter::once(command).chain(subcommands).map(page).collect()
 }

@@ -5,6 +5,7 @@ use super::print_json;
 use super::say::{self, say};
 use brickyard::stats::RenderStats;
 use brickyard::store::Store;
+use brickyard::text_file::write_text;
 use brickyard::volume::counted;
 use brickyard::volume::transfer::shown_window;
 use serde::Serialize;
@@ -93,7 +94,7 @@ pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Fail
         return print_json(value);
     }
     let text = serde_json::to_string_pretty(value).map_err(Failure::failed)?;
-    std::fs::write(path, text + "\n").map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
+    write_text(path, &(text + "\n")).map_err(Failure::failed)
 }
 
 /// Says what a picture cannot show by itself: that a channel has a single value, or none. Nothing is said of what there is not.

@@ -96,7 +96,7 @@ pub(crate) fn run(arguments: &ProbeArguments) -> Result<(), Failure> {
         Some(_) => Some("millimeter"),
         None => store.geometry().unit.as_deref(),
     };
-    let steps: Vec<u32> = arguments.time.steps(store.times())?.collect();
+    let steps = arguments.time.steps(store.times())?;
     if let (StepRange::One(step), None, false) = (&arguments.time, &arguments.plot, arguments.csv) {
         return print_probe(arguments, &store, look(arguments, &store, *step)?, unit);
     }

@@ -258,7 +258,7 @@ impl SceneArguments {
     /// Exit code 2 if the scene has no such steps.
     pub(crate) fn steps(&self, scene: &Scene, volumes: &[VolumeSource]) -> Result<Vec<u32>, Failure> {
         match &self.time {
-            Some(steps) => Ok(steps.steps(VolumeSource::timeline(volumes, scene).steps())?.collect()),
+            Some(steps) => steps.steps(VolumeSource::timeline(volumes, scene).steps()),
             None => Ok(vec![scene.time]),
         }
     }

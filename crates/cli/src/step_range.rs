@@ -13,6 +13,9 @@ pub(crate) enum StepRange {
     Some { first: u32, end: Option<u32>, stride: u32 },
 }
 
+/// The most steps that are listed: a store may claim any number of them.
+const MOST_STEPS: u32 = 1_000_000;
+
 const FORM: &str = "a step N, a range A:B or A:B:S with B excluded, as in 10:200:5, or all; steps are numbered from 0";
 
 impl FromStr for StepRange {
@@ -74,11 +77,15 @@ impl StepRange {
     /// The steps, of a store of `times` steps.
     ///
     /// # Errors
-    /// As for [`StepRange::within`].
-    pub(crate) fn steps(&self, times: u32) -> Result<impl ExactSizeIterator<Item = u32> + use<>, Failure> {
+    /// As for [`StepRange::within`], or if they are more than [`MOST_STEPS`].
+    pub(crate) fn steps(&self, times: u32) -> Result<Vec<u32>, Failure> {
         let (first, end, stride) = self.within(times)?;
         let count = (end - first).div_ceil(stride);
-        Ok((0..count).map(move |i| first + i * stride))
+        if count > MOST_STEPS {
+            let problem = format!("{count} steps, expected at most {MOST_STEPS}: take a part, as 0:{MOST_STEPS}");
+            return Err(Failure::usage(format!("--time {self}: {problem}")));
+        }
+        Ok((0..count).map(|i| first + i * stride).collect())
     }
 }
 
@@ -89,7 +96,7 @@ mod tests {
     fn steps(text: &str, times: u32) -> Result<Vec<u32>, String> {
         let range: StepRange = text.parse()?;
         assert_eq!(range.to_string().parse(), Ok(range.clone()), "{text}");
-        range.steps(times).map(Iterator::collect).map_err(|failure| failure.message)
+        range.steps(times).map_err(|failure| failure.message)
     }
 
     #[test]
@@ -119,6 +126,8 @@ mod tests {
         for text in ["", "x", "-1", "1:2:3:4", "1.5", "2:-1", "4294967296", "All"] {
             assert!(steps(text, 7).unwrap_err().contains("10:200:5"), "{text}");
         }
+        assert_eq!(steps("0:1000000", u32::MAX).map(|steps| steps.len()), Ok(1_000_000));
+        assert!(steps("all", u32::MAX).unwrap_err().contains("at most 1000000"));
         assert!(steps("1:5:0", 7).unwrap_err().contains("stride of 0"));
         for text in ["5:5", "5:2"] {
             assert!(steps(text, 7).unwrap_err().contains("holds no step"), "{text}");

@@ -45,6 +45,7 @@ use crate::stats::ChannelTotals;
 use crate::store::{Store, open_folder};
 use brickyard_import::Source;
 use brickyard_volume::{TimeAxis, with_voxel_type};
+pub(crate) use documents::{FOREIGN_STEPS, foreign_steps};
 use documents::{array_dirs, update_consolidated, update_root};
 use serde_json::{Value, json};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -108,8 +109,6 @@ struct Next {
     plan: PackPlan,
     options: PackOptions,
     time: Option<TimeAxis>,
-    /// The value of floats without data, by which the step was packed.
-    blanked: Option<f64>,
 }
 
 impl Appender {
@@ -164,13 +163,15 @@ impl Appender {
     fn open_on(disk: Disk, store: &Path, options: AppendOptions) -> Result<Self, AppendError> {
         let dir = output::resolve(store)?;
         disk.work_at(&dir);
-        refuse_unfinished(&dir)?;
+        refuse_unfinished_but_whole(&dir)?;
         can_grow(&Store::open(&dir)?)?;
         let lock = DirLock::take(&disk, &dir)?;
         // Looked at again: another one may have been at work until now.
-        refuse_unfinished(&dir)?;
+        refuse_unfinished_but_whole(&dir)?;
         lock.declare(&disk).map_err(PackError::from)?;
+        output::end(&disk, &dir)?;
         let folder = Arc::new(open_folder(&dir)?);
+        disk.work_in(folder.clone());
         let mut appender = Self { disk, dir, folder, options, times: 0, _lock: lock };
         appender.take_back().map_err(|error| appender.stopped(error))?;
         can_grow(&appender.open_store()?)?;
@@ -205,7 +206,7 @@ impl Appender {
         appended.map_err(|error| {
             // What cannot be taken back now is so before the next step.
             let _ = self.take_back();
-            let error = self.stopped(error);
+            let error = if self.folder.is_replaced() { self.replaced().into() } else { self.stopped(error) };
             if self.times > before { error.after(&self.dir, before) } else { error }
         })
     }
@@ -227,8 +228,7 @@ impl Appender {
         let (non_finite, nodata) = left_out(&before);
         source.info().notes.iter().for_each(|note| progress.warn(note));
         progress.planned(&plan);
-        let blanked = step.info.nodata.filter(|_| step.info.voxel_type.is_float());
-        let next = Next { plan, options, time, blanked };
+        let next = Next { plan, options, time };
         let passed = self.pack_step(&next, &step, counted, progress)?;
         self.commit(&next, &before, &passed.channels)?;
         let after = left_out(&passed.channels);
@@ -238,6 +238,15 @@ impl Appender {
             non_finite: after.0 - non_finite,
             nodata: after.1 - nodata,
         })
+    }
+
+    fn replaced(&self) -> OpenError {
+        OpenError::Replaced { store: self.dir.clone() }
+    }
+
+    /// Stops before a change is made that follows from what another store holds.
+    fn refuse_replaced(&self) -> Result<(), OpenError> {
+        if self.folder.is_replaced() { Err(self.replaced()) } else { Ok(()) }
     }
 
     /// Opens the store, and checks the documents of its second pyramid as well, if there is one.
@@ -308,6 +317,7 @@ impl Appender {
 
     /// Makes the step, whose files are there, part of the store. `before` and `after` is what is counted without it and with it.
     fn commit(&mut self, next: &Next, before: &[ChannelTotals], after: &[ChannelTotals]) -> Result<(), Failed> {
+        self.refuse_replaced()?;
         let root_path = self.dir.join("zarr.json");
         let text = self.folder.document(&root_path)?;
         let mut root = parse_json(&root_path, &text)?;
@@ -343,7 +353,6 @@ impl Appender {
         let grown = StoreInfo {
             times: Some(times),
             time: next.time.clone(),
-            blanked: next.blanked,
             channels: statistics(info, before, after),
             ..info.clone()
         };
@@ -372,8 +381,10 @@ impl Appender {
 
     /// Takes back what an append left that was cut off, in the order opposite to a commit's; and learns how many steps there are.
     fn take_back(&mut self) -> Result<(), Failed> {
+        self.refuse_replaced()?;
         let store = self.open_store()?;
         self.times = store.times();
+        self.refuse_foreign_steps(&store)?;
         // What belongs to fewer steps goes only when the document that counts these is sure to last.
         self.disk.sync_dir(&self.dir)?;
         let dirs = array_dirs(&store);
@@ -397,6 +408,13 @@ impl Appender {
         // Counts of a store that does not count its steps yet may be half of them.
         let counted = store.info().times.unwrap_or(0);
         Ok(Counts::of(&self.dir, store.layout()).keep_only(&self.disk, counted)?)
+    }
+
+    /// Refuses a store to which another program has appended steps: they would be deleted.
+    fn refuse_foreign_steps(&self, store: &Store) -> Result<(), OpenError> {
+        let Some((path, found)) = foreign_steps(store)? else { return Ok(()) };
+        let expected = format!("{}, as the root document counts: {FOREIGN_STEPS}", self.times);
+        Err(OpenError::invalid(&path, "shape[0]", expected, found))
     }
 
     /// The error for what stopped an append.
@@ -455,6 +473,11 @@ impl From<(Stop, Reached)> for Failed {
     fn from((stop, _): (Stop, Reached)) -> Self {
         Self::Stop(stop)
     }
+}
+
+/// Refuses as [`refuse_unfinished`], but for a directory whose store is whole: its pack has only to be [ended](output::end).
+fn refuse_unfinished_but_whole(dir: &Path) -> Result<(), AppendError> {
+    if output::is_whole(dir) { Ok(()) } else { refuse_unfinished(dir) }
 }
 
 /// Refuses a directory whose pack is not finished, or that a pack is to replace which is not.

@@ -30,6 +30,9 @@ const MOST_WORDS: usize = 16 + 2 * MOST_CLASSES;
 /// Bricks that one thread counts before it adds them to the channel's.
 const BRICKS_AT_A_TIME: usize = 16;
 
+/// Bricks whose sums wait for their turn, at most.
+const MOST_BRICKS_IN_MEMORY: usize = 1 << 14;
+
 /// The folder of the counts of a store.
 pub(crate) struct Counts {
     dir: PathBuf,
@@ -151,7 +154,7 @@ fn count_volume<T: Measure>(
     let edge = store.pyramid().edge() as usize;
     let nodata = store.info().nodata.map(|nodata| T::from_f64_rounded(nodata as f64));
     let bricks = store.pyramid().level(Level(0)).bricks;
-    let indices: Vec<BrickIndex> = bricks_of(bricks.full_box(), 1).collect();
+    let mut indices = bricks_of(bricks.full_box(), 1);
     let shared = Mutex::new(&mut *totals);
     let of_brick = |workspace: &mut Workspace<T>, index| {
         let id = BrickId { time, channel, level: Level(0), index };
@@ -164,14 +167,21 @@ fn count_volume<T: Measure>(
         workspace.counter.drain_into(&mut shared.lock().unwrap_or_else(PoisonError::into_inner));
         Ok(found)
     };
-    let found: Vec<Vec<(Range<T>, Tally)>> = indices
-        .par_chunks(BRICKS_AT_A_TIME)
-        .map_init(|| Workspace::new(edge, nodata), of_some)
-        .collect::<Result<_, ReadError>>()?;
-    // In the order of the bricks, so that rounding does not depend on threads.
-    for (range, tally) in found.iter().flatten() {
-        totals.add_range(range.to_f64());
-        totals.add_tally(tally);
+    loop {
+        let some: Vec<BrickIndex> = indices.by_ref().take(MOST_BRICKS_IN_MEMORY).collect();
+        if some.is_empty() {
+            break;
+        }
+        let found: Vec<Vec<(Range<T>, Tally)>> = some
+            .par_chunks(BRICKS_AT_A_TIME)
+            .map_init(|| Workspace::new(edge, nodata), of_some)
+            .collect::<Result<_, ReadError>>()?;
+        // In the order of the bricks, so that rounding does not depend on threads.
+        let mut totals = shared.lock().unwrap_or_else(PoisonError::into_inner);
+        for (range, tally) in found.iter().flatten() {
+            totals.add_range(range.to_f64());
+            totals.add_tally(tally);
+        }
     }
     Ok(())
 }

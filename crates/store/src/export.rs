@@ -40,12 +40,13 @@ impl Default for ExportTime {
 
 impl ExportTime {
     /// The steps, in order.
-    fn steps(self) -> impl Iterator<Item = u32> {
+    fn steps(self) -> impl ExactSizeIterator<Item = u32> + DoubleEndedIterator {
         let (first, end, stride) = match self {
             Self::Step(step) => (step, step.saturating_add(1), 1),
             Self::Steps { first, end, stride } => (first, end, stride),
         };
-        (first..end).step_by(stride.max(1) as usize)
+        let stride = stride.max(1);
+        (0..end.saturating_sub(first).div_ceil(stride)).map(move |i| first + i * stride)
     }
 }
 
@@ -99,6 +100,9 @@ pub fn export(
     }
     let io = |error| ExportError::Io { path: output.into(), error };
     let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if std::fs::metadata(output).is_ok_and(|found| !found.is_file()) {
+        return Err(io(std::io::Error::other("is no file, and is not replaced by one")));
+    }
     let mut file = temporary_in(folder).map_err(io)?;
     file.write_all(&header).map_err(io)?;
     write_voxels(store, request, region, file.as_file(), header.len() as u64, output, &progress)?;
@@ -120,7 +124,7 @@ fn checked_region(store: &Store, request: &ExportRequest) -> Result<VoxelBox, Ex
         }
     };
     below("level", request.level.0.into(), store.pyramid().levels().len() as u32)?;
-    let last = request.time.steps().last().ok_or_else(|| {
+    let last = request.time.steps().next_back().ok_or_else(|| {
         let found = format!("{:?}", request.time);
         ExportError::Outside { what: "time steps", found, expected: "at least one".into() }
     })?;
@@ -153,7 +157,7 @@ fn write_voxels(
     let voxel_bytes = store.voxel_type().bytes() as u64;
     let extent = region.extent();
     let step_bytes = extent.volume() * voxel_bytes;
-    let total = step_bytes.saturating_mul(request.time.steps().count() as u64);
+    let total = step_bytes.saturating_mul(request.time.steps().len() as u64);
     let done = AtomicU64::new(0);
     let (width, threads) = bar_width(store, region, request.memory_bytes)?;
     let bars = move || {
@@ -231,7 +235,7 @@ fn npy_header(voxel_type: VoxelType, extent: Extent, time: ExportTime) -> Vec<u8
     let Extent { x, y, z } = extent;
     let steps = match time {
         ExportTime::Step(_) => String::new(),
-        ExportTime::Steps { .. } => format!("{}, ", time.steps().count()),
+        ExportTime::Steps { .. } => format!("{}, ", time.steps().len()),
     };
     let dictionary = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({steps}{z}, {y}, {x}), }}");
     const MAGIC: &[u8] = b"\x93NUMPY\x01\x00";

@@ -6,7 +6,7 @@ use crate::side_file::read_at_most;
 use rustix::fs::{CWD, Mode, OFlags, openat};
 use std::fs::File;
 use std::io::{Error, ErrorKind};
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsRawFd, OwnedFd};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
@@ -37,11 +37,24 @@ impl Folder {
         &self.path
     }
 
-    /// Opens the file of a path inside of the folder to read it.
+    /// Opens the file, or the folder, of a path inside of the folder to read it. Pipes, devices and sockets are refused: they may never answer.
     pub(crate) fn file(&self, path: &Path) -> std::io::Result<File> {
         let name = path.strip_prefix(&self.path).map_err(|_| Error::from(ErrorKind::InvalidInput))?;
-        let flags = OFlags::RDONLY | OFlags::CLOEXEC;
-        Ok(rustix::io::retry_on_intr(|| openat(&self.dir, name, flags, Mode::empty()))?.into())
+        // Else the open would wait for somebody to write into a pipe.
+        let flags = OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK;
+        let file = File::from(rustix::io::retry_on_intr(|| openat(&self.dir, name, flags, Mode::empty()))?);
+        let kind = file.metadata()?.file_type();
+        if kind.is_file() || kind.is_dir() { Ok(file) } else { Err(Error::other("is no file of data")) }
+    }
+
+    /// A path by which a path inside of the folder is reached through the descriptor, whatever its own path leads to; the path itself where there is
+    /// none, or it is not inside.
+    pub(crate) fn through(&self, path: &Path) -> PathBuf {
+        let own = Path::new("/proc/self/fd").join(self.dir.as_raw_fd().to_string());
+        match path.strip_prefix(&self.path) {
+            Ok(inside) if own.exists() => own.join(inside),
+            _ => path.into(),
+        }
     }
 
     /// Reads the bytes of a metadata document of at most 64 MiB.
@@ -72,5 +85,32 @@ impl Folder {
             Err(error) => return error.kind() == ErrorKind::NotFound,
         };
         rustix::fs::fstat(&self.dir).is_ok_and(|own| (own.st_dev, own.st_ino) != (named.dev(), named.ino()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::Store;
+
+    #[test]
+    fn pipes_in_the_places_of_files_are_refused_at_once() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("zarr.json");
+        rustix::fs::mkfifoat(CWD, &path, Mode::from_raw_mode(0o600)).unwrap();
+        let message = Store::open(dir.path()).err().unwrap().to_string();
+        assert!(message.contains("zarr.json") && message.contains("is no file of data"), "{message}");
+    }
+
+    #[test]
+    fn a_folder_is_reached_wherever_it_is_moved() {
+        let dir = tempfile::tempdir().unwrap();
+        let [path, moved, other] = ["a", "b", "c"].map(|name| dir.path().join(name));
+        std::fs::create_dir(&path).unwrap();
+        let folder = Folder::open(&path).unwrap();
+        std::fs::rename(&path, &moved).unwrap();
+        std::fs::write(folder.through(&path.join("x")), "x").unwrap();
+        assert!(moved.join("x").exists() && !path.exists());
+        assert_eq!(folder.through(&other), other);
     }
 }

@@ -1,7 +1,9 @@
 //! Paths inside of stores, which somebody gives where the store itself is wanted: which store it is, and what is there.
 
 use crate::error::OpenError;
+use crate::folder::Folder;
 use crate::metadata::parse_info;
+use crate::side::read_json;
 use std::path::Path;
 
 /// The error for a path that does not open: if it is inside of a store, the one that names the store in place of this one.
@@ -20,7 +22,7 @@ pub(crate) fn named(folder: &Path) -> &Path {
 
 fn is_store(folder: &Path) -> bool {
     let document = folder.join("zarr.json");
-    let root = std::fs::read(&document).ok().and_then(|text| serde_json::from_slice(&text).ok());
+    let root = Folder::open(folder).ok().and_then(|folder| read_json(&folder, &document).ok());
     root.is_some_and(|root| parse_info(&document, &root).is_ok())
 }
 

@@ -15,6 +15,7 @@
 
 use crate::downsample::Downsample;
 use brickyard_volume::{BrickId, BrickIndex, Extent, Level, Pyramid};
+use std::io::{BufRead, BufReader, Read};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -310,11 +311,21 @@ pub(crate) fn place_at(i: u64, channels: u32, grid: Extent) -> [u32; 5] {
 /// How much of an unfinished store is packed according to its journal, in percent, 0 to 99; `None` if the journal
 /// cannot be read.
 pub fn journal_percent(store: &Path) -> Option<u8> {
-    let journal = std::fs::read(store.join(JOURNAL_NAME)).ok()?;
-    let mut lines = journal.split_inclusive(|&b| b == b'\n');
-    let head: serde_json::Value = serde_json::from_slice(lines.next()?).ok()?;
+    // Of a line that is longer, parts would count as lines: of what is no journal of ours.
+    const LONGEST_LINE: u64 = 16 << 20;
+    let mut journal = BufReader::new(std::fs::File::open(store.join(JOURNAL_NAME)).ok()?);
+    let mut line = Vec::new();
+    let mut next = |line: &mut Vec<u8>| {
+        line.clear();
+        journal.by_ref().take(LONGEST_LINE).read_until(b'\n', line).ok()
+    };
+    next(&mut line)?;
+    let head: serde_json::Value = serde_json::from_slice(&line).ok()?;
     let total = head.get("shards")?.as_u64()?.max(1);
-    let done = lines.filter(|line| line.ends_with(b"\n") && !line.starts_with(b" ")).count() as u64;
+    let mut done: u64 = 0;
+    while next(&mut line)? > 0 {
+        done += u64::from(line.ends_with(b"\n") && !line.starts_with(b" "));
+    }
     Some((done.saturating_mul(100) / total).min(99) as u8)
 }
 

@@ -11,7 +11,7 @@
 //! short, blocks are smaller, at least of a brick, and then threads fewer. Blocks where nothing is stored are not looked at voxel
 //! by voxel.
 
-mod documents;
+pub(crate) mod documents;
 #[cfg(test)]
 mod tests;
 

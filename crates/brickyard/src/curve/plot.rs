@@ -1,6 +1,7 @@
 //! A curve as an SVG picture: a line for each channel, over time where the steps have times, else over steps.
 
 use super::{Curve, LINE_COLORS};
+use crate::text_file::write_text;
 use brickyard_volume::{TimeAxis, time_symbol};
 use plotters::prelude::*;
 use std::path::Path;
@@ -13,11 +14,13 @@ const SIZE_PX: (u32, u32) = (760, 420);
 /// # Errors
 /// If the file cannot be written.
 pub fn write(path: &Path, curve: &Curve, axis: Option<&TimeAxis>, names: &[String]) -> Result<(), String> {
-    draw(path, curve, axis, names).map_err(|error| format!("{}: {error}", path.display()))
+    let mut svg = String::new();
+    draw(&mut svg, curve, axis, names).map_err(|error| format!("{}: {error}", path.display()))?;
+    write_text(path, &svg).map_err(|error| error.to_string())
 }
 
 fn draw(
-    path: &Path,
+    svg: &mut String,
     curve: &Curve,
     axis: Option<&TimeAxis>,
     names: &[String],
@@ -28,7 +31,7 @@ fn draw(
         Some(axis) => axis.unit.as_ref().map_or("time".into(), |unit| format!("time, {}", time_symbol(unit))),
         None => "step".into(),
     };
-    let root = SVGBackend::new(path, SIZE_PX).into_drawing_area();
+    let root = SVGBackend::with_string(svg, SIZE_PX).into_drawing_area();
     root.fill(&WHITE)?;
     let [i, j, k] = curve.voxel;
     let mut chart = ChartBuilder::on(&root)

@@ -2,6 +2,7 @@
 
 use super::Row;
 use super::findings::{Estimator, name};
+use crate::text_file::write_text;
 use brickyard_volume::{Filter, LightingModel, Method};
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -29,10 +30,12 @@ const MOST_DB: f64 = 60.0;
 /// # Errors
 /// If the file cannot be written.
 pub fn write(path: &Path, rows: &[Row], by: Estimator) -> Result<(), String> {
-    draw(path, rows, by).map_err(|error| format!("{}: {error}", path.display()))
+    let mut svg = String::new();
+    draw(&mut svg, rows, by).map_err(|error| format!("{}: {error}", path.display()))?;
+    write_text(path, &svg).map_err(|error| error.to_string())
 }
 
-fn draw(path: &Path, rows: &[Row], by: Estimator) -> Result<(), Box<dyn std::error::Error>> {
+fn draw(svg: &mut String, rows: &[Row], by: Estimator) -> Result<(), Box<dyn std::error::Error>> {
     let mut looks: Vec<(LightingModel, Filter)> = Vec::new();
     for row in rows {
         if !looks.contains(&(row.lighting, row.filter)) {
@@ -41,7 +44,7 @@ fn draw(path: &Path, rows: &[Row], by: Estimator) -> Result<(), Box<dyn std::err
     }
     let columns = looks.len().min(2) as u32;
     let size = (PANEL_PX.0 * columns, PANEL_PX.1 * (looks.len() as u32).div_ceil(2));
-    let root = SVGBackend::new(path, size).into_drawing_area();
+    let root = SVGBackend::with_string(svg, size).into_drawing_area();
     root.fill(&WHITE)?;
     let panels = root.split_evenly((looks.len().div_ceil(2), columns as usize));
     for (panel, look) in panels.iter().zip(looks) {

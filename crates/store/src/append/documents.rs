@@ -1,7 +1,9 @@
 //! The documents of a store that has one step more: only what the step changes is changed, and what other programs wrote stays.
 
+use crate::counts::Counts;
+use crate::error::OpenError;
 use crate::layout::Layout;
-use crate::side::{SideArray, level_arrays};
+use crate::side::{SideArray, level_arrays, read_json};
 use crate::store::Store;
 use brickyard_volume::Level;
 use serde_json::{Value, json};
@@ -25,6 +27,30 @@ pub(super) fn array_dirs(store: &Store) -> Vec<PathBuf> {
         }
     }
     dirs
+}
+
+/// What steps are of which a store knows nothing, and what to do.
+pub(crate) const FOREIGN_STEPS: &str = "another program has appended steps; pack them anew, or take them back";
+
+/// The document of the finest level, and its number of steps, if another program has appended steps there. A commit writes its counts first and
+/// lengthens the finest level last, so whatever is longer by itself is no commit's that was cut off.
+pub(crate) fn foreign_steps(store: &Store) -> Result<Option<(PathBuf, u64)>, OpenError> {
+    if store.layout().axes()[0] != "t" {
+        return Ok(None);
+    }
+    let next = u64::from(store.times()) + 1;
+    let steps = |path: &Path| Ok(read_json(store.folder(), path)?["shape"][0].as_u64().unwrap_or_default());
+    let mut dirs = array_dirs(store);
+    let Some(finest) = dirs.pop().map(|dir| dir.join("zarr.json")) else { return Ok(None) };
+    let found = steps(&finest)?;
+    if found < next {
+        return Ok(None);
+    }
+    let counts = Counts::of(store.path(), store.layout());
+    let has_counts = || store.folder().file(&counts.dir(store.times().saturating_add(1))).is_ok();
+    let others = || dirs.iter().map(|dir| steps(&dir.join("zarr.json"))).collect::<Result<Vec<u64>, OpenError>>();
+    let is_cut_off = found == next && has_counts() && others()?.iter().all(|&found| found == next);
+    Ok((!is_cut_off).then_some((finest, found)))
 }
 
 /// Makes the arrays' documents that another program gathered in the root document (`consolidated_metadata`) say that there are so many steps:

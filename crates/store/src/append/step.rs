@@ -25,11 +25,7 @@ pub(super) fn first_step(source: &dyn Source, stamp: Option<f64>) -> Result<Step
 pub(super) fn next_step<'a>(source: &'a dyn Source, store: &Store) -> Result<Step<'a>, AppendError> {
     let mut info = one_step(source)?.clone();
     check(&info, store)?;
-    match store_nodata(store) {
-        // A store of floats may not have known: what the step says holds for it, and for those that follow.
-        None if info.voxel_type.is_float() => {}
-        of_store => info.nodata = of_store,
-    }
+    info.nodata = store_nodata(store);
     Ok(Step { info, source, first: store.times() })
 }
 
@@ -84,10 +80,9 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
         return differs("orientation", rows(theirs), store.info().orientation.map_or("not known".into(), rows));
     }
     let nodata = store_nodata(store);
-    let may_differ = step.voxel_type.is_float() && nodata.is_none();
-    if step.nodata.is_some() && step.nodata != nodata && !may_differ {
-        let value = |nodata: Option<f64>| nodata.map_or("none".into(), |nodata| nodata.to_string());
-        return differs("value for no data", value(step.nodata), value(nodata));
+    if let Some(found) = step.nodata.filter(|found| Some(*found) != nodata) {
+        let expected = nodata.map_or("none; pass `nodata` none to take it as a number".into(), |ours| ours.to_string());
+        return differs("value for no data", found.to_string(), expected);
     }
     Ok(())
 }

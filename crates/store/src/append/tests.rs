@@ -4,7 +4,7 @@ use super::*;
 use crate::downsample::Downsample;
 use crate::pack::pack;
 use crate::pack::tests::{Array, assert_same, files, level_voxels, mean_and_max, options, value};
-use crate::verify::verify;
+use crate::verify::{documents as written, verify};
 use brickyard_import::{Access, ImportError, SourceInfo};
 use brickyard_volume::{BrickId, BrickIndex, Level, Orientation, Voxel, VoxelBox, VoxelType};
 use std::collections::BTreeMap;
@@ -545,11 +545,17 @@ fn arrays_may_be_one_step_ahead_and_never_behind() {
     for dir in array_dirs(&Store::open(&path).unwrap()) {
         let document = dir.join("zarr.json");
         edit(&document, |document| document["shape"][0] = json!(3));
-        assert_sound(&path, "one ahead");
+        // The finest level is the last one that a commit lengthens.
+        if dir == path.join("0") {
+            let problems = verify(&path, |_, _| {}).unwrap().problems;
+            assert!(problems.len() == 1 && problems[0].what.contains("another program"), "{problems:?}");
+        } else {
+            assert_sound(&path, "one ahead");
+        }
         edit(&document, |document| document["shape"][0] = json!(4));
         assert_eq!(Store::open(&path).unwrap().times(), 2);
         let problems = verify(&path, |_, _| {}).unwrap().problems;
-        assert!(problems.len() == 1 && problems[0].path == document, "{problems:?}");
+        assert!(!problems.is_empty() && problems.iter().all(|problem| problem.path == document), "{problems:?}");
         edit(&document, |document| document["shape"][0] = json!(1));
         let opened = [Store::open(&path), Store::open_reduced(&path, Downsample::Max, IoMode::Mmap)];
         let messages: Vec<_> = opened.into_iter().filter_map(|opened| Some(opened.err()?.to_string())).collect();
@@ -562,6 +568,95 @@ fn arrays_may_be_one_step_ahead_and_never_behind() {
         let message = Store::open(&path).err().unwrap().to_string();
         assert!(message.contains("attributes.brickyard"), "{message}");
     }
+}
+
+#[test]
+fn steps_of_other_programs_are_named_and_never_deleted() {
+    let dir = tempfile::tempdir().unwrap();
+    // Of several levels, and of one.
+    for (name, extent) in [("large", EXTENT), ("small", [16, 16, 16])] {
+        let path = dir.path().join(name);
+        let step = |step| Array::series(extent, 1, 1, |_, p| p[0] as u8 + step);
+        let options = PackOptions { edge: 16, ..options(VoxelType::U8) };
+        let mut appender = Appender::create(&path, &step(0), None, &options, &()).unwrap();
+        appender.append(&step(1), None, &()).unwrap();
+        drop(appender);
+        edit(&path.join("0/zarr.json"), |document| document["shape"][0] = json!(3));
+        let theirs = path.join("0/c/2/0/0/0");
+        std::fs::create_dir_all(theirs.parent().unwrap()).unwrap();
+        std::fs::copy(path.join("0/c/1/0/0/0"), &theirs).unwrap();
+        let before = files(&path);
+        let problems = verify(&path, |_, _| {}).unwrap().problems;
+        assert!(problems.iter().any(|problem| problem.what.contains("another program")), "{name}: {problems:?}");
+        let message = Appender::open(&path, few()).err().unwrap().to_string();
+        assert!(message.contains("another program") && message.contains("0/zarr.json"), "{message}");
+        assert_same(&files(&path), &before, name);
+    }
+}
+
+#[test]
+fn a_store_that_takes_the_path_meanwhile_is_left_alone() {
+    struct Swap<'a>(&'a Path);
+    impl Progress for Swap<'_> {
+        fn planned(&self, _: &PackPlan) {
+            std::fs::rename(self.0.join("s.zarr"), self.0.join("moved")).unwrap();
+            std::fs::rename(self.0.join("other/s.zarr"), self.0.join("s.zarr")).unwrap();
+        }
+    }
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::create_dir(dir.path().join("other")).unwrap();
+    let (path, other) = (store_of(dir.path(), 0..2), store_of(&dir.path().join("other"), 3..8));
+    let (own, theirs) = (files(&path), files(&other));
+    let mut appender = Appender::open(&path, few()).unwrap();
+    let error = appender.append(&byte_step(2), None, &Swap(dir.path())).unwrap_err();
+    assert!(error.to_string().contains("replaced"), "{error}");
+    let again = appender.append(&byte_step(2), None, &()).unwrap_err();
+    assert!(again.to_string().contains("replaced"), "{again}");
+    drop(appender);
+    assert_same(&files(&path), &theirs, "the other store");
+    // What was written of the step is taken back with the next.
+    let moved = dir.path().join("moved");
+    append(&moved, 2).unwrap();
+    assert_steps(&Store::open(&moved).unwrap(), 3, "moved");
+    assert_sound(&moved, "moved");
+    assert!(own.keys().all(|name| name.to_string_lossy().contains("/counts/") || moved.join(name).exists()));
+}
+
+#[test]
+fn a_first_step_whose_pack_was_cut_off_at_its_end_is_followed() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("s.zarr");
+    let create = |fuse| {
+        let _ = std::fs::remove_dir_all(&path);
+        let disk = Disk { fuse: Some(AtomicI64::new(fuse)), ..Disk::default() };
+        Appender::create_on(disk, &path, &byte_step(0), None, &byte_options(), &()).err()
+    };
+    let is_whole = || path.join("zarr.json").exists() && path.join(JOURNAL_NAME).exists();
+    let moments: Vec<i64> = (0..10_000).take_while(|&moment| create(moment).is_some()).collect();
+    let mut found = 0;
+    for &moment in moments.iter().rev().take(40) {
+        create(moment);
+        if is_whole() {
+            found += 1;
+            append(&path, 1).unwrap();
+            assert_steps(&Store::open(&path).unwrap(), 2, "followed");
+            assert_sound(&path, "followed");
+        }
+    }
+    assert!(found > 0);
+}
+
+#[test]
+fn a_store_is_sound_while_it_grows() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = store_of(dir.path(), 0..2);
+    let before = Store::open(&path).unwrap();
+    append(&path, 2).unwrap();
+    let levels = || (0..before.pyramid().levels().len()).map(|level| (&before, Level(level as u8)));
+    assert_eq!(written::check(&before, levels()), []);
+    // What is wrong is still found.
+    edit(&path.join("zarr.json"), |root| root["attributes"]["brickyard"]["edge"] = json!(8));
+    assert!(!written::check(&before, levels()).is_empty());
 }
 
 /// Files that are written for a step are as many for the tenth as for the third, and none of another step is touched.

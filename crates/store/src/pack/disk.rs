@@ -1,12 +1,13 @@
 //! Every change that packing makes to the file system goes through here, but for the lock's (`lock.rs`): one place for paths
 //! in errors, syncs, tests' injected failures, and the rule that nothing outside of a store changes.
 
+use crate::folder::Folder;
 use crate::inside::named;
 use crate::pack::lock;
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 /// A change to the file system that failed, and its path.
 #[derive(Debug)]
@@ -21,6 +22,8 @@ type Result<T> = std::result::Result<T, DiskError>;
 #[derive(Default)]
 pub(crate) struct Disk {
     pub(crate) home: OnceLock<Home>,
+    /// The store's folder where it is open: changes inside of its path are made there, whatever the path leads to meanwhile.
+    pub(crate) open: OnceLock<Arc<Folder>>,
     /// Whether each file is synced by itself, as where a file system cannot be synced as a whole.
     #[cfg(test)]
     pub(crate) syncs_each: bool,
@@ -70,11 +73,25 @@ impl Disk {
         self.home.get().is_some_and(|home| home.syncs_as_one)
     }
 
+    /// Makes all further changes inside of a store's path in this folder.
+    pub(crate) fn work_in(&self, folder: Arc<Folder>) {
+        let _ = self.open.set(folder);
+    }
+
+    /// The path at which a change is made.
+    fn at(&self, path: &Path) -> PathBuf {
+        self.open.get().map_or_else(|| path.into(), |folder| folder.through(path))
+    }
+
     fn check_links(&self, path: &Path) -> io::Result<()> {
-        let Some(mut at) = self.home.get().map(|home| home.folder.clone()) else { return Ok(()) };
+        // The open folder itself is no link.
+        let above = self.open.get().map(|folder| folder.path()).filter(|store| path.starts_with(store));
+        let Some(mut at) = above.or(self.home.get().map(|home| &*home.folder)).map(Path::to_path_buf) else {
+            return Ok(());
+        };
         for name in path.strip_prefix(&at).unwrap_or(Path::new("")) {
             at.push(name);
-            match std::fs::symlink_metadata(&at) {
+            match std::fs::symlink_metadata(self.at(&at)) {
                 Ok(found) if found.is_symlink() => {
                     let what =
                         "is a symbolic link: nothing is written or deleted through one; move it out of the store";
@@ -122,23 +139,30 @@ impl Disk {
         self.step(what, path).and_then(|()| change()).map_err(|error| DiskError { path: path.into(), error })
     }
 
-    /// Makes a change at a path, if that leads through no link.
-    fn run_at<T>(&self, what: &'static str, path: &Path, change: impl FnOnce() -> io::Result<T>) -> Result<T> {
-        self.run(what, path, || self.check_links(path).and_then(|()| change()))
+    /// Makes a change at a path, if that leads through no link. `change` is given the path by which it is made.
+    fn run_at<T>(&self, what: &'static str, path: &Path, change: impl FnOnce(&Path) -> io::Result<T>) -> Result<T> {
+        self.run(what, path, || self.check_links(path).and_then(|()| change(&self.at(path))))
     }
 
     pub(crate) fn create_dir_all(&self, path: &Path) -> Result<()> {
-        self.run_at("create_dir_all", path, || std::fs::create_dir_all(path))
+        self.run_at("create_dir_all", path, |at| std::fs::create_dir_all(at))
     }
 
-    /// Creates an empty file, or empties the one that is there, and opens it for writing and reading.
+    /// Creates an empty file, in the place of one that is there, and opens it for writing and reading. What other names that one has keep what it holds.
     pub(crate) fn create(&self, path: &Path) -> Result<File> {
-        self.run_at("create", path, || File::options().read(true).write(true).create(true).truncate(true).open(path))
+        let new = |at: &Path| File::options().read(true).write(true).create_new(true).open(at);
+        self.run_at("create", path, |at| match new(at) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
+                std::fs::remove_file(at)?;
+                new(at)
+            }
+            made => made,
+        })
     }
 
     /// Opens a file to append to what is there, and to read it.
     pub(crate) fn reopen(&self, path: &Path) -> Result<File> {
-        self.run_at("reopen", path, || File::options().read(true).append(true).open(path))
+        self.run_at("reopen", path, |at| File::options().read(true).append(true).open(at))
     }
 
     pub(crate) fn append(&self, path: &Path, file: &mut File, bytes: &[u8]) -> Result<()> {
@@ -159,19 +183,19 @@ impl Disk {
 
     /// Syncs a directory, so that renames and new files in it survive a crash.
     pub(crate) fn sync_dir(&self, path: &Path) -> Result<()> {
-        self.run("sync_dir", path, || if cfg!(test) { Ok(()) } else { File::open(path)?.sync_all() })
+        self.run("sync_dir", path, || if cfg!(test) { Ok(()) } else { File::open(self.at(path))?.sync_all() })
     }
 
     pub(crate) fn rename(&self, from: &Path, to: &Path) -> Result<()> {
-        self.run_at("rename", to, || self.check_links(from).and_then(|()| std::fs::rename(from, to)))
+        self.run_at("rename", to, |at| self.check_links(from).and_then(|()| std::fs::rename(self.at(from), at)))
     }
 
     /// Renames a directory to a free name, or over an empty directory. If others have just put something into that
     /// directory, waits up to half a second for them to remove it.
     pub(crate) fn rename_dir(&self, from: &Path, to: &Path) -> Result<()> {
-        self.run_at("rename_dir", to, || {
+        self.run_at("rename_dir", to, |at| {
             self.check_links(from)?;
-            patiently(|| std::fs::rename(from, to))
+            patiently(|| std::fs::rename(self.at(from), at))
         })
     }
 
@@ -184,7 +208,7 @@ impl Disk {
         if self.cannot_exchange {
             return Ok(false);
         }
-        self.run_at("exchange", b, || match renameat_with(CWD, a, CWD, b, RenameFlags::EXCHANGE) {
+        self.run_at("exchange", b, |b| match renameat_with(CWD, self.at(a), CWD, b, RenameFlags::EXCHANGE) {
             Ok(()) => Ok(true),
             Err(Errno::INVAL | Errno::NOSYS | Errno::OPNOTSUPP | Errno::NOENT) => Ok(false),
             Err(error) => Err(error.into()),
@@ -192,13 +216,13 @@ impl Disk {
     }
 
     pub(crate) fn remove_file(&self, path: &Path) -> Result<()> {
-        self.run_at("remove_file", path, || std::fs::remove_file(path))
+        self.run_at("remove_file", path, |at| std::fs::remove_file(at))
     }
 
     /// Removes an empty directory. If others have put something there for a moment (a lock), waits up to half a second
     /// for them to remove it.
     pub(crate) fn remove_dir(&self, path: &Path) -> Result<()> {
-        self.run_at("remove_dir", path, || patiently(|| std::fs::remove_dir(path)))
+        self.run_at("remove_dir", path, |at| patiently(|| std::fs::remove_dir(at)))
     }
 
     /// Writes a whole small file. Under its name there is the old content, the new content, or no file, but never a
@@ -231,7 +255,7 @@ impl Disk {
     /// Writes a whole small file, in a folder that may not be there yet, which nobody reads before [`Disk::sync_parts`] has been called: until then
     /// the power may take a part of it.
     pub(crate) fn write_early(&self, path: &Path, bytes: &[u8]) -> Result<()> {
-        let missing = path.parent().filter(|parent| !parent.exists());
+        let missing = path.parent().filter(|parent| !self.at(parent).exists());
         missing.map_or(Ok(()), |parent| self.create_dir_all(parent))?;
         self.prepare(path, bytes)?;
         self.name(path)
@@ -241,7 +265,7 @@ impl Disk {
     /// folders, and all below those that are trees.
     pub(crate) fn sync_parts<'a>(&self, store: &Path, parts: impl IntoIterator<Item = Part<'a>>) -> Result<()> {
         if self.syncs_as_one() {
-            return self.run("sync_all", store, || if cfg!(test) { Ok(()) } else { sync_file_system(store) });
+            return self.run("sync_all", store, || if cfg!(test) { Ok(()) } else { sync_file_system(&self.at(store)) });
         }
         parts.into_iter().try_for_each(|part| match part {
             Part::Tree(folder) => self.sync_tree(folder),
@@ -252,10 +276,10 @@ impl Disk {
     /// Syncs a folder and all folders below it, so that the names of all files there survive a crash.
     fn sync_tree(&self, folder: &Path) -> Result<()> {
         let io = |error| DiskError { path: folder.into(), error };
-        for entry in std::fs::read_dir(folder).map_err(io)? {
+        for entry in std::fs::read_dir(self.at(folder)).map_err(io)? {
             let entry = entry.map_err(io)?;
             if entry.file_type().map_err(io)?.is_dir() {
-                self.sync_tree(&entry.path())?;
+                self.sync_tree(&folder.join(entry.file_name()))?;
             }
         }
         self.sync_dir(folder)
@@ -306,4 +330,22 @@ pub(crate) fn temporary(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".tmp");
     name.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_made_anew_and_no_other_name_of_the_old_one_changes() {
+        let dir = tempfile::tempdir().unwrap();
+        let [path, other] = ["a", "other"].map(|name| dir.path().join(name));
+        std::fs::write(&other, "precious").unwrap();
+        std::fs::hard_link(&other, &path).unwrap();
+        Disk::default().write(&path, b"new").unwrap();
+        std::fs::hard_link(&other, temporary(&path)).unwrap();
+        Disk::default().write(&path, b"newer").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"newer");
+        assert_eq!(std::fs::read(&other).unwrap(), b"precious");
+    }
 }

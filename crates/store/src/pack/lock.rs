@@ -12,6 +12,7 @@
 use crate::layout::LOCK_NAME;
 use crate::pack::PackError;
 use crate::pack::disk::{Disk, DiskError};
+use crate::side_file::read_at_most;
 use rustix::fs::OFlags;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
@@ -47,7 +48,7 @@ impl Holder {
     }
 
     fn read(path: &Path) -> Option<Self> {
-        let text = std::fs::read_to_string(path).ok()?;
+        let text = String::from_utf8(read_at_most(File::open(path), 1 << 10).ok()?).ok()?;
         let (pid, host) = text.strip_suffix('\n')?.split_once(' ')?;
         Some(Self { pid: pid.parse().ok()?, host: host.into() })
     }
@@ -121,6 +122,11 @@ impl DirLock {
             }
             Err(error) => return Err(PackError::Io { path, error }),
         };
+        // What another name of the same file leads to would be overwritten.
+        if file.metadata().is_ok_and(|found| found.nlink() > 1) {
+            let error = io::Error::other("has other names, as hard links have: delete this one, which is a lock's");
+            return Err(PackError::Io { path, error });
+        }
         disk.meanwhile("the lock file is open");
         match file.try_lock() {
             Ok(()) if !is_named(&file, &path) || is_left(&file) => return Ok(Attempt::Gone),
@@ -200,4 +206,21 @@ fn is_named(file: &File, path: &Path) -> bool {
 fn is_left(file: &File) -> bool {
     let mut found = [0; LEFT.len()];
     file.read_exact_at(&mut found, 0).is_ok() && found == LEFT
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_has_another_name_is_no_lock() {
+        let dir = tempfile::tempdir().unwrap();
+        let (store, other) = (dir.path().join("s.zarr"), dir.path().join("other"));
+        std::fs::create_dir(&store).unwrap();
+        std::fs::write(&other, "precious").unwrap();
+        std::fs::hard_link(&other, store.join(LOCK_NAME)).unwrap();
+        let message = DirLock::take(&Disk::default(), &store).err().unwrap().to_string();
+        assert!(message.contains(LOCK_NAME) && message.contains("hard links"), "{message}");
+        assert_eq!(std::fs::read(&other).unwrap(), b"precious");
+    }
 }

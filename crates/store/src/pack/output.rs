@@ -261,6 +261,16 @@ fn tidy(disk: &Disk, store: &Path, replaces: Option<&str>) -> Result<(), PackErr
     Ok(disk.sync_dir(store)?)
 }
 
+/// Whether a directory holds a finished store, the end of whose pack was cut off.
+pub(crate) fn is_whole(dir: &Path) -> bool {
+    matches!(find(dir), Ok(Found::Unfinished { is_whole: true, .. }))
+}
+
+/// Ends the pack of a store that is whole, under its lock.
+pub(crate) fn end(disk: &Disk, dir: &Path) -> Result<(), PackError> {
+    if is_whole(dir) { tidy(disk, dir, Head::of(dir)?.replaces.as_deref()) } else { Ok(()) }
+}
+
 fn is_store(path: &Path, with: &str) -> Result<bool, PackError> {
     Ok(matches!(find(path)?, Found::Store(found) if found == with))
 }

@@ -3,7 +3,7 @@
 //! ```text
 //! memory = fixed + reading + windows kept in memory + 24 MiB (program, stacks, allocator)
 //! fixed  = threads * (buffers(edge) + compressor) + (3 threads + 6) * greatest encoded brick
-//!        + side data on their way + open shards' indexes + channels' counts
+//!        + side data on their way + open shards' indexes + channels' counts (twice where a step is appended)
 //! open shards = those of a layer of each stage, 24 bytes a brick; where they hold several time steps all of each stage that hold one step,
 //!        over all channels, 24 bytes and a place in a hash table (20 to 40) for each brick of each of their steps; 16 bytes a brick of one shard
 //! side data = at most 20 layers of each stage's bricks * (4 voxels + 16 bytes), 16 of its shards * 16 bytes; where shards hold several time
@@ -423,8 +423,10 @@ fn fixed_bytes(plan: &PackPlan, voxel_type: VoxelType, options: &PackOptions) ->
     let open = |stage: &Stage| open_shards(stage).saturating_mul(open_bytes(&stage.layout, stage.level));
     let finishing = plan.stages.iter().map(|stage| finishing_bytes(&stage.layout, stage.level)).max();
     let indexes = plan.stages.iter().map(open).fold(finishing.unwrap_or(0), u64::saturating_add);
-    let channels =
-        plan.layout.channels as u64 * ChannelTotals::bytes(voxel_type) + ChannelTotals::adding_bytes(voxel_type);
+    // What is counted with a step that is appended, and without it.
+    let countings = if plan.steps.start > 0 { 2 } else { 1 };
+    let channels = countings * plan.layout.channels as u64 * ChannelTotals::bytes(voxel_type)
+        + ChannelTotals::adding_bytes(voxel_type);
     (threads * (buffers + compressor) + in_flight + channels).saturating_add(side_data).saturating_add(indexes)
 }
 

@@ -4,10 +4,11 @@
 //! Settings, statistics and placement are themselves read from the root document. So that one byte in one of them is found
 //! as well, the document holds a checksum of what was written.
 
+use crate::append::{FOREIGN_STEPS, foreign_steps};
 use crate::error::OpenError;
-use crate::folder::Folder;
 use crate::metadata::{apron_document, level_document, root_document};
-use crate::side::{SideArray, level_arrays, read_json};
+use crate::shard_file::IoMode;
+use crate::side::{SideArray, level_arrays, parse_json, read_json};
 use crate::store::Store;
 use crate::verify::VerifyProblem;
 use brickyard_volume::Level;
@@ -17,10 +18,8 @@ use std::path::{Path, PathBuf};
 
 /// Checks the root document of the main pyramid, and the documents of these levels, each with the store of its pyramid.
 /// Returns the problems.
-pub(super) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, Level)>) -> Vec<VerifyProblem> {
-    let root = root_document(main.layout(), main.geometry(), main.info());
-    let root_path = main.path().join("zarr.json");
-    let mut documents = vec![(root_path.clone(), root)];
+pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, Level)>) -> Vec<VerifyProblem> {
+    let mut documents = Vec::new();
     for (store, level) in levels {
         let (layout, info) = (store.layout(), store.info());
         let path = |of: &crate::layout::Layout| store.path().join(of.level_path(level)).join("zarr.json");
@@ -35,13 +34,14 @@ pub(super) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, L
     }
     let found: Vec<_> = documents.iter().map(|(path, _)| read_json(main.folder(), path)).collect();
     // Read after the arrays: so they have at most one step more, of a commit that was cut off or is under way.
-    let times =
-        main.info().times.map(|times| times..=count_of(main.folder(), &root_path).unwrap_or(times).saturating_add(1));
+    let (expected, root) = root_now(main);
+    let times = main.info().times.map(|times| times..=count_of(&root).unwrap_or(times).saturating_add(1));
+    let of_root = check_one(main.path().join("zarr.json"), &expected, root);
     let checked = documents.into_iter().zip(found).map(|((path, expected), found)| {
         let found = found.map(|found| with_committed_times(&expected, found, times.as_ref()));
         check_one(path, &expected, found)
     });
-    checked.flatten().collect()
+    of_root.into_iter().chain(checked.flatten()).chain(foreign(main)).collect()
 }
 
 /// The documents of a level's side data, and of its aprons'. Where no step is appended, opening has compared them.
@@ -51,9 +51,31 @@ fn side_documents(store: &Store, level: Level) -> Vec<(PathBuf, Value)> {
     arrays.iter().chain(&aprons).map(|array| (array.document_path(), array.document())).collect()
 }
 
+/// Steps that another program has appended, unless the store grows meanwhile.
+fn foreign(main: &Store) -> Option<VerifyProblem> {
+    let (path, found) = foreign_steps(main).ok()??;
+    let what = format!("shape[0]: expected {}, found {found}: {FOREIGN_STEPS}", main.times());
+    let has_grown = main.newer().is_ok_and(|newer| newer.is_some());
+    (!has_grown).then_some(VerifyProblem { brick: None, path, what })
+}
+
+/// The root document as it should be and as it is: steps may have been appended since the store was opened, so what it says by itself is what it
+/// should say, unless that is no store.
+fn root_now(main: &Store) -> (Value, Result<Value, OpenError>) {
+    let path = main.path().join("zarr.json");
+    let document = |store: &Store| root_document(store.layout(), store.geometry(), store.info());
+    let text = match main.folder().document(&path) {
+        Ok(text) => text,
+        Err(error) => return (document(main), Err(error)),
+    };
+    let has_grown = |now: &Store| main.info().times.is_none_or(|times| now.times() > times);
+    let now = Store::open_with_root(main.folder(), IoMode::default(), None, &text).ok().filter(has_grown);
+    (document(now.as_ref().unwrap_or(main)), parse_json(&path, &text))
+}
+
 /// The number of time steps that the root document counts; `None` where it does not, or cannot be read.
-fn count_of(folder: &Folder, root_path: &Path) -> Option<u32> {
-    read_json(folder, root_path).ok()?["attributes"]["brickyard"]["times"].as_u64()?.try_into().ok()
+fn count_of(root: &Result<Value, OpenError>) -> Option<u32> {
+    root.as_ref().ok()?["attributes"]["brickyard"]["times"].as_u64()?.try_into().ok()
 }
 
 /// An array's document with the number of time steps that is expected of it, where it has one that it may have.
