@@ -12,6 +12,7 @@ use crate::buffer_lru::zeroed;
 use crate::cut::{Cut, View};
 use crate::dither::PixelShare;
 use crate::draw_list::{DrawCell, DrawList, Slot};
+use crate::leave::leave;
 use crate::ram_cache::{RamCache, layout_of};
 use crate::residency::Upload;
 use crate::slot_contents::scratch_bytes;
@@ -303,10 +304,7 @@ impl Readers {
 impl Drop for Readers {
     fn drop(&mut self) {
         self.channels = None;
-        for thread in self.threads.drain(..) {
-            // A reader's own panic has been printed; there is nothing to add while dropping.
-            let _ = thread.join();
-        }
+        leave(self.threads.drain(..));
     }
 }
 

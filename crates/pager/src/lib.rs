@@ -20,6 +20,7 @@ mod exact;
 mod fade;
 mod layers;
 mod layout;
+mod leave;
 mod motion;
 mod neighbourhood;
 mod order;

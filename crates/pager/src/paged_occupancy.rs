@@ -11,6 +11,7 @@
 //!
 //! Cost: about 60 ns a question; 8 bytes a brick of the pages that are kept.
 
+use crate::leave::leave;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::{
     BrickId, Geometry, Level, Occupancy, OccupancyBins, PAGE_EDGE_BRICKS, PageId, Pyramid, VoxelType,
@@ -267,10 +268,7 @@ impl Drop for PageReader {
         pages.kept.clear();
         pages.waiting = 0;
         drop(pages);
-        if let Some(thread) = self.thread.take() {
-            // Its own panic has been printed; there is nothing to add while dropping.
-            let _ = thread.join();
-        }
+        leave(self.thread.take());
     }
 }
 

@@ -12,6 +12,7 @@
 //! for theirs. At once, the cut is always the view's own, and the same views give the same cuts.
 
 use crate::cut::{Cut, Node, View, cut_capacity};
+use crate::leave::leave;
 use crate::plan::{self, Key};
 use crate::slots::VolumeBrick;
 use crate::source::BrickSource;
@@ -381,9 +382,6 @@ impl PlannerThread {
 impl Drop for PlannerThread {
     fn drop(&mut self) {
         self.jobs = None;
-        if let Some(thread) = self.thread.take() {
-            // Its own panic has been printed; there is nothing to add while dropping.
-            let _ = thread.join();
-        }
+        leave(self.thread.take());
     }
 }

@@ -9,6 +9,7 @@
 use crate::assemble::PaddedReader;
 use crate::budget::Meter;
 use crate::buffer_lru::zeroed;
+use crate::leave::leave;
 use crate::ram_cache::RamCache;
 use crate::residency::{Arrival, Arrived};
 use crate::retry::Failure;
@@ -182,10 +183,7 @@ impl Drop for Workers {
         self.shared.wake.notify_all();
         // A worker that waits for room in the channel gets an error instead.
         self.arrivals = None;
-        for thread in self.threads.drain(..) {
-            // A worker's own panic has been printed; there is nothing to add while dropping.
-            let _ = thread.join();
-        }
+        leave(self.threads.drain(..));
     }
 }
 
