@@ -21,6 +21,8 @@ mod pixels;
 mod stack;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod unknown_tests;
 
 use crate::axes::Sizes;
 use crate::dicom_files::files_in;
