@@ -1,9 +1,11 @@
-//! Elements whose representation their writer did not know (UN).
+//! Elements whose representation their writer did not know (UN), and damaged files beside a series.
 
-use super::tests::{Folder, Written, enhanced, voxels};
+use super::tests::{Folder, Written, enhanced, shuffled, voxels};
+use crate::open::open;
+use crate::options::OpenOptions;
 use brickyard_volume::VoxelType;
 use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
-use dicom_dictionary_std::tags;
+use dicom_dictionary_std::{tags, uids};
 use glam::DVec3;
 
 /// The element as one of unknown representation, with the same bytes.
@@ -81,4 +83,28 @@ fn sequences_of_unknown_representation_that_a_value_needs_are_refused() {
         }
     });
     Folder::of([file]).refused(&["(UN)", "(0028,9145)", "dcmconv +uc"]);
+}
+
+#[test]
+fn damaged_files_beside_one_file_matter_only_where_they_may_be_of_its_series() {
+    let folder = Folder::of(shuffled());
+    let damaged = |series: &str| {
+        let mut other = Written::slice(32.5, 500);
+        other.text(tags::SERIES_INSTANCE_UID, VR::UI, series);
+        other.save(&folder.file(9), uids::EXPLICIT_VR_LITTLE_ENDIAN);
+        let bytes = std::fs::read(folder.file(9)).unwrap();
+        // Within the value of (0028,0010), behind the series' UID.
+        let rows = bytes.windows(6).position(|w| w == b"\x28\0\x10\0US").unwrap();
+        std::fs::write(folder.file(9), &bytes[..rows + 9]).unwrap();
+        open(&[folder.file(2)], &OpenOptions::default())
+    };
+    let source = damaged("1.5.3").unwrap();
+    assert_eq!(source.info().extent.z, 5);
+    let notes = source.info().notes.join(" ");
+    assert!(notes.contains("1 DICOM file beside it") && notes.contains("IM9: cut short"), "{notes}");
+    let message = damaged("1.2.3").err().unwrap().to_string();
+    assert!(message.contains("IM9: cut short"), "{message}");
+    // A folder is taken as it is.
+    assert!(damaged("1.5.3").is_ok());
+    folder.refused(&["IM9: cut short"]);
 }
