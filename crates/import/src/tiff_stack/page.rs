@@ -47,6 +47,9 @@ const MOST_ZSTD_WINDOW: u64 = 128 << 20;
 /// A strip's or tile's offset and length.
 const CHUNK_PLACE_BYTES: u64 = 16;
 
+/// What a page is to another (NewSubfileType): bits of a smaller copy, and of a mask.
+const COPY_OR_MASK: u32 = 1 | 4;
+
 /// Slices of a page and of a tile, which are not in the standard.
 const IMAGE_DEPTH: Tag = Tag::Unknown(32997);
 const TILE_DEPTH: Tag = Tag::Unknown(32998);
@@ -136,6 +139,12 @@ impl OpenTiff {
 
     pub(super) fn has_more_pages(&self) -> bool {
         self.decoder.more_images()
+    }
+
+    /// Whether the page is there for the sake of another, as a smaller copy of it (an overview, a thumbnail) or a mask.
+    pub(super) fn is_copy_or_mask(&mut self) -> Result<bool, ImportError> {
+        let kind = self.decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType);
+        Ok(said(&self.path, kind)?.is_some_and(|kind| kind & COPY_OR_MASK != 0))
     }
 
     /// Moves the decoder to the next page. `number` is that page's number, counted from 1, for messages.

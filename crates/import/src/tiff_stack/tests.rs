@@ -1,5 +1,6 @@
 //! TIFF files built byte by byte (layouts) and by the library's encoder (compressions), read back.
 
+mod copies;
 mod described;
 mod sets;
 
