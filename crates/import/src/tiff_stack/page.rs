@@ -11,9 +11,9 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use tiff::ColorType;
-use tiff::TiffError;
 use tiff::decoder::{ChunkType, Decoder, DecodingSampleType, Limits};
-use tiff::tags::{ByteOrder, Tag};
+use tiff::tags::{ByteOrder, PhotometricInterpretation, SampleFormat, Tag};
+use tiff::{TiffError, TiffFormatError, TiffUnsupportedError};
 
 /// Most memory for the values of one tag: 8 million strips.
 const MOST_TAG_BYTES: usize = 256 << 20;
@@ -44,11 +44,15 @@ const NOT_READ: [(u16, &str); 14] = [
 ];
 /// What a Zstandard decoder keeps of its output at most, by default.
 const MOST_ZSTD_WINDOW: u64 = 128 << 20;
+/// The way on where pixels are of a kind that is not read.
+const AS_NUMBERS: &str = "write its pixels again as numbers of 8, 16, 32 or 64 bits: one a pixel, or red, green and blue (tiff2rgba, ImageMagick)";
 /// A strip's or tile's offset and length.
 const CHUNK_PLACE_BYTES: u64 = 16;
 
 /// What a page is to another (NewSubfileType): bits of a smaller copy, and of a mask.
 const COPY_OR_MASK: u32 = 1 | 4;
+/// Bytes of a strip or tile among which its JPEG header is looked for.
+const JPEG_HEADER_BYTES: u64 = 64 << 10;
 
 /// Slices of a page and of a tile, which are not in the standard.
 const IMAGE_DEPTH: Tag = Tag::Unknown(32997);
@@ -167,8 +171,10 @@ impl OpenTiff {
         let (width, height) = self.decoder.dimensions().map_err(refuse)?;
         let color = self.decoder.colortype().map_err(refuse)?;
         let layout = self.decoder.image_chunk_buffer_layout(0).map_err(refuse)?;
-        let unsupported =
-            || ImportError::unsupported(&path, format!("pixel type {color:?}, {:?}", layout.sample_format));
+        let unsupported = || {
+            let feature = format!("pixel type {color:?}, {:?}", layout.sample_format);
+            ImportError::unsupported_but(&path, feature, AS_NUMBERS)
+        };
         let bits = color.bit_depth() as usize;
         let element =
             layout.sample_type.and_then(element_of).filter(|e| e.bytes() * 8 == bits).ok_or_else(unsupported)?;
@@ -280,9 +286,13 @@ impl OpenTiff {
     pub(super) fn check_data(&mut self, path: &Path, number: u32) -> Result<(), ImportError> {
         let page = |e| refusal(path, &format!("page {number}"), e);
         let plain = self.plain_chunk()?;
+        let is_jpeg = self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(page)? == Some(JPEG);
         for (tag, counts) in [(Tag::StripOffsets, Tag::StripByteCounts), (Tag::TileOffsets, Tag::TileByteCounts)] {
             let mut numbers = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map(Option::unwrap_or_default);
             let (offsets, counts) = (numbers(tag).map_err(page)?, numbers(counts).map_err(page)?);
+            if let (true, Some(&at), Some(&count)) = (is_jpeg, offsets.first(), counts.first()) {
+                self.check_jpeg(path, at, count)?;
+            }
             for (i, (offset, count)) in offsets.into_iter().zip(counts).enumerate() {
                 if count == 0 {
                     let feature = format!("an empty strip or tile, as number {i} of page {number} is (a sparse file)");
@@ -311,6 +321,25 @@ impl OpenTiff {
             }
         }
         Ok(())
+    }
+
+    /// Refuses JPEG of a kind that the library takes for damage, by the head of a strip or tile.
+    fn check_jpeg(&mut self, path: &Path, at: u64, count: u64) -> Result<(), ImportError> {
+        let mut head = Vec::new();
+        let file = self.decoder.inner();
+        let read = file
+            .seek(SeekFrom::Start(at))
+            .and_then(|_| file.by_ref().take(count.min(JPEG_HEADER_BYTES)).read_to_end(&mut head));
+        read.map_err(ImportError::io(path))?;
+        let kind = match frame_marker(&head) {
+            None | Some(0xc0..=0xc2) => return Ok(()),
+            Some(0xc3) => "lossless",
+            Some(0xc9..) => "with arithmetic coding",
+            Some(_) => "hierarchical",
+        };
+        let advice =
+            "write it again with another compression: none, LZW, Deflate, PackBits, Zstandard, or the usual JPEG";
+        Err(ImportError::unsupported_but(path, format!("JPEG that is {kind}"), advice))
     }
 
     /// The strips or tiles of a page whose pixels lie as they are.
@@ -611,19 +640,68 @@ pub(super) fn said<T>(path: &Path, read: Result<Option<T>, TiffError>) -> Result
     }
 }
 
+/// The marker that begins a JPEG's frame and says of which kind it is; `None` if there is none.
+fn frame_marker(jpeg: &[u8]) -> Option<u8> {
+    let mut at = 2;
+    loop {
+        let &[0xff, marker, high, low] = jpeg.get(at..)?.first_chunk()? else { return None };
+        match marker {
+            0xff => at += 1,
+            0xc4 | 0xc8 | 0xcc => at += 2 + usize::from(u16::from_be_bytes([high, low])),
+            0xc0..=0xcf => return Some(marker),
+            0x01 | 0xd0..=0xd8 => at += 2,
+            0xd9 | 0xda => return None,
+            _ => at += 2 + usize::from(u16::from_be_bytes([high, low])),
+        }
+    }
+}
+
 /// What the library says, as this crate's error.
 fn refusal(path: &Path, what: &str, error: TiffError) -> ImportError {
+    let invalid = |problem: &str| ImportError::invalid(path, format!("{what}: {problem}"));
     match error {
-        TiffError::UnsupportedError(e) => ImportError::unsupported(path, format!("{what}: {e}")),
-        TiffError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
-            ImportError::invalid(path, format!("{what}: the file is cut short"))
+        TiffError::UnsupportedError(e) => {
+            ImportError::unsupported_but(path, format!("{what}: {}", feature_of(e)), AS_NUMBERS)
         }
-        // What a seek to before the beginning or past all numbers is called.
-        TiffError::IoError(e) if e.kind() == std::io::ErrorKind::InvalidInput => ImportError::invalid(
-            path,
-            format!("{what}: it names a place that no file has, so its directory is damaged"),
+        TiffError::FormatError(TiffFormatError::InconsistentSizesEncountered) => invalid(
+            "its directory has another number of strips, tiles or samples than follows from its sizes; tiffcp may write it anew",
         ),
+        TiffError::FormatError(TiffFormatError::StripTileTagConflict) => invalid(
+            "its directory lacks the places or the lengths of strips or tiles, or has those of both; tiffcp may write it anew",
+        ),
+        TiffError::FormatError(TiffFormatError::CycleInOffsets) => {
+            invalid("a directory names one before it as the next; `tiffcp IN,0 OUT` writes the first page anew")
+        }
+        TiffError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => invalid("the file is cut short"),
+        // What a seek to before the beginning or past all numbers is called.
+        TiffError::IoError(e) if e.kind() == std::io::ErrorKind::InvalidInput => {
+            invalid("it names a place that no file has, so its directory is damaged")
+        }
         TiffError::IoError(e) => ImportError::io(path)(e),
-        e => ImportError::invalid(path, format!("{what}: {e}")),
+        e => invalid(&e.to_string()),
+    }
+}
+
+/// What the library does not read, in words that say what it is.
+fn feature_of(error: TiffUnsupportedError) -> String {
+    use PhotometricInterpretation as P;
+    match error {
+        TiffUnsupportedError::InterpretationWithBits(P::RGBPalette, _) => "a palette of colours".into(),
+        TiffUnsupportedError::InterpretationWithBits(P::TransparencyMask, _) => "a mask of transparency".into(),
+        TiffUnsupportedError::InterpretationWithBits(kind, bits) => {
+            format!("{kind:?} of {} samples a pixel, {} bits each,", bits.len(), bits.first().unwrap_or(&0))
+        }
+        TiffUnsupportedError::UnknownInterpretation => {
+            "a PhotometricInterpretation that is missing or not the standard's".into()
+        }
+        // The library calls them samples a pixel.
+        TiffUnsupportedError::UnsupportedSampleDepth(bits) => format!("numbers of {bits} bits"),
+        TiffUnsupportedError::UnsupportedSampleFormat(formats) => match formats[..] {
+            [SampleFormat::Unknown(5 | 6), ..] => "complex numbers".into(),
+            _ => format!("samples of the formats {formats:?}"),
+        },
+        TiffUnsupportedError::InconsistentBitsPerSample(bits) => format!("samples of unlike widths ({bits:?} bits)"),
+        TiffUnsupportedError::ChromaSubsampling => "YCbCr with fewer samples of colour than of brightness".into(),
+        other => other.to_string().trim_end_matches(" is unsupported").to_owned(),
     }
 }
