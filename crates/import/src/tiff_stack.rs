@@ -108,7 +108,9 @@ impl TiffStack {
         description.place(&mut info);
         description.mark(&mut info, scale, options.nodata);
         info.notes.extend(note);
-        if format.is_rgb {
+        // A composite says how each of its channels is shown.
+        let are_told = !info.channel_looks.is_empty() && info.channel_looks.iter().all(|look| look.window.is_some());
+        if format.is_rgb && !are_told {
             info.channel_looks = photograph(&info, format.samples);
         }
         if format.samples > 1 {

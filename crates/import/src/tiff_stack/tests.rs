@@ -630,6 +630,25 @@ fn imagej_hyperstacks_are_unravelled() {
 }
 
 #[test]
+fn imagej_composites_may_have_their_channels_as_samples() {
+    let field = Field { sizes: [5, 4, 1, 3, 1], voxel_type: VoxelType::U16 };
+    for planar in [false, true] {
+        let layout = Layout {
+            samples: 3,
+            planar,
+            photometric: 2,
+            description: "ImageJ=1.53c\nchannels=3\nmode=composite\n".into(),
+            ..Layout::default()
+        };
+        let (_folder, path) = temp_file("a.tif", &written(field, "zc", &layout));
+        let source = opened(&path).unwrap();
+        assert_boxes(&*source, field);
+        let look = &source.info().channel_looks[1];
+        assert_eq!((look.name.as_deref(), look.color), (Some("green"), Some([0, 255, 0])));
+    }
+}
+
+#[test]
 fn imagej_latin_1_units_are_understood() {
     let field = Field { sizes: [2, 2, 2, 1, 1], voxel_type: VoxelType::U8 };
     let layout =
