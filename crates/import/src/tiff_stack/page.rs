@@ -1,6 +1,8 @@
 //! One TIFF file being decoded: its pages' format, the check that their data exist, and rectangles of samples.
 
+use super::jpeg;
 use super::lzw::{self, Predictor, Rows};
+use super::refusal::{AS_NUMBERS, not_decoded, refusal};
 use super::told::is_damage;
 use super::turn::Turn;
 use crate::element::{Decode, Element, Endian};
@@ -11,9 +13,9 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use tiff::ColorType;
+use tiff::TiffError;
 use tiff::decoder::{ChunkType, Decoder, DecodingSampleType, Limits};
-use tiff::tags::{ByteOrder, PhotometricInterpretation, SampleFormat, Tag};
-use tiff::{TiffError, TiffFormatError, TiffUnsupportedError};
+use tiff::tags::{ByteOrder, Tag};
 
 /// Most memory for the values of one tag: 8 million strips.
 const MOST_TAG_BYTES: usize = 256 << 20;
@@ -44,8 +46,6 @@ const NOT_READ: [(u16, &str); 14] = [
 ];
 /// What a Zstandard decoder keeps of its output at most, by default.
 const MOST_ZSTD_WINDOW: u64 = 128 << 20;
-/// The way on where pixels are of a kind that is not read.
-const AS_NUMBERS: &str = "write its pixels again as numbers of 8, 16, 32 or 64 bits: one a pixel, or red, green and blue (tiff2rgba, ImageMagick)";
 /// A strip's or tile's offset and length.
 const CHUNK_PLACE_BYTES: u64 = 16;
 
@@ -331,12 +331,7 @@ impl OpenTiff {
             .seek(SeekFrom::Start(at))
             .and_then(|_| file.by_ref().take(count.min(JPEG_HEADER_BYTES)).read_to_end(&mut head));
         read.map_err(ImportError::io(path))?;
-        let kind = match frame_marker(&head) {
-            None | Some(0xc0..=0xc2) => return Ok(()),
-            Some(0xc3) => "lossless",
-            Some(0xc9..) => "with arithmetic coding",
-            Some(_) => "hierarchical",
-        };
+        let Some(kind) = jpeg::kind_not_read(&head) else { return Ok(()) };
         let advice =
             "write it again with another compression: none, LZW, Deflate, PackBits, Zstandard, or the usual JPEG";
         Err(ImportError::unsupported_but(path, format!("JPEG that is {kind}"), advice))
@@ -447,9 +442,7 @@ impl OpenTiff {
             return Ok(stride);
         }
         let Self { path, decoder, chunk, .. } = self;
-        decoder
-            .read_chunk_bytes(index, chunk)
-            .map_err(|e| refusal(path, &format!("strip or tile {index} cannot be decoded"), e))?;
+        decoder.read_chunk_bytes(index, chunk).map_err(|e| not_decoded(path, index, e))?;
         if format.white_is_zero {
             chunk.iter_mut().for_each(|b| *b = !*b);
         }
@@ -637,71 +630,5 @@ pub(super) fn said<T>(path: &Path, read: Result<Option<T>, TiffError>) -> Result
     match read {
         Err(TiffError::IoError(error)) if !is_damage(&error) => Err(ImportError::io(path)(error)),
         read => Ok(read.ok().flatten()),
-    }
-}
-
-/// The marker that begins a JPEG's frame and says of which kind it is; `None` if there is none.
-fn frame_marker(jpeg: &[u8]) -> Option<u8> {
-    let mut at = 2;
-    loop {
-        let &[0xff, marker, high, low] = jpeg.get(at..)?.first_chunk()? else { return None };
-        match marker {
-            0xff => at += 1,
-            0xc4 | 0xc8 | 0xcc => at += 2 + usize::from(u16::from_be_bytes([high, low])),
-            0xc0..=0xcf => return Some(marker),
-            0x01 | 0xd0..=0xd8 => at += 2,
-            0xd9 | 0xda => return None,
-            _ => at += 2 + usize::from(u16::from_be_bytes([high, low])),
-        }
-    }
-}
-
-/// What the library says, as this crate's error.
-fn refusal(path: &Path, what: &str, error: TiffError) -> ImportError {
-    let invalid = |problem: &str| ImportError::invalid(path, format!("{what}: {problem}"));
-    match error {
-        TiffError::UnsupportedError(e) => {
-            ImportError::unsupported_but(path, format!("{what}: {}", feature_of(e)), AS_NUMBERS)
-        }
-        TiffError::FormatError(TiffFormatError::InconsistentSizesEncountered) => invalid(
-            "its directory has another number of strips, tiles or samples than follows from its sizes; tiffcp may write it anew",
-        ),
-        TiffError::FormatError(TiffFormatError::StripTileTagConflict) => invalid(
-            "its directory lacks the places or the lengths of strips or tiles, or has those of both; tiffcp may write it anew",
-        ),
-        TiffError::FormatError(TiffFormatError::CycleInOffsets) => {
-            invalid("a directory names one before it as the next; `tiffcp IN,0 OUT` writes the first page anew")
-        }
-        TiffError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => invalid("the file is cut short"),
-        // What a seek to before the beginning or past all numbers is called.
-        TiffError::IoError(e) if e.kind() == std::io::ErrorKind::InvalidInput => {
-            invalid("it names a place that no file has, so its directory is damaged")
-        }
-        TiffError::IoError(e) => ImportError::io(path)(e),
-        e => invalid(&e.to_string()),
-    }
-}
-
-/// What the library does not read, in words that say what it is.
-fn feature_of(error: TiffUnsupportedError) -> String {
-    use PhotometricInterpretation as P;
-    match error {
-        TiffUnsupportedError::InterpretationWithBits(P::RGBPalette, _) => "a palette of colours".into(),
-        TiffUnsupportedError::InterpretationWithBits(P::TransparencyMask, _) => "a mask of transparency".into(),
-        TiffUnsupportedError::InterpretationWithBits(kind, bits) => {
-            format!("{kind:?} of {} samples a pixel, {} bits each,", bits.len(), bits.first().unwrap_or(&0))
-        }
-        TiffUnsupportedError::UnknownInterpretation => {
-            "a PhotometricInterpretation that is missing or not the standard's".into()
-        }
-        // The library calls them samples a pixel.
-        TiffUnsupportedError::UnsupportedSampleDepth(bits) => format!("numbers of {bits} bits"),
-        TiffUnsupportedError::UnsupportedSampleFormat(formats) => match formats[..] {
-            [SampleFormat::Unknown(5 | 6), ..] => "complex numbers".into(),
-            _ => format!("samples of the formats {formats:?}"),
-        },
-        TiffUnsupportedError::InconsistentBitsPerSample(bits) => format!("samples of unlike widths ({bits:?} bits)"),
-        TiffUnsupportedError::ChromaSubsampling => "YCbCr with fewer samples of colour than of brightness".into(),
-        other => other.to_string().trim_end_matches(" is unsupported").to_owned(),
     }
 }

@@ -484,6 +484,25 @@ fn pixels_and_directories_that_are_not_read_are_named() {
 }
 
 #[test]
+fn damaged_data_are_told_from_damaged_directories() {
+    for (compression, byte, words) in [
+        (8, 0x55, "its data are damaged (corrupt deflate stream)"),
+        // Nothing but bytes without effect.
+        (32773, 0x80, "its data end before its pixels do"),
+        (50000, 0x55, "its data are damaged ("),
+    ] {
+        let (_, mut bytes) = with_tag(259, compression);
+        bytes[8..48].fill(byte);
+        let (_folder, path) = temp_file("a.tif", &bytes);
+        let source = opened(&path).unwrap();
+        let error = source.read_box(0, 0, source.info().extent.full_box(), &mut [0; 40]).unwrap_err();
+        let expected = format!("a.tif: strip or tile 0 cannot be decoded: {words}");
+        let message = error.to_string();
+        assert!(message.contains(&expected) && message.ends_with("; fetch the file again"), "{message}");
+    }
+}
+
+#[test]
 fn jpeg_that_is_not_read_is_no_damage() {
     for (marker, kind) in [(0xc3, "lossless"), (0xc9, "with arithmetic coding"), (0xc5, "hierarchical")] {
         let (_, mut bytes) = with_tag(259, 7);
