@@ -127,9 +127,12 @@ pub(super) fn open_pages(
     let planes = file.pages - left_out.len() as u32;
     let (map, note) = arrange(planes, 1, options, declared, &format).map_err(|misfit| refusal(&file.path, misfit))?;
     let copies = (!left_out.is_empty()).then(|| {
-        let are = if left_out.len() == 1 { "is a smaller copy or mask" } else { "are smaller copies or masks" };
+        let are = match left_out.len() {
+            1 => "is a smaller copy or a mask of another",
+            _ => "are smaller copies or masks of others",
+        };
         let pages = counted(left_out.len() as u64, "page");
-        format!("{pages} {are} of others (NewSubfileType), and left out; `axes` zyx takes all pages.")
+        format!("{pages} {are} (NewSubfileType), and left out; `axes` zyx takes all pages.")
     });
     let map = map.without(&left_out);
     let parts = Parts { files: vec![file], format, map, reader_bytes, idle: vec![(0, tiff)] };
