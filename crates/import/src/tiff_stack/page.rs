@@ -49,7 +49,7 @@ const MOST_ZSTD_WINDOW: u64 = 128 << 20;
 /// A strip's or tile's offset and length.
 const CHUNK_PLACE_BYTES: u64 = 16;
 
-/// What a page is to another (NewSubfileType): bits of a smaller copy, and of a mask.
+/// Bits of NewSubfileType by which a page is a smaller copy of another, or a mask.
 const COPY_OR_MASK: u32 = 1 | 4;
 /// Bytes of a strip or tile among which its JPEG header is looked for.
 const JPEG_HEADER_BYTES: u64 = 64 << 10;

@@ -1,4 +1,4 @@
-//! What the library says where it cannot read a file, as this crate's errors: in words that say what the file has, and what helps.
+//! The library's errors as this crate's: in words that say what a file has, and what helps.
 
 use crate::error::ImportError;
 use std::path::Path;
@@ -9,7 +9,7 @@ use tiff::{TiffError, TiffFormatError, TiffUnsupportedError};
 pub(super) const AS_NUMBERS: &str = "write its pixels again as numbers of 8, 16, 32 or 64 bits: one a pixel, or red, \
                                     green and blue (tiff2rgba, ImageMagick)";
 
-/// What the library says, as this crate's error.
+/// The library's error as this crate's, after `what` could not be done.
 pub(super) fn refusal(path: &Path, what: &str, error: TiffError) -> ImportError {
     let invalid = |problem: &str| ImportError::invalid(path, format!("{what}: {problem}"));
     match error {
@@ -35,7 +35,7 @@ pub(super) fn refusal(path: &Path, what: &str, error: TiffError) -> ImportError 
     }
 }
 
-/// What the library says of a strip or tile whose bytes are all there, as this crate's error: what is not the system's is of these bytes.
+/// The library's error about a strip or tile whose bytes are all there, as this crate's: unless it is the system's, these bytes are damaged.
 pub(super) fn not_decoded(path: &Path, index: u32, error: TiffError) -> ImportError {
     let what = format!("strip or tile {index} cannot be decoded");
     let damaged = |problem: &str| ImportError::invalid(path, format!("{what}: {problem}; fetch the file again"));
@@ -49,7 +49,7 @@ pub(super) fn not_decoded(path: &Path, index: u32, error: TiffError) -> ImportEr
     }
 }
 
-/// What the library does not read, in words that say what it is.
+/// A feature that the library does not read, in words of its own.
 fn feature_of(error: TiffUnsupportedError) -> String {
     use PhotometricInterpretation as P;
     match error {
