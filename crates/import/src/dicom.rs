@@ -21,17 +21,20 @@ mod pixels;
 mod stack;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod unknown_tests;
 
 use crate::axes::Sizes;
 use crate::dicom_files::files_in;
 use crate::element::smallest_type;
 use crate::error::ImportError;
+use crate::files::first_bytes;
 use crate::options::{Gaps, NoData, OpenOptions};
 use crate::placement;
 use crate::raw::identity;
 use crate::source::{Access, Source, SourceInfo};
 use brickyard_volume::{ChannelLook, Extent, VoxelBox, VoxelType, counted, with_voxel_type};
-use dicom_dictionary_std::tags;
+use dicom_dictionary_std::{tags, uids};
 use frames::Frames;
 use glam::DVec3;
 use header::Header;
@@ -41,6 +44,9 @@ use std::path::{Path, PathBuf};
 
 /// Larger frames are not decoded just to find the smallest type that holds their values: nobody has said yet what memory there is.
 const MOST_LOOKED_AT_BYTES: u64 = 256 << 20;
+
+/// In as many first bytes of a file that is damaged the UID of its series is looked for.
+const MOST_SEARCHED_BYTES: usize = 1 << 20;
 
 /// A DICOM series as a source: slices sorted by position, each decoded from its file when it is asked for.
 pub(crate) struct DicomSeries {
@@ -63,15 +69,42 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
     }
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut series = Vec::new();
+    let mut unread = Vec::new();
     for other in files_in(folder)?.iter().filter(|other| other.file_name() != path.file_name()) {
-        let other = Header::read(other)?;
-        if is_image(&other) && other.series() == header.series() {
-            series.push(other);
+        match Header::read(other) {
+            Ok(other) if is_image(&other) && other.series() == header.series() => series.push(other),
+            Ok(_) => {}
+            Err(error) if is_of_the_file(&error) && !may_be_of(other, &header)? => unread.push(error),
+            Err(error) => return Err(error),
         }
     }
     series.push(header);
-    let note = format!("{} files of its series are read from its folder.", series.len());
-    DicomSeries::new(series, options, vec![note]).map(|s| Box::new(s) as _)
+    let mut notes = vec![format!("{} files of its series are read from its folder.", series.len())];
+    if let Some(first) = unread.first() {
+        let files = counted(unread.len() as u64, "DICOM file");
+        let do_not = if unread.len() == 1 { "does not" } else { "do not" };
+        notes.push(format!("{files} beside it that cannot be read and {do_not} name its series: left out. {first}"));
+    }
+    DicomSeries::new(series, options, notes).map(|s| Box::new(s) as _)
+}
+
+/// Whether a file itself is the reason why it cannot be read.
+fn is_of_the_file(error: &ImportError) -> bool {
+    matches!(error, ImportError::Invalid { .. } | ImportError::Unsupported { .. })
+}
+
+/// Whether a file whose header cannot be read may be of the same series: it has the series' UID among its first bytes, or these are
+/// deflated, or there is none.
+fn may_be_of(path: &Path, header: &Header) -> Result<bool, ImportError> {
+    let Some(series) = header.text(tags::SERIES_INSTANCE_UID) else { return Ok(true) };
+    let start = first_bytes(path, MOST_SEARCHED_BYTES)?;
+    // A longer UID that begins with this one is another.
+    let goes_on = |byte: Option<&u8>| byte.is_some_and(|byte| byte.is_ascii_digit() || *byte == b'.');
+    let has = |uid: &str| {
+        let mut places = start.windows(uid.len()).enumerate().filter(|(_, bytes)| *bytes == uid.as_bytes());
+        places.any(|(at, _)| !goes_on(start.get(at + uid.len())))
+    };
+    Ok(series.is_empty() || has(&series) || has(uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN))
 }
 
 /// Opens DICOM files of one series as a volume. If they are a folder's (`is_folder`), files without an image are left

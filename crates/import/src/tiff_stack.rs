@@ -11,6 +11,7 @@ mod calibration;
 mod description;
 mod hyperstack;
 mod imagej;
+mod jpeg;
 mod lzw;
 mod ome;
 mod ome_opening;
@@ -19,6 +20,7 @@ mod ome_set;
 mod opening;
 mod page;
 mod page_map;
+mod refusal;
 mod shaped;
 mod stk;
 mod tag_scale;
@@ -108,7 +110,9 @@ impl TiffStack {
         description.place(&mut info);
         description.mark(&mut info, scale, options.nodata);
         info.notes.extend(note);
-        if format.is_rgb {
+        // A composite says how each of its channels is shown.
+        let are_told = !info.channel_looks.is_empty() && info.channel_looks.iter().all(|look| look.window.is_some());
+        if format.is_rgb && !are_told {
             info.channel_looks = photograph(&info, format.samples);
         }
         if format.samples > 1 {

@@ -8,9 +8,10 @@ use crate::dicom_files::{BODY_AT, is_dicom};
 use crate::error::ImportError;
 use crate::mapped::MappedFile;
 use crate::stamp::Stamp;
+use dicom_core::dictionary::{DataDictionary, DataDictionaryEntry};
 use dicom_core::header::DataElementHeader;
 use dicom_core::{PrimitiveValue, Tag, VR};
-use dicom_dictionary_std::{tags, uids};
+use dicom_dictionary_std::{StandardDataDictionary, tags, uids};
 use dicom_parser::dataset::LazyDataToken;
 use dicom_parser::dataset::lazy_read::LazyDataSetReader;
 use dicom_parser::{DynStatefulDecoder, StatefulDecode};
@@ -283,12 +284,17 @@ impl Header {
         while let Some(element) = elements.next()? {
             match element {
                 Element::Sequence(parents, tag) => self.enter(parents, tag),
+                Element::Unread(tag) => self.enter_unread(&[], tag)?,
                 Element::Pixels { tag, vr, length } => {
                     self.pixels = Some(PixelElement { tag, vr, length, offset: elements.into_position() });
                     break;
                 }
                 Element::Value(parents, header) => {
+                    let header = as_known(header);
                     let tag = header.tag;
+                    if header.vr == VR::SQ {
+                        self.enter_unread(parents, tag)?;
+                    }
                     let is_wanted = WANTED.contains(&tag) || self.is_of_mosaic(&header);
                     match self.values_at(parents).filter(|_| is_wanted) {
                         Some(values) => values.insert(tag, elements.read(&header)?).map_or((), drop),
@@ -355,6 +361,22 @@ impl Header {
         }
     }
 
+    /// Notes a sequence of unknown representation, whose items are not read; an error if these would say what frames are.
+    fn enter_unread(&mut self, parents: &[Tag], tag: Tag) -> Result<(), ImportError> {
+        const GROUPS: [Tag; 2] = [tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE, tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE];
+        let is_needed = match parents {
+            [] => GROUPS.contains(&tag),
+            [group] => GROUPS.contains(group) && MACROS.contains(&tag),
+            _ => false,
+        };
+        if is_needed {
+            let feature = format!("a sequence of unknown representation (UN) that says what frames are, {tag},");
+            return Err(ImportError::unsupported_but(&self.path, feature, "write it again, as dcmconv +uc does"));
+        }
+        self.enter(parents, tag);
+        Ok(())
+    }
+
     /// Where values go that stand under these sequences; `None` if they are not wanted.
     fn values_at(&mut self, parents: &[Tag]) -> Option<&mut Values> {
         match parents {
@@ -364,6 +386,13 @@ impl Header {
             _ => None,
         }
     }
+}
+
+/// An element's header with the representation that the standard gives it, where the file says that it is unknown (UN): so write those
+/// who pass on what they do not know.
+fn as_known(header: DataElementHeader) -> DataElementHeader {
+    let entry = StandardDataDictionary.by_tag(header.tag).filter(|_| header.vr == VR::UN);
+    DataElementHeader { vr: entry.map_or(header.vr, |entry| entry.vr().relaxed()), ..header }
 }
 
 /// Half a unit in the last decimal place of a number as it is written; 0 where it has no decimals.
@@ -417,6 +446,8 @@ enum Element<'a> {
     Value(&'a [Tag], DataElementHeader),
     /// The begin of a sequence, or (with the tag of an item) of one of its items.
     Sequence(&'a [Tag], Tag),
+    /// A sequence of unknown representation on its own, which is passed over.
+    Unread(Tag),
     /// Pixels, whose value begins at [`Elements::into_position`]: the fields of a [`PixelElement`].
     Pixels { tag: Tag, vr: VR, length: Option<u64> },
 }
@@ -496,7 +527,7 @@ impl<'a> Elements<'a> {
                             .ok_or_else(|| damaged(path, position, &"a sequence without an end"))?;
                         (self.reader, self.read_to) = reader_at(path, self.bytes, end, self.syntax)?;
                         self.position = end;
-                        continue;
+                        return Ok(Some(Element::Unread(tag)));
                     }
                     if self.sequences.len() == DEEPEST {
                         return Err(damaged(self.path, self.position, &"sequences nest too deeply"));

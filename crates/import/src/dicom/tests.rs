@@ -726,7 +726,7 @@ fn lossless_jpeg_is_decoded_exactly_and_damage_refused() {
 }
 
 /// An enhanced file: two frames in one, the upper one first, with all else shared.
-fn enhanced() -> Written {
+pub(super) fn enhanced() -> Written {
     let item = |put: &[(Tag, VR, &str)]| {
         let mut written = Written(InMemDicomObject::new_empty());
         for (tag, vr, text) in put {

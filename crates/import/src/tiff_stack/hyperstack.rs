@@ -8,12 +8,15 @@ use brickyard_volume::{ChannelLook, TimeAxis};
 /// How ImageJ's description begins.
 pub(super) const START: &str = "ImageJ=";
 
-/// What the text says. `resolution` is pixels per unit along x and y, which ImageJ keeps in the page's tags.
-pub(super) fn read(text: &str, resolution: Option<[f64; 2]>) -> Description {
+/// What the text says. `resolution` is pixels per unit along x and y, which ImageJ keeps in the page's tags; `samples` are those of a pixel.
+pub(super) fn read(text: &str, resolution: Option<[f64; 2]>, samples: u16) -> Description {
     let value = |key: &str| text.lines().find_map(|l| l.strip_prefix(key)?.strip_prefix('=')).map(str::trim);
     let count = |key| value(key).and_then(|v| v.parse::<u32>().ok());
     let images = count("images").unwrap_or(1);
-    let (channels, frames) = (count("channels").unwrap_or(1), count("frames").unwrap_or(1));
+    // The channels of a composite of 16 bits may be the samples of its pixels: then pages have no others.
+    let between_pages = |channels: &u32| samples == 1 || images > 1 || *channels != u32::from(samples);
+    let channels = count("channels").filter(between_pages).unwrap_or(1);
+    let frames = count("frames").unwrap_or(1);
     let others = channels.saturating_mul(frames);
     let slices = count("slices").unwrap_or(if others == 1 { images } else { 1 });
     let mut description = Description {
@@ -75,10 +78,18 @@ mod tests {
     }
 
     #[test]
+    fn channels_of_a_composite_may_be_samples() {
+        let planes = |text: &str, samples| read(text, None, samples).declared.unwrap().planes();
+        let text = "ImageJ=1.53c\nchannels=3\nmode=composite\n";
+        assert_eq!([planes(text, 1), planes(text, 3), planes(text, 4)], [3, 1, 3]);
+        assert_eq!(planes("ImageJ=1.53c\nimages=3\nchannels=3\n", 3), 3);
+    }
+
+    #[test]
     fn hyperstacks_run_through_channels_first() {
         let text =
             "ImageJ=1.53t\nimages=24\nchannels=2\nslices=4\nframes=3\nhyperstack=true\nspacing=2.5\nunit=\\u00B5m\n";
-        let d = read(text, Some([4.0, 2.0]));
+        let d = read(text, Some([4.0, 2.0]), 1);
         assert_eq!((spacing_of(&d), d.unit), (Some([0.25, 0.5, 2.5]), Some("micrometer")));
         let declared = d.declared.unwrap();
         assert_eq!(declared.page_axes, [Axis::T, Axis::Z, Axis::C]);
@@ -87,20 +98,20 @@ mod tests {
 
     #[test]
     fn without_a_unit_the_printers_resolution_is_ignored() {
-        let d = read("ImageJ=1.4\nimages=5\nspacing=-3\n", Some([72.0, 72.0]));
+        let d = read("ImageJ=1.4\nimages=5\nspacing=-3\n", Some([72.0, 72.0]), 1);
         assert_eq!((spacing_of(&d), d.unit, d.declared.unwrap().z), (Some([1.0, 1.0, 3.0]), None, 5));
-        assert_eq!(read("ImageJ=1.4\nimages=5\nunit=pixel\n", Some([72.0, 72.0])).spacing, None);
+        assert_eq!(read("ImageJ=1.4\nimages=5\nunit=pixel\n", Some([72.0, 72.0]), 1).spacing, None);
         for spacing in ["inf", "-Infinity", "NaN", "0"] {
             let text = format!("ImageJ=1.4\nimages=5\nspacing={spacing}\n");
-            assert_eq!(read(&text, None).spacing, None, "{spacing}");
+            assert_eq!(read(&text, None, 1).spacing, None, "{spacing}");
         }
-        let odd = read("ImageJ=1.4\nimages=5\nunit=furlong\n", None);
+        let odd = read("ImageJ=1.4\nimages=5\nunit=furlong\n", None, 1);
         assert!(odd.notes[0].contains("furlong"));
     }
 
     #[test]
     fn frames_are_taken_when_the_description_says() {
-        let of = |text: &str| read(text, None);
+        let of = |text: &str| read(text, None, 1);
         let axis = |step, unit: &str| Some(TimeAxis { step, unit: Some(unit.into()), ..TimeAxis::default() });
         let imagej = "ImageJ=1.53\nimages=6\nframes=3\nslices=2\n";
         assert_eq!(of(&format!("{imagej}finterval=0.25\n")).time, axis(0.25, "second"));
@@ -115,7 +126,7 @@ mod tests {
 
     #[test]
     fn the_display_range_is_that_of_one_channel() {
-        let looks = |text: &str| read(text, None).channel_looks;
+        let looks = |text: &str| read(text, None, 1).channel_looks;
         assert_eq!(looks("ImageJ=1.53\nimages=4\nmin=-2.5\nmax=900\n")[0].window, Some([-2.5, 900.0]));
         assert_eq!(looks("ImageJ=1.53\nimages=4\nmin=7\nmax=7\n"), []);
     }

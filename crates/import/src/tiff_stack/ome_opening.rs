@@ -6,7 +6,7 @@ use super::description::{Description, Ome, OmeSays};
 use super::ome::{Pixels, TiffData};
 use super::ome_pages::{self, Files};
 use super::ome_set::{Set, check_uuid, follow, is_companion, read_companion};
-use super::opening::{Walked, odd_page, open_pages, refuse_problem};
+use super::opening::{Pages, Walked, odd_page, open_pages, refuse_problem};
 use super::page::{OpenTiff, PageFormat};
 use super::page_map::{PageMap, Place, of_page};
 use super::told::name_of;
@@ -67,7 +67,7 @@ impl Opening<'_> {
         let path = self.path;
         match ome.says {
             OmeSays::Pixels(pixels) if pixels.tiff_data.is_empty() => {
-                open_pages(Walked::of(tiff, &self.format)?, self.format, &description, self.options)
+                open_pages(tiff, self.format, &description, self.options)
             }
             OmeSays::Pixels(pixels) => {
                 let set = Set::find(path, ome.uuid.as_deref(), true, &pixels.parts)?;
@@ -161,7 +161,7 @@ impl Opening<'_> {
                 Some(tiff) => tiff,
                 None => self.part(part, set.uuids[number as usize].as_deref())?,
             };
-            let Walked { file, tiff, reader_bytes, odd } = Walked::of(tiff, format)?;
+            let Walked { file, tiff, reader_bytes, odd, .. } = Walked::of(tiff, format, Pages::All)?;
             if file.pages > 1 && all.idle.len() < MOST_IDLE {
                 all.idle.push((number, tiff.rest()));
             }

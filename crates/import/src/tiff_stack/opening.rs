@@ -13,14 +13,25 @@ use crate::mapped::MappedFile;
 use crate::options::{NoData, OpenOptions};
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::{Source, SourceInfo};
+use brickyard_volume::counted;
 use std::path::{Path, PathBuf};
 
-/// Whether a TIFF file has more than one page.
+/// Whether a TIFF file has more than one page, but for smaller copies and masks of others.
 pub(crate) fn is_multi_page(path: &Path) -> Result<bool, ImportError> {
     if is_companion(path)? {
         return Ok(true);
     }
-    OpenTiff::open(path).map(|tiff| tiff.has_more_pages())
+    let mut tiff = OpenTiff::open(path)?;
+    // Smaller copies of the first page do not make it a stack.
+    let mut pages = 1;
+    while tiff.has_more_pages() {
+        pages += 1;
+        tiff.next_page(pages)?;
+        if !tiff.is_copy_or_mask()? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// Opens one TIFF file, of one page or several, with the others of its set where it is one of an OME set; or the companion of such
@@ -46,7 +57,7 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions, is_alone: bool) -> R
             return open_contiguous(path, &mut tiff, &format, declared, &description, options);
         }
     }
-    open_pages(Walked::of(tiff, &format)?, format, &description, options)
+    open_pages(tiff, format, &description, options)
 }
 
 /// Opens single-page files as planes, in the order given.
@@ -99,23 +110,35 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
     Ok(Box::new(TiffStack::new(parts, &description, options)?))
 }
 
-/// Opens the pages of one file, as they are described.
+/// Opens the pages of one file, as they are described. `tiff` stands at the first.
 pub(super) fn open_pages(
-    walked: Walked,
+    tiff: OpenTiff,
     format: PageFormat,
     description: &Description,
     options: &OpenOptions,
 ) -> Result<Box<dyn Source>, ImportError> {
-    let Walked { file, tiff, reader_bytes, odd } = walked;
+    // Who says what the pages are says it of all.
+    let of = if options.axes.is_some() { Pages::All } else { Pages::WithoutCopies };
+    let Walked { file, tiff, reader_bytes, odd, left_out } = Walked::of(tiff, &format, of)?;
     if let Some(odd) = odd {
         return Err(odd);
     }
     let declared = description.declared.as_ref();
-    let (map, note) =
-        arrange(file.pages, 1, options, declared, &format).map_err(|misfit| refusal(&file.path, misfit))?;
+    let planes = file.pages - left_out.len() as u32;
+    let (map, note) = arrange(planes, 1, options, declared, &format).map_err(|misfit| refusal(&file.path, misfit))?;
+    let copies = (!left_out.is_empty()).then(|| {
+        let are = match left_out.len() {
+            1 => "is a smaller copy or a mask of another",
+            _ => "are smaller copies or masks of others",
+        };
+        let pages = counted(left_out.len() as u64, "page");
+        format!("{pages} {are} (NewSubfileType), and left out; `axes` zyx takes all pages.")
+    });
+    let map = map.without(&left_out);
     let parts = Parts { files: vec![file], format, map, reader_bytes, idle: vec![(0, tiff)] };
     let mut stack = TiffStack::new(parts, description, options)?;
     stack.info.notes.extend(note);
+    stack.info.notes.extend(copies);
     Ok(Box::new(stack))
 }
 
@@ -131,7 +154,9 @@ pub(super) fn refuse_problem(path: &Path, description: &Description) -> Result<(
 }
 
 pub(super) fn odd_page(path: &Path, number: u32, format: &PageFormat, expected: &PageFormat) -> ImportError {
-    ImportError::invalid(path, format!("page {number} is {format}, but page 1 is {expected}"))
+    let problem =
+        format!("page {number} is {format}, but page 1 is {expected}; tiffcp IN,N OUT writes single pages, from 0");
+    ImportError::invalid(path, problem)
 }
 
 /// A file whose directories were all looked at.
@@ -141,24 +166,39 @@ pub(super) struct Walked {
     pub(super) reader_bytes: u64,
     /// What is wrong with the first page that differs from the others, or whose data are not there.
     pub(super) odd: Option<ImportError>,
+    /// Pages that are left out, counted from 0, ascending.
+    pub(super) left_out: Vec<u32>,
+}
+
+/// Which pages of a file are looked at.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Pages {
+    All,
+    /// All but smaller copies and masks of others, unless the first page is one: then all are of that kind, or it is the one that is meant.
+    WithoutCopies,
 }
 
 impl Walked {
     /// Walks the directories of a file from its first page on. `format` is what its pages should be.
-    pub(super) fn of(mut tiff: OpenTiff, format: &PageFormat) -> Result<Self, ImportError> {
+    pub(super) fn of(mut tiff: OpenTiff, format: &PageFormat, of: Pages) -> Result<Self, ImportError> {
         let path = tiff.path.clone();
-        let (mut pages, mut reader_bytes, mut odd) = (1u32, 0, None);
+        let leaves_out = of == Pages::WithoutCopies && !tiff.is_copy_or_mask()?;
+        let (mut pages, mut reader_bytes, mut odd, mut left_out) = (1u32, 0, None, Vec::new());
         loop {
-            let checked = tiff.format().and_then(|other| {
-                if other != *format {
-                    return Err(odd_page(&path, pages, &other, format));
+            if leaves_out && tiff.is_copy_or_mask()? {
+                left_out.push(pages - 1);
+            } else {
+                let checked = tiff.format().and_then(|other| {
+                    if other != *format {
+                        return Err(odd_page(&path, pages, &other, format));
+                    }
+                    tiff.check_data(&path, pages)?;
+                    tiff.reader_bytes(format)
+                });
+                match checked {
+                    Ok(bytes) => reader_bytes = reader_bytes.max(bytes),
+                    Err(error) => odd = odd.or(Some(error)),
                 }
-                tiff.check_data(&path, pages)?;
-                tiff.reader_bytes(format)
-            });
-            match checked {
-                Ok(bytes) => reader_bytes = reader_bytes.max(bytes),
-                Err(error) => odd = odd.or(Some(error)),
             }
             if !tiff.has_more_pages() {
                 break;
@@ -166,7 +206,7 @@ impl Walked {
             tiff.next_page(pages + 1)?;
             pages += 1;
         }
-        Ok(Self { file: TiffFile { path, stamp: tiff.stamp, pages }, tiff, reader_bytes, odd })
+        Ok(Self { file: TiffFile { path, stamp: tiff.stamp, pages }, tiff, reader_bytes, odd, left_out })
     }
 }
 

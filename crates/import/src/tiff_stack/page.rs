@@ -1,6 +1,8 @@
 //! One TIFF file being decoded: its pages' format, the check that their data exist, and rectangles of samples.
 
+use super::jpeg;
 use super::lzw::{self, Predictor, Rows};
+use super::refusal::{AS_NUMBERS, not_decoded, refusal};
 use super::told::is_damage;
 use super::turn::Turn;
 use crate::element::{Decode, Element, Endian};
@@ -46,6 +48,11 @@ const NOT_READ: [(u16, &str); 14] = [
 const MOST_ZSTD_WINDOW: u64 = 128 << 20;
 /// A strip's or tile's offset and length.
 const CHUNK_PLACE_BYTES: u64 = 16;
+
+/// Bits of NewSubfileType by which a page is a smaller copy of another, or a mask.
+const COPY_OR_MASK: u32 = 1 | 4;
+/// Bytes of a strip or tile among which its JPEG header is looked for.
+const JPEG_HEADER_BYTES: u64 = 64 << 10;
 
 /// Slices of a page and of a tile, which are not in the standard.
 const IMAGE_DEPTH: Tag = Tag::Unknown(32997);
@@ -138,6 +145,12 @@ impl OpenTiff {
         self.decoder.more_images()
     }
 
+    /// Whether the page is there for the sake of another, as a smaller copy of it (an overview, a thumbnail) or a mask.
+    pub(super) fn is_copy_or_mask(&mut self) -> Result<bool, ImportError> {
+        let kind = self.decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType);
+        Ok(said(&self.path, kind)?.is_some_and(|kind| kind & COPY_OR_MASK != 0))
+    }
+
     /// Moves the decoder to the next page. `number` is that page's number, counted from 1, for messages.
     pub(super) fn next_page(&mut self, number: u32) -> Result<(), ImportError> {
         self.packing = Packing::Unknown;
@@ -158,8 +171,10 @@ impl OpenTiff {
         let (width, height) = self.decoder.dimensions().map_err(refuse)?;
         let color = self.decoder.colortype().map_err(refuse)?;
         let layout = self.decoder.image_chunk_buffer_layout(0).map_err(refuse)?;
-        let unsupported =
-            || ImportError::unsupported(&path, format!("pixel type {color:?}, {:?}", layout.sample_format));
+        let unsupported = || {
+            let feature = format!("pixel type {color:?}, {:?}", layout.sample_format);
+            ImportError::unsupported_but(&path, feature, AS_NUMBERS)
+        };
         let bits = color.bit_depth() as usize;
         let element =
             layout.sample_type.and_then(element_of).filter(|e| e.bytes() * 8 == bits).ok_or_else(unsupported)?;
@@ -271,9 +286,13 @@ impl OpenTiff {
     pub(super) fn check_data(&mut self, path: &Path, number: u32) -> Result<(), ImportError> {
         let page = |e| refusal(path, &format!("page {number}"), e);
         let plain = self.plain_chunk()?;
+        let is_jpeg = self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(page)? == Some(JPEG);
         for (tag, counts) in [(Tag::StripOffsets, Tag::StripByteCounts), (Tag::TileOffsets, Tag::TileByteCounts)] {
             let mut numbers = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map(Option::unwrap_or_default);
             let (offsets, counts) = (numbers(tag).map_err(page)?, numbers(counts).map_err(page)?);
+            if let (true, Some(&at), Some(&count)) = (is_jpeg, offsets.first(), counts.first()) {
+                self.check_jpeg(path, at, count)?;
+            }
             for (i, (offset, count)) in offsets.into_iter().zip(counts).enumerate() {
                 if count == 0 {
                     let feature = format!("an empty strip or tile, as number {i} of page {number} is (a sparse file)");
@@ -302,6 +321,20 @@ impl OpenTiff {
             }
         }
         Ok(())
+    }
+
+    /// Refuses JPEG of a kind that the library takes for damage, by the head of a strip or tile.
+    fn check_jpeg(&mut self, path: &Path, at: u64, count: u64) -> Result<(), ImportError> {
+        let mut head = Vec::new();
+        let file = self.decoder.inner();
+        let read = file
+            .seek(SeekFrom::Start(at))
+            .and_then(|_| file.by_ref().take(count.min(JPEG_HEADER_BYTES)).read_to_end(&mut head));
+        read.map_err(ImportError::io(path))?;
+        let Some(kind) = jpeg::kind_not_read(&head) else { return Ok(()) };
+        let advice =
+            "write it again with another compression: none, LZW, Deflate, PackBits, Zstandard, or the usual JPEG";
+        Err(ImportError::unsupported_but(path, format!("JPEG that is {kind}"), advice))
     }
 
     /// The strips or tiles of a page whose pixels lie as they are.
@@ -409,9 +442,7 @@ impl OpenTiff {
             return Ok(stride);
         }
         let Self { path, decoder, chunk, .. } = self;
-        decoder
-            .read_chunk_bytes(index, chunk)
-            .map_err(|e| refusal(path, &format!("strip or tile {index} cannot be decoded"), e))?;
+        decoder.read_chunk_bytes(index, chunk).map_err(|e| not_decoded(path, index, e))?;
         if format.white_is_zero {
             chunk.iter_mut().for_each(|b| *b = !*b);
         }
@@ -599,22 +630,5 @@ pub(super) fn said<T>(path: &Path, read: Result<Option<T>, TiffError>) -> Result
     match read {
         Err(TiffError::IoError(error)) if !is_damage(&error) => Err(ImportError::io(path)(error)),
         read => Ok(read.ok().flatten()),
-    }
-}
-
-/// What the library says, as this crate's error.
-fn refusal(path: &Path, what: &str, error: TiffError) -> ImportError {
-    match error {
-        TiffError::UnsupportedError(e) => ImportError::unsupported(path, format!("{what}: {e}")),
-        TiffError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
-            ImportError::invalid(path, format!("{what}: the file is cut short"))
-        }
-        // What a seek to before the beginning or past all numbers is called.
-        TiffError::IoError(e) if e.kind() == std::io::ErrorKind::InvalidInput => ImportError::invalid(
-            path,
-            format!("{what}: it names a place that no file has, so its directory is damaged"),
-        ),
-        TiffError::IoError(e) => ImportError::io(path)(e),
-        e => ImportError::invalid(path, format!("{what}: {e}")),
     }
 }

@@ -83,6 +83,22 @@ impl PageMap {
         if is_same { rule } else { self }
     }
 
+    /// The map of one file's pages where these, ascending, are left out of the count.
+    pub(super) fn without(self, left_out: &[u32]) -> Self {
+        let planes = self.planes() as u32;
+        if left_out.first().is_none_or(|&first| first >= planes) {
+            return self;
+        }
+        let kept: Vec<u32> =
+            (0..planes + left_out.len() as u32).filter(|page| left_out.binary_search(page).is_err()).collect();
+        let Sizes { extent, channels, times } = self.sizes;
+        let places = (0..times)
+            .flat_map(|t| (0..channels).flat_map(move |c| (0..extent.z).map(move |z| (t, c, z))))
+            .map(|(t, c, z)| Place { file: 0, page: kept[self.place(t, c, z).page as usize] })
+            .collect();
+        Self { order: PageOrder::Listed(places), ..self }
+    }
+
     /// What tells this map from others of the same files, for the identity of an input.
     pub(super) fn kind(&self) -> String {
         match &self.order {

@@ -7,6 +7,9 @@ use super::units::unit_of;
 
 /// Pixels per inch that screens' and printers' defaults are, not scales of what is seen.
 const DEFAULTS_PER_INCH: [f64; 2] = [72.0, 96.0];
+/// As a share of these, what they are off by where they were written as whole pixels per metre or centimetre's hundredths: 28.35 for 72.
+const DEFAULTS_ROUNDED: f64 = 5e-4;
+const CM_PER_INCH: f64 = 2.54;
 
 /// GeoTIFF's keys: the kind of coordinates, and the unit of lengths in them.
 const MODEL_TYPE: u16 = 1024;
@@ -47,9 +50,10 @@ impl ScaleTags {
             description.unit = unit;
             description.notes.push(note);
         } else if let Some(([x, y], unit)) = self.per_unit().filter(|_| !description.ignores_resolution) {
-            if self.is_default() {
-                let note =
-                    format!("{x} pixels per inch are a screen's or a printer's, not the data's: no spacing is taken.");
+            if let Some(dots) = self.default_per_inch() {
+                let note = format!(
+                    "{dots} pixels per inch are a screen's or a printer's, not the data's: no spacing is taken."
+                );
                 description.notes.push(note);
                 return;
             }
@@ -67,13 +71,19 @@ impl ScaleTags {
                 Some(resolution.map(|pixels| pixels * factor))
             }
             (Some(3..), None) => None,
-            _ => self.resolution.filter(|sizes| *sizes != [1.0; 2] && !self.is_default()),
+            _ => self.resolution.filter(|sizes| *sizes != [1.0; 2] && self.default_per_inch().is_none()),
         }
     }
 
-    /// Whether pixels per inch are those of a screen or a printer.
-    fn is_default(&self) -> bool {
-        self.unit == Some(2) && self.resolution.is_some_and(|[x, y]| x == y && DEFAULTS_PER_INCH.contains(&x))
+    /// The screen's or printer's pixels per inch that the resolution is, if it is one, whatever unit it is counted in.
+    fn default_per_inch(&self) -> Option<f64> {
+        let [x, _] = self.resolution.filter(|[x, y]| x == y)?;
+        let per_inch = match self.unit {
+            Some(2) => x,
+            Some(3) => x * CM_PER_INCH,
+            _ => return None,
+        };
+        DEFAULTS_PER_INCH.into_iter().find(|dots| (per_inch - dots).abs() <= dots * DEFAULTS_ROUNDED)
     }
 
     /// Pixels per unit, and the unit; `None` if one is not said, or both are what stands for nothing.
@@ -149,6 +159,19 @@ mod tests {
         for dots in DEFAULTS_PER_INCH {
             let (spacing, _, notes) = described(&resolution(dots, dots, 2));
             assert!(spacing.is_none() && notes.contains(&format!("{dots} pixels per inch")), "{notes}");
+        }
+        // As programs write 72 and 96 that count pixels per metre or centimetre.
+        for (pixels, unit, dots) in [
+            (72.009, 2, "72 pixels per inch"),
+            (28.346, 3, "72 pixels per inch"),
+            (28.34, 3, "72 pixels per inch"),
+            (37.795, 3, "96 pixels per inch"),
+        ] {
+            let (spacing, _, notes) = described(&resolution(pixels, pixels, unit));
+            assert!(spacing.is_none() && notes.contains(dots), "{notes}");
+        }
+        for (pixels, unit) in [(72.1, 2), (28.4, 3), (95.9, 2)] {
+            assert!(described(&resolution(pixels, pixels, unit)).0.is_some(), "{pixels}");
         }
     }
 

@@ -1,5 +1,6 @@
 //! TIFF files built byte by byte (layouts) and by the library's encoder (compressions), read back.
 
+mod copies;
 mod described;
 mod sets;
 
@@ -450,6 +451,69 @@ fn packings_that_cannot_be_read_are_refused_at_opening() {
     assert!(message.contains("not supported"), "{message}");
 }
 
+#[test]
+fn pixels_and_directories_that_are_not_read_are_named() {
+    for (tag, number, words) in [
+        (258, 24, "write its pixels again as numbers of 8, 16, 32 or 64 bits"),
+        (262, 3, "a page: a palette of colours is not supported"),
+        (262, 77, "PhotometricInterpretation"),
+        (339, 5, "complex numbers"),
+        (278, 2, "another number of strips, tiles or samples than follows from its sizes; tiffcp"),
+    ] {
+        let message = refusal(&with_tag(tag, number).1, &options());
+        assert!(message.contains("a.tif: ") && message.contains(words), "{message}");
+        assert!(!message.contains("is unsupported"), "{message}");
+    }
+    let floats = Layout { tags: vec![(258, 24), (339, 3)], ..Layout::default() };
+    let field = Field { sizes: [5, 4, 1, 1, 1], voxel_type: VoxelType::F32 };
+    let message = refusal(&written(field, "z", &floats), &options());
+    assert!(message.contains("numbers of 24 bits is not supported; write its pixels again"), "{message}");
+    let (_, mut bytes) = with_tag(259, 1);
+    let at = bytes.windows(4).position(|w| w == [23, 1, 4, 0]).unwrap();
+    // Another tag in place of the strips' lengths.
+    bytes[at] = 24;
+    let message = refusal(&bytes, &options());
+    assert!(message.contains("lacks the places or the lengths of strips") && message.contains("tiffcp"), "{message}");
+    // A directory that comes after itself.
+    let (_, mut bytes) = with_tag(259, 1);
+    let directory: [u8; 4] = bytes[4..8].try_into().unwrap();
+    let link = bytes.len() - 4;
+    bytes[link..].copy_from_slice(&directory);
+    let message = refusal(&bytes, &options());
+    assert!(message.contains("names one before it as the next; `tiffcp IN,0 OUT`"), "{message}");
+}
+
+#[test]
+fn damaged_data_are_told_from_damaged_directories() {
+    for (compression, byte, words) in [
+        (8, 0x55, "its data are damaged (corrupt deflate stream)"),
+        // Nothing but bytes without effect.
+        (32773, 0x80, "its data end before its pixels do"),
+        (50000, 0x55, "its data are damaged ("),
+    ] {
+        let (_, mut bytes) = with_tag(259, compression);
+        bytes[8..48].fill(byte);
+        let (_folder, path) = temp_file("a.tif", &bytes);
+        let source = opened(&path).unwrap();
+        let error = source.read_box(0, 0, source.info().extent.full_box(), &mut [0; 40]).unwrap_err();
+        let expected = format!("a.tif: strip or tile 0 cannot be decoded: {words}");
+        let message = error.to_string();
+        assert!(message.contains(&expected) && message.ends_with("; fetch the file again"), "{message}");
+    }
+}
+
+#[test]
+fn jpeg_that_is_not_read_is_no_damage() {
+    for (marker, kind) in [(0xc3, "lossless"), (0xc9, "with arithmetic coding"), (0xc5, "hierarchical")] {
+        let (_, mut bytes) = with_tag(259, 7);
+        // The strip begins behind the file's header. Tables and a note come before the frame.
+        let head = [0xff, 0xd8, 0xff, 0xff, 0xe0, 0, 4, 1, 2, 0xff, 0xc4, 0, 2, 0xff, marker, 0, 2];
+        bytes[8..8 + head.len()].copy_from_slice(&head);
+        let message = refusal(&bytes, &options());
+        assert!(message.contains(&format!("JPEG that is {kind} is not supported; write it again")), "{message}");
+    }
+}
+
 /// All voxels of a source of one channel and step.
 fn values(source: &dyn Source) -> Vec<f64> {
     let info = source.info();
@@ -581,6 +645,25 @@ fn imagej_hyperstacks_are_unravelled() {
         let info = source.info();
         assert_eq!((info.geometry.spacing, info.calibrated), (DVec3::new(0.25, 0.25, 2.5), true));
         assert_eq!(info.geometry.unit.as_deref(), Some("micrometer"));
+    }
+}
+
+#[test]
+fn imagej_composites_may_have_their_channels_as_samples() {
+    let field = Field { sizes: [5, 4, 1, 3, 1], voxel_type: VoxelType::U16 };
+    for planar in [false, true] {
+        let layout = Layout {
+            samples: 3,
+            planar,
+            photometric: 2,
+            description: "ImageJ=1.53c\nchannels=3\nmode=composite\n".into(),
+            ..Layout::default()
+        };
+        let (_folder, path) = temp_file("a.tif", &written(field, "zc", &layout));
+        let source = opened(&path).unwrap();
+        assert_boxes(&*source, field);
+        let look = &source.info().channel_looks[1];
+        assert_eq!((look.name.as_deref(), look.color), (Some("green"), Some([0, 255, 0])));
     }
 }
 

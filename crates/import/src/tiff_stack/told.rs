@@ -110,7 +110,7 @@ impl OpenTiff {
             return Ok(Some(too_long("a description", length, shaped::LONGEST)));
         }
         Ok(match is_imagej {
-            true => Some(hyperstack::read(text, tags.resolution)),
+            true => Some(hyperstack::read(text, tags.resolution, format.samples)),
             false => shaped::is_shaped(text).then(|| shaped::read(text, format, tags)),
         })
     }

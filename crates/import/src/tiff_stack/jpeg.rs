@@ -1,0 +1,28 @@
+//! Which kind of JPEG a strip or tile is, by its first bytes: the library takes those that it does not read for damage.
+
+/// Returns of which kind a JPEG is, if it is one that is not read: all but baseline, extended and progressive ones. `None` also where the
+/// bytes have no frame.
+pub(super) fn kind_not_read(jpeg: &[u8]) -> Option<&'static str> {
+    match frame_marker(jpeg)? {
+        0xc0..=0xc2 => None,
+        0xc3 => Some("lossless"),
+        0xc9.. => Some("with arithmetic coding"),
+        _ => Some("hierarchical"),
+    }
+}
+
+/// The marker that begins a JPEG's frame and says of which kind it is; `None` if there is none.
+fn frame_marker(jpeg: &[u8]) -> Option<u8> {
+    let mut at = 2;
+    loop {
+        let &[0xff, marker, high, low] = jpeg.get(at..)?.first_chunk()? else { return None };
+        match marker {
+            0xff => at += 1,
+            0xc4 | 0xc8 | 0xcc => at += 2 + usize::from(u16::from_be_bytes([high, low])),
+            0xc0..=0xcf => return Some(marker),
+            0x01 | 0xd0..=0xd8 => at += 2,
+            0xd9 | 0xda => return None,
+            _ => at += 2 + usize::from(u16::from_be_bytes([high, low])),
+        }
+    }
+}

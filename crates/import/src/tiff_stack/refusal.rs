@@ -1,0 +1,74 @@
+//! The library's errors as this crate's: in words that say what a file has, and what helps.
+
+use crate::error::ImportError;
+use std::path::Path;
+use tiff::tags::{PhotometricInterpretation, SampleFormat};
+use tiff::{TiffError, TiffFormatError, TiffUnsupportedError};
+
+/// The way on where pixels are of a kind that is not read.
+pub(super) const AS_NUMBERS: &str = "write its pixels again as numbers of 8, 16, 32 or 64 bits: one a pixel, or red, \
+                                    green and blue (tiff2rgba, ImageMagick)";
+
+/// The library's error as this crate's, after `what` could not be done.
+pub(super) fn refusal(path: &Path, what: &str, error: TiffError) -> ImportError {
+    let invalid = |problem: &str| ImportError::invalid(path, format!("{what}: {problem}"));
+    match error {
+        TiffError::UnsupportedError(e) => {
+            ImportError::unsupported_but(path, format!("{what}: {}", feature_of(e)), AS_NUMBERS)
+        }
+        TiffError::FormatError(TiffFormatError::InconsistentSizesEncountered) => invalid(
+            "its directory has another number of strips, tiles or samples than follows from its sizes; tiffcp may write it anew",
+        ),
+        TiffError::FormatError(TiffFormatError::StripTileTagConflict) => invalid(
+            "its directory lacks the places or the lengths of strips or tiles, or has those of both; tiffcp may write it anew",
+        ),
+        TiffError::FormatError(TiffFormatError::CycleInOffsets) => {
+            invalid("a directory names one before it as the next; `tiffcp IN,0 OUT` writes the first page anew")
+        }
+        TiffError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => invalid("the file is cut short"),
+        // As the system calls a seek to before the beginning or past all numbers.
+        TiffError::IoError(e) if e.kind() == std::io::ErrorKind::InvalidInput => {
+            invalid("it names a place that no file has, so its directory is damaged")
+        }
+        TiffError::IoError(e) => ImportError::io(path)(e),
+        e => invalid(&e.to_string()),
+    }
+}
+
+/// The library's error about a strip or tile whose bytes are all there, as this crate's: unless it is the system's, these bytes are damaged.
+pub(super) fn not_decoded(path: &Path, index: u32, error: TiffError) -> ImportError {
+    let what = format!("strip or tile {index} cannot be decoded");
+    let damaged = |problem: &str| ImportError::invalid(path, format!("{what}: {problem}; fetch the file again"));
+    match error {
+        TiffError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
+            damaged("its data end before its pixels do")
+        }
+        TiffError::IoError(e) if e.raw_os_error().is_none() => damaged(&format!("its data are damaged ({e})")),
+        TiffError::FormatError(e @ TiffFormatError::CompressedDataCorrupt(_)) => damaged(&e.to_string()),
+        e => refusal(path, &what, e),
+    }
+}
+
+/// A feature that the library does not read, in words of its own.
+fn feature_of(error: TiffUnsupportedError) -> String {
+    use PhotometricInterpretation as P;
+    match error {
+        TiffUnsupportedError::InterpretationWithBits(P::RGBPalette, _) => "a palette of colours".into(),
+        TiffUnsupportedError::InterpretationWithBits(P::TransparencyMask, _) => "a mask of transparency".into(),
+        TiffUnsupportedError::InterpretationWithBits(kind, bits) => {
+            format!("{kind:?} of {} samples a pixel, {} bits each,", bits.len(), bits.first().unwrap_or(&0))
+        }
+        TiffUnsupportedError::UnknownInterpretation => {
+            "a PhotometricInterpretation that is missing or not the standard's".into()
+        }
+        // The library calls them samples a pixel.
+        TiffUnsupportedError::UnsupportedSampleDepth(bits) => format!("numbers of {bits} bits"),
+        TiffUnsupportedError::UnsupportedSampleFormat(formats) => match formats[..] {
+            [SampleFormat::Unknown(5 | 6), ..] => "complex numbers".into(),
+            _ => format!("samples of the formats {formats:?}"),
+        },
+        TiffUnsupportedError::InconsistentBitsPerSample(bits) => format!("samples of unlike widths ({bits:?} bits)"),
+        TiffUnsupportedError::ChromaSubsampling => "YCbCr with fewer samples of colour than of brightness".into(),
+        other => other.to_string().trim_end_matches(" is unsupported").to_owned(),
+    }
+}
