@@ -32,7 +32,9 @@ mod tests {
     fn threads_that_end_are_waited_for_and_others_are_left() {
         let (end, ended) = channel::<()>();
         let (done, is_done) = channel();
-        let stuck = std::thread::spawn(move || drop(ended.recv()));
+        let stuck = std::thread::spawn(move || {
+            let _ = ended.recv();
+        });
         let slow = std::thread::spawn(move || {
             std::thread::sleep(Duration::from_millis(50));
             done.send(()).unwrap();

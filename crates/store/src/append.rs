@@ -46,7 +46,7 @@ use crate::store::{Store, open_folder};
 use brickyard_import::Source;
 use brickyard_volume::{TimeAxis, with_voxel_type};
 pub(crate) use documents::{FOREIGN_STEPS, foreign_steps};
-use documents::{array_dirs, update_consolidated, update_root};
+use documents::{array_dirs, stale_groups, update_consolidated, update_root};
 use serde_json::{Value, json};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -231,6 +231,10 @@ impl Appender {
         let next = Next { plan, options, time };
         let passed = self.pack_step(&next, &step, counted, progress)?;
         self.commit(&next, &before, &passed.channels)?;
+        for group in stale_groups(&self.dir) {
+            let what = "has gathered this store's metadata, which do not know the step: gather them anew";
+            progress.warn(&format!("{}: {what} (zarr.consolidate_metadata)", group.display()));
+        }
         let after = left_out(&passed.channels);
         Ok(AppendReport {
             step: times - 1,
@@ -504,7 +508,8 @@ fn check_counts(store: &Store, counts: &Counts, kept: &[ChannelTotals]) -> Resul
     for (of_root, kept) in store.info().channels.iter().zip(kept.iter().map(ChannelTotals::finish)) {
         let numbers = |channel: &ChannelStatistics| format!("{} values, {:?}", channel.count, channel.range);
         if numbers(of_root) != numbers(&kept) {
-            let what = format!("expected {}, as in the root document, found {}", numbers(of_root), numbers(&kept));
+            let [expected, found] = [of_root, &kept].map(numbers);
+            let what = format!("expected {expected}, as in the root document, found {found}; {}", counts.cure());
             return Err(ReadError::CorruptPage { path: counts.dir(store.times()), what });
         }
     }

@@ -69,6 +69,11 @@ impl Counts {
         &self.dir
     }
 
+    /// What to do about counts that are damaged.
+    pub(crate) fn cure(&self) -> String {
+        format!("delete {}, and all steps are counted anew", self.dir.display())
+    }
+
     /// Reads the counts of the first `times` steps of as many channels; `None` if the store has none.
     pub(crate) fn read(
         &self,
@@ -87,7 +92,8 @@ impl Counts {
             let path = self.path(times, channel);
             let most = zstd::zstd_safe::compress_bound(MOST_WORDS * 8) as u64 + 4;
             let file = read_at_most(folder.file(&path), most).map_err(|error| folder.unreadable(&path, error))?;
-            decode(&file, voxel_type).map_err(|what| ReadError::CorruptPage { path, what })
+            let corrupt = |what| ReadError::CorruptPage { path, what: format!("{what}; {}", self.cure()) };
+            decode(&file, voxel_type).map_err(corrupt)
         };
         (0..channels as usize).map(read).collect::<Result<_, _>>().map(Some)
     }

@@ -6,7 +6,7 @@ use crate::side_file::read_at_most;
 use rustix::fs::{CWD, Mode, OFlags, openat};
 use std::fs::File;
 use std::io::{Error, ErrorKind};
-use std::os::fd::{AsRawFd, OwnedFd};
+use std::os::fd::{AsFd, AsRawFd, OwnedFd};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
@@ -18,6 +18,19 @@ const MOST_DOCUMENT_BYTES: u64 = 64 << 20;
 const PLACE: OFlags = OFlags::PATH;
 #[cfg(not(target_os = "linux"))]
 const PLACE: OFlags = OFlags::RDONLY;
+
+/// Opens a file by its path to read it, as [`Folder::file`].
+pub(crate) fn open_file(path: &Path) -> std::io::Result<File> {
+    open_at(CWD, path)
+}
+
+fn open_at(dir: impl AsFd, path: &Path) -> std::io::Result<File> {
+    // Else the open would wait for somebody to write into a pipe.
+    let flags = OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK;
+    let file = File::from(rustix::io::retry_on_intr(|| openat(&dir, path, flags, Mode::empty()))?);
+    let kind = file.metadata()?.file_type();
+    if kind.is_file() || kind.is_dir() { Ok(file) } else { Err(Error::other("is no file of data")) }
+}
 
 /// The folder of a store that is read.
 pub(crate) struct Folder {
@@ -40,11 +53,7 @@ impl Folder {
     /// Opens the file, or the folder, of a path inside of the folder to read it. Pipes, devices and sockets are refused: they may never answer.
     pub(crate) fn file(&self, path: &Path) -> std::io::Result<File> {
         let name = path.strip_prefix(&self.path).map_err(|_| Error::from(ErrorKind::InvalidInput))?;
-        // Else the open would wait for somebody to write into a pipe.
-        let flags = OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK;
-        let file = File::from(rustix::io::retry_on_intr(|| openat(&self.dir, name, flags, Mode::empty()))?);
-        let kind = file.metadata()?.file_type();
-        if kind.is_file() || kind.is_dir() { Ok(file) } else { Err(Error::other("is no file of data")) }
+        open_at(&self.dir, name)
     }
 
     /// A path by which a path inside of the folder is reached through the descriptor, whatever its own path leads to; the path itself where there is

@@ -14,6 +14,7 @@
 //! ```
 
 use crate::downsample::Downsample;
+use crate::folder::open_file;
 use brickyard_volume::{BrickId, BrickIndex, Extent, Level, Pyramid};
 use std::io::{BufRead, BufReader, Read};
 use std::ops::Range;
@@ -313,7 +314,7 @@ pub(crate) fn place_at(i: u64, channels: u32, grid: Extent) -> [u32; 5] {
 pub fn journal_percent(store: &Path) -> Option<u8> {
     // Of a line that is longer, parts would count as lines: of what is no journal of ours.
     const LONGEST_LINE: u64 = 16 << 20;
-    let mut journal = BufReader::new(std::fs::File::open(store.join(JOURNAL_NAME)).ok()?);
+    let mut journal = BufReader::new(open_file(&store.join(JOURNAL_NAME)).ok()?);
     let mut line = Vec::new();
     let mut next = |line: &mut Vec<u8>| {
         line.clear();

@@ -2,6 +2,7 @@
 
 use crate::counts::Counts;
 use crate::error::OpenError;
+use crate::folder::Folder;
 use crate::layout::Layout;
 use crate::side::{SideArray, level_arrays, read_json};
 use crate::store::Store;
@@ -63,6 +64,18 @@ pub(super) fn update_consolidated(store: &Path, dirs: &[PathBuf], times: u32, ro
             *steps = json!(times);
         }
     }
+}
+
+/// The root documents of the groups around a store in which another program gathered the store's documents: their readers see the steps of then.
+pub(super) fn stale_groups(store: &Path) -> Vec<PathBuf> {
+    let Ok(store) = store.canonicalize() else { return Vec::new() };
+    let groups = store.ancestors().skip(1).map(|group| (group, group.join("zarr.json")));
+    let has_gathered = |(group, document): &(&Path, PathBuf)| {
+        let name = store.strip_prefix(group).unwrap_or(&store).to_string_lossy();
+        let root = Folder::open(group).ok().and_then(|folder| read_json(&folder, document).ok());
+        root.is_some_and(|root| !root["consolidated_metadata"]["metadata"][&*name].is_null())
+    };
+    groups.take_while(|(_, document)| document.is_file()).filter(has_gathered).map(|(_, document)| document).collect()
 }
 
 /// Whose word counts where a document is not as it was written.

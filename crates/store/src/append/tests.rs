@@ -647,6 +647,44 @@ fn a_first_step_whose_pack_was_cut_off_at_its_end_is_followed() {
 }
 
 #[test]
+fn groups_that_gathered_the_metadata_are_named() {
+    #[derive(Default)]
+    struct Heard(std::sync::Mutex<Vec<String>>);
+    impl Progress for Heard {
+        fn warn(&self, message: &str) {
+            self.0.lock().unwrap().push(message.into());
+        }
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let path = store_of(dir.path(), 0..2);
+    let group = dir.path().join("zarr.json");
+    for (name, warnings) in [("other.zarr", 0), ("s.zarr", 1)] {
+        let gathered = json!({ "zarr_format": 3, "consolidated_metadata": { "metadata": { name: {} } } });
+        std::fs::write(&group, document_bytes(&gathered)).unwrap();
+        let heard = Heard::default();
+        let mut appender = Appender::open(&path, few()).unwrap();
+        appender.append(&byte_step(appender.times()), None, &heard).unwrap();
+        let heard = heard.0.into_inner().unwrap();
+        assert_eq!(heard.len(), warnings, "{heard:?}");
+        assert!(heard.iter().all(|warning| warning.contains("gather them anew")), "{heard:?}");
+    }
+}
+
+#[test]
+fn a_pipe_in_the_place_of_a_journal_is_refused_at_once() {
+    use rustix::fs::{CWD, Mode, mkfifoat};
+    let dir = tempfile::tempdir().unwrap();
+    let path = store_of(dir.path(), 0..1);
+    mkfifoat(CWD, path.join(JOURNAL_NAME), Mode::from_raw_mode(0o600)).unwrap();
+    assert!(Appender::open(&path, few()).is_err());
+    for exists in [Exists::Overwrite, Exists::Resume] {
+        let options = PackOptions { exists, ..byte_options() };
+        let message = pack(&byte_step(0), &path, &options, &()).unwrap_err().to_string();
+        assert!(message.contains(JOURNAL_NAME), "{message}");
+    }
+}
+
+#[test]
 fn a_store_is_sound_while_it_grows() {
     let dir = tempfile::tempdir().unwrap();
     let path = store_of(dir.path(), 0..2);

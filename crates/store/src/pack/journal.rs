@@ -13,10 +13,12 @@
 //!
 //! `replaces` is the settings' fingerprint of the finished store whose place the pack is to take, if there is one.
 
+use crate::folder::open_file;
 use crate::layout::{JOURNAL_NAME, Layout, ShardId};
 use crate::pack::PackError;
 use crate::pack::disk::{Disk, DiskError};
 use crate::shard::Fingerprint;
+use crate::side_file::read_at_most;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::HashMap;
@@ -56,7 +58,7 @@ impl Head {
     /// If the journal is there and cannot be read.
     pub(crate) fn of(store: &Path) -> Result<Self, PackError> {
         let (path, mut line) = (store.join(JOURNAL_NAME), Vec::new());
-        let file = File::open(&path);
+        let file = open_file(&path);
         let read = file.and_then(|file| BufReader::new(file).take(MOST_HEAD_BYTES).read_until(b'\n', &mut line));
         match read {
             Ok(_) => Ok(serde_json::from_slice(&line).unwrap_or_default()),
@@ -68,6 +70,9 @@ impl Head {
 
 /// A head is some hundred bytes and the source's name.
 const MOST_HEAD_BYTES: u64 = 16 << 20;
+
+/// A shard's line: two numbers and a path of numbers.
+const MOST_LINE_BYTES: u64 = 128;
 
 impl Journal {
     /// A journal that notes nothing: of a step that is appended, which is made anew where it was cut off.
@@ -101,12 +106,14 @@ impl Journal {
     /// # Errors
     /// If the pack was one of other data or with other settings, or the journal cannot be read or written.
     pub(crate) fn resume(&mut self, disk: &Disk, store: &Path, settings: &Value) -> Result<(), PackError> {
-        let text = std::fs::read(&self.path).map_err(|error| PackError::Io { path: self.path.clone(), error })?;
-        let text = String::from_utf8_lossy(&text);
-        let lines = text.split_once('\n').map_or("", |(_, lines)| lines);
         if let Some(difference) = difference(&self.head.settings, settings) {
             return Err(PackError::Mismatch { store: store.into(), difference });
         }
+        let most = MOST_HEAD_BYTES + MOST_LINE_BYTES.saturating_mul(self.head.shards);
+        let text = read_at_most(open_file(&self.path), most);
+        let text = text.map_err(|error| PackError::Io { path: self.path.clone(), error })?;
+        let text = String::from_utf8_lossy(&text);
+        let lines = text.split_once('\n').map_or("", |(_, lines)| lines);
         let complete = lines.rfind('\n').map_or(0, |end| end + 1);
         self.finished = believed(store, &lines[..complete]);
         if complete < lines.len() {
@@ -194,7 +201,7 @@ fn parse(store: &Path, line: &str) -> Option<(PathBuf, Fingerprint)> {
 
 /// The fingerprint of a shard's file.
 fn on_disk(path: &Path) -> Option<Fingerprint> {
-    let mut file = File::open(path).ok()?;
+    let mut file = open_file(path).ok()?;
     let file_bytes = file.metadata().ok()?.len();
     let mut crc = [0; 4];
     file.seek(SeekFrom::End(-4)).ok()?;

@@ -9,6 +9,7 @@
 //! the name. Such a file is known by its number, and by a mark: clients of NFS remember names for a while, but read a file's
 //! bytes anew once they have its lock.
 
+use crate::folder::open_file;
 use crate::layout::LOCK_NAME;
 use crate::pack::PackError;
 use crate::pack::disk::{Disk, DiskError};
@@ -48,7 +49,7 @@ impl Holder {
     }
 
     fn read(path: &Path) -> Option<Self> {
-        let text = String::from_utf8(read_at_most(File::open(path), 1 << 10).ok()?).ok()?;
+        let text = String::from_utf8(read_at_most(open_file(path), 1 << 10).ok()?).ok()?;
         let (pid, host) = text.strip_suffix('\n')?.split_once(' ')?;
         Some(Self { pid: pid.parse().ok()?, host: host.into() })
     }
