@@ -9,7 +9,7 @@ use super::pack_settings::{PackingLimits, StoreSettings};
 use super::progress::Progress;
 use super::say::say;
 use super::store_errors;
-use brickyard::import::{self, FileOrder, OpenOptions, Source};
+use brickyard::import::{self, OpenOptions, Source};
 use brickyard::store::{self, AppendError, Appender, Kind, OpenError, Store};
 use brickyard::volume::counted;
 use clap::Args;
@@ -57,11 +57,11 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
     }
     // Where the store is not one yet, or cannot be read, its own opening says so.
     let are_labels = settings.are_labels() || Store::open(&store).is_ok_and(|store| store.info().kind == Kind::Labels);
-    let mut input = OpenOptions { are_labels, ..input.options() };
+    let input = OpenOptions { are_labels, is_step: files.len() > 1, ..input.options() };
     let settings = Settings { store, settings, limits, interrupt: Interrupt::watch()? };
     let (files, time) = match files.len() {
         1 => (files, time),
-        _ => in_order(&files, &time, input.order.take())?,
+        _ => in_order(&files, &time, &input)?,
     };
     let mut appender = None;
     for (i, file) in files.iter().enumerate() {
@@ -73,8 +73,8 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
 }
 
 /// Files in the order of their steps, each with its time if there are any: what packing them at once would take for it.
-fn in_order(files: &[PathBuf], times: &[f64], told: Option<FileOrder>) -> Result<(Vec<PathBuf>, Vec<f64>), Failure> {
-    let (ordered, note) = import::order_steps(files, told).map_err(|error| store_errors::import_failure(&error))?;
+fn in_order(files: &[PathBuf], times: &[f64], input: &OpenOptions) -> Result<(Vec<PathBuf>, Vec<f64>), Failure> {
+    let (ordered, note) = import::order_steps(files, input).map_err(|error| store_errors::import_failure(&error))?;
     say!("note: {}", with_flags(&note));
     if ordered == files {
         return Ok((ordered, times.to_vec()));

@@ -19,6 +19,7 @@ mod described;
 #[cfg(feature = "dicom")]
 mod dicom;
 mod dicom_files;
+mod doubles;
 mod element;
 mod error;
 mod file_order;
