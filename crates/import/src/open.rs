@@ -135,7 +135,7 @@ fn open_steps(paths: &[PathBuf], format: Format, options: &OpenOptions) -> Resul
     };
     let again = OpenOptions { is_looked_at: true, ..options.clone() };
     let open = move |path: &Path| open_step(path, format, &again);
-    Ok(Box::new(Series::new(paths, check, Box::new(open))?))
+    Ok(Box::new(Series::new(paths, options, check, Box::new(open))?))
 }
 
 /// One file of several: others that it names are no part of it.

@@ -83,6 +83,15 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
         let rows = |orientation: brickyard_volume::Orientation| format!("{:?}", orientation.rows());
         return differs("orientation", rows(theirs), store.info().orientation.map_or("not known".into(), rows));
     }
+    // The name of a single channel may be the title of its step, as of a DICOM series.
+    let ours = store.info().channels.iter().map(|channel| channel.name.as_deref());
+    let theirs = step.channel_looks.iter().map(|look| look.name.as_deref());
+    let differ = |(ours, theirs): (Option<&str>, Option<&str>)| ours.is_some() && theirs.is_some() && ours != theirs;
+    if step.channels > 1 && ours.clone().zip(theirs.clone()).any(differ) {
+        let found = in_a_row(theirs);
+        let expected = format!("{} (write the step with these channels, in this order)", in_a_row(ours));
+        return differs("row of channels", found, expected);
+    }
     let nodata = store_nodata(store);
     let may_differ = step.voxel_type.is_float() && nodata.is_none();
     if step.nodata.is_some() && step.nodata != nodata && !may_differ {
@@ -90,6 +99,10 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
         return differs("value for no data", value(step.nodata), value(nodata));
     }
     Ok(())
+}
+
+fn in_a_row<'a>(names: impl Iterator<Item = Option<&'a str>>) -> String {
+    names.map(|name| name.unwrap_or("(no name)")).collect::<Vec<_>>().join(", ")
 }
 
 /// The time axis of a store with one step more, which was taken at `stamp`. `said` is what the source knows: where it begins when the store does, it
