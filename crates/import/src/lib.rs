@@ -22,6 +22,7 @@ mod dicom_files;
 mod doubles;
 mod element;
 mod error;
+mod file_name;
 mod file_order;
 mod files;
 mod folder;
