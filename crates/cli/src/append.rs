@@ -9,7 +9,7 @@ use super::pack_settings::{PackingLimits, StoreSettings};
 use super::progress::Progress;
 use super::say::say;
 use super::store_errors;
-use brickyard::import::{self, FileOrder, NoData, OpenOptions, Source};
+use brickyard::import::{self, NoData, OpenOptions, Source};
 use brickyard::store::{self, AppendError, Appender, Kind, OpenError, Store};
 use brickyard::volume::counted;
 use clap::Args;
@@ -55,22 +55,11 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
         let (given, files) = (counted(time.len() as u64, "time"), counted(files.len() as u64, "file"));
         return Err(Failure::usage(format!("--time: expected one for each file, found {given} for {files}")));
     }
-    // Where the store is not one yet, or cannot be read, its own opening says so.
-    let known = Store::open(&store).ok();
-    let known = known.as_ref().map(Store::info);
-    let are_labels = settings.are_labels() || known.is_some_and(|info| info.kind == Kind::Labels);
-    let mut input = OpenOptions { are_labels, ..input.options() };
-    if let Some(value) = known.and_then(|info| info.nodata.map(|nodata| nodata as f64).or(info.blanked))
-        && input.nodata == NoData::None
-    {
-        let problem =
-            format!("in {} voxels of {value} have no data, in all steps: leave the flag out", store.display());
-        return Err(Failure::usage(format!("--nodata none: {problem}")));
-    }
+    let input = OpenOptions { is_step: files.len() > 1, ..step_options(&store, &settings, input.options())? };
     let settings = Settings { store, settings, limits, interrupt: Interrupt::watch()? };
     let (files, time) = match files.len() {
         1 => (files, time),
-        _ => in_order(&files, &time, input.order.take())?,
+        _ => in_order(&files, &time, &input)?,
     };
     let mut appender = None;
     for (i, file) in files.iter().enumerate() {
@@ -81,9 +70,23 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
     Ok(())
 }
 
+/// The options by which a store's steps are opened. Where it is not one yet, or cannot be read, its own opening says so.
+fn step_options(store: &Path, settings: &StoreSettings, options: OpenOptions) -> Result<OpenOptions, Failure> {
+    let known = Store::open(store).ok();
+    let known = known.as_ref().map(Store::info);
+    let nodata = known.and_then(|info| info.nodata.map(|nodata| nodata as f64).or(info.blanked));
+    if let Some(value) = nodata.filter(|_| options.nodata == NoData::None) {
+        let path = store.display();
+        let problem = format!("--nodata none: in {path} voxels of {value} have no data, in all steps: leave it out");
+        return Err(Failure::usage(problem));
+    }
+    let are_labels = settings.are_labels() || known.is_some_and(|info| info.kind == Kind::Labels);
+    Ok(OpenOptions { are_labels, ..options })
+}
+
 /// Files in the order of their steps, each with its time if there are any: what packing them at once would take for it.
-fn in_order(files: &[PathBuf], times: &[f64], told: Option<FileOrder>) -> Result<(Vec<PathBuf>, Vec<f64>), Failure> {
-    let (ordered, note) = import::order_steps(files, told).map_err(|error| store_errors::import_failure(&error))?;
+fn in_order(files: &[PathBuf], times: &[f64], input: &OpenOptions) -> Result<(Vec<PathBuf>, Vec<f64>), Failure> {
+    let (ordered, note) = import::order_steps(files, input).map_err(|error| store_errors::import_failure(&error))?;
     say!("note: {}", with_flags(&note));
     if ordered == files {
         return Ok((ordered, times.to_vec()));

@@ -15,6 +15,10 @@ pub(crate) mod dicom {
         Err(refuse(path))
     }
 
+    pub(crate) fn series_of(_: &Path) -> Result<Option<String>, ImportError> {
+        Ok(None)
+    }
+
     pub(crate) fn open_series(paths: &[PathBuf], _: bool, _: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
         Err(refuse(paths.first().map_or(Path::new("input"), PathBuf::as_path)))
     }

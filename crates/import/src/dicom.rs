@@ -64,7 +64,7 @@ pub(crate) struct DicomSeries {
 pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let header = Header::read(path)?;
     check_is_image(&header)?;
-    if header.number(tags::NUMBER_OF_FRAMES).is_some_and(|n| n > 1.0) || header.is_mosaic() {
+    if stands_alone(&header) {
         return DicomSeries::new(vec![header], options, Vec::new()).map(|s| Box::new(s) as _);
     }
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -105,6 +105,17 @@ fn may_be_of(path: &Path, header: &Header) -> Result<bool, ImportError> {
         places.any(|(at, _)| !goes_on(start.get(at + uid.len())))
     };
     Ok(series.is_empty() || has(&series) || has(uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN))
+}
+
+/// The series that a file stands for, with the other slices in its folder; `None` if it stands for itself alone, with several frames.
+pub(crate) fn series_of(path: &Path) -> Result<Option<String>, ImportError> {
+    let header = Header::read(path)?;
+    Ok((!stands_alone(&header)).then(|| header.series().into_owned()))
+}
+
+/// Whether a file holds more than one slice of its series.
+fn stands_alone(header: &Header) -> bool {
+    header.number(tags::NUMBER_OF_FRAMES).is_some_and(|n| n > 1.0) || header.is_mosaic()
 }
 
 /// Opens DICOM files of one series as a volume. If they are a folder's (`is_folder`), files without an image are left

@@ -3,8 +3,13 @@
 //! A list keeps its order, unless it is in alphabetical but not in natural order: so shells expand a pattern (`s1`, `s10`,
 //! `s2`). Files that somebody else put in order (a folder's, a pattern's) are taken by the numbers in their names, which must then count
 //! them (`numbering.rs`). With `--order` the caller answers for it.
+//!
+//! A number may have a sign, a fraction or a power of ten (`t_0.25`, `t_0.5`), or two counters may have a point between them (`1.9`,
+//! `1.10`). Where that makes another order, what the numbers look like and whether they count evenly tells; where it does not, the
+//! files are refused.
 
 use crate::error::ImportError;
+use crate::file_name::{Name, Number, Reading};
 use crate::numbering;
 use crate::options::FileOrder;
 use std::cmp::Ordering;
@@ -22,8 +27,8 @@ impl FileList {
     /// `are_planes` says that each file is one plane, so that an error message may suggest `axes`.
     ///
     /// # Errors
-    /// If `told` is [`FileOrder::Given`], since files of a folder have no given order; or if it is `None` and the
-    /// numbers in the names do not count the files without gaps.
+    /// If `told` is [`FileOrder::Given`], since files of a folder have no given order; or if it is `None`, and the
+    /// numbers in the names do not count the files without gaps or can be read in two ways.
     pub(crate) fn of_folder(
         folder: &Path,
         paths: &[PathBuf],
@@ -34,9 +39,11 @@ impl FileList {
             let problem = "`order` given: the files of a folder or a pattern are in no given order; name the files";
             return Err(ImportError::options(folder, problem));
         }
-        let list = Self::by_numbers(paths);
-        list.check(told, are_planes)?;
-        Ok(list)
+        let list = ByNumbers::of(paths);
+        if told.is_none() {
+            list.check(are_planes, "name the files in their order, with `order` given")?;
+        }
+        Ok(list.into())
     }
 
     /// Puts at least two files that the caller has named in order. `told` is the order that the caller asks for. If it
@@ -45,45 +52,121 @@ impl FileList {
     ///
     /// # Errors
     /// If `told` is `None`, files are sorted by the numbers in their names, and these do not count the files without
-    /// gaps.
+    /// gaps or can be read in two ways.
     pub(crate) fn of_list(paths: &[PathBuf], told: Option<FileOrder>, are_planes: bool) -> Result<Self, ImportError> {
-        let list = Self::by_numbers(paths);
-        let is_natural = list.paths == paths;
+        let list = ByNumbers::of(paths);
+        let is_natural = list.paths == paths && list.doubt.is_none();
         let is_alphabetical = paths.is_sorted() || paths.is_sorted_by_key(|path| path.to_string_lossy().to_lowercase());
-        let (first, last) = (name(&paths[0]), name(&paths[paths.len() - 1]));
-        let given = || Self {
-            paths: paths.to_vec(),
-            note: format!("{} files in the order given, from {first} to {last}.", paths.len()),
-        };
-        let list = match told {
-            Some(FileOrder::Given) => return Ok(given()),
-            None if !is_natural && !is_alphabetical => return Ok(given()),
-            None if !is_natural => Self {
-                note: format!(
-                    "{} The files were given in alphabetical order, as shells expand a pattern; `order` given keeps that.",
-                    list.note
-                ),
-                ..list
-            },
-            _ => list,
-        };
-        list.check(told, are_planes)?;
+        match told {
+            Some(FileOrder::Natural) => return Ok(list.into()),
+            None if is_natural || is_alphabetical => {}
+            _ => {
+                let (first, last) = (name(&paths[0]), name(&paths[paths.len() - 1]));
+                let note = format!("{} files in the order given, from {first} to {last}.", paths.len());
+                return Ok(Self { paths: paths.to_vec(), note });
+            }
+        }
+        list.check(are_planes, "`order` given to keep the order of the files")?;
+        let mut list = Self::from(list);
+        if !is_natural {
+            list.note +=
+                " The files were given in alphabetical order, as shells expand a pattern; `order` given keeps that.";
+        }
         Ok(list)
     }
+}
 
-    fn by_numbers(paths: &[PathBuf]) -> Self {
-        let paths = in_natural_order(paths);
-        let ends = [paths.first(), paths.last()].map(|path| path.map_or(String::new(), |path| name(path)));
-        let note = format!("{} files in natural order, from {} to {}.", paths.len(), ends[0], ends[1]);
-        Self { paths, note }
-    }
+/// Files in the order of the numbers in their names.
+struct ByNumbers {
+    paths: Vec<PathBuf>,
+    reading: Reading,
+    /// Two files whose order is another one where numbers are read in the other way, which is as likely.
+    doubt: Option<[PathBuf; 2]>,
+    /// Whether reading numbers as values made a difference.
+    is_by_values: bool,
+}
 
-    fn check(&self, told: Option<FileOrder>, are_planes: bool) -> Result<(), ImportError> {
-        match told {
-            Some(_) => Ok(()),
-            None => numbering::check(&self.paths, are_planes).map_err(|p| ImportError::options(&self.paths[0], p)),
+impl ByNumbers {
+    fn of(paths: &[PathBuf]) -> Self {
+        let counters = in_natural_order(paths);
+        let plain = Self { paths: counters, reading: Reading::Counters, doubt: None, is_by_values: false };
+        let mut names: Vec<(Name, &PathBuf)> =
+            paths.iter().map(|path| (Name::of(path, Reading::Values, usize::MAX), path)).collect();
+        if names.iter().all(|(name, _)| name.is_plain()) {
+            return plain;
+        }
+        names.sort();
+        let (names, values): (Vec<Name>, Vec<PathBuf>) =
+            names.into_iter().map(|(name, path)| (name, path.clone())).unzip();
+        let is_by_values = values != plain.paths;
+        match likely(&plain.paths, &values, &names) {
+            Some(Reading::Counters) => plain,
+            Some(Reading::Values) => Self { paths: values, reading: Reading::Values, doubt: None, is_by_values },
+            None => {
+                let place = |path: &PathBuf| plain.paths.iter().position(|other| other == path);
+                let swapped = values.windows(2).find(|pair| place(&pair[0]) > place(&pair[1]));
+                let doubt = swapped.map(|pair| [pair[0].clone(), pair[1].clone()]);
+                Self { paths: values, reading: Reading::Values, doubt, is_by_values }
+            }
         }
     }
+
+    /// Checks that the numbers can be read in one way, and count the files. `way_on` says how the caller may give an order.
+    fn check(&self, are_planes: bool, way_on: &str) -> Result<(), ImportError> {
+        let problem = match &self.doubt {
+            Some([before, after]) => Err(format!(
+                "the numbers in the files' names can be read in two ways: as decimal numbers {before} comes before {after}, digits by \
+                 themselves put it after it. Pass `order` natural for the former, or {way_on}",
+                before = name(before),
+                after = name(after)
+            )),
+            None => numbering::check(&self.paths, self.reading, are_planes),
+        };
+        problem.map_err(|problem| ImportError::options(&self.paths[0], problem))
+    }
+}
+
+impl From<ByNumbers> for FileList {
+    fn from(list: ByNumbers) -> Self {
+        let ends = [list.paths.first(), list.paths.last()].map(|path| path.map_or(String::new(), |path| name(path)));
+        let how = if list.is_by_values { ", of decimal numbers in their names" } else { "" };
+        let note = format!("{} files in natural order{how}, from {} to {}.", list.paths.len(), ends[0], ends[1]);
+        Self { paths: list.paths, note }
+    }
+}
+
+/// How numbers in names are meant, of which the files' orders by `counters` and by `values` are known, and the names in the latter;
+/// `None` if nothing tells.
+fn likely(counters: &[PathBuf], values: &[PathBuf], names: &[Name]) -> Option<Reading> {
+    let count = numbering::check(counters, Reading::Counters, false).is_ok();
+    let are_even = numbering::check(values, Reading::Values, false).is_ok();
+    if counters == values {
+        return Some(if count && !are_even { Reading::Counters } else { Reading::Values });
+    }
+    let varying: Vec<&Number> = match names.iter().all(|name| name.texts == names[0].texts) {
+        true => numbering::counters(names).into_iter().flat_map(|(_, numbers)| numbers).collect(),
+        false => names.iter().flat_map(|name| &name.numbers).collect(),
+    };
+    if varying.iter().any(|number| number.written.is_doubtful) {
+        return None;
+    }
+    if varying.iter().any(|number| number.is_minus_zero()) {
+        return Some(Reading::Counters);
+    }
+    let fractions: Vec<&str> = varying.iter().filter_map(|number| number.written.fraction.as_deref()).collect();
+    // Digits of one length are in the same order either way, so that signs or powers of ten make the difference.
+    let are_alike = fractions.iter().all(|digits| digits.len() == fractions[0].len());
+    if are_alike || varying.iter().any(|number| number.written.has_exponent) {
+        return Some(Reading::Values);
+    }
+    // 1.9, 1.10, 1.11.
+    if numbering::count_by_one(counters) && !(are_even && values.len() > 2) {
+        return Some(Reading::Counters);
+    }
+    // As most programs print numbers: 0.1 and not 0.10. A counter of several lengths has no zero before it, as 0.05 has.
+    let are_printed = fractions.iter().all(|digits| digits.len() == 1 || !digits.ends_with('0'));
+    let are_padded = fractions.iter().any(|digits| digits.len() > 1 && digits.starts_with('0'));
+    (are_padded || are_printed && are_even).then_some(Reading::Values)
 }
 
 fn name(path: &Path) -> String {
@@ -168,6 +251,62 @@ mod tests {
         assert!(note.contains("natural order, from s_8.tif to s_11.tif") && note.contains("`order` given"), "{note}");
         let (found, note) = listed(&["s_9.tif", "s_10.tif", "s_11.tif"], None);
         assert!(found[0] == "s_9.tif" && !note.contains("`order` given"), "{note}");
+    }
+
+    /// Lists as shells make them, and the order of their numbers; `None` if it cannot be told.
+    #[test]
+    fn decimal_numbers_are_in_their_order() {
+        for (names, expected) in [
+            (&["t_0.25", "t_0.5"][..], Some(&[0, 1][..])),
+            (&["t0.05", "t0.1", "t0.15"], Some(&[0, 1, 2])),
+            (&["r1.25", "r1.5", "r1.75", "r2.0"], Some(&[0, 1, 2, 3])),
+            (&["u_0.1", "u_0.15", "u_0.2", "u_0.25"], Some(&[0, 1, 2, 3])),
+            (&["t_0", "t_0.5", "t_1"], Some(&[0, 1, 2])),
+            (&["t_10.0", "t_9.0", "t_9.5"], Some(&[1, 2, 0])),
+            (&["m_-1", "m_-2", "m_-3"], Some(&[2, 1, 0])),
+            (&["n_-1", "n_-2", "n_0", "n_1"], Some(&[1, 0, 2, 3])),
+            (&["x=-0.25", "x=-0.5", "x=0.0"], Some(&[1, 0, 2])),
+            (&["e_1e-1", "e_1e-2", "e_1e-3"], Some(&[2, 1, 0])),
+            (&["e_0.0001", "e_0.001", "e_1e-05"], Some(&[2, 0, 1])),
+            // Counters with a point between them, separators and dates.
+            (&["s_1.10", "s_1.11", "s_1.9"], Some(&[2, 0, 1])),
+            (
+                &["a-1", "a-10", "a-2", "a-3", "a-4", "a-5", "a-6", "a-7", "a-8", "a-9"],
+                Some(&[0, 2, 3, 4, 5, 6, 7, 8, 9, 1]),
+            ),
+            (&["i_-0", "i_-1", "i_-2"], Some(&[0, 1, 2])),
+            (&["d_2020-01-02", "d_2020-01-03"], Some(&[0, 1])),
+            (&["s1e1", "s1e2", "s1e3"], Some(&[0, 1, 2])),
+            (&["1.2.10", "1.2.8", "1.2.9"], Some(&[1, 2, 0])),
+            (&["t_0.10", "t_0.15", "t_0.5"], None),
+            (&["s_1.11", "s_1.8", "s_1.9"], None),
+            (&["plate1e-1", "plate1e-2", "plate1e-3"], None),
+        ] {
+            let given = names.iter().map(|name| PathBuf::from(format!("{name}.npy"))).collect::<Vec<_>>();
+            let list = FileList::of_list(&given, None, false);
+            let folder = FileList::of_folder(Path::new("f"), &given, None, false);
+            match expected {
+                Some(order) => {
+                    let expected: Vec<&PathBuf> = order.iter().map(|i| &given[*i]).collect();
+                    for list in [list, folder] {
+                        let list = list.unwrap_or_else(|error| panic!("{error}"));
+                        assert_eq!(list.paths.iter().collect::<Vec<_>>(), expected, "{}", list.note);
+                    }
+                    let told = FileList::of_list(&given, Some(FileOrder::Natural), false).unwrap();
+                    assert_eq!(told.paths.iter().collect::<Vec<_>>(), expected);
+                }
+                None => {
+                    for message in [list, folder].map(|list| list.err().unwrap().to_string()) {
+                        for word in ["in two ways", "`order` natural for", "`order` given"] {
+                            assert!(message.contains(word), "{names:?}: {message}");
+                        }
+                    }
+                    // Somebody put these in order.
+                    let reversed: Vec<PathBuf> = given.iter().rev().cloned().collect();
+                    assert_eq!(FileList::of_list(&reversed, None, false).unwrap().paths, reversed);
+                }
+            }
+        }
     }
 
     #[test]

@@ -19,8 +19,10 @@ mod described;
 #[cfg(feature = "dicom")]
 mod dicom;
 mod dicom_files;
+mod doubles;
 mod element;
 mod error;
+mod file_name;
 mod file_order;
 mod files;
 mod folder;

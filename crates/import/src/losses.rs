@@ -3,7 +3,7 @@
 //!
 //! Only inputs that may lose something are read for it: those of 64 bits, and those whose scaled numbers may leave f32.
 
-use crate::element::{Decode, Element, Endian};
+use crate::element::{Decode, Element, Endian, Scale};
 use crate::error::ImportError;
 use crate::options::OpenOptions;
 use brickyard_volume::{VoxelType, with_voxel_type};
@@ -27,6 +27,9 @@ pub(crate) struct Losses<'a> {
     rounded: u64,
     /// One that is lost, as the file has it.
     example: Option<String>,
+    /// Whether signed labels of 64 bits were seen that only signed numbers of 32 bits hold, and such that only unsigned ones hold.
+    has_negative: bool,
+    has_great: bool,
 }
 
 /// How a number fares.
@@ -68,7 +71,9 @@ impl<'a> Losses<'a> {
             }
             _ => false,
         };
-        (may && !options.is_looked_at).then_some(Self {
+        // How signed labels are held is seen from all of them alone.
+        let is_open = are_labels && (decode.element, decode.scale) == (Element::I64, None);
+        (may && (is_open || !options.is_looked_at)).then_some(Self {
             path,
             files_before: 0,
             first_path: path,
@@ -79,7 +84,24 @@ impl<'a> Losses<'a> {
             beyond: 0,
             rounded: 0,
             example: None,
+            has_negative: false,
+            has_great: false,
         })
+    }
+
+    /// How the numbers that were seen become voxels: signed labels are unsigned where only that holds them.
+    pub(crate) fn decode(&self) -> Decode {
+        let unsigned = Scale { slope: 1.0, intercept: 0.0, to: VoxelType::U32 };
+        Decode { scale: if self.has_great { Some(unsigned) } else { self.decode.scale }, ..self.decode }
+    }
+
+    /// Labels below 0 and above what i32 holds are in no type together.
+    fn fate_of_label(&mut self, label: i64) -> Fate {
+        let (is_negative, is_great) = (label < 0, label > i32::MAX.into());
+        self.has_negative |= is_negative;
+        self.has_great |= is_great;
+        let fits = if is_great { u32::try_from(label).is_ok() } else { i32::try_from(label).is_ok() };
+        Fate::of_integer(fits && !(self.has_negative && self.has_great))
     }
 
     /// Goes on with another file of the same input.
@@ -110,6 +132,7 @@ impl<'a> Losses<'a> {
         let (slope, intercept) = self.decode.scale.map_or((1.0, 0.0), |s| (s.slope, s.intercept));
         let scaled = |n: f64, is_wide| Fate::of_float(n, n * slope + intercept, is_wide);
         match (self.decode.element, self.decode.scale) {
+            (Element::I64, None) if self.are_labels => each!(i64, n => self.fate_of_label(n)),
             (Element::I64, None) => each!(i64, n => Fate::of_integer(i32::try_from(n).is_ok())),
             (Element::U64, None) => each!(u64, n => Fate::of_integer(u32::try_from(n).is_ok())),
             (Element::I64, _) => each!(i64, n => scaled(n as f64, true)),
@@ -162,7 +185,7 @@ impl<'a> Losses<'a> {
 
     /// Returns a sentence for the user that says how many values are changed, and how.
     pub(crate) fn note(&self) -> String {
-        let (from, to) = (self.decode.element.name(), self.decode.voxel_type());
+        let (from, to) = (self.decode.element.name(), self.decode().voxel_type());
         let lost = [(self.beyond, Fate::Beyond), (self.rounded, Fate::Rounded)].into_iter().filter(|(n, _)| *n > 0);
         let lost: Vec<String> = lost.map(|(n, fate)| format!("{n} {}", self.what_becomes_of(fate))).collect();
         let Some(example) = &self.example else {
@@ -259,6 +282,15 @@ mod tests {
                 assert!(!message.contains("allow_lossy"), "{message}");
             }
         }
+        // Signed ones are unsigned where that holds all.
+        let great = i64s(&[0, 1 << 31, i64::from(u32::MAX)]);
+        assert!(census_with(Element::I64, None, &great, &labels(false)).unwrap().contains("held as u32: no value"));
+        let again = OpenOptions { is_looked_at: true, ..labels(false) };
+        assert!(census_with(Element::I64, None, &great, &again).unwrap().contains("held as u32"), "seen anew");
+        for labels_of in [[-1, 1 << 31], [1 << 31, -1], [0, 1 << 32]] {
+            assert!(census_with(Element::I64, None, &i64s(&labels_of), &labels(true)).is_err(), "{labels_of:?}");
+        }
+        assert!(census(Element::I64, None, &great, false).unwrap_err().contains("2147483648"), "an image");
         // Those that fit are read as ever; of an image such a number is rounded, as its note says.
         assert!(census_with(Element::I64, None, &i64s(&[-5, 0, 70000]), &labels(false)).is_ok());
         assert!(census_with(long, scaled(0.5), &i32s(&[1 << 25, 3]), &labels(false)).is_ok());

@@ -140,7 +140,7 @@ fn inflated_bytes(path: &Path) -> Result<Option<u32>, ImportError> {
 }
 
 /// The header's name and, for a pair, the body's, whichever of the two was given.
-fn pair_of(path: &Path) -> (PathBuf, PathBuf) {
+pub(crate) fn pair_of(path: &Path) -> (PathBuf, PathBuf) {
     let name = path.to_string_lossy();
     let lower = name.to_ascii_lowercase();
     let Some(base) = [".hdr", ".img", ".hdr.gz", ".img.gz"].iter().find_map(|e| {

@@ -264,6 +264,30 @@ mod tests {
         assert!(notes[0].contains("i64") && notes[0].contains("no value is changed"), "{notes:?}");
     }
 
+    /// Each of several steps is opened anew when it is read.
+    #[test]
+    fn signed_labels_that_only_u32_holds_are_read() {
+        let header = "{'descr': '<i8', 'fortran_order': False, 'shape': (1, 1, 2)}";
+        let folder = tempfile::tempdir().unwrap();
+        let body = |label: i64| [0, label].iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<_>>();
+        let labels: Vec<i64> = vec![1 << 31, u32::MAX.into(), (1 << 31) + 7];
+        let paths: Vec<_> = (0..3).map(|i| folder.path().join(format!("l_{i}.npy"))).collect();
+        for (path, label) in paths.iter().zip(&labels) {
+            std::fs::write(path, with_header(header, &body(*label))).unwrap();
+        }
+        let told = OpenOptions { are_labels: true, ..options("") };
+        let source = crate::open::open(&paths, &told).unwrap();
+        assert_eq!(source.info().voxel_type, VoxelType::U32);
+        for (time, label) in (0..).zip(&labels) {
+            let mut out = vec![0; 8];
+            source.read_box(time, 0, source.info().extent.full_box(), &mut out).unwrap();
+            assert_eq!(VoxelType::U32.read(&out, 1), *label as f64);
+        }
+        std::fs::write(&paths[0], with_header(header, &body(-1))).unwrap();
+        let message = crate::open::open(&paths, &told).err().unwrap().to_string();
+        assert!(message.contains("u32") && message.contains("i32"), "{message}");
+    }
+
     #[test]
     fn what_cannot_be_read_is_refused_with_advice() {
         let refusal = |header: &str, body: &[u8], axes: &str| {

@@ -2,6 +2,7 @@
 //! second one (`_c0`, `_c1`) planes of one thing would come to lie between those of another, and a missing file would move
 //! all that follow.
 
+use crate::file_name::{Name, Number, Reading, in_decimals};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -10,48 +11,13 @@ const LONGEST_NUMBER: usize = 18;
 /// Numbers, or names, that a message lists.
 const MOST_SHOWN: usize = 6;
 
-/// A name and the numbers in it.
-struct Name {
-    /// The text between the numbers.
-    texts: Vec<String>,
-    numbers: Vec<u64>,
-}
-
-impl Name {
-    fn of(path: &Path) -> Self {
-        let path = path.to_string_lossy();
-        let mut found = Self { texts: vec![String::new()], numbers: Vec::new() };
-        let mut rest = &*path;
-        while let Some(first) = rest.chars().next() {
-            let digits = rest.bytes().take_while(u8::is_ascii_digit).count();
-            let taken = if digits > 0 { digits } else { first.len_utf8() };
-            let (piece, after) = rest.split_at(taken);
-            match piece.parse() {
-                Ok(number) if digits > 0 && digits <= LONGEST_NUMBER => {
-                    found.numbers.push(number);
-                    found.texts.push(String::new());
-                }
-                _ => found.texts.last_mut().into_iter().for_each(|text| text.push_str(piece)),
-            }
-            rest = after;
-        }
-        found
-    }
-
-    /// The letters before number `i`, as `c` of `_c0`.
-    fn label(&self, i: usize) -> String {
-        let letters = self.texts[i].chars().rev().take_while(|c| c.is_alphabetic()).collect::<Vec<_>>();
-        letters.into_iter().rev().collect::<String>().to_lowercase()
-    }
-}
-
-/// Checks that the numbers in the names of files count them without gaps. The files are at least two, in natural order.
+/// Checks that the numbers in the names of files count them without gaps. The files are at least two, in the order of these numbers.
 /// `are_planes` says that each file is one plane, so that the message may suggest `axes`.
 ///
 /// # Errors
 /// A message that says which numbers are missing or surplus, and how to read the files all the same.
-pub(crate) fn check(paths: &[PathBuf], are_planes: bool) -> Result<(), String> {
-    let names: Vec<Name> = paths.iter().map(|path| Name::of(path)).collect();
+pub(crate) fn check(paths: &[PathBuf], reading: Reading, are_planes: bool) -> Result<(), String> {
+    let names: Vec<Name> = paths.iter().map(|path| Name::of(path, reading, LONGEST_NUMBER)).collect();
     let mut kinds: BTreeMap<&[String], usize> = BTreeMap::new();
     names.iter().for_each(|name| *kinds.entry(&name.texts).or_default() += 1);
     if kinds.len() == names.len() {
@@ -61,21 +27,79 @@ pub(crate) fn check(paths: &[PathBuf], are_planes: bool) -> Result<(), String> {
     if kinds.len() > 1 {
         return Err(several_kinds(paths, &names, kinds.len()));
     }
-    let column = |i: usize| names.iter().map(|name| name.numbers[i]).collect::<Vec<u64>>();
-    let counters: Vec<(usize, Vec<u64>)> = (0..names[0].numbers.len())
-        .map(|i| (i, column(i)))
-        .filter(|(_, numbers)| numbers.iter().any(|n| *n != numbers[0]))
-        .collect();
+    let counters = counters(&names);
     // One that goes up with every file counts them, whatever else goes along with it (a time of day, say).
-    let rising: Vec<&Vec<u64>> = counters.iter().map(|(_, n)| n).filter(|n| n.is_sorted_by(|a, b| a < b)).collect();
+    let rising: Vec<&Vec<&Number>> = counters.iter().map(|(_, n)| n).filter(|n| n.is_sorted_by(|a, b| a < b)).collect();
     match (&rising[..], &counters[..]) {
         ([], [_, _, ..]) => Err(several_counters(paths, &names[0], &counters, are_planes)),
         ([], _) => Err(same_number(paths, &names)),
-        (rising, _) if rising.iter().any(|numbers| gaps(numbers).is_none()) => Ok(()),
+        (rising, _) if rising.iter().any(|numbers| are_powers(numbers)) => Ok(()),
         (rising, _) => {
-            let closest = rising.iter().min_by_key(|numbers| numbers[numbers.len() - 1] - numbers[0]);
-            closest.and_then(|numbers| gaps(numbers).map(|gap| gap.describe(numbers, paths))).map_or(Ok(()), Err)
+            let counts: Vec<Count> = rising.iter().filter_map(|numbers| Count::of(numbers)).collect();
+            if counts.iter().any(|count| count.gap().is_none()) {
+                return Ok(());
+            }
+            let closest = counts.iter().min_by(|a, b| a.span().total_cmp(&b.span()));
+            let gap = closest.and_then(|count| count.gap().map(|gap| gap.describe(count, paths)));
+            Err(gap.unwrap_or_else(|| far_apart(rising[0])))
         }
+    }
+}
+
+/// Whether a number in the names of files goes up by 1 from each to the next.
+pub(crate) fn count_by_one(paths: &[PathBuf]) -> bool {
+    let names: Vec<Name> = paths.iter().map(|path| Name::of(path, Reading::Counters, LONGEST_NUMBER)).collect();
+    let by_one = |(_, numbers): &(usize, Vec<&Number>)| {
+        Count::of(numbers).is_some_and(|count| count.values.windows(2).all(|pair| pair[1] - pair[0] == 1))
+    };
+    names.iter().all(|name| name.texts == names[0].texts) && counters(&names).iter().any(by_one)
+}
+
+/// The numbers that vary among names of one kind, and at which place.
+pub(crate) fn counters(names: &[Name]) -> Vec<(usize, Vec<&Number>)> {
+    (0..names[0].numbers.len())
+        .map(|i| (i, names.iter().map(|name| &name.numbers[i]).collect::<Vec<&Number>>()))
+        .filter(|(_, numbers)| numbers.iter().any(|n| *n != numbers[0]))
+        .collect()
+}
+
+/// Whether numbers are written as powers of ten, and go up by the same power each.
+fn are_powers(numbers: &[&Number]) -> bool {
+    let first = numbers[0].power();
+    let steps: Vec<i64> = numbers.windows(2).map(|pair| pair[1].power().1 - pair[0].power().1).collect();
+    numbers.iter().any(|n| n.written.has_exponent)
+        && numbers.iter().all(|n| n.power().0 == first.0)
+        && steps.iter().all(|step| *step == steps[0])
+}
+
+fn far_apart(numbers: &[&Number]) -> String {
+    let [first, last] = [numbers[0], numbers[numbers.len() - 1]];
+    format!(
+        "the numbers in the files' names go from {first} to {last}, and not evenly: pass `order` natural to take the files one after another"
+    )
+}
+
+/// Numbers that go up, on a common scale.
+struct Count {
+    /// Each as so many tens to the power of `place`, which is at most 0.
+    values: Vec<i128>,
+    place: i64,
+}
+
+impl Count {
+    /// `None` if there is no such scale, as of 1e-30 and 1e30.
+    fn of(numbers: &[&Number]) -> Option<Self> {
+        let place = numbers.iter().map(|n| n.place()).min()?;
+        let values = numbers.iter().map(|n| n.in_places(place)).collect::<Option<Vec<_>>>()?;
+        Some(Self { values, place })
+    }
+
+    fn span(&self) -> f64 {
+        (self.values[self.values.len() - 1] - self.values[0]) as f64 * 10f64.powi(self.place as i32)
+    }
+
+    fn show(&self, value: i128) -> String {
+        in_decimals(value, self.place)
     }
 }
 
@@ -84,22 +108,25 @@ struct Gap {
     /// The first file after it.
     at: usize,
     /// The step that most have.
-    step: u64,
+    step: i128,
 }
 
-fn gaps(numbers: &[u64]) -> Option<Gap> {
-    let mut steps: BTreeMap<u64, usize> = BTreeMap::new();
-    numbers.windows(2).for_each(|pair| *steps.entry(pair[1] - pair[0]).or_default() += 1);
-    // Of those that are as frequent, the smallest.
-    let (step, _) = steps.iter().rev().max_by_key(|(step, count)| (**count, std::cmp::Reverse(**step)))?;
-    let at = numbers.windows(2).position(|pair| pair[1] - pair[0] != *step)? + 1;
-    Some(Gap { at, step: *step })
+impl Count {
+    fn gap(&self) -> Option<Gap> {
+        let mut steps: BTreeMap<i128, usize> = BTreeMap::new();
+        self.values.windows(2).for_each(|pair| *steps.entry(pair[1] - pair[0]).or_default() += 1);
+        // Of those that are as frequent, the smallest.
+        let (step, _) = steps.iter().rev().max_by_key(|(step, count)| (**count, std::cmp::Reverse(**step)))?;
+        let at = self.values.windows(2).position(|pair| pair[1] - pair[0] != *step)? + 1;
+        Some(Gap { at, step: *step })
+    }
 }
 
 impl Gap {
-    fn describe(&self, numbers: &[u64], paths: &[PathBuf]) -> String {
-        let missing = numbers.windows(2).flat_map(|pair| (pair[0] + self.step..pair[1]).step_by(self.step as usize));
-        let shown: Vec<String> = missing.clone().take(MOST_SHOWN).map(|n| n.to_string()).collect();
+    fn describe(&self, count: &Count, paths: &[PathBuf]) -> String {
+        let between = |pair: &[i128]| std::iter::successors(Some(pair[0]), |n| n.checked_add(self.step)).skip(1);
+        let missing = count.values.windows(2).flat_map(|pair| between(pair).take_while(|n| *n < pair[1]));
+        let shown: Vec<String> = missing.clone().take(MOST_SHOWN).map(|n| count.show(n)).collect();
         let more = if missing.clone().nth(MOST_SHOWN).is_some() { ", ..." } else { "" };
         let (before, after) = (name(&paths[self.at - 1]), name(&paths[self.at]));
         let lack = match shown.is_empty() {
@@ -109,9 +136,9 @@ impl Gap {
         format!(
             "the numbers in the files' names go from {} to {} in steps of {}{lack}: {after} follows {before}. Add what is missing, or \
              pass `order` natural to take those that are there one after another",
-            numbers[0],
-            numbers[numbers.len() - 1],
-            self.step
+            count.show(count.values[0]),
+            count.show(count.values[count.values.len() - 1]),
+            count.show(self.step)
         )
     }
 }
@@ -133,10 +160,10 @@ fn several_kinds(paths: &[PathBuf], names: &[Name], kinds: usize) -> String {
     )
 }
 
-fn several_counters(paths: &[PathBuf], first: &Name, counters: &[(usize, Vec<u64>)], are_planes: bool) -> String {
-    let ends = |numbers: &[u64]| [numbers.iter().min(), numbers.iter().max()].map(|n| n.copied().unwrap_or(0));
-    let describe = |(i, numbers): &(usize, Vec<u64>)| {
-        let [least, greatest] = ends(numbers);
+fn several_counters(paths: &[PathBuf], first: &Name, counters: &[(usize, Vec<&Number>)], are_planes: bool) -> String {
+    let describe = |(i, numbers): &(usize, Vec<&Number>)| {
+        let least = numbers.iter().min().unwrap_or(&numbers[0]);
+        let greatest = numbers.iter().max().unwrap_or(&numbers[0]);
         match first.label(*i) {
             label if label.is_empty() => format!("number {} ({least} to {greatest})", i + 1),
             label => format!("'{label}' ({least} to {greatest})"),
@@ -154,7 +181,7 @@ fn several_counters(paths: &[PathBuf], first: &Name, counters: &[(usize, Vec<u64
 }
 
 /// The options that say what the counters of `files` planes are, if their letters tell and no plane is missing.
-fn axes_of(first: &Name, counters: &[(usize, Vec<u64>)], files: usize) -> Option<String> {
+fn axes_of(first: &Name, counters: &[(usize, Vec<&Number>)], files: usize) -> Option<String> {
     let (mut letters, mut sizes, mut product) = (String::new(), String::new(), 1);
     for (i, numbers) in counters {
         let (letter, flag) = match &*first.label(*i) {
@@ -195,7 +222,35 @@ mod tests {
 
     fn checked(names: &[&str], are_planes: bool) -> Result<(), String> {
         let paths: Vec<PathBuf> = names.iter().map(PathBuf::from).collect();
-        check(&in_natural_order(&paths), are_planes)
+        check(&in_natural_order(&paths), Reading::Counters, are_planes)
+    }
+
+    /// Of names in their order, as values.
+    fn checked_as_values(names: &[&str]) -> Result<(), String> {
+        let paths: Vec<PathBuf> = names.iter().map(PathBuf::from).collect();
+        check(&paths, Reading::Values, true)
+    }
+
+    #[test]
+    fn values_count_evenly_too() {
+        for names in [
+            &["t_0.05.npy", "t_0.1.npy", "t_0.15.npy"][..],
+            &["t_0.npy", "t_0.5.npy", "t_1.npy", "t_1.5.npy"],
+            &["m_-3.npy", "m_-1.npy", "m_1.npy"],
+            &["e_1e-05.npy", "e_0.0001.npy", "e_0.001.npy"],
+            &["e_1e-300.npy", "e_1e+00.npy", "e_1e+300.npy"],
+        ] {
+            assert_eq!(checked_as_values(names), Ok(()), "{names:?}");
+        }
+        for (names, words) in [
+            (&["t_0.1.npy", "t_0.2.npy", "t_0.5.npy"][..], "go from 0.1 to 0.5 in steps of 0.1, without 0.3, 0.4"),
+            (&["m_-3.npy", "m_-2.npy", "m_0.npy", "m_1.npy"], "from -3 to 1 in steps of 1, without -1"),
+            (&["t_0.5.npy", "t_0.50.npy"], "same number"),
+            (&["e_1e-300.npy", "e_1e+00.npy", "e_1e+200.npy"], "and not evenly"),
+        ] {
+            let message = checked_as_values(names).unwrap_err();
+            assert!(message.contains(words) && message.contains("`order` natural"), "{message}");
+        }
     }
 
     #[track_caller]

@@ -3,6 +3,7 @@
 
 use crate::described::Described;
 use crate::dicom_files::{MAGIC_BYTES, is_dicom};
+use crate::doubles::{check_folders, check_named_once, check_pairs, check_series};
 use crate::error::ImportError;
 use crate::file_order::{FileList, in_natural_order};
 use crate::files::first_bytes;
@@ -14,7 +15,6 @@ use crate::series::{Series, StepFile};
 use crate::source::{Source, SourceInfo};
 use crate::time::override_time;
 use crate::{dicom, foreign, nifti, npy, tiff_stack};
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,6 +29,9 @@ enum Format {
 /// Formats and their names, for the message that none fits.
 const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy, NIfTI (.nii, .nii.gz, \
                     .hdr with .img), TIFF (.tif, .tiff, .companion.ome), DICOM (a folder, files or one file of a series), and folders of files of one of these";
+
+/// How else a file that is named twice may be taken.
+const AS_NAMED: &str = ", or pass `order` given to take the files as they are named";
 
 /// Opens an input: a file, a list of files, a folder of files of one format, or a pattern of file names, with `*` and `?` or with
 /// one number as `%04d`. Several files are one time step each or, if they are TIFF files of a single page, one plane each;
@@ -45,17 +48,28 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
         [one] => pattern::expand(one)?.map_or_else(|| (vec![one.clone()], false, false), |files| (files, false, true)),
         files => (files.to_vec(), false, false),
     };
-    if options.order != Some(FileOrder::Given) {
-        check_named_once(&paths)?;
-    }
+    let order = match options.order {
+        // That of the steps, of which this folder is one.
+        Some(FileOrder::Given) if options.is_step => None,
+        order => order,
+    };
     let format = format_of(&paths[0], options)?;
     for path in &paths[1..] {
         if format_of(path, options)? != format {
             return Err(ImportError::options(path, format!("is of another format than {}", paths[0].display())));
         }
     }
+    match (format, order) {
+        (Format::Dicom, _) => check_named_once(&paths, "")?,
+        (_, Some(FileOrder::Given)) => {}
+        _ if unordered => check_named_once(&paths, ", or name all files and pass `order` given")?,
+        _ => check_named_once(&paths, AS_NAMED)?,
+    }
+    if format == Format::Nifti {
+        check_pairs(&paths)?;
+    }
     let (paths, order_note) = match format {
-        Format::Dicom if options.order.is_some() => {
+        Format::Dicom if order.is_some() && !options.is_step => {
             let problem = "`order`: DICOM slices are put in order by the places that they name";
             return Err(ImportError::options(&paths[0], problem));
         }
@@ -63,8 +77,8 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
         _ if unordered || paths.len() > 1 => {
             let are_planes = format == Format::Tiff && !tiff_stack::is_multi_page(&paths[0])?;
             let list = match unordered {
-                true => FileList::of_folder(&inputs[0], &paths, options.order, are_planes)?,
-                false => FileList::of_list(&paths, options.order, are_planes)?,
+                true => FileList::of_folder(&inputs[0], &paths, order, are_planes)?,
+                false => FileList::of_list(&paths, order, are_planes)?,
             };
             (list.paths, Some(list.note))
         }
@@ -84,28 +98,23 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     Ok(Box::new(Described { info, source, first: 0 }))
 }
 
-/// Puts files that each hold a time step in order, as [`open`] does with a list; returns them, and a sentence that says which order that is. `told` is
-/// the order that the caller asks for.
+/// Puts files and folders that each hold a time step in order, as [`open`] does with a list; returns them, and a sentence that says which
+/// order that is. Each is then opened with the same options, and [`OpenOptions::is_step`].
 ///
 /// # Errors
 /// As [`open`]: if a file is named twice, or the numbers in the names have gaps or count more than steps, unless the caller asks for an order.
-pub fn order_steps(paths: &[PathBuf], told: Option<FileOrder>) -> Result<(Vec<PathBuf>, String), ImportError> {
-    if told != Some(FileOrder::Given) {
-        check_named_once(paths)?;
+/// And whatever the order if two files are one image or of one series, or one lies in a folder that is named, too.
+pub fn order_steps(paths: &[PathBuf], options: &OpenOptions) -> Result<(Vec<PathBuf>, String), ImportError> {
+    if options.order != Some(FileOrder::Given) {
+        check_named_once(paths, AS_NAMED)?;
     }
-    let FileList { paths, note } = FileList::of_list(paths, told, false)?;
+    check_folders(paths)?;
+    // A file that cannot be read is told when it is opened.
+    let is_of = |path: &&PathBuf, format| path.is_file() && format_of(path, options).is_ok_and(|of| of == format);
+    check_pairs(paths.iter().filter(|path| is_of(path, Format::Nifti)))?;
+    check_series(paths.iter().filter(|path| is_of(path, Format::Dicom)))?;
+    let FileList { paths, note } = FileList::of_list(paths, options.order, false)?;
     Ok((paths, note))
-}
-
-/// Refuses a file that is named twice.
-fn check_named_once(paths: &[PathBuf]) -> Result<(), ImportError> {
-    let mut seen = HashSet::new();
-    let twice =
-        paths.iter().find(|path| !seen.insert(std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf())));
-    twice.map_or(Ok(()), |path| {
-        let problem = "is named twice: name it once, or pass `order` given to take the files as they are named";
-        Err(ImportError::options(path, problem))
-    })
 }
 
 fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
@@ -113,7 +122,7 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
         Format::Raw => Box::new(open_raw(path, options)?),
         Format::Npy => Box::new(npy::open(path, options)?),
         Format::Nifti => Box::new(nifti::open(path, options)?),
-        Format::Tiff => tiff_stack::open_file(path, options, true)?,
+        Format::Tiff => tiff_stack::open_file(path, options, !options.is_step)?,
         Format::Dicom => dicom::open_file(path, options)?,
     })
 }
@@ -126,7 +135,7 @@ fn open_steps(paths: &[PathBuf], format: Format, options: &OpenOptions) -> Resul
     };
     let again = OpenOptions { is_looked_at: true, ..options.clone() };
     let open = move |path: &Path| open_step(path, format, &again);
-    Ok(Box::new(Series::new(paths, check, Box::new(open))?))
+    Ok(Box::new(Series::new(paths, options, check, Box::new(open))?))
 }
 
 /// One file of several: others that it names are no part of it.

@@ -55,6 +55,9 @@ pub struct OpenOptions {
     /// Order of the axes, slowest first, in place of what the file or the format says. Raw, `.npy` and TIFF files use
     /// it; NIfTI and DICOM files do not.
     pub axes: Option<AxisOrder>,
+    /// Whether the input is one of several, each a time step of its own. `order` is then the order of these, and of the files in a folder
+    /// where it is natural; and a file of a set, which would stand for all of them, is an error.
+    pub is_step: bool,
     /// How several files are put in order. `None` keeps the order of a list that is neither alphabetical nor natural.
     /// Other lists, and folders, are sorted by the numbers in the files' names, which must count the files without
     /// gaps. For DICOM files it must be `None`.

@@ -121,6 +121,12 @@ impl RawSource {
         Ok(Self { info, file, array })
     }
 
+    /// Completes the description, where that needs the voxel type that [`RawSource::with_losses`] leaves.
+    pub(crate) fn described(mut self, describe: impl FnOnce(&mut SourceInfo)) -> Self {
+        describe(&mut self.info);
+        self
+    }
+
     /// Reads the whole array, counts the values that its voxels cannot hold, and adds a note on them. Arrays that
     /// cannot lose anything are not read.
     ///
@@ -138,6 +144,9 @@ impl RawSource {
             seen?;
         }
         self.info.notes.push(losses.note());
+        let decode = losses.decode();
+        self.array.decode = decode;
+        self.info.voxel_type = decode.voxel_type();
         Ok(self)
     }
 

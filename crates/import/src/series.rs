@@ -9,9 +9,10 @@
 mod tests;
 
 use crate::error::ImportError;
+use crate::options::OpenOptions;
 use crate::source::{Access, Lent, Source, SourceInfo};
 use crate::stamp::Stamp;
-use brickyard_volume::{VoxelBox, counted};
+use brickyard_volume::{ChannelLook, VoxelBox, counted};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -71,16 +72,19 @@ struct Recent {
 }
 
 impl Series {
-    /// Joins files of one time step each. `check` looks at one and closes it; `open` opens it to be read.
+    /// Joins files of one time step each. `options` are what the user says of all of them, `check` looks at one and closes it; `open`
+    /// opens it to be read.
     ///
     /// # Errors
     /// If a file cannot be read, has several time steps or differs from the first.
     pub(crate) fn new(
         paths: &[PathBuf],
+        options: &OpenOptions,
         check: impl Fn(&Path) -> Result<StepFile, ImportError>,
         open: Box<Open>,
     ) -> Result<Self, ImportError> {
         let mut first: Option<StepFile> = None;
+        let mut named: Option<(Vec<ChannelLook>, &Path)> = None;
         let (mut identity, mut notes) = (String::new(), Vec::new());
         let (mut reader_bytes, mut scratch_bytes) = (0, 0);
         let mut steps = Vec::with_capacity(paths.len());
@@ -91,6 +95,13 @@ impl Series {
             stamp.check(path)?;
             let file = found?;
             check_alike(&file.info, path, &first.as_ref().unwrap_or(&file).info, paths)?;
+            check_unit(&file.info, path, &first.as_ref().unwrap_or(&file).info, &paths[0], options)?;
+            let looks = &file.info.channel_looks;
+            match &named {
+                Some((others, other)) => check_channels(looks, path, (others, other))?,
+                None if looks.iter().any(|look| look.name.is_some()) => named = Some((looks.clone(), path)),
+                None => {}
+            }
             reader_bytes = file.reader_bytes.max(reader_bytes);
             scratch_bytes = file.scratch_bytes.max(scratch_bytes);
             let start = identity.len();
@@ -198,6 +209,47 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
         return Err(ImportError::invalid(path, problem));
     }
     Ok(())
+}
+
+/// Lengths must be in one unit, unless the user says which it is.
+fn check_unit(
+    step: &SourceInfo,
+    path: &Path,
+    first: &SourceInfo,
+    first_path: &Path,
+    options: &OpenOptions,
+) -> Result<(), ImportError> {
+    if options.unit.is_some() || step.geometry.unit.is_none() || step.geometry.unit == first.geometry.unit {
+        return Ok(());
+    }
+    let [own, other] = [step, first].map(|info| info.geometry.unit.clone().unwrap_or_else(|| "no unit".into()));
+    let problem = format!(
+        "has lengths in {own}, but {} in {other}: write them in one unit, or give the one that holds for all with `unit`",
+        first_path.display()
+    );
+    Err(ImportError::options(path, problem))
+}
+
+/// Channels must be those of the file that is `named`, the first that gives them names, where both do.
+fn check_channels(looks: &[ChannelLook], path: &Path, named: (&[ChannelLook], &Path)) -> Result<(), ImportError> {
+    let (other_looks, other_path) = named;
+    let differs = |(own, other): (&ChannelLook, &ChannelLook)| {
+        own.name.as_ref().zip(other.name.as_ref()).is_some_and(|(own, other)| own != other)
+    };
+    if !looks.iter().zip(other_looks).any(differs) {
+        return Ok(());
+    }
+    let problem = format!(
+        "has the channels {}, but {} has {}: write the steps with the same channels in one order, or pack each by itself",
+        names_of(looks),
+        other_path.display(),
+        names_of(other_looks)
+    );
+    Err(ImportError::invalid(path, problem))
+}
+
+fn names_of(looks: &[ChannelLook]) -> String {
+    looks.iter().map(|look| look.name.as_deref().unwrap_or("(no name)")).collect::<Vec<_>>().join(", ")
 }
 
 impl Source for Series {

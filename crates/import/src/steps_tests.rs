@@ -1,6 +1,6 @@
 //! Time steps however they lie: one file each, in lists, folders and patterns, or all in one file of three to five dimensions.
 
-use crate::open::open;
+use crate::open::{open, order_steps};
 use crate::options::{FileOrder, OpenOptions};
 use crate::testing::{Field, assert_boxes};
 use brickyard_volume::{Extent, VoxelType};
@@ -143,4 +143,69 @@ fn a_missing_a_doubled_and_an_unlike_step_are_named() {
     unlike(signed, ["i16", "u16"]);
     let several = steps_in(&["s_1.nii", "s_2.npy"], of_npy);
     assert!(refusal(&[several.path().to_owned()], &none).contains("holds 1 .npy and 1 NIfTI files"));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_file_is_one_whatever_it_is_called() {
+    let folder = steps_in(&["s_0.npy", "t.npy"], |step| npy("(4, 5, 7)", step));
+    let at = |name: &str| folder.path().join(name);
+    std::os::unix::fs::symlink("s_0.npy", at("s_1.npy")).unwrap();
+    std::fs::hard_link(at("s_0.npy"), at("s_2.npy")).unwrap();
+    std::fs::create_dir(at("sub")).unwrap();
+    let none = OpenOptions::default();
+    let given = OpenOptions { order: Some(FileOrder::Given), ..none.clone() };
+    for other in ["s_1.npy", "s_2.npy", "sub/../s_0.npy", "./s_0.npy", "s_0.npy"] {
+        let files = [at("s_0.npy"), at(other)];
+        let refusals = [refusal(&files, &none), order_steps(&files, &none).unwrap_err().to_string()];
+        for message in refusals {
+            assert!(message.contains("is named twice") && message.contains("`order` given"), "{other}: {message}");
+        }
+        assert_eq!(open(&files, &given).unwrap().info().times, 2, "it is meant");
+        assert!(order_steps(&files, &given).is_ok());
+    }
+    // In a folder and by a pattern, too.
+    for all in [at("s_*.npy"), folder.path().to_owned()] {
+        let message = refusal(&[all], &none);
+        assert!(message.contains("is named twice") && message.contains("name all files"), "{message}");
+    }
+    assert_eq!(open(&[at("s_0.npy"), at("t.npy")], &none).unwrap().info().times, 2);
+}
+
+#[test]
+fn the_halves_of_an_image_are_no_two_steps() {
+    let folder = steps_in(&["p.img", "q.img"], <[u8]>::to_vec);
+    let mut header = nifti(&[7, 5, 4], 1.0, &[]);
+    header.truncate(348);
+    header[344..348].copy_from_slice(b"ni1\0");
+    let at = |name: &str| folder.path().join(name);
+    ["p.hdr", "q.hdr"].iter().for_each(|name| std::fs::write(at(name), &header).unwrap());
+    let none = OpenOptions::default();
+    let given = OpenOptions { order: Some(FileOrder::Given), ..none.clone() };
+    for (files, options) in [(["p.hdr", "p.img"], &none), (["p.img", "p.hdr"], &none), (["p.hdr", "p.img"], &given)] {
+        let files = files.map(at);
+        let ways = [refusal(&files, options), order_steps(&files, options).unwrap_err().to_string()];
+        for message in ways {
+            assert!(message.contains("half of an image") && message.contains("name one of the two"), "{message}");
+        }
+    }
+    for files in [["p.hdr", "q.hdr"], ["p.img", "q.hdr"]] {
+        assert_eq!(open(&files.map(at), &none).unwrap().info().times, 2);
+        assert!(order_steps(&files.map(at), &none).is_ok());
+    }
+}
+
+/// `order` is that of the steps, and of the files in a folder where these have an order of their own.
+#[test]
+fn folders_that_are_steps_are_read_in_the_order_of_the_steps() {
+    let folder = steps_in(&["s_1.npy", "s_2.npy", "s_4.npy"], |step| npy("(4, 5, 7)", step));
+    let step = |order| OpenOptions { order, is_step: true, ..OpenOptions::default() };
+    let of_folder = [folder.path().to_owned()];
+    assert_boxes(&*open(&of_folder, &step(Some(FileOrder::Natural))).unwrap(), FIELD);
+    for order in [None, Some(FileOrder::Given)] {
+        assert!(refusal(&of_folder, &step(order)).contains("without 3"), "{order:?}");
+    }
+    let both = [folder.path().to_owned(), folder.path().join("s_2.npy")];
+    let message = order_steps(&both, &OpenOptions::default()).unwrap_err().to_string();
+    assert!(message.contains("s_2.npy: lies in ") && message.contains("name one of the two"), "{message}");
 }

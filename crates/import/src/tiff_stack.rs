@@ -108,7 +108,6 @@ impl TiffStack {
             ..SourceInfo::plain(sizes, decode.voxel_type())
         };
         description.place(&mut info);
-        description.mark(&mut info, scale, options.nodata);
         info.notes.extend(note);
         // A composite says how each of its channels is shown.
         let are_told = !info.channel_looks.is_empty() && info.channel_looks.iter().all(|look| look.window.is_some());
@@ -120,6 +119,7 @@ impl TiffStack {
         }
         let mut stack = Self { info, format, decode, files, map, reader_bytes, idle: Mutex::new(idle) };
         stack.count_losses(options)?;
+        description.mark(&mut stack.info, scale, options.nodata);
         Ok(stack)
     }
 
@@ -135,8 +135,10 @@ impl TiffStack {
             }
             self.with_page(place, |tiff| tiff.each_chunk(&self.format, |samples| losses.see(samples)))?;
         }
-        let note = losses.note();
+        let (note, decode) = (losses.note(), losses.decode());
         self.info.notes.push(note);
+        self.decode = decode;
+        self.info.voxel_type = decode.voxel_type();
         Ok(())
     }
 

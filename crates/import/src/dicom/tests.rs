@@ -1,8 +1,8 @@
 //! Series written by dicom-object, whole and broken in every way that is refused.
 
 use crate::error::ImportError;
-use crate::open::open;
-use crate::options::{NoData, OpenOptions};
+use crate::open::{open, order_steps};
+use crate::options::{FileOrder, NoData, OpenOptions};
 use crate::source::Source;
 use crate::testing::{alone_with, assert_takes_what_it_says};
 use brickyard_volume::VoxelType;
@@ -255,6 +255,28 @@ fn one_file_stands_for_its_series_and_a_list_for_itself() {
         "1.2.9 \"scout\" of 1 files, such as IM9",
         "Name the files",
     ]);
+}
+
+/// Each of them stands for all.
+#[test]
+fn slices_of_one_series_are_no_steps() {
+    let [one, other] = [(); 2].map(|()| Folder::of(shuffled()));
+    for order in [None, Some(FileOrder::Given), Some(FileOrder::Natural)] {
+        let options = OpenOptions { order, ..OpenOptions::default() };
+        let message = order_steps(&[one.file(0), one.file(1)], &options).unwrap_err().to_string();
+        assert!(message.contains("IM1: is a slice of the series that") && message.contains("its folder"), "{message}");
+        // Of one folder each, they are two volumes.
+        assert!(order_steps(&[one.file(0), other.file(1)], &options).is_ok());
+        let step = OpenOptions { is_step: true, ..options };
+        assert_eq!(voxels(&*open(&[one.0.path().to_owned()], &step).unwrap()), counting(5));
+    }
+    let mut scout = Written::slice(21.0, 7);
+    scout.text(tags::SERIES_INSTANCE_UID, VR::UI, "1.2.9");
+    scout.save(&one.file(9), uids::EXPLICIT_VR_LITTLE_ENDIAN);
+    assert!(order_steps(&[one.file(0), one.file(9)], &OpenOptions::default()).is_ok());
+    // Files of several frames stand for themselves.
+    let frames = Folder::of([enhanced(), enhanced()]);
+    assert!(order_steps(&[frames.file(0), frames.file(1)], &OpenOptions::default()).is_ok());
 }
 
 #[test]

@@ -228,3 +228,69 @@ fn steps_are_read_in_any_order_by_many_threads() {
     });
     assert!(maps(&[folder.path().to_str().unwrap()]) <= super::OPEN_STEPS);
 }
+
+/// A step of 4 x 3 x 2 voxels in OME-XML.
+#[cfg(feature = "tiff")]
+fn ome(pixels: &str, channels: [&str; 2]) -> Vec<u8> {
+    let [first, second] = channels.map(|name| if name.is_empty() { String::new() } else { format!("Name='{name}'") });
+    let xml = format!(
+        "<OME><Image><Pixels DimensionOrder='XYZCT' SizeX='4' SizeY='3' SizeZ='2' SizeC='2' SizeT='1' {pixels}><Channel {first}/>\
+         <Channel {second}/><TiffData/></Pixels></Image></OME>"
+    );
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let mut encoder = tiff::encoder::TiffEncoder::new(&mut bytes).unwrap();
+    for page in 0..4 {
+        let mut image = encoder.new_image::<tiff::encoder::colortype::Gray16>(4, 3).unwrap();
+        if page == 0 {
+            image.encoder().write_tag(tiff::tags::Tag::ImageDescription, &*xml).unwrap();
+        }
+        image.write_data(&[page; 12]).unwrap();
+    }
+    bytes.into_inner()
+}
+
+/// Lengths and channels mean the same in all steps, where the files say what they are.
+#[cfg(feature = "tiff")]
+#[test]
+fn steps_that_mean_something_else_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let size =
+        |unit: &str| ["X", "Y", "Z"].map(|a| format!("PhysicalSize{a}='1' PhysicalSize{a}Unit='{unit}'")).join(" ");
+    let files = |first: Vec<u8>, second: Vec<u8>| {
+        let paths = ["s_1.ome.tif", "s_2.ome.tif"].map(|name| folder.path().join(name));
+        paths.iter().zip([first, second]).for_each(|(path, bytes)| std::fs::write(path, bytes).unwrap());
+        paths
+    };
+    let none = OpenOptions::default();
+    let names = ["DAPI", "GFP"];
+    let unit = OpenOptions { unit: Some("micrometer".into()), ..none.clone() };
+    for (first, second, words, told) in [
+        (ome(&size("mm"), names), ome(&size("nm"), names), "s_2.ome.tif: has lengths in nanometer, but", Some(&unit)),
+        (ome("", names), ome(&size("nm"), names), "in no unit: write them in one unit, or give", Some(&unit)),
+        (ome("", names), ome("", ["GFP", "DAPI"]), "has the channels GFP, DAPI, but", None),
+        (ome("", ["DAPI", ""]), ome("", ["GFP", "DAPI"]), "has DAPI, (no name): write the steps", None),
+    ] {
+        let paths = files(first, second);
+        let message = open(&paths, &none).err().expect(words).to_string();
+        assert!(message.contains(words), "{message}");
+        if let Some(told) = told {
+            assert_eq!(open(&paths, told).unwrap().info().times, 2, "{words}");
+        }
+    }
+    // One that gives no names comes before those that do.
+    let [first, second] = files(ome("", names), ome("", ["GFP", "DAPI"]));
+    let before = folder.path().join("s_0.ome.tif");
+    std::fs::write(&before, ome("", ["", ""])).unwrap();
+    let message = open(&[before, first, second], &none).err().expect("channels").to_string();
+    assert!(
+        message.contains("s_2.ome.tif: has the channels GFP, DAPI") && message.contains("s_1.ome.tif has"),
+        "{message}"
+    );
+    for (first, second) in [
+        (ome(&size("mm"), names), ome(&size("mm"), names)),
+        (ome("", names), ome("", ["", "GFP"])),
+        (ome("", ["", ""]), ome("", names)),
+    ] {
+        assert_eq!(open(&files(first, second), &none).unwrap_or_else(|error| panic!("{error}")).info().times, 2);
+    }
+}

@@ -251,7 +251,7 @@ fn open_contiguous(
     }
     let mut info = SourceInfo { identity: identity("tiff contiguous", &[path])?, ..array.info() };
     description.place(&mut info);
-    description.mark(&mut info, scale, options.nodata);
     info.notes.extend(note);
-    Ok(Box::new(RawSource::new(file, array, info)?.with_losses(options)?))
+    let source = RawSource::new(file, array, info)?.with_losses(options)?;
+    Ok(Box::new(source.described(|info| description.mark(info, scale, options.nodata))))
 }

@@ -79,12 +79,25 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
         let rows = |orientation: brickyard_volume::Orientation| format!("{:?}", orientation.rows());
         return differs("orientation", rows(theirs), store.info().orientation.map_or("not known".into(), rows));
     }
+    // The name of a single channel may be the title of its step, as of a DICOM series.
+    let ours = store.info().channels.iter().map(|channel| channel.name.as_deref());
+    let theirs = step.channel_looks.iter().map(|look| look.name.as_deref());
+    let differ = |(ours, theirs): (Option<&str>, Option<&str>)| ours.is_some() && theirs.is_some() && ours != theirs;
+    if step.channels > 1 && ours.clone().zip(theirs.clone()).any(differ) {
+        let found = in_a_row(theirs);
+        let expected = format!("{} (write the step with these channels, in this order)", in_a_row(ours));
+        return differs("row of channels", found, expected);
+    }
     let nodata = store_nodata(store);
     if let Some(found) = step.nodata.filter(|found| Some(*found) != nodata) {
         let expected = nodata.map_or("none; pass `nodata` none to take it as a number".into(), |ours| ours.to_string());
         return differs("value for no data", found.to_string(), expected);
     }
     Ok(())
+}
+
+fn in_a_row<'a>(names: impl Iterator<Item = Option<&'a str>>) -> String {
+    names.map(|name| name.unwrap_or("(no name)")).collect::<Vec<_>>().join(", ")
 }
 
 /// The time axis of a store with one step more, which was taken at `stamp`. `said` is what the source knows: where it begins when the store does, it

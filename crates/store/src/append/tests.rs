@@ -6,7 +6,7 @@ use crate::pack::pack;
 use crate::pack::tests::{Array, assert_same, files, level_voxels, mean_and_max, options, value};
 use crate::verify::{documents as written, verify};
 use brickyard_import::{Access, ImportError, SourceInfo};
-use brickyard_volume::{BrickId, BrickIndex, Level, Orientation, Voxel, VoxelBox, VoxelType};
+use brickyard_volume::{BrickId, BrickIndex, ChannelLook, Level, Orientation, Voxel, VoxelBox, VoxelType};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicI64, Ordering};
 
@@ -722,4 +722,34 @@ fn an_append_costs_the_same_however_many_steps_there_are() {
     assert!(changes.windows(2).all(|pair| pair[0] == pair[1]), "{changes:?}");
     let id = BrickId { time: 11, channel: 0, level: Level(0), index: BrickIndex::new(1, 1, 0) };
     Store::open(&path).unwrap().occupancy(id).unwrap();
+}
+
+#[test]
+fn channels_in_another_order_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let step = |number, names: &[&str]| {
+        let mut step = step_of::<u8>(number, 2);
+        let name = |name: &&str| Some((*name).to_owned()).filter(|name| !name.is_empty());
+        step.info.channel_looks =
+            names.iter().map(|n| ChannelLook { name: name(n), ..ChannelLook::default() }).collect();
+        step
+    };
+    let path = dir.path().join("s.zarr");
+    let mut appender = Appender::create(&path, &step(0, &["DAPI", "GFP"]), None, &byte_options(), &()).unwrap();
+    let message = appender.append(&step(1, &["GFP", "DAPI"]), None, &()).unwrap_err().to_string();
+    assert!(message.contains("row of channels is GFP, DAPI, but that of step 0"), "{message}");
+    assert!(message.contains("is DAPI, GFP (write the step with these channels"), "{message}");
+    // What says less, fits.
+    for (number, names) in (1..).zip([&["DAPI", "GFP"][..], &["", "GFP"], &[]]) {
+        appender.append(&step(number, names), None, &()).unwrap();
+    }
+    // One channel has the title of its step.
+    let step = |title: &str| {
+        let mut step = byte_step(0);
+        step.info.channel_looks = vec![ChannelLook { name: Some(title.into()), ..ChannelLook::default() }];
+        step
+    };
+    let mut appender =
+        Appender::create(&dir.path().join("t.zarr"), &step("phase 1"), None, &byte_options(), &()).unwrap();
+    appender.append(&step("phase 2"), None, &()).unwrap();
 }

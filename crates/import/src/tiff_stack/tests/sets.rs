@@ -275,6 +275,17 @@ fn a_companion_describes_files_that_have_pixels_only() {
     }
 }
 
+/// As one of several steps a file would stand for all of the set.
+#[test]
+fn a_file_of_a_set_is_no_step() {
+    let folder = two_files(|uuid, _| xml(uuid, "XYZCT", &in_two("a-second.ome.tif", OTHER)));
+    let path = folder.path().join("first.ome.tif");
+    assert_boxes(&*opened(&path).unwrap(), WHOLE);
+    let step = OpenOptions { is_step: true, ..options() };
+    let message = open(std::slice::from_ref(&path), &step).err().unwrap().to_string();
+    assert!(message.contains("one of a set of 2 files") && message.contains("`axes` zyx"), "{message}");
+}
+
 /// A description of many megabytes is no reason to take as many.
 #[cfg(target_os = "linux")]
 #[test]
