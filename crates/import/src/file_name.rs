@@ -69,6 +69,11 @@ impl Number {
         self.digits.is_empty() && self.written.fraction.is_none() && !self.written.has_exponent
     }
 
+    /// Whether it lies between -1 and 1.
+    pub(crate) fn is_below_one(&self) -> bool {
+        self.digits.is_empty() || self.magnitude <= 0
+    }
+
     /// The power of ten of its last digit; 0 of integers.
     pub(crate) fn place(&self) -> i64 {
         (self.magnitude - self.digits.len() as i64).min(0)

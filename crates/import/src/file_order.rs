@@ -166,7 +166,9 @@ fn likely(counters: &[PathBuf], values: &[PathBuf], names: &[Name]) -> Option<Re
     // As most programs print numbers: 0.1 and not 0.10. A counter of several lengths has no zero before it, as 0.05 has.
     let are_printed = fractions.iter().all(|digits| digits.len() == 1 || !digits.ends_with('0'));
     let are_padded = fractions.iter().any(|digits| digits.len() > 1 && digits.starts_with('0'));
-    (are_padded || are_printed && are_even).then_some(Reading::Values)
+    // Two numbers are always even; 0.25 and 0.5 are fractions all the same.
+    let are_told = are_even && (values.len() > 2 || varying.iter().all(|number| number.is_below_one()));
+    (are_padded || are_printed && are_told).then_some(Reading::Values)
 }
 
 fn name(path: &Path) -> String {
@@ -280,6 +282,7 @@ mod tests {
             (&["1.2.10", "1.2.8", "1.2.9"], Some(&[1, 2, 0])),
             (&["t_0.10", "t_0.15", "t_0.5"], None),
             (&["s_1.11", "s_1.8", "s_1.9"], None),
+            (&["s_1.11", "s_1.9"], None),
             (&["plate1e-1", "plate1e-2", "plate1e-3"], None),
         ] {
             let given = names.iter().map(|name| PathBuf::from(format!("{name}.npy"))).collect::<Vec<_>>();
