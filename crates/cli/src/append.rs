@@ -163,15 +163,22 @@ impl Settings {
 
     /// Opens the store; `None` where there is none, or one whose first step is not packed to the end.
     fn open(&self) -> Result<Option<Appender>, Failure> {
-        match Store::open(&self.store) {
-            Ok(store) => self.settings.check(&store)?,
+        let times = match Store::open(&self.store) {
+            Ok(store) => {
+                self.settings.check(&store)?;
+                store.times()
+            }
             Err(OpenError::NotAStore { .. } | OpenError::Incomplete { .. }) => return Ok(None),
             Err(OpenError::Io { error, .. }) if error.kind() == ErrorKind::NotFound && !self.store.exists() => {
                 return Ok(None);
             }
             Err(error) => return Err(store_errors::open_failure(&error)),
+        };
+        match Appender::open(&self.store, self.limits.of_append()) {
+            // Readers see the first step already, but its pack has not ended: the same file ends it, and another is the next step.
+            Err(AppendError::Unfinished { replaces: false, .. }) if times == 1 => Ok(None),
+            opened => opened.map(Some).map_err(store_errors::append_failure),
         }
-        Appender::open(&self.store, self.limits.of_append()).map(Some).map_err(store_errors::append_failure)
     }
 }
 

@@ -104,6 +104,12 @@ fn can_grow(store: &Store) -> Result<(), AppendError> {
     }
 }
 
+impl PackOptions {
+    fn of_append(&self) -> AppendOptions {
+        AppendOptions { memory_bytes: self.memory_bytes, threads: self.threads }
+    }
+}
+
 /// The next step of a store, which may be appended.
 struct Next {
     plan: PackPlan,
@@ -121,7 +127,7 @@ impl Appender {
     }
 
     /// Packs the first step of a new store, and opens it to append more. The step is taken at `stamp`, or at the source's time; where neither is known,
-    /// steps are counted. A step that was cut off is resumed.
+    /// steps are counted. A step that was cut off is resumed; where that was at its very end, another source is the next step.
     ///
     /// # Errors
     /// If a finished store is there, as packing with [`Exists::Resume`] does, or as [`Appender::open`] does, which then is
@@ -154,22 +160,24 @@ impl Appender {
             Err(error @ PackError::Incomplete { .. }) if is_finished(store) => {
                 return Err(AppendError::of_first(error).after(store, 0));
             }
+            Err(PackError::Mismatch { .. }) if output::end(&disk, store)? => {
+                let mut appender = Self::open_on(disk, store, options.of_append())?;
+                return appender.append(source, stamp, progress).map(|_| appender);
+            }
             Err(error) => return Err(AppendError::of_first(error)),
         }
-        let PackOptions { memory_bytes, threads, .. } = options;
-        Self::open_on(disk, store, AppendOptions { memory_bytes, threads }).map_err(|error| error.after(store, 0))
+        Self::open_on(disk, store, options.of_append()).map_err(|error| error.after(store, 0))
     }
 
     fn open_on(disk: Disk, store: &Path, options: AppendOptions) -> Result<Self, AppendError> {
         let dir = output::resolve(store)?;
         disk.work_at(&dir);
-        refuse_unfinished_but_whole(&dir)?;
+        refuse_unfinished(&dir)?;
         can_grow(&Store::open(&dir)?)?;
         let lock = DirLock::take(&disk, &dir)?;
         // Looked at again: another one may have been at work until now.
-        refuse_unfinished_but_whole(&dir)?;
+        refuse_unfinished(&dir)?;
         lock.declare(&disk).map_err(PackError::from)?;
-        output::end(&disk, &dir)?;
         let folder = Arc::new(open_folder(&dir)?);
         disk.work_in(folder.clone());
         let mut appender = Self { disk, dir, folder, options, times: 0, _lock: lock };
@@ -477,11 +485,6 @@ impl From<(Stop, Reached)> for Failed {
     fn from((stop, _): (Stop, Reached)) -> Self {
         Self::Stop(stop)
     }
-}
-
-/// Refuses as [`refuse_unfinished`], but for a directory whose store is whole: its pack has only to be [ended](output::end).
-fn refuse_unfinished_but_whole(dir: &Path) -> Result<(), AppendError> {
-    if output::is_whole(dir) { Ok(()) } else { refuse_unfinished(dir) }
 }
 
 /// Refuses a directory whose pack is not finished, or that a pack is to replace which is not.

@@ -179,7 +179,7 @@ impl Store {
         }
         let root_path = self.path().join("zarr.json");
         let text = read_root(&self.folder)?;
-        if hash(&text) == self.root_hash {
+        if self.was_opened_with(&text) {
             return Ok(None);
         }
         let info = parse_info(&root_path, &parse_json(&root_path, &text)?)?;
@@ -192,6 +192,11 @@ impl Store {
             return Ok(None);
         }
         Self::open_view(&self.folder, self.mode, self.layout().second()).map(Some)
+    }
+
+    /// Whether the root document had this text when the store was opened.
+    pub(crate) fn was_opened_with(&self, text: &[u8]) -> bool {
+        hash(text) == self.root_hash
     }
 
     /// Whether time steps can be appended to the store: it has an axis of time, and shards of one step.

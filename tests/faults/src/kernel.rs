@@ -124,6 +124,10 @@ pub(crate) unsafe fn path_at(folder: i32, name: *const libc::c_char) -> Option<S
         unsafe { CStr::from_ptr(name) }.to_bytes()
     };
     let name = Path::new(std::ffi::OsStr::from_bytes(name));
+    // A name below an open folder, in another form.
+    let mut below = name.strip_prefix("/proc/self/fd").unwrap_or(Path::new("")).components();
+    let opened = below.next().and_then(|number| number.as_os_str().to_str()?.parse().ok());
+    let (folder, name) = opened.map_or((folder, name), |folder| (folder, below.as_path()));
     let mut path = match (name.is_absolute(), folder) {
         (true, _) => PathBuf::new(),
         (_, libc::AT_FDCWD) => keeping_errno(|| own_link("cwd"))?,

@@ -638,7 +638,9 @@ fn a_first_step_whose_pack_was_cut_off_at_its_end_is_followed() {
         create(moment);
         if is_whole() {
             found += 1;
-            append(&path, 1).unwrap();
+            let appender = Appender::create(&path, &byte_step(1), None, &byte_options(), &()).unwrap();
+            assert_eq!(appender.times(), 2);
+            drop(appender);
             assert_steps(&Store::open(&path).unwrap(), 2, "followed");
             assert_sound(&path, "followed");
         }

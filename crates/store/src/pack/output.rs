@@ -261,14 +261,20 @@ fn tidy(disk: &Disk, store: &Path, replaces: Option<&str>) -> Result<(), PackErr
     Ok(disk.sync_dir(store)?)
 }
 
-/// Whether a directory holds a finished store, the end of whose pack was cut off.
-pub(crate) fn is_whole(dir: &Path) -> bool {
-    matches!(find(dir), Ok(Found::Unfinished { is_whole: true, .. }))
-}
-
-/// Ends the pack of a store that is whole, under its lock.
-pub(crate) fn end(disk: &Disk, dir: &Path) -> Result<(), PackError> {
-    if is_whole(dir) { tidy(disk, dir, Head::of(dir)?.replaces.as_deref()) } else { Ok(()) }
+/// Ends the pack of a store that is whole. Returns whether there was one.
+pub(crate) fn end(disk: &Disk, store: &Path) -> Result<bool, PackError> {
+    let dir = resolve(store)?;
+    let is_whole = || find(&dir).map(|found| matches!(found, Found::Unfinished { is_whole: true, .. }));
+    if !is_whole()? {
+        return Ok(false);
+    }
+    let lock = DirLock::take(disk, &dir)?;
+    // Looked at again: another one may have been at work until now.
+    if is_whole()? {
+        lock.declare(disk)?;
+        tidy(disk, &dir, Head::of(&dir)?.replaces.as_deref())?;
+    }
+    Ok(true)
 }
 
 fn is_store(path: &Path, with: &str) -> Result<bool, PackError> {

@@ -53,8 +53,13 @@ fn side_documents(store: &Store, level: Level) -> Vec<(PathBuf, Value)> {
 
 /// Steps that another program has appended, unless the store grows meanwhile.
 fn foreign(main: &Store) -> Option<VerifyProblem> {
-    let (path, found) = foreign_steps(main).ok()??;
-    let what = format!("shape[0]: expected {}, found {found}: {FOREIGN_STEPS}", main.times());
+    let (path, what) = match foreign_steps(main) {
+        Ok(found) => {
+            let (path, found) = found?;
+            (path, format!("shape[0]: expected {}, found {found}: {FOREIGN_STEPS}", main.times()))
+        }
+        Err(error) => (main.path().to_path_buf(), without_path(&error.to_string(), main.path())),
+    };
     let has_grown = main.newer().is_ok_and(|newer| newer.is_some());
     (!has_grown).then_some(VerifyProblem { brick: None, path, what })
 }
@@ -69,7 +74,8 @@ fn root_now(main: &Store) -> (Value, Result<Value, OpenError>) {
         Err(error) => return (document(main), Err(error)),
     };
     let has_grown = |now: &Store| main.info().times.is_none_or(|times| now.times() > times);
-    let now = Store::open_with_root(main.folder(), IoMode::default(), None, &text).ok().filter(has_grown);
+    let open = || Store::open_with_root(main.folder(), IoMode::default(), None, &text).ok().filter(has_grown);
+    let now = if main.was_opened_with(&text) { None } else { open() };
     (document(now.as_ref().unwrap_or(main)), parse_json(&path, &text))
 }
 
