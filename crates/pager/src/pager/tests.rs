@@ -98,9 +98,15 @@ fn a_panic_beside_the_decoder_gives_a_brick_up_and_no_more() {
     let mut view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
     view.level = LevelPolicy::Locked(0);
     let status = settle(&mut pager, from_ref(&view), &mut HashMap::new()).status;
-    // The batch with that brick is advised anew where a plan replaces the one before.
-    assert!((1..9).contains(&status.failed) && status.resident + status.failed == 512, "{status:?}");
-    assert!(!pager.wait(Duration::from_secs(9)), "nothing is on its way");
+    // The batch with that brick is advised anew where a plan replaces the one before, and of a plan that was replaced no brick counts as failed.
+    assert!(status.failed < 9 && status.resident + status.failed == 512, "{status:?}");
+    // What a plan asked for that was replaced may arrive later; no brick stays under way for ever.
+    let mut left = 512;
+    while pager.wait(Duration::from_secs(9)) {
+        pager.frame(from_ref(&view), Duration::ZERO);
+        left -= 1;
+        assert!(left > 0, "something is always on its way");
+    }
 }
 
 #[test]
