@@ -4,6 +4,7 @@ use crate::counts::Counts;
 use crate::error::OpenError;
 use crate::folder::Folder;
 use crate::layout::Layout;
+use crate::pack::disk::temporary;
 use crate::side::{SideArray, level_arrays, read_json};
 use crate::store::Store;
 use brickyard_volume::Level;
@@ -33,25 +34,27 @@ pub(super) fn array_dirs(store: &Store) -> Vec<PathBuf> {
 /// What steps are of which a store knows nothing, and what to do.
 pub(crate) const FOREIGN_STEPS: &str = "another program has appended steps; pack them anew, or take them back";
 
-/// The document of the finest level, and its number of steps, if another program has appended steps there. A commit writes its counts first and
-/// lengthens the finest level last, so whatever is longer by itself is no commit's that was cut off.
+/// The document of the finest level, and its number of steps, if another program has appended steps there. A commit writes its counts and all new
+/// documents under temporary names first, and lengthens the finest level last: what is longer without these is no commit's that was cut off.
 pub(crate) fn foreign_steps(store: &Store) -> Result<Option<(PathBuf, u64)>, OpenError> {
     if store.layout().axes()[0] != "t" {
         return Ok(None);
     }
     let next = u64::from(store.times()) + 1;
     let steps = |path: &Path| Ok(read_json(store.folder(), path)?["shape"][0].as_u64().unwrap_or_default());
-    let mut dirs = array_dirs(store);
-    let Some(finest) = dirs.pop().map(|dir| dir.join("zarr.json")) else { return Ok(None) };
+    let is_there = |path: &Path| store.folder().file(path).is_ok();
+    let mut documents: Vec<PathBuf> = array_dirs(store).iter().map(|dir| dir.join("zarr.json")).collect();
+    let Some(finest) = documents.pop() else { return Ok(None) };
     let found = steps(&finest)?;
     if found < next {
         return Ok(None);
     }
-    let counts = Counts::of(store.path(), store.layout());
-    let has_counts = || store.folder().file(&counts.dir(store.times().saturating_add(1))).is_ok();
-    let others = || dirs.iter().map(|dir| steps(&dir.join("zarr.json"))).collect::<Result<Vec<u64>, OpenError>>();
-    let is_cut_off = found == next && has_counts() && others()?.iter().all(|&found| found == next);
-    Ok((!is_cut_off).then_some((finest, found)))
+    // The power may have gone before all names lasted.
+    let is_renamed = |path: &PathBuf| Ok(is_there(&temporary(path)) || steps(path)? == next);
+    let counts = Counts::of(store.path(), store.layout()).dir(store.times().saturating_add(1));
+    let is_cut_off = found == next && is_there(&counts) && !is_there(&temporary(&finest));
+    let others: Vec<bool> = documents.iter().map(is_renamed).collect::<Result<_, OpenError>>()?;
+    Ok((!is_cut_off || others.contains(&false)).then_some((finest, found)))
 }
 
 /// Makes the arrays' documents that another program gathered in the root document (`consolidated_metadata`) say that there are so many steps:
