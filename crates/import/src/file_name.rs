@@ -111,7 +111,7 @@ impl Number {
         let integer_end = start + digits_at(start);
         let is_point = |i: usize| bytes.get(i).is_some_and(|c| b".,".contains(c));
         let mut end = integer_end;
-        // Of several points none is that of a fraction: 1.2.840 is a path of numbers.
+        // A number with several points has no fraction: 1.2.840 is a path of numbers.
         let is_chained = !is_signed && at >= 2 && before == bytes.get(end).copied() && bytes[at - 2].is_ascii_digit();
         let mut fraction = None;
         if is_point(end)

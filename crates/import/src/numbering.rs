@@ -115,7 +115,7 @@ impl Count {
     fn gap(&self) -> Option<Gap> {
         let mut steps: BTreeMap<i128, usize> = BTreeMap::new();
         self.values.windows(2).for_each(|pair| *steps.entry(pair[1] - pair[0]).or_default() += 1);
-        // Of those that are as frequent, the smallest.
+        // The most frequent step, and the smallest of equally frequent ones.
         let (step, _) = steps.iter().rev().max_by_key(|(step, count)| (**count, std::cmp::Reverse(**step)))?;
         let at = self.values.windows(2).position(|pair| pair[1] - pair[0] != *step)? + 1;
         Some(Gap { at, step: *step })

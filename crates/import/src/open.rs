@@ -49,7 +49,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
         files => (files.to_vec(), false, false),
     };
     let order = match options.order {
-        // That of the steps, of which this folder is one.
+        // The order given is the order of the steps, not of the files in a folder that is one step.
         Some(FileOrder::Given) if options.is_step => None,
         order => order,
     };

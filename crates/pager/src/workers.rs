@@ -72,7 +72,7 @@ struct Job {
     advise: Vec<BrickId>,
 }
 
-/// What a worker has found out of a brick.
+/// A brick that a worker has looked for.
 enum Found {
     /// A slot holds the same.
     Held(Content),
@@ -231,7 +231,7 @@ impl Shared {
         }
         // A buffer from `take` has one holder, so the copy never happens.
         let is_whole = reader.try_read(id, Arc::make_mut(buffer))?;
-        // What a neighbour should have lent may be there in another step.
+        // The voxels that a neighbour did not lend may be there in another step.
         Ok(Found::Read(content.filter(|_| is_whole)))
     }
 

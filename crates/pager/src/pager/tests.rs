@@ -100,7 +100,7 @@ fn a_panic_beside_the_decoder_gives_a_brick_up_and_no_more() {
     let status = settle(&mut pager, from_ref(&view), &mut HashMap::new()).status;
     // The batch with that brick is advised anew where a plan replaces the one before, and of a plan that was replaced no brick counts as failed.
     assert!(status.failed < 9 && status.resident + status.failed == 512, "{status:?}");
-    // What a plan asked for that was replaced may arrive later; no brick stays under way for ever.
+    // Bricks of a plan that was replaced may arrive later; none stays under way for ever.
     let mut left = 512;
     while pager.wait(Duration::from_secs(9)) {
         pager.frame(from_ref(&view), Duration::ZERO);

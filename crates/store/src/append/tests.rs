@@ -573,7 +573,7 @@ fn arrays_may_be_one_step_ahead_and_never_behind() {
 #[test]
 fn steps_of_other_programs_are_named_and_never_deleted() {
     let dir = tempfile::tempdir().unwrap();
-    // Of several levels, and of one.
+    // A store of several levels, and one of a single level.
     for (name, extent) in [("large", EXTENT), ("small", [16, 16, 16])] {
         let path = dir.path().join(name);
         let step = |step| Array::series(extent, 1, 1, |_, p| p[0] as u8 + step);
