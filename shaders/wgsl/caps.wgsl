@@ -4,16 +4,17 @@
 // The rank of a ray before its first place behind a cut.
 const AT_CUT: i32 = -2;
 
-// The rank of a ray whose stretch begins at `start`: `AT_CUT` if a cap may stand there, else -1, which is not known.
-fn first_rank(ray: Ray, start: f32) -> i32 {
+// The rank of a ray that has met its cut and whose stretch begins at `start`: `AT_CUT` if a cap may stand there, else -1, which is not known.
+fn first_rank(start: f32) -> i32 {
     if (!HAS_SURFACES) {
         return -1;
     }
-    return select(-1, AT_CUT, is_at_cut(ray, start));
+    return select(-1, AT_CUT, is_at_cut(start));
 }
 
 // The lit colour of a cap at a distance.
 fn cap_color(ray: Ray, t: f32, color: vec3f) -> vec3f {
-    let normal = gradient_to_world(cut_face(ray).xyz);
-    return lit(SURFACE_LIGHTING, frame.lights, color, false, normal, to_world(ray.direction), to_world(ray.origin + ray.direction * t));
+    let view = to_world(ray.direction);
+    let normal = normal_of(gradient_to_world(cut_face(ray).xyz), view);
+    return lit(SURFACE_LIGHTING, frame.lights, color, false, normal, view, to_world(ray.origin + ray.direction * t));
 }

@@ -4,6 +4,9 @@
 const CUT_ALONE: f32 = 0.5;
 const CUT_GONE: f32 = 1.5;
 
+// The cut by which the ray enters, found once: whatever is in a loop takes time in each round.
+var<private> met_cut: vec4f;
+
 // The gradient in voxel space of the height above the cut, and the distance at which the ray enters; zeros if it enters by no cut.
 fn cut_face(ray: Ray) -> vec4f {
     var cut = vec4f(0.0);
@@ -24,15 +27,11 @@ fn cut_face(ray: Ray) -> vec4f {
     return cut;
 }
 
-// Whether a ray whose stretch begins at `start` enters what is shown there by a cut on which caps may stand.
-fn is_at_cut(ray: Ray, start: f32) -> bool {
-    if (frame.caps == 0u) {
-        return false;
-    }
-    let cut = cut_face(ray);
+// Whether a ray whose stretch begins at `start` enters what is shown there by the cut that was met, and caps may stand on it.
+fn is_at_cut(start: f32) -> bool {
     // Rounding moves a distance by less; behind it, a layer of meshes bounds the stretch.
-    let is_here = abs(start - cut.w) <= 0.01 * frame.step + 1e-6 * abs(start);
-    return is_here && any(cut.xyz != vec3f(0.0));
+    let is_here = abs(start - met_cut.w) <= 0.01 * frame.step + 1e-6 * abs(start);
+    return frame.caps != 0u && is_here && any(met_cut.xyz != vec3f(0.0));
 }
 
 // The share of the cut's normal at a distance, where there are so many texels in a level-0 voxel.
@@ -44,9 +43,8 @@ fn cut_share(cut: vec4f, ray: Ray, t: f32, scale: vec3f) -> f32 {
     return clamp((CUT_GONE - depth) / (CUT_GONE - CUT_ALONE), 0.0, 1.0);
 }
 
-// A normal of a place with a gradient of any length, or none if it is flat, mixed with the cut's. Turned to the eye.
-fn cut_normal(cut: vec4f, share: f32, is_flat: bool, gradient: vec3f, view: vec3f) -> vec3f {
-    let along = normalize(gradient);
-    let turned = select(along, -along, dot(along, view) > 0.0);
-    return mix(select(turned, -view, is_flat), -normalize(gradient_to_world(cut.xyz)), share);
+// The unit normal of a place with a normal, or none if it is flat, mixed with the cut's; both turned to the eye.
+fn cut_normal(cut: vec4f, share: f32, is_flat: bool, normal: vec3f, view: vec3f) -> vec3f {
+    let own = select(normal, -view, is_flat);
+    return normalize(mix(own, -normalize(gradient_to_world(cut.xyz)), share));
 }

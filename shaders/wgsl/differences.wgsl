@@ -4,7 +4,8 @@
 fn differences(field: Field, t: f32, middle: f32) -> vec3f {
     if (!IS_LABELS) {
         let found = value_differences(field, t, middle);
-        let is_flat = !IS_STORED && length(found) < FLAT_SHARE * abs(middle);
+        let least = FLAT_SHARE * middle;
+        let is_flat = !IS_STORED && dot(found, found) < least * least;
         return select(found, vec3f(0.0), is_flat);
     }
     let texel = field.origin + field.along * clamp(t, field.reach.x, field.reach.y);

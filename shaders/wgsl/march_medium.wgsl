@@ -1,11 +1,12 @@
 // Adds up the segments of a cell, each looked at from end to end.
-//!import caps field lattice medium sight sorted take
+//!import caps cut_face field lattice medium sight sorted take
 @fragment
 fn march(in: Proxy) -> @location(0) vec4f {
     frame = frames[layer];
     let seen = sight(in.position.xy);
     let ray = seen.ray;
     let stretch = seen.stretch;
+    met_cut = cut_face(ray);
     let own = own_stretch(in, ray, stretch);
     let box = box_of(in);
     let field = field_about(box.centre, in.texel_scale, in.texel_offset, ray);
@@ -13,7 +14,7 @@ fn march(in: Proxy) -> @location(0) vec4f {
     var known: Known;
     var walk = enter_zone(tick_at(own.x), 0u, stretch);
     if (walk.start <= stretch.x) {
-        pixel.rank = first_rank(ray, stretch.x);
+        pixel.rank = first_rank(stretch.x);
     }
     while (own.x < own.y && walk.middle < own.y && !is_final(pixel)) {
         if (is_in_box(box, ray.origin + ray.direction * walk.middle)) {

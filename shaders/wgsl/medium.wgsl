@@ -60,25 +60,16 @@ fn known_next(before: Known, field: Field, start: f32, end: f32) -> Known {
     return known;
 }
 
-// A colour lit at a place of the ray, by one of the ways to light.
-fn shade(lighting: u32, field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f) -> vec3f {
-    let is_flat = length(differences) * frame.last_code < FLAT_CODES;
-    let gradient = gradient_to_world(differences * field.scale);
-    let place = to_world(ray.origin + ray.direction * t);
-    return lit(lighting, frame.lights, color, is_flat, gradient, to_world(ray.direction), place);
-}
-
-// Fog's colour, lit at a place of the ray: just behind a cut, by the cut's normal.
-fn shade_fog(field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f) -> vec3f {
-    let cut = cut_face(ray);
-    let share = cut_share(cut, ray, t, field.scale);
-    if (share <= 0.0) {
-        return shade(LIGHTING, field, ray, t, color, differences);
-    }
+// A colour lit at a place of the ray, by one of the ways to light, where the normal is so much that of the cut that was met.
+fn shade(lighting: u32, field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f, share: f32) -> vec3f {
     let is_flat = length(differences) * frame.last_code < FLAT_CODES;
     let view = to_world(ray.direction);
-    let normal = cut_normal(cut, share, is_flat, gradient_to_world(differences * field.scale), view);
-    return lit(LIGHTING, frame.lights, color, false, normal, view, to_world(ray.origin + ray.direction * t));
+    var normal = normal_of(gradient_to_world(differences * field.scale), view);
+    if (share > 0.0) {
+        normal = cut_normal(met_cut, share, is_flat, normal, view);
+    }
+    let place = to_world(ray.origin + ray.direction * t);
+    return lit(lighting, frame.lights, color, is_flat && share <= 0.0, normal, view, place);
 }
 
 // The running integral of one of four channels up to an entry, 64 bits as two words.
@@ -156,7 +147,7 @@ fn add_by_gradient(
     }
     var color = medium.color;
     if (LIGHTING != UNLIT) {
-        color = shade_fog(field, ray, t, color, differences);
+        color = shade(LIGHTING, field, ray, t, color, differences, cut_share(met_cut, ray, t, field.scale));
     }
     return add(pixel, medium, color, length);
 }

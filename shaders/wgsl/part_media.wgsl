@@ -60,7 +60,7 @@ fn pass_surface(light: Light) -> Light {
         way.cap = 0;
     } else {
         let gradient = differences(way.field, t, threshold_of(surface));
-        color = shade(SURFACE_LIGHTING, way.field, way.ray, t, look.rgb, gradient);
+        color = shade(SURFACE_LIGHTING, way.field, way.ray, t, look.rgb, gradient, 0.0);
         way.rank += select(-1, 1, way.last > way.rank);
     }
     way.known.length = 0.0;

@@ -1,13 +1,14 @@
 // As for samples: leaves, runs of macro-cells, segments. But segments are looked at from end to end, each in the brick that owns it,
 // and what is known of the field goes with a ray from one segment of a brick to the next.
-//!import bricks caps dither field lattice macrocells feedback medium runs sees sight take tree
+//!import bricks caps cut_face dither field lattice macrocells feedback medium runs sees sight take tree
 fn cast_ray(position: vec2f) -> vec4f {
     let seen = sight(position);
     let ray = seen.ray;
     let threshold = dither(position);
     let stretch = seen.stretch;
+    met_cut = cut_face(ray);
     var pixel = pixel_start();
-    pixel.rank = first_rank(ray, stretch.x);
+    pixel.rank = first_rank(stretch.x);
     var walk = enter_zone(tick_at(stretch.x), 0u, stretch);
     while (walk.start < stretch.y && !is_final(pixel)) {
         if (is_zone_left(walk)) {

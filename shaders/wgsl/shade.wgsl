@@ -15,16 +15,20 @@ fn toned(color: vec3f, cosine: f32) -> vec3f {
     return mix(COOL + color * TONE_KEPT.x, WARM + color * TONE_KEPT.y, 0.5 * (1.0 + cosine));
 }
 
-// A colour lit at a place, under a gradient of any length; all in the space of `light_places`. `view` is the ray's unit direction.
-fn lit(lighting: u32, lights: u32, color: vec3f, is_flat: bool, gradient: vec3f, view: vec3f, place: vec3f) -> vec3f {
+// The unit normal along a gradient of any length, turned to the eye. `view` is the ray's unit direction.
+fn normal_of(gradient: vec3f, view: vec3f) -> vec3f {
+    let along = normalize(gradient);
+    return select(along, -along, dot(along, view) > 0.0);
+}
+
+// A colour lit at a place, under a unit normal; all in the space of `light_places`. `view` is the ray's unit direction.
+fn lit(lighting: u32, lights: u32, color: vec3f, is_flat: bool, normal: vec3f, view: vec3f, place: vec3f) -> vec3f {
     if (is_flat) {
         if (lighting == TONE) {
             return toned(color, 1.0);
         }
         return color * (AMBIENT + DIFFUSE);
     }
-    let along = normalize(gradient);
-    let normal = select(along, -along, dot(along, view) > 0.0);
     var diffuse = 0.0;
     var specular = 0.0;
     var facing = -1.0;

@@ -20,8 +20,9 @@ fn pixel_start() -> Pixel {
 
 // Before the first place of a stretch that begins at `start`.
 fn pixel_before(ray: Ray, start: f32) -> Pixel {
+    met_cut = cut_face(ray);
     var pixel = pixel_start();
-    pixel.side = select(0.0, AT_CUT, is_at_cut(ray, start));
+    pixel.side = select(0.0, AT_CUT, is_at_cut(start));
     return pixel;
 }
 
@@ -57,12 +58,9 @@ fn search(before: Pixel, field: Field, segment_start: f32, segment_end: f32) -> 
 
 // The pixel of a ray that ended in the field, or met nothing.
 fn pixel_in(pixel: Pixel, field: Field, ray: Ray) -> vec4f {
-    if (is_final(pixel) && pixel.start == pixel.end) {
-        return vec4f(facing(cut_face(ray).xyz / frame.spacing, ray), 1.0);
-    }
     if (is_final(pixel)) {
         let t = locate(field, pixel.start, pixel.end, frame.threshold, pixel.side > 0.0);
-        return vec4f(lit(field, ray, t), 1.0);
+        return vec4f(lit(field, ray, t, pixel.start == pixel.end), 1.0);
     }
     return vec4f(0.0);
 }
@@ -78,22 +76,19 @@ fn difference(field: Field, texel: vec3f, axis: vec3f) -> f32 {
     return change * 2.0 / dot(high - low, axis);
 }
 
-// The surface's colour at a place.
-fn lit(field: Field, ray: Ray, t: f32) -> vec3f {
+// The surface's colour at a place, or a cap's, which the cut lights.
+fn lit(field: Field, ray: Ray, t: f32, is_cap: bool) -> vec3f {
     let texel = clamp(field.origin + field.along * t, field.low, field.high);
     let differences = vec3f(
         difference(field, texel, vec3f(1.0, 0.0, 0.0)),
         difference(field, texel, vec3f(0.0, 1.0, 0.0)),
         difference(field, texel, vec3f(0.0, 0.0, 1.0)),
     );
-    if (length(differences) < max(FLAT_CODES / frame.last_code, FLAT_SHARE * abs(frame.threshold))) {
+    if (!is_cap && length(differences) < max(FLAT_CODES / frame.last_code, FLAT_SHARE * abs(frame.threshold))) {
         return (AMBIENT + DIFFUSE) * frame.surface_color;
     }
-    return facing(differences * field.scale / frame.spacing, ray);
-}
-
-// The surface's colour under a gradient of any length in the volume's own world.
-fn facing(gradient: vec3f, ray: Ray) -> vec3f {
+    // In the volume's own world, of any length.
+    let gradient = select(differences * field.scale, met_cut.xyz, is_cap) / frame.spacing;
     let cosine = min(abs(dot(normalize(gradient), ray.direction * frame.spacing)), 1.0);
     return (AMBIENT + DIFFUSE * cosine) * frame.surface_color + SPECULAR * pow(cosine, SPECULAR_POWER);
 }

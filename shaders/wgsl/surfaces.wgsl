@@ -45,7 +45,7 @@ fn take(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, end: f
 fn add_surface(pixel: Pixel, field: Field, ray: Ray, t: f32, surface: u32) -> Pixel {
     let look = frames[layer].surfaces[surface];
     let value = threshold_of(surface);
-    return with_surface(pixel, shade(SURFACE_LIGHTING, field, ray, t, look.rgb, differences(field, t, value)), look.a);
+    return with_surface(pixel, shade(SURFACE_LIGHTING, field, ray, t, look.rgb, differences(field, t, value), 0.0), look.a);
 }
 
 fn with_surface(pixel: Pixel, color: vec3f, opacity: f32) -> Pixel {

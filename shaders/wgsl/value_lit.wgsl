@@ -6,9 +6,9 @@ fn value_color(color: vec3f, result: Result) -> vec3f {
     let is_flat = all(result.gradient == vec3f(0.0));
     let cut = cut_face(way.ray);
     let share = cut_share(cut, way.ray, segment_middle, vec3f(1.0));
-    var normal = result.gradient;
+    var normal = normal_of(result.gradient, view);
     if (share > 0.0) {
-        normal = cut_normal(cut, share, is_flat, result.gradient, view);
+        normal = cut_normal(cut, share, is_flat, normal, view);
     }
     return lit(LIGHTING, frame.lights, color, is_flat && share <= 0.0, normal, view, place);
 }

@@ -1,5 +1,5 @@
 // A ray's way through one layer: what it finds of the layer in each segment.
-//!import caps field find frame lattice medium part ray
+//!import caps cut_face field find frame lattice medium part ray
 struct Way {
     ray: Ray,
     // Where it is in what is shown of the layer.
@@ -43,7 +43,8 @@ fn set_out(position: vec2f) {
     way.until = -1.0;
     way.is_seen = false;
     way.known.length = 0.0;
-    way.rank = first_rank(way.ray, stretch.x);
+    met_cut = cut_face(way.ray);
+    way.rank = first_rank(stretch.x);
 }
 
 // The stretch of all layers so far, and of this one.
@@ -68,6 +69,9 @@ fn take_part(walk: Walk) {
     let part = part_of(walk);
     show_nothing();
     if (part.x < part.y && way.is_seen && is_own(0.5 * (part.x + part.y))) {
+        if (LIGHTING != UNLIT) {
+            met_cut = cut_face(way.ray);
+        }
         show_part(part.x, part.y);
     }
 }

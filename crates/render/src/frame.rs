@@ -11,7 +11,7 @@ use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
     Blend, Clip, ClipPlane, FrameSettings, Jitter, Level, LightingModel, MAX_PLANES, Mode, Pyramid, VoxelBox,
 };
-use glam::{DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 
 /// What a frame has to know of its transfer table in the buffer.
 #[derive(Clone, Copy, Debug, Default)]
@@ -56,6 +56,15 @@ impl<'a> Framed<'a> {
         place(self) == place(other)
             && self.settings.geometry == other.settings.geometry
             && self.pyramid == other.pyramid
+    }
+
+    /// Samples that a ray takes in the layer at most, by the edges of its box.
+    pub(crate) fn most_samples(&self) -> f64 {
+        let FrameSettings { geometry, placement, lattice, .. } = self.settings;
+        let (low, high) = self.settings.shown_box(self.pyramid.levels()[0].extent);
+        let edges = DMat3::from_diagonal((high - low).max(DVec3::ZERO) * geometry.spacing);
+        let length = |edge: DVec3| placement.world_vector(edge).length();
+        (length(edges.x_axis) + length(edges.y_axis) + length(edges.z_axis)) / lattice.step
     }
 
     /// Whether the layer's colours are lit. Layers that add to others are not.

@@ -133,6 +133,14 @@ fn sampler(gpu: &Gpu) -> wgpu::Sampler {
 /// Pixels whose rays are cast per submission: a slow GPU then takes well under a second, and no watchdog sees a hang.
 const PIXELS_PER_SUBMISSION: u32 = 1 << 18;
 
+/// Rows of a picture that are drawn together.
+pub(crate) struct Band {
+    pub(crate) top: u32,
+    pub(crate) rows: u32,
+    /// Whether the march begins with them.
+    pub(crate) is_first: bool,
+}
+
 /// What a frame's march draws into, and which part of the picture it draws.
 pub(crate) struct Gathering<'a> {
     pub(crate) shared: &'a SharedBuffers,
@@ -145,6 +153,8 @@ pub(crate) struct Gathering<'a> {
     /// The part of the frames' buffer that the march uses: the layer's frame, or the first of all layers.
     pub(crate) frame: Part,
     pub(crate) pace: &'a Pace,
+    /// The most samples that a ray takes.
+    pub(crate) samples: f64,
 }
 
 impl Gathering<'_> {
@@ -162,20 +172,21 @@ impl Gathering<'_> {
         let width = self.size_px.0;
         let most = (PIXELS_PER_SUBMISSION / layers / width).max(1);
         match pipeline {
-            Pipeline::Render(pipeline) => self.by_rows(gpu, (most, 1), |top, rows| {
-                self.draw(gpu, pipeline, bindings, top == 0, |pass| {
-                    pass.set_scissor_rect(0, top, width, rows);
+            Pipeline::Render(pipeline) => self.by_rows(gpu, (most, 1), |band| {
+                self.draw(gpu, pipeline, bindings, band.is_first, |pass| {
+                    pass.set_scissor_rect(0, band.top, width, band.rows);
                     pass.draw(0..3, 0..1);
                 })
             }),
             // Whole workgroups.
             Pipeline::Compute(pipeline) => {
-                self.by_rows(gpu, (most, WORKGROUP_PX), |top, rows| self.dispatch(gpu, pipeline, bindings, (top, rows)))
+                self.by_rows(gpu, (most, WORKGROUP_PX), |band| self.dispatch(gpu, pipeline, bindings, &band))
             }
         }
     }
 
-    /// Submits all of the picture from the top, at most `most` rows at a time, and a multiple of `unit`. `submit` is given the first row and how many.
+    /// Submits all of the picture, at most `most` rows at a time, and a multiple of `unit`. What is not drawn at once is begun in its middle,
+    /// where rays are long: the pace that these take is enough for others.
     ///
     /// # Errors
     /// If the picture is given up, or the device fails.
@@ -183,15 +194,20 @@ impl Gathering<'_> {
         &self,
         gpu: &Gpu,
         (most, unit): (u32, u32),
-        mut submit: impl FnMut(u32, u32) -> wgpu::SubmissionIndex,
+        mut submit: impl FnMut(Band) -> wgpu::SubmissionIndex,
     ) -> Result<(), GpuError> {
         let (width, height) = self.size_px;
-        let mut top = 0;
-        while top < height {
-            let rows = (self.pace.pixels() / width).min(most) / unit;
-            let rows = (rows.max(1) * unit).min(height - top);
-            self.pace.submitted(gpu, submit(top, rows), rows * width)?;
-            top += rows;
+        let is_whole = u64::from(self.pace.pixels(self.samples)) >= u64::from(width) * u64::from(height);
+        let middle = if is_whole { 0 } else { height / 2 / unit * unit };
+        let (mut above, mut below) = (middle, middle);
+        while above > 0 || below < height {
+            let is_below = below < height;
+            let rows = (self.pace.pixels(self.samples) / width).min(most) / unit;
+            let rows = (rows.max(1) * unit).min(if is_below { height - below } else { above });
+            let is_first = (above, below) == (middle, middle);
+            let top = if is_below { below } else { above - rows };
+            self.pace.submitted(gpu, submit(Band { top, rows, is_first }), rows * width)?;
+            if is_below { below += rows } else { above = top }
         }
         Ok(())
     }
@@ -202,10 +218,10 @@ impl Gathering<'_> {
         gpu: &Gpu,
         pipeline: &wgpu::ComputePipeline,
         bindings: &wgpu::BindGroup,
-        (top, rows): (u32, u32),
+        band: &Band,
     ) -> wgpu::SubmissionIndex {
         let at = self.frame.at + std::mem::offset_of!(FrameUniform, first_row) as u64;
-        gpu.queue.write_buffer(&self.shared.frame, at, bytemuck::bytes_of(&top));
+        gpu.queue.write_buffer(&self.shared.frame, at, bytemuck::bytes_of(&band.top));
         let texels = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("texels"),
             layout: &pipeline.get_bind_group_layout(TEXELS_GROUP),
@@ -213,7 +229,7 @@ impl Gathering<'_> {
         });
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         {
-            let writes = self.shared.timestamp_writes((top == 0 && self.is_begin).then_some(0), None);
+            let writes = self.shared.timestamp_writes((band.is_first && self.is_begin).then_some(0), None);
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some("march"),
                 timestamp_writes: writes.map(|w| wgpu::ComputePassTimestampWrites {
@@ -228,7 +244,7 @@ impl Gathering<'_> {
                 pass.set_bind_group(1, limits, &[]);
             }
             pass.set_bind_group(TEXELS_GROUP, &texels, &[]);
-            pass.dispatch_workgroups(self.size_px.0.div_ceil(WORKGROUP_PX), rows.div_ceil(WORKGROUP_PX), 1);
+            pass.dispatch_workgroups(self.size_px.0.div_ceil(WORKGROUP_PX), band.rows.div_ceil(WORKGROUP_PX), 1);
         }
         gpu.queue.submit([encoder.finish()])
     }

@@ -1,7 +1,8 @@
 //! Pixels per submission of a picture that may be given up: as many as the device draws in a moment, so that giving up is told in time.
 //!
 //! A march asks for [`Pace::pixels`] before each submission and tells of it in [`Pace::submitted`], which waits for the submission before. So the
-//! device always has one to go on with, and the wait costs it nothing.
+//! device always has one to go on with, and the wait costs it nothing. The slowest pixels seen so far set the pace; since nothing is known of those to
+//! come, samples are bounded, too.
 
 use crate::error::GpuError;
 use crate::gpu::Gpu;
@@ -15,15 +16,20 @@ const PART_OF_REST: u32 = 64;
 /// The pixels of a picture's first submissions, of which nothing is known.
 const FIRST_PIXELS: u32 = 1 << 10;
 
-/// How many times more, or less, pixels a submission has than a known one.
-const MOST_GROWTH: f64 = 8.0;
-const MOST_SHRINKAGE: f64 = 0.5;
+/// How many times more pixels a submission has than a known one at most.
+const MOST_GROWTH: u32 = 4;
+
+/// Samples of a submission at most, however fast the ones before were: where rays meet nothing, they tell nothing. A rasteriser in software takes a
+/// second for them.
+const MOST_SAMPLES: f64 = (1 << 26) as f64;
 
 /// The pace at which one picture is drawn. All submissions of a picture that is never given up are as large as they can be.
 #[derive(Debug)]
 pub(crate) struct Pace {
     until: Option<Instant>,
     pixels: Cell<u32>,
+    /// Seconds that a pixel of the slowest submission took.
+    slowest_s: Cell<f64>,
     in_flight: RefCell<Option<InFlight>>,
 }
 
@@ -36,9 +42,14 @@ struct InFlight {
 }
 
 impl Pace {
-    /// For a picture that is given up at some time; `None` never.
-    pub(crate) fn new(until: Option<Instant>) -> Self {
-        Self { until, pixels: Cell::new(FIRST_PIXELS), in_flight: RefCell::default() }
+    /// For a first picture, which is never given up.
+    pub(crate) fn new() -> Self {
+        Self { until: None, pixels: Cell::new(FIRST_PIXELS), slowest_s: Cell::default(), in_flight: RefCell::default() }
+    }
+
+    /// For the next picture, which is given up at some time; `None` never. It begins as the one before ended.
+    pub(crate) fn restart(&mut self, until: Option<Instant>) {
+        *self = Self { until, pixels: self.pixels.clone(), ..Self::new() };
     }
 
     /// When the picture is given up.
@@ -46,9 +57,10 @@ impl Pace {
         self.until
     }
 
-    /// How many pixels the next submission should have at most.
-    pub(crate) fn pixels(&self) -> u32 {
-        if self.until.is_some() { self.pixels.get() } else { u32::MAX }
+    /// How many pixels the next submission should have at most, whose rays take so many samples at most.
+    pub(crate) fn pixels(&self, samples: f64) -> u32 {
+        let bound = (MOST_SAMPLES / samples.max(1.0)) as u32;
+        if self.until.is_some() { self.pixels.get().min(bound) } else { u32::MAX }
     }
 
     /// Tells of a submission with so many pixels.
@@ -65,12 +77,33 @@ impl Pace {
                 return Err(GpuError::TooLong);
             }
             let allowed = LEAST_TIME.max((until - done) / PART_OF_REST);
-            let taken = (done - before.begun).max(Duration::from_micros(1));
-            let growth = (allowed.as_secs_f64() / taken.as_secs_f64()).clamp(MOST_SHRINKAGE, MOST_GROWTH);
-            self.pixels.set((f64::from(before.pixels) * growth) as u32);
+            let taken_s = (done - before.begun).as_secs_f64() / f64::from(before.pixels);
+            let slowest_s = taken_s.max(self.slowest_s.get());
+            self.slowest_s.set(slowest_s);
+            self.pixels
+                .set(((allowed.as_secs_f64() / slowest_s) as u32).min(before.pixels.saturating_mul(MOST_GROWTH)));
             next.begun = done;
         }
         self.in_flight.replace(Some(next));
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn where_nothing_is_known_of_rays_their_samples_are_bounded() {
+        let mut pace = Pace::new();
+        assert_eq!(pace.pixels(1e9), u32::MAX, "a picture that is never given up");
+        pace.restart(Some(Instant::now()));
+        assert_eq!(pace.pixels(1.0), FIRST_PIXELS);
+        // As after rows in which nothing is seen.
+        pace.pixels.set(u32::MAX);
+        pace.restart(Some(Instant::now()));
+        for samples in [1.0, 1e3, 1e9] {
+            assert!(f64::from(pace.pixels(samples)) * samples <= MOST_SAMPLES, "{samples}");
+        }
     }
 }

@@ -303,7 +303,7 @@ impl GpuRenderer {
             pipelines: Pipelines::kept_or_new(pipelines, maker),
             targets: Some(targets),
             keeps_picture,
-            pace: Pace::new(None),
+            pace: Pace::new(),
             meshes,
             peeled,
             blit,
@@ -355,7 +355,7 @@ impl GpuRenderer {
     /// large as the device draws in a moment.
     pub fn draw_until(&mut self, until: Option<Instant>) {
         if self.pace.until() != until {
-            self.pace = Pace::new(until);
+            self.pace.restart(until);
         }
     }
 

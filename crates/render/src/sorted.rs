@@ -137,9 +137,9 @@ impl Sorted {
             gpu.queue.write_buffer(&self.cells, 0, bytemuck::cast_slice(cells));
             gpu.queue.write_buffer(&self.bricks, 0, bytemuck::cast_slice(bricks));
             let (width, height) = gathering.size_px;
-            gathering.by_rows(gpu, (height, 1), |top, rows| {
-                gathering.draw(gpu, pipeline, bindings, is_first && chunk == 0 && top == 0, |pass| {
-                    pass.set_scissor_rect(0, top, width, rows);
+            gathering.by_rows(gpu, (height, 1), |band| {
+                gathering.draw(gpu, pipeline, bindings, is_first && chunk == 0 && band.is_first, |pass| {
+                    pass.set_scissor_rect(0, band.top, width, band.rows);
                     pass.draw(0..14, 0..cells.len() as u32);
                 })
             })?;
