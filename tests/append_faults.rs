@@ -206,13 +206,13 @@ fn rules_of(growing: &Growing) -> Vec<Vec<String>> {
 /// An append to a store that one `append` has made: its values are not counted yet.
 #[test]
 fn an_append_that_meets_a_fault_is_right_or_goes_on() {
-    in_two(60, || Growing::new(1), rules_of, |growing, rule| growing.is_right_or_goes_on(rule));
+    in_two(40, || Growing::new(1), rules_of, |growing, rule| growing.is_right_or_goes_on(rule));
 }
 
 /// One that makes the store.
 #[test]
 fn an_append_that_makes_a_store_and_meets_a_fault_is_right_or_goes_on() {
-    in_two(30, || Growing::new(0), rules_of, |growing, rule| growing.is_right_or_goes_on(rule));
+    in_two(20, || Growing::new(0), rules_of, |growing, rule| growing.is_right_or_goes_on(rule));
 }
 
 /// One that takes back what another left: files of a step that is not committed, or all documents but the root.
@@ -220,20 +220,20 @@ fn an_append_that_makes_a_store_and_meets_a_fault_is_right_or_goes_on() {
 fn an_append_after_one_that_was_cut_off_is_right_or_goes_on() {
     for part in [0.4, 0.97] {
         let rules = |growing: &Growing| rules(&OF_WRITING, &growing.run, "");
-        in_two(21, || Growing::cut_off(2, part), rules, |growing, rule| growing.is_right_or_goes_on(rule));
+        in_two(14, || Growing::cut_off(2, part), rules, |growing, rule| growing.is_right_or_goes_on(rule));
     }
 }
 
 /// Whatever of the unsynced writes and names is lost with the power.
 #[test]
 fn an_append_that_loses_power_is_right_or_goes_on() {
-    for (steps, cases) in [(0, 20), (2, 30)] {
+    for (steps, cases) in [(0, 14), (2, 20)] {
         let moments = |growing: &Growing| moments(&growing.run, &growing.before);
         in_two(cases, || Growing::new(steps), moments, |growing, moment| growing.is_right_or_goes_on_after(moment));
     }
     let moments = |growing: &Growing| moments(&growing.run, &growing.before);
     let run = |growing: &Growing, moment: &Moment| growing.is_right_or_goes_on_after(moment);
-    in_two(21, || Growing::cut_off(2, 0.97), moments, run);
+    in_two(14, || Growing::cut_off(2, 0.97), moments, run);
 }
 
 /// The step counts when its root document has its name; whether that lasts is another thing, and both are said.
