@@ -6,6 +6,27 @@ const CUT_GONE: f32 = 1.5;
 
 // The cut by which the ray enters, found once: whatever is in a loop takes time in each round.
 var<private> met_cut: vec4f;
+// Its unit normal, turned to the eye; and how many texels of the brick the ray goes behind it, by distance.
+var<private> met_normal: vec3f;
+var<private> met_rate: f32;
+
+fn meet_cut(ray: Ray) {
+    met_cut = cut_face(ray);
+    // Without a cut everything is far behind it.
+    met_cut.w = select(met_cut.w, -1e30, all(met_cut.xyz == vec3f(0.0)));
+    met_normal = -normalize(gradient_to_world(met_cut.xyz));
+}
+
+// Before light is asked for in a brick with so many texels in a level-0 voxel.
+fn meet_brick(ray: Ray, scale: vec3f) {
+    let rate = dot(met_cut.xyz, ray.direction) / length(met_cut.xyz / scale);
+    met_rate = select(rate, 1.0, all(met_cut.xyz == vec3f(0.0)));
+}
+
+// The share of the met cut's normal at a distance.
+fn met_share(t: f32) -> f32 {
+    return clamp((CUT_GONE - (t - met_cut.w) * met_rate) / (CUT_GONE - CUT_ALONE), 0.0, 1.0);
+}
 
 // The gradient in voxel space of the height above the cut, and the distance at which the ray enters; zeros if it enters by no cut.
 fn cut_face(ray: Ray) -> vec4f {
@@ -34,17 +55,7 @@ fn is_at_cut(start: f32) -> bool {
     return frame.caps != 0u && is_here && any(met_cut.xyz != vec3f(0.0));
 }
 
-// The share of the cut's normal at a distance, where there are so many texels in a level-0 voxel.
-fn cut_share(cut: vec4f, ray: Ray, t: f32, scale: vec3f) -> f32 {
-    if (all(cut.xyz == vec3f(0.0))) {
-        return 0.0;
-    }
-    let depth = (t - cut.w) * dot(cut.xyz, ray.direction) / length(cut.xyz / scale);
-    return clamp((CUT_GONE - depth) / (CUT_GONE - CUT_ALONE), 0.0, 1.0);
-}
-
-// The unit normal of a place with a normal, or none if it is flat, mixed with the cut's; both turned to the eye.
-fn cut_normal(cut: vec4f, share: f32, is_flat: bool, normal: vec3f, view: vec3f) -> vec3f {
-    let own = select(normal, -view, is_flat);
-    return normalize(mix(own, -normalize(gradient_to_world(cut.xyz)), share));
+// The unit normal of a place with a normal, or none if it is flat, mixed with the met cut's; both turned to the eye.
+fn cut_normal(share: f32, is_flat: bool, normal: vec3f, view: vec3f) -> vec3f {
+    return normalize(mix(select(normal, -view, is_flat), met_normal, share));
 }

@@ -6,7 +6,8 @@ fn march(in: Proxy) -> @location(0) vec4f {
     let seen = sight(in.position.xy);
     let ray = seen.ray;
     let stretch = seen.stretch;
-    met_cut = cut_face(ray);
+    meet_cut(ray);
+    meet_brick(ray, in.texel_scale);
     let own = own_stretch(in, ray, stretch);
     let box = box_of(in);
     let field = field_about(box.centre, in.texel_scale, in.texel_offset, ray);

@@ -66,7 +66,7 @@ fn shade(lighting: u32, field: Field, ray: Ray, t: f32, color: vec3f, difference
     let view = to_world(ray.direction);
     var normal = normal_of(gradient_to_world(differences * field.scale), view);
     if (share > 0.0) {
-        normal = cut_normal(met_cut, share, is_flat, normal, view);
+        normal = cut_normal(share, is_flat, normal, view);
     }
     let place = to_world(ray.origin + ray.direction * t);
     return lit(lighting, frame.lights, color, is_flat && share <= 0.0, normal, view, place);
@@ -147,7 +147,7 @@ fn add_by_gradient(
     }
     var color = medium.color;
     if (LIGHTING != UNLIT) {
-        color = shade(LIGHTING, field, ray, t, color, differences, cut_share(met_cut, ray, t, field.scale));
+        color = shade(LIGHTING, field, ray, t, color, differences, met_share(t));
     }
     return add(pixel, medium, color, length);
 }

@@ -6,7 +6,7 @@ fn cast_ray(position: vec2f) -> vec4f {
     let ray = seen.ray;
     let threshold = dither(position);
     let stretch = seen.stretch;
-    met_cut = cut_face(ray);
+    meet_cut(ray);
     var pixel = pixel_start();
     pixel.rank = first_rank(stretch.x);
     var walk = enter_zone(tick_at(stretch.x), 0u, stretch);
@@ -26,6 +26,7 @@ fn cast_ray(position: vec2f) -> vec4f {
             is_brick_seen = sees(pixel, brick.range);
         }
         let field = field_about(brick.low + 0.5 / brick.texel_scale, brick.texel_scale, brick.texel_offset, ray);
+        meet_brick(ray, brick.texel_scale);
         // Longer segments reach out of macro-cells farther than their ranges hold.
         let is_covered = (CURVE == MIDDLE && !HAS_SURFACES) || overhang(ray, brick.texel_scale, walk.stride) == 0.0;
         let has_cells = is_brick_seen && is_covered && brick.first_range != NO_RANGES;

@@ -70,7 +70,8 @@ fn take_part(walk: Walk) {
     show_nothing();
     if (part.x < part.y && way.is_seen && is_own(0.5 * (part.x + part.y))) {
         if (LIGHTING != UNLIT) {
-            met_cut = cut_face(way.ray);
+            meet_cut(way.ray);
+            meet_brick(way.ray, way.field.scale);
         }
         show_part(part.x, part.y);
     }
