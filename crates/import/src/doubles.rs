@@ -53,7 +53,7 @@ pub(crate) fn check_pairs<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> R
     let mut seen: HashMap<FileId, &Path> = HashMap::new();
     for path in paths {
         match seen.entry(FileId::of(&nifti::pair_of(path).0)) {
-            // The same half twice may be meant, as by `--order given`.
+            // A user may name one half twice on purpose, as with `--order given`.
             Entry::Occupied(first) if FileId::of(first.get()) != FileId::of(path) => {
                 let problem = format!(
                     "is half of an image, of which {} is the other: name one of the two, which opens both",
