@@ -21,7 +21,7 @@ pub(super) fn advised<E: Advice>(error: &E) -> String {
 }
 
 /// Options of the library by the names that its messages have them under, and the command's flags for them.
-const FLAGS: [(&str, &str); 26] = [
+const FLAGS: [(&str, &str); 27] = [
     ("`allow_lossy`", "--allow-lossy"),
     ("`aprons`", "--aprons"),
     ("`axes`", "--axes"),
@@ -47,6 +47,7 @@ const FLAGS: [(&str, &str); 26] = [
     ("`time_step`", "--time-step"),
     ("`time_unit`", "--time-unit"),
     ("`times`", "--times"),
+    ("`unit`", "--unit"),
     ("`voxel_type`", "--dtype"),
 ];
 

@@ -35,8 +35,12 @@ pub(crate) mod tiff_stack {
         ImportError::unsupported_but(path, "TIFF", "this program was built without the feature `tiff`")
     }
 
-    pub(crate) fn is_multi_page(path: &Path) -> Result<bool, ImportError> {
+    pub(crate) fn has_several_planes(path: &Path, _: &OpenOptions) -> Result<bool, ImportError> {
         Err(refuse(path))
+    }
+
+    pub(crate) fn is_whole_set(_: &[PathBuf]) -> Result<bool, ImportError> {
+        Ok(false)
     }
 
     pub(crate) fn is_companion(_: &Path) -> Result<bool, ImportError> {

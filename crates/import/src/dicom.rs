@@ -218,12 +218,16 @@ impl DicomSeries {
         let Voxels { voxel_type, blank } = voxels_of(&files, &slices, missing > 0)?;
         check_exact(&files, voxel_type, missing > 0, options)?;
         sizes.checked_bytes(voxel_type.bytes()).map_err(|p| ImportError::invalid(&paths[0], p))?;
-        let mut info = SourceInfo { identity: identity("dicom", &paths)?, ..SourceInfo::plain(sizes, voxel_type) };
+        // Padding that is taken for values makes other voxels of the same files.
+        let is_padding_kept = options.nodata != NoData::OfFile && files.iter().any(|(header, _)| header.has_padding());
+        let kind = if is_padding_kept { "dicom with padding as values" } else { "dicom" };
+        let mut info = SourceInfo { identity: identity(kind, &paths)?, ..SourceInfo::plain(sizes, voxel_type) };
         info.geometry.spacing = placement.spacing;
         info.geometry.unit = Some("millimeter".into());
         info.calibrated = true;
         info.channel_looks = vec![look_of(&files[0].0)];
-        info.nodata = slices[0].1.nodata(voxel_type).or((missing > 0 && !voxel_type.is_float()).then_some(blank));
+        let padding = slices[0].1.nodata(voxel_type).or_else(|| padding_of_floats(&files, &slices, voxel_type));
+        info.nodata = padding.or((missing > 0 && !voxel_type.is_float()).then_some(blank));
         if info.nodata.is_some() && missing > 0 && options.nodata != NoData::OfFile {
             let problem = "`nodata` with `gaps`: missing slices hold no data, by a value that no other voxel has; give one of the two";
             return Err(ImportError::options(&paths[0], problem));
@@ -237,7 +241,9 @@ impl DicomSeries {
                 "{} of {} {are} missing; there is no data in their places{}.",
                 counted(missing as u64, "slice"),
                 places.len(),
-                info.nodata.map_or(String::new(), |value| format!(", which voxels of {value} say"))
+                info.nodata
+                    .filter(|_| !voxel_type.is_float())
+                    .map_or(String::new(), |value| format!(", which voxels of {value} say"))
             ));
         }
         notes.extend(placement.note);
@@ -393,6 +399,15 @@ fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) ->
         (stored[0] <= stored[1]).then_some(stored)
     });
     Ok(Meaning { slope: slope.unwrap_or(1.0), intercept: intercept.unwrap_or(0.0), padding })
+}
+
+/// The value of padding, which is NaN in float voxels, where it is one value that no other stored number has: later steps are compared with it.
+fn padding_of_floats(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxel_type: VoxelType) -> Option<f64> {
+    let first = slices[0].1;
+    let [least, _] = first.padding.filter(|_| voxel_type.is_float())?;
+    let is_one =
+        slices.iter().all(|(_, meaning)| *meaning == first) && files.iter().all(|(_, frames)| frames.format.width <= 2);
+    is_one.then(|| f64::from(first.value(least) as f32))
 }
 
 /// What voxels are, and those of missing slices.

@@ -41,6 +41,7 @@ impl FileList {
         }
         let list = ByNumbers::of(paths);
         if told.is_none() {
+            list.check_words()?;
             list.check(are_planes, "name the files in their order, with `order` given")?;
         }
         Ok(list.into())
@@ -65,6 +66,9 @@ impl FileList {
                 let note = format!("{} files in the order given, from {first} to {last}.", paths.len());
                 return Ok(Self { paths: paths.to_vec(), note });
             }
+        }
+        if !is_natural {
+            list.check_words()?;
         }
         list.check(are_planes, "`order` given to keep the order of the files")?;
         let mut list = Self::from(list);
@@ -109,6 +113,24 @@ impl ByNumbers {
                 Self { paths: values, reading: Reading::Values, doubt, is_by_values }
             }
         }
+    }
+
+    /// Checks that names in which nothing is counted are in one order by the alphabet and by their digits, which may be no decimal numbers
+    /// (`f_09`, `f_0a`).
+    fn check_words(&self) -> Result<(), ImportError> {
+        let alphabetical = |by: fn(&str) -> String| self.paths.is_sorted_by_key(|path| by(&path.to_string_lossy()));
+        if !numbering::are_words(&self.paths, self.reading)
+            || alphabetical(str::to_owned)
+            || alphabetical(str::to_lowercase)
+        {
+            return Ok(());
+        }
+        let (first, last) = (name(&self.paths[0]), name(&self.paths[self.paths.len() - 1]));
+        let problem = format!(
+            "nothing in the files' names counts them, and digits give another order than the alphabet, from {first} to {last}: pass `order` natural \
+             for that one, or name the files in their order, with `order` given"
+        );
+        Err(ImportError::options(&self.paths[0], problem))
     }
 
     /// Checks that the numbers can be read in one way, and count the files. `way_on` says how the caller may give an order.
@@ -310,6 +332,25 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn words_with_digits_are_in_one_order_or_refused() {
+        let hexadecimal = paths(&["f_09.npy", "f_0a.npy", "f_0b.npy"]);
+        let list = FileList::of_list(&hexadecimal, None, false).err().unwrap().to_string();
+        let folder = FileList::of_folder(Path::new("f"), &hexadecimal, None, false).err().unwrap().to_string();
+        for message in [list, folder] {
+            assert!(
+                message.contains("another order than the alphabet") && message.contains("`order` given"),
+                "{message}"
+            );
+        }
+        assert_eq!(FileList::of_list(&hexadecimal, Some(FileOrder::Given), false).unwrap().paths, hexadecimal);
+        // Somebody put these in order; and these are in one order whatever digits are.
+        let named = paths(&["run2_before.npy", "run10_after.npy"]);
+        assert_eq!(FileList::of_list(&named, None, false).unwrap().paths, named);
+        let words = paths(&["a1_x.npy", "b2_y.npy"]);
+        assert_eq!(FileList::of_folder(Path::new("f"), &words, None, false).unwrap().paths, words);
     }
 
     #[test]

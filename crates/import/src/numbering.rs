@@ -46,6 +46,13 @@ pub(crate) fn check(paths: &[PathBuf], reading: Reading, are_planes: bool) -> Re
     }
 }
 
+/// Whether names are words, each of a kind of its own: nothing is counted.
+pub(crate) fn are_words(paths: &[PathBuf], reading: Reading) -> bool {
+    let mut kinds: Vec<_> = paths.iter().map(|path| Name::of(path, reading, LONGEST_NUMBER).texts).collect();
+    kinds.sort();
+    kinds.windows(2).all(|pair| pair[0] != pair[1])
+}
+
 /// Whether a number in the names of files goes up by 1 from each to the next.
 pub(crate) fn count_by_one(paths: &[PathBuf]) -> bool {
     let names: Vec<Name> = paths.iter().map(|path| Name::of(path, Reading::Counters, LONGEST_NUMBER)).collect();

@@ -68,14 +68,20 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     if format == Format::Nifti {
         check_pairs(&paths)?;
     }
+    let is_told = options.axes.is_some() || order.is_some();
+    let is_set = format == Format::Tiff && paths.len() > 1 && !is_told && tiff_stack::is_whole_set(&paths)?;
     let (paths, order_note) = match format {
         Format::Dicom if order.is_some() && !options.is_step => {
             let problem = "`order`: DICOM slices are put in order by the places that they name";
             return Err(ImportError::options(&paths[0], problem));
         }
         Format::Dicom => (in_natural_order(&paths), None),
+        _ if is_set => {
+            let note = format!("The {} files are one set: their planes are where its OME-XML says.", paths.len());
+            (in_natural_order(&paths)[..1].to_vec(), Some(note))
+        }
         _ if unordered || paths.len() > 1 => {
-            let are_planes = format == Format::Tiff && !tiff_stack::is_multi_page(&paths[0])?;
+            let are_planes = format == Format::Tiff && !tiff_stack::has_several_planes(&paths[0], options)?;
             let list = match unordered {
                 true => FileList::of_folder(&inputs[0], &paths, order, are_planes)?,
                 false => FileList::of_list(&paths, order, are_planes)?,
@@ -87,6 +93,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     let source = match (format, &paths[..]) {
         (Format::Dicom, paths) if folder || paths.len() > 1 => dicom::open_series(paths, folder, options)?,
         (Format::Tiff, [_, _, ..]) => open_tiffs(&paths, options)?,
+        (Format::Tiff, [path]) if is_set => tiff_stack::open_file(path, options, true)?,
         (_, [path]) => open_one(path, format, options)?,
         _ => open_steps(&paths, format, options)?,
     };
@@ -167,15 +174,15 @@ fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError
 
 /// Several TIFF files: planes if each has one page, time steps if each has more.
 fn open_tiffs(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
-    let multi_page = tiff_stack::is_multi_page(&paths[0])?;
+    let are_stacks = tiff_stack::has_several_planes(&paths[0], options)?;
     for path in &paths[1..] {
-        if tiff_stack::is_multi_page(path)? != multi_page {
-            let count = |many| if many { "several pages" } else { "one page" };
-            let problem = format!("has {}, but {} has {}", count(!multi_page), paths[0].display(), count(multi_page));
+        if tiff_stack::has_several_planes(path, options)? != are_stacks {
+            let count = |many| if many { "several planes" } else { "one plane" };
+            let problem = format!("has {}, but {} has {}", count(!are_stacks), paths[0].display(), count(are_stacks));
             return Err(ImportError::invalid(path, problem));
         }
     }
-    if !multi_page {
+    if !are_stacks {
         return tiff_stack::open_planes(paths, options);
     }
     open_steps(paths, Format::Tiff, options)

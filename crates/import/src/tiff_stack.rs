@@ -31,8 +31,9 @@ mod turn;
 mod units;
 mod xml;
 
+pub(crate) use ome_opening::is_whole_set;
 pub(crate) use ome_set::is_companion;
-pub(crate) use opening::{is_multi_page, open_file, open_planes};
+pub(crate) use opening::{has_several_planes, open_file, open_planes};
 
 use crate::axes::Sizes;
 use crate::element::{Decode, Endian};

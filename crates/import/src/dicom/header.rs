@@ -120,6 +120,11 @@ pub(super) struct PixelElement {
 }
 
 impl Header {
+    /// Whether the file says that some stored numbers are padding.
+    pub(super) fn has_padding(&self) -> bool {
+        self.number(tags::PIXEL_PADDING_VALUE).is_some()
+    }
+
     /// Reads the header of a file, up to its pixel data.
     pub(super) fn read(path: &Path) -> Result<Self, ImportError> {
         let file = MappedFile::open(path)?;

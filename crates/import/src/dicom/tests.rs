@@ -343,9 +343,24 @@ fn padding_is_nan_in_floats_and_one_value_in_integers() {
         assert_eq!(padded("1", value, limit), (Some(3.0), vec![2.0, 3.0, 3.0, 3.0, 6.0]));
         assert_eq!(padded("-2", value, limit), (Some(-6.0), vec![-4.0, -6.0, -6.0, -6.0, -12.0]));
         let (nodata, found) = padded("0.5", value, limit);
-        assert_eq!(nodata, None);
+        // By which steps that take padding for values are told from this one.
+        assert_eq!(nodata, Some(1.5));
         assert!(found[1..4].iter().all(|v| v.is_nan()) && [found[0], found[4]] == [1.0, 3.0], "{found:?}");
     }
+}
+
+/// Voxels are others where padding is a value like any: a pack that was begun is not resumed with it.
+#[test]
+fn padding_that_is_kept_is_another_input() {
+    let mut slice = Written::slice(0.0, 0);
+    slice.number(tags::PIXEL_PADDING_VALUE, 3).text(tags::RESCALE_SLOPE, VR::DS, "0.5");
+    let (folder, source) = Folder::opened([slice]);
+    let identity = |nodata| {
+        let options = OpenOptions { nodata, ..OpenOptions::default() };
+        open(&[folder.0.path().to_owned()], &options).unwrap().info().identity.clone()
+    };
+    assert_eq!(identity(NoData::OfFile), source.info().identity);
+    assert!([NoData::None, NoData::Value(1.5)].map(identity).iter().all(|other| *other != source.info().identity));
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use super::calibration::Calibration;
 use super::description::{Declared, Description, Spacing};
+use super::units::unit_of;
 use crate::axes::Axis;
 use brickyard_volume::{ChannelLook, TimeAxis};
 
@@ -37,6 +38,7 @@ pub(super) fn read(text: &str, resolution: Option<[f64; 2]>, samples: u16) -> De
     let unit = value("unit").filter(|u| !u.starts_with("pixel"));
     description.set_unit(unit);
     description.spacing = spacing(unit.is_some(), depth, resolution);
+    in_unit_of_x(&mut description, unit, [value("yunit"), value("zunit")]);
     let interval = value("finterval").and_then(|v| v.parse::<f64>().ok()).filter(|step| *step != 0.0);
     if let Some(step) = interval.filter(|_| frames > 1) {
         let unit = value("tunit").unwrap_or("s");
@@ -55,6 +57,27 @@ pub(super) fn spacing(has_unit: bool, depth: Option<f64>, resolution: Option<[f6
     let size = |r: f64| if has_unit && is_length(1.0 / r) { 1.0 / r } else { 1.0 };
     let [x, y] = resolution.unwrap_or([1.0; 2]).map(size);
     Some(Spacing { x, y, z: Some(depth.unwrap_or(1.0)) })
+}
+
+/// Puts y and z into the unit of x: ImageJ names their own where they differ.
+fn in_unit_of_x(description: &mut Description, unit: Option<&str>, others: [Option<&str>; 2]) {
+    let Some(spacing) = &mut description.spacing else { return };
+    let others = others.map(|other| other.filter(|other| Some(*other) != unit));
+    let metres = |name: &str| unit_of(name).map(|(_, metres)| metres);
+    let factor = |other: Option<&str>| other.map_or(Some(1.0), |other| Some(metres(other)? / metres(unit?)?));
+    let [y, z] = others.map(factor);
+    spacing.z = spacing.z.zip(z).map(|(depth, factor)| depth * factor);
+    match y {
+        Some(factor) => spacing.y *= factor,
+        None => description.spacing = None,
+    }
+    for (axis, other) in ["y", "z"].into_iter().zip(others).zip([y, z]).filter_map(|(at, f)| f.is_none().then_some(at))
+    {
+        let (other, unit) = (other.unwrap_or_default(), unit.unwrap_or("none"));
+        description.notes.push(format!(
+            "Lengths along {axis} are in '{other}', those along x in '{unit}': they are left out; `spacing` gives them."
+        ));
+    }
 }
 
 /// Whether a number can be a distance.
@@ -107,6 +130,21 @@ mod tests {
         }
         let odd = read("ImageJ=1.4\nimages=5\nunit=furlong\n", None, 1);
         assert!(odd.notes[0].contains("furlong"));
+    }
+
+    #[test]
+    fn y_and_z_have_units_of_their_own() {
+        let of = |keys: &str| read(&format!("ImageJ=1.53t\nimages=5\nspacing=500\n{keys}"), Some([2.0, 0.002]), 1);
+        let told = of("unit=micron\nyunit=nm\nzunit=nm\n");
+        let Spacing { x, y, z } = told.spacing.unwrap();
+        assert!(
+            (x, told.unit) == (0.5, Some("micrometer")) && (y - 0.5).abs() < 1e-12 && (z.unwrap() - 0.5).abs() < 1e-12
+        );
+        assert_eq!(spacing_of(&of("unit=micron\nyunit=micron\nzunit=micron\n")), Some([0.5, 500.0, 500.0]));
+        let odd = of("unit=micron\nzunit=ell\n");
+        assert!(odd.spacing.unwrap().z.is_none() && odd.notes[0].contains("along z are in 'ell'"), "{:?}", odd.notes);
+        let odd = of("unit=ell\nyunit=nm\n");
+        assert!(odd.spacing.is_none() && odd.notes[1].contains("along y are in 'nm'"), "{:?}", odd.notes);
     }
 
     #[test]

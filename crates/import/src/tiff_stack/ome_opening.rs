@@ -16,7 +16,35 @@ use crate::options::OpenOptions;
 use crate::raw::identity;
 use crate::source::Source;
 use brickyard_volume::counted;
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
+
+/// Whether files are all files of the OME set that the first of them is one of, and no others.
+///
+/// # Errors
+/// If a file of the set is missing, or has another UUID than the set means.
+pub(crate) fn is_whole_set(paths: &[PathBuf]) -> Result<bool, ImportError> {
+    let path = &paths[0];
+    if is_companion(path)? {
+        return Ok(false);
+    }
+    let mut tiff = OpenTiff::open(path)?;
+    let format = tiff.format()?;
+    let set = match tiff.description(&format)?.ome {
+        Some(Ome { says: OmeSays::Pixels(pixels), uuid }) if pixels.parts.len() > 1 => {
+            Set::find(path, uuid.as_deref(), true, &pixels.parts)?
+        }
+        Some(Ome { says: OmeSays::Elsewhere { metadata_file, uuid }, .. }) => {
+            let (companion, described) = follow(path, &metadata_file, uuid.as_deref())?;
+            let Some(Ome { says: OmeSays::Pixels(pixels), uuid }) = described.ome else { return Ok(false) };
+            Set::find(&companion, uuid.as_deref(), !is_companion(&companion)?, &pixels.parts)?
+        }
+        _ => return Ok(false),
+    };
+    let given = paths.iter().map(|path| path.canonicalize()).collect::<Result<HashSet<_>, _>>();
+    let of_set = set.paths.iter().map(|path| path.canonicalize()).collect::<Result<HashSet<_>, _>>();
+    Ok(set.paths.len() > 1 && given.map_err(ImportError::io(path))? == of_set.map_err(ImportError::io(path))?)
+}
 
 /// Opens the files that OME-XML in a file of its own tells of.
 pub(super) fn open_companion(

@@ -1,6 +1,6 @@
 //! Opening TIFF files as a stack: which files there are, which pages, and that they agree. All directories are walked once.
 
-use super::description::{Declared, Description};
+use super::description::{Declared, Description, OmeSays, Spacing};
 use super::ome_opening::{Opening, open_companion};
 use super::ome_set::is_companion;
 use super::page::{OpenTiff, PageFormat};
@@ -16,12 +16,16 @@ use crate::source::{Source, SourceInfo};
 use brickyard_volume::counted;
 use std::path::{Path, PathBuf};
 
-/// Whether a TIFF file has more than one page, but for smaller copies and masks of others.
-pub(crate) fn is_multi_page(path: &Path) -> Result<bool, ImportError> {
+/// Whether a TIFF file has more than one plane: several pages, but for smaller copies and masks of others; or a stack behind a single directory,
+/// unless `axes` say what pages are.
+pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<bool, ImportError> {
     if is_companion(path)? {
         return Ok(true);
     }
     let mut tiff = OpenTiff::open(path)?;
+    if options.axes.is_none() && !tiff.has_more_pages() {
+        return holds_stack(&mut tiff);
+    }
     // Smaller copies of the first page do not make it a stack.
     let mut pages = 1;
     while tiff.has_more_pages() {
@@ -32,6 +36,26 @@ pub(crate) fn is_multi_page(path: &Path) -> Result<bool, ImportError> {
         }
     }
     Ok(false)
+}
+
+/// Whether the planes of a described stack follow the data of the file's only directory. A page that was cut out of such a stack may have its
+/// description, but not the planes.
+fn holds_stack(tiff: &mut OpenTiff) -> Result<bool, ImportError> {
+    let path = tiff.path.clone();
+    let format = tiff.format()?;
+    let description = tiff.description(&format)?;
+    let Some(declared) = description.declared.filter(|declared| declared.in_one_directory && declared.planes() > 1)
+    else {
+        return Ok(false);
+    };
+    if tiff.is_metamorph() {
+        return Ok(true);
+    }
+    let Ok((start, _)) = tiff.contiguous_start(&path, &format) else { return Ok(false) };
+    let plane_bytes =
+        u64::from(format.width) * u64::from(format.height) * (format.element.bytes() * format.samples as usize) as u64;
+    let end = plane_bytes.saturating_mul(declared.planes()).saturating_add(start);
+    Ok(end <= tiff.stamp.bytes())
 }
 
 /// Opens one TIFF file, of one page or several, with the others of its set where it is one of an OME set; or the companion of such
@@ -71,6 +95,12 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
         tiff.check_data(path, 1)?;
         reader_bytes = tiff.reader_bytes(&format)?.max(reader_bytes);
         let description = tiff.description(&format)?;
+        if options.axes.is_none() && options.order.is_none() {
+            check_is_no_part(path, &description)?;
+        }
+        if let Some((_, expected)) = &first {
+            check_scale(path, &description, (&paths[0], expected), options)?;
+        }
         files.push(TiffFile { path: path.clone(), stamp: tiff.stamp, pages: 1 });
         match &first {
             Some((_, expected)) if description.calibration != expected.calibration => {
@@ -108,6 +138,48 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
     description.notes.extend(note);
     let parts = Parts { files, format, map, reader_bytes, idle: Vec::new() };
     Ok(Box::new(TiffStack::new(parts, &description, options)?))
+}
+
+/// Refuses a file of several that its OME-XML says are one set: what its page is, its name may not say.
+fn check_is_no_part(path: &Path, description: &Description) -> Result<(), ImportError> {
+    let is_part = description.ome.as_ref().is_some_and(|ome| match &ome.says {
+        OmeSays::Pixels(pixels) => pixels.parts.len() > 1,
+        OmeSays::Elsewhere { .. } => true,
+    });
+    let problem = "is one of a set of files that OME-XML describes, but not just the files of the set are given: name all of them, or one, \
+                   or pass `axes` zyx to take the page of each file as a slice";
+    if is_part { Err(ImportError::invalid(path, problem)) } else { Ok(()) }
+}
+
+/// Refuses a plane whose pixels are of another size or unit than those of the first, unless the caller says it for all.
+fn check_scale(
+    path: &Path,
+    description: &Description,
+    (first_path, first): (&Path, &Description),
+    options: &OpenOptions,
+) -> Result<(), ImportError> {
+    // Over a thousand pixels, one.
+    const TOLERANCE: f64 = 1e-3;
+    let is_near = |a: f64, b: f64| (a - b).abs() <= TOLERANCE * a.abs().max(b.abs());
+    let is_alike = match (description.spacing, first.spacing) {
+        (Some(a), Some(b)) => is_near(a.x, b.x) && is_near(a.y, b.y),
+        (a, b) => a.is_none() && b.is_none(),
+    };
+    let is_same_unit = options.unit.is_some() || description.unit == first.unit;
+    if (options.spacing.is_some() || is_alike) && is_same_unit {
+        return Ok(());
+    }
+    let describe = |of: &Description| {
+        let unit = of.unit.map(|unit| format!(" {unit}")).unwrap_or_default();
+        of.spacing.map_or("no size".into(), |Spacing { x, y, .. }| format!("{x} x {y}{unit}"))
+    };
+    let problem = format!(
+        "says that its pixels have {}, but {} says {}; give `spacing` and `unit` for all",
+        describe(description),
+        first_path.display(),
+        describe(first)
+    );
+    Err(ImportError::options(path, problem))
 }
 
 /// Opens the pages of one file, as they are described. `tiff` stands at the first.

@@ -772,7 +772,7 @@ fn planes_that_disagree_name_the_odd_one() {
     assert!(message.contains("s2.tif") && message.contains("5x7") && message.contains("7x5"), "{message}");
     std::fs::write(&paths[2], written(field, "z", &Layout::default())).unwrap();
     let message = opened(folder.path()).err().unwrap().to_string();
-    assert!(message.contains("s2.tif") && message.contains("several pages"), "{message}");
+    assert!(message.contains("s2.tif") && message.contains("several planes"), "{message}");
     let empty = tempfile::tempdir().unwrap();
     assert!(opened(empty.path()).err().unwrap().to_string().contains("without files that are read"));
 }

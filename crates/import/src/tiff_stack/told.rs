@@ -23,7 +23,18 @@ const LONGEST_LOOKS: u64 = 16 << 20;
 /// The most characters of a number that are read.
 const LONGEST_NUMBER: usize = 64;
 /// Tags of programs that describe the order of pages in ways of their own.
-const OTHERS: [(u16, &str); 2] = [(34362, "Olympus FluoView (tag 34362)"), (34412, "Zeiss LSM (tag 34412)")];
+const OTHERS: [(u16, &str); 4] = [
+    (34362, "Olympus FluoView (tag 34362)"),
+    (34412, "Zeiss LSM (tag 34412)"),
+    (33471, "Olympus SIS (tag 33471)"),
+    (33560, "Olympus SIS (tag 33560)"),
+];
+/// Elements of XML by which programs say which channel or plane a page is.
+const OTHER_XML: [(&str, &str); 3] = [
+    ("<PerkinElmer-QPI-ImageDescription", "PerkinElmer QPI (its XML)"),
+    ("<indica", "Indica Labs (its XML)"),
+    ("<scn", "Leica SCN (its XML)"),
+];
 /// How much of a description says what it is.
 const START_BYTES: u64 = 256;
 
@@ -127,10 +138,15 @@ impl OpenTiff {
         })
     }
 
+    /// Whether the page has MetaMorph's tags of a stack.
+    pub(super) fn is_metamorph(&mut self) -> bool {
+        self.decoder.image_ifd().find_entry(stk::UIC2).is_some()
+    }
+
     /// What MetaMorph's tags say; `None` if there are none.
     fn stk(&mut self) -> Result<Option<Description>, ImportError> {
         let path = self.path.clone();
-        if self.decoder.image_ifd().find_entry(stk::UIC2).is_none() {
+        if !self.is_metamorph() {
             return Ok(None);
         }
         if self.decoder.byte_order() != ByteOrder::LittleEndian {
@@ -148,10 +164,16 @@ impl OpenTiff {
             return Ok(None);
         }
         let path = self.path.clone();
-        let mut tags = self.decoder.image_ifd();
+        let tags = self.decoder.image_ifd();
         if let Some((_, name)) = OTHERS.iter().find(|(tag, _)| tags.find_entry(Tag::Unknown(*tag)).is_some()) {
             return Ok(Some(name));
         }
+        let length = tags.find_entry(Tag::ImageDescription).map_or(0, |entry| entry.count());
+        let start = self.text(START_BYTES.min(length).min(self.stamp.bytes()))?;
+        if let Some((_, name)) = OTHER_XML.iter().find(|(element, _)| start.contains(element)) {
+            return Ok(Some(name));
+        }
+        let mut tags = self.decoder.image_ifd();
         let mut starts = |tag, expected: &[u8]| {
             let mut start = vec![0; expected.len()];
             let is_long = tags.find_entry(tag).is_some_and(|entry| entry.count() >= expected.len() as u64);

@@ -116,9 +116,85 @@ fn metamorphs_planes_lie_behind_the_first() {
     assert!(message.contains("STK") || message.contains("missing"), "{message}");
 }
 
+/// A list of files that each hold a stack is a series, also where each has a single directory.
+#[test]
+fn lists_of_stacks_behind_one_directory_are_series() {
+    let series = field(4, 1, 2);
+    let of_step = |step: usize, bytes: &[u8]| {
+        let (mut bytes, all) = (bytes.to_vec(), series.bytes("tzyx", false));
+        let stack = &all[step * all.len() / 2..][..all.len() / 2];
+        bytes[8..8 + stack.len()].copy_from_slice(stack);
+        bytes
+    };
+    let imagej = "ImageJ=1.54f\nimages=4\nslices=4\n";
+    let one = |text: &str| Layout { directories: Some(1), chunk: Err(5), ..described(text) };
+    let shaped = r#"{"shape": [4, 5, 7], "axes": "ZYX", "truncated": true}"#;
+    for (bytes, is_metamorphs) in [
+        (written(field(4, 1, 1), "z", &one(imagej)), false),
+        (written(field(4, 1, 1), "z", &one(shaped)), false),
+        (metamorph(&[(5, 7); 4]), true),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let paths = [0, 1].map(|step| folder.path().join(format!("s{step}.tif")));
+        let of_step = |step| if is_metamorphs { bytes.clone() } else { of_step(step, &bytes) };
+        paths.iter().enumerate().for_each(|(step, path)| std::fs::write(path, of_step(step)).unwrap());
+        for inputs in [paths.to_vec(), vec![folder.path().to_owned()]] {
+            let source = open(&inputs, &options()).unwrap();
+            assert_eq!((source.info().extent.z, source.info().times), (4, 2));
+            if !is_metamorphs {
+                assert_boxes(&*source, series);
+            }
+        }
+        let told = OpenOptions { axes: Some("zyx".parse().unwrap()), ..options() };
+        assert_eq!(open(&paths, &told).unwrap().info().extent.z, 2);
+    }
+    // A page that was cut out of a stack says what the stack was, and is a plane.
+    let folder = tempfile::tempdir().unwrap();
+    let paths: Vec<PathBuf> = (0..3).map(|z| folder.path().join(format!("s{z}.tif"))).collect();
+    paths.iter().for_each(|path| std::fs::write(path, written(field(1, 1, 1), "z", &described(imagej))).unwrap());
+    assert_eq!(open(&paths, &options()).unwrap().info().extent.z, 3);
+}
+
+#[test]
+fn planes_of_another_scale_or_unit_are_refused() {
+    let imagej = |unit: &str, resolution| Layout { resolution, ..described(&format!("ImageJ=1.54f\nunit={unit}\n")) };
+    let geo = |size: f64| Layout {
+        lists: vec![(33550, 12, [size, size, 0.0].map(f64::to_bits).to_vec())],
+        ..Layout::default()
+    };
+    let opened = |layouts: [Layout; 2], options: &OpenOptions| {
+        let folder = tempfile::tempdir().unwrap();
+        let paths = [0, 1].map(|z| folder.path().join(format!("s{z}.tif")));
+        let each = paths.iter().zip(layouts);
+        each.for_each(|(path, layout)| std::fs::write(path, written(field(1, 1, 1), "z", &layout)).unwrap());
+        open(&paths, options).map(|source| source.info().geometry.clone()).map_err(|error| error.to_string())
+    };
+    for layouts in [
+        [imagej("um", Some(1)), imagej("nm", Some(1))],
+        [imagej("um", Some(1)), imagej("um", Some(4))],
+        [geo(30.0), geo(10.0)],
+        [geo(30.0), Layout::default()],
+        [Layout::default(), geo(30.0)],
+    ] {
+        let message = opened(layouts.clone(), &options()).unwrap_err();
+        assert!(message.contains("s1.tif: says that its pixels have") && message.contains("`spacing`"), "{message}");
+        let told = OpenOptions { spacing: Some(DVec3::splat(2.0)), unit: Some("micrometer".into()), ..options() };
+        assert_eq!(opened(layouts, &told).unwrap().spacing, DVec3::splat(2.0));
+    }
+    assert_eq!(opened([geo(30.0), geo(30.000_01)], &options()).unwrap().spacing.x, 30.0);
+}
+
 #[test]
 fn descriptions_of_other_programs_are_named() {
+    let text = |text: &str| (270, 2, text.bytes().chain([0]).map(u64::from).collect::<Vec<u64>>());
     for (lists, name) in [
+        (vec![(33471, 2, b"[Dimension]\r\nTime=2\0".map(u64::from).to_vec())], "Olympus SIS"),
+        (
+            vec![text("<?xml version=\"1.0\"?><PerkinElmer-QPI-ImageDescription></PerkinElmer-QPI-ImageDescription>")],
+            "QPI",
+        ),
+        (vec![text("<indica><image/></indica>")], "Indica"),
+        (vec![text("<?xml version=\"1.0\"?><scn xmlns=\"x\"></scn>")], "SCN"),
         (vec![(34362, 1, vec![0; 64])], "FluoView"),
         (vec![(34412, 1, vec![0; 64])], "Zeiss LSM"),
         (vec![(305, 2, b"SI.VERSION = 1\0".map(u64::from).to_vec())], "ScanImage"),

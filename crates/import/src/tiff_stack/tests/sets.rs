@@ -1,6 +1,7 @@
 //! OME-XML says which page is which plane: in one file, in several, and in a file of its own.
 
 use super::*;
+use crate::FileOrder;
 
 const OWN: &str = "urn:uuid:00000000-0000-0000-0000-00000000000a";
 const OTHER: &str = "urn:uuid:00000000-0000-0000-0000-00000000000b";
@@ -180,11 +181,21 @@ fn files_of_a_set_are_read_together() {
     std::fs::copy(&paths[0], &renamed).unwrap();
     assert_boxes(&*opened(&renamed).unwrap(), WHOLE);
     std::fs::remove_file(&renamed).unwrap();
-    // Each alone would be the set.
-    for inputs in [paths.to_vec(), vec![folder.path().to_owned()]] {
-        let message = open(&inputs, &options()).err().unwrap().to_string();
+    // All of them are the set, too.
+    for inputs in [paths.to_vec(), vec![paths[1].clone(), paths[0].clone()], vec![folder.path().to_owned()]] {
+        let source = open(&inputs, &options()).unwrap();
+        assert_boxes(&*source, WHOLE);
+        assert!(source.info().notes.iter().any(|note| note.contains("2 files are one set")));
+    }
+    // Beside others each would stand for it.
+    let stranger = folder.path().join("z.tif");
+    std::fs::write(&stranger, file("")).unwrap();
+    for inputs in [vec![paths[0].clone(), stranger.clone()], vec![folder.path().to_owned()]] {
+        let natural = OpenOptions { order: Some(FileOrder::Natural), ..options() };
+        let message = open(&inputs, &natural).err().unwrap().to_string();
         assert!(message.contains("one of a set of 2 files") && message.contains("`axes`"), "{message}");
     }
+    std::fs::remove_file(&stranger).unwrap();
     let told = OpenOptions { axes: Some("czyx".parse().unwrap()), channels: Some(2), ..options() };
     assert_eq!(open(&paths, &told).unwrap().info().times, 2);
     std::fs::rename(&paths[1], folder.path().join("elsewhere")).unwrap();
@@ -272,6 +283,50 @@ fn a_companion_describes_files_that_have_pixels_only() {
     for path in &paths {
         let message = opened(path).err().unwrap().to_string();
         assert!(message.contains("a-second.ome.tif: is another file than"), "{message}");
+    }
+}
+
+/// Files of a page each are planes of the set wherever its XML says so, not slices.
+#[test]
+fn pages_of_a_set_are_no_slices() {
+    let whole = Field { sizes: [7, 5, 1, 2, 1], ..WHOLE };
+    let names = ["a_c0.ome.tif", "a_c1.ome.tif"];
+    let text = |uuid: &str| {
+        let each: String =
+            (0..2).map(|c| data([0, c, 0], 0, Some((names[c as usize], [OWN, OTHER][c as usize])))).collect();
+        xml(uuid, "XYZCT", &each).replace("SizeZ=\"3\"", "SizeZ=\"1\"").replace("SizeT=\"2\"", "SizeT=\"1\"")
+    };
+    let binary_only = |uuid: &str| format!("<OME UUID='{uuid}'><BinaryOnly MetadataFile='x.companion.ome'/></OME>");
+    for is_described_elsewhere in [false, true] {
+        let folder = tempfile::tempdir().unwrap();
+        let paths = names.map(|name| folder.path().join(name));
+        for (c, (path, uuid)) in paths.iter().zip([OWN, OTHER]).enumerate() {
+            let description = if is_described_elsewhere { binary_only(uuid) } else { text(uuid) };
+            let mut bytes = written(whole, "c", &Layout { description, ..Layout::default() });
+            keep_pages(&mut bytes, c, 1);
+            std::fs::write(path, bytes).unwrap();
+        }
+        if is_described_elsewhere {
+            std::fs::write(folder.path().join("x.companion.ome"), text("urn:uuid:cc")).unwrap();
+        }
+        for inputs in [vec![paths[0].clone()], paths.to_vec(), vec![folder.path().to_owned()]] {
+            assert_boxes(&*open(&inputs, &options()).unwrap(), whole);
+        }
+        let step = OpenOptions { is_step: true, order: Some(FileOrder::Given), ..options() };
+        assert_boxes(&*open(&[folder.path().to_owned()], &step).unwrap(), whole);
+        // Whoever says so takes pages as slices.
+        for told in [
+            OpenOptions { axes: Some("zyx".parse().unwrap()), ..options() },
+            OpenOptions { order: Some(FileOrder::Natural), ..options() },
+        ] {
+            assert_eq!(open(&paths, &told).unwrap().info().extent.z, 2);
+        }
+        let stranger = folder.path().join("a_c2.ome.tif");
+        std::fs::write(&stranger, written(Field { sizes: [7, 5, 1, 1, 1], ..WHOLE }, "z", &Layout::default())).unwrap();
+        for inputs in [vec![stranger, paths[0].clone()], vec![folder.path().to_owned()]] {
+            let message = open(&inputs, &options()).err().unwrap().to_string();
+            assert!(message.contains("one of a set of files") && message.contains("`axes`"), "{message}");
+        }
     }
 }
 
