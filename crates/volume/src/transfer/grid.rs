@@ -55,19 +55,20 @@ impl TransferGrid {
         let axes = Axes::new(transfer, encoding);
         let factors: Vec<f64> = (0..COLUMNS).map(|column| transfer.factor(axes.gradient(column))).collect();
         let mut entries = Vec::with_capacity(axes.rows * COLUMNS);
-        for row in 0..axes.rows {
-            let value = axes.value(row);
+        let values = axes.values(transfer);
+        for value in &values {
+            let value = *value;
             let ([r, g, b], alpha) = (transfer.rgb(value), transfer.alpha(value));
             entries.extend(factors.iter().map(|factor| [r, g, b, alpha * factor].map(|v| v as f32)));
         }
         let regions: Vec<Fitted> = transfer.regions.iter().filter_map(|region| axes.fit(region)).collect();
         for (_, rows, columns) in &regions {
             for row in rows.clone() {
-                let value = axes.value(row);
+                let (value, own) = (values[row], axes.value(row));
                 let ([r, g, b], alpha) = (transfer.rgb(value), transfer.alpha(value));
                 for column in columns.clone() {
                     let gradient = axes.gradient(column);
-                    let media = regions.iter().map(|(region, ..)| (region.color, region.alpha(value, gradient)));
+                    let media = regions.iter().map(|(region, ..)| (region.color, region.alpha(own, gradient)));
                     let entry = mix([r, g, b, alpha * factors[column]], media);
                     entries[row * COLUMNS + column] = entry.map(|v| v as f32);
                 }
@@ -140,14 +141,15 @@ impl<'a> Axes<'a> {
             rows => {
                 // A code has a row, or as many as entries of the table of values, if there is room for them.
                 let most = (MOST_ROWS as f64 / rows).log2().floor().exp2();
-                let step = 1.0 / most.min(entries_per_code(transfer, encoding) as f64);
+                let step = 1.0 / most.min(rows_per_code(transfer, encoding, [low.floor(), high.ceil()], most));
                 let first = ((low / step).floor() * step - step).clamp(0.0, max - step);
                 let last = ((high / step).ceil() * step + step).clamp(first + step, max);
                 (first, step, ((last - first) / step) as usize + 1)
             }
         };
-        // Regions end where they do: the last column is behind them.
-        let factors = transfer.gradient_opacity.last().map_or(0.0, |point| point[0]);
+        // Behind the last bend the factor is what it is there. Regions end where they do: the last column is behind them.
+        let bends = transfer.gradient_opacity.windows(2).rposition(|pair| pair[0][1] != pair[1][1]);
+        let factors = bends.map_or(0.0, |last| transfer.gradient_opacity[last + 1][0]);
         let behind = (COLUMNS - 1) as f64 / (COLUMNS - 2) as f64;
         let top = transfer.regions.iter().map(|region| region.gradient[1] * behind).fold(factors, f64::max);
         let top = if top > 0.0 { top } else { 1.0 };
@@ -156,6 +158,23 @@ impl<'a> Axes<'a> {
 
     fn value(&self, row: usize) -> f64 {
         self.encoding.value_of_code(self.first_code + row as f64 * self.codes_per_row)
+    }
+
+    /// The values at which the function is sampled for each row: the row's own, but for a peak of opacity between two rows, which the nearer of them has.
+    fn values(&self, transfer: &TransferFunction) -> Vec<f64> {
+        let mut values: Vec<f64> = (0..self.rows).map(|row| self.value(row)).collect();
+        for &[value, _] in &transfer.opacity {
+            let row = (self.encoding.code(value) - self.first_code) / self.codes_per_row;
+            if !(0.0..=(self.rows - 1) as f64).contains(&row) || (row - row.round()).abs() < 1e-6 {
+                continue;
+            }
+            let alphas = [row.floor(), row.ceil()].map(|row| transfer.alpha(self.value(row as usize)));
+            let nearest = row.round() as usize;
+            if alphas.iter().chain([&transfer.alpha(values[nearest])]).all(|other| transfer.alpha(value) > *other) {
+                values[nearest] = value;
+            }
+        }
+        values
     }
 
     fn gradient(&self, column: usize) -> f64 {
@@ -190,6 +209,29 @@ impl<'a> Axes<'a> {
         let span = |[low, high]: [f64; 2]| low.floor() as usize..=high.ceil() as usize;
         Some((fitted, span(rows), span(columns)))
     }
+}
+
+/// The fewest rows a code, a power of two and at most `most`, that meet the function: as many as the table of values has entries, and as many as keep
+/// colours that are mixed by opacity within half a display code of straight ones, midway between rows.
+fn rows_per_code(transfer: &TransferFunction, encoding: &SlotEncoding, [low, high]: [f64; 2], most: f64) -> f64 {
+    if encoding.is_labels {
+        return 1.0;
+    }
+    let is_near = |per_code: &f64| {
+        let at = |row: f64| {
+            let value = encoding.value_of_code(row / per_code);
+            (transfer.rgb(value), transfer.alpha(value))
+        };
+        let (first, last) = ((low * per_code) as u64, (high * per_code) as u64);
+        (first..last).all(|row| {
+            let [(a, before), (middle, alpha), (b, behind)] = [0.0, 0.5, 1.0].map(|part| at(row as f64 + part));
+            let share = behind / (before + behind).max(f64::MIN_POSITIVE);
+            let off = (0..3).map(|k| (a[k] + share * (b[k] - a[k]) - middle[k]).abs()).fold(0.0, f64::max);
+            alpha == 0.0 || off <= 0.5 / 255.0
+        })
+    };
+    let steps = std::iter::successors(Some(entries_per_code(transfer, encoding) as f64), |step| Some(2.0 * step));
+    steps.take_while(|step| *step < most).find(is_near).unwrap_or(most)
 }
 
 /// An interval, at least a step to each side of its middle.
@@ -295,6 +337,66 @@ mod tests {
         };
         let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 1.0), false);
         assert!(TransferGrid::new(&outside, &encoding).entries.iter().all(|entry| entry[3] == 0.0));
+    }
+
+    /// Between two codes of which one is clear, colours are the function's.
+    #[test]
+    fn colours_over_few_codes_are_those_of_the_function() {
+        let transfer = TransferFunction {
+            color: vec![[0.0, 0.0, 0.0, 1.0], [1.0, 1.0, 0.0, 0.0]],
+            opacity: vec![[0.0, 0.0], [1.0, 0.05]],
+            gradient_opacity: vec![[0.0, 1.0], [0.01, 1.0]],
+            ..TransferFunction::default()
+        };
+        let encoding = SlotEncoding::new(VoxelType::U8, (0.0, 1.0), false);
+        let grid = TransferGrid::new(&transfer, &encoding);
+        for i in 1..100 {
+            let value = i as f32 / 100.0;
+            let [red, _, blue, alpha] = grid.lookup(value, 0.3);
+            // A row is a 256th of the way.
+            assert!((red - value).abs() < 0.004 && (blue - (1.0 - value)).abs() < 0.004, "{value}: {red}");
+            assert!((alpha - 0.05 * value).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn columns_end_where_the_factor_does() {
+        let with = |points: &[[f64; 2]]| {
+            let transfer = TransferFunction { gradient_opacity: points.to_vec(), ..ramps() };
+            TransferGrid::new(&transfer, &SlotEncoding::new(VoxelType::I8, (0.0, 1.0), false))
+        };
+        let plain = with(&[[0.0, 0.0], [20.0, 1.0]]);
+        assert_eq!(with(&[[0.0, 0.0], [20.0, 1.0], [1e6, 1.0], [2e6, 1.0]]), plain);
+        assert!(with(&[[0.0, 0.0], [20.0, 1.0], [40.0, 0.5]]).columns_per_gradient < plain.columns_per_gradient);
+    }
+
+    #[test]
+    fn a_layer_narrower_than_a_row_is_drawn() {
+        let encoding = SlotEncoding::new(VoxelType::U16, (0.0, 1.0), false);
+        for centre in [18832.0, 31388.0, 37433.0] {
+            let transfer = TransferFunction {
+                opacity: [
+                    [0.0, 0.2],
+                    [465.0, 0.0],
+                    [-20.0, 0.0],
+                    [-10.0, 1.0],
+                    [10.0, 1.0],
+                    [20.0, 0.0],
+                    [59000.0, 0.0],
+                    [59520.0, 0.2],
+                ]
+                .iter()
+                .enumerate()
+                .map(|(i, &[at, alpha])| [if (2..6).contains(&i) { centre + at } else { at }, alpha])
+                .collect(),
+                gradient_opacity: vec![[0.0, 1.0], [100.0, 0.5]],
+                ..TransferFunction::default()
+            };
+            let grid = TransferGrid::new(&transfer, &encoding);
+            let most = (0..200).map(|i| grid.lookup(centre as f32 + i as f32 - 100.0, 0.0)[3]).fold(0.0, f32::max);
+            assert!(most > 0.99, "{centre}: {most}");
+            assert_eq!(grid.lookup(centre as f32 + 200.0, 0.0)[3], 0.0);
+        }
     }
 
     #[test]
