@@ -129,7 +129,7 @@ impl JointVariant {
         format!(
             "const LAYERS: u32 = {}u;\nconst MARGIN: f32 = {:?};\nconst CURVE: u32 = {}u;\nconst PARTS: u32 = {parts}u;\n\
              const IS_PRE_INTEGRATED: bool = {is_pre_integrated};\nconst SURFACE_LIGHTING: u32 = {}u;\nconst HAS_FOG: bool = {};\n\
-             const IS_CUT: bool = {is_cut};\nconst IS_READ: bool = {};\nconst IS_MIDDLE: bool = {};\nconst IS_ONE_SAMPLE: bool = {};\n\
+             const IS_CUT: bool = {is_cut};\nconst IS_LOOPED: bool = {};\nconst IS_READ: bool = {};\nconst IS_MIDDLE: bool = {};\nconst IS_ONE_SAMPLE: bool = {};\n\
              var<private> layer: u32;\nvar<private> FIRST_NODE: u32;\nvar<private> FIRST_BRICK: u32;\n\
              var<private> FIRST_RANGE: u32;\nvar<private> FIRST_PLACE: u32;\nvar<private> FIRST_COUNT: u32;\n\
              var<private> LIGHTING: u32;\n{}",
@@ -138,6 +138,7 @@ impl JointVariant {
             curve as u32,
             self.medium.surface_light() as u32,
             surfaces != Surfaces::Alone,
+            self.is_looped(),
             self.expression.is_some(),
             curve == Curve::Middle && !is_cut,
             curve == Curve::Middle || (curve != Curve::Field && parts == 1),
@@ -276,7 +277,7 @@ impl JointVariant {
             },
             cut("    next = min(next, way_#.crossing);\n"),
             cut(
-                "    if (way_#.crossing <= next) {\n        become_#();\n        light = pass_surface(light);\n        taken_#();\n    }\n"
+                "    if (is_passed_with(next, way_#.crossing, cap_#)) {\n        become_#();\n        light = pass_surface(light);\n        taken_#();\n    }\n"
             ),
             first = self.of_layer(0, "become_#();"),
         )
@@ -330,7 +331,7 @@ impl LayerShader {
 /// Lines that are about the layer `#`, for a layer with variables of its own.
 fn repeated(lines: &str, i: usize) -> String {
     let lines = lines.replace("    join_shown();\n", "").replace("prepare_#();", "frame_# = frames[#];");
-    let lines = lines.replace("restore_#();", "way = way_#;");
+    let lines = lines.replace("restore_#();", "way = way_#;").replace("cap_#", "way_#.cap");
     let kept = ["keep_#();", "looked_#();", "taken_#();"];
     kept.iter().fold(lines, |lines, call| lines.replace(call, "way_# = way;")).replace('#', &i.to_string())
 }
@@ -338,6 +339,7 @@ fn repeated(lines: &str, i: usize) -> String {
 /// Lines that are about the layer `#`, for the one with this index in a shader with loops.
 fn looped(lines: &str, index: &str) -> String {
     let lines = lines.replace("    prepare_#();\n", "").replace("way_#", &format!("all_kept[{index}]"));
+    let lines = lines.replace("cap_#", &format!("all_kept[{index}].ranks.z"));
     let calls = [
         ("become_#", "become_layer"),
         ("restore_#", "restore"),

@@ -12,9 +12,8 @@ fn first_rank(start: f32) -> i32 {
     return select(-1, AT_CUT, is_at_cut(start));
 }
 
-// The lit colour of a cap at a distance.
+// The lit colour of a cap at a distance, of a ray that has met its cut.
 fn cap_color(ray: Ray, t: f32, color: vec3f) -> vec3f {
-    let view = to_world(ray.direction);
-    let normal = normal_of(gradient_to_world(cut_face(ray).xyz), view);
-    return lit(SURFACE_LIGHTING, frame.lights, color, false, normal, view, to_world(ray.origin + ray.direction * t));
+    let place = to_world(ray.origin + ray.direction * t);
+    return lit(SURFACE_LIGHTING, frame.lights, color, false, met.normal, to_world(ray.direction), place);
 }

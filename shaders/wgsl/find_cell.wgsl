@@ -1,5 +1,5 @@
 // What a cell's fragment finds on its way through a layer: the one brick that stands for the layer in the cell, if there is one.
-//!import context field lattice ray sorted way
+//!import context cut_face field lattice ray sorted way
 struct Found {
     // Nothing is remembered.
     none: u32,
@@ -23,6 +23,7 @@ fn find(walk: Walk, threshold: u32, transmittance: f32) {
 fn open_brick() {
     let brick = cell_bricks[drawn.first_brick + layer];
     way.field = field_about(drawn.centre, brick.texel_scale, brick.texel_offset, way.ray);
+    way.met.rate = rate_in(way.met.cut, way.ray, brick.texel_scale);
 }
 
 // What a loop over layers keeps of what was found, and what is restored from that.

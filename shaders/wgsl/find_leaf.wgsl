@@ -1,5 +1,5 @@
 // What a ray finds on its way through a layer: leaf by leaf of the octree, and macro-cell by macro-cell.
-//!import bricks feedback field frame lattice macrocells opaque ranks tree way
+//!import bricks cut_face feedback field frame lattice macrocells opaque ranks tree way
 struct Found {
     // Where the ray leaves the leaf that it has come to last, and whether anything may be seen there.
     leave: f32,
@@ -57,6 +57,7 @@ fn open_brick() {
     way.found.brick = brick_at(way.found.number);
     let scale = way.found.brick.texel_scale;
     way.field = field_about(way.found.brick.low + 0.5 / scale, scale, way.found.brick.texel_offset, way.ray);
+    way.met.rate = rate_in(way.met.cut, way.ray, scale);
 }
 
 // What a loop over layers keeps of what was found, and what is restored from that.

@@ -6,7 +6,7 @@ fn march(in: Proxy) -> @location(0) vec4f {
     let seen = sight(in.position.xy);
     let ray = seen.ray;
     let stretch = seen.stretch;
-    meet_cut(ray);
+    meet_cut(ray, seen.eye);
     meet_brick(ray, in.texel_scale);
     let own = own_stretch(in, ray, stretch);
     let box = box_of(in);

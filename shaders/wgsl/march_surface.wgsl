@@ -16,7 +16,7 @@ fn march(in: Proxy) -> @location(0) vec4f {
     let last = min(own.y + overhang(ray, in.texel_scale, walk.stride), stretch.y);
     var pixel = pixel_start();
     if (own.x < own.y && before <= stretch.x) {
-        pixel = pixel_before(ray, stretch.x);
+        pixel = pixel_before(seen);
     }
     pixel = begin(pixel, field, walk.start);
     while (own.x < own.y && walk.middle < last && !is_final(pixel)) {

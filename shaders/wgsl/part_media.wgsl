@@ -56,6 +56,7 @@ fn pass_surface(light: Light) -> Light {
     let look = frames[layer].surfaces[surface];
     var color: vec3f;
     if (is_cap) {
+        meet_again();
         color = cap_color(way.ray, t, look.rgb);
         way.cap = 0;
     } else {

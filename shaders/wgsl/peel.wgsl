@@ -112,7 +112,7 @@ fn peel(in: Corner) -> Layer {
     let cosine = min(abs(dot(normal, direction)) / max(size, 1e-30), 1.0);
     // What has no area has no normal, and shows its colour as if it faced the eye.
     let share = AMBIENT + DIFFUSE * select(1.0, cosine, size > 0.0);
-    let white = select(0.0, SPECULAR * pow(cosine, SPECULAR_POWER), size > 0.0);
+    let white = select(0.0, SPECULAR * tenth_power(cosine), size > 0.0);
     color = select(color, share * color + white, (look.flags & IS_LIT) != 0u);
     return Layer(vec4f(color, 1.0) * look.opacity, number, depth);
 }

@@ -6,7 +6,7 @@ fn cast_ray(position: vec2f) -> vec4f {
     let ray = seen.ray;
     let threshold = dither(position);
     let stretch = seen.stretch;
-    meet_cut(ray);
+    meet_cut(ray, seen.eye);
     var pixel = pixel_start();
     pixel.rank = first_rank(stretch.x);
     var walk = enter_zone(tick_at(stretch.x), 0u, stretch);

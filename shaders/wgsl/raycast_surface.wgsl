@@ -6,7 +6,7 @@ fn cast_ray(position: vec2f) -> vec4f {
     let ray = seen.ray;
     let threshold = dither(position);
     let stretch = seen.stretch;
-    var pixel = pixel_before(ray, stretch.x);
+    var pixel = pixel_before(seen);
     var field: Field;
     var walk = enter_zone(tick_at(stretch.x), 0u, stretch);
     // Where the ray has left the last leaf, and a hair on: rounding does not find the same leaf again.

@@ -47,7 +47,7 @@ fn lit(lighting: u32, lights: u32, color: vec3f, is_flat: bool, normal: vec3f, v
             } else {
                 reflected = dot(normal, normalize(to_light - view));
             }
-            specular += pow(clamp(reflected, 0.0, 1.0), SPECULAR_POWER);
+            specular += tenth_power(clamp(reflected, 0.0, 1.0));
         }
     }
     if (lighting == TONE) {

@@ -4,6 +4,8 @@ struct Sight {
     ray: Ray,
     // From where to where.
     stretch: vec2f,
+    // The distance of the eye, behind which the ray begins.
+    eye: f32,
 }
 
 fn sight(position: vec2f) -> Sight {
@@ -12,7 +14,7 @@ fn sight(position: vec2f) -> Sight {
     let stretch = limited(whole, position);
     let shift = jitter_shift(whole, position);
     if (shift == 0.0) {
-        return Sight(ray, stretch);
+        return Sight(ray, stretch, 0.0);
     }
-    return Sight(Ray(ray.origin - ray.direction * shift, ray.direction, ray.inverse), stretch + shift);
+    return Sight(Ray(ray.origin - ray.direction * shift, ray.direction, ray.inverse), stretch + shift, shift);
 }

@@ -1,6 +1,6 @@
 // Isosurfaces: the first place where a ray passes the threshold, opaque, lit from the eye. The rule is written down beside its
 // CPU twin, the volume crate's `surface`.
-//!import cut_face field frame lighting no_value search
+//!import cut_face field frame lighting no_value search sight
 
 struct Pixel {
     // 1 before the surface, then 0.
@@ -18,11 +18,11 @@ fn pixel_start() -> Pixel {
     return Pixel(1.0, 0.0, 0.0, 0.0);
 }
 
-// Before the first place of a stretch that begins at `start`.
-fn pixel_before(ray: Ray, start: f32) -> Pixel {
-    met_cut = cut_face(ray);
+// Before the first place of what is seen.
+fn pixel_before(seen: Sight) -> Pixel {
+    met.cut = cut_face(seen.ray, seen.eye);
     var pixel = pixel_start();
-    pixel.side = select(0.0, AT_CUT, is_at_cut(start));
+    pixel.side = select(0.0, AT_CUT, is_at_cut(seen.stretch.x));
     return pixel;
 }
 
@@ -88,7 +88,7 @@ fn lit(field: Field, ray: Ray, t: f32, is_cap: bool) -> vec3f {
         return (AMBIENT + DIFFUSE) * frame.surface_color;
     }
     // In the volume's own world, of any length.
-    let gradient = select(differences * field.scale, met_cut.xyz, is_cap) / frame.spacing;
+    let gradient = select(differences * field.scale, met.cut.xyz, is_cap) / frame.spacing;
     let cosine = min(abs(dot(normalize(gradient), ray.direction * frame.spacing)), 1.0);
-    return (AMBIENT + DIFFUSE * cosine) * frame.surface_color + SPECULAR * pow(cosine, SPECULAR_POWER);
+    return (AMBIENT + DIFFUSE * cosine) * frame.surface_color + SPECULAR * tenth_power(cosine);
 }

@@ -4,7 +4,7 @@ fn value_color(color: vec3f, result: Result) -> vec3f {
     let place = to_world(way.ray.origin + way.ray.direction * segment_middle);
     let view = to_world(way.ray.direction);
     let is_flat = all(result.gradient == vec3f(0.0));
-    meet_cut(way.ray);
+    meet_again();
     meet_brick(way.ray, vec3f(1.0));
     let share = met_share(segment_middle);
     var normal = normal_of(result.gradient, view);

@@ -2,6 +2,8 @@
 //!import caps cut_face field find frame lattice medium part ray
 struct Way {
     ray: Ray,
+    // The cut by which it enters.
+    met: Met,
     // Where it is in what is shown of the layer.
     stretch: vec2f,
     // Up to where it was looked at last, and whether anything may be seen up to there.
@@ -30,6 +32,9 @@ struct Way {
 
 var<private> way: Way;
 
+// By how much the lattice is moved, and with it each ray's origin.
+var<private> moved_by: f32;
+
 // The middle of the segment.
 var<private> segment_middle: f32;
 
@@ -43,7 +48,8 @@ fn set_out(position: vec2f) {
     way.until = -1.0;
     way.is_seen = false;
     way.known.length = 0.0;
-    met_cut = cut_face(way.ray);
+    meet_cut(way.ray, 0.0);
+    way.met = met;
     way.rank = first_rank(stretch.x);
 }
 
@@ -54,13 +60,33 @@ fn union_with(whole: vec2f) -> vec2f {
 
 // Moves the lattice.
 fn shift_by(shift: f32) {
+    moved_by = shift;
     way.ray.origin -= way.ray.direction * shift;
     way.stretch += shift;
+    way.met.cut.w += shift;
 }
 
 // The layer's part of a segment: empty if it has none.
 fn part_of(walk: Walk) -> vec2f {
     return vec2f(max(walk.start, way.stretch.x), min(walk.end, way.stretch.y));
+}
+
+// How far apart caps of several layers may be that stand on one cut, as a share of the step: rounding parts them.
+const CAP_TIE: f32 = 0.01;
+
+// Whether a layer's next crossing is passed with the next of all. A cap so near behind it is, in the order of layers.
+fn is_passed_with(next: f32, crossing: f32, cap: i32) -> bool {
+    return crossing <= next + select(0.0, CAP_TIE * frame.step, cap > 0);
+}
+
+// The cut is the layer's again, where something may ask for it. A loop over layers finds it anew, for what it keeps of each has to be little.
+fn meet_again() {
+    if (IS_LOOPED && (LIGHTING != UNLIT || HAS_SURFACES)) {
+        meet_cut(way.ray, moved_by);
+        meet_brick(way.ray, way.field.scale);
+    } else if (!IS_LOOPED) {
+        met = way.met;
+    }
 }
 
 // Takes the layer's part of a segment, for which it has been looked at.
@@ -69,10 +95,7 @@ fn take_part(walk: Walk) {
     let part = part_of(walk);
     show_nothing();
     if (part.x < part.y && way.is_seen && is_own(0.5 * (part.x + part.y))) {
-        if (LIGHTING != UNLIT) {
-            meet_cut(way.ray);
-            meet_brick(way.ray, way.field.scale);
-        }
+        meet_again();
         show_part(part.x, part.y);
     }
 }

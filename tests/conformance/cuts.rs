@@ -3,10 +3,10 @@
 
 use crate::list::finest;
 use crate::scenery::{
-    SMALL, is_hole, lightings, noise, overview, parallel, range, tinted, u8_codes, uneven, waves, wide_codes,
+    SMALL, is_hole, lightings, look, noise, overview, parallel, range, tinted, u8_codes, uneven, waves, wide_codes,
 };
 use crate::shot::{Shot, pixels_off};
-use crate::stage::{ALL, MOST, Stage};
+use crate::stage::{ALL, COMPUTE, CPU, MOST, RAYCAST, Stage};
 use crate::volume::Volume;
 use brickyard::volume::*;
 use glam::DVec3;
@@ -162,4 +162,104 @@ fn caps_match_the_oracle() {
             assert!(capped > 10, "{what}: {capped} pixels of caps");
         }
     }
+}
+
+/// A cut that lies behind the eye lights nothing, wherever the lattice begins.
+#[test]
+fn a_cut_behind_the_eye_does_not_light() {
+    let volume = Volume::new(SMALL, 16, Geometry::default(), u8_codes(), |p| 90.0 + 2.0 * p.x + p.y);
+    let transfer = tinted((0.0, 255.0));
+    let eye = at(&volume, DVec3::splat(0.4));
+    let rays = look(eye, eye + DVec3::Y * 30.0, 50.0).rays(22, 18).expect("a camera");
+    let plane = ClipPlane { point: eye - DVec3::Y * 0.4, normal: DVec3::Y };
+    let (_, high) = volume.geometry.world_box(volume.pyramid.levels()[0].extent);
+    let boxed = Clip::new(Some([eye - DVec3::Y * 0.4 - DVec3::splat(1.0) * DVec3::new(90.0, 0.0, 90.0), high]), &[]);
+    let clips = [Clip::new(None, &[plane]), boxed].map(|clip| Some(clip.expect("a cut")));
+    let mut stage = Stage::exact(&[&volume]);
+    for (step, jitter) in [(0.8, Jitter::Blue), (2.6, Jitter::White(5)), (2.6, Jitter::Blue)] {
+        let frame = |clip: &Option<Clip>| FrameSettings {
+            sampling: Sampling { jitter, ..Sampling::default() },
+            lighting: lightings()[3].clone(),
+            clip: clip.clone(),
+            ..volume.frame(rays, &transfer, Lattice::uniform(step, 0))
+        };
+        let open = frame(&None);
+        let expected = Shot::new(&open, finest(&volume, &open), &transfer).oracle(&[&volume]);
+        for clip in &clips {
+            let frame = frame(clip);
+            let shot = Shot::new(&frame, finest(&volume, &frame), &transfer);
+            let what = format!("step {step}, {jitter:?}, {clip:?}");
+            assert!(shot.oracle(&[&volume]).difference(&expected).max <= 1, "the oracle, {what}");
+            shot.agree_with(&expected, &mut stage, &ALL, 0, &what);
+        }
+    }
+}
+
+/// By segments of several voxels, of which the cut leaves a part: its middle is what is lit.
+#[test]
+fn expressions_behind_a_cut_are_lit_where_they_are_seen() {
+    let volume = noisy();
+    let text = Expression::parse("a", 1).expect("an expression");
+    let opaque = TransferFunction {
+        color: vec![[0.0, 0.8, 0.6, 0.3]],
+        opacity: vec![[0.0, 0.9]],
+        ..TransferFunction::default()
+    };
+    let combination = Combination::new(text, opaque);
+    let transfers = [combination.of_volume(0, &[[0.0, 255.0]])];
+    let mut stage = Stage::exact(&[&volume]);
+    for (share, normal) in [(0.45, DVec3::new(0.4, 0.5, 1.0)), (0.55, DVec3::new(-0.9, -0.6, 0.5))] {
+        for step in [0.7, 2.6] {
+            let clip = Clip::new(None, &[cut(&volume, share, normal)]).expect("a cut");
+            let frame = FrameSettings {
+                lighting: lightings()[3].clone(),
+                clip: Some(clip),
+                ..volume.frame(overview(&volume, Filter::Trilinear), &transfers[0], Lattice::uniform(step, 0))
+            };
+            let shot = Shot::new(&frame, finest(&volume, &frame), &transfers[0]);
+            let shot = Shot { combination: Some(&combination), ..shot };
+            shot.agree(&mut stage, &MOST, 1, &format!("step {step}, cut {normal}"));
+        }
+    }
+}
+
+/// Solids of two layers that overlap, cut by one plane, the second one on a grid of its own: both caps are at one distance, and the first layer's is
+/// seen, whatever rounding makes of it.
+#[test]
+fn caps_of_several_layers_are_in_the_order_of_layers() {
+    let ball = |centre: DVec3| {
+        Volume::new(SMALL, 16, Geometry::default(), u8_codes(), move |p| 230.0 - 9.0 * (p - centre).length())
+    };
+    let middle = DVec3::from_array(SMALL.map(f64::from)) * 0.5;
+    let volumes = [ball(middle - DVec3::X * 3.0), ball(middle + DVec3::X * 3.0)];
+    let transfer = tinted((0.0, 255.0));
+    let turned = Placement::from_text("0.985 -0.174 0 4.5  0.174 0.985 0 -3.8  0 0 1 0").expect("a map");
+    let plane = ClipPlane { point: middle - 0.5, normal: DVec3::new(0.3, 1.0, -0.2) };
+    let rays = look(middle + DVec3::new(-6.0, -70.0, 20.0), middle, 30.0).rays(44, 36).expect("a camera");
+    let frame = |i: usize| {
+        let color = Some([[1.0, 0.1, 0.1], [0.1, 0.3, 1.0]][i]);
+        let surface = [Isosurface { value: 130.0, color, opacity: 1.0 }];
+        let settings = FrameSettings {
+            mode: Mode::Isosurface,
+            caps: true,
+            surfaces: Surface::all(&surface, &transfer, &volumes[i].encoding),
+            placement: [Placement::default(), turned][i],
+            ..volumes[i].frame(rays, &transfer, Lattice::uniform(0.7, 0))
+        };
+        let clip = Clip::new(None, &[plane]).expect("a cut");
+        let clip = Clip::in_volume(Some(&clip), &settings.placement, None).expect("a cut");
+        VolumeFrame { settings: FrameSettings { clip, ..settings }, blend: Blend::Mix, opacity: 1.0 }
+    };
+    let frames = vec![frame(0), frame(1)];
+    let lists = (0..2).map(|i| finest(&volumes[i], &frames[i].settings)).collect();
+    let transfers = vec![&transfer; 2];
+    let shot = Shot { frames, lists, transfers, combination: None, is_apart: false };
+    let all = [&volumes[0], &volumes[1]];
+    let mut stage = Stage::with_room(&all, [shot.needs()]);
+    let changes =
+        |row: &[[u8; 3]]| row.windows(2).filter(|pair| (pair[0][0] > pair[0][2]) != (pair[1][0] > pair[1][2])).count();
+    let expected = shot.oracle(&all);
+    assert!(expected.rgb.chunks_exact(44).all(|row| changes(row) <= 3), "two solids, and black about them");
+    // Rays that graze a solid.
+    shot.agree(&mut stage, &[CPU, RAYCAST, COMPUTE], 4, "two caps");
 }

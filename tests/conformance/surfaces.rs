@@ -171,6 +171,30 @@ fn surfaces_have_no_pinholes() {
     }
 }
 
+/// Rays skip a brick that has nothing of the surface in parts: where they go on they know on which side they are.
+#[test]
+fn surfaces_are_not_met_where_there_are_none() {
+    let wave = |p: DVec3| {
+        let p = p - 0.5;
+        255.0 * (0.5 + 0.25 * (0.31 * p.x + 0.17 * p.y).sin() + 0.24 * (0.23 * p.y - 0.27 * p.z).cos())
+    };
+    let geometry = Geometry { spacing: DVec3::new(1.0, 1.2, 0.9), ..Geometry::default() };
+    let volume = Volume::new([60, 49, 65], 16, geometry, u8_codes(), wave);
+    let transfer = vivid((0.0, 255.0));
+    let mut stage = Stage::exact(&[&volume]);
+    for eye in [[132.6, -78.2, 168.4], [-90.0, 120.0, 90.0], [30.0, -150.0, -60.0]] {
+        let rays = look(DVec3::from_array(eye), DVec3::new(29.5, 28.8, 28.8), 22.0).rays(120, 96).expect("a camera");
+        for threshold in [186.0, 110.0] {
+            let surfaces = vec![Surface { threshold, color: [1.0; 3], opacity: 1.0 }];
+            let plain = volume.frame(rays, &transfer, Lattice::uniform(0.9, 0));
+            let frame = FrameSettings { mode: Mode::Isosurface, surfaces, ..plain };
+            let shot = Shot::new(&frame, finest(&volume, &frame), &transfer);
+            // Rays that graze the surface.
+            shot.agree(&mut stage, &[CPU, RAYCAST], 4, &format!("{threshold} from {eye:?}"));
+        }
+    }
+}
+
 /// A slanted plane through bricks of 8, of which only those are there that it is in, or half a voxel beside. Its crossing may lie in a
 /// segment of a cell that is not there: the cell that the segment reaches into takes it.
 #[test]

@@ -3,6 +3,7 @@
 use crate::layer::{Piece, Way, segments};
 use crate::surface::Crossings;
 use brickyard_volume::compositing::JointMedium;
+use brickyard_volume::surface::sort_met;
 use brickyard_volume::{Blend, Combination, MAX_VOLUMES, Mode, Segment};
 use glam::DVec3;
 
@@ -57,12 +58,12 @@ fn media(ways: &[Way<'_>], limits: [f64; 2]) -> (DVec3, f64) {
         for (way, crossings) in ways.iter().zip(&mut crossings) {
             way.take(segment, crossings, &mut pieces, &mut surfaces);
         }
-        surfaces.sort_by(|a, b| a.t.total_cmp(&b.t));
+        sort_met(&mut surfaces, |surface| (surface.t, surface.tie));
         let mut start = segment.start;
         for surface in surfaces {
             light.see(between(&pieces, start, surface.t));
             light.see((surface.color * surface.opacity, 1.0 - surface.opacity));
-            start = surface.t;
+            start = start.max(surface.t);
         }
         light.see(between(&pieces, start, segment.end));
     }

@@ -5,6 +5,7 @@ use crate::medium::{Field, turned};
 use crate::path::Path;
 use crate::surface::{Crossing, Crossings};
 use brickyard_volume::compositing::LayerMedium;
+use brickyard_volume::surface::CAP_TIE;
 use brickyard_volume::{Blend, Lighting, LightingModel, Mode, Ray, Segment, VolumeFrame, extremes, surface};
 use glam::DVec3;
 
@@ -33,6 +34,8 @@ pub(crate) struct Piece {
 /// A surface that a ray meets: its distance, lit colour and opacity.
 pub(crate) struct Met {
     pub(crate) t: f64,
+    /// As [`sort_met`](brickyard_volume::surface::sort_met) asks for it.
+    pub(crate) tie: f64,
     pub(crate) color: DVec3,
     pub(crate) opacity: f64,
 }
@@ -118,14 +121,15 @@ impl<'a> Way<'a> {
         let Some((part, field)) = self.part(segment) else { return };
         let mut start = part.start;
         let extent = self.volume.levels[0].extent;
-        let cap = self.frame.settings.cap(extent, self.path.origin, self.path.direction, start);
+        let cap = self.frame.settings.cap(extent, (self.path.origin, self.path.direction), 0.0, start);
         for Crossing { t, surface, is_cap } in crossings.within(part, cap.is_some(), |t| field.value(t)) {
             pieces.extend(self.piece(field, Segment { start, end: t }));
             let cut = if is_cap { cap } else { None };
             let of_surfaces = Field { lighting: &self.surface_lighting, cut, ..field };
             let color = DVec3::from_array(surface.color.map(f64::from));
             let color = of_surfaces.shade(color, of_surfaces.differences(t, surface.threshold), t);
-            surfaces.push(Met { t, color, opacity: surface.opacity as f64 });
+            let tie = if is_cap { CAP_TIE * self.frame.settings.lattice.step } else { 0.0 };
+            surfaces.push(Met { t, tie, color, opacity: surface.opacity as f64 });
             start = t;
         }
         pieces.extend(self.piece(field, Segment { start, ..part }));

@@ -82,6 +82,8 @@ struct Entry {
 
 /// What a thread works with.
 struct Work {
+    /// From where to where any layer is shown along the ray.
+    stretch: [f64; 2],
     runs: Vec<Run>,
     ways: Vec<Way>,
     entries: Vec<Entry>,
@@ -118,6 +120,7 @@ impl<'a> JointMarch<'a> {
     fn work(&self, frames: &[Frame<'_>]) -> Work {
         let read = if self.combination.is_some() { frames.len() } else { 0 };
         Work {
+            stretch: [0.0; 2],
             runs: Vec::new(),
             ways: Vec::new(),
             entries: Vec::new(),
@@ -197,6 +200,9 @@ impl Work {
             });
             let (x0, x1) = (cell.rect.x0.max(tile.x0), cell.rect.x1.min(tile.x1));
             for y in cell.rect.y0.max(tile.y0)..cell.rect.y1.min(tile.y1) {
+                if frames[0].is_given_up() {
+                    return;
+                }
                 for x in x0..x1 {
                     let i = place(tile, x, y);
                     let ray = &mut rays[i];
@@ -239,6 +245,7 @@ impl Work {
         (first, end): (u32, u32),
     ) {
         self.runs.clear();
+        self.stretch = ray.stretch();
         for way in &mut self.ways {
             way.runs = 0..0;
             way.ray = *ray;
@@ -269,9 +276,14 @@ impl Work {
         }
         // One lattice for all, moved by where the first of them is entered.
         let shift = frames[0].shift(x, y, entry);
+        self.stretch = [f64::INFINITY, 0.0];
         for way in &mut self.ways {
             let frame = &frames[way.layer];
             way.ray.set_out(&frame.ticks, shift, limits);
+            if way.ray.first < way.ray.end {
+                let ([enter, leave], [first, last]) = (way.ray.stretch(), self.stretch);
+                self.stretch = [enter.min(first), leave.max(last)];
+            }
             let from = self.runs.len();
             for &index in &cells[way.layer] {
                 if way.ray.cursor >= way.ray.end {
@@ -304,7 +316,7 @@ impl Work {
             next = self.gather(together, frames, tick..end, zone);
             let count = ((end - tick) >> zone) as usize;
             if let Some(combination) = together.combination {
-                let shade = self.ways.first().map(|way| shade(&frames[way.layer], &way.ray, tick, zone));
+                let shade = self.ways.first().map(|way| shade(&frames[way.layer], &way.ray, self.stretch, tick, zone));
                 self.media.combine(combination, count, |segment, color, normal| match &shade {
                     Some(shade) => shade(segment, color, normal),
                     None => color,
@@ -362,10 +374,11 @@ impl Work {
     }
 }
 
-/// What lights the colours of a chunk's segments from a tick on, along a layer's ray, in their middles.
+/// What lights the colours of a chunk's segments from a tick on, along a layer's ray, in the middles of what of them is shown of any layer.
 fn shade<'a>(
     frame: &'a Frame<'_>,
     ray: &Ray,
+    [enter, leave]: [f64; 2],
     tick: u32,
     zone: usize,
 ) -> impl Fn(usize, DVec3, Option<DVec3>) -> DVec3 + use<'a> {
@@ -376,10 +389,11 @@ fn shade<'a>(
     let eye = settings.placement.world_from_volume(eye);
     let length = ticks.step * (1u64 << zone) as f64;
     let voxels = DVec3::from_array(ray.direction);
-    let cut = settings.cut_face(frame.extent, DVec3::from_array(ray.origin), voxels);
+    let cut = settings.cut_face(frame.extent, (DVec3::from_array(ray.origin), voxels), ray.eye);
     let cut = cut.map(|cut| (cut, cut.voxels_per_distance(voxels, DVec3::ONE)));
     move |segment, color, normal| {
-        let middle = tick as f64 * ticks.step + (segment as f64 + 0.5) * length;
+        let start = tick as f64 * ticks.step + segment as f64 * length;
+        let middle = 0.5 * (start.max(enter) + (start + length).min(leave));
         let normal = match cut {
             Some((cut, rate)) => cut.mixed(normal, direction, CutFace::share((middle - cut.entry) * rate)),
             None => normal,

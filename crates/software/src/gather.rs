@@ -18,6 +18,7 @@ use crate::sample::{ALL_PACKETS, Brick, Code, Code8, Code16, Float32, Portable, 
 use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
 use brickyard_volume::sampling::Curve;
+use brickyard_volume::surface::CAP_TIE;
 use brickyard_volume::{Method, Mode, SlotFormat};
 use glam::{DVec3, Vec4};
 use std::ops::Range;
@@ -297,7 +298,8 @@ impl<const ENDS: bool> Look for Any<ENDS> {
             if let (Some(crossing), Some(found)) = (piece.surface, &mut media.found) {
                 let segment = media.alone.place(piece.segments.start);
                 let shown = path.surface::<C, U, INVALID>(crossing);
-                found.surfaces.push(Met { segment, t: path.distance(crossing.along), shown });
+                let tie = if crossing.is_cap { CAP_TIE * march.frame.ticks.step } else { 0.0 };
+                found.surfaces.push(Met { segment, t: path.distance(crossing.along), tie, shown });
                 if shown.w >= 1.0 {
                     media.end = media.end.min(segment + 1);
                     return;

@@ -3,6 +3,7 @@
 use crate::mixture::{LayerMedium, LayerMediumChunk, Mixed, OPAQUE, Passage};
 use crate::packet::{CHUNK, LANES};
 use brickyard_volume::Combination;
+use brickyard_volume::surface::sort_met;
 use glam::{DVec3, Vec4, Vec4Swizzles};
 use std::ops::Range;
 
@@ -51,6 +52,8 @@ pub(crate) struct Piece {
 pub(crate) struct Met {
     pub(crate) segment: usize,
     pub(crate) t: f64,
+    /// As [`sort_met`] asks for it.
+    pub(crate) tie: f64,
     pub(crate) shown: Vec4,
 }
 
@@ -118,7 +121,9 @@ impl Media {
         let count = count.min(CHUNK);
         let mut from = 0;
         if let Some(mut found) = self.found.take_if(|found| !found.surfaces.is_empty()) {
-            found.surfaces.sort_by(|a, b| a.segment.cmp(&b.segment).then(a.t.total_cmp(&b.t)));
+            found.surfaces.sort_by_key(|surface| surface.segment);
+            let in_segments = found.surfaces.chunk_by_mut(|a, b| a.segment == b.segment);
+            in_segments.for_each(|here| sort_met(here, |surface| (surface.t, surface.tie)));
             for here in found.surfaces.chunk_by(|a, b| a.segment == b.segment) {
                 let segment = here[0].segment;
                 light = self.pass(from..segment, light);
@@ -157,7 +162,7 @@ impl Found {
         for Met { t, shown, .. } in surfaces {
             light = self.between(segment, [start, *t], light, passage);
             light = (light.xyz() + shown.xyz() * (shown.w * light.w)).extend(light.w * (1.0 - shown.w));
-            start = *t;
+            start = start.max(*t);
         }
         self.between(segment, [start, f64::INFINITY], light, passage)
     }

@@ -26,6 +26,8 @@ pub(crate) struct Ray {
     pub(crate) direction: [f64; 3],
     /// World units per voxel.
     inverse: [f64; 3],
+    /// The distance of the eye, behind which the ray begins where its lattice is moved.
+    pub(crate) eye: f64,
     /// The stretch that is shown.
     t_in: f64,
     t_out: f64,
@@ -59,6 +61,7 @@ impl Ray {
         origin: [0.0; 3],
         direction: [0.0; 3],
         inverse: [0.0; 3],
+        eye: 0.0,
         t_in: 0.0,
         t_out: 0.0,
         first: 0,
@@ -105,6 +108,11 @@ impl Ray {
         (self.t_in < self.t_out).then_some(self.t_in)
     }
 
+    /// From where to where the ray is shown; empty if it never is.
+    pub(crate) fn stretch(&self) -> [f64; 2] {
+        [self.t_in, self.t_out]
+    }
+
     /// Finds the ray's segments between these distances, along a lattice that is moved towards the eye by `shift`. The lattice then starts
     /// that far behind the eye, and so does the ray.
     #[inline(always)]
@@ -112,6 +120,7 @@ impl Ray {
         let (t_in, t_out) = (self.t_in.max(limits[0]), self.t_out.min(limits[1]));
         if t_in < t_out {
             (self.t_in, self.t_out) = (t_in + shift, t_out + shift);
+            self.eye = shift;
             (0..3).for_each(|a| self.origin[a] -= self.direction[a] * shift);
             self.first = ticks.about(self.t_in);
             self.end = ticks.about(self.t_out);

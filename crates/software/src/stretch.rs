@@ -35,7 +35,7 @@ impl March<'_> {
         }
         let (start, _) = ray.ends(&self.frame.ticks, first);
         let [origin, direction] = [ray.origin, ray.direction].map(DVec3::from_array);
-        settings.cap(self.frame.extent, origin, direction, start).is_some()
+        settings.cap(self.frame.extent, (origin, direction), ray.eye, start).is_some()
     }
 
     /// The cut through which a ray enters what is shown, and how many voxels of the cell's level it goes below the cut for each unit of
@@ -44,7 +44,8 @@ impl March<'_> {
     pub(crate) fn cut(&self, ray: &Ray) -> Option<(CutFace, f64)> {
         self.frame.settings.clip.as_ref()?;
         let direction = DVec3::from_array(ray.direction);
-        let cut = self.frame.settings.cut_face(self.frame.extent, DVec3::from_array(ray.origin), direction)?;
+        let origin = DVec3::from_array(ray.origin);
+        let cut = self.frame.settings.cut_face(self.frame.extent, (origin, direction), ray.eye)?;
         Some((cut, cut.voxels_per_distance(direction, DVec3::from_array(self.cell.scale).recip())))
     }
 }
@@ -148,6 +149,10 @@ impl Stretch {
             return None;
         }
         let from = seen.trailing_zeros();
+        // Blocks are looked at in eights: those past the last one are none.
+        if from as i32 * self.block >= self.count {
+            return None;
+        }
         let to = from + (*seen >> from).trailing_ones();
         *seen = seen.checked_shr(to).unwrap_or(0).checked_shl(to).unwrap_or(0);
         let last = (to as i32).saturating_mul(self.block);
@@ -231,4 +236,19 @@ impl Stretch {
 #[inline(always)]
 fn longest(step: [f32; 3]) -> f32 {
     step[0].abs().max(step[1].abs()).max(step[2].abs())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_past_the_last_one_are_none() {
+        // Three blocks, of which the last has four segments.
+        let stretch = Stretch { count: 20, block: 8, ..Stretch::EMPTY };
+        assert_eq!(stretch.next_seen(&mut 0b1010_1000), None);
+        let mut seen = 0b1110_0110;
+        assert_eq!(stretch.next_seen(&mut seen), Some(8..20));
+        assert_eq!(stretch.next_seen(&mut seen), None);
+    }
 }

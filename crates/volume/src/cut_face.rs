@@ -52,18 +52,18 @@ impl CutFace {
 impl FrameSettings {
     /// The cut on which a cap stands if the place at the distance `start`, where a segment of the ray begins, is past surfaces; `None` if surfaces
     /// are not capped, or the ray does not enter by a cut there.
-    pub fn cap(&self, extent: Extent, origin: DVec3, direction: DVec3, start: f64) -> Option<CutFace> {
+    pub fn cap(&self, extent: Extent, ray: (DVec3, DVec3), eye: f64, start: f64) -> Option<CutFace> {
         if !self.caps {
             return None;
         }
         // What rounding leaves of a distance; behind it, a layer of meshes bounds what is drawn.
         let is_here = |cut: &CutFace| (start - cut.entry).abs() <= 1e-6 * self.lattice.step;
-        self.cut_face(extent, origin, direction).filter(is_here)
+        self.cut_face(extent, ray, eye).filter(is_here)
     }
 
-    /// The cut through which a ray, given in voxel space, enters what is shown of a volume of this extent; `None` if it enters by the volume's own
-    /// face, or begins inside.
-    pub fn cut_face(&self, extent: Extent, origin: DVec3, direction: DVec3) -> Option<CutFace> {
+    /// The cut through which a ray enters what is shown of a volume of this extent; `None` if it enters by the volume's own face, or its eye is
+    /// inside. The ray is an origin and a direction in voxel space, with the eye at a distance: 0, unless the origin was moved behind the eye.
+    pub fn cut_face(&self, extent: Extent, (origin, direction): (DVec3, DVec3), eye: f64) -> Option<CutFace> {
         let clip = self.clip.as_ref()?;
         let (low, high) = self.shown_box(extent);
         let extent = DVec3::from_array(extent.to_array().map(f64::from));
@@ -78,7 +78,7 @@ impl FrameSettings {
             let (height, rise) = (plane.height(self.geometry.world_from_voxel(origin)), slope.dot(direction));
             (rise > 0.0).then(|| (-height / rise, slope))
         });
-        let begin = (0.0, DVec3::ZERO);
+        let begin = (eye, DVec3::ZERO);
         let (entry, slope) = sides.chain(planes).fold(begin, |last, next| if next.0 > last.0 { next } else { last });
         let normal = -self.placement.world_gradient(slope / self.geometry.spacing).try_normalize()?;
         Some(CutFace { entry, slope, normal })

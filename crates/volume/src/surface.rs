@@ -23,6 +23,21 @@ use crate::slot_encoding::{ANYTHING, SlotEncoding};
 use crate::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
 
+/// How far apart caps of several layers may be that stand on one cut, as a share of the step: rounding parts them.
+pub const CAP_TIE: f64 = 0.01;
+
+/// Puts surfaces that a ray meets in one segment, given in the order of their layers, into the order in which it passes them. `met` gives the
+/// distance of each, and how far behind another surface it may lie and still be passed with that, in the order of layers: [`CAP_TIE`] of a
+/// step for caps, else 0.
+pub fn sort_met<T>(surfaces: &mut [T], met: impl Fn(&T) -> (f64, f64)) {
+    let all: Vec<f64> = surfaces.iter().map(|surface| met(surface).0).collect();
+    let passed_at = |surface: &T| {
+        let (t, tie) = met(surface);
+        all.iter().copied().filter(|other| (t - tie..=t).contains(other)).fold(t, f64::min)
+    };
+    surfaces.sort_by(|a, b| passed_at(a).total_cmp(&passed_at(b)));
+}
+
 /// The most isosurfaces that one layer of a scene may have.
 pub const MAX_SURFACES: usize = 8;
 
@@ -135,6 +150,23 @@ pub fn headlight(cosine: Option<f64>) -> (f64, f64) {
 mod tests {
     use super::*;
     use crate::voxel_type::VoxelType;
+
+    #[test]
+    fn caps_of_one_cut_are_in_the_order_of_layers() {
+        let order = |met: &[(f64, f64)]| {
+            let mut all: Vec<(usize, (f64, f64))> = met.iter().copied().enumerate().collect();
+            sort_met(&mut all, |surface| surface.1);
+            all.into_iter().map(|surface| surface.0).collect::<Vec<_>>()
+        };
+        assert_eq!(order(&[(3.0, 0.0), (1.0, 0.0), (2.0, 0.0)]), [1, 2, 0]);
+        assert_eq!(
+            order(&[(1.004, 0.01), (1.0, 0.01), (0.5, 0.0)]),
+            [2, 0, 1],
+            "a cap is passed with what is just before it"
+        );
+        assert_eq!(order(&[(1.02, 0.01), (1.0, 0.01)]), [1, 0], "not with what is farther away");
+        assert_eq!(order(&[(1.004, 0.0), (1.0, 0.01)]), [1, 0], "nor a surface that is no cap");
+    }
 
     #[test]
     fn a_range_straddles_only_what_is_inside_of_it() {

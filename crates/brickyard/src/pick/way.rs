@@ -96,7 +96,7 @@ impl<'a> Way<'a> {
     /// Whether a segment begins on a cut that caps surfaces.
     pub(super) fn is_capped(&self, start: f64) -> bool {
         let extent = self.source.pyramid().levels()[0].extent;
-        start == self.stretch[0] && self.settings.cap(extent, self.origin, self.direction, start).is_some()
+        start == self.stretch[0] && self.settings.cap(extent, (self.origin, self.direction), 0.0, start).is_some()
     }
 
     /// What a distance along the ray comes to, within what is shown.
