@@ -9,7 +9,8 @@ use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::macrocells::per_axis;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    Blend, Clip, ClipPlane, FrameSettings, Jitter, Level, LightingModel, MAX_PLANES, Mode, Pyramid, VoxelBox,
+    Blend, Clip, ClipPlane, Filter, FrameSettings, Gradient, Jitter, Level, LightingModel, MAX_PLANES, Mode, Pyramid,
+    VoxelBox,
 };
 use glam::{DMat3, DVec2, DVec3};
 
@@ -58,8 +59,28 @@ impl<'a> Framed<'a> {
             && self.pyramid == other.pyramid
     }
 
-    /// Samples that a ray takes in the layer at most, by the edges of its box.
-    pub(crate) fn most_samples(&self) -> f64 {
+    /// What a ray takes in the layer at most, in reads of a texture: samples, by the edges of its box, with what each of them reads.
+    pub(crate) fn most_reads(&self) -> f64 {
+        self.most_samples() * self.reads_per_sample()
+    }
+
+    fn reads_per_sample(&self) -> f64 {
+        let settings = self.settings;
+        let by_value = match settings.sampling.filter {
+            Filter::Nearest | Filter::Trilinear => 1.0,
+            Filter::Tricubic => 8.0,
+        };
+        let by_voxel = if settings.encoding.has_whole_table() { 1.0 } else { 8.0 };
+        let of_gradient = match settings.lighting.gradient {
+            _ if !self.is_lit() && settings.grid().is_none() => 0.0,
+            Gradient::Central => 6.0,
+            Gradient::Sobel => 26.0,
+            Gradient::Stored => 1.0,
+        };
+        by_value * by_voxel * (1.0 + of_gradient)
+    }
+
+    fn most_samples(&self) -> f64 {
         let FrameSettings { geometry, placement, lattice, .. } = self.settings;
         let (low, high) = self.settings.shown_box(self.pyramid.levels()[0].extent);
         let edges = DMat3::from_diagonal((high - low).max(DVec3::ZERO) * geometry.spacing);

@@ -366,7 +366,7 @@ impl Passes<'_> {
             is_begin: self.slabs == 0 && i == 0,
             frame: self.frame_part(i),
             pace: &self.renderer.pace,
-            samples: self.framed[i..].iter().map(Framed::most_samples).sum(),
+            reads: self.framed[i..].iter().map(Framed::most_reads).sum(),
         })
     }
 

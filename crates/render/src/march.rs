@@ -153,8 +153,8 @@ pub(crate) struct Gathering<'a> {
     /// The part of the frames' buffer that the march uses: the layer's frame, or the first of all layers.
     pub(crate) frame: Part,
     pub(crate) pace: &'a Pace,
-    /// The most samples that a ray takes.
-    pub(crate) samples: f64,
+    /// The most reads of a texture that a ray takes.
+    pub(crate) reads: f64,
 }
 
 impl Gathering<'_> {
@@ -197,12 +197,12 @@ impl Gathering<'_> {
         mut submit: impl FnMut(Band) -> wgpu::SubmissionIndex,
     ) -> Result<(), GpuError> {
         let (width, height) = self.size_px;
-        let is_whole = u64::from(self.pace.pixels(self.samples)) >= u64::from(width) * u64::from(height);
+        let is_whole = u64::from(self.pace.pixels(self.reads)) >= u64::from(width) * u64::from(height);
         let middle = if is_whole { 0 } else { height / 2 / unit * unit };
         let (mut above, mut below) = (middle, middle);
         while above > 0 || below < height {
             let is_below = below < height;
-            let rows = (self.pace.pixels(self.samples) / width).min(most) / unit;
+            let rows = (self.pace.pixels(self.reads) / width).min(most) / unit;
             let rows = (rows.max(1) * unit).min(if is_below { height - below } else { above });
             let is_first = (above, below) == (middle, middle);
             let top = if is_below { below } else { above - rows };

@@ -217,6 +217,9 @@ impl Work {
                     while start < last {
                         if queue.len == QUEUE {
                             waiting -= queue.march::<B>(sampler, frame, cell, rays, chunk);
+                            if frame.is_given_up() {
+                                return;
+                            }
                         }
                         start = queue.push(Stretch::new(frame, cell, &rays[i], i, start, last, B::REACH));
                     }
@@ -232,6 +235,9 @@ impl Work {
 
 /// Stretches that are marched together.
 const QUEUE: usize = 64;
+
+/// More segments than a stretch has where steps are not far shorter than voxels: before those it is asked whether drawing is given up.
+const LONG: i32 = 1 << 10;
 
 /// Stretches of one cell, to be marched step by step: first it is found out what can be seen of all of them, then that is
 /// sampled. Taken one by one, the processor would wait for the end of each long computation to know where to go on.
@@ -276,6 +282,9 @@ impl Queue {
         let march = (sampler.through)(frame, cell);
         let mut ended = 0;
         for stretch in stretches {
+            if stretch.count > LONG && frame.is_given_up() {
+                break;
+            }
             let ray = &mut rays[stretch.ray];
             let mut seen = stretch.seen;
             // A ray may have several stretches. Neighbouring blocks are sampled together.
