@@ -346,6 +346,33 @@ fn specks_stay_or_it_is_said_that_they_may_not() {
     }
 }
 
+/// A bright layer just behind a cut, and a dark one, does not show; of a locked coarse level it is said that it may.
+#[test]
+fn what_is_cut_away_does_not_show() {
+    let sandbox = Sandbox::default();
+    let extent = Extent::new(64, 64, 128);
+    sandbox.write("gray.json", r#"{"color": [[0, 0, 0, 0], [255, 1, 1, 1]], "opacity": [[0, 1]], "unit_distance": 1}"#);
+    for (mode, kept, hidden, pyramids) in [("mip", 50.0, 255.0, "mean,max"), ("minip", 200.0, 1.0, "mean,min")] {
+        let value = |[_, _, z]: [u32; 3]| if z == 102 { hidden } else { kept };
+        sandbox.write("v.raw", bytes_of(VoxelType::U8, extent, value));
+        sandbox.run_ok(&format!(
+            "pack v.raw {mode}.zarr --shape 64,64,128 --dtype u8 --brick 16 --shard 64 --downsample {pyramids} --progress none"
+        ));
+        // Up to voxel 100, whose far side is 100.5.
+        for cut in [
+            "--volume 0:crop=0:64,0:64,0:101 --view +z",
+            "--clip -1:65,-1:65,-1:100.5 --view +z",
+            "--clip-plane 32,32,100.5:0,0,-1 --view +z",
+            "--slice z=90 --thickness 21",
+        ] {
+            let line = format!("{mode}.zarr --mode {mode} {cut}");
+            let exact = (Some(kept as u8), Some(kept as u8), false);
+            assert_eq!(drawn(&sandbox, &line), exact, "{line}");
+            assert!(drawn(&sandbox, &format!("{line} --level 2")).2, "{line}: it is said");
+        }
+    }
+}
+
 /// Whatever packs, images have means and maxima, and labels the most frequent.
 #[test]
 fn all_that_pack_keep_maxima_of_images() {

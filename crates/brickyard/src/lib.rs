@@ -81,6 +81,7 @@ pub mod channels;
 pub mod curve;
 mod device;
 mod device_losses;
+pub mod doubtful_extremes;
 #[cfg(feature = "gpu")]
 mod embedding;
 #[cfg(feature = "gpu")]
@@ -94,7 +95,6 @@ pub mod frame_governor;
 mod gpu_backend;
 #[cfg(feature = "lettering")]
 pub mod lettering;
-mod lost_extremes;
 pub mod memory;
 #[cfg(feature = "movie")]
 pub mod movie_file;

@@ -549,9 +549,13 @@ mod tests {
             for (level, expected) in [0, 1].into_iter().zip(expected) {
                 let level = LevelPolicy::Locked(level);
                 let scene = Scene { mode: Mode::Mip, level, ..Scene::default() };
-                assert_eq!(resolve(&volumes, &scene, (32, 24)).unwrap().lost_extremes(&volumes), expected, "{level:?}");
+                assert_eq!(
+                    resolve(&volumes, &scene, (32, 24)).unwrap().doubtful_extremes(&volumes).lost,
+                    expected,
+                    "{level:?}"
+                );
                 let fog = Scene { mode: Mode::Average, ..scene };
-                assert!(resolve(&volumes, &fog, (32, 24)).unwrap().lost_extremes(&volumes).is_empty());
+                assert!(resolve(&volumes, &fog, (32, 24)).unwrap().doubtful_extremes(&volumes).lost.is_empty());
             }
         }
     }

@@ -7,11 +7,12 @@ use brickyard_pager::{SlotContents, View};
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
     Camera, Clip, Combination, Expression, Filter, FrameSettings, Geometry, KeptSlots, LabelCodes, Lattice, LayerError,
-    LevelGrid, LevelPolicy, Mode, Needs, Occupancy, Picture, PixelSample, PixelSamples, Placement, Region, Scene,
-    SceneError, SceneLayer, ShownMesh, Slice, SlotEncoding, Standing, StereoLayout, StoreCounts, Surface, Timeline,
-    TransferFunction, TransferTable, ViewRays, VolumeFrame, Window,
+    Level, LevelGrid, LevelPolicy, Mode, Needs, Occupancy, Picture, PixelSample, PixelSamples, Placement, Region,
+    Scene, SceneError, SceneLayer, ShownMesh, Slice, SlotEncoding, Standing, StereoLayout, StoreCounts, Surface,
+    Timeline, TransferFunction, TransferTable, ViewRays, VolumeFrame, Window,
 };
 use glam::DVec3;
+use std::borrow::Cow;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
@@ -218,6 +219,7 @@ pub(crate) fn resolve_with(
     let eyes = Eyes::new(scene, &camera, size_px)?;
     check_reach(volumes, scene, &eyes.rays)?;
     let is_anatomical = scene.is_anatomical(&places);
+    let scene = &*with_exact_cuts(scene, &shown, &eyes.rays[0])?;
     let lattice = lattice(&shown, scene, &eyes.rays[0]);
     let is_shown = |place: &usize| shown.iter().any(|layer| layer.place == *place);
     let hidden = (0..scene.layers.len()).filter(|place| !is_shown(place));
@@ -386,6 +388,32 @@ fn joint_appearance(layers: &[ResolvedLayer], combination: Option<&Combination>)
         table.entries.iter().for_each(|entry| entry[3].to_bits().hash(&mut hasher));
     }
     hasher.finish()
+}
+
+/// The most bricks of level 0 of a volume that is drawn at that level because it is cut: those of 512^3 voxels.
+const MOST_CUT_BRICKS: u64 = 512;
+
+/// The scene at level 0 where a layer is cut that is projected by the extremes of coarse voxels, which do not end at cuts, and no layer has many
+/// bricks; else as it is.
+fn with_exact_cuts<'a>(
+    scene: &'a Scene,
+    shown: &[ShownLayer<'_>],
+    rays: &ViewRays,
+) -> Result<Cow<'a, Scene>, SceneError> {
+    let mut is_any_cut = false;
+    for layer in shown {
+        let (source, extent) = (&layer.volume.source, layer.volume.extent());
+        let [x, y, z] = source.pyramid().level(Level(0)).bricks.to_array().map(u64::from);
+        if scene.level != LevelPolicy::Auto || x * y * z > MOST_CUT_BRICKS {
+            return Ok(Cow::Borrowed(scene));
+        }
+        let is_cut = layer.style.crop.is_some() || scene.clip_for(rays, source.geometry(), extent, None)?.is_some();
+        is_any_cut |= is_cut && layer.volume.keeps_extremes(scene.mode);
+    }
+    Ok(match is_any_cut {
+        true => Cow::Owned(Scene { level: LevelPolicy::Locked(0), ..scene.clone() }),
+        false => Cow::Borrowed(scene),
+    })
 }
 
 /// One lattice for all that are shown: steps of the finest volume's voxel, in zones as far out as any volume has levels. Where a layer is

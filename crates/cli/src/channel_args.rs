@@ -110,7 +110,12 @@ impl Value for [Bound; 2] {
         let bounds = [bound(low)?, bound(high)?];
         match bounds {
             [Bound::Value(low), Bound::Value(high)] | [Bound::Percent(low), Bound::Percent(high)] if low >= high => {
-                Err(format!("'{text}': the window is upside down: expected the lesser end first"))
+                let is_empty = low == high;
+                Err(if is_empty {
+                    format!("'{text}': the window is empty: expected two ends that differ, the lesser one first")
+                } else {
+                    format!("'{text}': the window is upside down: expected the lesser end first")
+                })
             }
             _ => Ok(bounds),
         }

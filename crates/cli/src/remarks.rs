@@ -1,6 +1,7 @@
 //! What is said of a picture that shows less than its user may expect: before it is drawn, that a slice, an isovalue or a preset cannot show anything of the data; and
 //! of one that came out empty, why. Each with the numbers that would do.
 
+use brickyard::doubtful_extremes::DoubtfulExtremes;
 use brickyard::session::{ResolvedLayer, ResolvedScene, VolumeSource};
 use brickyard::unlike_sizes::unlike_sizes;
 use brickyard::volume::numbers::within_span;
@@ -29,10 +30,16 @@ pub(super) fn of_missing_isovalue(scene: &Scene, volumes: &[VolumeSource]) -> Op
     Some(format!("--mode isosurface shows the surface of a value: give it by --isovalue; the values of {reach}"))
 }
 
-/// Why a picture is empty; `None` if it is not.
-pub(super) fn of_empty(picture: &Picture, resolved: &ResolvedScene, volumes: &[VolumeSource]) -> Option<String> {
-    let first = picture.rgb.first()?;
-    if picture.rgb.iter().any(|pixel| pixel != first) {
+/// Why a picture is empty, all of it `background`; `None` if it is not.
+pub(super) fn of_empty(
+    picture: &Picture,
+    background: [f64; 3],
+    resolved: &ResolvedScene,
+    volumes: &[VolumeSource],
+) -> Option<String> {
+    // Renderers may round it to either side.
+    let is_background = |pixel: &[u8; 3]| (0..3).all(|k| (255.0 * background[k] - f64::from(pixel[k])).abs() <= 1.0);
+    if !picture.rgb.iter().all(is_background) {
         return None;
     }
     let is_clear = |layer: &ResolvedLayer| {
@@ -50,13 +57,30 @@ pub(super) fn of_empty(picture: &Picture, resolved: &ResolvedScene, volumes: &[V
     Some(format!("the picture is empty: {why}"))
 }
 
-/// What the projections of these layers may not show, which are drawn at coarse levels that do not hold their extremes; `None` if there are none.
-pub(super) fn of_lost_extremes(scene: &ResolvedScene, layers: &[usize], volumes: &[VolumeSource]) -> Option<String> {
-    let of_layers = scene.layers.iter().filter(|layer| layers.contains(&layer.place));
-    let mut names: Vec<String> =
-        of_layers.map(|layer| volumes[layer.volume].name().unwrap_or_else(|| "the volume".into())).collect();
-    names.dedup();
-    let (specks, pyramids) = match scene.mode {
+/// What projections may not show, which are drawn at coarse levels that do not hold their extremes; and what they may show of what is cut away.
+pub(super) fn of_extremes(scene: &ResolvedScene, found: &DoubtfulExtremes, volumes: &[VolumeSource]) -> Vec<String> {
+    let names = |layers: &[usize]| {
+        let of_layers = scene.layers.iter().filter(|layer| layers.contains(&layer.place));
+        let mut names: Vec<String> =
+            of_layers.map(|layer| volumes[layer.volume].name().unwrap_or_else(|| "the volume".into())).collect();
+        names.dedup();
+        names
+    };
+    let lost = of_lost(scene.mode, &names(&found.lost));
+    let cut = names(&found.past_cuts);
+    let past_cuts = (!cut.is_empty()).then(|| {
+        let are = if cut.len() == 1 { "is" } else { "are" };
+        format!(
+            "{} {are} drawn at a coarse level, whose voxels at a cut hold the extremes of both sides: what lies up to one of them behind the cut may show; \
+             --level 0 cuts exactly",
+            cut.join(" and ")
+        )
+    });
+    lost.into_iter().chain(past_cuts).collect()
+}
+
+fn of_lost(mode: Mode, names: &[String]) -> Option<String> {
+    let (specks, pyramids) = match mode {
         Mode::MinIp => ("dark specks may be brighter than they are", "mean,min"),
         _ => ("bright specks may be darker than they are", "mean,max"),
     };

@@ -11,6 +11,7 @@ use super::session_errors::{offline_failure, oracle_failure, session_failure};
 use super::store_errors;
 use super::views::Views;
 use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
+use brickyard::doubtful_extremes::DoubtfulExtremes;
 use brickyard::exact::{ExactPictureError, ExactRenderer};
 use brickyard::lettering::letter_sides;
 use brickyard::offline::render_settled;
@@ -68,7 +69,7 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
         destination,
         started,
         stats: RenderStats::default(),
-        has_told_of_lost: Cell::new(false),
+        has_told_of_extremes: Cell::new(false),
     };
     match arguments.compositor() {
         None if arguments.exact => {
@@ -99,7 +100,7 @@ struct Pictures<'a> {
     started: Instant,
     stats: RenderStats,
     /// Whether it has been said that a projection may lose extremes: once is enough for all pictures.
-    has_told_of_lost: Cell<bool>,
+    has_told_of_extremes: Cell<bool>,
 }
 
 impl Pictures<'_> {
@@ -113,11 +114,11 @@ impl Pictures<'_> {
         replaced.map_or(Ok(()), |store| Err(store_errors::open_failure(&store.replaced())))
     }
 
-    /// Says what the projections of these layers may not show.
-    fn tell_of_lost(&self, scene: &ResolvedScene, layers: &[usize]) {
-        let Some(remark) = remarks::of_lost_extremes(scene, layers, &self.volumes) else { return };
-        if !self.has_told_of_lost.replace(true) {
-            say!("note: {remark}");
+    /// Says once what projections may not show, and what they may show that is cut away.
+    fn tell_of_extremes(&self, scene: &ResolvedScene, found: &DoubtfulExtremes) {
+        let remarks = remarks::of_extremes(scene, found, &self.volumes);
+        if !remarks.is_empty() && !self.has_told_of_extremes.replace(true) {
+            remarks.iter().for_each(|remark| say!("note: {remark}"));
         }
     }
 
@@ -131,7 +132,7 @@ impl Pictures<'_> {
             let scene = self.views.scene(i)?;
             let (resolved, mut picture) = draw(self, &scene, &mut stats, &mut frame_ms)?;
             self.refuse_replaced(&stats)?;
-            if let Some(remark) = remarks::of_empty(&picture, &resolved, &self.volumes) {
+            if let Some(remark) = remarks::of_empty(&picture, scene.background, &resolved, &self.volumes) {
                 say!("note: {remark}");
             }
             if scene.slice.is_some()
@@ -158,7 +159,7 @@ impl Pictures<'_> {
             let max_wait = run.arguments.max_wait();
             let picture = render_settled(&mut session, &resolved, max_wait, run.started, stats, frame_ms);
             let picture = picture.map_err(offline_failure)?;
-            run.tell_of_lost(&resolved, &session.lost_extremes(&resolved));
+            run.tell_of_extremes(&resolved, &session.doubtful_extremes(&resolved));
             Ok((resolved, picture))
         })?;
         self.stats.level_cells = level_cells(&session, &self.volumes);
@@ -211,7 +212,7 @@ impl Pictures<'_> {
             let picture = picture.map_err(offline_failure)?;
             frame_ms.push(ms(begun));
             say!("drawn in {}", counted(stats.tiles.unwrap_or(0) as u64, "tile"));
-            run.tell_of_lost(&resolved, &resolved.lost_extremes(&run.volumes));
+            run.tell_of_extremes(&resolved, &resolved.doubtful_extremes(&run.volumes));
             Ok((resolved, picture))
         })
     }
@@ -233,7 +234,7 @@ impl Pictures<'_> {
                 n => format!("{n} passes"),
             };
             say!("{} in {passes}", counted(stats.bricks.wanted, "brick"));
-            run.tell_of_lost(&resolved, &resolved.lost_extremes(&run.volumes));
+            run.tell_of_extremes(&resolved, &resolved.doubtful_extremes(&run.volumes));
             Ok((resolved, picture))
         })
     }
@@ -250,7 +251,7 @@ impl Pictures<'_> {
             let picture = render_reference_within(&stores, &resolved, memory, max_wait).map_err(oracle_failure)?;
             frame_ms.push(ms(begun));
             stats.frames += 1;
-            run.tell_of_lost(&resolved, &resolved.lost_extremes(&run.volumes));
+            run.tell_of_extremes(&resolved, &resolved.doubtful_extremes(&run.volumes));
             Ok((resolved, picture))
         })?;
         self.stats.settled_ms = ms(self.started);

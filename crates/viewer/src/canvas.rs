@@ -5,6 +5,7 @@ use crate::device::Device;
 use crate::marks::Over;
 use crate::screen::{FORMAT, Screen};
 use brickyard::backend::BackendChoice;
+use brickyard::doubtful_extremes::DoubtfulExtremes;
 use brickyard::frame_governor::{Change, Quality, QualityControl};
 use brickyard::pager::{DrawList, Playback, Status};
 use brickyard::render::{Gpu, Target};
@@ -394,10 +395,10 @@ impl Canvas {
         (self.shown.as_ref().map(|shown| &shown.frame.scene), self.session.volumes())
     }
 
-    /// Whether the picture is a projection that may lose extremes, since it is drawn at coarse levels that do not hold them.
-    pub(crate) fn loses_extremes(&self) -> bool {
+    /// What is to be said of the picture's projections; nothing before the first picture.
+    pub(crate) fn doubtful_extremes(&self) -> DoubtfulExtremes {
         let shown = self.shown.as_ref();
-        shown.is_some_and(|shown| !self.session.lost_extremes(&shown.frame.scene).is_empty())
+        shown.map_or_else(Default::default, |shown| self.session.doubtful_extremes(&shown.frame.scene))
     }
 
     /// A line that says where the picture is drawn.

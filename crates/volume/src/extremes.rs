@@ -4,7 +4,8 @@
 //! of a segment. Of all voxels that the segment's *box* touches the extreme counts. The box has the segment's ends in opposite corners, and reaches on
 //! each side as far as a sample of level 0 takes voxels: half a voxel of level 0 where the filter is linear. Whatever samples level 0 has on
 //! the segment, the coarse voxels of all that they are made of are touched, so the projection shows nothing less extreme. And all that is touched lies
-//! within a coarse voxel of the ray, so it shows nothing that is not there.
+//! within a coarse voxel of the ray, so it shows nothing that is not there; but a voxel through which a cut goes is the extreme of what lies on both sides of
+//! it, which renderers' users are told.
 //!
 //! Boxes of short segments stray the least from the ray, and stay in a brick's apron: the lattices of such projections
 //! have steps of half a voxel at coarse levels. Only while a camera moves are segments longer than a voxel; then just so much of each is looked at.

@@ -13,6 +13,9 @@ const HEIGHT: f32 = 20.0;
 const LOST: &str = "This projection is drawn at a coarse level, whose voxels are not the extremes of those in them: specks may be fainter than they are, or missing. \
                     Level 0 (View: level) draws all voxels, and a store packed with --downsample mean,max (or mean,min) loses none at any level.";
 
+const PAST_CUTS: &str = "This projection is drawn at a coarse level. Its voxels at a cut hold the extremes of both sides: what lies up to one of them behind the cut may \
+                         show. Level 0 (View: level) cuts exactly.";
+
 /// What the line says on its left.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Said<'a> {
@@ -67,9 +70,14 @@ fn progress(ui: &mut Ui, views: &Views) {
     ui.label(views.main.backend_line());
     ui.separator();
     ui.label(state(&views.main));
-    if views.main.loses_extremes() {
+    let doubtful = views.main.doubtful_extremes();
+    if !doubtful.lost.is_empty() {
         ui.separator();
         ui.label("specks may be missing").on_hover_text(LOST);
+    }
+    if !doubtful.past_cuts.is_empty() {
+        ui.separator();
+        ui.label("shows a little of what is cut away").on_hover_text(PAST_CUTS);
     }
     ui.separator();
 }
