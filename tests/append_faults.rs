@@ -172,22 +172,23 @@ impl Growing {
             Err(OpenError::Io { .. }) if self.steps == 0 && !path.exists() => return Ok(0),
             Err(error) => return Err(format!("it does not open: {error}")),
         };
-        (0..store.times()).try_for_each(|step| self.is_right(&store, step))?;
+        (0..store.times()).try_for_each(|step| is_step(&store, step, &self.files[step as usize]))?;
         let report = verify(&path, |_, _| {}).map_err(|error| format!("it cannot be verified: {error}"))?;
         ensure(report.problems.is_empty(), || format!("verify: {:?}", report.problems))?;
         Ok(store.times() as usize)
     }
+}
 
-    fn is_right(&self, store: &Store, step: u32) -> Result<()> {
-        let read = |level: Level| {
-            let whole = store.pyramid().level(level).extent.full_box();
-            let mut found = vec![1; whole.extent().volume() as usize * 2];
-            let read = store.read_box(step, 0, level, whole, &mut found);
-            read.map(|()| found).map_err(|error| format!("step {step} cannot be read: {error}"))
-        };
-        read(store.pyramid().coarsest())?;
-        ensure(read(Level(0))? == self.files[step as usize], || format!("step {step} has other voxels"))
-    }
+/// Whether a step has these voxels, and its coarsest level can be read.
+fn is_step(store: &Store, step: u32, voxels: &[u8]) -> Result<()> {
+    let read = |level: Level| {
+        let whole = store.pyramid().level(level).extent.full_box();
+        let mut found = vec![1; whole.extent().volume() as usize * 2];
+        let read = store.read_box(step, 0, level, whole, &mut found);
+        read.map(|()| found).map_err(|error| format!("step {step} cannot be read: {error}"))
+    };
+    read(store.pyramid().coarsest())?;
+    ensure(read(Level(0))? == voxels, || format!("step {step} has other voxels"))
 }
 
 /// How many steps a user who reads what was said takes for appended.
@@ -271,6 +272,70 @@ fn a_first_step_without_the_end_of_its_pack_is_ended_by_the_same_file() {
     let end = growing.run.calls.iter().position(is_end).expect("the end of the pack");
     let syncs = growing.run.calls[..end].iter().filter(|call| call.name == "sync").count();
     growing.is_right_or_goes_on(&format!("sync {syncs} EIO")).expect("the step is ended");
+}
+
+/// Says to [`a_reader_follows`] where it is: in a process under faults.
+const FOLLOWS: &str = "BRICKYARD_TESTS_FOLLOW";
+
+/// How often a follower tries a thing again that failed.
+const TRIES: usize = 4;
+
+/// What the first try gave that did not fail, or the last one.
+fn tried<T>(mut attempt: impl FnMut() -> Result<T>) -> Result<T> {
+    (1..TRIES).find_map(|_| attempt().ok()).map_or_else(attempt, Ok)
+}
+
+/// Opens the store, reads its step, and the one that the command appends meanwhile.
+fn follow() -> Result<()> {
+    let is_right = |store: &Store, step: u32| tried(|| is_step(store, step, &voxels(step as usize)));
+    let store = tried(|| Store::open(Path::new("out.zarr")).map_err(|error| error.to_string()))?;
+    is_right(&store, 0)?;
+    // What appends is not the process that meets the faults.
+    let mut append = brickyard_tests::command();
+    append.args(self::append(1..2).split_whitespace()).env_remove("LD_PRELOAD");
+    let appended = append.output().map_err(|error| format!("out.zarr: {error}"))?;
+    ensure(appended.status.success(), || format!("out.zarr: {}", String::from_utf8_lossy(&appended.stderr)))?;
+    let newer = tried(|| store.newer().map_err(|error| error.to_string()))?.expect("one step more");
+    assert_eq!(newer.times(), 2);
+    for (store, step) in [(&newer, 1), (&newer, 0), (&store, 0)] {
+        is_right(store, step)?;
+    }
+    Ok(())
+}
+
+/// The process that [`a_reader_that_follows_and_meets_a_fault_is_right_or_says_so`] runs; nothing by itself.
+#[test]
+fn a_reader_follows() {
+    if std::env::var_os(FOLLOWS).is_some() {
+        let problem = follow().inspect_err(|problem| eprintln!("error: {problem}"));
+        std::process::exit(if problem.is_ok() { 0 } else { 5 });
+    }
+}
+
+/// Whoever follows a store sees whole steps, or errors that name their file; never another step's voxels, nor a panic.
+#[test]
+fn a_reader_that_follows_and_meets_a_fault_is_right_or_says_so() {
+    let follow = |growing: &Growing, rule: &str| {
+        growing.start_over();
+        let mut command = std::process::Command::new(std::env::current_exe().expect("this program has a path"));
+        command.args(["append_faults::a_reader_follows", "--exact", "--nocapture"]);
+        command.env(FOLLOWS, "1").current_dir(growing.trial.sandbox.path(""));
+        growing.trial.run_command(command, rule)
+    };
+    let rules = |growing: &Growing| {
+        let run = follow(growing, "");
+        assert_eq!(run.code, Some(0), "{}", ended(&run));
+        let of = [("", &OF_READING[..]), ("out.zarr/", &OF_FILES)];
+        of.into_iter().flat_map(|(part, faults)| rules(faults, &run, part)).collect()
+    };
+    let is_right = |growing: &Growing, rule: &String| {
+        let outcome = follow(growing, rule);
+        ended_well(&outcome, rule)?;
+        // What is tried again is right when the fault has passed.
+        let stays = ["+", "~", "halve", "empty"].iter().any(|word| rule.contains(word));
+        ensure(outcome.code == Some(0) || stays, || format!("it gave up: {}", ended(&outcome)))
+    };
+    in_two(60, || Growing::new(1), rules, is_right);
 }
 
 /// Where nothing can be written, nothing is changed.

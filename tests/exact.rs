@@ -194,7 +194,7 @@ fn the_command_draws_exact_pictures_and_refuses_other_ways() {
     for (flags, words) in [
         ("--backend cpu --compositor sorted", "--compositor raycast"),
         ("--compositor reference", "leave --exact out"),
-        ("--backend cpu --gpu-memory 1264KiB --host-memory 16MiB", "the pixel in column"),
+        ("--backend cpu --gpu-memory 1272KiB --host-memory 16MiB", "the pixel in column"),
         ("--host-memory 20KiB", "--host-memory"),
     ] {
         let (code, _, stderr) = sandbox.run(&format!("render t.zarr -o no.png {view} --exact {flags}"));

@@ -429,11 +429,12 @@ fn a_store_that_is_replaced_when_power_is_lost_is_whole() {
 }
 
 /// The commands that read a store.
-const READERS: [&str; 4] = [
+const READERS: [&str; 5] = [
     "verify out.zarr --progress none",
     "info out.zarr --json",
     "export out.zarr level.raw --level 0 --progress none",
     "render out.zarr -o picture.png --backend cpu --size 24x20 -j 2 --level 0 --stats stats.json",
+    "probe out.zarr 13,30,7 --voxel --csv --plot plot.svg",
 ];
 
 /// A command that reads, and the rule.
@@ -452,9 +453,10 @@ impl std::fmt::Display for Reading {
 struct Readable {
     packed: Packed,
     store: Tree,
-    runs: [Outcome; 4],
+    runs: [Outcome; 5],
     level: Vec<u8>,
     picture: brickyard::volume::Picture,
+    plot: Vec<u8>,
 }
 
 impl Readable {
@@ -468,15 +470,15 @@ impl Readable {
         let level = packed.trial.sandbox.read("level.raw");
         assert!(level == packed.inputs[0].1, "level 0 is the input");
         let picture = read_png(&packed.trial.sandbox.path("picture.png"));
-        Self { packed, store, runs, level, picture }
+        let plot = packed.trial.sandbox.read("plot.svg");
+        Self { packed, store, runs, level, picture, plot }
     }
 
     fn cases(&self) -> Vec<Vec<Reading>> {
         let of = |(command, run): (&&'static str, &Outcome)| {
-            let parts =
-                [("", &OF_READING[..]), ("out.zarr/", &OF_FILES), ("level.raw", &OF_WRITING), ("picture", &OF_WRITING)];
-            let temporary = [(".brickyard-export", &OF_WRITING[..])];
-            let rules = parts.into_iter().chain(temporary).flat_map(|(part, faults)| rules(faults, run, part));
+            let written = ["level.raw", "picture", "plot.svg", ".brickyard-export"].map(|part| (part, &OF_WRITING[..]));
+            let read = [("", &OF_READING[..]), ("out.zarr/", &OF_FILES)];
+            let rules = read.into_iter().chain(written).flat_map(|(part, faults)| rules(faults, run, part));
             let readings = |rules: Vec<String>| rules.into_iter().map(|rule| Reading { command, rule }).collect();
             rules.map(readings).collect::<Vec<Vec<Reading>>>()
         };
@@ -485,7 +487,7 @@ impl Readable {
 
     fn run(&self, case: &Reading) -> Result<()> {
         let sandbox = &self.packed.trial.sandbox;
-        for name in ["level.raw", "picture.png", "stats.json"] {
+        for name in ["level.raw", "picture.png", "stats.json", "plot.svg"] {
             let _ = std::fs::remove_file(sandbox.path(name));
         }
         let outcome = self.packed.trial.run(case.command, &case.rule);
@@ -504,7 +506,7 @@ impl Readable {
         if outcome.code != Some(0) {
             // Figures are written when the picture is there, and whole.
             let is_of_figures = outcome.stderr.contains("stats.json");
-            let left = ["level.raw", "picture.png"].into_iter().find(|name| sandbox.path(name).exists());
+            let left = ["level.raw", "picture.png", "plot.svg"].into_iter().find(|name| sandbox.path(name).exists());
             let is_whole = left == Some("picture.png") && is_of_figures && is_same_picture();
             return ensure(left.is_none() || is_whole, || format!("it failed but left {left:?}"));
         }
@@ -516,6 +518,10 @@ impl Readable {
             }
             1 => same_words(),
             2 => ensure(sandbox.read("level.raw") == self.level, || "level 0 is not the input".into()),
+            4 => {
+                same_words()?;
+                ensure(sandbox.read("plot.svg") == self.plot, || "the plot is another".into())
+            }
             _ => {
                 let is_said = outcome.stderr.contains("could not be read");
                 ensure(is_same_picture() || is_said, || "the picture is another, without a word".into())

@@ -1,9 +1,11 @@
 //! Budgets as the kernel sees them: the anonymous and shared memory of the command, sampled while it runs (`RssAnon` and `RssShmem` in
 //! `/proc/PID/status`). Mapped pages of stores and sources are the page cache's, and can be taken back at any time.
 
-use brickyard_tests::{Sandbox, leave_out};
+use brickyard::store::Store;
+use brickyard::volume::Level;
+use brickyard_tests::{Random, Sandbox, leave_out};
 use std::io::Read;
-use std::process::Stdio;
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
 const MIB: u64 = 1 << 20;
@@ -19,7 +21,12 @@ const DRIVER: u64 = 96 * MIB;
 /// Runs the command and returns its exit code, standard error and greatest anonymous and shared memory in bytes.
 fn measured(sandbox: &Sandbox, line: &str) -> (i32, String, u64) {
     let mut command = sandbox.command();
-    command.args(line.split_whitespace()).stdout(Stdio::null()).stderr(Stdio::piped());
+    command.args(line.split_whitespace());
+    measured_program(&mut command)
+}
+
+fn measured_program(command: &mut Command) -> (i32, String, u64) {
+    command.stdout(Stdio::null()).stderr(Stdio::piped());
     let mut child = command.spawn().expect("the command starts");
     let mut stderr = child.stderr.take().expect("it is piped");
     let reader = std::thread::spawn(move || {
@@ -35,7 +42,7 @@ fn measured(sandbox: &Sandbox, line: &str) -> (i32, String, u64) {
         std::thread::sleep(Duration::from_millis(1));
     };
     let stderr = reader.join().expect("no panic").expect("text");
-    assert!(most > 0, "{line}: it was never seen: {stderr}");
+    assert!(most > 0, "it was never seen: {stderr}");
     (code, stderr, most)
 }
 
@@ -104,6 +111,43 @@ fn appending_stays_within_its_memory() {
     for (store, files) in [("new.zarr", "s0.raw s1.raw s2.raw"), ("packed.zarr", "s1.raw s2.raw")] {
         check(&sandbox, &format!("append {store} {files} {flags} --memory 64MiB"), 64 * MIB);
     }
+}
+
+/// Says to [`a_reader_follows`] that it is the process which is measured.
+const FOLLOWS: &str = "BRICKYARD_TESTS_FOLLOW_STEPS";
+
+/// Appends steps of 64^3 u16, half a MiB each.
+const APPEND: &str = "append f.zarr f.raw --shape 64,64,64 --dtype u16 --brick 16 --progress none";
+
+/// The process that [`following_takes_no_more_with_each_step`] measures, which follows a store and reads each step; nothing by itself.
+#[test]
+fn a_reader_follows() {
+    let Some(steps) = std::env::var_os(FOLLOWS) else { return };
+    let steps: u32 = steps.to_str().and_then(|steps| steps.parse().ok()).expect("a number");
+    let mut store = Store::open("f.zarr").expect("a store");
+    let whole = store.pyramid().level(Level(0)).extent.full_box();
+    let expected = std::fs::read("f.raw").expect("a step");
+    let mut voxels = vec![0; expected.len()];
+    for step in 1..steps {
+        let appended = brickyard_tests::command().args(APPEND.split(' ')).status().expect("the command starts");
+        assert!(appended.success());
+        store = store.newer().expect("a store").expect("a step more");
+        store.read_box(step, 0, Level(0), whole, &mut voxels).expect("a whole step");
+        assert!(store.times() == step + 1 && voxels == expected);
+    }
+}
+
+#[test]
+fn following_takes_no_more_with_each_step() {
+    let sandbox = Sandbox::within(env!("CARGO_TARGET_TMPDIR"));
+    let mut random = Random(5);
+    sandbox.write("f.raw", (0..64 * 64 * 64).flat_map(|_| (random.bits() as u16).to_le_bytes()).collect::<Vec<u8>>());
+    sandbox.run_ok(APPEND);
+    let mut command = Command::new(std::env::current_exe().expect("this program has a path"));
+    command.args(["memory::a_reader_follows", "--exact"]).env(FOLLOWS, "40").current_dir(sandbox.path(""));
+    let (code, stderr, most) = measured_program(&mut command);
+    // All steps would be 20 MiB; the program is a test's.
+    assert!(code == 0 && most <= PROGRAM, "{} MiB: {stderr}", most / MIB);
 }
 
 #[test]

@@ -195,6 +195,7 @@ pub fn ended_well(outcome: &Outcome, rule: &str) -> Result<()> {
         "picture.png",
         "level.raw",
         "stats.json",
+        "plot.svg",
     ]
     .iter()
     .any(|name| error.contains(name));

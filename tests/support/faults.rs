@@ -68,16 +68,27 @@ impl Trial {
     /// # Panics
     /// If the command cannot be started, or the library to preload is not built.
     pub fn run(&self, line: &str, rule: &str) -> Outcome {
+        let mut command = self.sandbox.command();
+        command.args(line.split_whitespace());
+        self.run_command(command, rule)
+    }
+
+    /// Runs another program, which stands in the sandbox's folder, as [`run`](Self::run) runs `brickyard`.
+    ///
+    /// # Panics
+    /// If it cannot be started, or the library to preload is not built.
+    pub fn run_command(&self, mut command: Command, rule: &str) -> Outcome {
         let log = self.aside.path("log");
         let _ = std::fs::remove_file(&log);
         let create = |name| File::create(self.aside.path(name)).expect("the sandbox is writable");
-        let mut command = self.sandbox.command();
-        command.args(line.split_whitespace()).stdout(create("stdout")).stderr(create("stderr"));
+        command.stdout(create("stdout")).stderr(create("stderr"));
         harm(&mut command, &self.under, rule);
         command.env("RAYON_NUM_THREADS", "2").env("BRICKYARD_FAULTS_LOG", &log);
         let (status, hung) = wait(&mut command);
+        let words = [command.get_program()].into_iter().chain(command.get_args());
+        let line = words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");
         let how = format!(
-            "cd {under}; LD_PRELOAD={} BRICKYARD_FAULTS_UNDER={under} BRICKYARD_FAULTS='{rule}' brickyard {line}",
+            "cd {under}; LD_PRELOAD={} BRICKYARD_FAULTS_UNDER={under} BRICKYARD_FAULTS='{rule}' {line}",
             library().display(),
             under = self.under.display()
         );

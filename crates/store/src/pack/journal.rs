@@ -225,6 +225,16 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_first_line_beyond_all_bounds_is_no_head() {
+        let store = tempfile::tempdir().unwrap();
+        for (blanks, expected) in [(100, 7), (MOST_HEAD_BYTES as usize, 0)] {
+            let line = format!(r#"{{"replaces": null, "settings": {{}}, "shards": 7{}}}"#, " ".repeat(blanks));
+            std::fs::write(store.path().join(JOURNAL_NAME), line + "\n").unwrap();
+            assert_eq!(Head::of(store.path()).unwrap().shards, expected);
+        }
+    }
+
+    #[test]
     fn only_what_lasts_is_believed() {
         let names = |lines: &[&str]| {
             let lines = lines.iter().map(|line| match *line {
