@@ -212,7 +212,7 @@ impl<'a> Axes<'a> {
 }
 
 /// The fewest rows a code, a power of two and at most `most`, that meet the function: as many as the table of values has entries, and as many as keep
-/// colours that are mixed by opacity within half a display code of straight ones, midway between rows.
+/// colours that are mixed by opacity within a display code of straight ones, midway between rows.
 fn rows_per_code(transfer: &TransferFunction, encoding: &SlotEncoding, [low, high]: [f64; 2], most: f64) -> f64 {
     if encoding.is_labels {
         return 1.0;
@@ -227,7 +227,7 @@ fn rows_per_code(transfer: &TransferFunction, encoding: &SlotEncoding, [low, hig
             let [(a, before), (middle, alpha), (b, behind)] = [0.0, 0.5, 1.0].map(|part| at(row as f64 + part));
             let share = behind / (before + behind).max(f64::MIN_POSITIVE);
             let off = (0..3).map(|k| (a[k] + share * (b[k] - a[k]) - middle[k]).abs()).fold(0.0, f64::max);
-            alpha == 0.0 || off <= 0.5 / 255.0
+            alpha == 0.0 || off <= 1.0 / 255.0
         })
     };
     let steps = std::iter::successors(Some(entries_per_code(transfer, encoding) as f64), |step| Some(2.0 * step));
