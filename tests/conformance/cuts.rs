@@ -208,7 +208,7 @@ fn expressions_behind_a_cut_are_lit_where_they_are_seen() {
     let combination = Combination::new(text, opaque);
     let transfers = [combination.of_volume(0, &[[0.0, 255.0]])];
     let mut stage = Stage::exact(&[&volume]);
-    for (share, normal) in [(0.45, DVec3::new(0.4, 0.5, 1.0)), (0.55, DVec3::new(-0.9, -0.6, 0.5))] {
+    for (share, normal) in [(0.45, DVec3::new(0.9, 0.6, -0.5)), (0.55, DVec3::new(0.4, 0.8, -1.0))] {
         for step in [0.7, 2.6] {
             let clip = Clip::new(None, &[cut(&volume, share, normal)]).expect("a cut");
             let frame = FrameSettings {
