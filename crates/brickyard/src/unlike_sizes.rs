@@ -83,7 +83,7 @@ fn metres(unit: &str) -> Option<f64> {
         "foot" => 0.3048,
         "yard" => 0.9144,
         "mile" => 1609.344,
-        "parsec" => 3.085_677_581_491_367_3e16,
+        "parsec" => 3.085_677_581_491_367e16,
         _ => match unit.strip_suffix("meter")? {
             "femto" => 1e-15,
             "pico" => 1e-12,
