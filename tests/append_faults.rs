@@ -290,7 +290,7 @@ fn follow() -> Result<()> {
     let is_right = |store: &Store, step: u32| tried(|| is_step(store, step, &voxels(step as usize)));
     let store = tried(|| Store::open(Path::new("out.zarr")).map_err(|error| error.to_string()))?;
     is_right(&store, 0)?;
-    // What appends is not the process that meets the faults.
+    // The appending process meets no faults.
     let mut append = brickyard_tests::command();
     append.args(self::append(1..2).split_whitespace()).env_remove("LD_PRELOAD");
     let appended = append.output().map_err(|error| format!("out.zarr: {error}"))?;
@@ -331,7 +331,7 @@ fn a_reader_that_follows_and_meets_a_fault_is_right_or_says_so() {
     let is_right = |growing: &Growing, rule: &String| {
         let outcome = follow(growing, rule);
         ended_well(&outcome, rule)?;
-        // What is tried again is right when the fault has passed.
+        // A second try is right once the fault has passed.
         let stays = ["+", "~", "halve", "empty"].iter().any(|word| rule.contains(word));
         ensure(outcome.code == Some(0) || stays, || format!("it gave up: {}", ended(&outcome)))
     };

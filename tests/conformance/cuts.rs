@@ -173,7 +173,7 @@ fn a_cut_behind_the_eye_does_not_light() {
     let rays = look(eye, eye + DVec3::Y * 30.0, 50.0).rays(22, 18).expect("a camera");
     let plane = ClipPlane { point: eye - DVec3::Y * 0.4, normal: DVec3::Y };
     let (_, high) = volume.geometry.world_box(volume.pyramid.levels()[0].extent);
-    let boxed = Clip::new(Some([eye - DVec3::Y * 0.4 - DVec3::splat(1.0) * DVec3::new(90.0, 0.0, 90.0), high]), &[]);
+    let boxed = Clip::new(Some([eye - DVec3::Y * 0.4 - DVec3::new(90.0, 0.0, 90.0), high]), &[]);
     let clips = [Clip::new(None, &[plane]), boxed].map(|clip| Some(clip.expect("a cut")));
     let mut stage = Stage::exact(&[&volume]);
     for (step, jitter) in [(0.8, Jitter::Blue), (2.6, Jitter::White(5)), (2.6, Jitter::Blue)] {

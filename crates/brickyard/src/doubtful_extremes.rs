@@ -18,8 +18,8 @@ pub struct DoubtfulExtremes {
 }
 
 impl ResolvedScene {
-    /// What is to be said of projections at the levels that the view wants. `volumes` are those that the scene was resolved for. Costs a cut of each projected
-    /// layer: milliseconds.
+    /// Layers of doubtful extremes at the levels that the view wants. `volumes` are those of the resolved scene. Costs a cut of each projected layer:
+    /// milliseconds.
     pub fn doubtful_extremes(&self, volumes: &[VolumeSource]) -> DoubtfulExtremes {
         self.doubtful(volumes, |layer| {
             let cut = Cut::new(&*volumes[layer.volume].source, &layer.view, usize::MAX);
@@ -47,7 +47,7 @@ impl ResolvedScene {
 }
 
 impl Session {
-    /// What is to be said of projections at the levels that are drawn now. `scene` is that of the last [frame](crate::Frame).
+    /// Layers of doubtful extremes at the levels drawn now. `scene` is the one of the last [frame](crate::Frame).
     pub fn doubtful_extremes(&self, scene: &ResolvedScene) -> DoubtfulExtremes {
         let is_coarse = |list: &DrawList| list.cells.iter().any(|cell| cell.brick.level > Level(0));
         scene.doubtful(self.volumes(), |layer| self.lists_of(layer.place).iter().any(is_coarse))

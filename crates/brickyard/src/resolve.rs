@@ -407,8 +407,11 @@ fn with_exact_cuts<'a>(
         if scene.level != LevelPolicy::Auto || x * y * z > MOST_CUT_BRICKS {
             return Ok(Cow::Borrowed(scene));
         }
-        let is_cut = layer.style.crop.is_some() || scene.clip_for(rays, source.geometry(), extent, None)?.is_some();
-        is_any_cut |= is_cut && layer.volume.keeps_extremes(scene.mode);
+        // Each frame is resolved, and in fog no layer keeps extremes.
+        if layer.volume.keeps_extremes(scene.mode) {
+            let clip = scene.clip_for(rays, source.geometry(), extent, None)?;
+            is_any_cut |= layer.style.crop.is_some() || clip.is_some();
+        }
     }
     Ok(match is_any_cut {
         true => Cow::Owned(Scene { level: LevelPolicy::Locked(0), ..scene.clone() }),

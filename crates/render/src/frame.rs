@@ -59,7 +59,7 @@ impl<'a> Framed<'a> {
             && self.pyramid == other.pyramid
     }
 
-    /// What a ray takes in the layer at most, in reads of a texture: samples, by the edges of its box, with what each of them reads.
+    /// Reads of a texture by a ray in the layer at most: samples, by the edges of its box, times the reads of each.
     pub(crate) fn most_reads(&self) -> f64 {
         self.most_samples() * self.reads_per_sample()
     }

@@ -395,7 +395,7 @@ impl Canvas {
         (self.shown.as_ref().map(|shown| &shown.frame.scene), self.session.volumes())
     }
 
-    /// What is to be said of the picture's projections; nothing before the first picture.
+    /// Layers of the picture with doubtful extremes; none before the first picture.
     pub(crate) fn doubtful_extremes(&self) -> DoubtfulExtremes {
         let shown = self.shown.as_ref();
         shown.map_or_else(Default::default, |shown| self.session.doubtful_extremes(&shown.frame.scene))
