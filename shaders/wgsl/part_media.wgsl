@@ -19,7 +19,8 @@ fn show_part(start: f32, end: f32) {
         way.rank = select(way.last, way.rank, way.rank >= 0 && way.last >= 0);
     }
     if (way.cap > 0) {
-        way.crossing = start;
+        // Before all that other layers have behind the cut.
+        way.crossing = start - CAP_TIE * frame.step;
         way.piece = vec2f(start);
         return;
     }
@@ -50,7 +51,7 @@ fn next_surface() -> u32 {
 
 // Shows the next surface in front of what comes behind it, and goes on to the next piece.
 fn pass_surface(light: Light) -> Light {
-    let t = way.crossing;
+    let t = way.piece.y;
     let is_cap = way.cap > 0;
     let surface = select(next_surface(), u32(max(way.cap - 1, 0)), is_cap);
     let look = frames[layer].surfaces[surface];

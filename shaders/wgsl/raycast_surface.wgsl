@@ -33,7 +33,7 @@ fn cast_ray(position: vec2f) -> vec4f {
         let end = leaving(ray, place.low, place.size);
         left = end + hair;
         if (!is_brick_seen && end > at && left < reach) {
-            pixel.side = select(pixel.side, 0.0, pixel.side == AT_CUT);
+            pixel.side = trunc(pixel.side);
             continue;
         }
         // The leaf has at least this segment, even where rounding puts its end before it.
@@ -52,10 +52,10 @@ fn cast_ray(position: vec2f) -> vec4f {
             // A leaf too thin for its segment's length to be told from nothing is left, too: every round goes on.
             if (run.enter > walk.middle || leave <= walk.middle) {
                 walk = walk_past(walk, run.enter, stretch);
-                pixel.side = select(pixel.side, 0.0, HAS_INVALID || pixel.side == AT_CUT);
+                pixel.side = select(trunc(pixel.side), 0.0, HAS_INVALID);
             }
             let until = min(run.end, leave);
-            if ((pixel.side == 0.0 || pixel.side == AT_CUT) && walk.middle < until) {
+            if (abs(pixel.side) < 1.0 && walk.middle < until) {
                 pixel = begin(pixel, field, walk.start);
             }
             while (walk.middle < until && !is_zone_left(walk) && !is_final(pixel)) {

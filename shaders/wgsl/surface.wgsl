@@ -5,14 +5,15 @@
 struct Pixel {
     // 1 before the surface, then 0.
     transmittance: f32,
-    // Which one the ray is on: 1 inside, -1 outside, 0 not known, `AT_CUT` before the first place behind a cut, on which a cap may stand.
+    // Which one the ray is on: 1 inside, -1 outside, 0 not known, `AT_CUT` before the first place behind a cut, on which a cap may stand: not known
+    // either, and as a ray outside it meets what is inside. `trunc` forgets the cut.
     side: f32,
     // The piece of the ray with the surface; a cap's has no length.
     start: f32,
     end: f32,
 }
 
-const AT_CUT: f32 = -2.0;
+const AT_CUT: f32 = -0.5;
 
 fn pixel_start() -> Pixel {
     return Pixel(1.0, 0.0, 0.0, 0.0);

@@ -17,10 +17,10 @@ struct Way {
     last: i32,
     // Of the cap where it enters, one more than the surface's index; 0 without a cap.
     cap: i32,
-    // Where the part ends, and where the next surface in it is passed: far away if none is.
+    // Where the part ends, and where the next surface in it is passed: far away if none is, a tie before its cut if it is a cap.
     end: f32,
     crossing: f32,
-    // The piece up to there, and what the layer shows of it.
+    // The piece up to that surface, and what the layer shows of it.
     piece: vec2f,
     shown: Pixel,
     // Where media are an expression's: the value in the middle of the part, `NO_VALUE` if there is none, and the part's length.
@@ -71,7 +71,7 @@ fn part_of(walk: Walk) -> vec2f {
     return vec2f(max(walk.start, way.stretch.x), min(walk.end, way.stretch.y));
 }
 
-// How far apart caps of several layers may be that stand on one cut, as a share of the step: rounding parts them.
+// How far apart things of several layers may be that begin on one cut, as a share of the step: rounding parts them.
 const CAP_TIE: f32 = 0.01;
 
 // Whether a layer's next crossing is passed with the next of all. A cap so near behind it is, in the order of layers.

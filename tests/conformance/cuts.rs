@@ -223,43 +223,55 @@ fn expressions_behind_a_cut_are_lit_where_they_are_seen() {
     }
 }
 
-/// Solids of two layers that overlap, cut by one plane, the second one on a grid of its own: both caps are at one distance, and the first layer's is
-/// seen, whatever rounding makes of it.
+/// Two layers that overlap, cut by one plane, the second one on a grid of its own: what begins on the cut is at one distance, whatever rounding
+/// makes of it. Of two caps the first layer's is seen, and a cap before opaque fog of either layer.
 #[test]
-fn caps_of_several_layers_are_in_the_order_of_layers() {
+fn caps_are_in_the_order_of_layers_and_before_fog() {
     let ball = |centre: DVec3| {
         Volume::new(SMALL, 16, Geometry::default(), u8_codes(), move |p| 230.0 - 9.0 * (p - centre).length())
     };
     let middle = DVec3::from_array(SMALL.map(f64::from)) * 0.5;
     let volumes = [ball(middle - DVec3::X * 3.0), ball(middle + DVec3::X * 3.0)];
-    let transfer = tinted((0.0, 255.0));
+    let colors = [[1.0, 0.1, 0.1], [0.1, 0.3, 1.0]];
+    let fog = |[r, g, b]: [f64; 3], opacity: f64| TransferFunction {
+        color: vec![[0.0, r, g, b]],
+        opacity: vec![[0.0, opacity]],
+        ..TransferFunction::default()
+    };
     let turned = Placement::from_text("0.985 -0.174 0 4.5  0.174 0.985 0 -3.8  0 0 1 0").expect("a map");
     let plane = ClipPlane { point: middle - 0.5, normal: DVec3::new(0.3, 1.0, -0.2) };
     let rays = look(middle + DVec3::new(-6.0, -70.0, 20.0), middle, 30.0).rays(44, 36).expect("a camera");
-    let frame = |i: usize| {
-        let color = Some([[1.0, 0.1, 0.1], [0.1, 0.3, 1.0]][i]);
-        let surface = [Isosurface { value: 130.0, color, opacity: 1.0 }];
-        let settings = FrameSettings {
-            mode: Mode::Isosurface,
-            caps: true,
-            surfaces: Surface::all(&surface, &transfer, &volumes[i].encoding),
-            placement: [Placement::default(), turned][i],
-            ..volumes[i].frame(rays, &transfer, Lattice::uniform(0.7, 0))
+    // Which layer is opaque fog, and from which a pixel of the middle row is.
+    for (opaque, seen) in [(None, 0), (Some(0), 1), (Some(1), 0)] {
+        let transfers = [0, 1].map(|i| fog(colors[i], if opaque == Some(i) { 1.0 } else { 0.0 }));
+        let frame = |i: usize| {
+            let surface = [Isosurface { value: 130.0, color: Some(colors[i]), opacity: 1.0 }];
+            let surfaces = Surface::all(&surface, &transfers[i], &volumes[i].encoding);
+            let settings = FrameSettings {
+                mode: if opaque.is_some() { Mode::Dvr } else { Mode::Isosurface },
+                caps: true,
+                surfaces: if opaque == Some(i) { vec![] } else { surfaces },
+                placement: [Placement::default(), turned][i],
+                ..volumes[i].frame(rays, &transfers[i], Lattice::uniform(0.7, 0))
+            };
+            let clip = Clip::new(None, &[plane]).expect("a cut");
+            let clip = Clip::in_volume(Some(&clip), &settings.placement, None).expect("a cut");
+            VolumeFrame { settings: FrameSettings { clip, ..settings }, blend: Blend::Mix, opacity: 1.0 }
         };
-        let clip = Clip::new(None, &[plane]).expect("a cut");
-        let clip = Clip::in_volume(Some(&clip), &settings.placement, None).expect("a cut");
-        VolumeFrame { settings: FrameSettings { clip, ..settings }, blend: Blend::Mix, opacity: 1.0 }
-    };
-    let frames = vec![frame(0), frame(1)];
-    let lists = (0..2).map(|i| finest(&volumes[i], &frames[i].settings)).collect();
-    let transfers = vec![&transfer; 2];
-    let shot = Shot { frames, lists, transfers, combination: None, is_apart: false };
-    let all = [&volumes[0], &volumes[1]];
-    let mut stage = Stage::with_room(&all, [shot.needs()]);
-    let changes =
-        |row: &[[u8; 3]]| row.windows(2).filter(|pair| (pair[0][0] > pair[0][2]) != (pair[1][0] > pair[1][2])).count();
-    let expected = shot.oracle(&all);
-    assert!(expected.rgb.chunks_exact(44).all(|row| changes(row) <= 3), "two solids, and black about them");
-    // Rays that graze a solid.
-    shot.agree(&mut stage, &[CPU, RAYCAST, COMPUTE], 4, "two caps");
+        let frames = vec![frame(0), frame(1)];
+        let lists = (0..2).map(|i| finest(&volumes[i], &frames[i].settings)).collect();
+        let shot = Shot { frames, lists, transfers: transfers.iter().collect(), combination: None, is_apart: false };
+        let all = [&volumes[0], &volumes[1]];
+        let mut stage = Stage::with_room(&all, [shot.needs()]);
+        let changes = |row: &[[u8; 3]]| {
+            row.windows(2).filter(|pair| (pair[0][0] > pair[0][2]) != (pair[1][0] > pair[1][2])).count()
+        };
+        let expected = shot.oracle(&all);
+        let what = format!("opaque fog of layer {opaque:?}");
+        assert!(expected.rgb.chunks_exact(44).all(|row| changes(row) <= 4), "{what}: of one piece each");
+        let [r, _, b] = expected.rgb[18 * 44 + 22];
+        assert_eq!(usize::from(b > r), seen, "{what}: in the middle both are cut");
+        // Rays that graze a solid.
+        shot.agree(&mut stage, &[CPU, RAYCAST, COMPUTE], 4, &what);
+    }
 }

@@ -58,12 +58,12 @@ fn media(ways: &[Way<'_>], limits: [f64; 2]) -> (DVec3, f64) {
         for (way, crossings) in ways.iter().zip(&mut crossings) {
             way.take(segment, crossings, &mut pieces, &mut surfaces);
         }
-        sort_met(&mut surfaces, |surface| (surface.t, surface.tie));
+        sort_met(&mut surfaces, |surface| surface.at);
         let mut start = segment.start;
         for surface in surfaces {
-            light.see(between(&pieces, start, surface.t));
+            light.see(between(&pieces, start, surface.at.t));
             light.see((surface.color * surface.opacity, 1.0 - surface.opacity));
-            start = start.max(surface.t);
+            start = start.max(surface.at.t);
         }
         light.see(between(&pieces, start, segment.end));
     }

@@ -5,7 +5,7 @@ use crate::medium::{Field, turned};
 use crate::path::Path;
 use crate::surface::{Crossing, Crossings};
 use brickyard_volume::compositing::LayerMedium;
-use brickyard_volume::surface::CAP_TIE;
+use brickyard_volume::surface::Meeting;
 use brickyard_volume::{Blend, Lighting, LightingModel, Mode, Ray, Segment, VolumeFrame, extremes, surface};
 use glam::DVec3;
 
@@ -31,11 +31,9 @@ pub(crate) struct Piece {
     pub(crate) alone: LayerMedium,
 }
 
-/// A surface that a ray meets: its distance, lit colour and opacity.
+/// A surface that a ray meets: where, and its lit colour and opacity.
 pub(crate) struct Met {
-    pub(crate) t: f64,
-    /// As [`sort_met`](brickyard_volume::surface::sort_met) asks for it.
-    pub(crate) tie: f64,
+    pub(crate) at: Meeting,
     pub(crate) color: DVec3,
     pub(crate) opacity: f64,
 }
@@ -128,8 +126,8 @@ impl<'a> Way<'a> {
             let of_surfaces = Field { lighting: &self.surface_lighting, cut, ..field };
             let color = DVec3::from_array(surface.color.map(f64::from));
             let color = of_surfaces.shade(color, of_surfaces.differences(t, surface.threshold), t);
-            let tie = if is_cap { CAP_TIE * self.frame.settings.lattice.step } else { 0.0 };
-            surfaces.push(Met { t, tie, color, opacity: surface.opacity as f64 });
+            let at = Meeting::new(t, is_cap, self.frame.settings.lattice.step);
+            surfaces.push(Met { at, color, opacity: surface.opacity as f64 });
             start = t;
         }
         pieces.extend(self.piece(field, Segment { start, ..part }));

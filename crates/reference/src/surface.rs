@@ -87,7 +87,7 @@ mod tests {
         let (mut pieces, mut surfaces) = (Vec::new(), Vec::new());
         segments(std::slice::from_ref(&way), [0.0, f64::INFINITY]).find_map(|segment| {
             way.take(segment, &mut crossings, &mut pieces, &mut surfaces);
-            surfaces.first().map(|met| met.t)
+            surfaces.first().map(|met| met.at.t)
         })
     }
 

@@ -18,7 +18,7 @@ use crate::sample::{ALL_PACKETS, Brick, Code, Code8, Code16, Float32, Portable, 
 use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
 use brickyard_volume::sampling::Curve;
-use brickyard_volume::surface::CAP_TIE;
+use brickyard_volume::surface::Meeting;
 use brickyard_volume::{Method, Mode, SlotFormat};
 use glam::{DVec3, Vec4};
 use std::ops::Range;
@@ -298,8 +298,8 @@ impl<const ENDS: bool> Look for Any<ENDS> {
             if let (Some(crossing), Some(found)) = (piece.surface, &mut media.found) {
                 let segment = media.alone.place(piece.segments.start);
                 let shown = path.surface::<C, U, INVALID>(crossing);
-                let tie = if crossing.is_cap { CAP_TIE * march.frame.ticks.step } else { 0.0 };
-                found.surfaces.push(Met { segment, t: path.distance(crossing.along), tie, shown });
+                let at = Meeting::new(path.distance(crossing.along), crossing.is_cap, march.frame.ticks.step);
+                found.surfaces.push(Met { segment, at, shown });
                 if shown.w >= 1.0 {
                     media.end = media.end.min(segment + 1);
                     return;

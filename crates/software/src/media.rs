@@ -3,7 +3,7 @@
 use crate::mixture::{LayerMedium, LayerMediumChunk, Mixed, OPAQUE, Passage};
 use crate::packet::{CHUNK, LANES};
 use brickyard_volume::Combination;
-use brickyard_volume::surface::sort_met;
+use brickyard_volume::surface::{Meeting, sort_met};
 use glam::{DVec3, Vec4, Vec4Swizzles};
 use std::ops::Range;
 
@@ -51,9 +51,7 @@ pub(crate) struct Piece {
 /// A surface that a ray meets: where, and its straight colour and opacity.
 pub(crate) struct Met {
     pub(crate) segment: usize,
-    pub(crate) t: f64,
-    /// As [`sort_met`] asks for it.
-    pub(crate) tie: f64,
+    pub(crate) at: Meeting,
     pub(crate) shown: Vec4,
 }
 
@@ -123,7 +121,7 @@ impl Media {
         if let Some(mut found) = self.found.take_if(|found| !found.surfaces.is_empty()) {
             found.surfaces.sort_by_key(|surface| surface.segment);
             let in_segments = found.surfaces.chunk_by_mut(|a, b| a.segment == b.segment);
-            in_segments.for_each(|here| sort_met(here, |surface| (surface.t, surface.tie)));
+            in_segments.for_each(|here| sort_met(here, |surface| surface.at));
             for here in found.surfaces.chunk_by(|a, b| a.segment == b.segment) {
                 let segment = here[0].segment;
                 light = self.pass(from..segment, light);
@@ -159,10 +157,10 @@ impl Found {
     /// Passes light through a segment, between the surfaces that were met there.
     fn see(&self, segment: usize, surfaces: &[Met], mut light: Vec4, passage: &mut Passage) -> Vec4 {
         let mut start = f64::NEG_INFINITY;
-        for Met { t, shown, .. } in surfaces {
-            light = self.between(segment, [start, *t], light, passage);
+        for Met { at, shown, .. } in surfaces {
+            light = self.between(segment, [start, at.t], light, passage);
             light = (light.xyz() + shown.xyz() * (shown.w * light.w)).extend(light.w * (1.0 - shown.w));
-            start = start.max(*t);
+            start = start.max(at.t);
         }
         self.between(segment, [start, f64::INFINITY], light, passage)
     }

@@ -23,16 +23,32 @@ use crate::slot_encoding::{ANYTHING, SlotEncoding};
 use crate::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
 
-/// How far apart caps of several layers may be that stand on one cut, as a share of the step: rounding parts them.
+/// How far apart things of several layers may be that begin on one cut, as a share of the step: rounding parts them.
 pub const CAP_TIE: f64 = 0.01;
 
-/// Puts surfaces that a ray meets in one segment, given in the order of their layers, into the order in which it passes them. `met` gives the
-/// distance of each, and how far behind another surface it may lie and still be passed with that, in the order of layers: [`CAP_TIE`] of a
-/// step for caps, else 0.
-pub fn sort_met<T>(surfaces: &mut [T], met: impl Fn(&T) -> (f64, f64)) {
-    let all: Vec<f64> = surfaces.iter().map(|surface| met(surface).0).collect();
+/// Where a ray meets a surface, among what several layers have in one segment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Meeting {
+    /// The distance at which the surface is passed.
+    pub t: f64,
+    /// How far behind another surface it may lie and still be passed with that, in the order of layers.
+    pub tie: f64,
+}
+
+impl Meeting {
+    /// A surface at a distance. A cap counts as [`CAP_TIE`] of a step before its cut: what other layers have behind the cut is behind the
+    /// cap, however little of it is needed to hide what follows.
+    pub fn new(t: f64, is_cap: bool, step: f64) -> Self {
+        let tie = if is_cap { CAP_TIE * step } else { 0.0 };
+        Self { t: t - tie, tie }
+    }
+}
+
+/// Puts surfaces that a ray meets in one segment, given in the order of their layers, into the order in which it passes them.
+pub fn sort_met<T>(surfaces: &mut [T], met: impl Fn(&T) -> Meeting) {
+    let all: Vec<f64> = surfaces.iter().map(|surface| met(surface).t).collect();
     let passed_at = |surface: &T| {
-        let (t, tie) = met(surface);
+        let Meeting { t, tie } = met(surface);
         all.iter().copied().filter(|other| (t - tie..=t).contains(other)).fold(t, f64::min)
     };
     surfaces.sort_by(|a, b| passed_at(a).total_cmp(&passed_at(b)));
@@ -153,19 +169,22 @@ mod tests {
 
     #[test]
     fn caps_of_one_cut_are_in_the_order_of_layers() {
-        let order = |met: &[(f64, f64)]| {
-            let mut all: Vec<(usize, (f64, f64))> = met.iter().copied().enumerate().collect();
+        // Steps of 1, so a tie is 0.01 long.
+        let order = |met: &[(f64, bool)]| {
+            let met = met.iter().map(|&(t, is_cap)| Meeting::new(t, is_cap, 1.0));
+            let mut all: Vec<(usize, Meeting)> = met.enumerate().collect();
             sort_met(&mut all, |surface| surface.1);
             all.into_iter().map(|surface| surface.0).collect::<Vec<_>>()
         };
-        assert_eq!(order(&[(3.0, 0.0), (1.0, 0.0), (2.0, 0.0)]), [1, 2, 0]);
+        assert_eq!(order(&[(3.0, false), (1.0, false), (2.0, false)]), [1, 2, 0]);
         assert_eq!(
-            order(&[(1.004, 0.01), (1.0, 0.01), (0.5, 0.0)]),
+            order(&[(1.004, true), (1.0, true), (0.5, false)]),
             [2, 0, 1],
             "a cap is passed with what is just before it"
         );
-        assert_eq!(order(&[(1.02, 0.01), (1.0, 0.01)]), [1, 0], "not with what is farther away");
-        assert_eq!(order(&[(1.004, 0.0), (1.0, 0.01)]), [1, 0], "nor a surface that is no cap");
+        assert_eq!(order(&[(1.02, true), (1.0, true)]), [1, 0], "not with what is farther away");
+        assert_eq!(order(&[(1.004, false), (1.0, true)]), [1, 0], "nor a surface that is no cap");
+        assert_eq!(order(&[(1.0, false), (1.004, true)]), [1, 0], "which a cap is before if they are at one place");
     }
 
     #[test]
