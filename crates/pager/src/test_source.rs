@@ -10,8 +10,8 @@ use brickyard_volume::{
 };
 use glam::DVec3;
 use std::collections::{HashMap, HashSet};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Barrier, Mutex};
 
 pub(crate) struct TestSource {
     pyramid: Pyramid,
@@ -39,6 +39,8 @@ pub(crate) struct TestSource {
     /// Whether hashes of cores are kept, and the pages of them that cannot be read.
     keeps_hashes: bool,
     pub(crate) failing_hashes: HashSet<PageId>,
+    /// Where those who read a page of hashes wait for one another.
+    pub(crate) hash_readers_meet: Option<Barrier>,
     bytes_read: AtomicU64,
     /// What happens when bricks are advised.
     pub(crate) advice: fn(&[BrickId]),
@@ -76,6 +78,7 @@ impl TestSource {
             failing_aprons,
             keeps_hashes: false,
             failing_hashes: HashSet::new(),
+            hash_readers_meet: None,
             bytes_read,
             advice: |_| {},
         }
@@ -199,6 +202,7 @@ impl BrickSource for TestSource {
         self.keeps_hashes
     }
     fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, BrickError> {
+        self.hash_readers_meet.as_ref().map(Barrier::wait);
         let bricks: Vec<_> = self.pyramid.bricks_of_page(page).collect();
         if self.failing_hashes.contains(&page) {
             return Err(BrickError { id: bricks[0].0, reason: "told to fail".into(), is_passing: false });

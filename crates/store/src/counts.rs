@@ -30,8 +30,8 @@ const MOST_WORDS: usize = 16 + 2 * MOST_CLASSES;
 /// Bricks that one thread counts before it adds them to the channel's.
 const BRICKS_AT_A_TIME: usize = 16;
 
-/// Bricks whose sums wait for their turn, at most.
-const MOST_BRICKS_IN_MEMORY: usize = 1 << 14;
+/// Bricks whose sums wait for their turn, at most: few where tests are to see that all turns count.
+const MOST_BRICKS_IN_MEMORY: usize = if cfg!(test) { 3 } else { 1 << 14 };
 
 /// The folder of the counts of a store.
 pub(crate) struct Counts {

@@ -6,6 +6,7 @@ use crate::ram_cache::RamCache;
 use crate::sameness::CoreHashes;
 use brickyard_volume::PageId;
 use std::collections::HashSet;
+use std::sync::{Barrier, mpsc};
 
 /// Time steps after which the object is back.
 const PERIOD: u32 = 5;
@@ -83,6 +84,25 @@ fn what_stays_the_same_is_neither_read_nor_uploaded_again() {
             }
             before = counters;
         }
+    }
+}
+
+/// Two pages are read at once by who asks for them: nobody waits for a page of another's.
+#[test]
+fn pages_of_hashes_are_read_beside_each_other() {
+    let readers = 2;
+    let mut source = TestSource::cube(8).with_times(readers).with_hashes();
+    source.hash_readers_meet = Some(Barrier::new(readers as usize));
+    let source: Arc<dyn BrickSource> = Arc::new(source);
+    let hashes = Arc::new(CoreHashes::new(&source, 1 << 20).unwrap());
+    let (say, said) = mpsc::channel();
+    for time in 0..readers {
+        let (hashes, say) = (hashes.clone(), say.clone());
+        let id = BrickId { time, channel: 0, level: Level(0), index: BrickIndex { x: 0, y: 0, z: 0 } };
+        std::thread::spawn(move || say.send(hashes.of_core(id)));
+    }
+    for _ in 0..readers {
+        assert!(said.recv_timeout(Duration::from_secs(60)).expect("both read").is_some());
     }
 }
 
