@@ -28,6 +28,10 @@ impl<S: Deref<Target: Source> + Send + Sync> Source for Described<S> {
         self.source.reader_bytes()
     }
 
+    fn held_bytes(&self) -> u64 {
+        self.source.held_bytes()
+    }
+
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.source.read_box(time - self.first, channel, region, out)
     }

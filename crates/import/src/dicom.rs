@@ -72,7 +72,10 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
     let mut unread = Vec::new();
     for other in files_in(folder)?.iter().filter(|other| other.file_name() != path.file_name()) {
         match Header::read(other) {
-            Ok(other) if is_image(&other) && other.series() == header.series() => series.push(other),
+            Ok(mut other) if is_image(&other) && other.series() == header.series() => {
+                other.share_values(&header);
+                series.push(other);
+            }
             Ok(_) => {}
             Err(error) if is_of_the_file(&error) && !may_be_of(other, &header)? => unread.push(error),
             Err(error) => return Err(error),
@@ -128,12 +131,13 @@ pub(crate) fn open_series(
     let mut headers = Vec::new();
     let mut others = Vec::new();
     for path in paths {
-        let header = Header::read(path)?;
+        let mut header = Header::read(path)?;
         if is_folder && !is_image(&header) {
             others.push(path);
             continue;
         }
         check_is_image(&header)?;
+        headers.last().into_iter().for_each(|last| header.share_values(last));
         headers.push(header);
     }
     let notes: Vec<String> = match others[..] {
@@ -177,7 +181,7 @@ fn describe_series(header: &Header, count: usize) -> String {
 
 impl DicomSeries {
     fn new(headers: Vec<Header>, options: &OpenOptions, mut notes: Vec<String>) -> Result<Self, ImportError> {
-        let files = headers
+        let mut files = headers
             .into_iter()
             .map(|header| Frames::find(&header).map(|frames| (header, frames)))
             .collect::<Result<Vec<_>, _>>()?;
@@ -250,6 +254,7 @@ impl DicomSeries {
         notes.extend(notes_on_values(&files, &slices, voxel_type));
         placement::set_matrix(placement.matrix, &mut info, &mut notes);
         info.notes = notes;
+        files.iter_mut().for_each(|(header, _)| header.forget_values());
         Ok(Self { info, files, slices, places, blank })
     }
 }
@@ -532,6 +537,12 @@ impl Source for DicomSeries {
 
     fn reader_bytes(&self) -> u64 {
         self.files.iter().map(|(_, frames)| frames.reader_bytes()).max().unwrap_or(0)
+    }
+
+    fn held_bytes(&self) -> u64 {
+        let files = self.files.iter().map(|(header, frames)| header.held_bytes() + frames.held_bytes());
+        let tables = size_of_val(&self.files[..]) + size_of_val(&self.slices[..]) + size_of_val(&self.places[..]);
+        (tables + files.sum::<usize>() + self.info.identity.len()) as u64
     }
 
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {

@@ -57,7 +57,7 @@ pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, Impo
     let is_seen = found.is_compressed && Losses::may_occur(path, found.array.decode, options).is_none();
     if is_seen && inflated_bytes(&found.body_path)? == Some(expected as u32) {
         let info = found.info(0)?;
-        return Ok(StepFile { info, access: Access::Box, reader_bytes: 0, scratch_bytes: expected });
+        return Ok(StepFile { info, access: Access::Box, reader_bytes: 0, held_bytes: 0, scratch_bytes: expected });
     }
     Ok(StepFile::of(&open(path, options)?))
 }

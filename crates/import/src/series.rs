@@ -24,8 +24,9 @@ pub(crate) const OPEN_STEPS: usize = 2;
 pub(crate) struct StepFile {
     pub(crate) info: SourceInfo,
     pub(crate) access: Access,
-    /// As [`Source::reader_bytes`] and [`Source::scratch_bytes`].
+    /// As [`Source::reader_bytes`], [`Source::held_bytes`] and [`Source::scratch_bytes`].
     pub(crate) reader_bytes: u64,
+    pub(crate) held_bytes: u64,
     pub(crate) scratch_bytes: u64,
 }
 
@@ -36,6 +37,7 @@ impl StepFile {
             info: source.info().clone(),
             access: source.access(),
             reader_bytes: source.reader_bytes(),
+            held_bytes: source.held_bytes(),
             scratch_bytes: source.scratch_bytes(),
         }
     }
@@ -49,6 +51,7 @@ pub(crate) struct Series {
     info: SourceInfo,
     access: Access,
     reader_bytes: u64,
+    held_bytes: u64,
     scratch_bytes: u64,
     steps: Vec<Step>,
     open: Box<Open>,
@@ -86,7 +89,7 @@ impl Series {
         let mut first: Option<StepFile> = None;
         let mut named: Option<(Vec<ChannelLook>, &Path)> = None;
         let (mut identity, mut notes) = (String::new(), Vec::new());
-        let (mut reader_bytes, mut scratch_bytes) = (0, 0);
+        let (mut reader_bytes, mut held_bytes, mut scratch_bytes) = (0, 0, 0);
         let mut steps = Vec::with_capacity(paths.len());
         for path in paths {
             let stamp = Stamp::of(path)?;
@@ -103,6 +106,7 @@ impl Series {
                 None => {}
             }
             reader_bytes = file.reader_bytes.max(reader_bytes);
+            held_bytes = file.held_bytes.max(held_bytes);
             scratch_bytes = file.scratch_bytes.max(scratch_bytes);
             let start = identity.len();
             identity += &file.info.identity;
@@ -119,8 +123,12 @@ impl Series {
             return Err(ImportError::options(Path::new("input"), "none given"));
         };
         let info = SourceInfo { times: steps.len() as u32, identity, notes, ..info };
-        let scratch_bytes = scratch_bytes.saturating_mul(OPEN_STEPS.min(steps.len()) as u64);
-        Ok(Self { info, access, reader_bytes, scratch_bytes, steps, open, recent: Mutex::default() })
+        let open_steps = OPEN_STEPS.min(steps.len()) as u64;
+        let scratch_bytes = scratch_bytes.saturating_mul(open_steps);
+        let paths: usize = steps.iter().map(|step| step.path.as_os_str().len()).sum();
+        let own_bytes = (size_of_val(&steps[..]) + paths + info.identity.len()) as u64;
+        let held_bytes = held_bytes.saturating_mul(open_steps).saturating_add(own_bytes);
+        Ok(Self { info, access, reader_bytes, held_bytes, scratch_bytes, steps, open, recent: Mutex::default() })
     }
 
     /// The source of a step, which is opened unless it is among the last ones.
@@ -263,6 +271,10 @@ impl Source for Series {
 
     fn reader_bytes(&self) -> u64 {
         self.reader_bytes
+    }
+
+    fn held_bytes(&self) -> u64 {
+        self.held_bytes
     }
 
     fn scratch_bytes(&self) -> u64 {

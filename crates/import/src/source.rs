@@ -113,6 +113,11 @@ pub trait Source: Send + Sync {
         0
     }
 
+    /// Memory in bytes that the source takes as long as it is open, where that grows with the number of its files.
+    fn held_bytes(&self) -> u64 {
+        0
+    }
+
     /// Most bytes of scratch files that the source keeps at a time.
     fn scratch_bytes(&self) -> u64 {
         0

@@ -195,6 +195,12 @@ impl Source for TiffStack {
         self.reader_bytes
     }
 
+    fn held_bytes(&self) -> u64 {
+        let paths: usize = self.files.iter().map(|file| file.path.as_os_str().len()).sum();
+        let tables = size_of_val(&self.files[..]) + self.map.held_bytes() + self.info.identity.len();
+        (tables + paths) as u64
+    }
+
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         self.info.check_box(time, channel, region, out);
         let samples = self.format.samples as u32;

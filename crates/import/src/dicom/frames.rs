@@ -132,6 +132,12 @@ impl Frames {
         packed + self.format.pixels() * per_pixel
     }
 
+    /// Bytes that the places of frames take.
+    pub(super) fn held_bytes(&self) -> usize {
+        let ranges: usize = self.places.iter().map(|ranges| size_of_val(&ranges[..])).sum();
+        size_of_val(&self.places[..]) + ranges
+    }
+
     /// The bytes of one frame as they are packed.
     fn read_packed(&self, header: &Header, frame: usize) -> Result<Vec<u8>, ImportError> {
         let path = header.path.as_path();

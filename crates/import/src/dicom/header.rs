@@ -24,6 +24,7 @@ use std::fs::File;
 use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
+use std::sync::Arc;
 
 /// Bytes of a deflated data set that are inflated first to find its header. If they are too few, four times as many are
 /// inflated, up to [`MOST_INFLATED_HEADER`].
@@ -86,7 +87,8 @@ const MR_HEADER: &str = "SIEMENS MR HEADER";
 /// Within the elements of [`MR_HEADER`], the number of slices of a mosaic.
 const MOSAIC_SLICES: Tag = Tag(0x0019, 0x100a);
 
-type Values = BTreeMap<Tag, PrimitiveValue>;
+/// Values by their elements; those that the slices of a series have in common are held once.
+type Values = BTreeMap<Tag, Arc<PrimitiveValue>>;
 
 /// The header of one DICOM file: the elements that a volume needs, and where the pixels are.
 pub(super) struct Header {
@@ -195,6 +197,25 @@ impl Header {
         self.stamp.map_or(Ok(()), |stamp| stamp.check(&self.path))
     }
 
+    /// Holds the values that another header has too in that one's memory.
+    pub(super) fn share_values(&mut self, other: &Self) {
+        for (tag, value) in &mut self.top {
+            if let Some(same) = other.top.get(tag).filter(|same| *same == value) {
+                *value = same.clone();
+            }
+        }
+    }
+
+    /// Forgets all values: pixels are read without them.
+    pub(super) fn forget_values(&mut self) {
+        (self.top, self.shared, self.frames) = (Values::new(), Values::new(), Vec::new());
+    }
+
+    /// Bytes that the header takes beside itself once its values are forgotten.
+    pub(super) fn held_bytes(&self) -> usize {
+        self.path.as_os_str().len() + self.syntax.len()
+    }
+
     /// Size of a deflated data set once it is inflated, in bytes; 0 if the file is not deflated.
     pub(super) fn inflated_bytes(&self) -> u64 {
         self.inflated_bytes
@@ -261,7 +282,7 @@ impl Header {
     /// An element as a frame (counted from 0) or else all frames or the whole file have it.
     fn value(&self, frame: usize, tag: Tag) -> Option<&PrimitiveValue> {
         let places = [self.frames.get(frame), Some(&self.shared), Some(&self.top)];
-        places.into_iter().flatten().find_map(|values| values.get(&tag))
+        places.into_iter().flatten().find_map(|values| values.get(&tag)).map(|value| &**value)
     }
 
     /// Returns the first number of an element of the whole file; `None` if it is missing or not a finite number.
@@ -302,7 +323,7 @@ impl Header {
                     }
                     let is_wanted = WANTED.contains(&tag) || self.is_of_mosaic(&header);
                     match self.values_at(parents).filter(|_| is_wanted) {
-                        Some(values) => values.insert(tag, elements.read(&header)?).map_or((), drop),
+                        Some(values) => values.insert(tag, Arc::new(elements.read(&header)?)).map_or((), drop),
                         None => elements.skip(&header)?,
                     }
                 }
@@ -330,7 +351,7 @@ impl Header {
     /// Siemens' own header, of the image.
     pub(super) fn csa(&self) -> Option<&[u8]> {
         let block = (0x10..=0xff).find(|block| self.is_creator(Tag(0x0029, *block), CSA_HEADER))?;
-        match self.top.get(&Tag(0x0029, (block << 8) | 0x10))? {
+        match &**self.top.get(&Tag(0x0029, (block << 8) | 0x10))? {
             PrimitiveValue::U8(bytes) => Some(&bytes[..]),
             _ => None,
         }
@@ -338,7 +359,7 @@ impl Header {
 
     /// Whether an element says that a block of private elements is this creator's.
     fn is_creator(&self, tag: Tag, creator: &str) -> bool {
-        let found = match self.top.get(&tag) {
+        let found = match self.top.get(&tag).map(|value| &**value) {
             // As files have it that do not say what their elements are.
             Some(PrimitiveValue::U8(bytes)) => String::from_utf8_lossy(bytes),
             Some(value) => value.to_str(),
@@ -351,7 +372,7 @@ impl Header {
     pub(super) fn private_mosaic_slices(&self) -> Option<u32> {
         let value =
             self.top.get(&MOSAIC_SLICES).filter(|_| self.is_creator(Tag(MOSAIC_SLICES.0, 0x0010), MR_HEADER))?;
-        match value {
+        match &**value {
             PrimitiveValue::U8(bytes) => bytes.first_chunk().map(|bytes| u16::from_le_bytes(*bytes).into()),
             value => value.to_int().ok(),
         }

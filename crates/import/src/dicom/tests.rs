@@ -4,7 +4,7 @@ use crate::error::ImportError;
 use crate::open::{open, order_steps};
 use crate::options::{FileOrder, NoData, OpenOptions};
 use crate::source::Source;
-use crate::testing::{alone_with, assert_takes_what_it_says};
+use crate::testing::{alone_with, assert_takes_what_it_says, peak_bytes};
 use brickyard_volume::VoxelType;
 use dicom_core::value::{DataSetSequence, PixelFragmentSequence};
 use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
@@ -221,6 +221,27 @@ fn a_slice_that_changes_after_it_was_opened_is_an_error() {
         let message = source.read_box(0, 0, source.info().extent.full_box(), &mut out).unwrap_err().to_string();
         assert!(message.contains("IM3: changed while it was read"), "{message}");
     }
+}
+
+/// Of each slice little more is held than where it lies; while a series is opened, what its slices have in common is held once.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_series_of_many_slices_takes_what_it_says() {
+    const SLICES: u64 = 4000;
+    let folder = alone_with("dicom::tests::a_series_of_many_slices_takes_what_it_says", |path| {
+        std::fs::create_dir(path).unwrap();
+        for i in 0..SLICES {
+            let mut slice = Written::slice(i as f64, 0);
+            slice.text(tags::SERIES_DESCRIPTION, VR::LO, "a description that takes as much as others do");
+            slice.save(&path.join(format!("{i}")), uids::EXPLICIT_VR_LITTLE_ENDIAN);
+        }
+    });
+    let Some(folder) = folder else { return };
+    let before = peak_bytes();
+    let source = open(&[folder], &OpenOptions::default()).unwrap();
+    let (taken, said) = (peak_bytes() - before, source.held_bytes());
+    // 5 kB a slice where each has its values by itself. What readers take once, whatever they read, is less than the rest.
+    assert!(said > 300 * SLICES && said <= taken && taken < 2500 * SLICES + (4 << 20), "took {taken}, said {said}");
 }
 
 /// Of a deflated file no more is held than its header and a frame, though it inflates to a thousand times itself.

@@ -36,6 +36,14 @@ impl PageMap {
         Self { sizes, order: PageOrder::Along { axes: axes.to_vec(), pages_per_file } }
     }
 
+    /// Bytes that the places of planes take.
+    pub(super) fn held_bytes(&self) -> usize {
+        match &self.order {
+            PageOrder::Along { .. } => 0,
+            PageOrder::Listed(places) => size_of_val(&places[..]),
+        }
+    }
+
     /// The place of a plane. Every index is below its size.
     pub(super) fn place(&self, time: u32, page_channel: u32, z: u32) -> Place {
         let index = |axes: &[Axis]| {

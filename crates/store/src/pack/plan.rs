@@ -440,16 +440,17 @@ fn open_shards(stage: &Stage) -> u64 {
     }
 }
 
-/// What threads hold of a source while they read it.
+/// What an open source holds, and threads while they read it.
 fn reading_bytes(source: &dyn Source, options: &PackOptions) -> u64 {
     let info = source.info();
-    match source.access() {
+    let by_threads = match source.access() {
         Access::Planes => {
             let plane = info.extent.x as u64 * info.extent.y as u64 * info.voxel_type.bytes() as u64;
             source.reader_bytes().saturating_add(plane)
         }
         Access::Box => source.reader_bytes().saturating_mul(options.threads as u64),
-    }
+    };
+    source.held_bytes().saturating_add(by_threads)
 }
 
 /// The shuffled core, and Zstandard's tables for inputs of at most 64 MiB by level.
