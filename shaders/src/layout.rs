@@ -152,8 +152,8 @@ pub struct FrameUniform {
     pub counts_per_code: u32,
     /// 1 if isosurfaces are capped where a clip opens them, else 0.
     pub caps: u32,
-    /// Padding: frames begin at multiples of 256 bytes, which any device can bind.
-    pub spare: f32,
+    /// The code at which the first isosurface begins. Ranges of codes are compared with it.
+    pub threshold_code: f32,
     /// The [numbers](crate::LayerShader::numbers) of a layer that is drawn together with others; else 0.
     pub firsts: [u32; 4],
 }

@@ -814,7 +814,7 @@ mod tests {
             threshold lean jitter jitter_seed mesh_far gradient_edge first_gradient grid_at first_row adaptive_step adds
             opacity reach flat_depth grid thresholds
             surfaces light_places axes slopes zone_starts planes list_at first_slot per_slot farthest_slots gradient_scale
-            plane_count jitter_phase slot_codes first_code last_entry counts_per_code caps spare firsts);
+            plane_count jitter_phase slot_codes first_code last_entry counts_per_code caps threshold_code firsts);
         assert_eq!(layout(module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
         assert_eq!(size_of::<FrameUniform>() % 256, 0, "frames begin where any device can bind them");
         if name.starts_with("sorted") {

@@ -76,7 +76,8 @@ struct Frame {
     counts_per_code: u32,
     // 1 if isosurfaces are capped where a clip opens them.
     caps: u32,
-    spare: f32,
+    // The code at which the first isosurface begins.
+    threshold_code: f32,
     // Of several layers that loops go over, where the layer's parts of the shared buffers begin (ranges, places of the table, counts), and flags.
     firsts: vec4u,
 }

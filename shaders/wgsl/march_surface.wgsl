@@ -18,7 +18,7 @@ fn march(in: Proxy) -> @location(0) vec4f {
     if (own.x < own.y && before <= stretch.x) {
         pixel = pixel_before(seen);
     }
-    pixel = begin(pixel, field, walk.start);
+    pixel = begin(pixel, field, walk.start, stretch.x);
     while (own.x < own.y && walk.middle < last && !is_final(pixel)) {
         pixel = search(pixel, field, walk.start, walk.end);
         walk = walk_on(walk, stretch);

@@ -33,7 +33,6 @@ fn cast_ray(position: vec2f) -> vec4f {
         let end = leaving(ray, place.low, place.size);
         left = end + hair;
         if (!is_brick_seen && end > at && left < reach) {
-            pixel.side = trunc(pixel.side);
             continue;
         }
         // The leaf has at least this segment, even where rounding puts its end before it.
@@ -52,11 +51,11 @@ fn cast_ray(position: vec2f) -> vec4f {
             // A leaf too thin for its segment's length to be told from nothing is left, too: every round goes on.
             if (run.enter > walk.middle || leave <= walk.middle) {
                 walk = walk_past(walk, run.enter, stretch);
-                pixel.side = select(trunc(pixel.side), 0.0, HAS_INVALID);
+                pixel.side = select(pixel.side, 0.0, HAS_INVALID);
             }
             let until = min(run.end, leave);
             if (abs(pixel.side) < 1.0 && walk.middle < until) {
-                pixel = begin(pixel, field, walk.start);
+                pixel = begin(pixel, field, walk.start, stretch.x);
             }
             while (walk.middle < until && !is_zone_left(walk) && !is_final(pixel)) {
                 pixel = search(pixel, field, walk.start, walk.end);

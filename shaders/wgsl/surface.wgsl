@@ -5,8 +5,8 @@
 struct Pixel {
     // 1 before the surface, then 0.
     transmittance: f32,
-    // Which one the ray is on: 1 inside, -1 outside, 0 not known, `AT_CUT` before the first place behind a cut, on which a cap may stand: not known
-    // either, and as a ray outside it meets what is inside. `trunc` forgets the cut.
+    // Which one the ray is on: 1 inside, -1 outside, 0 not known, `AT_CUT` not known of a ray whose first place may be on a cap: as from outside,
+    // it meets what is inside.
     side: f32,
     // The piece of the ray with the surface; a cap's has no length.
     start: f32,
@@ -27,10 +27,11 @@ fn pixel_before(seen: Sight) -> Pixel {
     return pixel;
 }
 
-// At the start of the first segment that is looked at: on a cap, if that is the first behind a cut and inside.
-fn begin(before: Pixel, field: Field, start: f32) -> Pixel {
-    let side = side_of(value_at(field, max(start, field.reach.x)));
-    let is_cap = before.side == AT_CUT && side > 0.0;
+// At the start of the first segment that is looked at: on a cap, if that is inside, at the first place behind a cut.
+fn begin(before: Pixel, field: Field, start: f32, first: f32) -> Pixel {
+    let place = max(start, field.reach.x);
+    let side = side_of(value_at(field, place));
+    let is_cap = before.side == AT_CUT && side > 0.0 && place <= first;
     return Pixel(select(before.transmittance, 0.0, is_cap), side, start, start);
 }
 

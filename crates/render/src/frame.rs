@@ -191,9 +191,14 @@ pub(crate) fn frame_uniform(
         last_entry: frame.table.last_entry() as f32,
         counts_per_code: table.counts_per_code,
         caps: frame.caps as u32,
-        spare: 0.0,
+        threshold_code: frame.surfaces.first().map_or(1e30, |first| code_of(first.threshold, frame)),
         firsts: [0; 4],
     }
+}
+
+/// The code of a value, also between codes.
+fn code_of(value: f64, frame: &FrameSettings) -> f32 {
+    (frame.encoding.code(value) + frame.encoding.first_code()) as f32
 }
 
 /// Where in the table each surface begins, and each one's colour and opacity.
