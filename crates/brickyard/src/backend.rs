@@ -8,7 +8,7 @@ pub use crate::options::{BackendChoice, CompositorChoice};
 use brickyard_pager::{BrickSource, Layer, MOST_COMING, Upload, VolumeNeeds};
 #[cfg(feature = "gpu")]
 use brickyard_render::{Compiled, GpuError, GpuPreference, GpuRenderer};
-use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
+use brickyard_software::{Painting, SoftwareError, SoftwareOptions, SoftwareRenderer};
 use brickyard_volume::{Combination, Needs, Picture, SlotEncoding};
 use std::sync::Arc;
 use std::time::Instant;
@@ -118,6 +118,10 @@ pub trait Renderer: Send {
     /// Gives up from now on pictures that are not finished at this time; `None` gives none up.
     fn draw_until(&mut self, until: Option<Instant>);
 
+    /// Shows from now on on this painting what of a picture is drawn, and stops if it is abandoned; `None` shows nothing. A backend that draws a
+    /// picture in one go does neither.
+    fn draw_on(&mut self, _painting: Option<Arc<Painting>>) {}
+
     /// Whether it still has the picture that the backend before it has shown last.
     fn keeps_picture(&self) -> bool {
         false
@@ -177,6 +181,10 @@ impl Renderer for SoftwareRenderer {
 
     fn draw_until(&mut self, until: Option<Instant>) {
         self.draw_until(until);
+    }
+
+    fn draw_on(&mut self, painting: Option<Arc<Painting>>) {
+        self.draw_on(painting);
     }
 }
 

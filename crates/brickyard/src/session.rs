@@ -26,6 +26,7 @@ use crate::slot_change::{Shot, SlotChange};
 use crate::table_cache::VolumeTables;
 pub use crate::volume_source::VolumeSource;
 use brickyard_pager::{Counters, DrawList, KeptCores, Playback, Policy, Readiness, ShownStep, Status, Tally, View};
+pub use brickyard_software::Painting;
 use brickyard_volume::{
     FloatSlots, FrameSettings, KeptSlots, Mode, Picture, PixelSample, Scene, SceneError, SlotEncoding, TransferFunction,
 };
@@ -120,6 +121,8 @@ pub struct Session {
     losses: Losses,
     /// When pictures are given up; `None` never.
     pub(crate) draw_until: Option<Instant>,
+    /// Where the picture is seen while it is drawn; `None` nowhere.
+    painting: Option<Arc<Painting>>,
     /// The picture that was shown last; `None` before the first one, and where it is lost.
     pub(crate) shown: Option<ShownPicture>,
     /// When it began, if it is live.
@@ -157,6 +160,7 @@ impl Session {
             last: None,
             losses: Losses::default(),
             draw_until: None,
+            painting: None,
             shown: None,
             clock: options.live.then(Instant::now),
             slot_change: SlotChange::default(),
@@ -477,6 +481,7 @@ impl Session {
                 return Err(SessionError::Superseded);
             };
             fit.backend.draw_until(self.draw_until);
+            fit.backend.draw_on(self.painting.clone());
             match fit.draw(&frame.scene, tells) {
                 Ok(picture) => {
                     self.losses.picture();
@@ -489,6 +494,18 @@ impl Session {
             }
             self.refill()?;
         }
+    }
+
+    /// Draws as [`Session::draw`] does, for who looks on: on the CPU, what is drawn so far can be seen on the painting, from other threads too, and the
+    /// picture can be abandoned there.
+    ///
+    /// # Errors
+    /// As [`Session::draw`], and if the picture was abandoned.
+    pub fn paint(&mut self, frame: &Frame, painting: &Arc<Painting>) -> Result<Picture, SessionError> {
+        self.painting = Some(painting.clone());
+        let drawn = self.draw(frame);
+        self.painting = None;
+        drawn
     }
 
     /// Whether drawing this frame, the last step's, shows the picture before in its place: while nothing of the frame is there yet in some place, as after a

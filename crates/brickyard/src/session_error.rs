@@ -44,6 +44,9 @@ pub enum SessionError {
     /// The session does not draw on an application's device, so it cannot put pictures on the application's textures.
     #[error("the session does not draw on a device of the application's: make it with `Session::on_gpu`")]
     NoDevice,
+    /// The operating system gave no thread to draw on.
+    #[error("cannot start a thread to draw on: {0}")]
+    NoThread(#[source] std::io::Error),
     /// The compositor is `sorted`, and the layers differ in grid, place or voxel size, so that their cells have no
     /// common order from back to front.
     #[error(

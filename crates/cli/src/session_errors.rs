@@ -50,6 +50,7 @@ pub(crate) fn session_failure(error: SessionError) -> Failure {
         | SessionError::Backend(_)
         | SessionError::LostAgain { .. }
         | SessionError::NoDevice
+        | SessionError::NoThread(_)
         | SessionError::Superseded => Failure::failed(advised(&error)),
     }
 }

@@ -4,6 +4,7 @@
 use crate::depths::DepthTable;
 use crate::macrocells::{Mask, over_boxes};
 use crate::packet::{LANES, Packet};
+use crate::painting::Painting;
 use crate::reading::Reading;
 use crate::sample::CodeMap;
 use crate::steps::StepTables;
@@ -86,6 +87,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) is_one_opaque_surface: bool,
     /// When drawing is given up; `None` never.
     pub(crate) until: Option<Instant>,
+    /// Where who looks on may abandon it.
+    pub(crate) painting: Option<&'a Painting>,
 }
 
 /// One entry of a layer's draw list, as rays meet it.
@@ -231,6 +234,7 @@ impl<'a> Frame<'a> {
             is_lit: layer.is_lit(),
             is_one_opaque_surface,
             until: None,
+            painting: None,
         }
     }
 }
@@ -257,7 +261,7 @@ pub(crate) fn rank_of(thresholds: &[f32; MAX_SURFACES], code: f32) -> i32 {
 impl Frame<'_> {
     /// Whether drawing is given up. Asked once a cell, or a ray: a clock costs some 50 ns.
     pub(crate) fn is_given_up(&self) -> bool {
-        self.until.is_some_and(|until| Instant::now() >= until)
+        self.painting.is_some_and(Painting::is_abandoned) || self.until.is_some_and(|until| Instant::now() >= until)
     }
 
     /// How far the lattice of a pixel's ray is moved towards the eye, where the ray enters what is shown at the distance `t_in`.

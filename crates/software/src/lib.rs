@@ -39,6 +39,7 @@ mod mixture;
 mod modes;
 mod options;
 mod packet;
+mod painting;
 mod path;
 mod pieces;
 mod ray;
@@ -57,4 +58,5 @@ mod tiles;
 mod transfer_table;
 
 pub use options::SoftwareOptions;
+pub use painting::Painting;
 pub use renderer::{SoftwareError, SoftwareRenderer};

@@ -4,6 +4,7 @@ use crate::frame::Frame;
 use crate::march::Work;
 use crate::meshes::MeshTree;
 use crate::options::SoftwareOptions;
+use crate::painting::Painting;
 use crate::slots::{Slots, bytes_per_slot, fixed_bytes};
 use crate::tile::Scene;
 use crate::tiles::{self, Tile, TilePixels};
@@ -41,6 +42,9 @@ pub enum SoftwareError {
         /// The system's error.
         source: rayon::ThreadPoolBuildError,
     },
+    /// A picture was abandoned while it was drawn: see [`Painting::abandon`].
+    #[error("the picture was abandoned")]
+    Abandoned,
     /// A picture was not finished in the time allowed: see [`SoftwareRenderer::draw_until`].
     #[error("the picture was not drawn in the time allowed")]
     TooLong,
@@ -69,6 +73,8 @@ pub struct SoftwareRenderer {
     meshes: MeshTree,
     /// When pictures are given up; `None` never.
     until: Option<Instant>,
+    /// Where pictures are seen while they are drawn.
+    painting: Option<Arc<Painting>>,
     threads: rayon::ThreadPool,
 }
 
@@ -127,6 +133,7 @@ impl SoftwareRenderer {
             visibility: Vec::new(),
             meshes: MeshTree::default(),
             until: None,
+            painting: None,
             threads: threads.map_err(|source| SoftwareError::Threads { threads: options.threads, source })?,
         })
     }
@@ -142,6 +149,11 @@ impl SoftwareRenderer {
     /// Gives up from now on pictures that are not finished at this time; `None` gives none up.
     pub fn draw_until(&mut self, until: Option<Instant>) {
         self.until = until;
+    }
+
+    /// Shows from now on on this painting what of a picture is drawn, and stops if it is abandoned; `None` shows nothing.
+    pub fn draw_on(&mut self, painting: Option<Arc<Painting>>) {
+        self.painting = painting;
     }
 
     /// The bytes that the renderer takes when every slot is full, drawing included; at most the budget.
@@ -171,8 +183,8 @@ impl SoftwareRenderer {
     /// # Errors
     /// If there are no layers, they are not in ascending order, or one is not the renderer's; if the picture is larger than was agreed; if a
     /// list names a slot to which no brick was uploaded; if frames, pyramids and needs do not belong together; if a layer that an expression
-    /// reads has surfaces, is classified by value and gradient, or is drawn by another mode or method than the plain one; or if the time is over
-    /// that was [allowed](SoftwareRenderer::draw_until).
+    /// reads has surfaces, is classified by value and gradient, or is drawn by another mode or method than the plain one; if the time is over
+    /// that was [allowed](SoftwareRenderer::draw_until); or if it was [abandoned](Painting::abandon).
     pub fn render(
         &mut self,
         layers: &[Layer<'_>],
@@ -192,13 +204,20 @@ impl SoftwareRenderer {
         let (drawn, visibility) = self.threads.install(|| {
             let by_itself = !is_mixed || settings.mode.is_projection();
             let slots = |layer: &Layer<'_>| &self.pools[self.pool_of[layer.volume]];
-            let until = self.until;
-            let frames = layers.iter().map(|layer| Frame { until, ..frame(layer, slots(layer), by_itself) }).collect();
+            let (until, painting) = (self.until, self.painting.as_deref());
+            painting.into_iter().for_each(|painting| painting.begin(tiles.len()));
+            let of_layer = |layer| Frame { until, painting, ..frame(layer, slots(layer), by_itself) };
+            let frames = layers.iter().map(of_layer).collect();
             let scene = Scene::new(frames, meshes, is_mixed, is_one_cut(layers), combination);
             let draw = |work: &mut Box<Work>, tile: &Tile| {
                 let drawn = scene.draw(tile, work);
                 // What was given up meanwhile is not whole.
-                if scene.frames()[0].is_given_up() { Err(SoftwareError::TooLong) } else { Ok(drawn) }
+                match painting {
+                    Some(painting) if painting.is_abandoned() => return Err(SoftwareError::Abandoned),
+                    _ if scene.frames()[0].is_given_up() => return Err(SoftwareError::TooLong),
+                    painting => painting.into_iter().for_each(|painting| painting.put(size, tile, &drawn)),
+                }
+                Ok(drawn)
             };
             let drawn: Result<Vec<TilePixels>, SoftwareError> = tiles.par_iter().map_init(Work::new, draw).collect();
             let light = |frame: &Frame<'_>| -> Vec<f32> {

@@ -24,15 +24,18 @@ pub(crate) fn tiles(width: u32, height: u32) -> impl Iterator<Item = Tile> {
 
 /// Puts the picture together from its drawn tiles.
 pub(crate) fn picture((width, height): (u32, u32), tiles: &[Tile], drawn: &[TilePixels]) -> Picture {
-    let mut rgb = vec![[0; 3]; width as usize * height as usize];
-    for (tile, pixels) in tiles.iter().zip(drawn) {
-        for (y, row) in (tile.y0..tile.y1).zip(pixels.chunks_exact(TILE_PX as usize)) {
-            let start = y as usize * width as usize + tile.x0 as usize;
-            let n = (tile.x1 - tile.x0) as usize;
-            rgb[start..start + n].copy_from_slice(&row[..n]);
-        }
+    let mut picture = Picture { width, height, rgb: vec![[0; 3]; width as usize * height as usize] };
+    tiles.iter().zip(drawn).for_each(|(tile, pixels)| put(&mut picture, tile, pixels));
+    picture
+}
+
+/// Puts a tile's pixels in their place in a picture.
+pub(crate) fn put(picture: &mut Picture, tile: &Tile, pixels: &TilePixels) {
+    for (y, row) in (tile.y0..tile.y1).zip(pixels.chunks_exact(TILE_PX as usize)) {
+        let start = y as usize * picture.width as usize + tile.x0 as usize;
+        let n = (tile.x1 - tile.x0) as usize;
+        picture.rgb[start..start + n].copy_from_slice(&row[..n]);
     }
-    Picture { width, height, rgb }
 }
 
 /// The places of a tile's pixels in [`TilePixels`], row by row.

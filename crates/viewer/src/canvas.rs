@@ -1,7 +1,9 @@
-//! The picture in the window: a live session draws the scene into a texture, on the window's own device or on the CPU, at the quality that the hand's
-//! pace allows. At rest it is drawn once more, exactly, and then sample by sample until it is smooth, and then not again. Costs one step and at most one drawing for each frame of the window.
+//! The picture in the window: a live session draws the scene into a texture, on the window's own device or [beside the window](crate::drawing) on the CPU, at the
+//! quality that the hand's pace allows. At rest it is drawn once more, exactly, and then sample by sample until it is smooth, and then not again. A picture on the
+//! CPU that nobody waits for any more is abandoned. Costs one step for each frame of the window, and on a GPU at most one drawing.
 
 use crate::device::Device;
+use crate::drawing::{Drawing, Home, Known, scaled};
 use crate::marks::Over;
 use crate::screen::{FORMAT, Screen};
 use brickyard::backend::BackendChoice;
@@ -9,22 +11,41 @@ use brickyard::doubtful_extremes::DoubtfulExtremes;
 use brickyard::frame_governor::{Change, Quality, QualityControl};
 use brickyard::pager::{DrawList, Playback, Status};
 use brickyard::render::{Gpu, Target};
-use brickyard::session::{ComingStep, Frame, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
+use brickyard::session::{
+    ComingStep, Frame, Painting, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, check,
+};
 use brickyard::stats::RenderStats;
 use brickyard::volume::{Picture, PixelSamples, Scene, SceneError};
-use eframe::egui::{Painter, Rect};
+use eframe::egui::{self, Painter, Rect};
 use eframe::egui_wgpu::RenderState;
 use std::collections::VecDeque;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+/// Nothing is seen where nothing is drawn yet.
+const NO_PICTURE: Picture = Picture { width: 0, height: 0, rgb: Vec::new() };
 
 /// How many frames' times are kept.
 const FRAMES: usize = 240;
 
+/// How long a picture of a moving view may be drawn that is not of the view any more.
+const LATE: Duration = Duration::from_millis(150);
+
+/// How often what is drawn of a picture is shown.
+const LOOK: Duration = Duration::from_millis(150);
+
 /// A session and the texture that shows its picture.
 pub(crate) struct Canvas {
-    session: Session,
+    /// The session while it is at home; `None` while it draws beside the window.
+    session: Option<Box<Session>>,
+    /// What it draws there.
+    drawing: Option<(Drawing, Task)>,
+    /// The session's options.
+    options: SessionOptions,
+    /// The last picture from the CPU, and when it, or a part of the next one, was shown.
+    picture: Option<Picture>,
+    looked: Option<Instant>,
     /// Where the picture is seen; `None` as long as the window has no device.
     screen: Option<Screen>,
     /// The window's device, if the session draws there and not on the CPU.
@@ -34,9 +55,10 @@ pub(crate) struct Canvas {
     pub(crate) is_adaptive: bool,
     /// How time steps are played, as the session was told.
     playback: Option<Playback>,
+    pace: Pace,
     shown: Option<Shown>,
     /// How far the last step of streaming was, and which time steps come next; `None` before the first one.
-    progress: Option<(Status, Vec<ComingStep>)>,
+    stream: Option<(Status, Vec<ComingStep>)>,
     /// What the last frames took, oldest first.
     times: VecDeque<FrameTimes>,
     /// What they took since that was last asked.
@@ -49,8 +71,44 @@ pub(crate) struct Canvas {
 pub(crate) struct FrameTimes {
     /// Streaming: taking in bricks, planning, uploading.
     pub(crate) step: Duration,
-    /// Drawing on the CPU, or recording what a GPU draws.
+    /// Recording what a GPU draws.
     pub(crate) draw: Duration,
+    /// Drawing on the CPU, beside the window.
+    pub(crate) beside: Duration,
+}
+
+impl FrameTimes {
+    /// What drawing took, wherever.
+    pub(crate) fn drawing(&self) -> Duration {
+        self.draw + self.beside
+    }
+
+    /// What both took.
+    pub(crate) fn and(self, other: Self) -> Self {
+        Self { step: self.step + other.step, draw: self.draw + other.draw, beside: self.beside + other.beside }
+    }
+}
+
+/// Which time step a session is at, and is asked for: as it was with the picture that is shown. A session that draws is ahead of that.
+#[derive(Default)]
+struct Pace {
+    is_playing: bool,
+    is_seeking: bool,
+    /// The step of the session's last frame, and the one that it was asked for.
+    stepped: u32,
+    asked: u32,
+    /// Whether another one is asked for.
+    is_jump: bool,
+}
+
+/// What a session draws beside the window.
+enum Task {
+    /// The picture of a scene, or one that is coarser.
+    Show { scene: Scene, size_px: (u32, u32), frame: Frame, quality: Quality, step: Duration },
+    /// A sample of the pixels of the picture that is shown.
+    Smooth,
+    /// The picture that was asked for first, with its frame.
+    Capture(Frame),
 }
 
 /// A picture that is to be written once it is final.
@@ -60,6 +118,7 @@ struct Capture {
     size_px: Option<(u32, u32)>,
     path: PathBuf,
     over: Over,
+    asked: Instant,
 }
 
 /// A picture that is final, with all that is known of it.
@@ -114,14 +173,19 @@ impl Canvas {
             None => Session::new(volumes, SessionOptions { backend: BackendChoice::Cpu, ..options }),
         };
         Ok(Self {
-            session,
+            session: Some(Box::new(session)),
+            drawing: None,
+            options,
+            picture: None,
+            looked: None,
             screen: device.map(|device| Screen::new(&device.state)),
             gpu: gpu_device.cloned(),
             control: QualityControl::new(Duration::from_millis(50)),
             is_adaptive: true,
             playback: None,
+            pace: Pace::default(),
             shown: None,
-            progress: None,
+            stream: None,
             times: VecDeque::new(),
             spent: FrameTimes::default(),
             captures: VecDeque::new(),
@@ -137,12 +201,12 @@ impl Canvas {
         match (&mut self.gpu, draws_volumes(device, options)) {
             (None, false) => {}
             (Some(known), true) => {
-                self.session.set_gpu(gpu(device)?);
                 *known = device.clone();
+                self.home().set_gpu(gpu(device)?);
             }
             _ => {
                 let captures = std::mem::take(&mut self.captures);
-                *self = Self { captures, ..Self::new(self.session.volumes().to_vec(), options, Some(device))? };
+                *self = Self { captures, ..Self::new(self.volumes().to_vec(), options, Some(device))? };
             }
         }
         (self.screen, self.shown) = (Some(Screen::new(&device.state)), None);
@@ -167,7 +231,7 @@ impl Canvas {
 
     /// Goes on with later states of the volumes.
     pub(crate) fn set_volumes(&mut self, volumes: Vec<VolumeSource>) {
-        self.session.set_volumes(volumes);
+        self.home().set_volumes(volumes);
         self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
     }
 
@@ -180,19 +244,25 @@ impl Canvas {
     pub(crate) fn set_frame_goal(&mut self, goal: Duration, between: Duration) {
         // A GPU's own work for a picture is part of the time between frames.
         let between = if self.gpu.is_some() { Duration::ZERO } else { between };
-        self.control.set_goal(self.session.drawing_time(goal, between));
+        if let Some(session) = &self.session {
+            self.control.set_goal(session.drawing_time(goal, between));
+        }
     }
 
     /// Goes on within other limits of memory, in bytes.
     pub(crate) fn set_budgets(&mut self, gpu_memory_bytes: u64, host_memory_bytes: u64) {
-        if self.session.set_budgets(gpu_memory_bytes, host_memory_bytes) {
+        if (self.options.gpu_memory_bytes, self.options.host_memory_bytes) == (gpu_memory_bytes, host_memory_bytes) {
+            return;
+        }
+        (self.options.gpu_memory_bytes, self.options.host_memory_bytes) = (gpu_memory_bytes, host_memory_bytes);
+        if self.home().set_budgets(gpu_memory_bytes, host_memory_bytes) {
             self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
         }
     }
 
     /// Asks for a picture of a scene, which is drawn as soon as it is final. `None` is the size in which the picture is shown.
     pub(crate) fn capture(&mut self, scene: Scene, size_px: Option<(u32, u32)>, (path, over): (PathBuf, Over)) {
-        self.captures.push_back(Capture { scene, size_px, path, over });
+        self.captures.push_back(Capture { scene, size_px, path, over, asked: Instant::now() });
     }
 
     /// Whether a picture that was asked for has not come yet.
@@ -204,11 +274,17 @@ impl Canvas {
     ///
     /// # Errors
     /// If it cannot be drawn; it is given up then, unless another device may draw it.
-    pub(crate) fn captured(&mut self, size_px: (u32, u32)) -> Result<Option<Captured>, SessionError> {
+    pub(crate) fn captured(
+        &mut self,
+        size_px: (u32, u32),
+        egui: &egui::Context,
+    ) -> Result<Option<Captured>, SessionError> {
         let Some(capture) = self.captures.front() else { return Ok(None) };
-        // The picture is of the step that its scene says.
-        self.session.play(None);
-        let drawn = draw_if_final(&mut self.session, &capture.scene, capture.size_px.unwrap_or(size_px));
+        let (scene, size_px) = (capture.scene.clone(), capture.size_px.unwrap_or(size_px));
+        let drawn = match self.drawing.take_if(|(drawing, _)| drawing.is_over()) {
+            Some((drawing, task)) => self.arrive(drawing, task),
+            None => self.step_to_capture(&scene, size_px, egui),
+        };
         // The session's slots are those of another picture now.
         self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
         if drawn.is_err() && !self.is_lost() {
@@ -216,98 +292,304 @@ impl Canvas {
         }
         let Some((picture, frame)) = drawn? else { return Ok(None) };
         let Some(Capture { scene, path, over, .. }) = self.captures.pop_front() else { return Ok(None) };
-        self.session.play(self.playback);
+        let playback = self.playback;
+        let session = self.home();
+        session.play(playback);
         let mut stats = RenderStats::default();
-        stats.record(&frame.status, self.session.backend_bytes());
+        stats.record(&frame.status, session.backend_bytes());
         Ok(Some(Captured { path, picture, scene: frame.scene.shown(&scene), stats, over }))
+    }
+
+    /// Streams a step towards a picture that was asked for. Returns the picture, and its frame, if a GPU has drawn it; the CPU begins to.
+    fn step_to_capture(
+        &mut self,
+        scene: &Scene,
+        size_px: (u32, u32),
+        egui: &egui::Context,
+    ) -> Result<Option<(Picture, Frame)>, SessionError> {
+        match &self.drawing {
+            Some((_, Task::Capture(_))) => return Ok(None),
+            Some((drawing, _)) => drawing.abandon(),
+            None => {}
+        }
+        let is_on_gpu = self.gpu.is_some();
+        let session = self.home();
+        // The picture is of the step that its scene says.
+        session.play(None);
+        let frame = session.step(scene, size_px)?;
+        if !(frame.status.settled || frame.status.awaits_feedback) {
+            return Ok(None);
+        }
+        let (drawn, samples) = (frame.clone(), scene.pixel_samples);
+        let draw = move |session: &mut Session, painting: &Arc<Painting>| {
+            // Drawing tells what was seen, after which more may be wanted.
+            let picture = session.paint(&drawn, painting)?;
+            match (drawn.status.settled, samples) {
+                (false, _) => Ok(None),
+                (true, PixelSamples::ONE) => Ok(Some(picture)),
+                _ => samples.picture(|sample| session.paint(&drawn.of_sample(sample), painting)).map(Some),
+            }
+        };
+        let eyes = 1 + u32::from(scene.stereo.is_some());
+        let samples = if samples == PixelSamples::ONE { 0 } else { samples.count() as u32 };
+        let painting = Painting::over(NO_PICTURE, eyes * (1 + samples));
+        if is_on_gpu {
+            return Ok(draw(session, &Arc::new(painting))?.map(|picture| (picture, frame)));
+        }
+        self.leave(Task::Capture(frame), painting, egui, draw)?;
+        Ok(None)
+    }
+
+    /// For which file the picture is that was asked for first, and how much of it is drawn, 0 to 1, once that has taken a while; `None` if none
+    /// was asked for.
+    pub(crate) fn capturing(&self) -> Option<(&Path, f64)> {
+        let capture = self.captures.front().filter(|capture| capture.asked.elapsed() > LOOK)?;
+        let drawing = self.drawing.as_ref().filter(|(_, task)| matches!(task, Task::Capture(_)));
+        Some((&capture.path, drawing.map_or(0.0, |(drawing, _)| drawing.progress())))
+    }
+
+    /// Gives up the picture that was asked for first.
+    pub(crate) fn give_up_capture(&mut self) -> Option<PathBuf> {
+        let playback = self.playback;
+        let capture = self.captures.pop_front()?;
+        self.home().play(playback);
+        Some(capture.path)
     }
 
     /// Brings the texture nearer to a scene's picture of a size: streams a step, and draws unless what is shown still stands.
     ///
     /// # Errors
     /// If the scene cannot be drawn, or the device fails. The texture keeps what it shows.
-    pub(crate) fn show(&mut self, scene: &Scene, size_px: (u32, u32)) -> Result<(), SessionError> {
+    pub(crate) fn show(
+        &mut self,
+        scene: &Scene,
+        size_px: (u32, u32),
+        egui: &egui::Context,
+    ) -> Result<(), SessionError> {
+        if let Some((drawing, task)) = self.drawing.take_if(|(drawing, _)| drawing.is_over()) {
+            self.arrive(drawing, task)?;
+        }
+        let is_known = scene.time == self.pace.asked || Some(scene.time) == self.step_seen();
+        self.pace.is_jump |= self.pace.is_playing && !is_known;
+        // What is played is asked for step by step: by the step of the picture that is shown, which the session may have left.
+        let paced = Scene { time: self.pace.stepped, ..scene.clone() };
+        let (asked, is_paced) = (scene.time, self.pace.is_playing && !self.pace.is_jump);
+        let scene = if is_paced { &paced } else { scene };
         let is_same = |shown: &Shown| shown.scene == *scene && shown.size_px == size_px;
+        if self.drawing.is_some() {
+            self.look_on(scene, size_px);
+            return Ok(());
+        }
         if let Some(shown) = self.shown.as_ref().filter(|shown| is_same(shown) && !self.is_playing()) {
             match shown.samples_left {
                 Some(0) => return Ok(()),
-                Some(_) => return self.smooth(),
+                Some(_) => return self.smooth(egui),
                 None => {}
             }
         }
         let begun = Instant::now();
-        let frame = self.session.step(scene, size_px)?;
-        let step = begun.elapsed();
-        if let Some(shown) = self.shown.as_mut().filter(|shown| is_same(shown) && self.session.playback().is_some())
+        let session = self.home();
+        let frame = session.step(scene, size_px)?;
+        let (step, is_playing) = (begun.elapsed(), session.playback().is_some());
+        self.spent.step += step;
+        (self.pace.asked, self.pace.stepped) = (asked, frame.scene.time);
+        let scene = &Scene { time: if is_paced { frame.scene.time } else { scene.time }, ..scene.clone() };
+        let is_same = |shown: &Shown| shown.scene == *scene && shown.size_px == size_px;
+        if let Some(shown) = self.shown.as_mut().filter(|shown| is_same(shown) && is_playing)
             && shown.frame.shows_as_much_as(&frame)
         {
             // Until the next step is due, the picture is as good as it gets.
-            self.progress = Some((frame.status, frame.coming));
-            self.spent.step += step;
+            self.stream = Some((frame.status, frame.coming));
+            self.keep_pace();
             return Ok(());
         }
         // What still streams is drawn as a moving view is: the exact picture comes once, when all is there.
         let moved = !(self.shown.as_ref().is_some_and(is_same) && frame.status.settled);
         let quality = self.control.next(Change { moved, refined: true }).unwrap_or(Quality::EXACT);
         let quality = if self.is_adaptive { quality } else { Quality::EXACT };
-        let begun = Instant::now();
-        let drawn = self.draw(&quality.frame(&frame), size_px)?;
+        self.stream = Some((frame.status.clone(), frame.coming.clone()));
+        if self.gpu.is_some() {
+            let begun = Instant::now();
+            let drawn = self.draw(&quality.frame(&frame), size_px)?;
+            let times = FrameTimes { step, draw: begun.elapsed(), ..FrameTimes::default() };
+            self.took(times);
+            self.drew(drawn, Shown { scene: scene.clone(), size_px, frame, quality, samples_left: None });
+            self.keep_pace();
+            return Ok(());
+        }
+        if self.screen.is_none() || self.home().shows_before(&frame) {
+            self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
+            self.keep_pace();
+            return Ok(());
+        }
+        let drawn = quality.frame(&frame);
+        let under = match &self.picture {
+            Some(picture) if quality == Quality::EXACT => scaled(picture, size_px),
+            _ => NO_PICTURE,
+        };
+        let painting = Painting::over(under, 1 + u32::from(scene.stereo.is_some()));
+        let task = Task::Show { scene: scene.clone(), size_px, frame, quality, step };
+        self.leave(task, painting, egui, move |session, painting| session.paint(&drawn, painting).map(Some))
+    }
+
+    /// While the session draws: abandons what is not of this scene, unless it is there soon, and shows what is drawn of it so far.
+    fn look_on(&mut self, scene: &Scene, size_px: (u32, u32)) {
+        let Some((drawing, task)) = &self.drawing else { return };
+        let (is_of_it, is_brief) = match task {
+            Task::Show { scene: of, size_px: in_px, quality, .. } => {
+                (of == scene && *in_px == size_px, *quality != Quality::EXACT && drawing.since() < LATE)
+            }
+            Task::Smooth => {
+                let shown = self.shown.as_ref();
+                (shown.is_some_and(|shown| shown.scene == *scene && shown.size_px == size_px), false)
+            }
+            Task::Capture(_) => (false, false),
+        };
+        if !is_of_it {
+            if !is_brief {
+                drawing.abandon();
+            }
+            return;
+        }
+        // Over a picture of the same scene and time step alone.
+        let Task::Show { frame, quality: Quality::EXACT, .. } = task else { return };
+        let is_under = |shown: &&Shown| {
+            shown.scene == *scene && shown.size_px == size_px && shown.frame.scene.time == frame.scene.time
+        };
+        let is_due = drawing.since() > LOOK && self.looked.is_none_or(|looked| looked.elapsed() > LOOK);
+        if is_due && self.shown.as_ref().is_some_and(|shown| is_under(&shown)) {
+            let so_far = drawing.so_far();
+            self.screen.iter_mut().for_each(|screen| screen.put(&so_far, false));
+            self.looked = Some(Instant::now());
+        }
+    }
+
+    /// Sends the session to draw beside the window.
+    fn leave(
+        &mut self,
+        task: Task,
+        painting: Painting,
+        egui: &egui::Context,
+        draw: impl FnOnce(&mut Session, &Arc<Painting>) -> Result<Option<Picture>, SessionError> + Send + 'static,
+    ) -> Result<(), SessionError> {
+        let Some(session) = self.session.take() else { return Ok(()) };
+        let known = Known::of(&session, self.shown.as_ref().map(|shown| &*shown.frame.scene));
+        let volumes = known.volumes.clone();
+        match Drawing::begin(session, known, painting, egui.clone(), draw) {
+            Ok(drawing) => {
+                self.drawing = Some((drawing, task));
+                Ok(())
+            }
+            Err(error) => {
+                self.session = Some(Box::new(Session::new(volumes, self.options)));
+                Err(SessionError::NoThread(error))
+            }
+        }
+    }
+
+    /// Takes the session home, and with it what it has drawn. Returns a picture that was asked for.
+    fn arrive(&mut self, drawing: Drawing, task: Task) -> Result<Option<(Picture, Frame)>, SessionError> {
+        let is_abandoned = drawing.is_abandoned();
+        let Some(Home { session, drawn, took }) = drawing.end() else { return Ok(None) };
+        self.session = Some(session);
+        self.looked = None;
+        self.keep_pace();
+        // One that was abandoned is no error; one that is whole all the same is not of what is asked for now.
+        let picture = match drawn {
+            _ if is_abandoned => return Ok(None),
+            drawn => drawn?,
+        };
+        let (Some(picture), Some(screen)) = (picture, &mut self.screen) else { return Ok(None) };
+        match task {
+            Task::Capture(frame) => return Ok(Some((picture, frame))),
+            Task::Smooth => {
+                let Some(Shown { scene, samples_left: Some(left), .. }) = &mut self.shown else { return Ok(None) };
+                screen.add(&picture, *left == scene.pixel_samples.count());
+                *left = left.saturating_sub(1);
+                if *left == 0 {
+                    screen.show_mean();
+                }
+                self.spent.beside += took;
+            }
+            Task::Show { scene, size_px, frame, quality, step } => {
+                self.control.took(took);
+                screen.put(&picture, (picture.width, picture.height) != size_px);
+                self.picture = Some(picture);
+                self.took(FrameTimes { step, beside: took, ..FrameTimes::default() });
+                self.drew(Drawn::Whole, Shown { scene, size_px, frame, quality, samples_left: None });
+            }
+        }
+        Ok(None)
+    }
+
+    /// Takes note of what a picture took; its step of streaming is counted already.
+    fn took(&mut self, times: FrameTimes) {
         if self.times.len() == FRAMES {
             self.times.pop_front();
         }
-        let times = FrameTimes { step, draw: begun.elapsed() };
         self.times.push_back(times);
-        self.spent = FrameTimes { step: self.spent.step + times.step, draw: self.spent.draw + times.draw };
-        self.progress = Some((frame.status.clone(), frame.coming.clone()));
+        self.spent = self.spent.and(FrameTimes { step: Duration::ZERO, ..times });
+    }
+
+    /// Takes note of a picture.
+    fn drew(&mut self, drawn: Drawn, shown: Shown) {
         if drawn == Drawn::Before {
             self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
-            return Ok(());
+            return;
         }
+        let Shown { scene, frame, quality, .. } = &shown;
         if !frame.status.covered {
             // It never happens; tests of the window look for it.
             tracing::error!("a picture has a hole");
         }
-        let is_exact = drawn == Drawn::Whole && frame.status.settled && quality == Quality::EXACT;
+        let is_exact = drawn == Drawn::Whole && frame.status.settled && *quality == Quality::EXACT;
         let samples_left = is_exact.then(|| match scene.pixel_samples {
             PixelSamples::ONE => 0,
             more => more.count(),
         });
-        self.shown = Some(Shown { scene: scene.clone(), size_px, frame, quality, samples_left });
-        Ok(())
+        self.shown = Some(Shown { samples_left, ..shown });
+    }
+
+    /// The session, which is called home and abandons what it draws.
+    fn home(&mut self) -> &mut Session {
+        if let Some((drawing, task)) = self.drawing.take() {
+            drawing.abandon();
+            let volumes = drawing.known.volumes.clone();
+            // Nothing comes of what was abandoned.
+            let _ = self.arrive(drawing, task);
+            let options = self.options;
+            self.session.get_or_insert_with(|| Box::new(Session::new(volumes, options)));
+        }
+        let (options, volumes) = (self.options, Vec::new);
+        self.session.get_or_insert_with(|| Box::new(Session::new(volumes(), options)))
     }
 
     /// Draws the next sample of the picture's pixels. When all are drawn, the texture shows their mean.
     ///
     /// # Errors
     /// If the device fails. The texture keeps what it shows.
-    fn smooth(&mut self) -> Result<(), SessionError> {
-        let (Some(Shown { scene, frame, size_px, samples_left: Some(left), .. }), Some(screen)) =
-            (&mut self.shown, &mut self.screen)
-        else {
-            return Ok(());
-        };
-        let samples = scene.pixel_samples;
+    fn smooth(&mut self, egui: &egui::Context) -> Result<(), SessionError> {
+        let Some(Shown { scene, frame, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
+        let (samples, size_px, is_first) = (scene.pixel_samples, *size_px, *left == scene.pixel_samples.count());
         let Some(sample) = samples.samples().nth(samples.count() - *left) else { return Ok(()) };
-        let (frame, is_first) = (frame.of_sample(sample), *left == samples.count());
-        let begun = Instant::now();
-        let is_drawn = match &self.gpu {
-            None => {
-                screen.add(&self.session.draw(&frame)?, is_first);
-                true
-            }
-            Some(Device { state, .. }) => {
-                let target = Target { view: screen.sample(*size_px), format: FORMAT, area_px: None };
-                let mut encoder = state.device.create_command_encoder(&Default::default());
-                let is_this = self.session.draw_to(&frame, &target, &mut encoder)?;
-                if is_this {
-                    screen.add_sample(&mut encoder, is_first, samples);
-                }
-                state.queue.submit([encoder.finish()]);
-                is_this
-            }
+        let frame = frame.of_sample(sample);
+        let Some(Device { state, .. }) = self.gpu.clone() else {
+            let painting = Painting::over(NO_PICTURE, 1 + u32::from(scene.stereo.is_some()));
+            return self.leave(Task::Smooth, painting, egui, move |session, painting| {
+                session.paint(&frame, painting).map(Some)
+            });
         };
-        self.spent.draw += begun.elapsed();
+        let (Some(session), Some(screen)) = (&mut self.session, &mut self.screen) else { return Ok(()) };
+        let begun = Instant::now();
+        let target = Target { view: screen.sample(size_px), format: FORMAT, area_px: None };
+        let mut encoder = state.device.create_command_encoder(&Default::default());
+        let is_drawn = session.draw_to(&frame, &target, &mut encoder)?;
         if is_drawn {
+            screen.add_sample(&mut encoder, is_first, samples);
+        }
+        state.queue.submit([encoder.finish()]);
+        self.spent.draw += begun.elapsed();
+        if let Some(Shown { samples_left: Some(left), .. }) = self.shown.as_mut().filter(|_| is_drawn) {
             *left -= 1;
             if *left == 0 {
                 screen.show_mean();
@@ -320,19 +602,29 @@ impl Canvas {
     pub(crate) fn play(&mut self, playback: Option<Playback>) {
         if self.playback != playback {
             self.playback = playback;
-            self.session.play(playback);
+            self.home().play(playback);
+            self.keep_pace();
             self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
         }
     }
 
     /// Whether time steps are played: not any more once the last one is shown of a playback that stops there.
     pub(crate) fn is_playing(&self) -> bool {
-        self.session.playback().is_some()
+        self.pace.is_playing
+    }
+
+    /// Takes note of the time step at which the session is that has come home, or stays.
+    fn keep_pace(&mut self) {
+        if let Some(session) = &self.session {
+            (self.pace.is_playing, self.pace.is_seeking) = (session.playback().is_some(), session.is_seeking());
+            self.pace.is_jump = false;
+        }
     }
 
     /// The time step that is shown; `None` before the first picture, and while another one is sought.
     pub(crate) fn step_shown(&self) -> Option<u32> {
-        self.shown.as_ref().filter(|_| !self.session.is_seeking()).map(|shown| shown.frame.scene.time)
+        let is_sought = self.pace.is_seeking || self.pace.is_jump;
+        self.shown.as_ref().filter(|_| !is_sought).map(|shown| shown.frame.scene.time)
     }
 
     /// The time step of the picture that is seen; `None` before the first one.
@@ -342,32 +634,48 @@ impl Canvas {
 
     /// The time steps that come next.
     pub(crate) fn coming(&self) -> &[ComingStep] {
-        self.progress.as_ref().map_or(&[], |(_, coming)| coming)
+        self.stream.as_ref().map_or(&[], |(_, coming)| coming)
     }
 
-    /// Draws a frame into the texture, which has `size_px` pixels on a GPU. While there is nothing of the frame in some place, the texture stays as it is.
+    /// Draws a frame on the GPU into the texture, which has `size_px` pixels. While there is nothing of the frame in some place, the texture stays as it is.
     fn draw(&mut self, frame: &Frame, size_px: (u32, u32)) -> Result<Drawn, SessionError> {
-        let Some(screen) = &mut self.screen else { return Ok(Drawn::Before) };
-        let Some(Device { state, .. }) = &self.gpu else {
-            if self.session.shows_before(frame) {
-                return Ok(Drawn::Before);
-            }
-            let begun = Instant::now();
-            let picture = self.session.draw(frame)?;
-            self.control.took(begun.elapsed());
-            screen.put(&picture, (picture.width, picture.height) != size_px);
-            return Ok(Drawn::Whole);
-        };
+        let (Some(screen), Some(session)) = (&mut self.screen, &mut self.session) else { return Ok(Drawn::Before) };
+        let Some(Device { state, .. }) = &self.gpu else { return Ok(Drawn::Before) };
         let target = Target { view: screen.sized(size_px), format: FORMAT, area_px: None };
         let mut encoder = state.device.create_command_encoder(&Default::default());
-        let is_this = self.session.draw_to(frame, &target, &mut encoder)?;
+        let is_this = session.draw_to(frame, &target, &mut encoder)?;
         state.queue.submit([encoder.finish()]);
-        self.session.gpu_time().into_iter().for_each(|time| self.control.took(time));
-        Ok(match self.session.shown() {
+        session.gpu_time().into_iter().for_each(|time| self.control.took(time));
+        Ok(match session.shown() {
             _ if is_this => Drawn::Whole,
             Some(shown) if shown.is_copy_of(frame) => Drawn::Partly,
             _ => Drawn::Before,
         })
+    }
+
+    /// What is known of the session, wherever it is.
+    fn known<'a, T: Default>(&'a self, at_home: impl FnOnce(&'a Session) -> T, away: impl FnOnce(&'a Known) -> T) -> T {
+        match (&self.session, &self.drawing) {
+            (Some(session), _) => at_home(session),
+            (None, Some((drawing, _))) => away(&drawing.known),
+            (None, None) => T::default(),
+        }
+    }
+
+    /// The volumes that are shown.
+    fn volumes(&self) -> &[VolumeSource] {
+        self.known(Session::volumes, |known| &known.volumes)
+    }
+
+    /// How much is drawn of the picture at which the session works, 0 to 1, once that has taken a while; `None` if it does not.
+    pub(crate) fn progress(&self) -> Option<f64> {
+        let (drawing, _) = self.drawing.as_ref().filter(|(drawing, _)| drawing.since() > LOOK)?;
+        Some(drawing.progress())
+    }
+
+    /// Whether the picture is drawn beside the window, which hears of it when it is done.
+    pub(crate) fn is_drawing(&self) -> bool {
+        self.drawing.is_some()
     }
 
     /// Puts the picture over a part of the window; nothing before the first one.
@@ -382,7 +690,7 @@ impl Canvas {
 
     /// How far the view is; `None` before the first step.
     pub(crate) fn status(&self) -> Option<&Status> {
-        self.progress.as_ref().map(|(status, _)| status)
+        self.stream.as_ref().map(|(status, _)| status)
     }
 
     /// The share of the exact picture's work that was done for the one that is shown.
@@ -392,23 +700,29 @@ impl Canvas {
 
     /// The scene that is shown, with nothing left open, and its volumes; `None` before the first picture.
     pub(crate) fn resolved(&self) -> (Option<&Arc<ResolvedScene>>, &[VolumeSource]) {
-        (self.shown.as_ref().map(|shown| &shown.frame.scene), self.session.volumes())
+        (self.shown.as_ref().map(|shown| &shown.frame.scene), self.volumes())
     }
 
     /// Layers of the picture with doubtful extremes; none before the first picture.
     pub(crate) fn doubtful_extremes(&self) -> DoubtfulExtremes {
         let shown = self.shown.as_ref();
-        shown.map_or_else(Default::default, |shown| self.session.doubtful_extremes(&shown.frame.scene))
+        let at_home = |session: &Session| {
+            shown.map_or_else(Default::default, |shown| session.doubtful_extremes(&shown.frame.scene))
+        };
+        self.known(at_home, |known| known.doubtful.clone())
     }
 
     /// A line that says where the picture is drawn.
     pub(crate) fn backend_line(&self) -> &str {
-        self.session.backend_line()
+        self.known(Session::backend_line, |known| &known.backend_line)
     }
 
     /// Bytes of the backend's memory, and of host memory, in use.
     pub(crate) fn memory_bytes(&self) -> (u64, u64) {
-        (self.session.backend_bytes(), self.status().map_or(0, |status| status.host_bytes))
+        (
+            self.known(Session::backend_bytes, |known| known.backend_bytes),
+            self.status().map_or(0, |status| status.host_bytes),
+        )
     }
 
     /// Whether a scene can be shown.
@@ -416,7 +730,7 @@ impl Canvas {
     /// # Errors
     /// If not: the reason.
     pub(crate) fn check(&self, scene: &Scene) -> Result<(), SceneError> {
-        self.session.check(scene)
+        check(self.volumes(), scene)
     }
 
     /// What the last frames took, oldest first.
@@ -430,13 +744,13 @@ impl Canvas {
     }
 
     /// The draw list of each layer, for which pictures are drawn now.
-    pub(crate) fn draw_lists(&self) -> impl Iterator<Item = &DrawList> {
-        self.session.draw_lists()
+    pub(crate) fn draw_lists(&self) -> Vec<&DrawList> {
+        self.known(|session| session.draw_lists().collect(), |known| known.draw_lists.iter().collect())
     }
 
     /// Number of bricks that slots hold at most.
     pub(crate) fn slots(&self) -> u64 {
-        self.session.slots()
+        self.known(Session::slots, |known| known.slots)
     }
 }
 
@@ -454,27 +768,4 @@ fn gpu(device: &Device) -> Result<Gpu, SessionError> {
     let RenderState { adapter, device, queue, .. } = &device.state;
     let gpu = Gpu::from_device(adapter, device.clone(), queue.clone());
     Ok(gpu.map_err(brickyard::backend::BackendError::from)?)
-}
-
-/// Streams a step towards a scene's picture; returns the picture, and its frame, if it is final.
-fn draw_if_final(
-    session: &mut Session,
-    scene: &Scene,
-    size_px: (u32, u32),
-) -> Result<Option<(Picture, Frame)>, SessionError> {
-    let frame = session.step(scene, size_px)?;
-    let is_whole = frame.status.settled || frame.status.awaits_feedback;
-    if !is_whole {
-        return Ok(None);
-    }
-    // Drawing tells what was seen, after which more may be wanted.
-    let picture = session.draw(&frame)?;
-    if !frame.status.settled {
-        return Ok(None);
-    }
-    let picture = match scene.pixel_samples {
-        PixelSamples::ONE => picture,
-        samples => samples.picture(|sample| session.draw(&frame.of_sample(sample)))?,
-    };
-    Ok(Some((picture, frame)))
 }

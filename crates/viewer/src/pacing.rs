@@ -82,13 +82,13 @@ impl Pacing {
         self.between.iter().min().copied().unwrap_or_default()
     }
 
-    /// Takes note of a frame, which took `took` on the window's thread, `spent` of it for pictures, of the least of these qualities.
+    /// Takes note of a frame, which took `took` on the window's thread, `spent` of it for pictures, or beside it, of the least of these qualities.
     pub(crate) fn note(&mut self, took: Duration, spent: FrameTimes, quality: f64) {
         let ms = |time: Duration| time.as_secs_f64() * 1e3;
         let blocked_ms = ms(took.saturating_sub(spent.draw));
         self.frames += 1;
         self.blocked_most_ms = self.blocked_most_ms.max(blocked_ms);
-        if spent.draw.is_zero() {
+        if spent.drawing().is_zero() {
             return;
         }
         let at = Instant::now();
@@ -96,7 +96,7 @@ impl Pacing {
         if self.drawn.len() == MOST {
             self.drawn.pop_front();
         }
-        self.drawn.push_back(Drawn { at, blocked_ms, draw_ms: ms(spent.draw), quality });
+        self.drawn.push_back(Drawn { at, blocked_ms, draw_ms: ms(spent.drawing()), quality });
     }
 
     /// What the frames took so far.
@@ -150,12 +150,12 @@ mod tests {
         let ms = Duration::from_millis;
         assert_eq!(pacing.stats().first_picture_ms, None);
         for quality in [0.5, 0.25, 1.0] {
-            pacing.note(ms(12), FrameTimes { step: ms(1), draw: ms(10) }, quality);
+            pacing.note(ms(12), FrameTimes { step: ms(1), draw: ms(7), beside: ms(3) }, quality);
         }
         pacing.note(ms(40), FrameTimes::default(), 1.0);
         let stats = pacing.stats();
         assert_eq!((stats.frames, stats.drawn, stats.quality), (4, 3, [0.5, 0.25, 0.25]));
-        assert!((stats.blocked_ms.p99 - 2.0).abs() < 1e-9 && (stats.blocked_most_ms - 40.0).abs() < 1e-9);
+        assert!((stats.blocked_ms.p99 - 5.0).abs() < 1e-9 && (stats.blocked_most_ms - 40.0).abs() < 1e-9);
         assert!((stats.draw_ms.p50 - 10.0).abs() < 1e-9 && stats.first_picture_ms.is_some());
     }
 }

@@ -136,12 +136,16 @@ impl Views {
 
     /// What the pictures took since this was last asked.
     pub(crate) fn take_spent(&mut self) -> FrameTimes {
-        let all = self.all_mut().map(Canvas::take_spent);
-        all.fold(FrameTimes::default(), |sum, of| FrameTimes { step: sum.step + of.step, draw: sum.draw + of.draw })
+        self.all_mut().map(Canvas::take_spent).fold(FrameTimes::default(), FrameTimes::and)
     }
 
     fn all_mut(&mut self) -> impl Iterator<Item = &mut Canvas> {
         std::iter::once(&mut self.main).chain(&mut self.planes)
+    }
+
+    /// Whether all that the pictures wait for is drawn beside the window.
+    pub(crate) fn are_drawing(&self) -> bool {
+        self.all().all(|canvas| canvas.is_drawing() || canvas.is_final())
     }
 
     /// Whether all pictures are as they will stay until something changes.

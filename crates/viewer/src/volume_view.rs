@@ -86,7 +86,7 @@ impl VolumeView {
         self.size_px = size_px;
         let drawn = match canvas.is_capturing() {
             true => Ok(()),
-            false => canvas.show(&seen.state.scene, size_px),
+            false => canvas.show(&seen.state.scene, size_px, ui.ctx()),
         };
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         canvas.paint(ui.painter(), area);
@@ -116,7 +116,7 @@ impl VolumeView {
         let (scene, window) = (&seen.state.scene, &seen.state.window);
         let (Some(world), Some(camera)) = (&seen.world, &scene.camera) else { return };
         if window.overlays.bricks {
-            bricks::show(lens, scene, seen.volumes, canvas.draw_lists());
+            bricks::show(lens, scene, seen.volumes, &canvas.draw_lists());
         }
         overlay::show(lens, &window.overlays, (scene, camera), seen.volumes, world);
         overlay::distances(lens, &window.distances, world.unit);

@@ -31,7 +31,7 @@ use crate::value_curve::{CurveReader, ValueCurve};
 use crate::views::Views;
 use crate::volume_view::{Seen, VolumeView};
 use crate::window::files::Next;
-use crate::{clicks::Clicks, keys};
+use crate::{clicks::Clicks, keys, work_row};
 use brickyard::overlay::{World, unit};
 use brickyard::picture_file::write_shown;
 use brickyard::session::{SessionError, VolumeSource};
@@ -47,6 +47,9 @@ use std::time::{Duration, Instant};
 
 /// How often the window looks whether bricks have come.
 const STREAMING_STEP: Duration = Duration::from_millis(8);
+
+/// How often the window shows how far pictures are that are drawn beside it, which tell it when they are done.
+const DRAWING_STEP: Duration = Duration::from_millis(100);
 
 /// How often the window looks how far a file is that is read or packed.
 const OPENING_STEP: Duration = Duration::from_millis(100);
@@ -361,7 +364,7 @@ impl Window {
             self.say_ended(is_it, written);
         }
         let is_picture = |command: &Command| matches!(command, Command::SavePicture(..));
-        match self.views.main.captured(self.volume_view.size_px) {
+        match self.views.main.captured(self.volume_view.size_px, egui) {
             Ok(None) => {}
             Ok(Some(Captured { path, mut picture, scene, stats, over })) => {
                 let (size_px, scale) = ((picture.width, picture.height), egui.pixels_per_point());
@@ -425,11 +428,13 @@ impl Window {
 
     /// What lies over the lower end of the pictures: files that are being read or written, and without panels what has gone wrong. It takes no room from the
     /// pictures: by another height they would have to be drawn again.
-    fn over_pictures(&self, egui: &egui::Context, is_bare: bool) {
+    fn over_pictures(&mut self, egui: &egui::Context, is_bare: bool) {
         let problem = self.message.as_deref().filter(|_| is_bare);
-        if problem.is_none() && !self.is_busy() {
+        let capturing = self.views.main.capturing();
+        if problem.is_none() && !self.is_busy() && capturing.is_none() {
             return;
         }
+        let mut is_given_up = false;
         let area = egui::Area::new(egui::Id::unique("work")).anchor(Align2::CENTER_BOTTOM, ABOVE_STATUS);
         area.show(egui, |ui| {
             egui::Frame::popup(ui.style()).show(ui, |ui| {
@@ -437,9 +442,16 @@ impl Window {
                 self.openings.show(ui);
                 self.next.iter().for_each(|next| next.show(ui));
                 self.exporting.iter().for_each(|exporting| exporting.show(ui));
+                if let Some((path, share)) = capturing {
+                    is_given_up = work_row::show_share(ui, ("drawing", path), share);
+                }
                 problem.map(|problem| ui.label(problem));
             });
         });
+        if is_given_up && let Some(path) = self.views.main.give_up_capture() {
+            let is_it = |command: &Command| matches!(command, Command::SavePicture(file, _) if *file == path);
+            self.say_ended(is_it, Err(format!("{} was not written: it was stopped", path.display())));
+        }
     }
 
     /// The panels beside the pictures, which are about volumes.
@@ -647,6 +659,8 @@ impl Window {
             egui.request_repaint();
         } else if self.is_failing {
             egui.request_repaint_after(FAILING_STEP);
+        } else if self.script.is_over() && !self.has_final_pictures() && self.views.are_drawing() {
+            egui.request_repaint_after(DRAWING_STEP);
         } else if !self.has_final_pictures()
             || !self.script.is_over()
             || self.screenshots.are_awaited()

@@ -1,15 +1,27 @@
 //! A line about work in the background: what is done to which file, how far that is, and a button to stop it.
 
 use eframe::egui::{ProgressBar, Ui};
+use std::borrow::Cow;
 use std::path::Path;
 
 /// Shows how many bytes of how many are done of a file. Returns whether the work is to stop.
 pub(crate) fn show(ui: &mut Ui, (what, path): (&str, &Path), (done, total): (u64, u64), can_stop: bool) -> bool {
-    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+    let share = if total == 0 { 0.0 } else { done as f32 / total as f32 };
+    row(ui, share, format!("{what} {}: {} of {} MiB", name(path), done >> 20, total.div_ceil(1 << 20)), can_stop)
+}
+
+/// Shows what share is done of a file. Returns whether the work is to stop.
+pub(crate) fn show_share(ui: &mut Ui, (what, path): (&str, &Path), share: f64) -> bool {
+    row(ui, share as f32, format!("{what} {}: {:.0} %", name(path), 100.0 * share), true)
+}
+
+fn name(path: &Path) -> Cow<'_, str> {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy()
+}
+
+fn row(ui: &mut Ui, share: f32, text: String, can_stop: bool) -> bool {
     ui.horizontal(|ui| {
         let is_stopped = can_stop && ui.button("Stop").clicked();
-        let share = if total == 0 { 0.0 } else { done as f32 / total as f32 };
-        let text = format!("{what} {name}: {} of {} MiB", done >> 20, total.div_ceil(1 << 20));
         ui.add(ProgressBar::new(share).text(text));
         is_stopped
     })

@@ -19,14 +19,9 @@ pub(crate) fn level_color(level: u8) -> Color32 {
 }
 
 /// Draws the edges of the cells that are drawn of a scene, each in the colour of the brick's level.
-pub(crate) fn show<'a>(
-    lens: &Lens,
-    scene: &Scene,
-    volumes: &[VolumeSource],
-    lists: impl Iterator<Item = &'a DrawList>,
-) {
+pub(crate) fn show(lens: &Lens, scene: &Scene, volumes: &[VolumeSource], lists: &[&DrawList]) {
     // Lists are those of the layers that a session keeps, which begin with the first; its bricks are enough to see.
-    let Some(list) = lists.into_iter().next() else { return };
+    let Some(list) = lists.first() else { return };
     let Some(volume) = volumes.get(scene.store(0)) else { return };
     let Ok(placement) = scene.placement(0, &volume.place()) else { return };
     let world = |voxel: DVec3| placement.world_from_volume(volume.source.geometry().world_from_voxel(voxel));

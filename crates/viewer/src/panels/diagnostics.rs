@@ -30,9 +30,9 @@ fn frames(ui: &mut Ui, canvas: &Canvas) {
     painter.rect_filled(area, 2.0, ui.visuals().extreme_bg_color);
     let bar = area.width() / 240.0;
     let height = |ms: f32| (ms / PLOT.1).min(1.0) * area.height();
-    for (i, FrameTimes { step, draw }) in times.iter().enumerate() {
+    for (i, times) in times.iter().enumerate() {
         let x = area.left() + i as f32 * bar;
-        let [stepped, drawn] = [step, draw].map(|time| height(1e3 * time.as_secs_f32()));
+        let [stepped, drawn] = [times.step, times.drawing()].map(|time| height(1e3 * time.as_secs_f32()));
         let rect = |from: f32, to: f32| {
             eframe::egui::Rect::from_min_max(pos2(x, area.bottom() - to), pos2(x + bar, area.bottom() - from))
         };
@@ -40,7 +40,7 @@ fn frames(ui: &mut Ui, canvas: &Canvas) {
         painter.rect_filled(rect(stepped, stepped + drawn), 0.0, Color32::from_rgb(90, 150, 230));
     }
     let ms = |of: fn(&FrameTimes) -> f64| Percentiles::of(&times.iter().map(of).collect::<Vec<_>>());
-    let (step, draw) = (ms(|t| 1e3 * t.step.as_secs_f64()), ms(|t| 1e3 * t.draw.as_secs_f64()));
+    let (step, draw) = (ms(|t| 1e3 * t.step.as_secs_f64()), ms(|t| 1e3 * t.drawing().as_secs_f64()));
     Grid::new("frame times").num_columns(4).show(ui, |ui| {
         ["ms a frame", "median", "95 %", "99 %"].into_iter().for_each(|text| drop(ui.weak(text)));
         ui.end_row();
@@ -57,7 +57,7 @@ fn frames(ui: &mut Ui, canvas: &Canvas) {
 /// How many bricks of each level are drawn.
 fn levels(ui: &mut Ui, canvas: &Canvas) {
     let mut counts = [0usize; 32];
-    for cell in canvas.draw_lists().flat_map(|list| &list.cells) {
+    for cell in canvas.draw_lists().into_iter().flat_map(|list| &list.cells) {
         counts[usize::from(cell.brick.level.0).min(31)] += 1;
     }
     let all: usize = counts.iter().sum();

@@ -85,9 +85,11 @@ fn progress(ui: &mut Ui, views: &Views) {
 /// How far a picture is, in words.
 fn state(canvas: &Canvas) -> String {
     let Some(status) = canvas.status() else { return "opening".into() };
-    let mut words = match canvas.is_final() {
-        true => "final".to_string(),
-        false => format!("{:.0} % of bricks, quality {:.0} %", 100.0 * status.completeness, 100.0 * canvas.quality()),
+    let mut words = match (canvas.is_final(), canvas.progress()) {
+        (true, _) => "final".to_string(),
+        (false, Some(drawn)) => format!("drawing {:.0} %", 100.0 * drawn),
+        (false, None) if status.completeness < 1.0 => format!("loading {:.0} %", 100.0 * status.completeness),
+        (false, None) => "coarse while it changes".to_string(),
     };
     if status.failed > 0 {
         let mut stores = canvas.resolved().1.iter().filter_map(VolumeSource::store);

@@ -1,0 +1,165 @@
+//! A picture that the CPU draws beside the window: its session leaves for a thread of the picture's own, and comes home with what it has drawn. Until then the
+//! window asks what the session knew when it left, and shows what is drawn so far. Costs a thread and a copy of the draw lists for each picture.
+
+use brickyard::doubtful_extremes::DoubtfulExtremes;
+use brickyard::pager::DrawList;
+use brickyard::session::{Painting, ResolvedScene, Session, SessionError, VolumeSource};
+use brickyard::volume::Picture;
+use eframe::egui;
+use std::io;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// What a window asks of a session between pictures.
+#[derive(Clone, Default)]
+pub(crate) struct Known {
+    pub(crate) volumes: Vec<VolumeSource>,
+    pub(crate) backend_line: String,
+    pub(crate) backend_bytes: u64,
+    pub(crate) slots: u64,
+    pub(crate) draw_lists: Vec<DrawList>,
+    pub(crate) doubtful: DoubtfulExtremes,
+}
+
+impl Known {
+    /// What a session knows, which shows this scene.
+    pub(crate) fn of(session: &Session, scene: Option<&ResolvedScene>) -> Self {
+        Self {
+            volumes: session.volumes().to_vec(),
+            backend_line: session.backend_line().into(),
+            backend_bytes: session.backend_bytes(),
+            slots: session.slots(),
+            draw_lists: session.draw_lists().cloned().collect(),
+            doubtful: scene.map_or_else(Default::default, |scene| session.doubtful_extremes(scene)),
+        }
+    }
+}
+
+/// What comes of drawing: the picture, if there is one yet.
+type Drawn = Result<Option<Picture>, SessionError>;
+
+/// A session that comes home.
+pub(crate) struct Home {
+    pub(crate) session: Box<Session>,
+    pub(crate) drawn: Drawn,
+    /// How long it took.
+    pub(crate) took: Duration,
+}
+
+/// A picture that is being drawn. Dropping it abandons the picture, and does not wait.
+pub(crate) struct Drawing {
+    pub(crate) known: Known,
+    painting: Arc<Painting>,
+    begun: Instant,
+    thread: Option<JoinHandle<Home>>,
+}
+
+impl Drawing {
+    /// Sends a session to draw on a painting. The window is painted again when it is done.
+    ///
+    /// # Errors
+    /// If there is no thread for it; the session is lost.
+    pub(crate) fn begin(
+        mut session: Box<Session>,
+        known: Known,
+        painting: Painting,
+        egui: egui::Context,
+        draw: impl FnOnce(&mut Session, &Arc<Painting>) -> Drawn + Send + 'static,
+    ) -> io::Result<Self> {
+        let painting = Arc::new(painting);
+        let (begun, of_thread) = (Instant::now(), painting.clone());
+        let work = move || {
+            let drawn = draw(&mut session, &of_thread);
+            egui.request_repaint();
+            Home { session, drawn, took: begun.elapsed() }
+        };
+        let thread = std::thread::Builder::new().name("drawing".into()).spawn(work)?;
+        Ok(Self { known, painting, begun, thread: Some(thread) })
+    }
+
+    /// Whether the session waits to be taken home.
+    pub(crate) fn is_over(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    /// Since when it draws.
+    pub(crate) fn since(&self) -> Duration {
+        self.begun.elapsed()
+    }
+
+    /// The share of the picture that is drawn.
+    pub(crate) fn progress(&self) -> f64 {
+        self.painting.progress()
+    }
+
+    /// The picture as it is so far.
+    pub(crate) fn so_far(&self) -> Picture {
+        self.painting.so_far()
+    }
+
+    /// Tells it to stop, which takes milliseconds.
+    pub(crate) fn abandon(&self) {
+        self.painting.abandon();
+    }
+
+    /// Whether it was told to stop.
+    pub(crate) fn is_abandoned(&self) -> bool {
+        self.painting.is_abandoned()
+    }
+
+    /// Takes the session home, and waits for that. A panic of its goes on here.
+    pub(crate) fn end(mut self) -> Option<Home> {
+        let home = self.thread.take()?.join();
+        Some(home.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    }
+}
+
+impl Drop for Drawing {
+    fn drop(&mut self) {
+        self.abandon();
+    }
+}
+
+/// A picture in another size, smoothly: as a window shows a coarse one while the fine one is drawn over it.
+pub(crate) fn scaled(picture: &Picture, (width, height): (u32, u32)) -> Picture {
+    if (picture.width, picture.height) == (width, height) {
+        return picture.clone();
+    }
+    // For each pixel along an axis the two that it lies between, and how near it is to the second.
+    let along = |from: u32, to: u32| -> Vec<(usize, usize, f32)> {
+        let place = |i: u32| ((i as f32 + 0.5) * from as f32 / to as f32 - 0.5).clamp(0.0, (from - 1) as f32);
+        let split = |at: f32| (at as usize, (at as usize + 1).min(from as usize - 1), at.fract());
+        (0..to).map(|i| split(place(i))).collect()
+    };
+    if picture.rgb.is_empty() {
+        return Picture { width, height, rgb: vec![[0; 3]; width as usize * height as usize] };
+    }
+    let (columns, rows) = (along(picture.width, width), along(picture.height, height));
+    let mut rgb = Vec::with_capacity(width as usize * height as usize);
+    for (up, down, below) in rows {
+        let [up, down] = [up, down].map(|row| &picture.rgb[row * picture.width as usize..]);
+        rgb.extend(columns.iter().map(|&(left, right, beside)| {
+            std::array::from_fn(|k| {
+                let mix = |a: u8, b: u8, share: f32| f32::from(a) + (f32::from(b) - f32::from(a)) * share;
+                let [above, under] = [up, down].map(|row| mix(row[left][k], row[right][k], beside));
+                (above + (under - above) * below + 0.5) as u8
+            })
+        }));
+    }
+    Picture { width, height, rgb }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scaled_picture_is_a_line_between_its_pixels() {
+        let ramp = Picture { width: 2, height: 1, rgb: vec![[0, 40, 200], [100, 40, 0]] };
+        let wide = scaled(&ramp, (4, 2));
+        assert_eq!(wide.rgb[..4], [[0, 40, 200], [25, 40, 150], [75, 40, 50], [100, 40, 0]]);
+        assert_eq!(wide.rgb[4..], wide.rgb[..4]);
+        assert_eq!(scaled(&wide, (4, 2)).rgb, wide.rgb);
+    }
+}
