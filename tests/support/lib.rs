@@ -63,6 +63,7 @@ impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> FunctionSource<T, F
             channel_looks: Vec::new(),
             time: None,
             nodata: None,
+            knows_nodata: false,
             identity: "a function".into(),
             notes: Vec::new(),
         };

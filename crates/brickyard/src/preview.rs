@@ -198,7 +198,7 @@ impl Preview {
             Kind::Image => Downsample::Mean,
             Kind::Labels => Downsample::Mode,
         };
-        Ok(LevelBricks::make(&self.pyramid, info.voxel_type, method, info.nodata, &voxels))
+        Ok(LevelBricks::make(&self.pyramid, info.voxel_type, method, info.sought_nodata(), &voxels))
     }
 
     /// The number of threads that read: as many as there are processors and memory for.
@@ -351,6 +351,7 @@ mod tests {
             channel_looks: Vec::new(),
             time: None,
             nodata: None,
+            knows_nodata: false,
             identity: "computed".into(),
             notes: Vec::new(),
         }

@@ -64,8 +64,13 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
     let mut appender = None;
     for (i, file) in files.iter().enumerate() {
         let source = import::open(std::slice::from_ref(file), &input);
-        let source = source.map_err(|error| store_errors::import_failure(&error))?;
-        appender = Some(settings.append(appender, &*source, file, time.get(i).copied())?);
+        let source = source.map_err(|error| store_errors::import_failure(&error));
+        let appended = source.and_then(|source| settings.append(appender, &*source, file, time.get(i).copied()));
+        appender = Some(appended.inspect_err(|_| {
+            if i > 0 {
+                say!("note: {i} of {} files are steps of the store now; go on with {}", files.len(), file.display());
+            }
+        })?);
     }
     Ok(())
 }

@@ -96,6 +96,7 @@ impl Reaction {
             orientation: None,
             channel_looks: Vec::new(),
             nodata: None,
+            knows_nodata: false,
             identity: format!("synth reaction {} {voxel_type} seed {} step {}", self.extent, self.seed, self.step),
             notes: Vec::new(),
         };

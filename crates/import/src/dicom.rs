@@ -220,7 +220,7 @@ impl DicomSeries {
         let extent = Extent::new(columns, rows, places.len() as u32);
         let sizes = Sizes { extent, channels: 1, times: 1 };
         let Voxels { voxel_type, blank } = voxels_of(&files, &slices, missing > 0)?;
-        check_exact(&files, voxel_type, missing > 0, options)?;
+        check_exact((&files, &slices), voxel_type, missing > 0, options)?;
         sizes.checked_bytes(voxel_type.bytes()).map_err(|p| ImportError::invalid(&paths[0], p))?;
         // Padding that is taken for values makes other voxels of the same files.
         let is_padding_kept = options.nodata != NoData::OfFile && files.iter().any(|(header, _)| header.has_padding());
@@ -230,7 +230,8 @@ impl DicomSeries {
         info.geometry.unit = Some("millimeter".into());
         info.calibrated = true;
         info.channel_looks = vec![look_of(&files[0].0)];
-        let padding = slices[0].1.nodata(voxel_type).or_else(|| padding_of_floats(&files, &slices, voxel_type));
+        let padding = slices[0].1.nodata(voxel_type).or_else(|| padding_of_floats(&slices, voxel_type));
+        info.knows_nodata = options.nodata == NoData::OfFile;
         info.nodata = padding.or((missing > 0 && !voxel_type.is_float()).then_some(blank));
         if info.nodata.is_some() && missing > 0 && options.nodata != NoData::OfFile {
             let problem = "`nodata` with `gaps`: missing slices hold no data, by a value that no other voxel has; give one of the two";
@@ -406,13 +407,12 @@ fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) ->
     Ok(Meaning { slope: slope.unwrap_or(1.0), intercept: intercept.unwrap_or(0.0), padding })
 }
 
-/// The value of padding, which is NaN in float voxels, where it is one value that no other stored number has: later steps are compared with it.
-fn padding_of_floats(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxel_type: VoxelType) -> Option<f64> {
-    let first = slices[0].1;
-    let [least, _] = first.padding.filter(|_| voxel_type.is_float())?;
-    let is_one =
-        slices.iter().all(|(_, meaning)| *meaning == first) && files.iter().all(|(_, frames)| frames.format.width <= 2);
-    is_one.then(|| f64::from(first.value(least) as f32))
+/// The first value of padding, which is NaN in float voxels: that there is one is compared with later steps.
+fn padding_of_floats(slices: &[(Slice, Meaning)], voxel_type: VoxelType) -> Option<f64> {
+    let (_, meaning) = slices.iter().find(|(_, meaning)| meaning.padding.is_some())?;
+    let [least, _] = meaning.padding.filter(|_| voxel_type.is_float())?;
+    // No number is -0.
+    Some(f64::from(meaning.value(least) as f32) + 0.0)
 }
 
 /// What voxels are, and those of missing slices.
@@ -428,8 +428,7 @@ fn voxels_of(
     are_missing: bool,
 ) -> Result<Voxels, ImportError> {
     let floats = Voxels { voxel_type: VoxelType::F32, blank: f64::NAN };
-    let is_integer = |n: f64| n == n.trunc() && n.abs() < 1e9;
-    if !slices.iter().all(|(_, m)| is_integer(m.slope) && is_integer(m.intercept)) {
+    if !slices.iter().all(|(_, meaning)| meaning.is_whole()) {
         return Ok(floats);
     }
     // One integer stands for padding in all slices; where it would be a value of some, padding is NaN.
@@ -462,9 +461,10 @@ fn voxels_of(
     .map(voxels)
 }
 
-/// Refuses numbers of 32 bits that become floats where that would make others of them without need: labels, and beside missing slices.
+/// Refuses numbers of 32 bits that become floats where that would make others of them without need: labels, beside missing slices, and where
+/// nothing is scaled but by whole numbers.
 fn check_exact(
-    files: &[(Header, Frames)],
+    (files, slices): (&[(Header, Frames)], &[(Slice, Meaning)]),
     voxel_type: VoxelType,
     are_missing: bool,
     options: &OpenOptions,
@@ -475,6 +475,11 @@ fn check_exact(
     let what = match () {
         () if options.are_labels => "labels of 32 bits that become f32, which would merge some,",
         () if are_missing => "a series of 32 bits with missing slices, which would become f32,",
+        () if !options.allow_lossy && slices.iter().all(|(_, meaning)| meaning.is_whole()) => {
+            let problem = "numbers of 32 bits of this series are in no integer type together, with what is padding, and f32 rounds them to 24 \
+                           bits; pass `allow_lossy` to have them rounded";
+            return Err(ImportError::options(&header.path, problem));
+        }
         () => return Ok(()),
     };
     Err(ImportError::unsupported(&header.path, what))
@@ -503,11 +508,12 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxe
         notes.push(format!("Values are scaled and shifted by each slice's own numbers, and held as {voxel_type}."));
     } else if scale(first) != (1.0, 0.0) {
         let Meaning { slope, intercept, .. } = first;
-        let is_long = voxel_type == VoxelType::F32 && files.iter().any(|(_, frames)| frames.format.width == 4);
-        let rounded = if is_long { ", rounded to 24 bits" } else { "" };
         notes.push(format!(
-            "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {voxel_type}{rounded}."
+            "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {voxel_type}."
         ));
+    }
+    if voxel_type.is_float() && files.iter().any(|(_, frames)| frames.format.width == 4) {
+        notes.push("Numbers of 32 bits are rounded to 24 bits, which f32 has.".into());
     }
     if let Some([least, greatest]) = slices.iter().find_map(|(_, m)| m.padding) {
         let what = match first.nodata(voxel_type) {
@@ -515,7 +521,9 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxe
             None if voxel_type.is_float() => "become NaN".into(),
             None => "do not occur".into(),
         };
-        notes.push(format!("Stored values {least} to {greatest} are padding: they {what}."));
+        let others = slices.iter().any(|(_, m)| m.padding.is_some_and(|padding| padding != [least, greatest]));
+        let others = if others { " (in some slices others)" } else { "" };
+        notes.push(format!("Stored values {least} to {greatest}{others} are padding: they {what}."));
     }
     let inverted = |(header, _): &(Header, Frames)| {
         header.text(tags::PHOTOMETRIC_INTERPRETATION).is_some_and(|text| text == "MONOCHROME1")

@@ -262,7 +262,7 @@ fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result
         }
         NoData::Value(value) => Some(value),
     };
-    info.nodata = value;
+    (info.nodata, info.knows_nodata) = (value, false);
     Ok(())
 }
 

@@ -28,6 +28,9 @@ pub struct SourceInfo {
     /// The value of voxels that hold no data, as [`Source::read_box`] delivers them; `None` if no value says so. Their type holds
     /// it.
     pub nodata: Option<f64>,
+    /// Whether the source knows which of its voxels hold no data: those of floats are NaN, and another number that is [`nodata`](Self::nodata), or
+    /// was that of another source, is a value.
+    pub knows_nodata: bool,
     /// What identifies the input for `--resume`: names, sizes and modification times of files, or a generator's settings.
     pub identity: String,
     /// Things the user should know (trailing bytes, a narrowed type), one sentence each.
@@ -48,6 +51,7 @@ impl SourceInfo {
             orientation: None,
             channel_looks: Vec::new(),
             nodata: None,
+            knows_nodata: false,
             identity: String::new(),
             notes: Vec::new(),
         }
@@ -66,6 +70,11 @@ impl SourceInfo {
                 "Voxels of {value} hold no data, as the file says ({name}): no {voxel_type} voxel can be that."
             ));
         }
+    }
+
+    /// The value that has to be looked for among the voxels: floats of a source that knows its own are NaN already.
+    pub fn sought_nodata(&self) -> Option<f64> {
+        self.nodata.filter(|_| !(self.knows_nodata && self.voxel_type.is_float()))
     }
 
     /// Checks the arguments of [`Source::read_box`], and panics as that method documents.

@@ -20,6 +20,7 @@ mod ome_set;
 mod opening;
 mod page;
 mod page_map;
+mod page_tags;
 mod refusal;
 mod shaped;
 mod stk;

@@ -51,7 +51,7 @@ use serde_json::{Value, json};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use step::{first_step, next_axis, next_step};
+use step::{check_nodata, first_step, next_axis, next_step};
 
 /// How steps are appended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -238,6 +238,7 @@ impl Appender {
         progress.planned(&plan);
         let next = Next { plan, options, time };
         let passed = self.pack_step(&next, &step, counted, progress)?;
+        check_nodata(source.info(), &store, left_out(&passed.channels).1 - nodata)?;
         self.commit(&next, &before, &passed.channels)?;
         for group in stale_groups(&self.dir) {
             let what = "has gathered this store's metadata, which do not know the step: gather them anew";

@@ -185,6 +185,7 @@ mod tests {
             channel_looks: Vec::new(),
             time: None,
             nodata,
+            knows_nodata: false,
             identity: "voxels".into(),
             notes: Vec::new(),
         };

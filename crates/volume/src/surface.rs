@@ -19,7 +19,7 @@
 //! segment: the fog in front of it and the fog behind it are segments of their own, with the surface between them.
 
 use crate::lighting::{AMBIENT, DIFFUSE, Lighting, LightingModel, SPECULAR, SPECULAR_POWER};
-use crate::slot_encoding::{ANYTHING, SlotEncoding};
+use crate::slot_encoding::{ANYTHING, SlotEncoding, SlotFormat};
 use crate::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
 
@@ -141,7 +141,9 @@ const BELOW: f64 = 1.0 / 64.0;
 
 /// The value that the field is compared with for an isosurface at `isovalue`: a place whose value is at or above it is inside.
 pub fn threshold(isovalue: f64, encoding: &SlotEncoding) -> f64 {
-    isovalue - BELOW * encoding.code_width()
+    // Codes of wider numbers are rounded: by half a code at most.
+    let is_rounded = encoding.format == SlotFormat::U16 && encoding.voxel_type.bytes() > 2;
+    isovalue - (BELOW + if is_rounded { 0.5 } else { 0.0 }) * encoding.code_width()
 }
 
 /// Whether samples with codes in a range can be on both sides of a threshold, which is in codes, too.
@@ -203,6 +205,20 @@ mod tests {
         let threshold = encoding.unorm(threshold(-24.0, &encoding)) * 65535.0;
         let code = 32768.0 - 24.0;
         assert!(threshold < code - 0.01 && threshold > code - 0.02, "{threshold}");
+    }
+
+    #[test]
+    fn voxels_of_just_the_isovalue_are_inside_where_codes_are_rounded() {
+        for (voxel_type, range) in
+            [(VoxelType::U32, (0.0, 6.0)), (VoxelType::F32, (-3.0, 4.0)), (VoxelType::I32, (0.0, 7e5))]
+        {
+            let encoding = SlotEncoding::new(voxel_type, range, false);
+            let codes = |value: f64| encoding.unorm(value) * 65535.0;
+            for isovalue in (0..=60).map(|i| (range.0 + f64::from(i) / 60.0 * (range.1 - range.0)).round()) {
+                let begins = codes(threshold(isovalue, &encoding));
+                assert!(begins < codes(isovalue).round() && begins > codes(isovalue) - 0.6, "{isovalue} of {range:?}");
+            }
+        }
     }
 
     #[test]

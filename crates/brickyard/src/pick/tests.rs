@@ -378,6 +378,7 @@ fn packed(folder: &tempfile::TempDir, voxel: fn([u32; 3]) -> u8) -> VolumeSource
         channel_looks: Vec::new(),
         time: None,
         nodata: None,
+        knows_nodata: false,
         identity: "a cube".into(),
         notes: Vec::new(),
     };

@@ -79,8 +79,9 @@ const MACROS: &[Tag] = &[
     tags::FRAME_VOILUT_SEQUENCE,
 ];
 
-/// Longest value of a private element that is kept: Siemens' own header has some 10 kB.
-const LONGEST_PRIVATE: u32 = 1 << 20;
+/// Longest value that is kept, and of a private element: Siemens' own header has some 10 kB. Longer ones are as good as missing.
+const LONGEST_VALUE: u32 = 1 << 14;
+const LONGEST_PRIVATE: u32 = 1 << 17;
 /// Who Siemens' private elements are of.
 const CSA_HEADER: &str = "SIEMENS CSA HEADER";
 const MR_HEADER: &str = "SIEMENS MR HEADER";
@@ -321,7 +322,8 @@ impl Header {
                     if header.vr == VR::SQ {
                         self.enter_unread(parents, tag)?;
                     }
-                    let is_wanted = WANTED.contains(&tag) || self.is_of_mosaic(&header);
+                    let is_short = header.len.0 <= LONGEST_VALUE;
+                    let is_wanted = is_short && WANTED.contains(&tag) || self.is_of_mosaic(&header);
                     match self.values_at(parents).filter(|_| is_wanted) {
                         Some(values) => values.insert(tag, Arc::new(elements.read(&header)?)).map_or((), drop),
                         None => elements.skip(&header)?,

@@ -188,6 +188,11 @@ impl Meaning {
         n as f64 * self.slope + self.intercept
     }
 
+    /// Whether whole numbers stay such.
+    pub(super) fn is_whole(&self) -> bool {
+        [self.slope, self.intercept].iter().all(|n| *n == n.trunc() && n.abs() < 1e9)
+    }
+
     /// The integer of voxels of this type that are padding; `None` without padding, and for floats, which are NaN there.
     pub(super) fn nodata(&self, voxel_type: VoxelType) -> Option<f64> {
         let [least, _] = self.padding.filter(|_| !voxel_type.is_float())?;

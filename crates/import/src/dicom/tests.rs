@@ -385,6 +385,46 @@ fn padding_that_is_kept_is_another_input() {
 }
 
 #[test]
+fn numbers_of_32_bits_are_not_rounded_without_a_word() {
+    let slice = |z: f64, signed: u16, number: u32| {
+        let mut slice = Written::slice(z, 0);
+        let bits = [(tags::BITS_ALLOCATED, 32), (tags::BITS_STORED, 32), (tags::HIGH_BIT, 31)];
+        bits.into_iter().chain([(tags::PIXEL_REPRESENTATION, signed)]).for_each(|(tag, n)| {
+            slice.number(tag, n);
+        });
+        let numbers = PrimitiveValue::from(vec![number; 12].iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>());
+        slice.0.put(DataElement::new(tags::PIXEL_DATA, VR::OW, numbers));
+        slice
+    };
+    let (folder, source) = Folder::opened([slice(0.0, 0, 4_000_000_001)]);
+    assert_eq!(source.info().voxel_type, VoxelType::U32);
+    drop((folder, source));
+    let mut padded = slice(1.0, 0, 16_777_217);
+    padded.0.put(DataElement::new(tags::PIXEL_PADDING_VALUE, VR::UL, PrimitiveValue::from(7u32)));
+    for other in [slice(1.0, 1, 5), padded] {
+        let folder = Folder::of([slice(0.0, 0, 16_777_217), other]);
+        let message = folder.open().err().unwrap().to_string();
+        assert!(message.contains("32 bits") && message.contains("`allow_lossy`"), "{message}");
+        let options = OpenOptions { allow_lossy: true, ..OpenOptions::default() };
+        let source = open(&[folder.0.path().to_owned()], &options).unwrap();
+        assert!(source.info().notes.iter().any(|note| note.contains("rounded to 24 bits")));
+    }
+    // What is scaled by a fraction is no whole number anyway, and it is said.
+    let mut scaled = slice(0.0, 0, 16_777_217);
+    scaled.text(tags::RESCALE_SLOPE, VR::DS, "0.5");
+    let (_folder, source) = Folder::opened([scaled]);
+    assert!(source.info().notes.iter().any(|note| note.contains("rounded to 24 bits")));
+}
+
+/// A text of megabytes is as good as none: thousands of headers stay small.
+#[test]
+fn long_values_of_headers_are_left_out() {
+    let mut slice = Written::slice(0.0, 0);
+    slice.text(tags::SERIES_DESCRIPTION, VR::UT, &"a".repeat(1 << 20));
+    assert_eq!(Folder::opened([slice]).1.info().channel_looks[0].name, None);
+}
+
+#[test]
 fn padding_that_one_integer_cannot_stand_for_is_nan() {
     // Of values 0 to 11 and 10 to 21, another is padding in each slice.
     let slice = |z: f64, first, padding| {
@@ -394,7 +434,9 @@ fn padding_that_one_integer_cannot_stand_for_is_nan() {
     };
     let (folder, source) = Folder::opened([slice(0.0, 0, 11), slice(1.0, 10, 12)]);
     let found = voxels(&*source);
-    assert_eq!((source.info().voxel_type, source.info().nodata), (VoxelType::F32, None));
+    // That there is padding is told, by the first of it.
+    assert_eq!((source.info().voxel_type, source.info().nodata), (VoxelType::F32, Some(11.0)));
+    assert!(source.info().notes.iter().any(|note| note.contains("11 to 11 (in some slices others)")));
     let is_padding = |i: usize| [11, 14].contains(&i);
     assert!((0..24).all(|i| found[i].is_nan() == is_padding(i)) && found[13] == 11.0, "{found:?}");
     // What the user says is instead of it.

@@ -81,6 +81,8 @@ pub(super) struct Declared {
     pub(super) of_each_page: bool,
     /// Whether `channels` counts the samples within a page.
     pub(super) counts_samples: bool,
+    /// How many planes it says that there are, where that is said besides.
+    pub(super) images: Option<u32>,
 }
 
 impl Declared {
@@ -95,6 +97,7 @@ impl Declared {
             in_one_directory: false,
             of_each_page: false,
             counts_samples: false,
+            images: None,
         }
     }
 

@@ -27,6 +27,7 @@ pub(super) fn read(text: &str, resolution: Option<[f64; 2]>, samples: u16) -> De
             channels,
             times: frames,
             in_one_directory: true,
+            images: count("images"),
             ..Declared::one_plane()
         }),
         ignores_resolution: true,

@@ -189,7 +189,7 @@ impl Opening<'_> {
                 Some(tiff) => tiff,
                 None => self.part(part, set.uuids[number as usize].as_deref())?,
             };
-            let Walked { file, tiff, reader_bytes, odd, .. } = Walked::of(tiff, format, Pages::All)?;
+            let Walked { file, tiff, reader_bytes, odd, .. } = Walked::of(tiff, format, Pages::All, None)?;
             if file.pages > 1 && all.idle.len() < MOST_IDLE {
                 all.idle.push((number, tiff.rest()));
             }

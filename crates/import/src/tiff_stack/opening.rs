@@ -5,6 +5,7 @@ use super::ome_opening::{Opening, open_companion};
 use super::ome_set::is_companion;
 use super::page::{OpenTiff, PageFormat};
 use super::page_map::{Misfit, arrange};
+use super::page_tags::PageTags;
 use super::{Parts, TiffFile, TiffStack};
 use crate::axes::{Axis, AxisOrder};
 use crate::element::Decode;
@@ -38,8 +39,8 @@ pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<b
     Ok(false)
 }
 
-/// Whether the planes of a described stack follow the data of the file's only directory. A page that was cut out of such a stack may have its
-/// description, but not the planes.
+/// Whether the planes of a described stack follow the data of the file's only directory, or most of them. A page that was cut out of such a stack
+/// may have its description, but not the planes.
 fn holds_stack(tiff: &mut OpenTiff) -> Result<bool, ImportError> {
     let path = tiff.path.clone();
     let format = tiff.format()?;
@@ -54,8 +55,12 @@ fn holds_stack(tiff: &mut OpenTiff) -> Result<bool, ImportError> {
     let Ok((start, _)) = tiff.contiguous_start(&path, &format) else { return Ok(false) };
     let plane_bytes =
         u64::from(format.width) * u64::from(format.height) * (format.element.bytes() * format.samples as usize) as u64;
-    let end = plane_bytes.saturating_mul(declared.planes()).saturating_add(start);
-    Ok(end <= tiff.stamp.bytes())
+    // Of one that is cut off there is more than half, and more than a plane: what is missing is told where it is opened.
+    let least = plane_bytes.saturating_mul(declared.planes().max(3)) / 2;
+    // The directory lies before all planes, or behind them.
+    let directory = tiff.decoder.ifd_pointer().map(|pointer| pointer.0).filter(|directory| *directory > start);
+    let end = directory.unwrap_or(tiff.stamp.bytes());
+    Ok(least.saturating_add(start) <= end)
 }
 
 /// Opens one TIFF file, of one page or several, with the others of its set where it is one of an OME set; or the companion of such
@@ -191,7 +196,7 @@ pub(super) fn open_pages(
 ) -> Result<Box<dyn Source>, ImportError> {
     // Who says what the pages are says it of all.
     let of = if options.axes.is_some() { Pages::All } else { Pages::WithoutCopies };
-    let Walked { file, tiff, reader_bytes, odd, left_out } = Walked::of(tiff, &format, of)?;
+    let Walked { file, tiff, reader_bytes, odd, left_out } = Walked::of(tiff, &format, of, Some(options))?;
     if let Some(odd) = odd {
         return Err(odd);
     }
@@ -251,9 +256,16 @@ pub(super) enum Pages {
 }
 
 impl Walked {
-    /// Walks the directories of a file from its first page on. `format` is what its pages should be.
-    pub(super) fn of(mut tiff: OpenTiff, format: &PageFormat, of: Pages) -> Result<Self, ImportError> {
+    /// Walks the directories of a file from its first page on. `format` is what its pages should be. With `options`, the tags of pages say what
+    /// pixels are, as far as the options do not.
+    pub(super) fn of(
+        mut tiff: OpenTiff,
+        format: &PageFormat,
+        of: Pages,
+        options: Option<&OpenOptions>,
+    ) -> Result<Self, ImportError> {
         let path = tiff.path.clone();
+        let first = options.map(|options| PageTags::of(&mut tiff, format, options)).transpose()?;
         let leaves_out = of == Pages::WithoutCopies && !tiff.is_copy_or_mask()?;
         let (mut pages, mut reader_bytes, mut odd, mut left_out) = (1u32, 0, None, Vec::new());
         loop {
@@ -265,6 +277,9 @@ impl Walked {
                         return Err(odd_page(&path, pages, &other, format));
                     }
                     tiff.check_data(&path, pages)?;
+                    if let (Some(first), Some(options)) = (&first, options) {
+                        PageTags::of(&mut tiff, format, options)?.check(&path, pages, first)?;
+                    }
                     tiff.reader_bytes(format)
                 });
                 match checked {
@@ -291,6 +306,14 @@ fn open_contiguous(
     description: &Description,
     options: &OpenOptions,
 ) -> Result<Box<dyn Source>, ImportError> {
+    if let Some(images) = declared.images.filter(|images| u64::from(*images) != declared.planes()) {
+        let problem = format!(
+            "its description has {images} images, but channels, slices and frames that make {}; pass `axes` zyx to take only the page that its \
+             directory has",
+            declared.planes()
+        );
+        return Err(ImportError::invalid(path, problem));
+    }
     let (scale, note) = description.scale(format.element, format.samples);
     let (offset, endian) = tiff.contiguous_start(path, format)?;
     let mut sizes = declared.sizes([format.width, format.height]);

@@ -36,6 +36,10 @@ struct Layout {
     tags: Vec<(u16, u64)>,
     /// Entries of the first directory more: tag, type and numbers, floats by their bits.
     lists: Vec<(u16, u16, Vec<u64>)>,
+    /// The same of all other directories.
+    other_lists: Vec<(u16, u16, Vec<u64>)>,
+    /// Whether the only directory lies before the planes.
+    directory_first: bool,
 }
 
 impl Default for Layout {
@@ -53,6 +57,8 @@ impl Default for Layout {
             lzw: None,
             tags: Vec::new(),
             lists: Vec::new(),
+            other_lists: Vec::new(),
+            directory_first: false,
         }
     }
 }
@@ -133,7 +139,7 @@ fn written(field: Field, page_axes: &str, layout: &Layout) -> Vec<u8> {
     let page_bytes = (columns * rows * layout.samples) as usize * voxel;
     let pages = all.len() / page_bytes;
     let body = w.bytes.len();
-    if layout.directories == Some(1) {
+    if layout.directories == Some(1) && !layout.directory_first {
         w.bytes.extend(&all);
     }
     for page in all.chunks(page_bytes).take(layout.directories.unwrap_or(pages)) {
@@ -207,9 +213,19 @@ fn written(field: Field, page_axes: &str, layout: &Layout) -> Vec<u8> {
             tags.push((tag, 3, vec![number]));
         }
         tags.append(&mut w.layout.lists);
+        w.layout.lists = layout.other_lists.clone();
+        if layout.directory_first {
+            w.bytes.truncate(body);
+            let mut probe = Writer { bytes: w.bytes.clone(), layout: w.layout.clone() };
+            probe.directory(tags.clone());
+            tags.iter_mut().filter(|tag| tag.0 == 273).for_each(|tag| tag.2 = vec![probe.bytes.len() as u64]);
+        }
         let at = w.directory(tags);
         w.put_at(link, at as u64, width);
         link = w.bytes.len() - width;
+        if layout.directory_first {
+            w.bytes.extend(&all);
+        }
     }
     w.bytes
 }

@@ -64,6 +64,10 @@ impl OpenTiff {
         if !looks.is_empty() {
             description.channel_looks = looks;
         }
+        // Sizes are those of stored pixels, in tags and in the texts that go with them; OME's are said of pictures.
+        if let Some(spacing) = description.spacing.as_mut().filter(|_| description.ome.is_none()) {
+            [spacing.x, spacing.y] = format.turn.meant([spacing.x, spacing.y]);
+        }
         if !format.turn.is_none() {
             let note = "Rows and columns are put in order as the file's Orientation says.";
             description.notes.push(note.into());
@@ -188,7 +192,7 @@ impl OpenTiff {
     }
 
     /// The stored number of pixels without data, as GDAL writes it: in digits.
-    fn gdal_nodata(&mut self) -> Result<Option<f64>, ImportError> {
+    pub(super) fn gdal_nodata(&mut self) -> Result<Option<f64>, ImportError> {
         let path = self.path.clone();
         let mut bytes = [0; LONGEST_NUMBER];
         let mut tags = self.decoder.image_ifd();
@@ -211,7 +215,7 @@ impl OpenTiff {
         Ok(imagej::channel_looks(&bytes, &counts))
     }
 
-    fn scale_tags(&mut self) -> Result<ScaleTags, ImportError> {
+    pub(super) fn scale_tags(&mut self) -> Result<ScaleTags, ImportError> {
         let mut ratio = |tag| {
             Ok::<_, ImportError>(match said(&self.path, self.decoder.find_tag(tag))? {
                 Some(Value::Rational(n, d)) if d > 0 => Some(n as f64 / d as f64),

@@ -41,6 +41,11 @@ impl Turn {
         if self.transposed { [y, x] } else { [x, y] }
     }
 
+    /// What is said along x and y of stored pixels, of those that are meant.
+    pub(super) fn meant<T>(self, [x, y]: [T; 2]) -> [T; 2] {
+        if self.transposed { [y, x] } else { [x, y] }
+    }
+
     /// Where a region of a page lies in what is stored. `size` is the page's own along x and y.
     pub(super) fn stored(self, region: VoxelBox, size: [u32; 2]) -> VoxelBox {
         let along = |flip: bool, axis: usize, low: u32, high: u32| {

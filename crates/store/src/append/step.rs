@@ -5,7 +5,7 @@ use crate::metadata::StoreInfo;
 use crate::pack::plan::MAX_STAMPS;
 use crate::store::Store;
 use brickyard_import::{Described, Source, SourceInfo};
-use brickyard_volume::{Geometry, TimeAxis};
+use brickyard_volume::{Geometry, TimeAxis, counted};
 
 /// By which part of a voxel spacings and origins of steps may differ.
 const TOLERANCE: f64 = 1e-4;
@@ -33,6 +33,22 @@ fn one_step(source: &dyn Source) -> Result<&SourceInfo, AppendError> {
     match source.info() {
         info if info.times == 1 => Ok(info),
         info => Err(AppendError::Several { times: info.times }),
+    }
+}
+
+/// Checks that a step has no voxels of the value that stands for no data in its store, where its source knows that they are data: `count` voxels have it.
+pub(super) fn check_nodata(step: &SourceInfo, store: &Store, count: u64) -> Result<(), AppendError> {
+    match store_nodata(store) {
+        Some(value) if step.knows_nodata && step.nodata.is_none() && count > 0 && !step.voxel_type.is_float() => {
+            Err(AppendError::Mismatch {
+                store: store.path().into(),
+                step: store.times(),
+                what: "value for no data",
+                found: format!("{} of {value}, which are data there", counted(count, "voxel")),
+                expected: format!("{value} for no data alone; pack all steps at once into another store"),
+            })
+        }
+        _ => Ok(()),
     }
 }
 
@@ -89,7 +105,9 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
         return differs("row of channels", found, expected);
     }
     let nodata = store_nodata(store);
-    if let Some(found) = step.nodata.filter(|found| Some(*found) != nodata) {
+    // Of floats of a source that knows its own, a value only tells that some are left out, as they are here.
+    let is_left_out = step.knows_nodata && step.voxel_type.is_float() && nodata.is_some();
+    if let Some(found) = step.nodata.filter(|found| Some(*found) != nodata && !is_left_out) {
         let expected = nodata.map_or("none; pass `nodata` none to take it as a number".into(), |ours| ours.to_string());
         return differs("value for no data", found.to_string(), expected);
     }

@@ -755,3 +755,40 @@ fn channels_in_another_order_are_refused() {
         Appender::create(&dir.path().join("t.zarr"), &step("phase 1"), None, &byte_options(), &()).unwrap();
     appender.append(&step("phase 2"), None, &()).unwrap();
 }
+
+/// A value that stands for no data may be data in a step whose source knows its own: integers are refused then, floats stay what they are.
+#[test]
+fn data_of_a_later_step_are_never_taken_for_none() {
+    fn check<T: Voxel>(value: f64, is_refused: bool) {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("s.zarr");
+        let step = |nodata: Option<f64>, knows_nodata, has_it: bool| {
+            let mut step = Array::series(EXTENT, 1, 1, move |_, [x, y, z]: [u32; 3]| {
+                T::from_f64_rounded(if has_it && x == 3 { value } else { f64::from(x + y + z) + 20.0 })
+            });
+            (step.info.nodata, step.info.knows_nodata) = (nodata, knows_nodata);
+            step
+        };
+        let options = PackOptions { downsample: Downsample::Mean.into(), ..options(T::TYPE) };
+        let mut appender = Appender::create(&path, &step(Some(value), false, true), None, &options, &()).unwrap();
+        let appended = appender.append(&step(None, true, true), None, &());
+        if is_refused {
+            let message = appended.unwrap_err().to_string();
+            assert!(message.contains(&format!("of {value}, which are data there")), "{message}");
+            assert_eq!(appender.times(), 1);
+        } else {
+            appended.unwrap();
+            let store = Store::open(&path).unwrap();
+            let at = |time| level_voxels(&store, time, 0, Level(0))[3];
+            assert!(at(0).is_nan() && at(1) == value, "{} {}", at(0), at(1));
+        }
+        // One that has none of it is taken, and so is one whose source says nothing: there the value is no data, as before.
+        appender.append(&step(None, true, false), None, &()).unwrap();
+        let report = appender.append(&step(None, false, true), None, &()).unwrap();
+        assert_eq!(report.nodata + report.non_finite, u64::from(EXTENT[1] * EXTENT[2]));
+        drop(appender);
+        assert_sound(&path, T::TYPE.name());
+    }
+    check::<i16>(-1001.0, true);
+    check::<f32>(7.5, false);
+}

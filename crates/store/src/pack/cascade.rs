@@ -182,7 +182,7 @@ impl Pass<'_> {
             let finished = |shard| Some((shard, journal.finished(&stage.layout, shard)?));
             self.plan.shards(&stage.layout, stage.level).filter_map(finished).collect()
         };
-        let (kept, blanked) = no_data(self.source.info().nodata);
+        let (kept, blanked) = no_data(self.source.info().sought_nodata());
         let worker = || Mutex::new(Worker { workspace: Workspace::<T>::new(edge, kept), scratch: Scratch::default() });
         let shared = Shared {
             pass: self,

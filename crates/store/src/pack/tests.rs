@@ -54,6 +54,7 @@ impl<T: Voxel> Array<T> {
             channel_looks: Vec::new(),
             time: None,
             nodata: None,
+            knows_nodata: false,
             identity: "array".into(),
             notes: Vec::new(),
         };

@@ -148,11 +148,71 @@ fn lists_of_stacks_behind_one_directory_are_series() {
         let told = OpenOptions { axes: Some("zyx".parse().unwrap()), ..options() };
         assert_eq!(open(&paths, &told).unwrap().info().extent.z, 2);
     }
+    // Where all of them are cut off, each is told as it is by itself.
+    let folder = tempfile::tempdir().unwrap();
+    let cut = written(field(4, 1, 1), "z", &Layout { directory_first: true, ..one(imagej) });
+    let paths = [0, 1].map(|step| folder.path().join(format!("s{step}.tif")));
+    for missing in [1, 60] {
+        paths.iter().for_each(|path| std::fs::write(path, &cut[..cut.len() - missing]).unwrap());
+        for inputs in [paths.to_vec(), vec![folder.path().to_owned()]] {
+            let message = open(&inputs, &options()).err().unwrap().to_string();
+            assert!(message.contains("s0.tif") && message.contains(&format!("({missing} missing)")), "{message}");
+        }
+    }
     // A page that was cut out of a stack says what the stack was, and is a plane.
     let folder = tempfile::tempdir().unwrap();
     let paths: Vec<PathBuf> = (0..3).map(|z| folder.path().join(format!("s{z}.tif"))).collect();
     paths.iter().for_each(|path| std::fs::write(path, written(field(1, 1, 1), "z", &described(imagej))).unwrap());
     assert_eq!(open(&paths, &options()).unwrap().info().extent.z, 3);
+}
+
+#[test]
+fn images_that_no_axes_are_of_are_refused() {
+    for (keys, planes) in [("channels=2", 2), ("channels=2\nslices=4", 8), ("slices=4\nframes=3", 12)] {
+        let text = format!("ImageJ=1.53t\nimages=24\n{keys}\n");
+        for directories in [None, Some(1)] {
+            let layout = Layout { directories, chunk: Err(5), ..described(&text) };
+            let message = refusal(&written(field(24, 1, 1), "z", &layout), &options());
+            assert!(message.contains("24") && message.contains(&planes.to_string()), "{message}");
+        }
+    }
+}
+
+#[test]
+fn pages_of_one_file_that_say_unlike_things_are_refused() {
+    let text = |text: &str| text.bytes().chain([0]).map(u64::from).collect::<Vec<u64>>();
+    let pages = |first: &[(u16, u16, Vec<u64>)], others: &[(u16, u16, Vec<u64>)]| {
+        let layout = Layout { lists: first.to_vec(), other_lists: others.to_vec(), ..Layout::default() };
+        written(field(3, 1, 1), "z", &layout)
+    };
+    let nodata = |value: &str| vec![(42113, 2, text(value))];
+    let of_x = |size: u64| vec![(282, 5, vec![size, 1]), (283, 5, vec![100, 1]), (296, 3, vec![3])];
+    for (first, others, name) in [
+        (nodata("7"), nodata("9"), "GDAL_NODATA"),
+        (vec![], nodata("9"), "GDAL_NODATA"),
+        (of_x(100), of_x(50), "pixels a unit"),
+    ] {
+        let message = refusal(&pages(&first, &others), &options());
+        assert!(message.contains("page 2") && message.contains(name), "{message}");
+        let told = OpenOptions { nodata: NoData::Value(9.0), spacing: Some(DVec3::ONE), ..options() };
+        let (_folder, path) = temp_file("a.tif", &pages(&first, &others));
+        assert_eq!(open(&[path], &told).unwrap().info().nodata, Some(9.0));
+    }
+    // Some programs say it once.
+    for (first, others) in [(nodata("7"), vec![]), (nodata("7"), nodata("7.0")), (of_x(100), of_x(100))] {
+        let (_folder, path) = temp_file("a.tif", &pages(&first, &others));
+        assert_eq!(opened(&path).unwrap().info().nodata, first.iter().find(|tag| tag.0 == 42113).map(|_| 7.0));
+    }
+}
+
+#[test]
+fn pixels_that_are_no_squares_are_turned_with_their_page() {
+    let lists = vec![(282, 5, vec![100, 1]), (283, 5, vec![50, 1]), (296, 3, vec![3])];
+    for (orientation, expected) in [(1, [0.01, 0.02]), (3, [0.01, 0.02]), (6, [0.02, 0.01]), (8, [0.02, 0.01])] {
+        let layout = Layout { lists: lists.clone(), tags: vec![(274, orientation)], ..Layout::default() };
+        let spacing = read(field(2, 1, 1), "z", &layout).1.info().geometry.spacing;
+        assert_eq!([spacing.x, spacing.y], expected, "{orientation}");
+    }
 }
 
 #[test]

@@ -66,6 +66,7 @@ fn source_info() -> impl Strategy<Value = SourceInfo> {
                 channel_looks: Vec::new(),
                 time,
                 nodata,
+                knows_nodata: false,
                 identity,
                 notes,
             }

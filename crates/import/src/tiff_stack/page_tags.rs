@@ -1,0 +1,43 @@
+//! What the tags of each page of a file say of its pixels, which must be one thing: a stack has one size of pixels and one value for no data. Costs two
+//! tags a page.
+
+use super::description::nearest;
+use super::page::{OpenTiff, PageFormat};
+use crate::error::ImportError;
+use crate::options::{NoData, OpenOptions};
+use std::path::Path;
+
+/// What the tags of a page say of its pixels, as far as options do not.
+pub(super) struct PageTags {
+    nodata: Option<f64>,
+    resolution: Option<[f64; 2]>,
+}
+
+impl PageTags {
+    pub(super) fn of(tiff: &mut OpenTiff, format: &PageFormat, options: &OpenOptions) -> Result<Self, ImportError> {
+        let nodata = tiff.gdal_nodata()?.filter(|_| options.nodata == NoData::OfFile);
+        let resolution = tiff.scale_tags()?.resolution.filter(|_| options.spacing.is_none());
+        Ok(Self { nodata: nodata.map(|value| nearest(value, format.element)), resolution })
+    }
+
+    /// Refuses a page that says otherwise than the first. Some programs have their tags in the first page alone.
+    pub(super) fn check(&self, path: &Path, page: u32, first: &Self) -> Result<(), ImportError> {
+        if let Some(nodata) = self.nodata.filter(|nodata| Some(*nodata) != first.nodata) {
+            let first = first.nodata.map_or("no value".into(), |value| value.to_string());
+            let problem = format!(
+                "page {page} says with {nodata} that pixels hold no data (GDAL_NODATA), but page 1 with {first}; give one for all with `nodata`"
+            );
+            return Err(ImportError::options(path, problem));
+        }
+        if let (Some([x, y]), Some(expected)) = (self.resolution, first.resolution)
+            && [x, y] != expected
+        {
+            let problem = format!(
+                "page {page} has {x} x {y} pixels a unit, but page 1 has {} x {}; give `spacing` for all",
+                expected[0], expected[1]
+            );
+            return Err(ImportError::options(path, problem));
+        }
+        Ok(())
+    }
+}
