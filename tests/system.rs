@@ -28,6 +28,7 @@ mod nearest;
 mod nodata;
 mod orientation;
 mod overlays;
+mod painting;
 mod pictures;
 mod playback;
 mod quality;

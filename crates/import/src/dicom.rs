@@ -220,7 +220,7 @@ impl DicomSeries {
         let extent = Extent::new(columns, rows, places.len() as u32);
         let sizes = Sizes { extent, channels: 1, times: 1 };
         let Voxels { voxel_type, blank } = voxels_of(&files, &slices, missing > 0)?;
-        check_exact((&files, &slices), voxel_type, missing > 0, options)?;
+        check_exact(&files, &slices, voxel_type, missing > 0, options)?;
         sizes.checked_bytes(voxel_type.bytes()).map_err(|p| ImportError::invalid(&paths[0], p))?;
         // Padding that is taken for values makes other voxels of the same files.
         let is_padding_kept = options.nodata != NoData::OfFile && files.iter().any(|(header, _)| header.has_padding());
@@ -464,7 +464,8 @@ fn voxels_of(
 /// Refuses numbers of 32 bits that become floats where that would make others of them without need: labels, beside missing slices, and where
 /// nothing is scaled but by whole numbers.
 fn check_exact(
-    (files, slices): (&[(Header, Frames)], &[(Slice, Meaning)]),
+    files: &[(Header, Frames)],
+    slices: &[(Slice, Meaning)],
     voxel_type: VoxelType,
     are_missing: bool,
     options: &OpenOptions,

@@ -104,11 +104,11 @@ struct Pace {
 /// What a session draws beside the window.
 enum Task {
     /// The picture of a scene, or one that is coarser.
-    Show { scene: Scene, size_px: (u32, u32), frame: Frame, quality: Quality, step: Duration },
+    Show { shown: Box<Shown>, step: Duration },
     /// A sample of the pixels of the picture that is shown.
     Smooth,
     /// The picture that was asked for first, with its frame.
-    Capture(Frame),
+    Capture(Box<Frame>),
 }
 
 /// A picture that is to be written once it is final.
@@ -336,7 +336,7 @@ impl Canvas {
         if is_on_gpu {
             return Ok(draw(session, &Arc::new(painting))?.map(|picture| (picture, frame)));
         }
-        self.leave(Task::Capture(frame), painting, egui, draw)?;
+        self.leave(Task::Capture(Box::new(frame)), painting, egui, draw)?;
         Ok(None)
     }
 
@@ -428,7 +428,8 @@ impl Canvas {
             _ => NO_PICTURE,
         };
         let painting = Painting::over(under, 1 + u32::from(scene.stereo.is_some()));
-        let task = Task::Show { scene: scene.clone(), size_px, frame, quality, step };
+        let shown = Shown { scene: scene.clone(), size_px, frame, quality, samples_left: None };
+        let task = Task::Show { shown: Box::new(shown), step };
         self.leave(task, painting, egui, move |session, painting| session.paint(&drawn, painting).map(Some))
     }
 
@@ -436,8 +437,9 @@ impl Canvas {
     fn look_on(&mut self, scene: &Scene, size_px: (u32, u32)) {
         let Some((drawing, task)) = &self.drawing else { return };
         let (is_of_it, is_brief) = match task {
-            Task::Show { scene: of, size_px: in_px, quality, .. } => {
-                (of == scene && *in_px == size_px, *quality != Quality::EXACT && drawing.since() < LATE)
+            Task::Show { shown, .. } => {
+                let is_brief = shown.quality != Quality::EXACT && drawing.since() < LATE;
+                (shown.scene == *scene && shown.size_px == size_px, is_brief)
             }
             Task::Smooth => {
                 let shown = self.shown.as_ref();
@@ -452,9 +454,10 @@ impl Canvas {
             return;
         }
         // Over a picture of the same scene and time step alone.
-        let Task::Show { frame, quality: Quality::EXACT, .. } = task else { return };
+        let Task::Show { shown: drawn, .. } = task else { return };
         let is_under = |shown: &&Shown| {
-            shown.scene == *scene && shown.size_px == size_px && shown.frame.scene.time == frame.scene.time
+            let is_same_step = shown.frame.scene.time == drawn.frame.scene.time;
+            shown.scene == *scene && shown.size_px == size_px && is_same_step && drawn.quality == Quality::EXACT
         };
         let is_due = drawing.since() > LOOK && self.looked.is_none_or(|looked| looked.elapsed() > LOOK);
         if is_due && self.shown.as_ref().is_some_and(|shown| is_under(&shown)) {
@@ -501,7 +504,7 @@ impl Canvas {
         };
         let (Some(picture), Some(screen)) = (picture, &mut self.screen) else { return Ok(None) };
         match task {
-            Task::Capture(frame) => return Ok(Some((picture, frame))),
+            Task::Capture(frame) => return Ok(Some((picture, *frame))),
             Task::Smooth => {
                 let Some(Shown { scene, samples_left: Some(left), .. }) = &mut self.shown else { return Ok(None) };
                 screen.add(&picture, *left == scene.pixel_samples.count());
@@ -511,12 +514,12 @@ impl Canvas {
                 }
                 self.spent.beside += took;
             }
-            Task::Show { scene, size_px, frame, quality, step } => {
+            Task::Show { shown, step } => {
                 self.control.took(took);
-                screen.put(&picture, (picture.width, picture.height) != size_px);
+                screen.put(&picture, (picture.width, picture.height) != shown.size_px);
                 self.picture = Some(picture);
                 self.took(FrameTimes { step, beside: took, ..FrameTimes::default() });
-                self.drew(Drawn::Whole, Shown { scene, size_px, frame, quality, samples_left: None });
+                self.drew(Drawn::Whole, *shown);
             }
         }
         Ok(None)

@@ -392,7 +392,7 @@ fn numbers_of_32_bits_are_not_rounded_without_a_word() {
         bits.into_iter().chain([(tags::PIXEL_REPRESENTATION, signed)]).for_each(|(tag, n)| {
             slice.number(tag, n);
         });
-        let numbers = PrimitiveValue::from(vec![number; 12].iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>());
+        let numbers = PrimitiveValue::from([number; 12].iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>());
         slice.0.put(DataElement::new(tags::PIXEL_DATA, VR::OW, numbers));
         slice
     };

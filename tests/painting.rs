@@ -1,0 +1,58 @@
+//! A picture that the CPU draws for who looks on: seen while it is drawn, and abandoned from another thread.
+
+use brickyard::backend::BackendChoice;
+use brickyard::session::{Frame, Painting, Session, SessionOptions, VolumeSource};
+use brickyard::volume::{Extent, Geometry, Picture, Scene, TransferFunction};
+use brickyard_tests::{FunctionSource, TestStore};
+use std::sync::Arc;
+use std::time::Duration;
+
+const SIZE: (u32, u32) = (1600, 1200);
+const UNDER: [u8; 3] = [9, 8, 7];
+
+fn under() -> Painting {
+    Painting::over(Picture { width: SIZE.0, height: SIZE.1, rgb: vec![UNDER; (SIZE.0 * SIZE.1) as usize] }, 1)
+}
+
+fn settled(session: &mut Session, step: f64) -> Frame {
+    let transfer = TransferFunction { opacity: vec![[0.0, 0.0], [255.0, 0.02]], ..TransferFunction::default() };
+    let scene = Scene { step, background: [0.5, 0.2, 0.1], ..Scene::of(transfer) };
+    loop {
+        let frame = session.step(&scene, SIZE).expect("a frame");
+        if frame.status.settled {
+            return frame;
+        }
+        session.wait(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_picture_is_seen_while_it_is_drawn_and_abandoned() {
+    let voxel = |_, _, [x, y, z]: [u32; 3]| (5 * x + 2 * y + z) as u8;
+    let test = TestStore::pack(&FunctionSource::new(Extent::new(40, 30, 36), Geometry::default(), voxel), 16);
+    let options = SessionOptions { backend: BackendChoice::Cpu, threads: 2, ..SessionOptions::default() };
+    let mut session = Session::new(vec![VolumeSource::of_store(&test.store)], options);
+    // So fine that it would take long.
+    let frame = settled(&mut session, 0.01);
+    let painting = Arc::new(under());
+    let so_far = std::thread::scope(|scope| {
+        let drawing = scope.spawn(|| session.paint(&frame, &painting).map(drop));
+        while painting.progress() == 0.0 && !drawing.is_finished() {
+            std::thread::yield_now();
+        }
+        let so_far = painting.so_far();
+        painting.abandon();
+        let error = drawing.join().expect("no panic").expect_err("abandoned").to_string();
+        assert!(error.contains("abandoned"), "{error}");
+        so_far
+    });
+    let drawn = so_far.rgb.iter().filter(|pixel| **pixel != UNDER).count();
+    assert!(drawn > 0 && drawn < so_far.rgb.len(), "{drawn} pixels are drawn");
+    assert!(painting.progress() < 1.0 && painting.is_abandoned());
+    // One that is not abandoned is the picture, pixel by pixel, and the session goes on as before.
+    let frame = settled(&mut session, 0.5);
+    let painting = Arc::new(under());
+    let picture = session.paint(&frame, &painting).expect("a picture");
+    assert_eq!(painting.progress(), 1.0);
+    assert!(painting.so_far().rgb == picture.rgb && picture.rgb == session.draw(&frame).expect("a picture").rgb);
+}
