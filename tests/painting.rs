@@ -11,7 +11,7 @@ const SIZE: (u32, u32) = (1600, 1200);
 const UNDER: [u8; 3] = [9, 8, 7];
 
 fn under() -> Painting {
-    Painting::over(Picture { width: SIZE.0, height: SIZE.1, rgb: vec![UNDER; (SIZE.0 * SIZE.1) as usize] }, 1)
+    Painting::over(Picture { width: 3, height: 2, rgb: vec![UNDER; 6] }, SIZE, 1)
 }
 
 fn settled(session: &mut Session, step: f64) -> Frame {

@@ -10,6 +10,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 #[derive(Debug)]
 pub struct Painting {
     so_far: Mutex<Picture>,
+    size_px: (u32, u32),
     pictures: u32,
     done_tiles: AtomicU32,
     /// Tiles of one picture.
@@ -18,10 +19,12 @@ pub struct Painting {
 }
 
 impl Painting {
-    /// A painting of so many pictures over one of the same size, which is seen where nothing is drawn yet.
-    pub fn over(picture: Picture, pictures: u32) -> Self {
+    /// A painting of a size, of so many pictures, over another picture, which is seen where nothing is drawn yet: smoothly, in the painting's size,
+    /// once it is begun. Over one without pixels nothing is seen.
+    pub fn over(under: Picture, size_px: (u32, u32), pictures: u32) -> Self {
         let (done_tiles, all_tiles) = (AtomicU32::new(0), AtomicU32::new(0));
-        Self { so_far: Mutex::new(picture), pictures, done_tiles, all_tiles, is_abandoned: AtomicBool::new(false) }
+        let (so_far, is_abandoned) = (Mutex::new(under), AtomicBool::new(false));
+        Self { so_far, size_px, pictures, done_tiles, all_tiles, is_abandoned }
     }
 
     /// Tells who draws to stop: within milliseconds, with [`SoftwareError::Abandoned`](crate::SoftwareError::Abandoned).
@@ -45,9 +48,13 @@ impl Painting {
         self.lock().clone()
     }
 
-    /// Begins a picture of so many tiles.
-    pub(crate) fn begin(&self, tiles: usize) {
+    /// Begins a picture of a size and so many tiles.
+    pub(crate) fn begin(&self, size_px: (u32, u32), tiles: usize) {
         self.all_tiles.store(tiles as u32, Ordering::Relaxed);
+        let mut so_far = self.lock();
+        if size_px == self.size_px && (so_far.width, so_far.height) != size_px && !so_far.rgb.is_empty() {
+            *so_far = scaled(&so_far, size_px);
+        }
     }
 
     /// Puts a tile of a picture in its place. A picture of another size, such as one eye's, is counted alone.
@@ -62,5 +69,41 @@ impl Painting {
 
     fn lock(&self) -> MutexGuard<'_, Picture> {
         self.so_far.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A picture in another size, smoothly.
+fn scaled(picture: &Picture, (width, height): (u32, u32)) -> Picture {
+    // For each pixel along an axis the two that it lies between, and how near it is to the second.
+    let along = |from: u32, to: u32| -> Vec<(usize, usize, f32)> {
+        let place = |i: u32| ((i as f32 + 0.5) * from as f32 / to as f32 - 0.5).clamp(0.0, (from - 1) as f32);
+        let split = |at: f32| (at as usize, (at as usize + 1).min(from as usize - 1), at.fract());
+        (0..to).map(|i| split(place(i))).collect()
+    };
+    let (columns, rows) = (along(picture.width, width), along(picture.height, height));
+    let mut rgb = Vec::with_capacity(width as usize * height as usize);
+    for (up, down, below) in rows {
+        let [up, down] = [up, down].map(|row| &picture.rgb[row * picture.width as usize..]);
+        rgb.extend(columns.iter().map(|&(left, right, beside)| {
+            std::array::from_fn(|k| {
+                let mix = |a: u8, b: u8, share: f32| f32::from(a) + (f32::from(b) - f32::from(a)) * share;
+                let [above, under] = [up, down].map(|row| mix(row[left][k], row[right][k], beside));
+                (above + (under - above) * below + 0.5) as u8
+            })
+        }));
+    }
+    Picture { width, height, rgb }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scaled_picture_is_a_line_between_its_pixels() {
+        let ramp = Picture { width: 2, height: 1, rgb: vec![[0, 40, 200], [100, 40, 0]] };
+        let wide = scaled(&ramp, (4, 2));
+        assert_eq!(wide.rgb[..4], [[0, 40, 200], [25, 40, 150], [75, 40, 50], [100, 40, 0]]);
+        assert_eq!(wide.rgb[4..], wide.rgb[..4]);
     }
 }

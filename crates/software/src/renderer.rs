@@ -205,7 +205,7 @@ impl SoftwareRenderer {
             let by_itself = !is_mixed || settings.mode.is_projection();
             let slots = |layer: &Layer<'_>| &self.pools[self.pool_of[layer.volume]];
             let (until, painting) = (self.until, self.painting.as_deref());
-            painting.into_iter().for_each(|painting| painting.begin(tiles.len()));
+            painting.into_iter().for_each(|painting| painting.begin(size, tiles.len()));
             let of_layer = |layer| Frame { until, painting, ..frame(layer, slots(layer), by_itself) };
             let frames = layers.iter().map(of_layer).collect();
             let scene = Scene::new(frames, meshes, is_mixed, is_one_cut(layers), combination);

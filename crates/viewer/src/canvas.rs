@@ -3,7 +3,7 @@
 //! CPU that nobody waits for any more is abandoned. Costs one step for each frame of the window, and on a GPU at most one drawing.
 
 use crate::device::Device;
-use crate::drawing::{Drawing, Home, Known, scaled};
+use crate::drawing::{Drawing, Home, Known};
 use crate::marks::Over;
 use crate::screen::{FORMAT, Screen};
 use brickyard::backend::BackendChoice;
@@ -332,7 +332,7 @@ impl Canvas {
         };
         let eyes = 1 + u32::from(scene.stereo.is_some());
         let samples = if samples == PixelSamples::ONE { 0 } else { samples.count() as u32 };
-        let painting = Painting::over(NO_PICTURE, eyes * (1 + samples));
+        let painting = Painting::over(NO_PICTURE, size_px, eyes * (1 + samples));
         if is_on_gpu {
             return Ok(draw(session, &Arc::new(painting))?.map(|picture| (picture, frame)));
         }
@@ -424,10 +424,10 @@ impl Canvas {
         }
         let drawn = quality.frame(&frame);
         let under = match &self.picture {
-            Some(picture) if quality == Quality::EXACT => scaled(picture, size_px),
+            Some(picture) if quality == Quality::EXACT => picture.clone(),
             _ => NO_PICTURE,
         };
-        let painting = Painting::over(under, 1 + u32::from(scene.stereo.is_some()));
+        let painting = Painting::over(under, size_px, 1 + u32::from(scene.stereo.is_some()));
         let shown = Shown { scene: scene.clone(), size_px, frame, quality, samples_left: None };
         let task = Task::Show { shown: Box::new(shown), step };
         self.leave(task, painting, egui, move |session, painting| session.paint(&drawn, painting).map(Some))
@@ -462,7 +462,7 @@ impl Canvas {
         let is_due = drawing.since() > LOOK && self.looked.is_none_or(|looked| looked.elapsed() > LOOK);
         if is_due && self.shown.as_ref().is_some_and(|shown| is_under(&shown)) {
             let so_far = drawing.so_far();
-            self.screen.iter_mut().for_each(|screen| screen.put(&so_far, false));
+            self.screen.iter_mut().for_each(|screen| screen.put(&so_far, (so_far.width, so_far.height) != size_px));
             self.looked = Some(Instant::now());
         }
     }
@@ -577,7 +577,7 @@ impl Canvas {
         let Some(sample) = samples.samples().nth(samples.count() - *left) else { return Ok(()) };
         let frame = frame.of_sample(sample);
         let Some(Device { state, .. }) = self.gpu.clone() else {
-            let painting = Painting::over(NO_PICTURE, 1 + u32::from(scene.stereo.is_some()));
+            let painting = Painting::over(NO_PICTURE, size_px, 1 + u32::from(scene.stereo.is_some()));
             return self.leave(Task::Smooth, painting, egui, move |session, painting| {
                 session.paint(&frame, painting).map(Some)
             });
@@ -688,7 +688,7 @@ impl Canvas {
 
     /// Whether the picture is as it will stay until the scene changes.
     pub(crate) fn is_final(&self) -> bool {
-        self.shown.as_ref().is_some_and(|shown| shown.samples_left == Some(0))
+        self.drawing.is_none() && self.shown.as_ref().is_some_and(|shown| shown.samples_left == Some(0))
     }
 
     /// How far the view is; `None` before the first step.

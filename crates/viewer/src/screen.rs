@@ -89,7 +89,7 @@ impl Screen {
     /// Shows a picture from the CPU: pixel by pixel, or smoothed if it has fewer pixels than are shown.
     pub(crate) fn put(&mut self, picture: &Picture, is_smoothed: bool) {
         let size_px = (picture.width, picture.height);
-        let rgba: Vec<u8> = picture.rgb.iter().flat_map(|[r, g, b]| [*r, *g, *b, u8::MAX]).collect();
+        let rgba = picture.rgba();
         let queue = self.queue.clone();
         self.shows_mean = false;
         let texture = self.of_size(size_px);

@@ -127,6 +127,11 @@ impl Picture {
         self.rgb[y as usize * self.width as usize + x as usize]
     }
 
+    /// The pixels as textures have them, opaque.
+    pub fn rgba(&self) -> Vec<u8> {
+        self.rgb.iter().flat_map(|[r, g, b]| [*r, *g, *b, u8::MAX]).collect()
+    }
+
     /// How far apart two pictures of the same size are.
     ///
     /// # Panics
