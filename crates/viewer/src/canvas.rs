@@ -168,9 +168,10 @@ impl Canvas {
     ) -> Result<Self, SessionError> {
         let options = SessionOptions { live: true, ..*options };
         let gpu_device = device.filter(|device| draws_volumes(device, &options));
-        let session = match gpu_device {
-            Some(device) => Session::on_gpu(volumes, options, gpu(device)?),
-            None => Session::new(volumes, SessionOptions { backend: BackendChoice::Cpu, ..options }),
+        let on_cpu = SessionOptions { backend: BackendChoice::Cpu, ..options };
+        let (session, options) = match gpu_device {
+            Some(device) => (Session::on_gpu(volumes, options, gpu(device)?), options),
+            None => (Session::new(volumes, on_cpu), on_cpu),
         };
         Ok(Self {
             session: Some(Box::new(session)),
@@ -424,7 +425,8 @@ impl Canvas {
         }
         let drawn = quality.frame(&frame);
         let under = match &self.picture {
-            Some(picture) if quality == Quality::EXACT => picture.clone(),
+            // One eye's picture is not what is seen of two.
+            Some(picture) if quality == Quality::EXACT && scene.stereo.is_none() => picture.clone(),
             _ => NO_PICTURE,
         };
         let painting = Painting::over(under, size_px, 1 + u32::from(scene.stereo.is_some()));
@@ -462,7 +464,9 @@ impl Canvas {
         let is_due = drawing.since() > LOOK && self.looked.is_none_or(|looked| looked.elapsed() > LOOK);
         if is_due && self.shown.as_ref().is_some_and(|shown| is_under(&shown)) {
             let so_far = drawing.so_far();
-            self.screen.iter_mut().for_each(|screen| screen.put(&so_far, (so_far.width, so_far.height) != size_px));
+            if !so_far.rgb.is_empty() {
+                self.screen.iter_mut().for_each(|screen| screen.put(&so_far, (so_far.width, so_far.height) != size_px));
+            }
             self.looked = Some(Instant::now());
         }
     }
@@ -555,16 +559,15 @@ impl Canvas {
 
     /// The session, which is called home and abandons what it draws.
     fn home(&mut self) -> &mut Session {
+        let mut volumes = Vec::new();
         if let Some((drawing, task)) = self.drawing.take() {
             drawing.abandon();
-            let volumes = drawing.known.volumes.clone();
+            volumes.clone_from(&drawing.known.volumes);
             // Nothing comes of what was abandoned.
             let _ = self.arrive(drawing, task);
-            let options = self.options;
-            self.session.get_or_insert_with(|| Box::new(Session::new(volumes, options)));
         }
-        let (options, volumes) = (self.options, Vec::new);
-        self.session.get_or_insert_with(|| Box::new(Session::new(volumes(), options)))
+        let options = self.options;
+        self.session.get_or_insert_with(|| Box::new(Session::new(volumes, options)))
     }
 
     /// Draws the next sample of the picture's pixels. When all are drawn, the texture shows their mean.

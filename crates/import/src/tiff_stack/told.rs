@@ -191,7 +191,7 @@ impl OpenTiff {
         Ok(is_scanimage.then_some("ScanImage"))
     }
 
-    /// The stored number of pixels without data, as GDAL writes it: in digits.
+    /// The stored number of pixels without data, as GDAL writes it: in digits. NaN holds no data anyway.
     pub(super) fn gdal_nodata(&mut self) -> Result<Option<f64>, ImportError> {
         let path = self.path.clone();
         let mut bytes = [0; LONGEST_NUMBER];
@@ -200,7 +200,8 @@ impl OpenTiff {
         let length = entry.map_or(0, |entry| entry.count()).min(LONGEST_NUMBER as u64) as usize;
         said(&path, tags.find_tag_bytes(Tag::GdalNodata, &mut bytes[..length], 0))?;
         let text = std::str::from_utf8(&bytes[..length]).unwrap_or_default();
-        Ok(text.split('\0').next().unwrap_or_default().trim().parse().ok())
+        let number: Option<f64> = text.split('\0').next().unwrap_or_default().trim().parse().ok();
+        Ok(number.filter(|number| !number.is_nan()))
     }
 
     /// How ImageJ shows the channels; empty if the file does not say it.

@@ -199,9 +199,14 @@ fn pages_of_one_file_that_say_unlike_things_are_refused() {
         assert_eq!(open(&[path], &told).unwrap().info().nodata, Some(9.0));
     }
     // Some programs say it once.
-    for (first, others) in [(nodata("7"), vec![]), (nodata("7"), nodata("7.0")), (of_x(100), of_x(100))] {
+    for (first, others, expected) in [
+        (nodata("7"), vec![], Some(7.0)),
+        (nodata("7"), nodata("7.0"), Some(7.0)),
+        (nodata("nan"), nodata("NaN"), None),
+        (of_x(100), of_x(100), None),
+    ] {
         let (_folder, path) = temp_file("a.tif", &pages(&first, &others));
-        assert_eq!(opened(&path).unwrap().info().nodata, first.iter().find(|tag| tag.0 == 42113).map(|_| 7.0));
+        assert_eq!(opened(&path).unwrap().info().nodata, expected);
     }
 }
 
