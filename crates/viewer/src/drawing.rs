@@ -8,6 +8,7 @@ use brickyard::volume::Picture;
 use eframe::egui;
 use std::io;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -52,6 +53,8 @@ pub(crate) struct Drawing {
     pub(crate) known: Known,
     painting: Arc<Painting>,
     begun: Instant,
+    /// Set before the window is told: a thread that has told it may still be about to end.
+    is_done: Arc<AtomicBool>,
     thread: Option<JoinHandle<Home>>,
 }
 
@@ -68,19 +71,22 @@ impl Drawing {
         draw: impl FnOnce(&mut Session, &Arc<Painting>) -> Drawn + Send + 'static,
     ) -> io::Result<Self> {
         let painting = Arc::new(painting);
-        let (begun, of_thread) = (Instant::now(), painting.clone());
+        let (begun, is_done) = (Instant::now(), Arc::<AtomicBool>::default());
+        let of_thread = (painting.clone(), is_done.clone());
         let work = move || {
-            let drawn = draw(&mut session, &of_thread);
+            let home = Home { drawn: draw(&mut session, &of_thread.0), session, took: begun.elapsed() };
+            of_thread.1.store(true, Ordering::Release);
             egui.request_repaint();
-            Home { session, drawn, took: begun.elapsed() }
+            home
         };
         let thread = std::thread::Builder::new().name("drawing".into()).spawn(work)?;
-        Ok(Self { known, painting, begun, thread: Some(thread) })
+        Ok(Self { known, painting, begun, is_done, thread: Some(thread) })
     }
 
     /// Whether the session waits to be taken home.
     pub(crate) fn is_over(&self) -> bool {
-        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+        // A thread that panicked has only ended.
+        self.is_done.load(Ordering::Acquire) || self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
     /// Since when it draws.

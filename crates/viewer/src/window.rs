@@ -659,14 +659,12 @@ impl Window {
             egui.request_repaint();
         } else if self.is_failing {
             egui.request_repaint_after(FAILING_STEP);
-        } else if self.script.is_over() && !self.has_final_pictures() && self.views.are_drawing() {
-            egui.request_repaint_after(DRAWING_STEP);
-        } else if !self.has_final_pictures()
-            || !self.script.is_over()
-            || self.screenshots.are_awaited()
-            || !self.clicks.are_done()
-        {
+        } else if self.screenshots.are_awaited() || !self.clicks.are_done() {
             egui.request_repaint_after(STREAMING_STEP);
+        } else if !self.has_final_pictures() || !self.script.is_over() {
+            // Each frame of the window takes time from what is drawn beside it.
+            let is_drawing = !self.has_final_pictures() && self.views.are_drawing();
+            egui.request_repaint_after(if is_drawing { DRAWING_STEP } else { STREAMING_STEP });
         } else if self.is_busy() {
             egui.request_repaint_after(OPENING_STEP);
         } else {
