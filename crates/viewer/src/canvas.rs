@@ -367,10 +367,11 @@ impl Canvas {
         size_px: (u32, u32),
         egui: &egui::Context,
     ) -> Result<(), SessionError> {
+        // The scene follows the picture that has been seen, not the one that arrives now.
+        let is_known = scene.time == self.pace.asked || Some(scene.time) == self.step_seen();
         if let Some((drawing, task)) = self.drawing.take_if(|(drawing, _)| drawing.is_over()) {
             self.arrive(drawing, task)?;
         }
-        let is_known = scene.time == self.pace.asked || Some(scene.time) == self.step_seen();
         self.pace.is_jump |= self.pace.is_playing && !is_known;
         // What is played is asked for step by step: by the step of the picture that is shown, which the session may have left.
         let paced = Scene { time: self.pace.stepped, ..scene.clone() };
