@@ -680,9 +680,9 @@ impl Canvas {
         Some(drawing.progress())
     }
 
-    /// Whether the picture is drawn beside the window, which hears of it when it is done.
-    pub(crate) fn is_drawing(&self) -> bool {
-        self.drawing.is_some()
+    /// For how long the picture has been drawn beside the window, which hears of it when it is done; `None` if it is not.
+    pub(crate) fn drawing_since(&self) -> Option<Duration> {
+        self.drawing.as_ref().map(|(drawing, _)| drawing.since())
     }
 
     /// Puts the picture over a part of the window; nothing before the first one.

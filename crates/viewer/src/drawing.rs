@@ -12,7 +12,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// What a window asks of a session between pictures.
+/// When the window shows a picture that is done. By a delay of none egui would paint the window twice.
+const AT_ONCE: Duration = Duration::from_millis(1);
+
+/// Answers to a window that asks while its session is away.
 #[derive(Clone, Default)]
 pub(crate) struct Known {
     pub(crate) volumes: Vec<VolumeSource>,
@@ -76,7 +79,7 @@ impl Drawing {
         let work = move || {
             let home = Home { drawn: draw(&mut session, &of_thread.0), session, took: begun.elapsed() };
             of_thread.1.store(true, Ordering::Release);
-            egui.request_repaint();
+            egui.request_repaint_after(AT_ONCE);
             home
         };
         let thread = std::thread::Builder::new().name("drawing".into()).spawn(work)?;

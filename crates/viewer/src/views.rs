@@ -143,9 +143,10 @@ impl Views {
         std::iter::once(&mut self.main).chain(&mut self.planes)
     }
 
-    /// Whether all that the pictures wait for is drawn beside the window.
-    pub(crate) fn are_drawing(&self) -> bool {
-        self.all().all(|canvas| canvas.is_drawing() || canvas.is_final())
+    /// For how long the youngest picture has been drawn beside the window, if all that is not final is drawn there.
+    pub(crate) fn drawing_since(&self) -> Option<Duration> {
+        let mut open = self.all().filter(|canvas| !canvas.is_final()).map(Canvas::drawing_since);
+        open.try_fold(Duration::MAX, |least, since| Some(least.min(since?))).filter(|least| *least < Duration::MAX)
     }
 
     /// Whether all pictures are as they will stay until something changes.

@@ -48,8 +48,9 @@ use std::time::{Duration, Instant};
 /// How often the window looks whether bricks have come.
 const STREAMING_STEP: Duration = Duration::from_millis(8);
 
-/// How often the window shows how far pictures are that are drawn beside it, which tell it when they are done.
-const DRAWING_STEP: Duration = Duration::from_millis(100);
+/// How soon, and how often later, the window shows how far pictures are that are drawn beside it, which tell it when they are done. Each frame of the window
+/// takes time from them: a picture of 0.2 s is drawn without one.
+const DRAWING_STEPS: [Duration; 2] = [Duration::from_millis(200), Duration::from_millis(500)];
 
 /// How often the window looks how far a file is that is read or packed.
 const OPENING_STEP: Duration = Duration::from_millis(100);
@@ -662,9 +663,9 @@ impl Window {
         } else if self.screenshots.are_awaited() || !self.clicks.are_done() {
             egui.request_repaint_after(STREAMING_STEP);
         } else if !self.has_final_pictures() || !self.script.is_over() {
-            // Each frame of the window takes time from what is drawn beside it.
-            let is_drawing = !self.has_final_pictures() && self.views.are_drawing();
-            egui.request_repaint_after(if is_drawing { DRAWING_STEP } else { STREAMING_STEP });
+            let [soonest, latest] = DRAWING_STEPS;
+            let drawing_since = self.views.drawing_since().map(|since| since.clamp(soonest, latest));
+            egui.request_repaint_after(drawing_since.unwrap_or(STREAMING_STEP));
         } else if self.is_busy() {
             egui.request_repaint_after(OPENING_STEP);
         } else {
