@@ -164,6 +164,44 @@ fn a_cut_through_a_solid_is_capped_everywhere() {
     }
 }
 
+/// The segment behind a cut belongs to the brick of its middle, which the cut may miss by half a segment.
+#[test]
+fn caps_just_behind_a_border_of_bricks_are_seen() {
+    // Borders of bricks are at 15.5, 31.5 and 47.5; all of the bricks is inside of the surface.
+    let volume = FunctionSource::new(Extent::new(64, 64, 64), Geometry::default(), |_, _, _| 200u8);
+    let test = TestStore::pack(&volume, 16);
+    let surface = Isosurface { color: Some([0.8, 0.6, 0.2]), ..Isosurface::at(100.0) };
+    let glass = Isosurface { color: Some([0.2, 0.6, 0.8]), opacity: 0.5, ..Isosurface::at(150.0) };
+    let (own, white) = headlight(Some(1.0));
+    let lit = Picture::quantise([0.8, 0.6, 0.2].map(|channel| (channel * own + white) as f32));
+    for way in WAYS {
+        let Some(mut session) = session(&test.store, way) else { continue };
+        for (at, step) in [(31.5137, 1.0), (15.9, 1.0), (32.9, 4.0)] {
+            let target = DVec3::new(31.0, 30.0, at);
+            let camera = Camera {
+                projection: Projection::Orthographic { height: 20.0 },
+                up: DVec3::Y,
+                ..perspective(target + DVec3::Z * 150.0, target)
+            };
+            let scene = |isosurfaces| Scene {
+                camera: Some(camera),
+                mode: Mode::Isosurface,
+                clip_planes: vec![plane(target, [0.0, 0.0, -1.0])],
+                layers: vec![SceneLayer { isosurfaces, ..gray().into() }],
+                step,
+                ..Scene::default()
+            };
+            let (capped, _) = settled(&mut session, &scene(vec![surface]), SIZE);
+            let off = capped.rgb.iter().filter(|pixel| (0..3).any(|k| pixel[k].abs_diff(lit[k]) > 1)).count();
+            assert_eq!(off, 0, "{way:?}, {at}");
+            let layered = scene(vec![surface, glass]);
+            let (found, _) = settled(&mut session, &layered, SIZE);
+            let most = found.difference(&oracle(&test.store, &layered, SIZE)).max;
+            assert!(most <= 1, "{way:?}, {at}, two surfaces: {most}");
+        }
+    }
+}
+
 #[test]
 fn what_planes_leave_nothing_of_is_the_background() {
     let (test, (low, high), scene) = volume();

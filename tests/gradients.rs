@@ -174,3 +174,47 @@ fn other_modes_take_the_colours_alone() {
         }
     }
 }
+
+/// Codes over a channel that one voxel stretches are too coarse for its gradients, whatever the window: functions of the gradient, and light under a
+/// function that tells no values apart, show what they do without that voxel.
+#[test]
+fn gradients_beside_an_outlier_are_those_without_it() {
+    let ramp = |has_outlier: bool| {
+        let value = move |_, _, v: [u32; 3]| match v {
+            [31, 31, 31] if has_outlier => 1e9,
+            [x, ..] => 0.01 * x as f32,
+        };
+        TestStore::pack(&FunctionSource::new(Extent::new(32, 32, 32), Geometry::default(), value), 16)
+    };
+    let [plain, wild] = [false, true].map(ramp);
+    let even = TransferFunction {
+        color: vec![[0.0, 1.0, 1.0, 1.0]],
+        opacity: vec![[0.0, 0.1]],
+        unit_distance: 1.0,
+        ..TransferFunction::default()
+    };
+    let steep = TransferFunction { gradient_opacity: vec![[0.0, 0.0], [0.0099, 0.0], [0.00991, 1.0]], ..even.clone() };
+    let target = DVec3::splat(15.5);
+    let projection = Projection::Orthographic { height: 32.0 };
+    let camera = Camera { eye: target + DVec3::new(30.0, 2.0, 80.0), target, up: DVec3::Y, projection };
+    for way in WAYS {
+        let (Some(mut of_plain), Some(mut of_wild)) = (session(&plain.store, way), session(&wild.store, way)) else {
+            continue;
+        };
+        for gradient in Gradient::ALL {
+            for (transfer, model) in [(&steep, LightingModel::None), (&even, LightingModel::Phong)] {
+                let lamp = DVec3::new(900.0, 500.0, 700.0);
+                let lights = if model == LightingModel::None { Vec::new() } else { vec![lamp] };
+                let lighting = Lighting { model, gradient, lights };
+                let scene = Scene { camera: Some(camera), lighting, ..Scene::of(transfer.clone()) };
+                let [expected, found] =
+                    [&mut of_plain, &mut of_wild].map(|session| settled(session, &scene, (16, 16)).0);
+                let middle = expected.rgb[8 * 16 + 8];
+                assert!(middle[0] > 100, "{way:?}, {gradient:?}, {model:?}: {middle:?}");
+                let off = expected.rgb.iter().zip(&found.rgb).filter(|(a, b)| a[0].abs_diff(b[0]) > 2).count();
+                // Of 256, what looks through the one voxel and its neighbours.
+                assert!(off <= 12, "{way:?}, {gradient:?}, {model:?}: {off} pixels");
+            }
+        }
+    }
+}

@@ -851,6 +851,7 @@ mod tests {
             ("AMBIENT", single(lighting::AMBIENT)),
             ("DIFFUSE", single(lighting::DIFFUSE)),
             ("SPECULAR", single(lighting::SPECULAR)),
+            ("SIDEWAYS", single(lighting::SIDEWAYS)),
             ("FLAT_CODES", single(surface::FLAT_CODES)),
             ("FLAT_SHARE", single(surface::FLAT_SHARE)),
             ("LEAF", naga::Literal::U32(LEAF)),

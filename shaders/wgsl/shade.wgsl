@@ -18,7 +18,7 @@ fn toned(color: vec3f, cosine: f32) -> vec3f {
 // The unit normal along a gradient of any length, turned to the eye. `view` is the ray's unit direction.
 fn normal_of(gradient: vec3f, view: vec3f) -> vec3f {
     let along = normalize(gradient);
-    return select(along, -along, dot(along, view) > 0.0);
+    return select(along, -along, dot(along, view) > SIDEWAYS);
 }
 
 // A colour lit at a place, under a unit normal; all in the space of `light_places`. `view` is the ray's unit direction.

@@ -15,7 +15,8 @@ fn voxel(atlas: texture_3d<f32>, place: vec3i) -> vec2f {
 
 // The value of weighted sums of voxels; none where those without one have more than half of the weight.
 fn value_of(sums: vec2f) -> f32 {
-    let difference = sums.x / max(sums.y, 0.5);
+    // A quotient by 1 is not exact on all GPUs.
+    let difference = select(sums.x / max(sums.y, 0.5), sums.x, sums.y == 1.0);
     let value = clamp(difference, -frame.farthest_slots, frame.farthest_slots) * frame.per_slot;
     return select(NO_VALUE, value, sums.y >= 0.5);
 }

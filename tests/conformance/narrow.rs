@@ -8,6 +8,7 @@ use crate::stage::{ALL, MOST, Stage, Way};
 use crate::volume::Volume;
 use brickyard::volume::*;
 use glam::DVec3;
+use std::collections::BTreeSet;
 
 /// A volume in whose table a window is laid over few codes, and the function that is shown.
 struct Narrow {
@@ -162,5 +163,53 @@ fn even_masks_are_flat_however_narrow_the_window() {
         let mask = Narrow::in_slots(voxel_type, range, transfer, |p| most * ball(p));
         let looks = [Filter::Trilinear, Filter::Tricubic].map(|filter| by(Method::Udvr, filter, 1));
         mask.agree(&MOST, &looks, &format!("a mask of {voxel_type}, {window:?}"));
+    }
+}
+
+/// Where all voxels around a place are alike its value is just theirs, so that an expression may compare it, and be lit by what is greater.
+#[test]
+fn expressions_compare_even_values_exactly() {
+    for voxel_type in [VoxelType::U8, VoxelType::U16, VoxelType::F32] {
+        let encoding = SlotEncoding::new(voxel_type, (0.0, 1.0), false).for_values([0.0, 1.0], KeptSlots::default());
+        let volume = Volume::new(SMALL, 16, uneven(), encoding, ball);
+        for (text, lighting) in [("a >= 1 ? 1 : 0", 0), ("max(a, 1 - a)", 1), ("min(1, a * 3)", 1)] {
+            let shown = TransferFunction {
+                color: vec![[0.0, 0.2, 0.3, 0.9], [1.0, 1.0, 0.8, 0.1]],
+                opacity: vec![[0.3, 0.0], [1.0, 0.05]],
+                ..TransferFunction::default()
+            };
+            let combination = Combination::new(Expression::parse(text, 1).expect("an expression"), shown);
+            let transfer = combination.of_volume(0, &[[0.0, 1.0]]);
+            // A spline is less than 1 by less than an f32 knows well inside of a mask.
+            let filters = [Filter::Trilinear, Filter::Tricubic];
+            for filter in filters.into_iter().take(if text.contains(">=") { 1 } else { 2 }) {
+                let sampling = Sampling { filter, ..Sampling::default() };
+                let lighting = lightings()[lighting].clone();
+                let rays = overview(&volume, filter);
+                let frame =
+                    FrameSettings { sampling, lighting, ..volume.frame(rays, &transfer, Lattice::uniform(0.7, 0)) };
+                let shot = Shot::new(&frame, finest(&volume, &frame), &transfer);
+                let shot = Shot { combination: Some(&combination), ..shot };
+                let mut stage = Stage::exact(&[&volume]);
+                let expected = shot.oracle(&[&volume]);
+                let colors: BTreeSet<_> = expected.rgb.iter().collect();
+                assert!(colors.len() > 8, "{text}: {}", colors.len());
+                shot.agree_with(&expected, &mut stage, &MOST, 0, &format!("{text} of {voxel_type}, {filter:?}"));
+            }
+        }
+    }
+}
+
+/// A value's whole range may lie between two voxels of which a window shows a hundred-thousandth.
+#[test]
+fn stored_gradients_of_narrow_windows_match_the_oracle() {
+    for (voxel_type, most) in [(VoxelType::U32, 3e5), (VoxelType::F32, 2e4)] {
+        for width in [4.0, 60.0] {
+            let wave = |p: DVec3| (most * (0.5 + 0.45 * (p.x * 0.7 + (p.y * 0.4).sin() + p.z * 0.5).sin())).round();
+            let low = 0.45 * most;
+            let narrow = Narrow::in_slots(voxel_type, (0.0, most), tinted((low, low + width)), wave);
+            let looks = [5, 6].map(|lighting| by(Method::Lvs, Filter::Trilinear, lighting));
+            narrow.agree(&MOST, &looks, &format!("{width} of {most}, {voxel_type}"));
+        }
     }
 }

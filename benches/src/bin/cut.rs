@@ -73,7 +73,7 @@ fn main() {
             rays,
             other_eye: None,
             opaque: Some(Occupancy::ALL),
-            capped: Occupancy::NONE,
+            caps: None,
             filter: Filter::Trilinear,
             level: LevelPolicy::Auto,
             pixel_error,

@@ -63,6 +63,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             backend,
             compositor,
             gpu_memory_bytes: 1 << 30,
+            cpu_memory_bytes: 1 << 30,
             host_memory_bytes: 1 << 30,
             threads: arguments.threads,
             skips_empty: true,

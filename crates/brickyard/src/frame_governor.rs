@@ -64,7 +64,7 @@ const HALF_SCALE: f64 = 0.5;
 /// A quarter of the pixels along an axis can still be steered by.
 const MIN_SCALE: f64 = 0.25;
 /// Longer steps jump over what the eye follows.
-const MAX_STEP: f64 = 4.0;
+pub(crate) const MAX_STEP: f64 = 4.0;
 /// How much of a frame's message is believed: more makes the picture flicker between qualities, less lags behind.
 const TRUST: f64 = 0.5;
 /// Differences below a tenth are not worth a change of resolution.

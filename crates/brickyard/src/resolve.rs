@@ -1,15 +1,16 @@
 //! Scenes resolved for stores and a picture size: each layer that is shown gets the view that its bricks are streamed for, and the
 //! frames that are drawn. Costs a transfer table for each function of which none is kept.
 
+use crate::frame_governor::MAX_STEP;
 use crate::session_error::SessionError;
 use crate::volume_source::VolumeSource;
-use brickyard_pager::{SlotContents, View};
+use brickyard_pager::{Caps, SlotContents, View};
 use brickyard_volume::lattice::MAX_ZONES;
 use brickyard_volume::{
     Camera, Clip, Combination, Expression, Filter, FrameSettings, Geometry, KeptSlots, LabelCodes, Lattice, LayerError,
-    Level, LevelGrid, LevelPolicy, Mode, Needs, Occupancy, Picture, PixelSample, PixelSamples, Placement, Region,
-    Scene, SceneError, SceneLayer, ShownMesh, Slice, SlotEncoding, Standing, StereoLayout, StoreCounts, Surface,
-    Timeline, TransferFunction, TransferTable, ViewRays, VolumeFrame, Window,
+    Level, LevelGrid, LevelPolicy, LightingModel, Mode, Needs, Occupancy, Picture, PixelSample, PixelSamples,
+    Placement, Region, Scene, SceneError, SceneLayer, ShownMesh, Slice, SlotEncoding, Standing, StereoLayout,
+    StoreCounts, Surface, Timeline, TransferFunction, TransferTable, ViewRays, VolumeFrame, Window,
 };
 use glam::DVec3;
 use std::borrow::Cow;
@@ -219,7 +220,7 @@ pub(crate) fn resolve_with(
     let eyes = Eyes::new(scene, &camera, size_px)?;
     check_reach(volumes, scene, &eyes.rays)?;
     let is_anatomical = scene.is_anatomical(&places);
-    let scene = &*with_exact_cuts(scene, &shown, &eyes.rays[0])?;
+    let scene = &*with_exact_cuts(scene, &shown)?;
     let lattice = lattice(&shown, scene, &eyes.rays[0]);
     let is_shown = |place: &usize| shown.iter().any(|layer| layer.place == *place);
     let hidden = (0..scene.layers.len()).filter(|place| !is_shown(place));
@@ -307,13 +308,24 @@ fn shown_layers<'a>(volumes: &'a [VolumeSource], scene: &Scene) -> Result<Vec<Sh
         if scene.expression.is_some() && codes.is_some() {
             return Err(refused(LayerError::HashedLabels));
         }
-        let window = Window::new(&function, &layer.isosurfaces, scene.mode);
+        let window = window_of(&function, layer, scene, volume);
         let transfer = function.scaled(layer.opacity);
         let style = if scene.expression.is_some() { layer.clone() } else { layer.written_out(function) };
         let placement = scene.placement(place, &volume.place())?;
         Ok(ShownLayer { place, store, volume, placement, style, transfer, window, codes })
     };
     scene.shown_layers()?.into_iter().map(shown).collect()
+}
+
+/// The window of a layer's look. A look that tells no values apart, but depends on gradients, has that in which nearly all values are.
+fn window_of(function: &TransferFunction, layer: &SceneLayer, scene: &Scene, volume: &VolumeSource) -> Option<Window> {
+    let is_by_gradient = function.is_by_gradient();
+    let has_gradients = is_by_gradient || scene.lighting.model != LightingModel::None;
+    let of_values = || {
+        let (low, high) = volume.default_window(layer.channel);
+        Window { is_by_gradient, ..Window::of([low, high]) }
+    };
+    Window::new(function, &layer.isosurfaces, scene.mode).or_else(|| has_gradients.then(of_values))
 }
 
 /// The expression over the layers, if there is one, and the transfer function that shows its values.
@@ -350,7 +362,7 @@ fn hidden_layer(
         rays: eyes.rays[0],
         other_eye: eyes.rays.get(1).copied(),
         opaque: Some(Occupancy::NONE),
-        capped: Occupancy::NONE,
+        caps: None,
         filter: scene.sampling.filter,
         level: LevelPolicy::Auto,
         pixel_error: scene.pixel_error,
@@ -364,7 +376,7 @@ fn hidden_layer(
     // As if it were shown, so that the same slots do when it is. A look that cannot be made is refused then.
     let function = source.function(layer).ok();
     let codes = function.as_ref().and_then(|function| source.label_codes(layer.channel, function).ok().flatten());
-    let window = function.and_then(|function| Window::new(&function, &layer.isosurfaces, scene.mode));
+    let window = function.and_then(|function| window_of(&function, layer, scene, source));
     let encoding = source.encoding(layer.channel).for_window(window, kept);
     let codes = encoding.is_hashed.then(|| Arc::new(codes.unwrap_or_default()));
     Ok(HiddenLayer { place, volume, encoding, codes, view })
@@ -395,22 +407,16 @@ const MOST_CUT_BRICKS: u64 = 512;
 
 /// The scene at level 0 where a layer is cut that is projected by the extremes of coarse voxels, which do not end at cuts, and no layer has many
 /// bricks; else as it is.
-fn with_exact_cuts<'a>(
-    scene: &'a Scene,
-    shown: &[ShownLayer<'_>],
-    rays: &ViewRays,
-) -> Result<Cow<'a, Scene>, SceneError> {
+fn with_exact_cuts<'a>(scene: &'a Scene, shown: &[ShownLayer<'_>]) -> Result<Cow<'a, Scene>, SceneError> {
     let mut is_any_cut = false;
     for layer in shown {
-        let (source, extent) = (&layer.volume.source, layer.volume.extent());
-        let [x, y, z] = source.pyramid().level(Level(0)).bricks.to_array().map(u64::from);
+        let [x, y, z] = layer.volume.source.pyramid().level(Level(0)).bricks.to_array().map(u64::from);
         if scene.level != LevelPolicy::Auto || x * y * z > MOST_CUT_BRICKS {
             return Ok(Cow::Borrowed(scene));
         }
         // Each frame is resolved, and in fog no layer keeps extremes.
         if layer.volume.keeps_extremes(scene.mode) {
-            let clip = scene.clip_for(rays, source.geometry(), extent, None)?;
-            is_any_cut |= layer.style.crop.is_some() || clip.is_some();
+            is_any_cut |= layer.style.crop.is_some() || scene.world_clip()?.is_some() || scene.slice.is_some();
         }
     }
     Ok(match is_any_cut {
@@ -486,9 +492,22 @@ impl ShownLayer<'_> {
         let blend = scene.blend(place, volume.source.is_labels());
         let (geometry, rays) = (volume.source.geometry().clone(), eyes.rays[0]);
         let is_nearest = volume.source.is_labels() || scene.sampling.filter == Filter::Nearest;
-        let clip = scene.clip_for(&rays, &geometry, volume.extent(), is_nearest.then_some(&placement))?;
         let crop = crop.map(|corners| corners.map(|corner| geometry.world_from_voxel(corner)));
-        let clip = Clip::in_volume(clip.as_ref(), &placement, crop)?;
+        let inside = |clip: Option<Clip>| match is_nearest {
+            true => clip.map(|clip| clip.inside_voxels(&geometry, volume.extent(), rays.eye)),
+            false => clip,
+        };
+        let mut clip = Clip::in_volume(scene.world_clip()?.as_ref(), &placement, crop)?;
+        match &scene.slice {
+            None => clip = inside(clip),
+            Some(slice) => {
+                let sides = slice.sides(&rays, &geometry, volume.extent(), is_nearest.then_some(&placement));
+                // The thinnest slices are clear of faces already.
+                let is_clear = slice.is_thinnest(&rays, &geometry, volume.extent());
+                let between = |clip| Clip::between(clip, &sides, &placement).map(Some);
+                clip = if is_clear { between(inside(clip))? } else { inside(between(clip)?) };
+            }
+        }
         let (encoding, shown) = match &scene.expression {
             None => (volume.encoding(channel).for_window(window, kept), None),
             Some(_) => {
@@ -506,7 +525,7 @@ impl ShownLayer<'_> {
             rays,
             other_eye: eyes.rays.get(1).copied(),
             opaque,
-            capped: if scene.has_caps() { inside } else { Occupancy::NONE },
+            caps: scene.has_caps().then(|| Caps { bins: inside, lattice: lattice.with_longer_steps(MAX_STEP) }),
             filter: scene.sampling.filter,
             level: match scene.level {
                 // The coarsest of a volume that does not have it.

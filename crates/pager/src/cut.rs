@@ -11,7 +11,7 @@
 
 use crate::source::BrickSource;
 use brickyard_volume::{
-    BrickId, BrickIndex, Clip, Filter, Frustum, Level, LevelPolicy, Occupancy, PixelRect, Placement, ViewRays,
+    BrickId, BrickIndex, Clip, Filter, Frustum, Lattice, Level, LevelPolicy, Occupancy, PixelRect, Placement, ViewRays,
 };
 use glam::DVec3;
 use std::ops::Index;
@@ -26,8 +26,8 @@ pub struct View {
     pub other_eye: Option<ViewRays>,
     /// The value bins that can be seen; bricks with none of them are left out. `None` keeps every brick (MIP and the like).
     pub opaque: Option<Occupancy>,
-    /// The value bins that can be seen besides in bricks that the clip cuts through: those of caps.
-    pub capped: Occupancy,
+    /// Caps on what the clip cuts through; `None` without any.
+    pub caps: Option<Caps>,
     /// How the field is interpolated between voxels. A brick is empty only if all voxels that its samples read are.
     pub filter: Filter,
     /// Which level the view wants.
@@ -46,6 +46,15 @@ pub struct View {
     pub placement: Placement,
     /// A number that differs between views in which the same brick may hide different things: those with other opacities or another mode.
     pub appearance: u64,
+}
+
+/// What can be seen besides of the bricks on a cut: the faces that close surfaces there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Caps {
+    /// The value bins that have caps.
+    pub bins: Occupancy,
+    /// The lattice of the longest segments that are drawn: a brick next to the cut holds the middles of some that the cut shortens.
+    pub lattice: Lattice,
 }
 
 impl View {
@@ -89,8 +98,11 @@ impl View {
     /// Whether a brick, with this box of the volume's own world, can show something under this view: whether it is not empty.
     pub(crate) fn shows(&self, source: &dyn BrickSource, id: BrickId, (low, high): (DVec3, DVec3)) -> bool {
         let Some(mut mask) = self.opaque else { return true };
-        if self.capped != Occupancy::NONE && self.clip.as_ref().is_some_and(|clip| clip.cuts_box(low, high)) {
-            mask = mask.union(self.capped);
+        if let (Some(caps), Some(clip)) = (&self.caps, &self.clip) {
+            let is_cut = |rays: &ViewRays| clip.cuts_segments((low, high), &caps.lattice, &self.placement, rays.eye);
+            if self.eyes().any(is_cut) {
+                mask = mask.union(caps.bins);
+            }
         }
         source.occupancy(id).meets(mask) || self.filter == Filter::Tricubic && self.shows_neighbour(source, id, mask)
     }

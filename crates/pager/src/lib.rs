@@ -53,7 +53,7 @@ mod workers;
 pub use assemble::PaddedReader;
 pub use budget::{PagerConfig, PagerError};
 pub use clock::{Clock, Ending, MOST_COMING, Playback, Policy, ShownStep, Tally};
-pub use cut::{Cut, View, cut_capacity};
+pub use cut::{Caps, Cut, View, cut_capacity};
 pub use dither::PixelShare;
 pub use draw_list::{DrawCell, DrawList, Slot};
 pub use exact::{ExactError, ExactPasses, Next};

@@ -156,7 +156,7 @@ impl Shot {
             rays,
             other_eye: self.aside.map(|aside| rays.from_aside(aside * diagonal, diagonal)),
             opaque,
-            capped: Occupancy::NONE,
+            caps: None,
             filter: Filter::Trilinear,
             level: self.level,
             pixel_error: self.pixel_error,

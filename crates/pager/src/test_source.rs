@@ -147,7 +147,7 @@ pub(crate) fn box_view(source: &TestSource, projection: Projection) -> View {
         rays,
         other_eye: None,
         opaque: None,
-        capped: Occupancy::NONE,
+        caps: None,
         filter: Filter::Trilinear,
         level: LevelPolicy::Auto,
         pixel_error: 1.0,

@@ -58,7 +58,7 @@ impl Visibility {
 
     /// Whether this visibility was told of the same content as this view's, in whatever time step.
     fn is_of_steps(&self, view: &View) -> bool {
-        let content = |view: &View| (view.opaque, view.capped, view.appearance, view.channel);
+        let content = |view: &View| (view.opaque, view.caps, view.appearance, view.channel);
         let is_same_place = self.view.clip == view.clip && self.view.placement == view.placement;
         content(&self.view) == content(view) && is_same_place
     }

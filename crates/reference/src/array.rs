@@ -142,18 +142,19 @@ impl Array {
             Filter::Nearest | Filter::Trilinear => 1..3,
             Filter::Tricubic => 0..4,
         };
-        let (mut sum, mut weight) = (0.0, 0.0);
+        // Of what they are more than one of them: where all are alike the value is just theirs.
+        let (mut middle, mut sum, mut weight) = (None, 0.0, 0.0);
         for (z, y) in taps.clone().flat_map(|z| taps.clone().map(move |y| (z, y))) {
             for x in taps.clone() {
                 let w = weights[0][x] * weights[1][y] * weights[2][z];
                 let value = self.values[(offsets[0][x] + offsets[1][y] + offsets[2][z]) as usize];
                 if value.is_finite() {
-                    sum += w * value;
+                    sum += w * (value - *middle.get_or_insert(value));
                     weight += w;
                 }
             }
         }
-        (weight >= 0.5).then(|| sum / weight)
+        middle.filter(|_| weight >= 0.5).map(|middle| middle + sum / weight)
     }
 }
 

@@ -5,6 +5,16 @@ use crate::packet::{LANES, Packet};
 use crate::sample::{Brick, Code};
 use glam::{BVec4A, Vec4};
 
+/// Weighted sums of the codes around a place. Where all are alike the place's code is just theirs: an expression may compare it.
+struct Sums {
+    /// The code of the voxel before the place along each axis, 0 if it has no value.
+    middle: f32,
+    /// How much more than it the codes are.
+    sum: f32,
+    /// What of the weight is valid.
+    valid: f32,
+}
+
 impl Brick<'_> {
     /// The codes at eight slot coordinates through the spline. The weights of those without a value become 0.
     #[inline(never)]
@@ -15,8 +25,8 @@ impl Brick<'_> {
     ) -> Packet {
         let mut code = [0.0; LANES];
         for i in 0..LANES {
-            let (sum, valid) = self.cubic::<C, INVALID>([points[0][i], points[1][i], points[2][i]]);
-            code[i] = if INVALID { sum / valid.max(f32::MIN_POSITIVE) } else { sum };
+            let Sums { middle, sum, valid } = self.cubic::<C, INVALID>([points[0][i], points[1][i], points[2][i]]);
+            code[i] = middle + if INVALID { sum / valid.max(f32::MIN_POSITIVE) } else { sum };
             code[i] = if C::IS_FLOAT { self.map().code(code[i]) } else { code[i] };
             if INVALID && valid < 0.5 {
                 weight[i] = 0.0;
@@ -25,9 +35,9 @@ impl Brick<'_> {
         code
     }
 
-    /// The weighted sum of the 64 codes around a place, and what of the weight is valid.
+    /// The weighted sums of the 64 codes around a place.
     #[inline(always)]
-    fn cubic<C: Code, const INVALID: bool>(&self, point: [f32; 3]) -> (f32, f32) {
+    fn cubic<C: Code, const INVALID: bool>(&self, point: [f32; 3]) -> Sums {
         let n = self.padded();
         let split = |v: f32| {
             // One voxel to the left and two to the right are inside of the brick.
@@ -36,19 +46,24 @@ impl Brick<'_> {
         };
         let [(x, tx), (y, ty), (z, tz)] = point.map(split);
         let (wx, wy, wz) = (weights(tx), weights(ty).to_array(), weights(tz).to_array());
+        let (middle, _) = self.row::<C, INVALID>((z * n + y) * n + x - 1);
+        let middle = Vec4::splat(middle.y);
         let (mut sum, mut valid) = (Vec4::ZERO, Vec4::ZERO);
         for k in 0..4 {
             for j in 0..4 {
                 let row = ((z + k - 1) * n + y + j - 1) * n + x - 1;
                 let (codes, has_value) = self.row::<C, INVALID>(row);
-                let weight = wx * (wy[j] * wz[k]);
-                sum += codes * weight;
+                let weight = Vec4::splat(wy[j] * wz[k]);
+                let more = (codes - middle) * weight;
                 if INVALID {
+                    sum += Vec4::select(has_value, more, Vec4::ZERO);
                     valid += Vec4::select(has_value, weight, Vec4::ZERO);
+                } else {
+                    sum += more;
                 }
             }
         }
-        (sum.element_sum(), valid.element_sum())
+        Sums { middle: middle.x, sum: sum.dot(wx), valid: valid.dot(wx) }
     }
 
     /// Four neighbouring codes, or differences that become codes, and which of the voxels have a value.

@@ -14,8 +14,8 @@ use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
 use brickyard_volume::slot_encoding::ANYTHING;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    Blend, Extent, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, PixelRect, Placement,
-    Pyramid, TransferGrid, ViewRays, VolumeFrame, VoxelBox, surface,
+    Blend, Clip, Extent, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, PixelRect,
+    Placement, Pyramid, TransferGrid, ViewRays, VolumeFrame, VoxelBox, surface,
 };
 use glam::{DVec3, Mat3};
 use rayon::prelude::*;
@@ -419,8 +419,10 @@ impl<'a> Cell<'a> {
         let edge = pyramid.edge() as usize;
         let [low, high] = [cell.region.min, cell.region.max]
             .map(|corner| settings.geometry.world_from_voxel(DVec3::from_array(corner.to_array().map(f64::from))));
-        let is_cut = settings.clip.as_ref().is_some_and(|clip| clip.cuts_box(low, high));
-        let (mask, whole) = (shows.mask(&brick.cells, edge, settings.caps && is_cut), brick.cells.whole());
+        let FrameSettings { lattice, placement, rays, .. } = settings;
+        let cuts = |clip: &Clip| clip.cuts_segments((low, high), lattice, placement, rays.eye);
+        let is_cut = settings.caps && settings.clip.as_ref().is_some_and(cuts);
+        let (mask, whole) = (shows.mask(&brick.cells, edge, is_cut), brick.cells.whole());
         let extremes = extremes(settings, &brick.cells, edge);
         let factor = pyramid.level(cell.brick.level).factor;
         let index = cell.brick.index.to_array();

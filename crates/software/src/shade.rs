@@ -4,7 +4,7 @@
 //! lit as well as straight ones, and a table of whole steps serves lit pictures, too.
 
 use crate::packet::{LANES, Packet};
-use brickyard_volume::lighting::{AMBIENT, COOL, DIFFUSE, SPECULAR, TONE_KEPT, WARM};
+use brickyard_volume::lighting::{AMBIENT, COOL, DIFFUSE, SIDEWAYS, SPECULAR, TONE_KEPT, WARM};
 use brickyard_volume::surface::{FLAT_CODES, FLAT_SHARE};
 use brickyard_volume::{CutFace, Lighting, LightingModel};
 use glam::{DVec3, Mat3, Vec3, Vec4};
@@ -149,7 +149,7 @@ impl<'a> Shade<'a> {
             let along = nx * view.x + ny * view.y + nz * view.z;
             let squared = nx * nx + ny * ny + nz * nz;
             let scale = if squared > 0.0 { 1.0 / squared.sqrt() } else { 0.0 };
-            let scale = if along > 0.0 { -scale } else { scale };
+            let scale = if along * scale > SIDEWAYS as f32 { -scale } else { scale };
             (normal[0][i], normal[1][i], normal[2][i]) = (nx * scale, ny * scale, nz * scale);
             to_eye[i] = -(along * scale);
         }

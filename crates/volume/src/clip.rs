@@ -5,8 +5,11 @@
 //! renderer does only the light of [cut faces](crate::CutFace) knows of clipping. The pager leaves out bricks that lie wholly outside. Clipping costs a few products per ray and plane. On a
 //! GPU `shaders/wgsl/ray.wgsl` (`shown`) does the same.
 
+use crate::geometry::Geometry;
+use crate::lattice::Lattice;
 use crate::placement::Placement;
 use crate::ray::Ray;
+use crate::space::Extent;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -132,6 +135,43 @@ impl Clip {
         Ok(Some(own))
     }
 
+    /// This clip of a volume's own world, a hair smaller where it cuts through the volume. A cut on a face of voxels is in the voxels that are shown then, though
+    /// rounding moves the points of rays: where the nearest voxel is read, none is seen of those behind the cut. The hair is as much as single precision moves
+    /// a point of a ray from `eye`, but at most a hundredth of a voxel, and of what the clip leaves between two sides: nobody is to see it.
+    pub fn inside_voxels(self, geometry: &Geometry, extent: Extent, eye: DVec3) -> Self {
+        const MOST_SHARE: f64 = 0.01;
+        let hair = geometry.spacing * (0.4 * geometry.rounding_voxels(eye, extent)).min(MOST_SHARE);
+        let volume = geometry.world_box(extent);
+        let of_box = hair.min((self.high.min(volume.1) - self.low.max(volume.0)).max(DVec3::ZERO) * MOST_SHARE);
+        let low = DVec3::select(self.low.cmpgt(volume.0), self.low + of_box, self.low);
+        let high = DVec3::select(self.high.cmplt(volume.1), self.high - of_box, self.high);
+        let inward = |plane: &ClipPlane| {
+            let length = plane.normal.length();
+            // Planes that face each other leave a slab; of others a hair takes nothing that is seen.
+            let faces = |other: &&ClipPlane| plane.normal.dot(other.normal) < -0.999 * length * other.normal.length();
+            let slabs = self.planes.iter().filter(faces).map(|other| plane.height(other.point) / length);
+            let thinnest = slabs.fold(f64::INFINITY, f64::min).max(0.0);
+            let by = (plane.normal.abs().dot(hair) / length).min(MOST_SHARE * thinnest);
+            let lowest = DVec3::select(plane.normal.cmpge(DVec3::ZERO), volume.0, volume.1);
+            let is_cut = plane.height(lowest) < -by * length;
+            let by = if is_cut { by } else { 0.0 };
+            ClipPlane { point: plane.point + plane.normal * (by / length), ..*plane }
+        };
+        Self { low, high, planes: self.planes.iter().map(inward).collect() }
+    }
+
+    /// A clip of a volume's own world between two planes of the scene's world, too. `None` as yet shows everything.
+    ///
+    /// # Errors
+    /// If a plane cannot be normalised.
+    pub fn between(clip: Option<Self>, sides: &[ClipPlane; 2], placement: &Placement) -> Result<Self, ClipError> {
+        let everything = Self { low: DVec3::NEG_INFINITY, high: DVec3::INFINITY, planes: Vec::new() };
+        let mut clip = clip.unwrap_or(everything);
+        let slab = Self::in_volume(Some(&Self::new(None, sides)?), placement, None)?;
+        clip.planes.extend(slab.into_iter().flat_map(|slab| slab.planes));
+        Ok(clip)
+    }
+
     /// The lower and the upper corner of the clip box; infinite where it has no bounds.
     pub fn corners(&self) -> [DVec3; 2] {
         [self.low, self.high]
@@ -163,6 +203,21 @@ impl Clip {
         let is_cut =
             |plane: &ClipPlane| plane.height(corner(plane, false)) <= 0.0 && plane.height(corner(plane, true)) >= 0.0;
         side(self.low) || side(self.high) || self.planes.iter().any(is_cut)
+    }
+
+    /// Whether the clip may cut a segment that has its middle in the box from `low` to `high`, on a ray from the scene's `eye`: such a segment belongs to that box
+    /// where the clip does not meet it, too. `placement` is the one of the clip's world.
+    pub fn cuts_segments(
+        &self,
+        (low, high): (DVec3, DVec3),
+        lattice: &Lattice,
+        placement: &Placement,
+        eye: DVec3,
+    ) -> bool {
+        let (nearest, farthest) = placement.world_box((low, high));
+        let (_, least_stretch) = placement.stretches();
+        let reach = lattice.reach((eye - nearest).abs().max((eye - farthest).abs()).length()) / least_stretch;
+        self.cuts_box(low - reach, high + reach)
     }
 
     /// The part of a ray's stretch `(from, to)` that is on the inner sides of all planes; empty if it does not end after it begins.

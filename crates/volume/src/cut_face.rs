@@ -7,6 +7,7 @@
 //! them stands on the cut, lit by the cut's normal. So caps are as sharp as the field on the cut, and cost a sample a ray. A renderer does
 //! not skip the insides of surfaces next to a cut.
 
+use crate::lighting::SIDEWAYS;
 use crate::picture::FrameSettings;
 use crate::space::Extent;
 use glam::DVec3;
@@ -44,7 +45,7 @@ impl CutFace {
         if share <= 0.0 {
             return own;
         }
-        let own = own.map_or(-view, |own| if own.dot(view) > 0.0 { -own } else { own });
+        let own = own.map_or(-view, |own| if own.dot(view) > SIDEWAYS { -own } else { own });
         Some(own.lerp(self.normal, share).normalize_or(self.normal))
     }
 }

@@ -2,7 +2,7 @@
 //! 16-bit codes over the whole channel are too coarse; and tables over few codes.
 //!
 //! The rule: a layer has 16-bit codes where a code is under a 510th of its look's *window*, so that rounding moves a value by less than a
-//! 1020th of it, a quarter of a display code; else it has f32 slots. The window is the range of values outside of which the look changes
+//! 1020th of it, a quarter of a display code; else it has f32 slots, as it has wherever gradients are classified, which may be slight whatever the window. The window is the range of values outside of which the look changes
 //! nothing any more: colours, opacities, and isovalues all lie in it.
 //!
 //! The contents of f32 slots do not depend on the window but for where it roughly is, so a window is dragged or stretched without uploading
@@ -15,6 +15,7 @@
 //! 16-bit codes. A window is narrow that has less than 128 codes of 8 bits or 512 of 16, or less than half of the channel's values: of one
 //! voxel of 255 in a mask of 0 and 1 those 8 bits are a code. A window is dragged or stretched without uploading a brick here, too.
 
+use crate::gradients::STEEPEST_UNITS;
 use crate::mode::Mode;
 use crate::slot_encoding::{FloatSlots, MOST, SlotEncoding, SlotFormat};
 use crate::surface::Isosurface;
@@ -35,24 +36,30 @@ const MARGIN: f64 = 1.0 / 64.0;
 const FEW_8: f64 = 128.0;
 const FEW_16: f64 = 512.0;
 
+/// How many windows the unit of stored gradients is at most: then a thousandth of the window is still a normal half float. Of
+/// data that are spread over more than some 130,000 windows, steeper gradients are stored as less steep ones.
+const MOST_WIDTHS: f64 = 1024.0;
+
 /// How many codes a sample of f32 slots can be away from the transfer table's first code, so that no product of two overflows.
 pub const FARTHEST_CODES: f32 = 1e12;
 
 impl FloatSlots {
-    /// The slots for a window of a channel of this type.
-    fn about(voxel_type: VoxelType, window: [f64; 2]) -> Self {
+    /// The slots for a window of a channel of this type, whose values are `spread` apart at most.
+    fn about(voxel_type: VoxelType, window: [f64; 2], spread: f64) -> Self {
         let [least, greatest] = window.map(|value| within(voxel_type, value));
         let base = if voxel_type == VoxelType::F32 { 0.0 } else { (0.5 * (least + greatest)).round() };
-        Self { base, unit: power_of_two(window[1] - window[0]) }
+        let width = window[1] - window[0];
+        Self { base, unit: power_of_two((spread / STEEPEST_UNITS).clamp(width, MOST_WIDTHS * width)) }
     }
 
-    /// Whether the slots are exact enough in a window, and their gradients neither too coarse nor too fine.
-    fn suffice(&self, voxel_type: VoxelType, window: [f64; 2]) -> bool {
+    /// Whether the slots are exact enough in a window, and of their gradients none too steep to be stored, and those in the window not too coarse.
+    fn suffice(&self, voxel_type: VoxelType, window: [f64; 2], spread: f64) -> bool {
         let width = window[1] - window[0];
         let farthest = window.iter().map(|value| (within(voxel_type, *value) - self.base).abs()).fold(0.0, f64::max);
         let ulp = 1.0 / (1 << 24) as f64;
         let is_near = voxel_type == VoxelType::F32 || farthest * ulp <= 1.0f64.max(SHARE * width);
-        is_near && (1.0 / 256.0..=16.0).contains(&(width / self.unit))
+        let least_unit = (spread / STEEPEST_UNITS).min(MOST_WIDTHS * width / 16.0);
+        is_near && (least_unit..=64.0 * MOST_WIDTHS * width).contains(&self.unit)
     }
 }
 
@@ -84,12 +91,14 @@ pub struct Window {
     pub values: [f64; 2],
     /// The least distance between two values between which the function bends.
     pub thinnest: f64,
+    /// Whether the function depends on gradients, of which no window says how slight they are: codes of values of 32 bits are always too coarse then.
+    pub is_by_gradient: bool,
 }
 
 impl Window {
     /// A window of these values, in which the function bends nowhere.
     pub fn of(values: [f64; 2]) -> Self {
-        Self { values, thinnest: f64::INFINITY }
+        Self { values, thinnest: f64::INFINITY, is_by_gradient: false }
     }
 
     /// The window of a look in this mode; `None` if it tells no values apart.
@@ -98,7 +107,11 @@ impl Window {
         let isovalues = isosurfaces.iter().map(|surface| surface.value);
         let values = || isovalues.clone().chain(changes.into_iter().flatten());
         let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
-        (low <= high).then(|| Self { values: [low, high], thinnest: transfer.thinnest([low, high]) })
+        (low <= high).then(|| Self {
+            values: [low, high],
+            thinnest: transfer.thinnest([low, high]),
+            is_by_gradient: transfer.is_by_gradient(),
+        })
     }
 }
 
@@ -111,19 +124,19 @@ impl SlotEncoding {
         let enough = if kept.floats.is_some() { SHARE / SURPLUS } else { SHARE };
         let has_codes = match kept.stay {
             true => kept.floats.is_none(),
-            false => self.code_width() <= enough * (high - low),
+            false => !window.is_by_gradient && self.code_width() <= enough * (high - low),
         };
         if has_codes || !self.can_be_float() {
             return self.with_table_over_codes(window);
         }
         let window = self.widened([low, high]);
-        let kept = kept.floats.filter(|floats| kept.stay || floats.suffice(self.voxel_type, window));
-        self.with_table(kept.unwrap_or_else(|| FloatSlots::about(self.voxel_type, window)), window)
+        let kept = kept.floats.filter(|floats| kept.stay || floats.suffice(self.voxel_type, window, self.spread()));
+        self.with_table(kept.unwrap_or_else(|| FloatSlots::about(self.voxel_type, window, self.spread())), window)
     }
 
     /// This encoding by codes, with a transfer table for a window: over all codes, or over those of a narrow window and one to each side, where
     /// the look is what it is from there on.
-    fn with_table_over_codes(self, Window { values, thinnest }: Window) -> Self {
+    fn with_table_over_codes(self, Window { values, thinnest, .. }: Window) -> Self {
         let most = f64::from(self.format.max_code());
         let [low, high] = values.map(|value| self.unorm(value) * most);
         let width = (high - low).max(0.0);
@@ -145,10 +158,16 @@ impl SlotEncoding {
             return self.with_table_over_codes(Window::of(window));
         }
         let window = self.widened(window);
-        let is_it = |floats: &FloatSlots| floats.base == 0.0 && floats.suffice(VoxelType::F32, window);
-        let floats = kept.floats.filter(is_it).unwrap_or_else(|| FloatSlots::about(VoxelType::F32, window));
+        let is_it = |floats: &FloatSlots| floats.base == 0.0 && floats.suffice(VoxelType::F32, window, self.spread());
+        let floats =
+            kept.floats.filter(is_it).unwrap_or_else(|| FloatSlots::about(VoxelType::F32, window, self.spread()));
         let width = code_width(self.low.abs().max(self.high.abs()));
         self.over(floats, 0.0, width)
+    }
+
+    /// How far the channel's values are apart.
+    fn spread(&self) -> f64 {
+        self.high - self.low
     }
 
     /// Whether the channel's values need more than 16 bits. Labels do not: what is between two of them is nothing.
@@ -298,8 +317,8 @@ mod tests {
             ..TransferFunction::default()
         };
         let window = |mode| Window::new(&shell, &[], mode).unwrap();
-        assert_eq!(window(Mode::Dvr), Window { values: [7.0, 8.0], thinnest: 0.5 });
-        assert_eq!(window(Mode::Mip), Window { values: [-100.0, 300.0], thinnest: 0.5 });
+        assert_eq!(window(Mode::Dvr), Window { thinnest: 0.5, ..Window::of([7.0, 8.0]) });
+        assert_eq!(window(Mode::Mip), Window { thinnest: 0.5, ..Window::of([-100.0, 300.0]) });
         let clear = TransferFunction { opacity: vec![[0.0, 0.0]], ..shell };
         assert_eq!(Window::new(&clear, &[], Mode::Dvr), None);
     }
@@ -364,6 +383,23 @@ mod tests {
                 assert_eq!(next.of_slots(), first.of_slots(), "{low} {width}");
                 assert!(next.low < low && low + width < next.high, "{low} {width}: {next:?}");
                 assert_eq!(next.first_slot() as f64, next.low, "it is an f32");
+            }
+        }
+    }
+
+    /// The steepest gradients there can be are stored as they are, and a thousandth of the window as a normal half float.
+    #[test]
+    fn gradients_in_narrow_windows_are_neither_clamped_nor_coarse() {
+        for voxel_type in [VoxelType::F32, VoxelType::U32] {
+            for spread in [1e2, 6e4, 1e7] {
+                let codes = SlotEncoding::new(voxel_type, (0.0, spread), false);
+                for width in [1.0, 3.0, 400.0].into_iter().filter(|width| spread <= 100_000.0 * width) {
+                    let narrow = codes.for_window(Some(Window::of([7.0, 7.0 + width])), KeptSlots::replaceable(None));
+                    let Some(FloatSlots { unit, .. }) = narrow.floats else { continue };
+                    let half = |difference: f64| 2.0 * difference / unit * f64::from(crate::gradients::SCALE);
+                    assert!(half(spread) <= 65000.0, "{voxel_type:?} {spread} {width}: {unit}");
+                    assert!(half(width / 1000.0) >= 1.0 / 16384.0, "{voxel_type:?} {spread} {width}: {unit}");
+                }
             }
         }
     }

@@ -28,6 +28,9 @@ pub const SCALE: f32 = 256.0;
 /// The steepest that is stored: differences of codes are not, those of f32 slots can be steeper.
 const MOST_HALF: f32 = 65000.0;
 
+/// The greatest difference across a voxel that is stored as it is, in units.
+pub(crate) const STEEPEST_UNITS: f64 = (MOST_HALF / (2.0 * SCALE)) as f64;
+
 /// The layout of a brick's gradient nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GradientNodes {

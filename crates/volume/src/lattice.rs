@@ -101,6 +101,11 @@ impl Lattice {
         share * self.step * (1u32 << self.zone(self.tick_at(t_in))) as f64
     }
 
+    /// How far a segment that begins before the world distance `t` from the eye reaches from its middle, at most.
+    pub fn reach(&self, t: f64) -> f64 {
+        0.5 * self.step * (1u32 << self.zone(self.tick_at(t))) as f64
+    }
+
     fn tick_at(&self, t: f64) -> u32 {
         (t / self.step).min(Self::NEVER as f64) as u32
     }

@@ -88,6 +88,10 @@ pub struct Lighting {
     pub lights: Vec<DVec3>,
 }
 
+/// The cosine between a gradient and a ray up to which the gradient counts as sideways, and is a normal as it is: which of both sides is turned to the eye
+/// would be rounding's to say there.
+pub const SIDEWAYS: f64 = 1e-4;
+
 impl Lighting {
     /// Lights a colour at a place of the world. `normal` is a unit vector along the gradient, either way, or `None` where the
     /// field is flat: a flat place shows its colour as if it faced a light at the eye, and reflects nothing. `view` is the ray's
@@ -100,7 +104,7 @@ impl Lighting {
                 LightingModel::Tone => tone(color, 1.0),
             };
         };
-        let normal = if normal.dot(view) > 0.0 { -normal } else { normal };
+        let normal = if normal.dot(view) > SIDEWAYS { -normal } else { normal };
         let to_lights = self.lights.iter().map(|&light| (light - place).normalize_or(-view));
         let (mut diffuse, mut specular, mut facing) = (0.0, 0.0, -1.0f64);
         for to_light in to_lights.chain(self.lights.is_empty().then_some(-view)) {

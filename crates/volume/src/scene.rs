@@ -1,9 +1,8 @@
 //! The scene: everything besides the data that decides a picture, as one JSON document.
 
-use crate::camera::{Camera, ViewRays};
+use crate::camera::Camera;
 use crate::clip::{Clip, ClipError, ClipPlane};
 use crate::compositing::Blend;
-use crate::geometry::Geometry;
 use crate::layer::SceneLayer;
 use crate::lighting::Lighting;
 use crate::mesh::{MeshCapacity, MeshLook, MeshLookError, ShownMesh};
@@ -13,7 +12,6 @@ use crate::placement::Placement;
 use crate::sampling::{Method, Needs, Sampling};
 use crate::scene_error::SceneError;
 use crate::slice::Slice;
-use crate::space::Extent;
 use crate::stereo::Stereo;
 use crate::supersampling::PixelSamples;
 use crate::transfer::{Subject, TransferChoice, TransferError, TransferFunction};
@@ -253,24 +251,13 @@ impl Scene {
         self.caps.unwrap_or(self.mode == Mode::Isosurface)
     }
 
-    /// What clip box, clip planes and slice show of a volume by these rays, in the scene's world; `None` is everything. `placement` is where in
-    /// the world the volume is, if the nearest of its voxels are read.
+    /// The part of the scene's world inside the clip box and on the inner sides of the clip planes; `None` is everything. The slice plays no part.
     ///
     /// # Errors
     /// If the box is empty, a plane cannot be normalised, or there are too many planes.
-    pub fn clip_for(
-        &self,
-        rays: &ViewRays,
-        geometry: &Geometry,
-        extent: Extent,
-        placement: Option<&Placement>,
-    ) -> Result<Option<Clip>, ClipError> {
-        let mut planes = self.clip_planes.clone();
-        if let Some(slice) = &self.slice {
-            planes.extend(slice.sides(rays, geometry, extent, placement));
-        }
-        let is_clipped = self.clip.is_some() || !planes.is_empty();
-        is_clipped.then(|| Clip::new(self.clip, &planes)).transpose()
+    pub fn world_clip(&self) -> Result<Option<Clip>, ClipError> {
+        let is_clipped = self.clip.is_some() || !self.clip_planes.is_empty();
+        is_clipped.then(|| Clip::new(self.clip, &self.clip_planes)).transpose()
     }
 }
 

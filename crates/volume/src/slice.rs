@@ -76,7 +76,7 @@ impl Slice {
         let normal = self.normal.normalize_or_zero();
         // Rounding moves the point that a ray samples, and on which side of a brick's border it is. The slab is twice as thick to
         // each side, so that it meets every brick that a sample may come from.
-        let thinnest_voxels = 4.0 * geometry.rounding_voxels(rays.eye, extent);
+        let thinnest_voxels = thinnest_voxels(rays, geometry, extent);
         let thinnest = thinnest_voxels * (normal * geometry.spacing).length();
         let half = 0.5 * self.thickness.max(thinnest);
         // By as much again, so that all of it is further above the plane than rounding moves a point.
@@ -85,6 +85,12 @@ impl Slice {
             None => DVec3::ZERO,
         };
         [normal, -normal].map(|normal| ClipPlane { point: self.point + above - normal * half, normal })
+    }
+
+    /// Whether the slice is as thin as can be for a picture of this volume with these rays.
+    pub fn is_thinnest(&self, rays: &ViewRays, geometry: &Geometry, extent: Extent) -> bool {
+        let normal = self.normal.normalize_or_zero();
+        self.thickness <= thinnest_voxels(rays, geometry, extent) * (normal * geometry.spacing).length()
     }
 
     /// An orthographic camera that looks straight at all of the slice, in a picture of this size, with `up` as far up as the plane
@@ -129,6 +135,12 @@ impl Slice {
         }
         points
     }
+}
+
+/// The thickness of the thinnest slices, in voxels. From eyes so far away that rounding moves points by more than that, they are what they can be.
+fn thinnest_voxels(rays: &ViewRays, geometry: &Geometry, extent: Extent) -> f64 {
+    const MOST: f64 = 0.25;
+    (4.0 * geometry.rounding_voxels(rays.eye, extent)).min(MOST)
 }
 
 #[cfg(test)]
