@@ -210,6 +210,8 @@ fn what_does_not_fit_is_refused_with_both_values_and_changes_nothing() {
         ),
         (&format!("append out.zarr s2.raw {raw} --time 2"), 2, &["s2.raw", "after 2 of step 1", "found 2"]),
         (&format!("append out.zarr s2.raw s3.raw {raw} --time 9"), 2, &["--time", "1 time for 2 files"]),
+        (&format!("append out.zarr s2.raw {raw} --time-stamps t.txt"), 2, &["--time-stamps", "--time TIME"]),
+        (&format!("append out.zarr s2.raw {raw} --time 9 --time-step 2"), 2, &["--time-step", "--time"]),
         (&format!("append out.zarr s2.raw {raw} --time-unit ms"), 2, &["second", "millisecond"]),
         (&format!("append out.zarr s2.raw {raw} --brick 16"), 2, &["--brick 16", "out.zarr", "8"]),
         (&format!("append out.zarr s2.raw {raw} --downsample max"), 2, &["--downsample max", "mean,max"]),

@@ -9,7 +9,7 @@ use super::pack_settings::{PackingLimits, StoreSettings};
 use super::progress::Progress;
 use super::say::say;
 use super::store_errors;
-use brickyard::import::{self, NoData, OpenOptions, Source};
+use brickyard::import::{self, HeldAs, NoData, OpenOptions, Source};
 use brickyard::store::{self, AppendError, Appender, Kind, OpenError, Store};
 use brickyard::volume::counted;
 use clap::Args;
@@ -55,7 +55,16 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
         let (given, files) = (counted(time.len() as u64, "time"), counted(files.len() as u64, "file"));
         return Err(Failure::usage(format!("--time: expected one for each file, found {given} for {files}")));
     }
+    if input.says_stamps() {
+        let problem = "--time-stamps is for pack; append takes the times of its files as --time TIME[,TIME...]";
+        return Err(Failure::usage(problem));
+    }
     let input = OpenOptions { is_step: files.len() > 1, ..step_options(&store, &settings, input.options())? };
+    if !time.is_empty() && input.time_step.is_some() && input.held_as.is_some() {
+        let problem =
+            "--time-step with --time: steps of a store that is there are where --time says; leave --time-step out";
+        return Err(Failure::usage(problem));
+    }
     let settings = Settings { store, settings, limits, interrupt: Interrupt::watch()? };
     let (files, time) = match files.len() {
         1 => (files, time),
@@ -77,8 +86,8 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
 
 /// The options by which a store's steps are opened. Where it is not one yet, or cannot be read, its own opening says so.
 fn step_options(store: &Path, settings: &StoreSettings, options: OpenOptions) -> Result<OpenOptions, Failure> {
-    let known = Store::open(store).ok();
-    let known = known.as_ref().map(Store::info);
+    let opened = Store::open(store).ok();
+    let known = opened.as_ref().map(Store::info);
     let nodata = known.and_then(|info| info.nodata.map(|nodata| nodata as f64).or(info.blanked));
     if let Some(value) = nodata.filter(|_| options.nodata == NoData::None) {
         let path = store.display();
@@ -86,7 +95,8 @@ fn step_options(store: &Path, settings: &StoreSettings, options: OpenOptions) ->
         return Err(Failure::usage(problem));
     }
     let are_labels = settings.are_labels() || known.is_some_and(|info| info.kind == Kind::Labels);
-    Ok(OpenOptions { are_labels, ..options })
+    let held_as = opened.as_ref().map(|store| HeldAs { voxel_type: store.voxel_type(), nodata });
+    Ok(OpenOptions { are_labels, held_as, ..options })
 }
 
 /// Files in the order of their steps, each with its time if there are any: what packing them at once would take for it.

@@ -29,7 +29,7 @@ use crate::dicom_files::files_in;
 use crate::element::smallest_type;
 use crate::error::ImportError;
 use crate::files::first_bytes;
-use crate::options::{Gaps, NoData, OpenOptions};
+use crate::options::{Gaps, HeldAs, NoData, OpenOptions};
 use crate::placement;
 use crate::raw::identity;
 use crate::source::{Access, Source, SourceInfo};
@@ -219,7 +219,7 @@ impl DicomSeries {
         let [columns, rows] = files[0].1.size();
         let extent = Extent::new(columns, rows, places.len() as u32);
         let sizes = Sizes { extent, channels: 1, times: 1 };
-        let Voxels { voxel_type, blank } = voxels_of(&files, &slices, missing > 0)?;
+        let Voxels { voxel_type, blank } = voxels_of(&files, &slices, missing > 0, options.held_as)?;
         check_exact(&files, &slices, voxel_type, missing > 0, options)?;
         sizes.checked_bytes(voxel_type.bytes()).map_err(|p| ImportError::invalid(&paths[0], p))?;
         // Padding that is taken for values makes other voxels of the same files.
@@ -426,6 +426,7 @@ fn voxels_of(
     files: &[(Header, Frames)],
     slices: &[(Slice, Meaning)],
     are_missing: bool,
+    held_as: Option<HeldAs>,
 ) -> Result<Voxels, ImportError> {
     let floats = Voxels { voxel_type: VoxelType::F32, blank: f64::NAN };
     if !slices.iter().all(|(_, meaning)| meaning.is_whole()) {
@@ -442,8 +443,13 @@ fn voxels_of(
             Some([padding, _]) => slices[0].1.value(padding),
             None => least - 1.0,
         };
-        let least = if are_missing { least.min(blank) } else { least };
-        let voxel_type = smallest_type(least, greatest);
+        // As in the steps before, if no voxel has that value there.
+        let theirs = held_as.and_then(|held| held.nodata).filter(|value| !(least..=greatest).contains(value));
+        let blank = if is_padded { blank } else { theirs.unwrap_or(blank) };
+        let (least, greatest) = if are_missing { (least.min(blank), greatest.max(blank)) } else { (least, greatest) };
+        let holds = |voxel_type: &VoxelType| voxel_type.holds(least) && voxel_type.holds(greatest);
+        let theirs = held_as.map(|held| held.voxel_type).filter(|voxel_type| !voxel_type.is_float());
+        let voxel_type = theirs.filter(holds).unwrap_or_else(|| smallest_type(least, greatest));
         if voxel_type.is_float() { Voxels { voxel_type, ..floats } } else { Voxels { voxel_type, blank } }
     };
     let limits = |slice: &Slice, _: &Meaning| Ok(files[slice.file].1.format.limits());

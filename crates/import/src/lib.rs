@@ -64,7 +64,7 @@ pub use error::ImportError;
 #[cfg(feature = "mesh")]
 pub use mesh::read_mesh;
 pub use open::{open, order_steps};
-pub use options::{FileOrder, Gaps, NoData, OpenOptions};
+pub use options::{FileOrder, Gaps, HeldAs, NoData, OpenOptions};
 pub use raw::{RawLayout, RawSource};
 pub use source::{Access, Lent, Source, SourceInfo};
 pub use strided::Strided;

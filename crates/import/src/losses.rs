@@ -131,12 +131,17 @@ impl<'a> Losses<'a> {
         }
         let (slope, intercept) = self.decode.scale.map_or((1.0, 0.0), |s| (s.slope, s.intercept));
         let scaled = |n: f64, is_wide| Fate::of_float(n, n * slope + intercept, is_wide);
+        // Of two integers that are one f64, one is lost before it is scaled.
+        let scaled_integer = |n: i128| match scaled(n as f64, true) {
+            Fate::Kept if n as f64 as i128 != n => Fate::Rounded,
+            fate => fate,
+        };
         match (self.decode.element, self.decode.scale) {
             (Element::I64, None) if self.are_labels => each!(i64, n => self.fate_of_label(n)),
             (Element::I64, None) => each!(i64, n => Fate::of_integer(i32::try_from(n).is_ok())),
             (Element::U64, None) => each!(u64, n => Fate::of_integer(u32::try_from(n).is_ok())),
-            (Element::I64, _) => each!(i64, n => scaled(n as f64, true)),
-            (Element::U64, _) => each!(u64, n => scaled(n as f64, true)),
+            (Element::I64, _) => each!(i64, n => scaled_integer(n.into())),
+            (Element::U64, _) => each!(u64, n => scaled_integer(n.into())),
             (Element::F64, _) => each!(f64, n => scaled(n, true)),
             (Element::F16, _) => each!(half::f16, n => scaled(n.to_f64(), false)),
             // Of images no more is said than that numbers of 32 bits are rounded when they are scaled; labels are looked at.
@@ -294,6 +299,11 @@ mod tests {
         // Those that fit are read as ever; of an image such a number is rounded, as its note says.
         assert!(census_with(Element::I64, None, &i64s(&[-5, 0, 70000]), &labels(false)).is_ok());
         assert!(census_with(long, scaled(0.5), &i32s(&[1 << 25, 3]), &labels(false)).is_ok());
+        // 2^53 + 1 is 2^53 as an f64.
+        let merged = i64s(&[1 << 53, (1 << 53) + 1]);
+        assert!(census_with(Element::I64, scaled(2.0), &merged, &labels(true)).is_err());
+        assert!(census(Element::I64, scaled(2.0), &merged, false).is_err());
+        assert!(census(Element::U64, scaled(2.0), &i64s(&[1 << 54]), false).is_ok());
         assert_eq!(census(long, scaled(0.5), &i32s(&[16777217]), false).unwrap(), "nothing");
     }
 

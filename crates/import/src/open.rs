@@ -4,11 +4,12 @@
 use crate::described::Described;
 use crate::dicom_files::{MAGIC_BYTES, is_dicom};
 use crate::doubles::{check_folders, check_named_once, check_pairs, check_series};
+use crate::element::Endian;
 use crate::error::ImportError;
 use crate::file_order::{FileList, in_natural_order};
 use crate::files::first_bytes;
 use crate::folder::{files_of, is_tiff_name};
-use crate::options::{FileOrder, NoData, OpenOptions};
+use crate::options::{FileOrder, Gaps, NoData, OpenOptions};
 use crate::pattern;
 use crate::raw::{RawLayout, RawSource};
 use crate::series::{Series, StepFile};
@@ -24,6 +25,19 @@ enum Format {
     Nifti,
     Tiff,
     Dicom,
+}
+
+impl Format {
+    /// A file of the format, in a sentence.
+    fn of_file(self) -> &'static str {
+        match self {
+            Self::Raw => "a raw file",
+            Self::Npy => "a .npy file",
+            Self::Nifti => "a NIfTI file",
+            Self::Tiff => "a TIFF file",
+            Self::Dicom => "DICOM",
+        }
+    }
 }
 
 /// Formats and their names, for the message that none fits.
@@ -59,6 +73,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
             return Err(ImportError::options(path, format!("is of another format than {}", paths[0].display())));
         }
     }
+    check_used(format, &paths[0], options)?;
     match (format, order) {
         (Format::Dicom, _) => check_named_once(&paths, "")?,
         (_, Some(FileOrder::Given)) => {}
@@ -217,6 +232,28 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
         return Ok(Format::Raw);
     }
     Err(ImportError::options(path, format!("not a format that is read: {READ}")))
+}
+
+/// Refuses options that the format has no use for: whoever passes them expects other voxels than there would be.
+fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<(), ImportError> {
+    let has_axes = matches!(format, Format::Raw | Format::Npy | Format::Tiff);
+    let counts_axes = format == Format::Raw || format == Format::Tiff && options.axes.is_some();
+    let of_axes = if format == Format::Tiff { "raw files, and of TIFF with `axes`" } else { "raw files" };
+    let (raw, is_raw) = ("raw files, with `shape`", format == Format::Raw);
+    let said = [
+        ("voxel_type", options.voxel_type.is_some(), is_raw, raw),
+        ("endian", options.endian != Endian::default(), is_raw, raw),
+        ("offset", options.offset != 0, is_raw, raw),
+        ("channels", options.channels.is_some(), counts_axes, of_axes),
+        ("times", options.times.is_some(), counts_axes, of_axes),
+        ("axes", options.axes.is_some(), has_axes, "raw files, .npy and TIFF"),
+        ("gaps", options.gaps != Gaps::default(), format == Format::Dicom, "DICOM series"),
+    ];
+    let Some((name, _, _, of)) = said.into_iter().find(|(_, is_said, is_used, _)| *is_said && !is_used) else {
+        return Ok(());
+    };
+    let problem = format!("`{name}` is for {of}: {} has no use for it; leave it out", format.of_file());
+    Err(ImportError::options(path, problem))
 }
 
 /// Puts the user's spacing, origin and unit in place of the file's.

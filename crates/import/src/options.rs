@@ -25,6 +25,15 @@ pub enum Gaps {
     Blank,
 }
 
+/// How the other steps of a series hold their voxels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldAs {
+    /// Their type.
+    pub voxel_type: VoxelType,
+    /// The value of voxels that hold no data, if there is one.
+    pub nodata: Option<f64>,
+}
+
 /// Which voxels of an input hold no data.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum NoData {
@@ -52,8 +61,8 @@ pub struct OpenOptions {
     pub channels: Option<u32>,
     /// Number of time steps in a raw file (1 by default), or in a TIFF file whose `axes` are given.
     pub times: Option<u32>,
-    /// Order of the axes, slowest first, in place of what the file or the format says. Raw, `.npy` and TIFF files use
-    /// it; NIfTI and DICOM files do not.
+    /// Order of the axes, slowest first, in place of what the file or the format says. NIfTI and DICOM files
+    /// have one of their own.
     pub axes: Option<AxisOrder>,
     /// Whether the input is one of several, each a time step of its own. `order` is then the order of these, and of the files in a folder
     /// where it is natural; and a file of a set, which would stand for all of them, is an error.
@@ -67,6 +76,8 @@ pub struct OpenOptions {
     pub spacing: Option<DVec3>,
     /// What becomes of missing slices of a DICOM series.
     pub gaps: Gaps,
+    /// How the steps before hold their voxels. Those of DICOM, whose type and blanks follow from the data, are held alike where that is possible.
+    pub held_as: Option<HeldAs>,
     /// Position of the first voxel's centre in place of the file's.
     pub origin: Option<DVec3>,
     /// UDUNITS name of the unit of length (`micrometer`), in place of the file's.

@@ -134,7 +134,8 @@ pub(crate) fn peak_bytes() -> u64 {
 /// Checks that opening and reading a source of one plane take about as much memory as [`Source::reader_bytes`] says,
 /// beside the plane itself.
 pub(crate) fn assert_takes_what_it_says(open: impl FnOnce() -> Box<dyn Source>, plane_bytes: usize) {
-    const SLACK_BYTES: u64 = 4 << 20;
+    // The reader's code is read from disk meanwhile, some 3 MiB of it, and counts; a copy of the plane would be 8.
+    const SLACK_BYTES: u64 = 5 << 20;
     let mut plane = vec![1; plane_bytes];
     let before = peak_bytes();
     let source = open();

@@ -172,7 +172,11 @@ impl Appender {
     fn open_on(disk: Disk, store: &Path, options: AppendOptions) -> Result<Self, AppendError> {
         let dir = output::resolve(store)?;
         disk.work_at(&dir);
-        refuse_unfinished(&dir)?;
+        if let Err(unfinished) = refuse_unfinished(&dir) {
+            // One who still packs is named as such.
+            let _free = DirLock::take(&disk, &dir)?;
+            return Err(unfinished);
+        }
         can_grow(&Store::open(&dir)?)?;
         let lock = DirLock::take(&disk, &dir)?;
         // Looked at again: another one may have been at work until now.

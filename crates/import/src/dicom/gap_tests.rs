@@ -1,7 +1,7 @@
 //! Missing slices whose places are left.
 
 use super::tests::{Folder, Written, at_texts, open_with, shuffled, voxels};
-use crate::options::{Gaps, NoData, OpenOptions};
+use crate::options::{Gaps, HeldAs, NoData, OpenOptions};
 use brickyard_volume::VoxelType;
 use dicom_core::VR;
 use dicom_dictionary_std::tags;
@@ -60,4 +60,27 @@ fn the_places_of_missing_slices_are_left_and_hold_no_data() {
     refused(Folder::of([0.0, 2.0, 4.0, 2e9].map(at)), &blank, &["missing between them", "an even part"]);
     refused(Folder::of([0.0, 2.0, 2.0, 6.0].map(at)), &blank, &["lies where"]);
     refused(slices(&|s| s), &OpenOptions { nodata: NoData::None, ..blank.clone() }, &["`nodata` with `gaps`"]);
+}
+
+/// Steps whose blanks and types follow from their data are held as those before, where no voxel has their blank.
+#[test]
+fn later_steps_are_held_as_those_before() {
+    let folder = |least: u16| {
+        Folder::of([3u16, 0, 1, 6].map(|k| {
+            let mut slice = Written::slice(20.0 + 2.5 * f64::from(k), least + 100 * k);
+            slice.number(tags::BITS_STORED, 16).number(tags::HIGH_BIT, 15);
+            slice.text(tags::RESCALE_SLOPE, VR::DS, "1").text(tags::RESCALE_INTERCEPT, VR::DS, "-1024");
+            slice
+        }))
+    };
+    let held_as = |least, nodata| {
+        let held_as = Some(HeldAs { voxel_type: VoxelType::I16, nodata });
+        let options = OpenOptions { gaps: Gaps::Blank, held_as, ..OpenOptions::default() };
+        let source = open_with(&folder(least), &options).unwrap();
+        (source.info().voxel_type, source.info().nodata)
+    };
+    assert_eq!(held_as(14, None), (VoxelType::I16, Some(-1011.0)), "its own");
+    assert_eq!(held_as(14, Some(-1025.0)), (VoxelType::I16, Some(-1025.0)));
+    // It is a value here.
+    assert_eq!(held_as(14, Some(-1010.0)), (VoxelType::I16, Some(-1011.0)));
 }

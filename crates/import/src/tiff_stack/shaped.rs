@@ -66,6 +66,12 @@ fn place(description: &mut Description, values: &Value, tags: &ScaleTags) {
             if resolution.is_none() && depth.is_none() {
                 return;
             }
+            if let (None, Some(depth), Some((_, of_pixels))) = (unit, depth, tags.per_unit()) {
+                description.notes.push(format!(
+                    "The description's spacing of {depth} has no unit, and the pixels' is {of_pixels}: the distance of slices is left out; pass `spacing` and `unit`."
+                ));
+                return;
+            }
             description.set_unit(unit);
             description.spacing = spacing(resolution.is_some(), depth, resolution).map(|s| Spacing { z: depth, ..s });
         }
@@ -318,6 +324,10 @@ mod tests {
         assert_eq!(place(r#""PhysicalSizeX": 0.5"#, None).0, Some([0.5, 0.5, 0.0]));
         let axis = Some(TimeAxis { step: 0.5, unit: Some("second".into()), ..TimeAxis::default() });
         assert_eq!(place(r#""finterval": 0.5"#, None), (None, None, axis));
+        // Lengths in a unit, beside one in none.
+        let tags = ScaleTags { resolution: Some([2e4, 2e4]), unit: Some(3), ..ScaleTags::default() };
+        let mixed = read(r#"{"shape": [4, 7, 9], "axes": "ZYX", "spacing": 3e-4}"#, &format(1, false), &tags);
+        assert!(mixed.spacing.is_none() && mixed.notes[0].contains("has no unit"), "{:?}", mixed.notes);
         // What stands in files whose writer was told nothing.
         assert_eq!(place(r#""unit": "um""#, Some([1.0, 1.0])).0, None);
         for odd in [r#""spacing": -0.0"#, r#""spacing": [1]"#, r#""PhysicalSizeX": "NaN""#, r#""finterval": "x""#] {

@@ -87,7 +87,7 @@ impl ScaleTags {
     }
 
     /// Pixels per unit, and the unit; `None` if one is not said, or both are what stands for nothing.
-    fn per_unit(&self) -> Option<([f64; 2], &'static str)> {
+    pub(super) fn per_unit(&self) -> Option<([f64; 2], &'static str)> {
         // The last two are not the standard's, but tifffile's.
         let unit = match self.unit? {
             2 => "inch",

@@ -108,7 +108,11 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
     // Of floats of a source that knows its own, a value only tells that some are left out, as they are here.
     let is_left_out = step.knows_nodata && step.voxel_type.is_float() && nodata.is_some();
     if let Some(found) = step.nodata.filter(|found| Some(*found) != nodata && !is_left_out) {
-        let expected = nodata.map_or("none; pass `nodata` none to take it as a number".into(), |ours| ours.to_string());
+        let none = match step.knows_nodata {
+            true => "none, as all steps so far are data; pack all steps at once into another store",
+            false => "none; pass `nodata` none to take it as a number",
+        };
+        let expected = nodata.map_or(none.into(), |ours| ours.to_string());
         return differs("value for no data", found.to_string(), expected);
     }
     Ok(())
