@@ -159,7 +159,8 @@ fn least_bytes(stderr: &str) -> u64 {
 fn a_budget_too_small_for_anything_says_what_would_do() {
     let sandbox = sandbox_with_ct();
     for backend in backends(&sandbox) {
-        for (small, least_flags) in [("--gpu-memory 4096", "--gpu-memory"), ("--host-memory 4096", "--host-memory")] {
+        let of_slots = if backend == "cpu" { "--cpu-memory" } else { "--gpu-memory" };
+        for (small, least_flags) in [("--gpu-memory 4096", of_slots), ("--host-memory 4096", "--host-memory")] {
             let line = format!("render ct.zarr -o small.png {VIEW} --backend {backend}");
             let (code, _, stderr) = sandbox.run(&format!("{line} {small}"));
             assert_eq!(code, 2, "{backend} {small}: {stderr}");

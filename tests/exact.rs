@@ -55,6 +55,7 @@ fn options(gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
         backend,
         compositor,
         gpu_memory_bytes,
+        cpu_memory_bytes: gpu_memory_bytes,
         host_memory_bytes,
         threads: 2,
         skips_empty: true,

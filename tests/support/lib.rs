@@ -177,8 +177,16 @@ pub fn session_within(store: &Arc<Store>, way: Way, gpu_memory_bytes: u64, host_
 }
 
 /// Options of a session that draws in this way under budgets, with two threads.
-pub fn options((backend, compositor): Way, gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
-    SessionOptions { backend, compositor, gpu_memory_bytes, host_memory_bytes, threads: 2, ..SessionOptions::default() }
+pub fn options((backend, compositor): Way, backend_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
+    SessionOptions {
+        backend,
+        compositor,
+        gpu_memory_bytes: backend_bytes,
+        cpu_memory_bytes: backend_bytes,
+        host_memory_bytes,
+        threads: 2,
+        ..SessionOptions::default()
+    }
 }
 
 /// Opens a session for a store with these options. `None` if they ask for a GPU and there is no adapter; [`leave_out`]

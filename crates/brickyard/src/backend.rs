@@ -266,7 +266,7 @@ fn software(
         CompositorChoice::Compute => return Err(BackendError::CpuCompositor("compute")),
     }
     let options = SoftwareOptions {
-        memory_bytes: options.gpu_memory_bytes,
+        memory_bytes: options.cpu_memory_bytes,
         max_picture_px: max_size_px.into(),
         threads: options.threads,
         skips_empty: options.skips_empty,

@@ -198,7 +198,9 @@ impl<'a> Watch<'a> {
         let frame = session.step_resolved(scene)?;
         let (status, gpu_bytes) = (&frame.status, session.backend_bytes());
         self.uncovered += !status.covered as u32;
-        let over = gpu_bytes > self.options.gpu_memory_bytes || status.host_bytes > self.options.host_memory_bytes;
+        let is_cpu = session.backend().is_some_and(|backend| backend.name() == "cpu");
+        let backend_bytes = if is_cpu { self.options.cpu_memory_bytes } else { self.options.gpu_memory_bytes };
+        let over = gpu_bytes > backend_bytes || status.host_bytes > self.options.host_memory_bytes;
         self.over_budget += over as u32;
         self.gpu_bytes_peak = self.gpu_bytes_peak.max(gpu_bytes);
         self.anonymous_peak = self.anonymous_peak.max(ProcessMemory::now().anonymous_bytes);

@@ -28,8 +28,8 @@ pub enum CompositorChoice {
     Compute,
 }
 
-/// The choices and limits of a session. The default suits the machine: all of its processors, and a quarter of its
-/// memory (or of what the process's control group may use), for the backend at most 1 GiB.
+/// The choices and limits of a session. The default suits the machine: all of its processors, a quarter of its memory (or of what the process's control
+/// group may use) for decoded bricks, and as much for those that the CPU draws; of a GPU's memory, at most 1 GiB.
 ///
 /// ```
 /// use brickyard::session::SessionOptions;
@@ -43,9 +43,10 @@ pub struct SessionOptions {
     pub backend: BackendChoice,
     /// Which compositor gathers samples.
     pub compositor: CompositorChoice,
-    /// Hard limit of the backend's memory, bytes: slots, tables, targets and staging, on the GPU or for the CPU
-    /// backend.
+    /// Hard limit of the GPU's memory, bytes: slots, tables, targets and staging.
     pub gpu_memory_bytes: u64,
+    /// Hard limit of what the CPU backend takes in their place, bytes.
+    pub cpu_memory_bytes: u64,
     /// Hard limit of decoded bricks, staging and scratch, bytes.
     pub host_memory_bytes: u64,
     /// Number of threads that decode bricks, and of threads of the CPU backend.
@@ -61,7 +62,7 @@ pub struct SessionOptions {
     pub live: bool,
 }
 
-/// The backend's memory, unless the machine has less to give: GPUs do not tell how much they have.
+/// The GPU's memory, unless the machine has less to give: GPUs do not tell how much they have.
 const GPU_MEMORY_BYTES: u64 = 1 << 30;
 
 /// What decoded bricks may take where the system does not tell how much memory there is.
@@ -74,6 +75,7 @@ impl Default for SessionOptions {
             backend: BackendChoice::Auto,
             compositor: CompositorChoice::Auto,
             gpu_memory_bytes: share_bytes.min(GPU_MEMORY_BYTES),
+            cpu_memory_bytes: share_bytes,
             host_memory_bytes: share_bytes,
             threads: std::thread::available_parallelism().map_or(1, usize::from),
             skips_empty: true,

@@ -281,14 +281,15 @@ impl Session {
         self.device = device;
     }
 
-    /// Goes on with other budgets, in bytes: [`SessionOptions::gpu_memory_bytes`] and [`SessionOptions::host_memory_bytes`]. The next step makes slots
+    /// Goes on with other budgets, in bytes: of the backend, whichever it is, and [`SessionOptions::host_memory_bytes`]. The next step makes slots
     /// within them, and fills these from what is decoded. Returns whether that changes anything.
-    pub fn set_budgets(&mut self, gpu_memory_bytes: u64, host_memory_bytes: u64) -> bool {
-        let before = (self.options.gpu_memory_bytes, self.options.host_memory_bytes);
-        if before == (gpu_memory_bytes, host_memory_bytes) {
+    pub fn set_budgets(&mut self, backend_bytes: u64, host_memory_bytes: u64) -> bool {
+        let SessionOptions { gpu_memory_bytes, cpu_memory_bytes, host_memory_bytes: host, .. } = self.options;
+        if (gpu_memory_bytes, cpu_memory_bytes, host) == (backend_bytes, backend_bytes, host_memory_bytes) {
             return false;
         }
-        (self.options.gpu_memory_bytes, self.options.host_memory_bytes) = (gpu_memory_bytes, host_memory_bytes);
+        (self.options.gpu_memory_bytes, self.options.cpu_memory_bytes) = (backend_bytes, backend_bytes);
+        self.options.host_memory_bytes = host_memory_bytes;
         self.end_fit();
         true
     }

@@ -57,6 +57,7 @@ pub(super) fn with_flags(message: &str) -> String {
 }
 
 const MORE_GPU_MEMORY: &str = "raise --gpu-memory, or make the picture smaller";
+const MORE_SLOTS: &str = "raise --gpu-memory (--cpu-memory if the CPU draws), or make the picture smaller";
 const MORE_HOST_MEMORY: &str = "raise --host-memory";
 const MORE_TIME: &str = "give it more time with --max-wait";
 
@@ -82,7 +83,7 @@ impl Advice for BackendError {
     fn advice(&self) -> Option<&'static str> {
         match self {
             Self::Gpu(error) => error.advice(),
-            Self::Cpu(SoftwareError::Budget { .. }) => Some("raise --gpu-memory, which is its limit too"),
+            Self::Cpu(SoftwareError::Budget { .. }) => Some("raise --cpu-memory"),
             Self::Cpu(_) => None,
             Self::CpuCompositor(_) => Some("use --compositor raycast, or --backend gpu"),
         }
@@ -93,7 +94,7 @@ impl Advice for PagerError {
     fn advice(&self) -> Option<&'static str> {
         match self {
             Self::HostMemory { .. } => Some(MORE_HOST_MEMORY),
-            Self::Slots { .. } => Some(MORE_GPU_MEMORY),
+            Self::Slots { .. } => Some(MORE_SLOTS),
             _ => None,
         }
     }
@@ -115,9 +116,9 @@ impl Advice for OfflineError {
     fn advice(&self) -> Option<&'static str> {
         match self {
             Self::Session(error) => error.advice(),
-            Self::Pixel { .. } => {
-                Some("raise --gpu-memory, or draw one volume in passes: --backend gpu --compositor sorted")
-            }
+            Self::Pixel { .. } => Some(
+                "raise --gpu-memory (--cpu-memory if the CPU draws), or draw one volume in passes: --backend gpu --compositor sorted",
+            ),
             Self::NotSettled { .. } | Self::NotDrawn { .. } => Some(MORE_TIME),
         }
     }
@@ -151,7 +152,7 @@ impl Advice for SurveyError {
     fn advice(&self) -> Option<&'static str> {
         match self {
             Self::Picture(error) => error.advice(),
-            Self::Coarse { .. } => Some("raise --gpu-memory, or show less with --clip"),
+            Self::Coarse { .. } => Some("raise --gpu-memory (--cpu-memory if the CPU draws), or show less with --clip"),
         }
     }
 }

@@ -64,7 +64,7 @@ pub(crate) struct BenchArguments {
     #[arg(help_heading = heading::DRAWING, long, value_enum, default_value_t = CompositorArgument::Auto)]
     compositor: CompositorArgument,
     /// Hard limit of brick slots, tables, targets and staging
-    #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "256MiB", value_parser = values::bytes)]
+    #[arg(help_heading = heading::DRAWING, long, visible_alias = "cpu-memory", value_name = "BYTES", default_value = "256MiB", value_parser = values::bytes)]
     gpu_memory: u64,
     /// Hard limit of decoded bricks and scratch
     #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "512MiB", value_parser = values::bytes)]
@@ -192,6 +192,7 @@ fn measured(
             CompositorArgument::Compute => CompositorChoice::Compute,
         },
         gpu_memory_bytes: arguments.gpu_memory,
+        cpu_memory_bytes: arguments.gpu_memory,
         host_memory_bytes: arguments.host_memory,
         threads: threads(arguments.threads),
         skips_empty: !arguments.no_skipping,

@@ -124,6 +124,7 @@ fn trial(name: &'static str, backend: BackendChoice, store: &Arc<Store>, scene: 
         backend,
         compositor: CompositorChoice::Auto,
         gpu_memory_bytes: 64 << 20,
+        cpu_memory_bytes: 64 << 20,
         host_memory_bytes: 64 << 20,
         threads: processors(),
         skips_empty: true,

@@ -117,7 +117,8 @@ pub(crate) fn report(stats: &RenderStats) {
             Some(error) => format!("{error:.1} px of {:.1} px", stats.pixel_error),
             None => "the eye is inside a coarse brick".into(),
         };
-        say!("memory bound: {found}; the picture is complete but coarser than asked for: raise --gpu-memory");
+        let flag = if stats.backend == "cpu" { "--cpu-memory" } else { "--gpu-memory" };
+        say!("memory bound: {found}; the picture is complete but coarser than asked for: raise {flag}");
     }
     if let Some(damage) = damage(stats) {
         say::error(format_args!("{damage}"));

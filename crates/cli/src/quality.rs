@@ -58,7 +58,7 @@ pub(crate) struct QualityArguments {
     #[arg(help_heading = heading::MEASURED, long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(2..=1024))]
     frames: u32,
     /// Hard limit of brick slots, tables, targets and staging
-    #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
+    #[arg(help_heading = heading::DRAWING, long, visible_alias = "cpu-memory", value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
     gpu_memory: u64,
     /// Hard limit of decoded bricks and scratch
     #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
@@ -183,6 +183,7 @@ impl QualityArguments {
             backend: BackendChoice::Cpu,
             compositor: CompositorChoice::Auto,
             gpu_memory_bytes: self.gpu_memory,
+            cpu_memory_bytes: self.gpu_memory,
             host_memory_bytes: self.host_memory,
             threads: threads(self.threads),
             skips_empty: true,

@@ -5,7 +5,7 @@ use super::heading;
 use super::output::write_json;
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
-use super::session_args::{BackendArgument, threads};
+use super::session_args::{BackendArgument, backend_memory, threads};
 use super::values;
 use brickyard::backend::CompositorChoice;
 use brickyard::movie_file::PictureRate;
@@ -66,9 +66,10 @@ pub(crate) struct RenderArguments {
     /// the compositor is sorted or auto; else in tiles
     #[arg(help_heading = heading::DRAWING, long)]
     pub(super) exact: bool,
-    /// Hard limit of brick slots, tables, targets and staging
-    #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
-    pub(super) gpu_memory: u64,
+    /// Hard limit of brick slots, tables, targets and staging, wherever they are [default: 1GiB of a GPU's memory, or a quarter of the machine's if
+    /// the CPU draws]
+    #[arg(help_heading = heading::DRAWING, long, visible_alias = "cpu-memory", value_name = "BYTES", value_parser = values::bytes)]
+    pub(super) gpu_memory: Option<u64>,
     /// Hard limit of decoded bricks and scratch
     #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     pub(super) host_memory: u64,
@@ -133,10 +134,12 @@ impl RenderArguments {
 
     /// The options of a session that makes so many pictures.
     pub(super) fn session_options(&self, compositor: CompositorChoice, pictures: usize) -> SessionOptions {
+        let (gpu_memory_bytes, cpu_memory_bytes) = backend_memory(self.gpu_memory);
         SessionOptions {
             backend: self.backend.into(),
             compositor,
-            gpu_memory_bytes: self.gpu_memory,
+            gpu_memory_bytes,
+            cpu_memory_bytes,
             host_memory_bytes: self.host_memory,
             threads: threads(self.threads),
             skips_empty: true,

@@ -7,7 +7,7 @@ use super::pack_settings::KindArgument;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
-use super::session_args::{BackendArgument, threads};
+use super::session_args::{BackendArgument, backend_memory, threads};
 use super::session_errors::session_failure;
 use super::store_errors;
 use super::values;
@@ -51,9 +51,10 @@ pub(crate) struct ViewArguments {
     /// Where to render; auto takes a hardware GPU if the window is on one, else the CPU
     #[arg(help_heading = heading::DRAWING, long, value_enum, default_value_t = BackendArgument::Auto)]
     backend: BackendArgument,
-    /// Hard limit of brick slots, tables, targets and staging
-    #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "1GiB", value_parser = values::bytes)]
-    gpu_memory: u64,
+    /// Hard limit of brick slots, tables, targets and staging, wherever they are [default: 1GiB of a GPU's memory, or a quarter of the machine's if
+    /// the CPU draws]
+    #[arg(help_heading = heading::DRAWING, long, visible_alias = "cpu-memory", value_name = "BYTES", value_parser = values::bytes)]
+    gpu_memory: Option<u64>,
     /// Hard limit of decoded bricks and scratch
     #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     host_memory: u64,
@@ -177,9 +178,11 @@ pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(
     let mut scene = arguments.scene.scene_of_one_step(&volumes, arguments.size)?;
     arguments.scene.set_first_look(&mut scene, &volumes);
     let scene = arguments.sampling.of(scene);
+    let (gpu_memory_bytes, cpu_memory_bytes) = backend_memory(arguments.gpu_memory);
     let session = SessionOptions {
         backend: arguments.backend.into(),
-        gpu_memory_bytes: arguments.gpu_memory,
+        gpu_memory_bytes,
+        cpu_memory_bytes,
         host_memory_bytes: arguments.host_memory,
         threads: threads(arguments.threads),
         live: true,

@@ -241,6 +241,11 @@ impl Canvas {
         self.gpu.as_ref().is_some_and(|device| device.lost().is_some())
     }
 
+    /// Whether the CPU draws the picture.
+    pub(crate) fn draws_on_cpu(&self) -> bool {
+        self.gpu.is_none()
+    }
+
     /// Sets how long a frame of the window may take while the picture changes, `between` of it for the window itself.
     pub(crate) fn set_frame_goal(&mut self, goal: Duration, between: Duration) {
         // A GPU's own work for a picture is part of the time between frames.
@@ -250,13 +255,15 @@ impl Canvas {
         }
     }
 
-    /// Goes on within other limits of memory, in bytes.
-    pub(crate) fn set_budgets(&mut self, gpu_memory_bytes: u64, host_memory_bytes: u64) {
-        if (self.options.gpu_memory_bytes, self.options.host_memory_bytes) == (gpu_memory_bytes, host_memory_bytes) {
+    /// Goes on within other limits of memory, in bytes: of slots, tables and targets, and of decoded bricks.
+    pub(crate) fn set_budgets(&mut self, backend_bytes: u64, host_memory_bytes: u64) {
+        let SessionOptions { gpu_memory_bytes, cpu_memory_bytes, host_memory_bytes: host, .. } = self.options;
+        if (gpu_memory_bytes, cpu_memory_bytes, host) == (backend_bytes, backend_bytes, host_memory_bytes) {
             return;
         }
-        (self.options.gpu_memory_bytes, self.options.host_memory_bytes) = (gpu_memory_bytes, host_memory_bytes);
-        if self.home().set_budgets(gpu_memory_bytes, host_memory_bytes) {
+        (self.options.gpu_memory_bytes, self.options.cpu_memory_bytes) = (backend_bytes, backend_bytes);
+        self.options.host_memory_bytes = host_memory_bytes;
+        if self.home().set_budgets(backend_bytes, host_memory_bytes) {
             self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
         }
     }

@@ -10,19 +10,8 @@ use serde_json::Value;
 pub(crate) const SCENE_FILE: &str = "brickyard.json";
 pub(crate) const PICTURE_FILE: &str = "brickyard.png";
 
-/// The keys that a control with the focus acts on, and that take the focus on to the next one.
-const MOVING_KEYS: [Key; 10] = [
-    Key::Space,
-    Key::ArrowLeft,
-    Key::ArrowRight,
-    Key::ArrowUp,
-    Key::ArrowDown,
-    Key::Home,
-    Key::PageUp,
-    Key::PageDown,
-    Key::Tab,
-    Key::Escape,
-];
+/// The keys that move a control with the focus, and that take the focus on to the next one. A button is pressed by Enter: Space plays, whatever was clicked last.
+const MOVING_KEYS: [Key; 6] = [Key::ArrowLeft, Key::ArrowRight, Key::ArrowUp, Key::ArrowDown, Key::Tab, Key::Escape];
 
 /// The command that a key gives in a window of some state; `None` if it does nothing there.
 type Effect = dyn Fn(&State) -> Option<Command>;
@@ -161,6 +150,12 @@ impl Shortcut {
     }
 }
 
+/// The key with an effect of [`all`], as menus show it; empty if there is none.
+pub(crate) fn shown(egui: &egui::Context, effect: &str) -> String {
+    let known = all().into_iter().find(|shortcut| shortcut.effect == effect);
+    known.map(|shortcut| egui.format_shortcut(&shortcut.keys)).unwrap_or_default()
+}
+
 /// The keys that were pressed since the last frame, in their order. Each acts on what those before it have made of the state.
 pub(crate) fn pressed(egui: &egui::Context, state: &State) -> Vec<Shortcut> {
     // A field that is typed into has the keys; what else has the focus, such as a slider, has those that move it.
@@ -253,12 +248,13 @@ mod tests {
             ui.text_edit_singleline(text).accessible_name("text");
         };
         let mut harness = Harness::new_ui_state(show, (50.0, String::new(), 0));
-        for (name, expected) in [("slider", 2), ("text", 0)] {
+        for (name, expected) in [("slider", 3), ("text", 0)] {
             harness.get_by_label(name).focus();
             harness.run();
             harness.state_mut().2 = 0;
             harness.key_press_modifiers(Modifiers::COMMAND, Key::Z);
             harness.key_press(Key::B);
+            harness.key_press(Key::Space);
             harness.key_press(Key::ArrowRight);
             harness.run();
             assert_eq!(harness.state().2, expected, "{name}");

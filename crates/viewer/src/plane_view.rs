@@ -9,7 +9,7 @@ use crate::panels::slices::{dragged, shown_window};
 use crate::picking::{Picked, Picking};
 use crate::planes::{Grid, filter, slice_scene};
 use crate::state::Tool;
-use crate::volume_view::{Seen, whole_pixels};
+use crate::volume_view::{Seen, isolation, whole_pixels};
 use brickyard::session::SessionError;
 use brickyard::volume::numbers::within_span;
 use brickyard::volume::{Camera, Slice};
@@ -63,6 +63,10 @@ impl PlaneView {
         let (resolved, volumes) = canvas.resolved();
         self.picked = self.picking.at(&response.ctx, resolved, volumes, place_px);
         let is_measuring = seen.state.window.tool == Tool::Distance;
+        if response.clicked() && response.ctx.input(|input| input.modifiers.alt) {
+            commands.extend(self.picked.as_ref().and_then(|picked| isolation(seen, picked)));
+            return drawn;
+        }
         if let Some(place) = under.filter(|_| is_measuring && response.clicked()) {
             commands.extend(measuring.click_in(&slice, reach, place, seen.state));
             // The mark of the first click is drawn in the next frame, for which nothing else may ask.
@@ -142,7 +146,8 @@ fn drag(
 ) {
     let by = response.drag_delta() / lens.area.height().max(1.0);
     let (right, down) = (f64::from(by.x), f64::from(by.y));
-    let is_shifted = response.ctx.input(|input| input.modifiers.shift);
+    let modifiers = response.ctx.input(|input| input.modifiers);
+    let (is_shifted, picks_label) = (modifiers.shift, modifiers.alt);
     let moved = match by == vec2(0.0, 0.0) {
         true => None,
         false if response.dragged_by(PointerButton::Secondary) => {
@@ -162,7 +167,8 @@ fn drag(
     let is_held =
         if held.is_measuring { response.dragged() } else { response.is_pointer_button_down_on() } && !is_shifted;
     let is_primary = response.ctx.input(|input| input.pointer.primary_down());
-    let Some(pointer) = response.interact_pointer_pos().filter(|_| is_held && is_primary) else { return };
+    let is_moved = is_held && is_primary && !picks_label;
+    let Some(pointer) = response.interact_pointer_pos().filter(|_| is_moved) else { return };
     let size = (lens.rays.width, lens.rays.height);
     // The camera's target is on the slice.
     let Some(on_slice) = point_at_target(camera, size, lens.pixel(pointer)) else { return };

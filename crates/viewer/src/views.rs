@@ -80,7 +80,9 @@ impl Views {
 
     /// The limits of memory of all pictures together, in bytes: of slots, tables and targets, and of decoded bricks, those of previews included.
     pub(crate) fn budgets_bytes(&self, window: &WindowState) -> (u64, u64) {
-        window.budgets_mib.map_or((self.options.gpu_memory_bytes, self.options.host_memory_bytes), |budgets| {
+        let SessionOptions { gpu_memory_bytes, cpu_memory_bytes, host_memory_bytes, .. } = self.options;
+        let backend_bytes = if self.main.draws_on_cpu() { cpu_memory_bytes } else { gpu_memory_bytes };
+        window.budgets_mib.map_or((backend_bytes, host_memory_bytes), |budgets| {
             (u64::from(budgets.gpu) << 20, u64::from(budgets.host) << 20)
         })
     }
@@ -114,7 +116,8 @@ impl Views {
         self.main.set_budgets(gpu, host);
         while self.planes.len() < count {
             let (gpu_memory_bytes, host_memory_bytes) = of_plane;
-            let options = SessionOptions { gpu_memory_bytes, host_memory_bytes, ..self.options };
+            let cpu_memory_bytes = gpu_memory_bytes;
+            let options = SessionOptions { gpu_memory_bytes, cpu_memory_bytes, host_memory_bytes, ..self.options };
             self.planes.push(Canvas::new(self.volumes.clone(), &options, self.device.as_ref())?);
         }
         self.planes.iter_mut().for_each(|plane| plane.set_budgets(of_plane.0, of_plane.1));

@@ -222,7 +222,7 @@ impl VolumeView {
 }
 
 /// Shows the label that was picked alone; once more shows all.
-fn isolation(seen: &Seen<'_>, picked: &Picked) -> Option<Command> {
+pub(crate) fn isolation(seen: &Seen<'_>, picked: &Picked) -> Option<Command> {
     let (layer, label) = (picked.pick.layer, picked.label?);
     let is_alone = seen.state.scene.layers.get(layer)?.show_labels == Some(vec![label]);
     let shown = if is_alone { json!(null) } else { json!([label]) };

@@ -392,8 +392,15 @@ impl Window {
             return None;
         }
         egui::Panel::top("menu").show(ui, |ui| {
-            let files = panels::menu::Files { recent: self.recent.paths(), has_volumes, wanted: &mut wanted };
-            panels::menu::show(ui, state, self.history.can(), (budgets, files), commands);
+            let subject = panels::menu::Subject {
+                recent: self.recent.paths(),
+                has_volumes,
+                is_patient: self.state.scene.is_anatomical(&self.places()),
+                history: self.history.can(),
+                budgets,
+                wanted: &mut wanted,
+            };
+            panels::menu::show(ui, state, subject, commands);
         });
         if let Some(kind) = wanted {
             self.show_dialog(kind);

@@ -1,60 +1,73 @@
 //! The menu: files, edits, and what the window is like.
 
 use crate::command::{Command, PictureForm};
-use crate::keys::{PICTURE_FILE, SCENE_FILE};
+use crate::keys::{self, PICTURE_FILE, SCENE_FILE};
 use crate::panels::dialogs::DialogKind;
 use crate::state::{Budgets, Layout, PlaneFilter, State, Theme, Tool};
 use eframe::egui::{Button, DragValue, MenuBar, Slider, Ui};
 use std::path::PathBuf;
 
-/// What the menu has of files.
-pub(crate) struct Files<'a> {
+/// What the menu is about.
+pub(crate) struct Subject<'a> {
     /// What was opened last, newest first.
     pub(crate) recent: &'a [PathBuf],
     /// Whether there is something to add to, and to save.
     pub(crate) has_volumes: bool,
+    /// Whether it is a patient.
+    pub(crate) is_patient: bool,
+    /// Whether an edit can be undone, and one be done again.
+    pub(crate) history: (bool, bool),
+    /// The limits of memory now.
+    pub(crate) budgets: Budgets,
     /// A dialog that is asked for.
     pub(crate) wanted: &'a mut Option<DialogKind>,
 }
 
-/// Shows the menu. `can_undo` and `can_redo` say what is to be had of edits; `budgets` are the limits of memory now.
-pub(crate) fn show(
-    ui: &mut Ui,
-    state: &mut State,
-    (can_undo, can_redo): (bool, bool),
-    (budgets, of_files): (Budgets, Files),
-    commands: &mut Vec<Command>,
-) {
+/// An entry with the key that does the same.
+fn entry<'a>(ui: &Ui, text: impl Into<String>, effect: &str) -> Button<'a> {
+    Button::new(text.into()).shortcut_text(keys::shown(ui.ctx(), effect))
+}
+
+/// The name of something that a key switches, with the key.
+fn switch(ui: &Ui, name: &str, effect: &str) -> String {
+    format!("{name} ({})", keys::shown(ui.ctx(), effect))
+}
+
+/// Shows the menu.
+pub(crate) fn show(ui: &mut Ui, state: &mut State, subject: Subject<'_>, commands: &mut Vec<Command>) {
+    let Subject { is_patient, history: (can_undo, can_redo), budgets, .. } = subject;
     MenuBar::new().ui(ui, |ui| {
-        ui.menu_button("File", |ui| files(ui, of_files, commands));
+        ui.menu_button("File", |ui| files(ui, subject, commands));
         ui.menu_button("Edit", |ui| {
-            if ui.add_enabled(can_undo, Button::new("Undo")).clicked() {
-                commands.push(Command::Undo);
-            }
-            if ui.add_enabled(can_redo, Button::new("Redo")).clicked() {
-                commands.push(Command::Redo);
+            for (text, effect, can, command) in
+                [("Undo", "undo", can_undo, Command::Undo), ("Redo", "redo", can_redo, Command::Redo)]
+            {
+                let entry = entry(ui, text, effect);
+                if ui.add_enabled(can, entry).clicked() {
+                    commands.push(command);
+                }
             }
             if ui.add_enabled(!state.window.distances.is_empty(), Button::new("Remove distances")).clicked() {
                 state.window.distances.clear();
             }
         });
-        ui.menu_button("View", |ui| view(ui, state));
+        ui.menu_button("View", |ui| view(ui, state, is_patient));
         ui.menu_button("Window", |ui| window(ui, state, budgets));
         ui.separator();
         for (tool, name, effect) in [
             (Tool::Turn, "turn", "dragging turns the view around what is under the pointer"),
-            (Tool::Fly, "fly", "W A S D, E and Q move the eye, dragging looks around"),
-            (Tool::Distance, "measure", "two clicks measure a distance"),
+            (Tool::Fly, "fly", "W A S D, E and Q move the eye, dragging looks around (Tab)"),
+            (Tool::Distance, "measure", "two clicks measure a distance (M)"),
         ] {
             ui.selectable_value(&mut state.window.tool, tool, name).on_hover_text(effect);
         }
         ui.separator();
-        ui.toggle_value(&mut state.window.help, "help");
+        ui.toggle_value(&mut state.window.help, "help").on_hover_text("all keys, and what the pointer does (H)");
     });
 }
 
-fn files(ui: &mut Ui, files: Files, commands: &mut Vec<Command>) {
-    let Files { recent, has_volumes, wanted } = files;
+fn files(ui: &mut Ui, subject: Subject<'_>, commands: &mut Vec<Command>) {
+    let Subject { recent, has_volumes, wanted, .. } = subject;
     if ui.button("Open...").clicked() {
         *wanted = Some(DialogKind::Open);
     }
@@ -73,10 +86,12 @@ fn files(ui: &mut Ui, files: Files, commands: &mut Vec<Command>) {
     });
     ui.separator();
     ui.add_enabled_ui(has_volumes, |ui| {
-        if ui.button(format!("Save picture ({PICTURE_FILE})")).clicked() {
+        let picture = entry(ui, format!("Save picture ({PICTURE_FILE})"), "save the picture");
+        if ui.add(picture).clicked() {
             commands.push(Command::SavePicture(PICTURE_FILE.into(), PictureForm::default()));
         }
-        if ui.button(format!("Save scene ({SCENE_FILE})")).clicked() {
+        let scene = entry(ui, format!("Save scene ({SCENE_FILE})"), "save the scene");
+        if ui.add(scene).clicked() {
             commands.push(Command::SaveScene(SCENE_FILE.into()));
         }
         for (text, kind) in [
@@ -90,15 +105,17 @@ fn files(ui: &mut Ui, files: Files, commands: &mut Vec<Command>) {
         }
     });
     ui.separator();
-    if ui.button("Quit").clicked() {
+    let quit = entry(ui, "Quit", "quit");
+    if ui.add(quit).clicked() {
         commands.push(Command::Quit);
     }
 }
 
-fn view(ui: &mut Ui, state: &mut State) {
+fn view(ui: &mut Ui, state: &mut State, is_patient: bool) {
     let window = &mut state.window;
     ui.radio_value(&mut window.layout, Layout::Single, "the volume alone");
-    ui.radio_value(&mut window.layout, Layout::Planes, "three slices beside it");
+    let planes = switch(ui, "three slices beside it", "three slices beside the volume");
+    ui.radio_value(&mut window.layout, Layout::Planes, planes);
     ui.add_enabled_ui(window.layout == Layout::Planes, |ui| {
         ui.checkbox(&mut window.planes.gray, "slices in gray");
         ui.label("voxels of slices");
@@ -108,17 +125,20 @@ fn view(ui: &mut Ui, state: &mut State) {
     });
     ui.separator();
     let overlays = &mut window.overlays;
-    for (is_shown, name) in [
-        (&mut overlays.outline, "box"),
-        (&mut overlays.ticks, "ticks"),
-        (&mut overlays.axes, "axes"),
-        (&mut overlays.scale_bar, "scale bar"),
-        (&mut overlays.color_bar, "colour bar"),
-        (&mut overlays.clip_handles, "handles of the clip box"),
-        (&mut overlays.bricks, "bricks"),
-        (&mut overlays.letters, "letters of a patient's sides on slices"),
+    for (is_shown, name, has_key) in [
+        (&mut overlays.outline, "box", false),
+        (&mut overlays.ticks, "ticks", true),
+        (&mut overlays.axes, "axes", true),
+        (&mut overlays.scale_bar, "scale bar", true),
+        (&mut overlays.color_bar, "colour bar", false),
+        (&mut overlays.clip_handles, "handles of the clip box", false),
+        (&mut overlays.bricks, "bricks", false),
     ] {
+        let name = if has_key { switch(ui, name, name) } else { name.into() };
         ui.checkbox(is_shown, name);
+    }
+    if is_patient {
+        ui.checkbox(&mut overlays.letters, "letters of the patient's sides on slices");
     }
 }
 
@@ -140,7 +160,8 @@ fn window(ui: &mut Ui, state: &mut State, budgets: Budgets) {
     ui.checkbox(&mut window.panels, "panels (F10)")
         .on_hover_text("without them the pictures alone; F10 brings them back");
     ui.checkbox(&mut window.fullscreen, "the whole screen (F11)");
-    ui.checkbox(&mut window.diagnostics, "diagnostics");
+    let diagnostics = switch(ui, "diagnostics", "diagnostics");
+    ui.checkbox(&mut window.diagnostics, diagnostics);
     ui.radio_value(&mut window.theme, Theme::Dark, "dark");
     ui.radio_value(&mut window.theme, Theme::Light, "light");
 }
@@ -149,17 +170,28 @@ fn window(ui: &mut Ui, state: &mut State, budgets: Budgets) {
 mod tests {
     use super::*;
     use egui_kittest::Harness;
-    use egui_kittest::kittest::Queryable;
+    use egui_kittest::kittest::{NodeT, Queryable};
 
     /// What clicks, one after the other, make of a window's state, and the commands that they give.
     fn clicked(labels: &[&str]) -> (State, Vec<Command>) {
         let show = |ui: &mut Ui, (state, commands): &mut (State, Vec<Command>)| {
-            let files = Files { recent: &["/no/such.zarr".into(), "/".into()], has_volumes: true, wanted: &mut None };
-            super::show(ui, state, (true, false), (Budgets { gpu: 1024, host: 2048 }, files), commands);
+            let subject = Subject {
+                recent: &["/no/such.zarr".into(), "/".into()],
+                has_volumes: true,
+                is_patient: false,
+                history: (true, false),
+                budgets: Budgets { gpu: 1024, host: 2048 },
+                wanted: &mut None,
+            };
+            super::show(ui, state, subject, commands);
         };
         let mut harness = Harness::new_ui_state(show, (State::default(), Vec::new()));
         for label in labels {
-            harness.get_by_label(label).click();
+            let find = |node: &egui_kittest::Node<'_>| {
+                let name = node.accesskit_node().label().unwrap_or_default();
+                name == *label || name.strip_prefix(label).is_some_and(|key| key.starts_with([' ', '(']))
+            };
+            harness.get_all_by(|_| true).find(find).unwrap_or_else(|| panic!("no {label}")).click();
             harness.run();
         }
         harness.state().clone()

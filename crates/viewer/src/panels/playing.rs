@@ -90,9 +90,9 @@ fn how(ui: &mut Ui, play: &mut Play) {
     switch(ui, "curve", hint, &mut play.curve);
 }
 
-/// Which step it is, of how many, when it was taken, and the values of a curve there.
+/// Which step it is, and which is the last (as napari says it), when it was taken, and the values of a curve there.
 fn words(time: u32, steps: &Steps<'_>) -> String {
-    let mut words = format!("step {time} of 0 to {}", steps.timeline.steps() - 1);
+    let mut words = format!("step {time} / {}", steps.timeline.steps() - 1);
     // Writing to a string cannot fail.
     let _ = steps.timeline.axis().map(|axis| write!(words, ", {}", axis.in_words(axis.at(time))));
     let Some(curve) = steps.curve else { return words };
@@ -207,7 +207,7 @@ mod tests {
         let mut harness = harness();
         harness.run();
         assert_eq!(*harness.state(), (7, Play::default()));
-        assert!(harness.query_by_label("step 7 of 0 to 99, 3.5 s").is_some());
+        assert!(harness.query_by_label("step 7 / 99, 3.5 s").is_some());
     }
 
     #[test]
