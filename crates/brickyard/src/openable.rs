@@ -38,6 +38,20 @@ pub fn is_mesh(path: &Path) -> bool {
     ["stl", "ply", "obj", "gltf", "glb"].contains(&extension.as_str())
 }
 
+/// Whether a file has the name of one that is opened: a volume, a mesh or a scene. Slices of DICOM may have no extension, or a number.
+pub fn has_known_name(path: &Path) -> bool {
+    const KNOWN: [&str; 18] = [
+        "raw", "bin", "dat", "npy", "nii", "hdr", "img", "tif", "tiff", "btf", "tf8", "ome", "stk", "lsm", "dcm",
+        "dicom", "ima", "json",
+    ];
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    let plain = [".nii.gz", ".hdr.gz", ".img.gz"].iter().any(|end| name.ends_with(end));
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+    let is_known =
+        |extension: &String| KNOWN.contains(&extension.as_str()) || extension.bytes().all(|byte| byte.is_ascii_digit());
+    plain || is_mesh(path) || extension.is_none_or(|extension| is_known(&extension))
+}
+
 /// Opens a store, or else files: one, a folder of planes or slices, or several that are time steps or planes. `options` are for files alone. A compressed file that
 /// cannot be sought in is inflated first, which takes as long as that does; all others take milliseconds.
 ///
@@ -73,6 +87,17 @@ mod tests {
 
     fn problem(path: &Path) -> String {
         open(&[path.to_owned()], &OpenOptions::default()).err().expect("nothing to show").to_string()
+    }
+
+    #[test]
+    fn names_tell_what_may_be_opened() {
+        for name in ["a.nii.gz", "A.TIF", "set.companion.ome", "IM0001", "slice.12", "bone.stl", "look.json", "a.b.raw"]
+        {
+            assert!(has_known_name(Path::new(name)), "{name}");
+        }
+        for name in ["notes.txt", "a.tar.gz", "report.pdf", "a.zarr.packing"] {
+            assert!(!has_known_name(Path::new(name)), "{name}");
+        }
     }
 
     #[test]

@@ -70,8 +70,12 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
         1 => (files, time),
         _ => in_order(&files, &time, &input)?,
     };
-    let mut appender = None;
+    let (mut input, mut appender) = (input, None);
     for (i, file) in files.iter().enumerate() {
+        if i > 0 && input.held_as.is_none() {
+            // The first file has made the store.
+            input.held_as = held_as(Store::open(&settings.store).ok().as_ref());
+        }
         let source = import::open(std::slice::from_ref(file), &input);
         let source = source.map_err(|error| store_errors::import_failure(&error));
         let appended = source.and_then(|source| settings.append(appender, &*source, file, time.get(i).copied()));
@@ -88,15 +92,23 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
 fn step_options(store: &Path, settings: &StoreSettings, options: OpenOptions) -> Result<OpenOptions, Failure> {
     let opened = Store::open(store).ok();
     let known = opened.as_ref().map(Store::info);
-    let nodata = known.and_then(|info| info.nodata.map(|nodata| nodata as f64).or(info.blanked));
-    if let Some(value) = nodata.filter(|_| options.nodata == NoData::None) {
+    if let Some(value) = opened.as_ref().and_then(nodata_of).filter(|_| options.nodata == NoData::None) {
         let path = store.display();
         let problem = format!("--nodata none: in {path} voxels of {value} have no data, in all steps: leave it out");
         return Err(Failure::usage(problem));
     }
     let are_labels = settings.are_labels() || known.is_some_and(|info| info.kind == Kind::Labels);
-    let held_as = opened.as_ref().map(|store| HeldAs { voxel_type: store.voxel_type(), nodata });
-    Ok(OpenOptions { are_labels, held_as, ..options })
+    Ok(OpenOptions { are_labels, held_as: held_as(opened.as_ref()), ..options })
+}
+
+/// How a store's steps hold their voxels.
+fn held_as(store: Option<&Store>) -> Option<HeldAs> {
+    store.map(|store| HeldAs { voxel_type: store.voxel_type(), nodata: nodata_of(store) })
+}
+
+/// The value of a store's voxels that hold no data, if there is one.
+fn nodata_of(store: &Store) -> Option<f64> {
+    store.info().nodata.map(|nodata| nodata as f64).or(store.info().blanked)
 }
 
 /// Files in the order of their steps, each with its time if there are any: what packing them at once would take for it.

@@ -27,6 +27,7 @@ mod file_order;
 mod files;
 mod folder;
 mod foreign;
+mod gzip;
 mod losses;
 mod mapped;
 #[cfg(feature = "mesh")]

@@ -9,6 +9,7 @@ mod placement;
 use crate::axes::Sizes;
 use crate::element::{Decode, Element, Scale};
 use crate::error::ImportError;
+use crate::gzip::GzipMembers;
 use crate::losses::Losses;
 use crate::mapped::MappedFile;
 use crate::options::OpenOptions;
@@ -17,7 +18,6 @@ use crate::series::StepFile;
 use crate::source::{Access, SourceInfo};
 use crate::stamp::Stamp;
 use brickyard_volume::VoxelType;
-use flate2::read::MultiGzDecoder;
 use header::Header;
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
@@ -161,7 +161,7 @@ pub(crate) fn pair_of(path: &Path) -> (PathBuf, PathBuf) {
 /// A file, inflated while it is read if it starts like gzip.
 enum Stream {
     Plain(BufReader<File>),
-    Gzip(MultiGzDecoder<BufReader<File>>),
+    Gzip(GzipMembers<BufReader<File>>),
 }
 
 impl Stream {
@@ -170,7 +170,7 @@ impl Stream {
         let file = File::open(path).map_err(ImportError::io(path))?;
         let mut file = BufReader::with_capacity(1 << 18, file);
         let start = file.fill_buf().map_err(ImportError::io(path))?;
-        Ok(if start.starts_with(&[0x1f, 0x8b]) { Self::Gzip(MultiGzDecoder::new(file)) } else { Self::Plain(file) })
+        Ok(if start.starts_with(&[0x1f, 0x8b]) { Self::Gzip(GzipMembers::new(file)) } else { Self::Plain(file) })
     }
 }
 

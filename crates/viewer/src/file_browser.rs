@@ -1,7 +1,8 @@
-//! A list of the files and folders of a folder, to choose one that is opened: a store, a file, or a folder of planes or slices. A folder is read when it is entered.
+//! A list of the files and folders of a folder, to choose one that is opened: a store, a file, or a folder of planes or slices. A folder is read when it is entered. Files
+//! that nothing opens, by their names, are left out unless they are asked for.
 
 use crate::keys::SCENE_FILE;
-use brickyard::openable::is_store;
+use brickyard::openable::{has_known_name, is_store};
 use eframe::egui::{self, Ui};
 use std::path::{Path, PathBuf};
 
@@ -12,6 +13,10 @@ pub(crate) struct FileBrowser {
     entries: Result<Vec<Entry>, String>,
     /// The path that is typed.
     typed: String,
+    /// What is looked for in the names.
+    sought: String,
+    /// Whether files are listed, too, that nothing opens by their names.
+    has_all: bool,
 }
 
 #[derive(Debug, PartialEq)]
@@ -31,7 +36,13 @@ enum EntryKind {
 impl FileBrowser {
     /// Shows a folder at first.
     pub(crate) fn new(folder: &Path) -> Self {
-        let mut browser = Self { folder: PathBuf::new(), entries: Ok(Vec::new()), typed: String::new() };
+        let mut browser = Self {
+            folder: PathBuf::new(),
+            entries: Ok(Vec::new()),
+            typed: String::new(),
+            sought: String::new(),
+            has_all: false,
+        };
         browser.enter(folder);
         browser
     }
@@ -42,6 +53,7 @@ impl FileBrowser {
         self.folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
         self.entries = entries(&self.folder).map_err(|error| format!("{}: {error}", self.folder.display()));
         self.typed = self.folder.display().to_string();
+        self.sought.clear();
     }
 
     /// Goes to what was clicked or typed: into a folder, else it is chosen.
@@ -51,6 +63,12 @@ impl FileBrowser {
             return None;
         }
         Some(path)
+    }
+
+    /// Whether an entry is among those that are asked for.
+    fn lists(&self, entry: &Entry) -> bool {
+        let is_known = entry.kind != EntryKind::File || has_known_name(&entry.path);
+        (self.has_all || is_known) && entry.name.to_lowercase().contains(&self.sought.to_lowercase())
     }
 
     /// Shows the list. Returns what was chosen.
@@ -66,13 +84,27 @@ impl FileBrowser {
                 target = Some(self.folder.join(&self.typed));
             }
         });
+        ui.horizontal(|ui| {
+            let field = egui::TextEdit::singleline(&mut self.sought).hint_text("find a name").desired_width(200.0);
+            ui.add(field);
+            let hint = "also those whose names are of no format that is read; a file of numbers may have any name";
+            ui.checkbox(&mut self.has_all, "all files").on_hover_text(hint);
+        });
         ui.separator();
         egui::ScrollArea::vertical().auto_shrink(false).max_height(360.0).show(ui, |ui| match &self.entries {
             Err(problem) => {
                 ui.colored_label(ui.visuals().error_fg_color, problem);
             }
             Ok(entries) => {
-                for entry in entries {
+                let shown: Vec<_> = entries.iter().filter(|entry| self.lists(entry)).collect();
+                if shown.is_empty() {
+                    ui.weak(if entries.is_empty() {
+                        "an empty folder"
+                    } else {
+                        "none of such a name; see \"all files\""
+                    });
+                }
+                for entry in shown {
                     let words = match entry.kind {
                         EntryKind::Folder => format!("{}/", entry.name),
                         EntryKind::Store => format!("{} (store)", entry.name),
@@ -131,6 +163,19 @@ mod tests {
         let names: Vec<_> = browser.entries.as_ref().unwrap().iter().map(|e| (&*e.name, e.kind)).collect();
         let expected = [("z-scans", EntryKind::Folder), ("brain.zarr", EntryKind::Store), ("a.tif", EntryKind::File)];
         assert_eq!(names, expected);
+        let listed = |browser: &FileBrowser| {
+            let entries = browser.entries.as_ref().unwrap().iter();
+            entries.filter(|entry| browser.lists(entry)).map(|entry| entry.name.clone()).collect::<Vec<_>>()
+        };
+        std::fs::write(root.join("Notes.txt"), "").unwrap();
+        browser.enter(root);
+        assert_eq!(listed(&browser), ["z-scans", "brain.zarr", "a.tif"]);
+        browser.has_all = true;
+        browser.sought = "no".into();
+        assert_eq!(listed(&browser), ["Notes.txt"]);
+        browser.has_all = false;
+        browser.sought = "BRAIN".into();
+        assert_eq!(listed(&browser), ["brain.zarr"]);
         assert_eq!(browser.go(root.join("brain.zarr")), Some(root.join("brain.zarr")));
         assert_eq!(browser.go(root.join("z-scans")), None);
         assert_eq!((browser.folder.clone(), browser.entries.as_ref().unwrap().len()), (root.join("z-scans"), 0));

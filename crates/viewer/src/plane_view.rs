@@ -12,7 +12,7 @@ use crate::state::Tool;
 use crate::volume_view::{Seen, isolation, whole_pixels};
 use brickyard::session::SessionError;
 use brickyard::volume::numbers::within_span;
-use brickyard::volume::{Camera, Slice};
+use brickyard::volume::{Camera, ClipPlane, Slice};
 use eframe::egui::{Align2, Color32, Event, MouseWheelUnit, PointerButton, Pos2, Response, Sense, Stroke, Ui, vec2};
 use glam::DVec3;
 use serde_json::json;
@@ -196,7 +196,21 @@ fn distances(
     }
 }
 
-/// Draws the lines in which the other slices cross this one, what the clip box leaves, and what the slice is.
+/// The line in which a clip plane crosses a slice, as far as a box with these corners may reach; `None` if it does not cross it there.
+fn trace(plane: &ClipPlane, slice: &Slice, (low, high): (DVec3, DVec3)) -> Option<[DVec3; 2]> {
+    // What of the plane's normal lies in the slice points across the line.
+    let across = plane.normal - slice.normal * plane.normal.dot(slice.normal);
+    let reach = low.distance(high);
+    let is_crossed = across.length() > 1e-6 * plane.normal.length();
+    // From the middle, so that the line's ends are as far as the box is.
+    let middle = 0.5 * (low + high);
+    let middle = middle - slice.normal * slice.normal.dot(middle - slice.point);
+    let foot = middle - across * (plane.height(middle) / across.length_squared());
+    let along = slice.normal.cross(across).normalize_or_zero() * reach;
+    (is_crossed && foot.distance(middle) <= reach).then_some([foot - along, foot + along])
+}
+
+/// Draws the lines in which the other slices cross this one, what the clip box leaves, where clip planes cross it, and what the slice is.
 fn decorate(lens: &Lens, grid: &Grid, (axis, point): (usize, DVec3), camera: &Camera, seen: &Seen<'_>) {
     let voxel = grid.voxel_at(point);
     for other in (0..3).filter(|&other| other != axis) {
@@ -210,10 +224,17 @@ fn decorate(lens: &Lens, grid: &Grid, (axis, point): (usize, DVec3), camera: &Ca
         let color = AXIS_COLORS[other].gamma_multiply(0.8);
         lens.line(end(0.0), end(f64::from(grid.extent[along])), Stroke::new(1.0, color));
     }
+    let of_clips = Stroke::new(1.0, Color32::from_rgb(240, 150, 40));
     if let Some(clip) = seen.state.scene.clip {
-        lens.edges((clip[0], clip[1]), Stroke::new(1.0, Color32::from_rgb(240, 150, 40)));
+        lens.edges((clip[0], clip[1]), of_clips);
     }
     let Some(world) = &seen.world else { return };
+    let slice = grid.slice(axis, point, 0.0);
+    for plane in &seen.state.scene.clip_planes {
+        if let Some([from, to]) = trace(plane, &slice, world.corners) {
+            lens.line(from, to, of_clips);
+        }
+    }
     if seen.state.window.overlays.letters && world.is_anatomical {
         overlay::letters(lens);
     }
@@ -224,4 +245,27 @@ fn decorate(lens: &Lens, grid: &Grid, (axis, point): (usize, DVec3), camera: &Ca
     let text = format!("{}  {at} / {}", grid.name(axis), count - 1);
     let corner: Pos2 = lens.area.left_top() + vec2(8.0, 6.0);
     lens.text(corner, Align2::LEFT_TOP, &text, 13.0, AXIS_COLORS[axis]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clip_plane_is_a_line_in_the_slices_that_it_crosses() {
+        let corners = (DVec3::new(-2.0, 0.0, 0.0), DVec3::new(8.0, 6.0, 4.0));
+        let slice = Slice { point: DVec3::new(1.0, 1.0, 3.0), normal: DVec3::new(0.0, 0.0, -1.0), thickness: 0.0 };
+        let plane =
+            |normal: [f64; 3]| ClipPlane { point: DVec3::new(2.0, 3.0, 1.0), normal: DVec3::from_array(normal) };
+        for normal in [[1.0, 0.0, 0.0], [0.3, -2.0, 0.0], [1.0, 1.0, 0.5]] {
+            let line = trace(&plane(normal), &slice, corners).expect("it is crossed");
+            for end in line {
+                assert!(plane(normal).height(end).abs() < 1e-9 && (end.z - 3.0).abs() < 1e-9, "{normal:?}: {end}");
+            }
+            assert!(line[0].distance(line[1]) > 2.0 * 11.0);
+        }
+        assert_eq!(trace(&plane([0.0, 0.0, 2.0]), &slice, corners), None);
+        // Across far beside the box.
+        assert_eq!(trace(&plane([0.01, 0.0, 1.0]), &slice, corners), None);
+    }
 }

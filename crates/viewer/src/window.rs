@@ -76,6 +76,8 @@ pub(crate) struct Window {
     plane_views: [PlaneView; 3],
     measuring: Measuring,
     curves: CurveReader,
+    /// The volume and voxel that the pointer was at last.
+    pointed: Option<(usize, [u32; 3])>,
     script: Script,
     /// Why the script was ended, once it was.
     failure: Option<String>,
@@ -137,6 +139,7 @@ impl Window {
             plane_views: Default::default(),
             measuring: Measuring::default(),
             curves: CurveReader::default(),
+            pointed: None,
             script,
             failure: None,
             keeper,
@@ -345,12 +348,17 @@ impl Window {
     /// The values over time of the voxel under the pointer, if they are asked for; of the last one that there was, where there is none or
     /// pictures change.
     fn value_curve(&mut self, egui: &egui::Context, play: &Play) -> Option<ValueCurve> {
+        // While pictures change below it, a pointer that rests stays with its voxel.
+        let is_new = !play.on || self.pointed.is_none();
+        if let Some(values) = self.picked().filter(|_| is_new).and_then(|picked| picked.pick.values.first()) {
+            self.pointed = Some((values.volume, values.probe.voxel));
+        }
         if !play.curve {
             return None;
         }
-        let picked = self.picked().filter(|_| !play.on).and_then(|picked| picked.pick.values.first());
-        if let Some((index, voxel)) = picked.map(|values| (values.volume, values.probe.voxel))
+        if let Some((index, voxel)) = self.pointed
             && let Some(volume) = self.views.volumes().get(index)
+            && voxel.iter().zip(volume.source.pyramid().levels()[0].extent.to_array()).all(|(at, count)| *at < count)
         {
             self.curves.read(egui, (index, volume), voxel);
         }
@@ -473,6 +481,7 @@ impl Window {
                     panels::slices::show(ui, &mut state.window.planes, &state.scene, self.views.volumes());
                 }
                 panels::layers::show(ui, &mut state.scene, self.views.volumes(), self.picked_label(), &mut saved);
+                panels::view::groups(ui, &mut state.scene, self.views.volumes());
             });
         });
         for function in saved {

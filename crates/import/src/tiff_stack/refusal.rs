@@ -9,15 +9,23 @@ use tiff::{TiffError, TiffFormatError, TiffUnsupportedError};
 pub(super) const AS_NUMBERS: &str = "write its pixels again as numbers of 8, 16, 32 or 64 bits: one a pixel, or red, \
                                     green and blue (tiff2rgba, ImageMagick)";
 
+/// What to do about a palette: labels often have one.
+const AS_INDICES: &str = "write its indices as plain numbers: in Fiji choose the lookup table Grays and save it again, in Python \
+                          tifffile.imwrite(OUT, tifffile.imread(IN))";
+
 /// The library's error as this crate's, after `what` could not be done.
 pub(super) fn refusal(path: &Path, what: &str, error: TiffError) -> ImportError {
     let invalid = |problem: &str| ImportError::invalid(path, format!("{what}: {problem}"));
     match error {
         TiffError::UnsupportedError(e) => {
-            ImportError::unsupported_but(path, format!("{what}: {}", feature_of(e)), AS_NUMBERS)
+            let is_palette =
+                matches!(e, TiffUnsupportedError::InterpretationWithBits(PhotometricInterpretation::RGBPalette, _));
+            let advice = if is_palette { AS_INDICES } else { AS_NUMBERS };
+            ImportError::unsupported_but(path, format!("{what}: {}", feature_of(e)), advice)
         }
         TiffError::FormatError(TiffFormatError::InconsistentSizesEncountered) => invalid(
-            "its directory has another number of strips, tiles or samples than follows from its sizes; tiffcp may write it anew",
+            "its directory has another number of strips, tiles or samples than follows from its sizes (a page of several slices, by ImageDepth, \
+             is not read: write a page for each); tiffcp may write it anew",
         ),
         TiffError::FormatError(TiffFormatError::StripTileTagConflict) => invalid(
             "its directory lacks the places or the lengths of strips or tiles, or has those of both; tiffcp may write it anew",

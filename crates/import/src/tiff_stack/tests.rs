@@ -471,10 +471,10 @@ fn packings_that_cannot_be_read_are_refused_at_opening() {
 fn pixels_and_directories_that_are_not_read_are_named() {
     for (tag, number, words) in [
         (258, 24, "write its pixels again as numbers of 8, 16, 32 or 64 bits"),
-        (262, 3, "a page: a palette of colours is not supported"),
+        (262, 3, "a page: a palette of colours is not supported; write its indices"),
         (262, 77, "PhotometricInterpretation"),
         (339, 5, "complex numbers"),
-        (278, 2, "another number of strips, tiles or samples than follows from its sizes; tiffcp"),
+        (278, 2, "another number of strips, tiles or samples than follows from its sizes (a page of several slices"),
     ] {
         let message = refusal(&with_tag(tag, number).1, &options());
         assert!(message.contains("a.tif: ") && message.contains(words), "{message}");

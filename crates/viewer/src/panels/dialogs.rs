@@ -110,7 +110,10 @@ impl Dialog {
             DialogKind::Open => self.choose(ui, Placing::Instead),
             DialogKind::Add => self.choose(ui, Placing::Beside),
             DialogKind::Describe(placing) => self.describe(ui, placing),
-            DialogKind::SavePicture => self.save_picture(ui, shown_px),
+            DialogKind::SavePicture => {
+                let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
+                self.save_picture(ui, shown_px, scene.is_anatomical(&places))
+            }
             DialogKind::SaveScene => self.save(ui, "Save scene").map(Command::SaveScene),
             DialogKind::Export => self.export(ui, Part::of(scene, volumes)),
         });
@@ -142,7 +145,12 @@ impl Dialog {
         ui.button("Open").clicked().then(|| Command::OpenAs(path, self.description.clone(), placing))
     }
 
-    fn save_picture(&mut self, ui: &mut Ui, (shown_width, shown_height): (u32, u32)) -> Option<Command> {
+    fn save_picture(
+        &mut self,
+        ui: &mut Ui,
+        (shown_width, shown_height): (u32, u32),
+        is_patient: bool,
+    ) -> Option<Command> {
         let (width, height) = &mut self.size_px;
         row(ui, "size", "in pixels", |ui, label| {
             for side in [&mut *width, &mut *height] {
@@ -158,7 +166,8 @@ impl Dialog {
         });
         row(ui, "over it", "what is drawn over the picture, as the window shows it", |ui, _| {
             ui.horizontal_wrapped(|ui| {
-                for (_, name, is_drawn) in self.marks.each() {
+                let marks = self.marks.each();
+                for (_, name, is_drawn) in marks.into_iter().filter(|(mark, ..)| is_patient || *mark != "letters") {
                     ui.checkbox(is_drawn, name);
                 }
             })
@@ -263,12 +272,12 @@ mod tests {
         click(&mut harness, "4x");
         assert!(harness.query_by_label_contains("it will be replaced").is_some());
         assert!(harness.state().stays);
-        for mark in ["box", "axes", "ticks", "letters"] {
+        for mark in ["box", "axes", "ticks"] {
             harness.get_by_role_and_label(Role::CheckBox, mark).click();
             harness.run();
         }
         click(&mut harness, "Save picture");
-        let marks = "ticks,scale_bar,color_bar,distances".parse().ok();
+        let marks = "ticks,scale_bar,color_bar,letters,distances".parse().ok();
         let form = PictureForm { size_px: Some((1200, 800)), marks };
         let expected = Command::SavePicture(folder.path().join(PICTURE_FILE), form);
         assert_eq!((harness.state().stays, &harness.state().command), (false, &Some(expected)));

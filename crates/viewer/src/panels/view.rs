@@ -63,12 +63,17 @@ impl<'a> World<'a> {
     }
 }
 
-/// Shows how a scene of these volumes is looked at. What moves the camera is added to `commands`.
+/// Shows the mode, side and time step of a scene of these volumes. What moves the camera is added to `commands`.
 pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], commands: &mut Vec<Command>) {
     let world = World::new(scene, volumes);
     modes(ui, scene, volumes);
     sides(ui, scene, &world, commands);
     time(ui, scene, volumes);
+}
+
+/// Shows what else there is to how a scene is looked at, in groups.
+pub(crate) fn groups(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
+    let world = World::new(scene, volumes);
     slice::show(ui, scene, volumes, &world);
     clipping::show(ui, scene, &world);
     light::show(ui, scene, volumes, &world);

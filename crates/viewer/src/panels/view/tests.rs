@@ -17,6 +17,7 @@ fn harness<'a>(scene: Scene) -> Harness<'a, Edited> {
     let mut before = scene.clone();
     let show = move |ui: &mut Ui, (scene, commands): &mut Edited| {
         show(ui, scene, &volumes, commands);
+        groups(ui, scene, &volumes);
         if *scene != before {
             fixture::check(scene, &volumes);
             before = scene.clone();
