@@ -18,13 +18,20 @@ const NUMBER_WIDTH: f32 = 52.0;
 /// Width of a rail on which there is anything to hit, in points.
 const LEAST_RAIL: f32 = 24.0;
 
+/// The room that a panel leaves for its scroll bar, in points.
+const SCROLL_BAR_WIDTH: f32 = 8.0;
+
 /// Shows what a panel has, from top to bottom, in exactly the room that the panel gives. What does not fit is cut off: egui would widen the panel by it, again in
 /// every frame if it fills the width that there is.
 pub(crate) fn within(ui: &mut Ui, content: impl FnOnce(&mut Ui)) {
     let area = ui.available_rect_before_wrap();
     let mut inside = ui.new_child(UiBuilder::new().max_rect(area));
     inside.shrink_clip_rect(area);
-    ScrollArea::vertical().auto_shrink(false).show(&mut inside, content);
+    ScrollArea::vertical().auto_shrink(false).show(&mut inside, |ui| {
+        // The bar comes and goes, and is over no control.
+        ui.set_max_width(ui.available_width() - SCROLL_BAR_WIDTH);
+        content(ui);
+    });
     ui.advance_cursor_after_rect(area);
 }
 
