@@ -473,7 +473,7 @@ impl Window {
     /// The panels beside the pictures, which are about volumes.
     fn side_panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) {
         let mut saved = Vec::new();
-        egui::Panel::left("scene").default_size(288.0).show(ui, |ui| {
+        egui::Panel::left("scene").default_size(292.0).show(ui, |ui| {
             panels::widgets::within(ui, |ui| {
                 panels::view::show(ui, &mut state.scene, self.views.volumes(), commands);
                 ui.separator();

@@ -19,7 +19,7 @@ const NUMBER_WIDTH: f32 = 52.0;
 const LEAST_RAIL: f32 = 24.0;
 
 /// The room that a panel leaves for its scroll bar, in points.
-const SCROLL_BAR_WIDTH: f32 = 8.0;
+const SCROLL_BAR_WIDTH: f32 = 12.0;
 
 /// Shows what a panel has, from top to bottom, in exactly the room that the panel gives. What does not fit is cut off: egui would widen the panel by it, again in
 /// every frame if it fills the width that there is.
