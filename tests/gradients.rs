@@ -218,3 +218,32 @@ fn gradients_beside_an_outlier_are_those_without_it() {
         }
     }
 }
+
+/// A gradient just across the view has two sides that are as near: the same one is lit by every renderer.
+#[test]
+fn gradients_across_the_view_are_lit_alike() {
+    let ramp = |_, _, [x, ..]: [u32; 3]| (10 + 7 * x) as u8;
+    let test = TestStore::pack(&FunctionSource::new(Extent::new(32, 32, 32), Geometry::default(), ramp), 16);
+    let even = TransferFunction {
+        color: vec![[0.0, 1.0, 1.0, 1.0]],
+        opacity: vec![[0.0, 0.1]],
+        unit_distance: 1.0,
+        ..TransferFunction::default()
+    };
+    let target = DVec3::splat(15.5);
+    let projection = Projection::Orthographic { height: 32.0 };
+    let camera = Camera { eye: target + DVec3::Z * 84.5, target, up: DVec3::Y, projection };
+    for lamp in [DVec3::new(1000.0, 15.5, 100.0), DVec3::new(-1000.0, 15.5, 100.0)] {
+        for model in [LightingModel::Phong, LightingModel::BlinnPhong, LightingModel::Tone] {
+            let lighting = Lighting { model, lights: vec![lamp], ..Lighting::default() };
+            let scene = Scene { camera: Some(camera), lighting, ..Scene::of(even.clone()) };
+            let expected = oracle(&test.store, &scene, (16, 16));
+            for way in WAYS {
+                let Some(mut session) = session(&test.store, way) else { continue };
+                let (found, _) = settled(&mut session, &scene, (16, 16));
+                let most = found.difference(&expected).max;
+                assert!(most <= 1, "{way:?}, {model:?}, {lamp}: {most}");
+            }
+        }
+    }
+}

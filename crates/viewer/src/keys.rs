@@ -102,8 +102,8 @@ fn switches() -> Vec<Shortcut> {
     let planes = |state: &State| if state.window.layout == Layout::Planes { "single" } else { "planes" };
     let other_tool = |state: &State, tool: Tool, name| if state.window.tool == tool { "turn" } else { name };
     vec![
-        switch(Modifiers::COMMAND, Key::Y, "three slices beside the volume", "window.layout", planes),
         switch(none, Key::P, "three slices beside the volume", "window.layout", planes),
+        switch(Modifiers::COMMAND, Key::Y, "three slices beside the volume", "window.layout", planes),
         shortcut(none, Key::O, "parallel rays, or perspective", |state| {
             let projection = state.scene.camera.map(|camera| camera.projection);
             Some(Command::Parallel(!matches!(projection, Some(Projection::Orthographic { .. }))))
