@@ -55,11 +55,11 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
         let (given, files) = (counted(time.len() as u64, "time"), counted(files.len() as u64, "file"));
         return Err(Failure::usage(format!("--time: expected one for each file, found {given} for {files}")));
     }
-    if input.says_stamps() {
+    let input = OpenOptions { is_step: files.len() > 1, ..step_options(&store, &settings, input.options())? };
+    if input.time_stamps.is_some() {
         let problem = "--time-stamps is for pack; append takes the times of its files as --time TIME[,TIME...]";
         return Err(Failure::usage(problem));
     }
-    let input = OpenOptions { is_step: files.len() > 1, ..step_options(&store, &settings, input.options())? };
     if !time.is_empty() && input.time_step.is_some() && input.held_as.is_some() {
         let problem =
             "--time-step with --time: steps of a store that is there are where --time says; leave --time-step out";

@@ -90,11 +90,6 @@ enum GapsArgument {
 }
 
 impl InputArguments {
-    /// Whether the times of all steps are in a file.
-    pub(crate) fn says_stamps(&self) -> bool {
-        self.time_stamps.is_some()
-    }
-
     /// The options for opening files.
     pub(crate) fn options(self) -> OpenOptions {
         OpenOptions {

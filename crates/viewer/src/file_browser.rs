@@ -13,7 +13,7 @@ pub(crate) struct FileBrowser {
     entries: Result<Vec<Entry>, String>,
     /// The path that is typed.
     typed: String,
-    /// What is looked for in the names.
+    /// Text to find in names.
     sought: String,
     /// Whether files are listed, too, that nothing opens by their names.
     has_all: bool,

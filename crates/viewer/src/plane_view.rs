@@ -198,7 +198,7 @@ fn distances(
 
 /// The line in which a clip plane crosses a slice, as far as a box with these corners may reach; `None` if it does not cross it there.
 fn trace(plane: &ClipPlane, slice: &Slice, (low, high): (DVec3, DVec3)) -> Option<[DVec3; 2]> {
-    // What of the plane's normal lies in the slice points across the line.
+    // The part of the plane's normal in the slice points across the line.
     let across = plane.normal - slice.normal * plane.normal.dot(slice.normal);
     let reach = low.distance(high);
     let is_crossed = across.length() > 1e-6 * plane.normal.length();

@@ -55,14 +55,27 @@ pub(crate) fn show(ui: &mut Ui, state: &mut State, subject: Subject<'_>, command
         ui.menu_button("Window", |ui| window(ui, state, budgets));
         ui.separator();
         for (tool, name, effect) in [
-            (Tool::Turn, "turn", "dragging turns the view around what is under the pointer"),
-            (Tool::Fly, "fly", "W A S D, E and Q move the eye, dragging looks around (Tab)"),
-            (Tool::Distance, "measure", "two clicks measure a distance (M)"),
+            (Tool::Turn, "turn", "dragging turns the view around what is under the pointer".into()),
+            (
+                Tool::Fly,
+                "fly",
+                switch(
+                    ui,
+                    "W A S D, E and Q move the eye, dragging looks around",
+                    "fly: W A S D, E and Q, drag to look around",
+                ),
+            ),
+            (
+                Tool::Distance,
+                "measure",
+                switch(ui, "two clicks measure a distance", "measure a distance by two clicks"),
+            ),
         ] {
             ui.selectable_value(&mut state.window.tool, tool, name).on_hover_text(effect);
         }
         ui.separator();
-        ui.toggle_value(&mut state.window.help, "help").on_hover_text("all keys, and what the pointer does (H)");
+        let hint = switch(ui, "all keys, and what the pointer does", "these keys");
+        ui.toggle_value(&mut state.window.help, "help").on_hover_text(hint);
     });
 }
 
@@ -157,9 +170,10 @@ fn window(ui: &mut Ui, state: &mut State, budgets: Budgets) {
         window.budgets_mib = Some(edited);
     }
     ui.separator();
-    ui.checkbox(&mut window.panels, "panels (F10)")
-        .on_hover_text("without them the pictures alone; F10 brings them back");
-    ui.checkbox(&mut window.fullscreen, "the whole screen (F11)");
+    let panels = switch(ui, "panels", "the pictures alone, or panels around them");
+    ui.checkbox(&mut window.panels, panels).on_hover_text("without them the pictures alone; F10 brings them back");
+    let fullscreen = switch(ui, "the whole screen", "the whole screen");
+    ui.checkbox(&mut window.fullscreen, fullscreen);
     let diagnostics = switch(ui, "diagnostics", "diagnostics");
     ui.checkbox(&mut window.diagnostics, diagnostics);
     ui.radio_value(&mut window.theme, Theme::Dark, "dark");
