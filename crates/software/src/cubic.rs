@@ -11,7 +11,7 @@ struct Sums {
     middle: f32,
     /// How much more than it the codes are.
     sum: f32,
-    /// What of the weight is valid.
+    /// The weight of the valid codes.
     valid: f32,
 }
 

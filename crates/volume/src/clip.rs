@@ -83,6 +83,9 @@ pub struct Clip {
 }
 
 impl Clip {
+    /// A box without bounds, and no planes.
+    const EVERYTHING: Self = Self { low: DVec3::NEG_INFINITY, high: DVec3::INFINITY, planes: Vec::new() };
+
     /// Clips to the box between two world corners, the lower one first, and to the inner sides of planes. Without corners (`None`)
     /// the box has no bounds.
     ///
@@ -114,8 +117,7 @@ impl Clip {
     ) -> Result<Option<Self>, ClipError> {
         let cropped = crop.map(|crop| Self::new(Some(crop), &[])).transpose()?;
         let Some(clip) = clip else { return Ok(cropped) };
-        let everywhere = Self { low: DVec3::NEG_INFINITY, high: DVec3::INFINITY, planes: Vec::new() };
-        let mut own = cropped.unwrap_or(everywhere);
+        let mut own = cropped.unwrap_or(Self::EVERYTHING);
         if placement.is_identity() {
             // A box that is empty shows nothing, as it should.
             own = Self { low: own.low.max(clip.low), high: own.high.min(clip.high), planes: clip.planes.clone() };
@@ -165,8 +167,7 @@ impl Clip {
     /// # Errors
     /// If a plane cannot be normalised.
     pub fn between(clip: Option<Self>, sides: &[ClipPlane; 2], placement: &Placement) -> Result<Self, ClipError> {
-        let everything = Self { low: DVec3::NEG_INFINITY, high: DVec3::INFINITY, planes: Vec::new() };
-        let mut clip = clip.unwrap_or(everything);
+        let mut clip = clip.unwrap_or(Self::EVERYTHING);
         let slab = Self::in_volume(Some(&Self::new(None, sides)?), placement, None)?;
         clip.planes.extend(slab.into_iter().flat_map(|slab| slab.planes));
         Ok(clip)

@@ -77,7 +77,7 @@ impl Slice {
         // Rounding moves the point that a ray samples, and on which side of a brick's border it is. The slab is twice as thick to
         // each side, so that it meets every brick that a sample may come from.
         let thinnest_voxels = thinnest_voxels(rays, geometry, extent);
-        let thinnest = thinnest_voxels * (normal * geometry.spacing).length();
+        let thinnest = self.thinnest(rays, geometry, extent);
         let half = 0.5 * self.thickness.max(thinnest);
         // By as much again, so that all of it is further above the plane than rounding moves a point.
         let above = match placement.filter(|_| self.thickness <= thinnest) {
@@ -89,8 +89,12 @@ impl Slice {
 
     /// Whether the slice is as thin as can be for a picture of this volume with these rays.
     pub fn is_thinnest(&self, rays: &ViewRays, geometry: &Geometry, extent: Extent) -> bool {
-        let normal = self.normal.normalize_or_zero();
-        self.thickness <= thinnest_voxels(rays, geometry, extent) * (normal * geometry.spacing).length()
+        self.thickness <= self.thinnest(rays, geometry, extent)
+    }
+
+    /// The thickness of the thinnest slab with this normal, in units of the volume's own world.
+    fn thinnest(&self, rays: &ViewRays, geometry: &Geometry, extent: Extent) -> f64 {
+        thinnest_voxels(rays, geometry, extent) * (self.normal.normalize_or_zero() * geometry.spacing).length()
     }
 
     /// An orthographic camera that looks straight at all of the slice, in a picture of this size, with `up` as far up as the plane
