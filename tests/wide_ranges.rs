@@ -63,7 +63,16 @@ fn subjects() -> Vec<Subject> {
         [_, 10..14, 12..20] | [3, 4, 5] => f32::NAN,
         _ => with_outliers(v),
     };
+    // As netCDF fills what nobody has measured.
+    let fill = |v: [u32; 3]| if v[0] < 30 { waves(v) as f32 } else { 9.969_21e36 };
+    let both_ways = |v: [u32; 3]| match v[1] {
+        9 => 2_000_000_000,
+        21 => -1_000_000_000,
+        _ => (20.0 * waves(v)) as i32,
+    };
     vec![
+        of("a fill", pack(fill), [0.2, 0.8]),
+        of("integers both ways", pack(both_ways), [0.0, 20.0]),
         of("outliers", pack(with_outliers), [0.2, 0.8]),
         of("labels", pack(label), [69_999.5, 70_001.5]),
         of("the least integers", pack(least), [i32::MIN as f64, i32::MIN as f64 + 20.0]),
@@ -99,6 +108,9 @@ fn scenes(source: usize, window: [f64; 2]) -> Vec<(&'static str, Scene)> {
     };
     let in_mode = |mode| Scene { mode, ..fog.clone() };
     let sampled = |method, filter| Scene { sampling: Sampling { method, filter, ..fog.sampling }, ..fog.clone() };
+    let slight = [0.1, 0.6].map(|part| part * (high - low));
+    let flat = TransferFunction { gradient_opacity: vec![[slight[0], 1.0], [slight[1], 0.0]], ..ramp(window) };
+    let by_gradient = vec![SceneLayer { source: Some(source), ..flat.into() }];
     let lit = Lighting { model: LightingModel::Phong, ..Lighting::default() };
     let surfaces = vec![Isosurface { opacity: 0.5, ..Isosurface::at(0.5 * (low + high)) }, Isosurface::at(high)];
     let cut = vec![SceneLayer { isosurfaces: surfaces, ..layer.clone() }];
@@ -106,6 +118,7 @@ fn scenes(source: usize, window: [f64; 2]) -> Vec<(&'static str, Scene)> {
     let slice = Slice { point: DVec3::new(20.0, 16.0, 13.3), normal: DVec3::new(0.1, 0.2, 1.0), thickness: 0.0 };
     vec![
         ("fog", fog.clone()),
+        ("what is flat", Scene { layers: by_gradient, ..fog.clone() }),
         ("lit fog", Scene { lighting: lit, ..fog.clone() }),
         ("pre-integrated", sampled(Method::Plvs, Filter::Trilinear)),
         ("splines", sampled(Method::Udvr, Filter::Tricubic)),

@@ -36,12 +36,26 @@ const MARGIN: f64 = 1.0 / 64.0;
 const FEW_8: f64 = 128.0;
 const FEW_16: f64 = 512.0;
 
+/// The narrowest code, below which numbers in slots are none that all GPUs tell from 0, and the least unit, a multiple of whose inverse is an
+/// f32. Windows of less than 65,536 such codes have fewer.
+const LEAST_CODE: f64 = 1e-36;
+const LEAST_UNIT: f64 = 1e-35;
+
 /// How many windows the unit of stored gradients is at most: then a thousandth of the window is still a normal half float. Of
 /// data that are spread over more than some 130,000 windows, steeper gradients are stored as less steep ones.
 const MOST_WIDTHS: f64 = 1024.0;
 
-/// How many codes a sample of f32 slots can be away from the transfer table's first code, so that no product of two overflows.
-pub const FARTHEST_CODES: f32 = 1e12;
+/// How many codes a sample of f32 slots can be away from the transfer table's first code, so that neither products of two overflow nor squares
+/// of what a Sobel operator or a step of many voxels makes of them.
+pub const FARTHEST_CODES: f32 = 1e16;
+
+/// The limits of slots that hold every value as it is.
+const ALL: [f64; 2] = [-MOST, MOST];
+
+/// Distance from the window, in units, at which slots clamp what is farther. They do so voxel by voxel, so that samples beside an outlier rise as
+/// evenly as elsewhere, which samples that are clamped themselves do not: no more than [`FARTHEST_CODES`], as a unit is at most 64 times
+/// [`MOST_WIDTHS`] windows and a window at most 65,536 codes.
+const FARTHEST_UNITS: f64 = FARTHEST_CODES as f64 / (64.0 * MOST_WIDTHS * 65536.0);
 
 impl FloatSlots {
     /// The slots for a window of a channel of this type, whose values are `spread` apart at most.
@@ -49,7 +63,18 @@ impl FloatSlots {
         let [least, greatest] = window.map(|value| within(voxel_type, value));
         let base = if voxel_type == VoxelType::F32 { 0.0 } else { (0.5 * (least + greatest)).round() };
         let width = window[1] - window[0];
-        Self { base, unit: power_of_two((spread / STEEPEST_UNITS).clamp(width, MOST_WIDTHS * width)) }
+        let unit = power_of_two((spread / STEEPEST_UNITS).clamp(width, MOST_WIDTHS * width).max(LEAST_UNIT));
+        let (middle, reach) = (0.5 * (window[0] + window[1]), FARTHEST_UNITS * unit);
+        let limits = if spread <= reach { ALL } else { [middle - reach, middle + reach] };
+        Self { base, unit, limits: limits.map(|limit| limit.clamp(-MOST, MOST)) }
+    }
+
+    /// Whether all that is held is near enough to a window, and all that is near is held as it is.
+    fn is_about(&self, window: [f64; 2], spread: f64) -> bool {
+        let reach = FARTHEST_UNITS * self.unit;
+        let [low, high] = self.limits;
+        let is_amid = || low + 0.5 * reach <= window[0] && window[1] <= high - 0.5 * reach;
+        if self.limits == ALL { spread <= reach } else { is_amid() }
     }
 
     /// Whether the slots are exact enough in a window, and of their gradients none too steep to be stored, and those in the window not too coarse.
@@ -130,8 +155,11 @@ impl SlotEncoding {
             return self.with_table_over_codes(window);
         }
         let window = self.widened([low, high]);
-        let kept = kept.floats.filter(|floats| kept.stay || floats.suffice(self.voxel_type, window, self.spread()));
-        self.with_table(kept.unwrap_or_else(|| FloatSlots::about(self.voxel_type, window, self.spread())), window)
+        let (voxel_type, spread) = (self.voxel_type, self.spread());
+        let is_fit =
+            |floats: &FloatSlots| floats.suffice(voxel_type, window, spread) && floats.is_about(window, spread);
+        let kept = kept.floats.filter(|floats| kept.stay || is_fit(floats));
+        self.with_table(kept.unwrap_or_else(|| FloatSlots::about(voxel_type, window, spread)), window)
     }
 
     /// This encoding by codes, with a transfer table for a window: over all codes, or over those of a narrow window and one to each side, where
@@ -158,9 +186,10 @@ impl SlotEncoding {
             return self.with_table_over_codes(Window::of(window));
         }
         let window = self.widened(window);
-        let is_it = |floats: &FloatSlots| floats.base == 0.0 && floats.suffice(VoxelType::F32, window, self.spread());
-        let floats =
-            kept.floats.filter(is_it).unwrap_or_else(|| FloatSlots::about(VoxelType::F32, window, self.spread()));
+        let holds_all = |floats: &FloatSlots| floats.base == 0.0 && floats.limits == ALL;
+        let is_it = |floats: &FloatSlots| holds_all(floats) && floats.suffice(VoxelType::F32, window, self.spread());
+        let anew = || FloatSlots { limits: ALL, ..FloatSlots::about(VoxelType::F32, window, self.spread()) };
+        let floats = kept.floats.filter(is_it).unwrap_or_else(anew);
         let width = code_width(self.low.abs().max(self.high.abs()));
         self.over(floats, 0.0, width)
     }
@@ -242,14 +271,14 @@ fn within(voxel_type: VoxelType, value: f64) -> f64 {
     value.clamp(least, greatest)
 }
 
-/// The least power of two that is not less, of a number of a size that an f32 has.
+/// The least power of two that is not less than a number above 0.
 fn power_of_two(number: f64) -> f64 {
-    number.max(1e-30).log2().ceil().exp2()
+    number.log2().ceil().exp2()
 }
 
 /// The width of a code, so that one code less than all cover a range.
 fn code_width(range: f64) -> f64 {
-    power_of_two(range / (SlotFormat::F32.max_code() - 1) as f64)
+    power_of_two((range / (SlotFormat::F32.max_code() - 1) as f64).max(LEAST_CODE))
 }
 
 /// The nearest f32 that is not greater.
@@ -404,6 +433,34 @@ mod tests {
         }
     }
 
+    /// What is farther than codes reach is clamped voxel by voxel, and nothing else; slots of an expression hold all.
+    #[test]
+    fn outliers_are_clamped_in_their_slots() {
+        let voxels = [0.3, 1e8, -4e8, 9.96921e36, -1e20].map(|value: f64| f64::from(value as f32));
+        let codes = SlotEncoding::new(VoxelType::F32, (-1e20, 1e37), false);
+        let narrow = codes.for_window(Some(Window::of([0.0, 1.0])), KeptSlots::default());
+        let found = round_trip(&narrow, &voxels);
+        assert!(
+            found[..3].iter().zip(voxels).all(|(found, value)| (found - value).abs() <= 1e-6 * value.abs()),
+            "{found:?}"
+        );
+        let farthest = f64::from(narrow.farthest_slots());
+        assert!((1e9..farthest).contains(&found[3]) && (1e9..farthest).contains(&-found[4]), "{found:?}, {farthest}");
+        let all = round_trip(&codes.for_values([0.0, 1.0], KeptSlots::replaceable(narrow.floats)), &voxels);
+        assert!(all.iter().zip(voxels).all(|(found, value)| (found - value).abs() <= 1e-6 * value.abs()), "{all:?}");
+        // Slots of other limits are not taken for a look: neither those of all values nor those about a window far away.
+        let of_values = codes.for_values([0.0, 1.0], KeptSlots::default()).floats;
+        for floats in
+            [of_values, codes.for_window(Some(Window::of([1e10, 1e10 + 4096.0])), KeptSlots::default()).floats]
+        {
+            let next = codes.for_window(Some(Window::of([0.0, 1.0])), KeptSlots::replaceable(floats));
+            assert_eq!(next.floats, narrow.floats);
+        }
+        let plain = SlotEncoding::new(VoxelType::I32, (-2e9, 2e9), false)
+            .for_window(Some(Window::of([0.0, 2.0])), KeptSlots::default());
+        assert_eq!(plain.floats.map(|floats| floats.limits), Some(ALL));
+    }
+
     #[test]
     fn values_in_the_window_are_exact() {
         let floats = encoding(VoxelType::F32, (-1e9, 1e9), [0.25, 0.75]);
@@ -438,11 +495,11 @@ mod tests {
     fn an_integer_s_base_goes_with_its_window() {
         let codes = SlotEncoding::new(VoxelType::U32, (0.0, 4294967295.0), false);
         let first = codes.for_window(Some(Window::of([70000.0, 70002.0])), KeptSlots::default());
-        assert_eq!(first.base(), 70001.0);
+        assert_eq!(first.floats.map(|floats| floats.base), Some(70001.0));
         let near = codes.for_window(Some(Window::of([9e6, 9e6 + 2.0])), KeptSlots::replaceable(first.floats));
         assert_eq!(near.of_slots(), first.of_slots());
         let far = codes.for_window(Some(Window::of([4e9, 4e9 + 2.0])), KeptSlots::replaceable(near.floats));
-        assert_eq!(far.base(), 4e9 + 1.0);
+        assert_eq!(far.floats.map(|floats| floats.base), Some(4e9 + 1.0));
     }
 
     #[test]
@@ -454,7 +511,8 @@ mod tests {
         let mut slots = vec![0; bytes.len()];
         floats.encode(&bytes, &mut slots);
         let slots: Vec<f32> = slots.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
-        assert_eq!(slots, [INVALID_SLOT, INVALID_SLOT, INVALID_SLOT, 1e38, -1e38, 0.5]);
+        assert_eq!([slots[0], slots[1], slots[2], slots[5]], [INVALID_SLOT, INVALID_SLOT, INVALID_SLOT, 0.5]);
+        assert!(slots[3] > 1e9 && slots[4] < -1e9, "{slots:?}");
         const { assert!(INVALID_SLOT < LEAST_SLOT && LEAST_SLOT < -1e38) };
     }
 

@@ -33,7 +33,7 @@ pub enum SceneError {
     #[error("no layer is visible: there is nothing to show")]
     NothingVisible,
     /// The scene asks for a level that no store has.
-    #[error("level {level} does not exist: the stores have up to {levels}, numbered from 0")]
+    #[error("level {level} does not exist: the stores have levels 0 to {}", levels.saturating_sub(1))]
     Level {
         /// The level that the scene asks for.
         level: u8,

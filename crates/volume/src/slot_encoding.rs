@@ -62,6 +62,8 @@ pub struct FloatSlots {
     pub base: f64,
     /// The difference of values that stored gradients hold as [`SCALE`](crate::gradients::SCALE).
     pub unit: f64,
+    /// The least and the greatest value that is held as it is: others are held as these.
+    pub limits: [f64; 2],
 }
 
 /// The map between values and codes: `value = low + code / max_code * (high - low)`. Slots hold the codes, or, as f32 slots do, numbers
@@ -227,15 +229,6 @@ impl SlotEncoding {
         [self.value_of_code(0.0), self.value_of_code(self.span_codes())]
     }
 
-    /// The number that an f32 slot holds for a value.
-    fn slot(&self, value: f64) -> f32 {
-        (value - self.base()).clamp(-MOST, MOST) as f32
-    }
-
-    pub(crate) fn base(&self) -> f64 {
-        self.floats.map_or(0.0, |floats| floats.base)
-    }
-
     /// Encodes little-endian voxels into `codes`, as slots hold them. Costs a copy for unsigned 8- and 16-bit data.
     ///
     /// # Panics
@@ -294,9 +287,11 @@ impl SlotEncoding {
 
     fn subtract_base<T: Voxel>(&self, voxels: &[u8], slots: &mut [u8]) {
         let nodata = self.nodata.map(T::from_f64_rounded);
+        let (base, [least, greatest]) = self.floats.map_or((0.0, [-MOST, MOST]), |floats| (floats.base, floats.limits));
         for (slot, v) in slots.chunks_exact_mut(4).zip(voxels.chunks_exact(size_of::<T>())) {
             let v: T = bytemuck::pod_read_unaligned(v);
-            let number = if v.is_valid() && Some(v) != nodata { self.slot(v.to_f64()) } else { INVALID_SLOT };
+            let number = || (v.to_f64().clamp(least, greatest) - base) as f32;
+            let number = if v.is_valid() && Some(v) != nodata { number() } else { INVALID_SLOT };
             slot.copy_from_slice(&number.to_le_bytes());
         }
     }

@@ -37,7 +37,7 @@ fn impossible() -> Vec<(&'static str, &'static str, Scene)> {
         ("Layers", "0 layers: expected 1 to 32", read(r#"{"layers": []}"#)),
         ("Layers", "33 layers", Scene { layers: vec![SceneLayer::default(); 33], ..default() }),
         ("NothingVisible", "nothing to show", read(r#"{"layers": [{"visible": false}, {"visible": false}]}"#)),
-        ("Level", "level 4 does not exist: the stores have up to 4", read(r#"{"level": {"locked": 4}}"#)),
+        ("Level", "level 4 does not exist: the stores have levels 0 to 3", read(r#"{"level": {"locked": 4}}"#)),
         ("Step", "the step is 0: expected 0.005 to 16 voxels", read(r#"{"step": 0}"#)),
         ("Step", "the step is 0.004", read(r#"{"step": 4e-3}"#)),
         ("Step", "the step is 16.1", read(r#"{"step": 16.1}"#)),
