@@ -115,15 +115,20 @@ fn nodata_of(store: &Store) -> Option<f64> {
 fn in_order(files: &[PathBuf], times: &[f64], input: &OpenOptions) -> Result<(Vec<PathBuf>, Vec<f64>), Failure> {
     let (ordered, note) = import::order_steps(files, input).map_err(|error| store_errors::import_failure(&error))?;
     say!("note: {}", with_flags(&note));
-    if ordered == files {
-        return Ok((ordered, times.to_vec()));
-    }
+    let is_as_given = ordered == files;
     let time_of: HashMap<&PathBuf, f64> = files.iter().zip(times.iter().copied()).collect();
-    let times: Vec<f64> = ordered.iter().filter_map(|file| time_of.get(file).copied()).collect();
+    let times: Vec<f64> = match is_as_given {
+        // A file may be named twice.
+        true => times.to_vec(),
+        false => ordered.iter().filter_map(|file| time_of.get(file).copied()).collect(),
+    };
     if let Some(at) = times.windows(2).position(|pair| pair[0] >= pair[1]) {
         let [before, after] = [at, at + 1].map(|i| format!("{} of {}", times[i], ordered[i].display()));
-        let problem = format!("--time: {after} is not after {before}, which comes first by the numbers in the names");
-        return Err(Failure::usage(format!("{problem}; pass --order given to keep the order of the files")));
+        let way_on = match is_as_given {
+            true => "; times ascend",
+            false => " by the numbers in the names; pass --order given to keep the order of the files",
+        };
+        return Err(Failure::usage(format!("--time: {after} is not after {before}, which comes first{way_on}")));
     }
     Ok((ordered, times))
 }

@@ -4,7 +4,7 @@ use super::failure::Failure;
 use super::print_json;
 use super::say::{self, say};
 use brickyard::stats::RenderStats;
-use brickyard::store::Store;
+use brickyard::store::{Store, check_outside};
 use brickyard::text_file::write_text;
 use brickyard::volume::counted;
 use brickyard::volume::transfer::shown_window;
@@ -21,8 +21,9 @@ pub(crate) fn is_stdout(path: &Path) -> bool {
 /// Whether a file may be written here.
 ///
 /// # Errors
-/// Exit code 2 if something is there and may not be replaced; a folder never is.
+/// Exit code 2 if something is there and may not be replaced, which a folder never is, or if a store would hold it.
 pub(crate) fn may_write(path: &Path, overwrite: bool) -> Result<(), Failure> {
+    check_outside(path).map_err(Failure::usage)?;
     // A link that leads nowhere is something too.
     let Ok(found) = path.symlink_metadata() else { return Ok(()) };
     let (what, advice) = match (found.is_dir(), overwrite) {

@@ -74,6 +74,7 @@ fn pack_kind(error: &PackError) -> ExitKind {
         PackError::Options(_)
         | PackError::Memory { .. }
         | PackError::Exists { .. }
+        | PackError::Inside(_)
         | PackError::NotOurs { .. }
         | PackError::Foreign { .. }
         | PackError::InTheWay { .. }

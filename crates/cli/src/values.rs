@@ -199,7 +199,9 @@ pub(crate) fn labels(text: &str) -> Result<Vec<i64>, String> {
 
 /// `none`, or the finite value of voxels that hold no data.
 pub(crate) fn nodata(text: &str) -> Result<NoData, String> {
-    let value = text.parse().ok().filter(|value: &f64| value.is_finite()).map(NoData::Value);
+    let value = text.parse().ok().filter(|value: &f64| value.is_finite());
+    // No number is -0.
+    let value = value.map(|value| NoData::Value(value + 0.0));
     let value = if text == "none" { Some(NoData::None) } else { value };
     value.ok_or_else(|| format!("'{text}': expected a finite number, or none (NaN and infinities hold no data anyway)"))
 }

@@ -64,10 +64,11 @@ pub(crate) struct DicomSeries {
 pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let header = Header::read(path)?;
     check_is_image(&header)?;
-    if stands_alone(&header) {
-        return DicomSeries::new(vec![header], options, Vec::new()).map(|s| Box::new(s) as _);
-    }
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if stands_alone(&header) {
+        let notes = others_of_series(&header, folder)?;
+        return DicomSeries::new(vec![header], options, notes).map(|s| Box::new(s) as _);
+    }
     let mut series = Vec::new();
     let mut unread = Vec::new();
     for other in files_in(folder)?.iter().filter(|other| other.file_name() != path.file_name()) {
@@ -89,6 +90,17 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
         notes.push(format!("{files} beside it that cannot be read and {do_not} name its series: left out. {first}"));
     }
     DicomSeries::new(series, options, notes).map(|s| Box::new(s) as _)
+}
+
+/// Says of a file of several frames that others of its series lie beside it; nothing if there are none that can be read.
+fn others_of_series(header: &Header, folder: &Path) -> Result<Vec<String>, ImportError> {
+    let is_other = |path: &&PathBuf| path.file_name() != header.path.file_name();
+    let is_of_it = |path: &&PathBuf| Header::read(path).is_ok_and(|it| is_image(&it) && it.series() == header.series());
+    let others = files_in(folder)?.iter().filter(is_other).filter(is_of_it).count() as u64;
+    let files = counted(others, "file");
+    let note =
+        format!("{files} more of its series in its folder, left out: name the files, or the folder, for all frames.");
+    Ok(if others > 0 { vec![note] } else { Vec::new() })
 }
 
 /// Whether a file itself is the reason why it cannot be read.
@@ -253,6 +265,7 @@ impl DicomSeries {
         }
         notes.extend(placement.note);
         notes.extend(notes_on_values(&files, &slices, voxel_type));
+        notes.extend(note_on_padding(&files, &slices, options.nodata));
         placement::set_matrix(placement.matrix, &mut info, &mut notes);
         info.notes = notes;
         files.iter_mut().for_each(|(header, _)| header.forget_values());
@@ -539,6 +552,21 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxe
         notes.push("Small values are meant to be shown bright (MONOCHROME1); they are kept as they are.".into());
     }
     notes
+}
+
+/// Says that no pixel can have the value that means padding.
+fn note_on_padding(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], nodata: NoData) -> Option<String> {
+    let is_left_out = |(slice, meaning): &&(Slice, Meaning)| {
+        nodata == NoData::OfFile && meaning.padding.is_none() && files[slice.file].0.has_padding()
+    };
+    let (slice, _) = slices.iter().find(is_left_out)?;
+    let (header, frames) = &files[slice.file];
+    let value = header.number(tags::PIXEL_PADDING_VALUE)?;
+    let [least, greatest] = frames.format.limits();
+    let name = header.path.file_name().unwrap_or_default().to_string_lossy();
+    Some(format!(
+        "Pixels of {name} are {least} to {greatest}: {value}, which means padding there, is none of them, and no voxel is left out."
+    ))
 }
 
 impl Source for DicomSeries {

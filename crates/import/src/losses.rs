@@ -5,7 +5,7 @@
 
 use crate::element::{Decode, Element, Endian, Scale};
 use crate::error::ImportError;
-use crate::options::OpenOptions;
+use crate::options::{NoData, OpenOptions};
 use brickyard_volume::{VoxelType, with_voxel_type};
 use std::path::Path;
 
@@ -21,6 +21,8 @@ pub(crate) struct Losses<'a> {
     allowed: bool,
     /// Whether the numbers are labels, of which none may become another.
     are_labels: bool,
+    /// The value that means no data, by the file or the user.
+    nodata: Option<f64>,
     count: u64,
     /// Clamped, or infinite though they are not in the file.
     beyond: u64,
@@ -59,8 +61,13 @@ impl Fate {
 
 impl<'a> Losses<'a> {
     /// Starts a count; `None` if decoding cannot lose anything, or if it is known what it loses. The options say whether losses are counted;
-    /// otherwise, and always of labels, the first one is an error.
-    pub(crate) fn may_occur(path: &'a Path, decode: Decode, options: &OpenOptions) -> Option<Self> {
+    /// otherwise, and always of labels, the first one is an error. `nodata` is the value that means no data by the file.
+    pub(crate) fn may_occur(
+        path: &'a Path,
+        decode: Decode,
+        nodata: Option<f64>,
+        options: &OpenOptions,
+    ) -> Option<Self> {
         let are_labels = options.are_labels;
         let [least, greatest] = decode.element.limits();
         let may = match (decode.element, decode.scale) {
@@ -80,6 +87,11 @@ impl<'a> Losses<'a> {
             decode,
             allowed: options.allow_lossy && !are_labels,
             are_labels,
+            nodata: match options.nodata {
+                NoData::OfFile => nodata,
+                NoData::None => None,
+                NoData::Value(value) => Some(value),
+            },
             count: 0,
             beyond: 0,
             rounded: 0,
@@ -113,8 +125,9 @@ impl<'a> Losses<'a> {
     /// Counts contiguous stored numbers and those among them that are lost. If losses are not allowed, the first one is
     /// an error.
     pub(crate) fn see(&mut self, bytes: &[u8]) -> Result<(), ImportError> {
+        let (slope, intercept) = self.decode.scale.map_or((1.0, 0.0), |s| (s.slope, s.intercept));
         macro_rules! each {
-            ($t:ty, $n:ident => $fate:expr) => {{
+            ($t:ty, $n:ident => $fate:expr, $value:expr) => {{
                 let (numbers, _) = bytes.as_chunks::<{ size_of::<$t>() }>();
                 for bytes in numbers {
                     let $n = match self.decode.endian {
@@ -123,13 +136,12 @@ impl<'a> Losses<'a> {
                     };
                     let fate = $fate;
                     if fate != Fate::Kept {
-                        self.lose(fate, &$n)?;
+                        self.lose(fate, &$n, $value * slope + intercept)?;
                     }
                 }
                 self.count += numbers.len() as u64;
             }};
         }
-        let (slope, intercept) = self.decode.scale.map_or((1.0, 0.0), |s| (s.slope, s.intercept));
         let scaled = |n: f64, is_wide| Fate::of_float(n, n * slope + intercept, is_wide);
         // Of two integers that are one f64, one is lost before it is scaled.
         let scaled_integer = |n: i128| match scaled(n as f64, true) {
@@ -137,23 +149,38 @@ impl<'a> Losses<'a> {
             fate => fate,
         };
         match (self.decode.element, self.decode.scale) {
-            (Element::I64, None) if self.are_labels => each!(i64, n => self.fate_of_label(n)),
-            (Element::I64, None) => each!(i64, n => Fate::of_integer(i32::try_from(n).is_ok())),
-            (Element::U64, None) => each!(u64, n => Fate::of_integer(u32::try_from(n).is_ok())),
-            (Element::I64, _) => each!(i64, n => scaled_integer(n.into())),
-            (Element::U64, _) => each!(u64, n => scaled_integer(n.into())),
-            (Element::F64, _) => each!(f64, n => scaled(n, true)),
-            (Element::F16, _) => each!(half::f16, n => scaled(n.to_f64(), false)),
+            (Element::I64, None) if self.are_labels => each!(i64, n => self.fate_of_label(n), n as f64),
+            (Element::I64, None) => each!(i64, n => Fate::of_integer(i32::try_from(n).is_ok()), n as f64),
+            (Element::U64, None) => each!(u64, n => Fate::of_integer(u32::try_from(n).is_ok()), n as f64),
+            (Element::I64, _) => each!(i64, n => scaled_integer(n.into()), n as f64),
+            (Element::U64, _) => each!(u64, n => scaled_integer(n.into()), n as f64),
+            (Element::F64, _) => each!(f64, n => scaled(n, true), n),
+            (Element::F16, _) => each!(half::f16, n => scaled(n.to_f64(), false), n.to_f64()),
             // Of images no more is said than that numbers of 32 bits are rounded when they are scaled; labels are looked at.
             (Element::Voxel(t), _) => {
                 let is_wide = self.are_labels && t.bytes() == 4;
-                with_voxel_type!(t, T => each!(T, n => scaled(n as f64, is_wide)))
+                with_voxel_type!(t, T => each!(T, n => scaled(n as f64, is_wide), n as f64))
             }
         }
         Ok(())
     }
 
-    fn lose(&mut self, fate: Fate, number: &dyn std::fmt::Debug) -> Result<(), ImportError> {
+    /// Counts a number that is lost, of this value; of floats none that means no data, as they become NaN or infinite.
+    fn lose(&mut self, fate: Fate, number: &dyn std::fmt::Debug, value: f64) -> Result<(), ImportError> {
+        let voxel_type = self.decode().voxel_type();
+        let means_nodata = |held: f64| self.nodata.is_some_and(|nodata| value == nodata || held == nodata);
+        if voxel_type.is_float() && means_nodata(f64::from(value as f32)) {
+            return Ok(());
+        }
+        let (least, greatest) = voxel_type.limits();
+        if let Some(nodata) = self.nodata.filter(|_| means_nodata(value.clamp(least, greatest))) {
+            let name = self.decode.element.name();
+            let problem = format!(
+                "voxels are {name}, of which {number:?} cannot be held in {voxel_type} beside {nodata}, which means no data; write the file with \
+                 values that {voxel_type} holds"
+            );
+            return Err(ImportError::options(self.path, problem));
+        }
         if !self.allowed {
             let advice = match self.are_labels {
                 true => "and labels that are rounded or clamped become others: number them anew from 1, as fastremap.renumber(array) does in \
@@ -224,7 +251,7 @@ mod tests {
         options: &OpenOptions,
     ) -> Result<String, String> {
         let decode = Decode { element, endian: Endian::Little, scale };
-        let Some(mut losses) = Losses::may_occur(Path::new("folder/a.npy"), decode, options) else {
+        let Some(mut losses) = Losses::may_occur(Path::new("folder/a.npy"), decode, None, options) else {
             return Ok("nothing".into());
         };
         losses.see(bytes).map_err(|e| e.to_string()).map(|()| losses.note())
@@ -267,6 +294,34 @@ mod tests {
         refused(Element::F64, &mixed, &["0.1", "rounded to the nearest", "`allow_lossy`"]);
         // Half a step above the greatest f32 is the least that rounds to infinity.
         counted(Element::F64, &mixed, &["of 6 values", "3 infinite, 1 rounded", "such as 1e300"]);
+    }
+
+    /// A number that means no data is no loss of floats, and nothing becomes one of integers.
+    #[test]
+    fn no_data_is_neither_lost_nor_made() {
+        let counted = |element, bytes: &[u8], nodata, options: &OpenOptions| {
+            let decode = Decode { element, endian: Endian::Little, scale: None };
+            let mut losses = Losses::may_occur(Path::new("a.tif"), decode, nodata, options).unwrap();
+            losses.see(bytes).map_err(|error| error.to_string()).map(|()| losses.note())
+        };
+        let plain = OpenOptions::default();
+        let lossy = OpenOptions { allow_lossy: true, ..OpenOptions::default() };
+        for marker in [f64::MIN, f64::from(-9999.1f32)] {
+            let voxels = f64s(&[0.0, 1.0, if marker == f64::MIN { marker } else { -9999.1 }]);
+            let note = counted(Element::F64, &voxels, Some(marker), &plain).unwrap();
+            assert!(note.contains("no value is changed"), "{note}");
+            let kept = OpenOptions { nodata: NoData::None, ..plain.clone() };
+            assert!(counted(Element::F64, &voxels, Some(marker), &kept).is_err());
+        }
+        let clamped = OpenOptions { nodata: NoData::Value(i32::MAX.into()), ..lossy.clone() };
+        let cases = [
+            (i64s(&[0, i64::MIN]), Some(i64::MIN as f64), &lossy, "-9223372036854775808 cannot be held in i32"),
+            (i64s(&[0, 1 << 40]), None, &clamped, "1099511627776 cannot be held in i32 beside 2147483647"),
+        ];
+        for (voxels, nodata, options, words) in cases {
+            let message = counted(Element::I64, &voxels, nodata, options).unwrap_err();
+            assert!(message.contains(words), "{message}");
+        }
     }
 
     #[test]

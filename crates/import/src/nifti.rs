@@ -46,7 +46,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
         }
     };
     let info = found.info(trailing)?;
-    RawSource::new(file, found.array, info)?.with_losses(options)
+    RawSource::new(file, found.array, info)?.with_losses(None, options)
 }
 
 /// Looks at a NIfTI file or pair without keeping it open. A compressed one is not inflated if its last bytes say that it holds what its header
@@ -54,7 +54,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
 pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, ImportError> {
     let found = Found::read(path)?;
     let expected = found.bytes()?;
-    let is_seen = found.is_compressed && Losses::may_occur(path, found.array.decode, options).is_none();
+    let is_seen = found.is_compressed && Losses::may_occur(path, found.array.decode, None, options).is_none();
     if is_seen && inflated_bytes(&found.body_path)? == Some(expected as u32) {
         let info = found.info(0)?;
         return Ok(StepFile { info, access: Access::Box, reader_bytes: 0, held_bytes: 0, scratch_bytes: expected });

@@ -53,7 +53,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
         notes: trailing.into_iter().collect(),
         ..array.info()
     };
-    RawSource::new(file, array, info)?.with_losses(options)
+    RawSource::new(file, array, info)?.with_losses(None, options)
 }
 
 /// Gives each dimension its axis.

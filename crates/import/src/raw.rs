@@ -128,13 +128,13 @@ impl RawSource {
     }
 
     /// Reads the whole array, counts the values that its voxels cannot hold, and adds a note on them. Arrays that
-    /// cannot lose anything are not read.
+    /// cannot lose anything are not read. `nodata` is the value that means no data by the file.
     ///
     /// # Errors
     /// If a value is lost that must not be, or the file cannot be read.
-    pub(crate) fn with_losses(mut self, options: &OpenOptions) -> Result<Self, ImportError> {
+    pub(crate) fn with_losses(mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<Self, ImportError> {
         let path = self.file.path();
-        let Some(mut losses) = Losses::may_occur(path, self.array.decode, options) else { return Ok(self) };
+        let Some(mut losses) = Losses::may_occur(path, self.array.decode, nodata, options) else { return Ok(self) };
         let body = self.array.body_bytes().map_err(|problem| ImportError::invalid(path, problem))?;
         let numbers = &self.file[self.array.offset as usize..][..body as usize];
         for part in numbers.chunks(LOSSES_AT_ONCE) {

@@ -66,9 +66,12 @@ impl SourceInfo {
             self.notes.push(format!("Voxels of {value} hold no data, as the file says ({name}): {what}."));
         } else if value.is_finite() {
             let voxel_type = self.voxel_type;
-            self.notes.push(format!(
-                "Voxels of {value} hold no data, as the file says ({name}): no {voxel_type} voxel can be that."
-            ));
+            let what = match voxel_type.is_float() {
+                true => "f32 has none, and what is infinite has no data anyway".into(),
+                false => format!("no {voxel_type} voxel can be that"),
+            };
+            let value = if value.abs() < 1e15 { value.to_string() } else { format!("{value:e}") };
+            self.notes.push(format!("Voxels of {value} hold no data, as the file says ({name}): {what}."));
         }
     }
 

@@ -120,15 +120,17 @@ impl TiffStack {
             info.notes.push(format!("Each page holds {} samples a pixel; they are read as channels.", format.samples));
         }
         let mut stack = Self { info, format, decode, files, map, reader_bytes, idle: Mutex::new(idle) };
-        stack.count_losses(options)?;
+        stack.count_losses(description.nodata_value(scale), options)?;
         description.mark(&mut stack.info, scale, options.nodata);
         Ok(stack)
     }
 
     /// Counts what voxels lose, in all planes; an error if something is lost that must not be.
-    fn count_losses(&mut self, options: &OpenOptions) -> Result<(), ImportError> {
+    fn count_losses(&mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<(), ImportError> {
         let path = |place: Place| &self.files[place.file as usize].path;
-        let Some(mut losses) = Losses::may_occur(&self.files[0].path, self.decode, options) else { return Ok(()) };
+        let Some(mut losses) = Losses::may_occur(&self.files[0].path, self.decode, nodata, options) else {
+            return Ok(());
+        };
         let mut last = 0;
         for place in self.map.by_file() {
             if place.file != last {

@@ -10,6 +10,16 @@ fn beside(path: &Path) -> String {
     format!("{}.zarr", name.split('.').find(|part| !part.is_empty()).unwrap_or("volume"))
 }
 
+/// Something was to be written inside of a store, by somebody who is not at work on it.
+#[derive(Debug, thiserror::Error)]
+#[error("{path}: lies inside of the store {store}, which is left alone; choose a place outside of it", path = path.display(), store = store.display())]
+pub struct InsideStore {
+    /// The path that was to be written.
+    pub path: PathBuf,
+    /// The store.
+    pub store: PathBuf,
+}
+
 /// Why a store cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
@@ -291,6 +301,9 @@ pub enum ExportError {
         /// The output's path.
         path: PathBuf,
     },
+    /// The output would become a part of a store.
+    #[error(transparent)]
+    Inside(#[from] InsideStore),
     /// The output's extension names no format that is written.
     #[error("{path}: cannot export to this extension; supported: .raw, .npy", path = path.display())]
     Extension {

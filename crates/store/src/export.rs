@@ -6,6 +6,7 @@
 //! The file gets its name when it is whole; until then it has a temporary one beside it.
 
 use crate::error::ExportError;
+use crate::inside::check_outside;
 use crate::store::Store;
 use brickyard_volume::{Extent, Level, VoxelBox, VoxelType};
 use rayon::prelude::*;
@@ -95,6 +96,7 @@ pub fn export(
         Some("npy") => npy_header(store.voxel_type(), extent, request.time),
         _ => return Err(ExportError::Extension { path: output.into() }),
     };
+    check_outside(output)?;
     if !request.overwrite && output.symlink_metadata().is_ok() {
         return Err(ExportError::Exists { path: output.into() });
     }
@@ -260,8 +262,10 @@ mod tests {
 
     fn store(spec: &TestStore) -> (tempfile::TempDir, Store) {
         let dir = tempfile::tempdir().unwrap();
-        spec.write(dir.path(), bumps);
-        let store = Store::open(dir.path()).unwrap();
+        let path = dir.path().join("s.zarr");
+        std::fs::create_dir(&path).unwrap();
+        spec.write(&path, bumps);
+        let store = Store::open(&path).unwrap();
         (dir, store)
     }
 
@@ -296,14 +300,14 @@ mod tests {
     #[test]
     fn a_store_that_is_replaced_meanwhile_is_not_exported() {
         let spec = TestStore { extent: [8 * 40, 8, 8 * 8], shard: 8, ..TestStore::default() };
-        let (dir, store) = store(&spec);
+        let (_dir, store) = store(&spec);
         let out = tempfile::tempdir().unwrap();
         let is_first = AtomicBool::new(true);
         let replace = |_, _| {
             if is_first.swap(false, Ordering::Relaxed) {
-                std::fs::remove_dir_all(dir.path()).unwrap();
-                std::fs::create_dir(dir.path()).unwrap();
-                spec.write(dir.path(), |t, c, v| bumps(t, c, v) + 100.0);
+                std::fs::remove_dir_all(store.path()).unwrap();
+                std::fs::create_dir(store.path()).unwrap();
+                spec.write(store.path(), |t, c, v| bumps(t, c, v) + 100.0);
             }
             ControlFlow::Continue(())
         };
@@ -435,7 +439,7 @@ mod tests {
 
     #[test]
     fn refusals_leave_nothing_behind() {
-        let (dir, store) = store(&TestStore::default());
+        let (_dir, store) = store(&TestStore::default());
         let out = tempfile::tempdir().unwrap();
         let attempt = |name: &str, request: ExportRequest| {
             export(&store, &out.path().join(name), &request, go_on).unwrap_err().to_string()
@@ -448,7 +452,7 @@ mod tests {
         let region = Some(VoxelBox::new([0, 0, 0], [38, 1, 1]));
         assert!(attempt("a.raw", ExportRequest { region, ..request }).contains("inside 0:37,0:20,0:19"));
         assert!(attempt("no/a.raw", request).contains("No such file"));
-        std::fs::remove_file(dir.path().join("0/c/1/1/1")).unwrap();
+        std::fs::remove_file(store.path().join("0/c/1/1/1")).unwrap();
         assert!(attempt("a.raw", request).contains("missing shard"));
         assert_eq!(std::fs::read_dir(out.path()).unwrap().count(), 0);
         std::fs::write(out.path().join("a.raw"), "mine").unwrap();

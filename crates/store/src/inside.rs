@@ -1,6 +1,6 @@
-//! Paths inside of stores, which somebody gives where the store itself is wanted: which store it is, and what is there.
+//! Paths inside of stores: read from, they are explained by the store that is meant; nothing of others is written there.
 
-use crate::error::OpenError;
+use crate::error::{InsideStore, OpenError};
 use crate::folder::Folder;
 use crate::metadata::parse_info;
 use crate::side::read_json;
@@ -8,11 +8,29 @@ use std::path::Path;
 
 /// The error for a path that does not open: if it is inside of a store, the one that names the store in place of this one.
 pub(crate) fn explained(error: OpenError, path: &Path) -> OpenError {
-    // The first is the path itself.
-    match path.ancestors().skip(1).map(named).find(|folder| is_store(folder)) {
+    match holder(path) {
         Some(store) => OpenError::Inside { what: what(path, store), path: path.into(), store: store.into() },
         None => error,
     }
+}
+
+/// Checks that what is to be written here becomes no part of a store, which could not be replaced then: of strangers' files nothing is
+/// deleted.
+///
+/// # Errors
+/// If a folder above the path is a store.
+pub fn check_outside(path: &Path) -> Result<(), InsideStore> {
+    let whole = std::path::absolute(path).unwrap_or_else(|_| path.into());
+    match holder(&whole) {
+        Some(store) => Err(InsideStore { path: path.into(), store: store.into() }),
+        None => Ok(()),
+    }
+}
+
+/// The nearest folder above a path that is a store.
+fn holder(path: &Path) -> Option<&Path> {
+    // The first is the path itself.
+    path.ancestors().skip(1).map(named).find(|folder| is_store(folder))
 }
 
 /// A folder by a name that can be opened: the working directory has none as the ancestor of a relative path.
@@ -43,6 +61,7 @@ fn what(path: &Path, store: &Path) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::check_outside;
     use crate::store::Store;
     use crate::test_store::{TestStore, bumps};
 
@@ -66,6 +85,10 @@ mod tests {
             let (path, store) = (path.display(), store.display());
             assert_eq!(message, format!("{path}: {words} {store}: give {store}"));
         }
+        for (name, is_outside) in [("0/a.npy", false), ("a.zarr", false), ("", true)] {
+            assert_eq!(check_outside(&store.join(name)).is_ok(), is_outside, "{name}");
+        }
+        assert!(check_outside(&folder.path().join("a.npy")).is_ok());
         let beside = Store::open(folder.path().join("scan.zar")).err().unwrap().to_string();
         assert!(!beside.contains("give"), "{beside}");
     }

@@ -39,7 +39,7 @@ pub use plan::{PackPlan, plan};
 
 use crate::codec::Codec;
 use crate::downsample::Reductions;
-use crate::error::ReadError;
+use crate::error::{InsideStore, ReadError};
 use crate::layout::{DEFAULT_SHARD_EDGE, Layout, check_edges};
 use crate::metadata::ChannelStatistics;
 use crate::metadata::{Kind, StoreInfo, apron_document, document_bytes, level_document, root_document};
@@ -220,6 +220,9 @@ pub enum PackError {
         /// Whether the output is an unfinished pack.
         unfinished: bool,
     },
+    /// The output would become a part of another store.
+    #[error(transparent)]
+    Inside(#[from] InsideStore),
     /// The output exists, and is nothing that packing would replace.
     #[error("{path}: is neither a brick store nor an unfinished pack, and is left alone; choose another name or remove it", path = path.display())]
     NotOurs {

@@ -370,6 +370,18 @@ fn padding_is_nan_in_floats_and_one_value_in_integers() {
     }
 }
 
+/// Padding that no stored number can be is said to be none, unless nobody asks for it.
+#[test]
+fn padding_that_no_pixel_can_have_is_said() {
+    let mut slice = Written::slice(0.0, 0);
+    slice.number(tags::PIXEL_PADDING_VALUE, 63536);
+    let (folder, source) = Folder::opened([slice]);
+    let is_said = |source: &dyn Source| source.info().notes.iter().any(|note| note.contains("0 to 4095: 63536"));
+    assert!(source.info().nodata.is_none() && is_said(&*source), "{:?}", source.info().notes);
+    let options = OpenOptions { nodata: NoData::None, ..OpenOptions::default() };
+    assert!(!is_said(&*open(&[folder.0.path().to_owned()], &options).unwrap()));
+}
+
 /// Voxels are others where padding is a value like any: a pack that was begun is not resumed with it.
 #[test]
 fn padding_that_is_kept_is_another_input() {
@@ -866,6 +878,12 @@ pub(super) fn enhanced() -> Written {
     file
 }
 
+fn slice_of_another_series() -> Written {
+    let mut slice = Written::slice(0.0, 0);
+    slice.text(tags::SERIES_INSTANCE_UID, VR::UI, "1.2.9");
+    slice
+}
+
 #[test]
 fn enhanced_files_place_and_rescale_every_frame() {
     for syntax in [uids::EXPLICIT_VR_LITTLE_ENDIAN, uids::IMPLICIT_VR_LITTLE_ENDIAN] {
@@ -878,6 +896,10 @@ fn enhanced_files_place_and_rescale_every_frame() {
         let found = voxels(&*source);
         assert_eq!([found[0], found[11], found[12], found[23]], [29.0, 51.0, -5.0, 17.0], "{syntax}");
     }
+    let several = Folder::of([enhanced(), enhanced(), slice_of_another_series()]);
+    let source = open(&[several.file(0)], &OpenOptions::default()).unwrap();
+    let notes = source.info().notes.join(" ");
+    assert!(source.info().extent.z == 2 && notes.contains("1 file more of its series"), "{notes}");
     let mut unplaced = enhanced();
     unplaced.text(tags::NUMBER_OF_FRAMES, VR::IS, "1");
     Folder::of([unplaced]).refused(&["declares 1 frame, but places 2"]);

@@ -180,11 +180,14 @@ impl Description {
         self.calibration.as_ref().map_or((None, None), |c| c.scale(element, samples))
     }
 
+    /// The value that means no data by the file. `scale` is what makes stored numbers values.
+    pub(super) fn nodata_value(&self, scale: Option<Scale>) -> Option<f64> {
+        self.nodata.map(|stored| scale.map_or(stored, |scale| stored * scale.slope + scale.intercept))
+    }
+
     /// Tells `info` which voxels hold no data, unless the user says it. `scale` is what makes stored numbers voxels.
     pub(super) fn mark(&self, info: &mut SourceInfo, scale: Option<Scale>, nodata: NoData) {
-        let of_file = self.nodata.filter(|_| nodata == NoData::OfFile);
-        let value = of_file.map(|stored| scale.map_or(stored, |scale| stored * scale.slope + scale.intercept));
-        if let Some(value) = value {
+        if let Some(value) = self.nodata_value(scale).filter(|_| nodata == NoData::OfFile) {
             info.set_nodata(value, "GDAL_NODATA");
         }
     }
@@ -217,10 +220,11 @@ impl Description {
 
 /// A number without data as a pixel of this type holds it: of floats the nearest, for programs write the limits of f32 in few digits.
 pub(super) fn nearest(value: f64, element: Element) -> f64 {
-    match element {
+    let near = match element {
         // As the voxels will be, of which some may be narrowed.
-        Element::Voxel(VoxelType::F32) | Element::F64 => value as f32 as f64,
+        Element::Voxel(VoxelType::F32) | Element::F64 => f64::from(value as f32),
         Element::F16 => half::f16::from_f64(value).to_f64(),
         _ => value,
-    }
+    };
+    if near.is_finite() { near } else { value }
 }

@@ -347,6 +347,6 @@ fn open_contiguous(
     let mut info = SourceInfo { identity: identity("tiff contiguous", &[path])?, ..array.info() };
     description.place(&mut info);
     info.notes.extend(note);
-    let source = RawSource::new(file, array, info)?.with_losses(options)?;
+    let source = RawSource::new(file, array, info)?.with_losses(description.nodata_value(scale), options)?;
     Ok(Box::new(source.described(|info| description.mark(info, scale, options.nodata))))
 }

@@ -14,7 +14,7 @@
 
 use crate::error::OpenError;
 use crate::folder::Folder;
-use crate::inside::named;
+use crate::inside::{check_outside, named};
 use crate::layout::{JOURNAL_NAME, LOCK_NAME};
 use crate::pack::disk::{Disk, temporary};
 use crate::pack::journal::{Head, Journal};
@@ -83,6 +83,7 @@ impl Output {
         shards: u64,
     ) -> Result<Option<Self>, PackError> {
         let store = resolve(store)?;
+        check_outside(&store)?;
         disk.work_at(&store);
         let made = ancestors_to_make(&store);
         for _ in 0..MOST_CHANGES {

@@ -392,6 +392,7 @@ fn values_without_data_are_those_that_the_type_holds() {
 fn values_without_data_are_narrowed_with_the_voxels() {
     assert_eq!(super::super::description::nearest(0.1, crate::element::Element::F64), 0.1f32 as f64);
     assert_eq!(super::super::description::nearest(65504.01, crate::element::Element::F16), 65504.0);
+    assert_eq!(super::super::description::nearest(f64::MIN, crate::element::Element::F64), f64::MIN);
 }
 
 proptest! {
