@@ -11,7 +11,19 @@ use crate::shown_picture::ShownPicture;
 use brickyard_render::wgpu::CommandEncoder;
 use brickyard_render::{Gpu, GpuRenderer, Target};
 use brickyard_volume::Picture;
+use std::ops::Range;
 use std::time::Duration;
+
+/// Parts of a frame that have been drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Drawn {
+    /// Nothing: shaders are compiled meanwhile, or [`Session::shows_before`] says so.
+    Nothing,
+    /// Some rows, or a picture that may lack layers of translucent meshes.
+    Partly,
+    /// All of it.
+    Whole,
+}
 
 impl Session {
     /// A session of several volumes that draws on an application's device, whichever backend the options choose. Nothing is read or made
@@ -70,7 +82,7 @@ impl Session {
         target: &Target<'_>,
         encoder: &mut CommandEncoder,
     ) -> Result<bool, SessionError> {
-        let is_this = self.show(frame)?;
+        let is_this = self.show(frame, None)? == Drawn::Whole;
         if let Some(shown) = self.on_texture() {
             let stereo = shown.scene.stereo;
             self.renderer()?.draw_to(stereo, target, encoder).map_err(BackendError::from)?;
@@ -78,8 +90,25 @@ impl Session {
         Ok(is_this)
     }
 
-    /// Has the session's own texture show a frame. Returns false while it has to be compiled for, or may lack layers of meshes.
-    fn show(&mut self, frame: &Frame) -> Result<bool, SessionError> {
+    /// Draws some rows of a frame into the session's own texture, from row 0 on, and nothing on an application's: for devices that take long for a
+    /// whole picture, on whose queue an application's own work waits meanwhile. Once the last row is drawn, [`Session::draw_to`] finds the frame there.
+    /// There must be no other step before that. A picture of two eyes or with meshes is drawn as a whole with its last row.
+    ///
+    /// # Errors
+    /// As [`Session::draw_to`].
+    pub fn draw_rows(&mut self, frame: &Frame, rows: Range<u32>) -> Result<Drawn, SessionError> {
+        let settings = &frame.scene.layers[0].frames[0].settings;
+        let height = settings.rays.height;
+        let is_in_parts = frame.scene.stereo.is_none() && settings.meshes.is_empty();
+        match (is_in_parts, rows.end >= height) {
+            (true, _) => self.show(frame, Some(rows)),
+            (false, true) => self.show(frame, None),
+            (false, false) => Ok(Drawn::Partly),
+        }
+    }
+
+    /// Has the session's own texture show a frame, or draws some rows of it.
+    fn show(&mut self, frame: &Frame, rows: Option<Range<u32>>) -> Result<Drawn, SessionError> {
         self.renderer()?;
         let Some(fit) = self.fit.as_mut().filter(|_| frame.is_of(self.steps)) else {
             return Err(SessionError::Superseded);
@@ -91,17 +120,20 @@ impl Session {
             fit.prepare(&frame.scene);
         }
         if self.shows_before(frame) {
-            return Ok(false);
+            return Ok(Drawn::Nothing);
         }
+        let is_whole = |lacks_layers| if lacks_layers == Some(false) { Drawn::Whole } else { Drawn::Partly };
         if self.on_texture().is_some_and(|shown| shown.is_copy_of(frame)) && lacks_layers != Some(true) {
-            return Ok(lacks_layers == Some(false));
+            return Ok(is_whole(lacks_layers));
         }
-        let Some(fit) = self.fit.as_mut().filter(|_| is_prepared) else { return Ok(false) };
+        let Some(fit) = self.fit.as_mut().filter(|_| is_prepared) else { return Ok(Drawn::Nothing) };
         self.shown = None;
-        fit.show(&frame.scene, self.options.live)?;
+        if !fit.show(&frame.scene, rows, self.options.live)? {
+            return Ok(Drawn::Partly);
+        }
         let lacks_layers = fit.lacks_layers();
         self.shown = Some(ShownPicture::on_device(frame.clone()));
-        Ok(lacks_layers == Some(false))
+        Ok(is_whole(lacks_layers))
     }
 
     /// The frame that the session's own texture shows; `None` while it shows nothing.

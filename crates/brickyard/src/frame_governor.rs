@@ -119,6 +119,11 @@ impl QualityControl {
         }
     }
 
+    /// The share of the exact frame's work that is taken to fit the goal, above 0 and at most 1.
+    pub fn share(&self) -> f64 {
+        self.share
+    }
+
     /// Returns the quality of the next frame; `None` if the last frame still stands, and nothing has to be drawn.
     pub fn next(&mut self, change: Change) -> Option<Quality> {
         let stands = self.last == Some(Quality::EXACT) && !change.refined;

@@ -11,6 +11,8 @@ use crate::backend::{BackendError, Renderer};
 use crate::channels::default_layers;
 use crate::device::Device;
 use crate::device_losses::Losses;
+#[cfg(feature = "gpu")]
+pub use crate::embedding::Drawn;
 use crate::first_look::set_first_look;
 use crate::fit::{Demand, Fit};
 use crate::frame_governor::drawing_time;

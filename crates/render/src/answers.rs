@@ -31,6 +31,8 @@ pub(crate) struct Question {
     pub(crate) marked: Option<Vec<(usize, usize)>>,
     /// Number of mesh layers that were peeled without waiting for what each had.
     pub(crate) peeled: u32,
+    /// Whether it was drawn at a time.
+    pub(crate) is_timed: bool,
 }
 
 /// Byte at which the counts of mesh layers begin on a sheet, after two timestamps.

@@ -20,6 +20,7 @@ use crate::variant::Shader;
 use brickyard_pager::{DrawList, Layer, Slot};
 use brickyard_shaders::{Seen, Shown};
 use brickyard_volume::{Blend, Combination, FrameSettings, Picture, Placement, Pyramid};
+use std::ops::Range;
 use std::time::Instant;
 
 /// A picture that is being drawn from several draw lists: see [`GpuRenderer::passes`].
@@ -28,6 +29,8 @@ pub struct Passes<'a> {
     renderer: &'a mut GpuRenderer,
     framed: Vec<Framed<'a>>,
     course: Course,
+    /// The rows that are drawn.
+    rows: Range<u32>,
     start: Instant,
     /// Lists of the slab drawn so far, and the cells of the last of each layer.
     lists: u32,
@@ -61,18 +64,20 @@ impl GpuRenderer {
     /// do not share their cells, or the device fails; also if an expression is combined with isosurfaces, transfer
     /// functions over gradients, another mode than direct volume rendering, or another method than plain sampling.
     pub fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, GpuError> {
-        self.gpu.clone().scoped(|| self.all_drawn(layers, combination, true)?.finish())
+        self.gpu.clone().scoped(|| self.all_drawn(layers, combination, (None, true))?.finish())
     }
 
-    /// Begins a picture and draws all its lists, slab by slab. `waits` says whether the caller waits for the picture.
+    /// Begins a picture and draws all its lists, slab by slab, or of a picture without meshes some `rows`. `waits` says whether the caller
+    /// waits for the picture.
     pub(crate) fn all_drawn<'a>(
         &'a mut self,
         layers: &[Layer<'a>],
         combination: Option<&Combination>,
-        waits: bool,
+        (rows, waits): (Option<Range<u32>>, bool),
     ) -> Result<Passes<'a>, GpuError> {
         let draws: Vec<&DrawList> = layers.iter().map(|layer| layer.draw).collect();
         let mut passes = self.begin(layers.iter().map(Framed::of).collect(), combination, waits)?;
+        passes.rows = rows.unwrap_or(passes.rows.clone());
         loop {
             passes.draw_all(&draws)?;
             if !passes.next_slab()? {
@@ -137,7 +142,8 @@ impl GpuRenderer {
         self.visibility = None;
         let next = self.first_peeled(framed[0].settings, waits)?;
         let cells = vec![0; framed.len()];
-        Ok(Passes { renderer: self, framed, course, start, lists: 0, cells, slabs: 0, next, waits })
+        let rows = 0..framed[0].settings.rays.height;
+        Ok(Passes { renderer: self, framed, course, rows, start, lists: 0, cells, slabs: 0, next, waits })
     }
 
     /// How a picture of such frames is gathered.
@@ -339,17 +345,19 @@ impl Passes<'_> {
         let pipeline = self.resolve(seen, shown)?;
         let Some([mixed, emission]) = &targets.sums else { return Err(no_target()) };
         let bindings = shared.resolve_bindings(gpu, &layouts.resolve, &self.layer(projected.layer).parts, targets);
-        let load = if is_first { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
+        let Range { start, end } = self.rows.clone();
+        let is_begin = is_first && start == 0;
+        let load = if is_begin { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        draw_over_all(
-            &mut encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("join"),
                 color_attachments: &[attachment(mixed, load), attachment(emission, load)],
                 ..Default::default()
-            }),
-            pipeline,
-            &bindings,
-        );
+            });
+            pass.set_scissor_rect(0, start, targets.width_px, end - start);
+            draw_over_all(&mut pass, pipeline, &bindings);
+        }
         gpu.queue.submit([encoder.finish()]);
         Ok(())
     }
@@ -362,6 +370,7 @@ impl Passes<'_> {
             shared,
             target: &targets.gathered,
             size_px: (targets.width_px, targets.height_px),
+            rows: self.rows.clone(),
             limits: peeled.as_ref().filter(|_| self.has_meshes()).map(Peeled::limits),
             is_begin: self.slabs == 0 && i == 0,
             frame: self.frame_part(i),
@@ -455,7 +464,9 @@ impl Passes<'_> {
             meshes.ask(is_asked.then_some(picture), self.framed[0].settings);
         }
         if let Some(sheet) = sheet {
-            answers.ask(Question { picture, marked, peeled }, sheet);
+            // Between rows that are drawn one after the other there is time that is not theirs.
+            let is_timed = self.rows.start == 0;
+            answers.ask(Question { picture, marked, peeled, is_timed }, sheet);
         }
         Ok(End { submission, reading: pixels.map(|buffer| targets.reading(buffer)), is_asked })
     }

@@ -10,6 +10,7 @@ use crate::pipelines::{Pipeline, TEXELS_GROUP};
 use crate::pool::Pool;
 use crate::targets::Targets;
 use brickyard_shaders::{FrameUniform, WORKGROUP_PX, bindings};
+use std::ops::Range;
 use wgpu::BindingResource;
 
 impl SharedBuffers {
@@ -146,6 +147,8 @@ pub(crate) struct Gathering<'a> {
     pub(crate) shared: &'a SharedBuffers,
     pub(crate) target: &'a wgpu::TextureView,
     pub(crate) size_px: (u32, u32),
+    /// The rows of the picture that are drawn.
+    pub(crate) rows: Range<u32>,
     /// The bind group that limits the march to a slab between meshes; `None` without meshes.
     pub(crate) limits: Option<&'a wgpu::BindGroup>,
     /// Whether this is the first march of the picture, at which its time on the GPU begins.
@@ -185,7 +188,7 @@ impl Gathering<'_> {
         }
     }
 
-    /// Submits all of the picture, at most `most` rows at a time, and a multiple of `unit`. What is not drawn at once is begun in its middle,
+    /// Submits all of the rows, at most `most` of them at a time, and a multiple of `unit`. What is not drawn at once is begun in its middle,
     /// where rays are long: the pace that these take is enough for others.
     ///
     /// # Errors
@@ -196,15 +199,16 @@ impl Gathering<'_> {
         (most, unit): (u32, u32),
         mut submit: impl FnMut(Band) -> wgpu::SubmissionIndex,
     ) -> Result<(), GpuError> {
-        let (width, height) = self.size_px;
-        let is_whole = u64::from(self.pace.pixels(self.reads)) >= u64::from(width) * u64::from(height);
-        let middle = if is_whole { 0 } else { height / 2 / unit * unit };
+        let (width, Range { start, end }) = (self.size_px.0, self.rows.clone());
+        let is_whole = u64::from(self.pace.pixels(self.reads)) >= u64::from(width) * u64::from(end - start);
+        let middle = if is_whole { start } else { start + (end - start) / 2 / unit * unit };
         let (mut above, mut below) = (middle, middle);
-        while above > 0 || below < height {
-            let is_below = below < height;
+        while above > start || below < end {
+            let is_below = below < end;
             let rows = (self.pace.pixels(self.reads) / width).min(most) / unit;
-            let rows = (rows.max(1) * unit).min(if is_below { height - below } else { above });
-            let is_first = (above, below) == (middle, middle);
+            let rows = (rows.max(1) * unit).min(if is_below { end - below } else { above - start });
+            // Rows further down go on with a picture that is begun.
+            let is_first = start == 0 && (above, below) == (middle, middle);
             let top = if is_below { below } else { above - rows };
             self.pace.submitted(gpu, submit(Band { top, rows, is_first }), rows * width)?;
             if is_below { below += rows } else { above = top }

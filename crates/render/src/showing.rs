@@ -9,6 +9,7 @@ use crate::renderer::GpuRenderer;
 use brickyard_pager::Layer;
 use brickyard_shaders::MARK_STEPS;
 use brickyard_volume::{Combination, Picture, StereoLayout};
+use std::ops::Range;
 
 impl GpuRenderer {
     /// Draws a picture as [`GpuRenderer::render`] does, but into a texture of the renderer's own and without waiting.
@@ -23,7 +24,27 @@ impl GpuRenderer {
         combination: Option<&Combination>,
         picture: u64,
     ) -> Result<bool, GpuError> {
-        self.gpu.clone().scoped(|| Ok(self.all_drawn(layers, combination, false)?.end(picture, false)?.is_asked))
+        self.gpu
+            .clone()
+            .scoped(|| Ok(self.all_drawn(layers, combination, (None, false))?.end(picture, false)?.is_asked))
+    }
+
+    /// Draws some rows of a picture without meshes, which row 0 begins and the last row ends: then it is as one by [`GpuRenderer::show`], and what
+    /// that returns is returned. `None` before. Layers, lists and slots must stay meanwhile.
+    ///
+    /// # Errors
+    /// As [`GpuRenderer::render`].
+    pub fn show_rows(
+        &mut self,
+        layers: &[Layer<'_>],
+        combination: Option<&Combination>,
+        (picture, rows): (u64, Range<u32>),
+    ) -> Result<Option<bool>, GpuError> {
+        let is_last = layers.first().is_none_or(|layer| rows.end >= layer.frame.settings.rays.height);
+        self.gpu.clone().scoped(|| {
+            let mut passes = self.all_drawn(layers, combination, (Some(rows), false))?;
+            Ok(if is_last { Some(passes.end(picture, false)?.is_asked) } else { None })
+        })
     }
 
     /// Polls the device and takes the answers about pictures that have come, the oldest first. Cheap enough for every
@@ -126,7 +147,7 @@ impl GpuRenderer {
         }
         let has_timestamps = self.shared.timestamps.is_some();
         let tick_ms = gpu.queue.get_timestamp_period() as f64 * 1e-6;
-        let answer = |Said { question: Question { picture, marked, .. }, ticks, marks, .. }: Said| {
+        let answer = |Said { question: Question { picture, marked, is_timed, .. }, ticks, marks, .. }: Said| {
             let mut rest = &marks[..];
             let visibility = marked.map(|marked| {
                 let mut visibility = vec![Vec::new(); layers.len()];
@@ -138,7 +159,7 @@ impl GpuRenderer {
                 }
                 visibility
             });
-            let gpu_ms = has_timestamps.then(|| ticks[1].wrapping_sub(ticks[0]) as f64 * tick_ms);
+            let gpu_ms = (has_timestamps && is_timed).then(|| ticks[1].wrapping_sub(ticks[0]) as f64 * tick_ms);
             Answer { picture, visibility, gpu_ms }
         };
         Ok(said.into_iter().map(answer).collect())

@@ -5,6 +5,7 @@
 use crate::device::Device;
 use crate::drawing::{Drawing, Home, Known};
 use crate::marks::Over;
+use crate::row_drawing::{self, GpuCapture, RowDrawing};
 use crate::screen::{FORMAT, Screen};
 use brickyard::backend::BackendChoice;
 use brickyard::doubtful_extremes::DoubtfulExtremes;
@@ -12,7 +13,7 @@ use brickyard::frame_governor::{Change, Quality, QualityControl};
 use brickyard::pager::{DrawList, Playback, Status};
 use brickyard::render::{Gpu, Target};
 use brickyard::session::{
-    ComingStep, Frame, Painting, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, check,
+    ComingStep, Drawn, Frame, Painting, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, check,
 };
 use brickyard::stats::RenderStats;
 use brickyard::volume::{Picture, PixelSamples, Scene, SceneError};
@@ -35,12 +36,25 @@ const LATE: Duration = Duration::from_millis(150);
 /// How often what is drawn of a picture is shown.
 const LOOK: Duration = Duration::from_millis(150);
 
+/// How often the window looks whether bricks have come.
+pub(crate) const STREAMING_STEP: Duration = Duration::from_millis(8);
+
+/// How soon, and how often later, the window shows how far pictures are that are drawn beside it. Each frame of the window takes time from them: a picture
+/// of 0.2 s is drawn without one.
+const DRAWING_STEPS: [Duration; 2] = [Duration::from_millis(200), Duration::from_millis(500)];
+
 /// A session and the texture that shows its picture.
 pub(crate) struct Canvas {
     /// The session while it is at home; `None` while it draws beside the window.
     session: Option<Box<Session>>,
     /// What it draws there.
     drawing: Option<(Drawing, Task)>,
+    /// What it draws in parts on a GPU, and the picture that it draws there to be saved.
+    in_rows: Option<InRows>,
+    gpu_capture: Option<GpuCapture>,
+    /// The share of an exact picture that was fit for a part of one, and how long frames of the window take between parts.
+    fitting: f64,
+    between: Duration,
     /// The session's options.
     options: SessionOptions,
     /// The last picture from the CPU, and when it, or a part of the next one, was shown.
@@ -63,6 +77,9 @@ pub(crate) struct Canvas {
     times: VecDeque<FrameTimes>,
     /// What they took since that was last asked.
     spent: FrameTimes,
+    /// When the scene was changed of which there is no picture yet, and the scene that was shown then; and how long others took.
+    asked: Option<(Instant, Box<Scene>)>,
+    answers: Vec<Duration>,
     captures: VecDeque<Capture>,
 }
 
@@ -135,15 +152,12 @@ pub(crate) struct Captured {
     pub(crate) over: Over,
 }
 
-/// What has come of drawing a frame.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Drawn {
-    /// The texture shows the picture before.
-    Before,
-    /// It shows this frame, perhaps without some layers of meshes.
-    Partly,
-    /// It shows all of this frame.
-    Whole,
+/// What a GPU draws in parts.
+enum InRows {
+    /// The exact picture of a scene; and what its step of streaming took.
+    Show { drawing: RowDrawing, shown: Box<Shown>, step: Duration },
+    /// A sample of the pixels of the picture that is shown.
+    Smooth(RowDrawing),
 }
 
 /// What the texture shows.
@@ -176,6 +190,10 @@ impl Canvas {
         Ok(Self {
             session: Some(Box::new(session)),
             drawing: None,
+            in_rows: None,
+            gpu_capture: None,
+            fitting: 0.0,
+            between: Duration::ZERO,
             options,
             picture: None,
             looked: None,
@@ -189,6 +207,8 @@ impl Canvas {
             stream: None,
             times: VecDeque::new(),
             spent: FrameTimes::default(),
+            asked: None,
+            answers: Vec::new(),
             captures: VecDeque::new(),
         })
     }
@@ -210,7 +230,8 @@ impl Canvas {
                 *self = Self { captures, ..Self::new(self.volumes().to_vec(), options, Some(device))? };
             }
         }
-        (self.screen, self.shown) = (Some(Screen::new(&device.state)), None);
+        (self.screen, self.shown, self.in_rows, self.gpu_capture) =
+            (Some(Screen::new(&device.state)), None, None, None);
         Ok(())
     }
 
@@ -248,6 +269,7 @@ impl Canvas {
 
     /// Sets how long a frame of the window may take while the picture changes, `between` of it for the window itself.
     pub(crate) fn set_frame_goal(&mut self, goal: Duration, between: Duration) {
+        self.between = between;
         // A GPU's own work for a picture is part of the time between frames.
         let between = if self.gpu.is_some() { Duration::ZERO } else { between };
         if let Some(session) = &self.session {
@@ -289,9 +311,16 @@ impl Canvas {
     ) -> Result<Option<Captured>, SessionError> {
         let Some(capture) = self.captures.front() else { return Ok(None) };
         let (scene, size_px) = (capture.scene.clone(), capture.size_px.unwrap_or(size_px));
+        self.in_rows = None;
         let drawn = match self.drawing.take_if(|(drawing, _)| drawing.is_over()) {
             Some((drawing, task)) => self.arrive(drawing, task),
-            None => self.step_to_capture(&scene, size_px, egui),
+            None => match self.go_on_with_capture(egui) {
+                Ok(None) => self.step_to_capture(&scene, size_px, egui),
+                // Budgets or volumes have changed meanwhile: it begins anew.
+                Err(SessionError::Superseded) => Ok(None),
+                Ok(Some(drawn)) => Ok(drawn),
+                Err(error) => Err(error),
+            },
         };
         // The session's slots are those of another picture now.
         self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
@@ -308,7 +337,23 @@ impl Canvas {
         Ok(Some(Captured { path, picture, scene: frame.scene.shown(&scene), stats, over }))
     }
 
-    /// Streams a step towards a picture that was asked for. Returns the picture, and its frame, if a GPU has drawn it; the CPU begins to.
+    /// Goes on with a picture that a GPU draws to be saved; `None` if there is none, or if it takes another step of streaming.
+    fn go_on_with_capture(&mut self, egui: &egui::Context) -> Result<Option<Option<(Picture, Frame)>>, SessionError> {
+        let (Some(mut capture), Some(session), Some(device)) = (self.gpu_capture.take(), &mut self.session, &self.gpu)
+        else {
+            return Ok(None);
+        };
+        Ok(match capture.go_on(session, device, egui)? {
+            row_drawing::Captured::Step => None,
+            row_drawing::Captured::Whole(picture, frame) => Some(Some((picture, *frame))),
+            row_drawing::Captured::Partly => {
+                self.gpu_capture = Some(capture);
+                Some(None)
+            }
+        })
+    }
+
+    /// Streams a step towards a picture that was asked for. Returns the picture, and its frame, if a GPU has drawn it at once; else it is begun.
     fn step_to_capture(
         &mut self,
         scene: &Scene,
@@ -329,6 +374,13 @@ impl Canvas {
             return Ok(None);
         }
         let (drawn, samples) = (frame.clone(), scene.pixel_samples);
+        if is_on_gpu && scene.stereo.is_none() {
+            let pixels = |(width, height): (u32, u32)| f64::from(width) * f64::from(height);
+            let shown = self.shown.as_ref().map_or(size_px, |shown| shown.size_px);
+            let share = self.fitting * (pixels(shown) / pixels(size_px)).min(1.0);
+            self.gpu_capture = Some(GpuCapture::new(frame, samples, share, self.between));
+            return Ok(None);
+        }
         let draw = move |session: &mut Session, painting: &Arc<Painting>| {
             // Drawing tells what was seen, after which more may be wanted.
             let picture = session.paint(&drawn, painting)?;
@@ -353,13 +405,15 @@ impl Canvas {
     pub(crate) fn capturing(&self) -> Option<(&Path, f64)> {
         let capture = self.captures.front().filter(|capture| capture.asked.elapsed() > LOOK)?;
         let drawing = self.drawing.as_ref().filter(|(_, task)| matches!(task, Task::Capture(_)));
-        Some((&capture.path, drawing.map_or(0.0, |(drawing, _)| drawing.progress())))
+        let on_gpu = self.gpu_capture.as_ref().map(GpuCapture::share);
+        Some((&capture.path, on_gpu.or(drawing.map(|(drawing, _)| drawing.progress())).unwrap_or_default()))
     }
 
     /// Gives up the picture that was asked for first.
     pub(crate) fn give_up_capture(&mut self) -> Option<PathBuf> {
         let playback = self.playback;
         let capture = self.captures.pop_front()?;
+        self.gpu_capture = None;
         self.home().play(playback);
         Some(capture.path)
     }
@@ -374,6 +428,9 @@ impl Canvas {
         size_px: (u32, u32),
         egui: &egui::Context,
     ) -> Result<(), SessionError> {
+        if let Some(shown) = self.shown.as_ref().filter(|shown| self.asked.is_none() && shown.scene != *scene) {
+            self.asked = Some((Instant::now(), Box::new(shown.scene.clone())));
+        }
         // The scene follows the picture that has been seen, not the one that arrives now.
         let is_known = scene.time == self.pace.asked || Some(scene.time) == self.step_seen();
         if let Some((drawing, task)) = self.drawing.take_if(|(drawing, _)| drawing.is_over()) {
@@ -389,6 +446,14 @@ impl Canvas {
             self.look_on(scene, size_px);
             return Ok(());
         }
+        let goes_on = |in_rows: &InRows| match in_rows {
+            InRows::Show { shown, .. } => is_same(shown),
+            InRows::Smooth(_) => self.shown.as_ref().is_some_and(is_same),
+        };
+        if self.in_rows.as_ref().is_some_and(goes_on) && !self.is_playing() {
+            return self.draw_rows(egui);
+        }
+        self.in_rows = None;
         if let Some(shown) = self.shown.as_ref().filter(|shown| is_same(shown) && !self.is_playing()) {
             match shown.samples_left {
                 Some(0) => return Ok(()),
@@ -417,9 +482,19 @@ impl Canvas {
         let quality = self.control.next(Change { moved, refined: true }).unwrap_or(Quality::EXACT);
         let quality = if self.is_adaptive { quality } else { Quality::EXACT };
         self.stream = Some((frame.status.clone(), frame.coming.clone()));
+        let share = self.control.share();
+        if self.gpu.is_some() && !moved && !is_playing && share < 1.0 {
+            let drawing = RowDrawing::new(frame.clone(), share, self.between);
+            let shown = Shown { scene: scene.clone(), size_px, frame, quality, samples_left: None };
+            self.in_rows = Some(InRows::Show { drawing, shown: Box::new(shown), step });
+            self.keep_pace();
+            return self.draw_rows(egui);
+        }
         if self.gpu.is_some() {
             let begun = Instant::now();
             let drawn = self.draw(&quality.frame(&frame), size_px)?;
+            let gpu_time = self.session.as_ref().and_then(|session| session.gpu_time());
+            gpu_time.into_iter().for_each(|time| self.control.took(time));
             let times = FrameTimes { step, draw: begun.elapsed(), ..FrameTimes::default() };
             self.took(times);
             self.drew(drawn, Shown { scene: scene.clone(), size_px, frame, quality, samples_left: None });
@@ -441,6 +516,32 @@ impl Canvas {
         let shown = Shown { scene: scene.clone(), size_px, frame, quality, samples_left: None };
         let task = Task::Show { shown: Box::new(shown), step };
         self.leave(task, painting, egui, move |session, painting| session.paint(&drawn, painting).map(Some))
+    }
+
+    /// Draws a part of what is drawn in parts, and shows it once all of it is drawn.
+    fn draw_rows(&mut self, egui: &egui::Context) -> Result<(), SessionError> {
+        let (Some(mut in_rows), Some(session), Some(device)) = (self.in_rows.take(), &mut self.session, &self.gpu)
+        else {
+            return Ok(());
+        };
+        let begun = Instant::now();
+        let (InRows::Show { drawing, .. } | InRows::Smooth(drawing)) = &mut in_rows;
+        let frame = drawing.go_on(session, device, egui)?.cloned();
+        self.spent.draw += begun.elapsed();
+        let Some(frame) = frame else {
+            self.in_rows = Some(in_rows);
+            return Ok(());
+        };
+        self.fitting = drawing.fitting();
+        match in_rows {
+            InRows::Smooth(_) => self.add_sample(&frame),
+            InRows::Show { drawing, shown, step } => {
+                let drawn = self.draw(&frame, shown.size_px)?;
+                self.took(FrameTimes { step, draw: drawing.since(), ..FrameTimes::default() });
+                self.drew(drawn, *shown);
+                Ok(())
+            }
+        }
     }
 
     /// While the session draws: abandons what is not of this scene, unless it is there soon, and shows what is drawn of it so far.
@@ -548,7 +649,7 @@ impl Canvas {
 
     /// Takes note of a picture.
     fn drew(&mut self, drawn: Drawn, shown: Shown) {
-        if drawn == Drawn::Before {
+        if drawn == Drawn::Nothing {
             self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
             return;
         }
@@ -556,6 +657,9 @@ impl Canvas {
         if !frame.status.covered {
             // It never happens; tests of the window look for it.
             tracing::error!("a picture has a hole");
+        }
+        if let Some((at, _)) = self.asked.take_if(|(_, before)| **before != *scene) {
+            self.answers.push(at.elapsed());
         }
         let is_exact = drawn == Drawn::Whole && frame.status.settled && *quality == Quality::EXACT;
         let samples_left = is_exact.then(|| match scene.pixel_samples {
@@ -584,20 +688,32 @@ impl Canvas {
     /// If the device fails. The texture keeps what it shows.
     fn smooth(&mut self, egui: &egui::Context) -> Result<(), SessionError> {
         let Some(Shown { scene, frame, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
-        let (samples, size_px, is_first) = (scene.pixel_samples, *size_px, *left == scene.pixel_samples.count());
+        let (samples, size_px) = (scene.pixel_samples, *size_px);
         let Some(sample) = samples.samples().nth(samples.count() - *left) else { return Ok(()) };
         let frame = frame.of_sample(sample);
-        let Some(Device { state, .. }) = self.gpu.clone() else {
+        if self.gpu.is_none() {
             let painting = Painting::over(NO_PICTURE, size_px, 1 + u32::from(scene.stereo.is_some()));
             return self.leave(Task::Smooth, painting, egui, move |session, painting| {
                 session.paint(&frame, painting).map(Some)
             });
-        };
+        }
+        if self.control.share() < 1.0 {
+            self.in_rows = Some(InRows::Smooth(RowDrawing::new(frame, self.fitting, self.between)));
+            return self.draw_rows(egui);
+        }
+        self.add_sample(&frame)
+    }
+
+    /// Draws a sample of the picture's pixels on a GPU, unless that is done, and adds it to those before.
+    fn add_sample(&mut self, frame: &Frame) -> Result<(), SessionError> {
+        let Some(Shown { scene, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
+        let (samples, size_px, is_first) = (scene.pixel_samples, *size_px, *left == scene.pixel_samples.count());
+        let Some(Device { state, .. }) = self.gpu.clone() else { return Ok(()) };
         let (Some(session), Some(screen)) = (&mut self.session, &mut self.screen) else { return Ok(()) };
         let begun = Instant::now();
         let target = Target { view: screen.sample(size_px), format: FORMAT, area_px: None };
         let mut encoder = state.device.create_command_encoder(&Default::default());
-        let is_drawn = session.draw_to(&frame, &target, &mut encoder)?;
+        let is_drawn = session.draw_to(frame, &target, &mut encoder)?;
         if is_drawn {
             screen.add_sample(&mut encoder, is_first, samples);
         }
@@ -653,17 +769,16 @@ impl Canvas {
 
     /// Draws a frame on the GPU into the texture, which has `size_px` pixels. While there is nothing of the frame in some place, the texture stays as it is.
     fn draw(&mut self, frame: &Frame, size_px: (u32, u32)) -> Result<Drawn, SessionError> {
-        let (Some(screen), Some(session)) = (&mut self.screen, &mut self.session) else { return Ok(Drawn::Before) };
-        let Some(Device { state, .. }) = &self.gpu else { return Ok(Drawn::Before) };
+        let (Some(screen), Some(session)) = (&mut self.screen, &mut self.session) else { return Ok(Drawn::Nothing) };
+        let Some(Device { state, .. }) = &self.gpu else { return Ok(Drawn::Nothing) };
         let target = Target { view: screen.sized(size_px), format: FORMAT, area_px: None };
         let mut encoder = state.device.create_command_encoder(&Default::default());
         let is_this = session.draw_to(frame, &target, &mut encoder)?;
         state.queue.submit([encoder.finish()]);
-        session.gpu_time().into_iter().for_each(|time| self.control.took(time));
         Ok(match session.shown() {
             _ if is_this => Drawn::Whole,
             Some(shown) if shown.is_copy_of(frame) => Drawn::Partly,
-            _ => Drawn::Before,
+            _ => Drawn::Nothing,
         })
     }
 
@@ -683,13 +798,24 @@ impl Canvas {
 
     /// How much is drawn of the picture at which the session works, 0 to 1, once that has taken a while; `None` if it does not.
     pub(crate) fn progress(&self) -> Option<f64> {
+        if let Some(InRows::Show { drawing, .. } | InRows::Smooth(drawing)) = &self.in_rows {
+            return (drawing.since() > LOOK).then(|| drawing.share());
+        }
         let (drawing, _) = self.drawing.as_ref().filter(|(drawing, _)| drawing.since() > LOOK)?;
         Some(drawing.progress())
     }
 
-    /// For how long the picture has been drawn beside the window, which hears of it when it is done; `None` if it is not.
-    pub(crate) fn drawing_since(&self) -> Option<Duration> {
-        self.drawing.as_ref().map(|(drawing, _)| drawing.since())
+    /// How long it is until the window should look how far the picture is, which is not final. It hears of those that are drawn beside it, or in parts.
+    pub(crate) fn look_after(&self) -> Duration {
+        let [soonest, latest] = DRAWING_STEPS;
+        let in_rows = match &self.in_rows {
+            Some(InRows::Show { drawing, .. } | InRows::Smooth(drawing)) => Some(drawing),
+            None => None,
+        };
+        let beside = self.drawing.as_ref().map(|(drawing, _)| drawing.since());
+        let of_capture = self.gpu_capture.as_ref().filter(|capture| capture.is_drawing()).map(|_| Duration::ZERO);
+        let since = beside.or(in_rows.map(RowDrawing::since)).or(of_capture);
+        since.map_or(STREAMING_STEP, |since| since.clamp(soonest, latest))
     }
 
     /// Puts the picture over a part of the window; nothing before the first one.
@@ -755,6 +881,11 @@ impl Canvas {
     /// What frames took since this was last asked.
     pub(crate) fn take_spent(&mut self) -> FrameTimes {
         std::mem::take(&mut self.spent)
+    }
+
+    /// How long it was from changes of the scene to the first pictures of them since this was last asked.
+    pub(crate) fn take_answers(&mut self) -> Vec<Duration> {
+        std::mem::take(&mut self.answers)
     }
 
     /// The draw list of each layer, for which pictures are drawn now.

@@ -32,6 +32,10 @@ pub(crate) struct Pacing {
     between: VecDeque<Duration>,
     first: Option<Instant>,
     drawn: VecDeque<Drawn>,
+    /// What each frame took on the window's thread besides drawing, whether or not a picture was drawn in it.
+    blocked_ms: VecDeque<f64>,
+    /// What it took from changes of the scene to the first picture of them.
+    answers_ms: Vec<f64>,
     blocked_most_ms: f64,
     frames: u64,
 }
@@ -48,8 +52,12 @@ pub(crate) struct PacingStats {
     pictures_per_second: f64,
     /// What frames in which a picture was drawn took on the window's thread besides drawing, milliseconds.
     blocked_ms: Percentiles,
-    /// The most that any frame took on the window's thread besides drawing, milliseconds.
+    /// What any frame took there at most, and all but one of a thousand, milliseconds.
     blocked_most_ms: f64,
+    blocked_p999_ms: f64,
+    /// From a change of the scene to the first picture of it or of a later one, milliseconds; and how many there were.
+    answer_ms: Percentiles,
+    answers: usize,
     /// What drawing took, milliseconds.
     draw_ms: Percentiles,
     /// The share of the exact picture's work that 50, 5 and 1 percent of pictures had at most.
@@ -60,7 +68,18 @@ impl Pacing {
     /// Counts the frames of a window whose volumes were opened at this time.
     pub(crate) fn new(opened: Instant) -> Self {
         let (drawn, between) = (VecDeque::new(), VecDeque::new());
-        Self { opened, ended: None, between, first: None, drawn, blocked_most_ms: 0.0, frames: 0 }
+        let (blocked_ms, answers_ms) = (VecDeque::new(), Vec::new());
+        Self {
+            opened,
+            ended: None,
+            between,
+            first: None,
+            drawn,
+            blocked_ms,
+            answers_ms,
+            blocked_most_ms: 0.0,
+            frames: 0,
+        }
     }
 
     /// Takes note that a frame's work begins.
@@ -88,6 +107,10 @@ impl Pacing {
         let blocked_ms = ms(took.saturating_sub(spent.draw));
         self.frames += 1;
         self.blocked_most_ms = self.blocked_most_ms.max(blocked_ms);
+        if self.blocked_ms.len() == MOST {
+            self.blocked_ms.pop_front();
+        }
+        self.blocked_ms.push_back(blocked_ms);
         if spent.drawing().is_zero() {
             return;
         }
@@ -97,6 +120,12 @@ impl Pacing {
             self.drawn.pop_front();
         }
         self.drawn.push_back(Drawn { at, blocked_ms, draw_ms: ms(spent.drawing()), quality });
+    }
+
+    /// Takes note of how long it was from changes of the scene to the first pictures of them.
+    pub(crate) fn answered(&mut self, after: impl IntoIterator<Item = Duration>) {
+        let room = MOST - self.answers_ms.len();
+        self.answers_ms.extend(after.into_iter().take(room).map(|time| time.as_secs_f64() * 1e3));
     }
 
     /// What the frames took so far.
@@ -115,9 +144,19 @@ impl Pacing {
             pictures_per_second: if count > 0 { f64::from(count) / seconds } else { 0.0 },
             blocked_ms: Percentiles::of(&of(|drawn| drawn.blocked_ms)),
             blocked_most_ms: self.blocked_most_ms,
+            blocked_p999_ms: self.all_but_one_of_a_thousand(),
+            answer_ms: Percentiles::of(&self.answers_ms),
+            answers: self.answers_ms.len(),
             draw_ms: Percentiles::of(&of(|drawn| drawn.draw_ms)),
             quality: [-lacking.p50, -lacking.p95, -lacking.p99],
         }
+    }
+
+    /// The least time that all but one of a thousand frames took at most on the window's thread besides drawing, milliseconds.
+    fn all_but_one_of_a_thousand(&self) -> f64 {
+        let mut sorted: Vec<f64> = self.blocked_ms.iter().copied().collect();
+        sorted.sort_by(f64::total_cmp);
+        sorted.get((sorted.len() * 999).div_ceil(1000).saturating_sub(1)).copied().unwrap_or_default()
     }
 }
 
@@ -153,9 +192,11 @@ mod tests {
             pacing.note(ms(12), FrameTimes { step: ms(1), draw: ms(7), beside: ms(3) }, quality);
         }
         pacing.note(ms(40), FrameTimes::default(), 1.0);
+        pacing.answered([ms(30), ms(90)]);
         let stats = pacing.stats();
         assert_eq!((stats.frames, stats.drawn, stats.quality), (4, 3, [0.5, 0.25, 0.25]));
         assert!((stats.blocked_ms.p99 - 5.0).abs() < 1e-9 && (stats.blocked_most_ms - 40.0).abs() < 1e-9);
+        assert!((stats.blocked_p999_ms - 40.0).abs() < 1e-9 && (stats.answer_ms.p50 - 30.0).abs() < 1e-9);
         assert!((stats.draw_ms.p50 - 10.0).abs() < 1e-9 && stats.first_picture_ms.is_some());
     }
 }

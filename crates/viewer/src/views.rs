@@ -1,7 +1,7 @@
 //! The pictures of a window: that of the scene, and the slices that stand beside it in some layouts. Each is drawn by a session of its own; together they
 //! stay within the window's limits of memory.
 
-use crate::canvas::{Canvas, FrameTimes};
+use crate::canvas::{Canvas, FrameTimes, STREAMING_STEP};
 use crate::device::Device;
 use crate::state::{Layout, WindowState};
 use brickyard::backend::BackendChoice;
@@ -146,10 +146,10 @@ impl Views {
         std::iter::once(&mut self.main).chain(&mut self.planes)
     }
 
-    /// For how long the youngest picture has been drawn beside the window, if all that is not final is drawn there.
-    pub(crate) fn drawing_since(&self) -> Option<Duration> {
-        let mut open = self.all().filter(|canvas| !canvas.is_final()).map(Canvas::drawing_since);
-        open.try_fold(Duration::MAX, |least, since| Some(least.min(since?))).filter(|least| *least < Duration::MAX)
+    /// How long it is until the window should look how far pictures are that are not final.
+    pub(crate) fn look_after(&self) -> Duration {
+        let open = self.all().filter(|canvas| !canvas.is_final());
+        open.map(Canvas::look_after).min().unwrap_or(STREAMING_STEP)
     }
 
     /// Whether all pictures are as they will stay until something changes.

@@ -3,7 +3,7 @@
 
 mod files;
 
-use crate::canvas::Captured;
+use crate::canvas::STREAMING_STEP;
 use crate::command::{Command, Placing};
 use crate::device::Device;
 use crate::edits::{changes, edited};
@@ -24,6 +24,7 @@ use crate::planes::Grid;
 use crate::play::Play;
 use crate::recent::Recent;
 use crate::running::Left;
+use crate::saving::Saving;
 use crate::screenshots::Screenshots;
 use crate::script::{Line, Script};
 use crate::state::{Budgets, Layout, State, Theme, is_navigation};
@@ -33,7 +34,6 @@ use crate::volume_view::{Seen, VolumeView};
 use crate::window::files::Next;
 use crate::{clicks::Clicks, keys, work_row};
 use brickyard::overlay::{World, unit};
-use brickyard::picture_file::write_shown;
 use brickyard::session::{SessionError, VolumeSource};
 use brickyard::text_file::write_text;
 use brickyard::unlike_sizes::unlike_sizes;
@@ -44,13 +44,6 @@ use eframe::egui::{self, Align2, Rect, Ui, UiBuilder, ViewportCommand, vec2};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-
-/// How often the window looks whether bricks have come.
-const STREAMING_STEP: Duration = Duration::from_millis(8);
-
-/// How soon, and how often later, the window shows how far pictures are that are drawn beside it, which tell it when they are done. Each frame of the window
-/// takes time from them: a picture of 0.2 s is drawn without one.
-const DRAWING_STEPS: [Duration; 2] = [Duration::from_millis(200), Duration::from_millis(500)];
 
 /// How often the window looks how far a file is that is read or packed.
 const OPENING_STEP: Duration = Duration::from_millis(100);
@@ -88,6 +81,8 @@ pub(crate) struct Window {
     next: Option<Next>,
     /// The export of voxels that is under way.
     exporting: Option<Exporting>,
+    /// Pictures that are being written, in the order in which they came.
+    saving: Vec<Saving>,
     recent: Recent,
     /// The dialog that is shown.
     dialog: Option<Dialog>,
@@ -130,6 +125,7 @@ impl Window {
             openings,
             next: None,
             exporting: None,
+            saving: Vec::new(),
             recent,
             dialog: None,
             state,
@@ -274,7 +270,7 @@ impl Window {
 
     /// Whether files are being read or written.
     fn is_busy(&self) -> bool {
-        self.openings.are_busy() || self.next.is_some() || self.exporting.is_some()
+        self.openings.are_busy() || self.next.is_some() || self.exporting.is_some() || !self.saving.is_empty()
     }
 
     /// Whether the pictures are as they will stay until something changes; an empty window has none.
@@ -372,18 +368,33 @@ impl Window {
             let written = written.map(|()| wrote(&path)).map_err(|error| error.to_string());
             self.say_ended(is_it, written);
         }
-        let is_picture = |command: &Command| matches!(command, Command::SavePicture(..));
-        match self.views.main.captured(self.volume_view.size_px, egui) {
-            Ok(None) => {}
-            Ok(Some(Captured { path, mut picture, scene, stats, over })) => {
-                let (size_px, scale) = ((picture.width, picture.height), egui.pixels_per_point());
-                let pixels_per_point = marks::pixels_per_point(size_px, self.volume_view.size_px, scale);
-                marks::draw(&mut picture, &scene, self.views.volumes(), &over, pixels_per_point);
-                let written = write_shown(&path, &picture, &scene, &stats);
-                self.say_ended(is_picture, written.map(|()| wrote(&path)).map_err(|error| error.to_string()));
-            }
-            Err(error) => self.say_ended(is_picture, Err(format!("the picture cannot be written: {error}"))),
+        while let Some(written) = self.saving.first_mut().and_then(Saving::poll) {
+            let path = self.saving.remove(0).path().to_path_buf();
+            self.say_saved(&path, written);
         }
+        let size_px = self.volume_view.size_px;
+        match self.views.main.captured(size_px, egui) {
+            Ok(None) => {}
+            Ok(Some(captured)) => {
+                let (of_picture, path) = ((captured.picture.width, captured.picture.height), captured.path.clone());
+                let pixels_per_point = marks::pixels_per_point(of_picture, size_px, egui.pixels_per_point());
+                let volumes = self.views.volumes().to_vec();
+                match Saving::begin(captured, volumes, pixels_per_point, egui.clone()) {
+                    Ok(saving) => self.saving.push(saving),
+                    Err(error) => self.say_saved(&path, Err(error.to_string())),
+                }
+            }
+            Err(error) => {
+                let is_picture = |command: &Command| matches!(command, Command::SavePicture(..));
+                self.say_ended(is_picture, Err(format!("the picture cannot be written: {error}")));
+            }
+        }
+    }
+
+    /// Says what came of saving a picture.
+    fn say_saved(&mut self, path: &Path, written: Result<(), String>) {
+        let is_it = |command: &Command| matches!(command, Command::SavePicture(file, _) if file == path);
+        self.say_ended(is_it, written.map(|()| wrote(path)));
     }
 
     /// The panels around the pictures. They edit a copy of the state. Returns the room for the row of time steps, if there is one.
@@ -458,6 +469,7 @@ impl Window {
                 self.openings.show(ui);
                 self.next.iter().for_each(|next| next.show(ui));
                 self.exporting.iter().for_each(|exporting| exporting.show(ui));
+                self.saving.iter().for_each(|saving| work_row::show_writing(ui, saving.path()));
                 if let Some((path, share)) = capturing {
                     is_given_up = work_row::show_share(ui, ("drawing", path), share);
                 }
@@ -679,9 +691,7 @@ impl Window {
         } else if self.screenshots.are_awaited() || !self.clicks.are_done() {
             egui.request_repaint_after(STREAMING_STEP);
         } else if !self.has_final_pictures() || !self.script.is_over() {
-            let [soonest, latest] = DRAWING_STEPS;
-            let drawing_since = self.views.drawing_since().map(|since| since.clamp(soonest, latest));
-            egui.request_repaint_after(drawing_since.unwrap_or(STREAMING_STEP));
+            egui.request_repaint_after(self.views.look_after());
         } else if self.is_busy() {
             egui.request_repaint_after(OPENING_STEP);
         } else {
@@ -691,6 +701,7 @@ impl Window {
             }
         }
         let spent = self.views.take_spent();
+        self.pacing.answered(self.views.main.take_answers());
         self.pacing.note(begun.elapsed(), spent, self.views.main.quality());
         self.pacing.end(!self.has_final_pictures());
     }

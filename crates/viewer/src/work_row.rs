@@ -15,6 +15,11 @@ pub(crate) fn show_share(ui: &mut Ui, (what, path): (&str, &Path), share: f64) -
     row(ui, share as f32, format!("{what} {}: {:.0} %", name(path), 100.0 * share), true)
 }
 
+/// Shows that a file is being written, which takes a moment.
+pub(crate) fn show_writing(ui: &mut Ui, path: &Path) {
+    ui.label(format!("writing {}", name(path)));
+}
+
 fn name(path: &Path) -> Cow<'_, str> {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy()
 }

@@ -34,10 +34,16 @@ struct Asked {
 
 impl Fit {
     /// Draws a scene from the bricks in the slots into the GPU renderer's own texture, without waiting. A scene of two
-    /// eyes is drawn twice. If `tells`, the pagers are told later what was seen.
-    pub(crate) fn show(&mut self, scene: &ResolvedScene, tells: bool) -> Result<(), BackendError> {
+    /// eyes is drawn twice. If `tells`, the pagers are told later what was seen. Of `rows` of a scene of one eye without meshes only these are drawn.
+    /// Returns whether the picture is whole.
+    pub(crate) fn show(
+        &mut self,
+        scene: &ResolvedScene,
+        rows: Option<Range<u32>>,
+        tells: bool,
+    ) -> Result<bool, BackendError> {
         let Self { layers: own, pools, backend, shown, .. } = self;
-        let Some(gpu) = backend.as_gpu() else { return Ok(()) };
+        let Some(gpu) = backend.as_gpu() else { return Ok(false) };
         let eyes = 1 + scene.stereo.is_some() as usize;
         let mut is_asked = tells && own.iter().all(|layer| layer.draws.len() == eyes);
         let first = shown.pictures;
@@ -45,7 +51,14 @@ impl Fit {
             if eye == 1 {
                 gpu.keep_left()?;
             }
-            is_asked &= gpu.show(&drawn(own, scene, eye), scene.combination.as_ref(), shown.pictures)?;
+            let (layers, combination) = (drawn(own, scene, eye), scene.combination.as_ref());
+            is_asked &= match &rows {
+                None => gpu.show(&layers, combination, shown.pictures)?,
+                Some(rows) => match gpu.show_rows(&layers, combination, (shown.pictures, rows.clone()))? {
+                    Some(is_asked) => is_asked,
+                    None => return Ok(false),
+                },
+            };
             shown.pictures += 1;
         }
         if is_asked {
@@ -56,7 +69,7 @@ impl Fit {
             let seen = vec![Vec::new(); own.len()];
             shown.asked.push_back(Asked { pictures: first..shown.pictures, drawn, seen });
         }
-        Ok(())
+        Ok(true)
     }
 
     /// Whether the picture shown last lacks layers of translucent meshes; `None` while that is not known.

@@ -1,0 +1,145 @@
+//! A frame that a GPU draws in parts, paced so that the window waits for none of them long; and a picture that is saved, whose samples are such
+//! frames. Costs a frame of the window for each part.
+
+use crate::device::Device;
+use crate::row_pace::RowPace;
+use brickyard::session::{Drawn, Frame, Session, SessionError};
+use brickyard::volume::{Picture, PictureSum, PixelSamples};
+use eframe::egui::Context;
+use std::time::Duration;
+
+/// A frame that is being drawn in parts. There must be no other step of its session meanwhile.
+pub(crate) struct RowDrawing {
+    frame: Frame,
+    pace: RowPace,
+}
+
+impl RowDrawing {
+    /// A frame of which nothing is drawn yet, a `share` of which is taken to be fit for a part, if frames of the window take so long `between` parts.
+    pub(crate) fn new(frame: Frame, share: f64, between: Duration) -> Self {
+        let height = frame.scene.layers[0].frames[0].settings.rays.height;
+        Self { frame, pace: RowPace::new(height, share, between) }
+    }
+
+    /// Submits a part, unless the one before is under way or shaders are compiled. Returns the frame once all of it is submitted, so that it can be
+    /// [put](Session::draw_to) on textures.
+    ///
+    /// # Errors
+    /// As [`Session::draw_rows`].
+    pub(crate) fn go_on(
+        &mut self,
+        session: &mut Session,
+        device: &Device,
+        egui: &Context,
+    ) -> Result<Option<&Frame>, SessionError> {
+        if let Some(rows) = self.pace.next()
+            && session.draw_rows(&self.frame, rows.clone())? != Drawn::Nothing
+        {
+            self.pace.submitted(&rows, (&device.state.device, &device.state.queue), egui);
+        }
+        Ok((self.share() >= 1.0).then_some(&self.frame))
+    }
+
+    /// The share of the frame that is submitted.
+    pub(crate) fn share(&self) -> f64 {
+        self.pace.share()
+    }
+
+    /// The share of it that has turned out to be fit for a part.
+    pub(crate) fn fitting(&self) -> f64 {
+        self.pace.fitting()
+    }
+
+    /// Since when it is drawn.
+    pub(crate) fn since(&self) -> Duration {
+        self.pace.since()
+    }
+}
+
+/// A picture that a GPU draws to be saved: its samples one after the other, each in parts and then brought to the CPU.
+pub(crate) struct GpuCapture {
+    frame: Frame,
+    samples: PixelSamples,
+    /// The share of a sample that is fit for a part, and how long frames of the window take between parts.
+    fitting: f64,
+    between: Duration,
+    sum: PictureSum,
+    /// Samples that are in the sum.
+    done: usize,
+    /// The sample that is being drawn; `None` while it is on its way to the CPU.
+    drawing: Option<RowDrawing>,
+}
+
+/// Parts of a picture that is to be saved.
+pub(crate) enum Captured {
+    /// Some.
+    Partly,
+    /// All that the step of streaming has; what was seen in it may ask for more.
+    Step,
+    /// The picture, and its frame.
+    Whole(Picture, Box<Frame>),
+}
+
+impl GpuCapture {
+    /// A picture of a frame with so many samples a pixel, of which nothing is drawn yet. A `share` of a sample is taken to be fit for a
+    /// part, if frames of the window take so long `between` parts.
+    pub(crate) fn new(frame: Frame, samples: PixelSamples, share: f64, between: Duration) -> Self {
+        let mut capture =
+            Self { frame, samples, fitting: share, between, sum: PictureSum::default(), done: 0, drawing: None };
+        capture.begin_sample();
+        capture
+    }
+
+    fn begin_sample(&mut self) {
+        let sample = self.samples.samples().nth(self.done).filter(|_| self.frame.status.settled);
+        let frame = match sample.filter(|_| self.samples != PixelSamples::ONE) {
+            Some(sample) => self.frame.of_sample(sample),
+            None => self.frame.clone(),
+        };
+        self.drawing = Some(RowDrawing::new(frame, self.fitting, self.between));
+    }
+
+    /// Goes on with the picture.
+    ///
+    /// # Errors
+    /// As [`Session::draw_rows`].
+    pub(crate) fn go_on(
+        &mut self,
+        session: &mut Session,
+        device: &Device,
+        egui: &Context,
+    ) -> Result<Captured, SessionError> {
+        if let Some(drawing) = &mut self.drawing {
+            if drawing.go_on(session, device, egui)?.is_none() {
+                return Ok(Captured::Partly);
+            }
+            if !self.frame.status.settled {
+                return Ok(Captured::Step);
+            }
+            if session.read_back()? {
+                self.fitting = drawing.fitting();
+                self.drawing = None;
+            }
+            return Ok(Captured::Partly);
+        }
+        let Some(picture) = session.picture()? else { return Ok(Captured::Partly) };
+        self.sum.add(&picture);
+        self.done += 1;
+        if self.done == self.samples.count() {
+            return Ok(Captured::Whole(self.sum.mean(), Box::new(self.frame.clone())));
+        }
+        self.begin_sample();
+        Ok(Captured::Partly)
+    }
+
+    /// Whether a sample is being drawn, and the window hears when there is something to do.
+    pub(crate) fn is_drawing(&self) -> bool {
+        self.drawing.is_some()
+    }
+
+    /// The share of the picture that is drawn.
+    pub(crate) fn share(&self) -> f64 {
+        let of_sample = self.drawing.as_ref().map_or(1.0, RowDrawing::share);
+        (self.done as f64 + of_sample) / self.samples.count() as f64
+    }
+}
