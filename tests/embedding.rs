@@ -1,11 +1,11 @@
 //! A session on an application's device: what it puts on the application's textures is its picture, nothing waits for the GPU, and what rays
 //! saw is told of the frame that it was seen in, however late.
 
-use brickyard::backend::{BackendChoice, BackendError};
+use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::frame_governor::Quality;
 use brickyard::pager::Playback;
 use brickyard::render::{Gpu, GpuError, Target, wgpu};
-use brickyard::session::{Frame, Session, SessionError, SessionOptions, VolumeSource};
+use brickyard::session::{Drawn, Frame, Session, SessionError, SessionOptions, VolumeSource};
 use brickyard::volume::{
     Camera, Extent, Filter, Geometry, Lighting, LightingModel, Mesh, MeshLook, Mode, Picture, Projection, Sampling,
     Scene, SceneLayer, Stereo, StereoLayout, TransferFunction,
@@ -63,7 +63,12 @@ impl Application {
     }
 
     fn session(&self, store: &TestStore, live: bool) -> Session {
+        self.session_by(store, live, CompositorChoice::Auto)
+    }
+
+    fn session_by(&self, store: &TestStore, live: bool, compositor: CompositorChoice) -> Session {
         let options = SessionOptions {
+            compositor,
             gpu_memory_bytes: 64 << 20,
             host_memory_bytes: 64 << 20,
             threads: 2,
@@ -227,6 +232,36 @@ fn what_an_application_shows_is_the_picture_in_every_format() {
         }
     }
     assert_eq!(app.errors.load(Ordering::Relaxed), 0);
+}
+
+/// A picture of rows that are drawn part by part is the one that is drawn at once, whoever gathers it; until the last part the texture stays.
+#[test]
+fn rows_one_after_the_other_are_the_picture() {
+    let (Some(app), store) = (Application::new(), store()) else { return };
+    let fog = scene(0.3, 20.0);
+    let layer = |opacity| SceneLayer { source: Some(0), ..transfer(opacity).into() };
+    let layers = vec![layer(0.3), SceneLayer { opacity: 0.5, ..layer(0.6) }];
+    let several = Scene { layers, ..fog.clone() };
+    let projected = Scene { mode: Mode::Mip, ..several.clone() };
+    for compositor in [CompositorChoice::Sorted, CompositorChoice::Raycast, CompositorChoice::Compute] {
+        for (name, scene) in [("fog", &fog), ("two layers", &several), ("maxima of two layers", &projected)] {
+            let mut session = app.session_by(&store, true, compositor);
+            let texture = app.texture(FORMAT, SIZE);
+            let view = texture.create_view(&Default::default());
+            let frame = app.settle(&mut session, scene, SIZE, &whole(&view));
+            // Another frame of the same picture.
+            let frame = Quality::EXACT.frame(&frame);
+            for rows in [0..8, 8..41, 41..96] {
+                let is_last = rows.end == SIZE.1;
+                let drawn = session.draw_rows(&frame, rows).expect("drawn");
+                assert_eq!(drawn, if is_last { Drawn::Whole } else { Drawn::Partly }, "{compositor:?}, {name}");
+                assert_eq!(session.shown().is_some_and(|shown| shown.is_copy_of(&frame)), is_last);
+            }
+            assert!(app.draw(&mut session, &frame, &whole(&view)));
+            let (found, expected) = (rgb(&app.read(&texture)), rendered(&store, scene, SIZE).rgb);
+            assert!(most(&found, &expected) <= 1, "{compositor:?}, {name}: {}", most(&found, &expected));
+        }
+    }
 }
 
 /// Where a look asks for slots of another format, the application's texture shows the picture before until the new one is whole; a camera

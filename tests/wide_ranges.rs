@@ -164,6 +164,29 @@ fn narrow_windows_over_wide_channels_are_the_oracle_s() {
     }
 }
 
+/// A surface around an outlier, far from the window of the fog, leaves the fog as it is.
+#[test]
+fn surfaces_far_from_the_fog_s_window_leave_it_as_it_is() {
+    let test = pack(with_outliers);
+    let volumes = [VolumeSource::of_store(&test.store)];
+    let (_, fog) = scenes(0, [0.2, 0.8]).swap_remove(0);
+    let shot = |isovalue: f64| {
+        let mut scene = fog.clone();
+        scene.layers[0].isosurfaces = vec![Isosurface { opacity: 0.5, ..Isosurface::at(isovalue) }];
+        let resolved = resolve(&volumes, &scene, SIZE).expect("a possible scene");
+        let expected = render_reference(&[&*test.store], &resolved, 1 << 30).expect("the levels");
+        (isovalue, scene, expected)
+    };
+    let shots = [1e4, 1e6, -1e5].map(shot);
+    for way in WAYS {
+        let Some(mut session) = session(&test.store, way) else { continue };
+        for (isovalue, scene, expected) in &shots {
+            let (found, _) = settled(&mut session, scene, SIZE);
+            assert_same_surface(&found, expected, &format!("{isovalue}, {way:?}"));
+        }
+    }
+}
+
 /// Each pixel of a slice is a voxel's own colour, by arithmetic alone.
 #[test]
 fn a_slice_of_labels_has_their_own_colours() {

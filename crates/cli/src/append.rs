@@ -55,6 +55,9 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
         let (given, files) = (counted(time.len() as u64, "time"), counted(files.len() as u64, "file"));
         return Err(Failure::usage(format!("--time: expected one for each file, found {given} for {files}")));
     }
+    if let Some(odd) = time.iter().find(|time| !time.is_finite()) {
+        return Err(Failure::usage(format!("--time {odd}: expected finite numbers")));
+    }
     let input = OpenOptions { is_step: files.len() > 1, ..step_options(&store, &settings, input.options())? };
     if input.time_stamps.is_some() {
         let problem = "--time-stamps is for pack; append takes the times of its files as --time TIME[,TIME...]";

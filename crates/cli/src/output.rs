@@ -67,8 +67,9 @@ fn may_write_as(extensions: &[&str], advice: &str, path: &Path, overwrite: bool)
 /// Makes a folder for output, unless it is there.
 ///
 /// # Errors
-/// Exit code 2 if something else is there, 1 if it cannot be made.
+/// Exit code 2 if something else is there or a store would hold it, 1 if it cannot be made.
 pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
+    check_outside(&path.join("output")).map_err(Failure::usage)?;
     if path.is_dir() {
         return Ok(());
     }

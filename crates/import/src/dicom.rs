@@ -66,7 +66,7 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
     check_is_image(&header)?;
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if stands_alone(&header) {
-        let notes = others_of_series(&header, folder)?;
+        let notes = if options.is_step { Vec::new() } else { others_of_series(&header, folder) };
         return DicomSeries::new(vec![header], options, notes).map(|s| Box::new(s) as _);
     }
     let mut series = Vec::new();
@@ -93,14 +93,16 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
 }
 
 /// Says of a file of several frames that others of its series lie beside it; nothing if there are none that can be read.
-fn others_of_series(header: &Header, folder: &Path) -> Result<Vec<String>, ImportError> {
+fn others_of_series(header: &Header, folder: &Path) -> Vec<String> {
     let is_other = |path: &&PathBuf| path.file_name() != header.path.file_name();
     let is_of_it = |path: &&PathBuf| Header::read(path).is_ok_and(|it| is_image(&it) && it.series() == header.series());
-    let others = files_in(folder)?.iter().filter(is_other).filter(is_of_it).count() as u64;
+    // What cannot be read is no reason to refuse what can.
+    let beside = files_in(folder).unwrap_or_default();
+    let others = beside.iter().filter(is_other).filter(is_of_it).count() as u64;
     let files = counted(others, "file");
     let note =
         format!("{files} more of its series in its folder, left out: name the files, or the folder, for all frames.");
-    Ok(if others > 0 { vec![note] } else { Vec::new() })
+    if others > 0 { vec![note] } else { Vec::new() }
 }
 
 /// Whether a file itself is the reason why it cannot be read.

@@ -154,7 +154,7 @@ impl<'a> Losses<'a> {
             (Element::U64, None) => each!(u64, n => Fate::of_integer(u32::try_from(n).is_ok()), n as f64),
             (Element::I64, _) => each!(i64, n => scaled_integer(n.into()), n as f64),
             (Element::U64, _) => each!(u64, n => scaled_integer(n.into()), n as f64),
-            (Element::F64, _) => each!(f64, n => scaled(n, true), n),
+            (Element::F64, _) => each!(f64, n => self.fate_of_f64(n, n * slope + intercept)?, n),
             (Element::F16, _) => each!(half::f16, n => scaled(n.to_f64(), false), n.to_f64()),
             // Of images no more is said than that numbers of 32 bits are rounded when they are scaled; labels are looked at.
             (Element::Voxel(t), _) => {
@@ -165,21 +165,38 @@ impl<'a> Losses<'a> {
         Ok(())
     }
 
-    /// Counts a number that is lost, of this value; of floats none that means no data, as they become NaN or infinite.
+    /// The fate of a float of 64 bits with this value. One that means no data is not lost, as it becomes NaN or infinite; no other one may become
+    /// what that becomes.
+    fn fate_of_f64(&self, number: f64, value: f64) -> Result<Fate, ImportError> {
+        let (fate, held) = (Fate::of_float(number, value, true), value as f32);
+        let Some(nodata) = self.nodata else { return Ok(fate) };
+        let narrowed = nodata as f32;
+        let is_told_from_0 = narrowed != 0.0 || nodata == 0.0;
+        match () {
+            () if is_told_from_0 && (value == nodata || value == f64::from(narrowed)) => Ok(Fate::Kept),
+            () if value == nodata || narrowed.is_finite() && held == narrowed => {
+                Err(self.beside_nodata(&number, nodata))
+            }
+            () => Ok(fate),
+        }
+    }
+
+    fn beside_nodata(&self, number: &dyn std::fmt::Debug, nodata: f64) -> ImportError {
+        let (name, voxel_type) = (self.decode.element.name(), self.decode().voxel_type());
+        let problem = format!(
+            "voxels are {name}, of which {number:?} cannot be held in {voxel_type} beside {nodata:?}, which means no data; write the file with \
+             values that {voxel_type} holds"
+        );
+        ImportError::options(self.path, problem)
+    }
+
+    /// Counts a number that is lost, of this value.
     fn lose(&mut self, fate: Fate, number: &dyn std::fmt::Debug, value: f64) -> Result<(), ImportError> {
         let voxel_type = self.decode().voxel_type();
-        let means_nodata = |held: f64| self.nodata.is_some_and(|nodata| value == nodata || held == nodata);
-        if voxel_type.is_float() && means_nodata(f64::from(value as f32)) {
-            return Ok(());
-        }
         let (least, greatest) = voxel_type.limits();
-        if let Some(nodata) = self.nodata.filter(|_| means_nodata(value.clamp(least, greatest))) {
-            let name = self.decode.element.name();
-            let problem = format!(
-                "voxels are {name}, of which {number:?} cannot be held in {voxel_type} beside {nodata}, which means no data; write the file with \
-                 values that {voxel_type} holds"
-            );
-            return Err(ImportError::options(self.path, problem));
+        let becomes = |nodata: f64| value == nodata || value.clamp(least, greatest) == nodata;
+        if let Some(nodata) = self.nodata.filter(|nodata| !voxel_type.is_float() && becomes(*nodata)) {
+            return Err(self.beside_nodata(number, nodata));
         }
         if !self.allowed {
             let advice = match self.are_labels {
@@ -306,17 +323,25 @@ mod tests {
         };
         let plain = OpenOptions::default();
         let lossy = OpenOptions { allow_lossy: true, ..OpenOptions::default() };
-        for marker in [f64::MIN, f64::from(-9999.1f32)] {
-            let voxels = f64s(&[0.0, 1.0, if marker == f64::MIN { marker } else { -9999.1 }]);
+        for (marker, voxel) in [(f64::MIN, f64::MIN), (-9999.1, -9999.1), (-9999.1, f64::from(-9999.1f32))] {
+            let voxels = f64s(&[0.0, 1.0, voxel]);
             let note = counted(Element::F64, &voxels, Some(marker), &plain).unwrap();
             assert!(note.contains("no value is changed"), "{note}");
             let kept = OpenOptions { nodata: NoData::None, ..plain.clone() };
-            assert!(counted(Element::F64, &voxels, Some(marker), &kept).is_err());
+            let is_wide = f64::from(voxel as f32) != voxel;
+            assert_eq!(counted(Element::F64, &voxels, Some(marker), &kept).is_err(), is_wide);
         }
+        // What f32 does not tell from it, and 0 from what is nearly 0.
+        for (marker, voxel) in [(0.1, 0.1 + 1e-12), (f64::MIN_POSITIVE, 0.0), (f64::MIN_POSITIVE, f64::MIN_POSITIVE)] {
+            let message = counted(Element::F64, &f64s(&[5.0, voxel]), Some(marker), &lossy).unwrap_err();
+            assert!(message.contains("beside"), "{message}");
+        }
+        let beyond = counted(Element::F64, &f64s(&[-1e300]), Some(f64::from(f32::MIN)), &lossy).unwrap();
+        assert!(beyond.contains("1 infinite"), "{beyond}");
         let clamped = OpenOptions { nodata: NoData::Value(i32::MAX.into()), ..lossy.clone() };
         let cases = [
             (i64s(&[0, i64::MIN]), Some(i64::MIN as f64), &lossy, "-9223372036854775808 cannot be held in i32"),
-            (i64s(&[0, 1 << 40]), None, &clamped, "1099511627776 cannot be held in i32 beside 2147483647"),
+            (i64s(&[0, 1 << 40]), None, &clamped, "1099511627776 cannot be held in i32 beside 2147483647.0"),
         ];
         for (voxels, nodata, options, words) in cases {
             let message = counted(Element::I64, &voxels, nodata, options).unwrap_err();

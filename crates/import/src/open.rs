@@ -297,6 +297,10 @@ fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result
                 format!("`nodata` {value}: voxels are {voxel_type}, expected one of the {kind} from {low} to {high}");
             return Err(ImportError::options(path, problem));
         }
+        NoData::Value(value) if info.voxel_type.is_float() && value != 0.0 && value as f32 == 0.0 => {
+            let problem = format!("`nodata` {value:e}: voxels are f32, which do not tell it from 0");
+            return Err(ImportError::options(path, problem));
+        }
         NoData::Value(value) => Some(value),
     };
     (info.nodata, info.knows_nodata) = (value, false);

@@ -61,6 +61,8 @@ impl SourceInfo {
     /// note; NaN and infinities hold no data anyway.
     pub(crate) fn set_nodata(&mut self, value: f64, name: &str) {
         if self.voxel_type.holds(value) {
+            // As the voxels are, which may have been narrowed.
+            let value = if self.voxel_type.is_float() { f64::from(value as f32) } else { value };
             self.nodata = Some(value);
             let what = if self.voxel_type.is_float() { "they become NaN" } else { "they are left out" };
             self.notes.push(format!("Voxels of {value} hold no data, as the file says ({name}): {what}."));

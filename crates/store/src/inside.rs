@@ -4,12 +4,14 @@ use crate::error::{InsideStore, OpenError};
 use crate::folder::Folder;
 use crate::metadata::parse_info;
 use crate::side::read_json;
-use std::path::Path;
+use std::path::{Component, Path, PathBuf};
 
 /// The error for a path that does not open: if it is inside of a store, the one that names the store in place of this one.
 pub(crate) fn explained(error: OpenError, path: &Path) -> OpenError {
-    match holder(path) {
-        Some(store) => OpenError::Inside { what: what(path, store), path: path.into(), store: store.into() },
+    let leads_up = path.components().any(|part| part == Component::ParentDir);
+    let place = if leads_up { located(path) } else { path.into() };
+    match holder(&place) {
+        Some(store) => OpenError::Inside { what: what(&place, store), path: path.into(), store: store.into() },
         None => error,
     }
 }
@@ -20,10 +22,21 @@ pub(crate) fn explained(error: OpenError, path: &Path) -> OpenError {
 /// # Errors
 /// If a folder above the path is a store.
 pub fn check_outside(path: &Path) -> Result<(), InsideStore> {
-    let whole = std::path::absolute(path).unwrap_or_else(|_| path.into());
-    match holder(&whole) {
+    match holder(&located(path)) {
         Some(store) => Err(InsideStore { path: path.into(), store: store.into() }),
         None => Ok(()),
+    }
+}
+
+/// Where a path leads, whether or not there is something: through links, and without `..`.
+fn located(path: &Path) -> PathBuf {
+    let Some(name) = path.file_name() else { return path.canonicalize().unwrap_or_else(|_| path.into()) };
+    let folder = named(path.parent().unwrap_or(Path::new("")));
+    match folder.canonicalize() {
+        Ok(folder) => folder.join(name),
+        // None as yet.
+        Err(_) if folder != path => located(folder).join(name),
+        Err(_) => path.into(),
     }
 }
 
@@ -89,6 +102,16 @@ mod tests {
             assert_eq!(check_outside(&store.join(name)).is_ok(), is_outside, "{name}");
         }
         assert!(check_outside(&folder.path().join("a.npy")).is_ok());
+        // Through a link, up again, and where no folder is yet.
+        std::os::unix::fs::symlink(store.join("0"), folder.path().join("link")).unwrap();
+        for (name, is_outside) in [
+            ("link/a.npy", false),
+            ("scan.zarr/../a.npy", true),
+            ("scan.zarr/0/../b/c/a.npy", false),
+            ("b/c/a.npy", true),
+        ] {
+            assert_eq!(check_outside(&folder.path().join(name)).is_ok(), is_outside, "{name}");
+        }
         let beside = Store::open(folder.path().join("scan.zar")).err().unwrap().to_string();
         assert!(!beside.contains("give"), "{beside}");
     }

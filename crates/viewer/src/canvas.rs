@@ -90,7 +90,7 @@ pub(crate) struct FrameTimes {
     pub(crate) step: Duration,
     /// Recording what a GPU draws.
     pub(crate) draw: Duration,
-    /// Drawing on the CPU, beside the window.
+    /// Drawing beside the window, on the CPU or in parts on a GPU.
     pub(crate) beside: Duration,
 }
 
@@ -316,8 +316,6 @@ impl Canvas {
             Some((drawing, task)) => self.arrive(drawing, task),
             None => match self.go_on_with_capture(egui) {
                 Ok(None) => self.step_to_capture(&scene, size_px, egui),
-                // Budgets or volumes have changed meanwhile: it begins anew.
-                Err(SessionError::Superseded) => Ok(None),
                 Ok(Some(drawn)) => Ok(drawn),
                 Err(error) => Err(error),
             },
@@ -413,7 +411,6 @@ impl Canvas {
     pub(crate) fn give_up_capture(&mut self) -> Option<PathBuf> {
         let playback = self.playback;
         let capture = self.captures.pop_front()?;
-        self.gpu_capture = None;
         self.home().play(playback);
         Some(capture.path)
     }
@@ -537,7 +534,7 @@ impl Canvas {
             InRows::Smooth(_) => self.add_sample(&frame),
             InRows::Show { drawing, shown, step } => {
                 let drawn = self.draw(&frame, shown.size_px)?;
-                self.took(FrameTimes { step, draw: drawing.since(), ..FrameTimes::default() });
+                self.took(FrameTimes { step, beside: drawing.since(), ..FrameTimes::default() });
                 self.drew(drawn, *shown);
                 Ok(())
             }
@@ -671,6 +668,7 @@ impl Canvas {
 
     /// The session, which is called home and abandons what it draws.
     fn home(&mut self) -> &mut Session {
+        (self.in_rows, self.gpu_capture) = (None, None);
         let mut volumes = Vec::new();
         if let Some((drawing, task)) = self.drawing.take() {
             drawing.abandon();
@@ -812,9 +810,9 @@ impl Canvas {
             Some(InRows::Show { drawing, .. } | InRows::Smooth(drawing)) => Some(drawing),
             None => None,
         };
-        let beside = self.drawing.as_ref().map(|(drawing, _)| drawing.since());
-        let of_capture = self.gpu_capture.as_ref().filter(|capture| capture.is_drawing()).map(|_| Duration::ZERO);
-        let since = beside.or(in_rows.map(RowDrawing::since)).or(of_capture);
+        let in_parts = in_rows.or(self.gpu_capture.as_ref().and_then(GpuCapture::drawing));
+        let in_parts = in_parts.filter(|drawing| drawing.is_under_way()).map(RowDrawing::since);
+        let since = self.drawing.as_ref().map(|(drawing, _)| drawing.since()).or(in_parts);
         since.map_or(STREAMING_STEP, |since| since.clamp(soonest, latest))
     }
 

@@ -13,6 +13,7 @@ mod fields;
 mod file_browser;
 mod guard;
 mod history;
+mod input_order;
 mod keeping;
 mod keys;
 mod marks;

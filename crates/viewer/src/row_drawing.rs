@@ -50,6 +50,11 @@ impl RowDrawing {
         self.pace.fitting()
     }
 
+    /// Whether a part is under way, after which the window is painted again.
+    pub(crate) fn is_under_way(&self) -> bool {
+        self.pace.is_under_way()
+    }
+
     /// Since when it is drawn.
     pub(crate) fn since(&self) -> Duration {
         self.pace.since()
@@ -132,9 +137,9 @@ impl GpuCapture {
         Ok(Captured::Partly)
     }
 
-    /// Whether a sample is being drawn, and the window hears when there is something to do.
-    pub(crate) fn is_drawing(&self) -> bool {
-        self.drawing.is_some()
+    /// The sample that is being drawn, if one is.
+    pub(crate) fn drawing(&self) -> Option<&RowDrawing> {
+        self.drawing.as_ref()
     }
 
     /// The share of the picture that is drawn.

@@ -76,8 +76,9 @@ impl RowPace {
         });
         let (watched, device, egui) = (done.clone(), device.clone(), egui.clone());
         let watch = move || {
-            // The device tells when somebody looks at it. A lost one has told all.
-            while watched.get().is_none() && device.poll(PollType::Poll).is_ok() {
+            // The device tells when somebody looks at it. Besides this thread and the one who tells, the pace waits for it.
+            let is_awaited = || watched.get().is_none() && Arc::strong_count(&watched) > 2;
+            while is_awaited() && device.poll(PollType::Poll).is_ok() {
                 std::thread::sleep(LOOK);
             }
             egui.request_repaint();
@@ -86,6 +87,11 @@ impl RowPace {
         let _ = std::thread::Builder::new().name("part".into()).spawn(watch);
         self.under_way = Some(UnderWay { rows: rows.end - rows.start, begun: Instant::now(), done });
         self.next = rows.end;
+    }
+
+    /// Whether a part is under way.
+    pub(crate) fn is_under_way(&self) -> bool {
+        self.under_way.as_ref().is_some_and(|part| part.done.get().is_none())
     }
 
     /// The share of the picture that has turned out to be fit for a part.

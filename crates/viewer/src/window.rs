@@ -9,6 +9,7 @@ use crate::device::Device;
 use crate::edits::{changes, edited};
 use crate::exporting::Exporting;
 use crate::history::History;
+use crate::input_order::InputOrder;
 use crate::keeping::{self, Keeper};
 use crate::marks::{self, Marks, Over};
 use crate::measuring::Measuring;
@@ -100,6 +101,7 @@ pub(crate) struct Window {
     started: Option<Instant>,
     screenshots: Screenshots,
     clicks: Clicks,
+    order: InputOrder,
     pacing: Pacing,
     /// A file for what the frames took; `None` writes none.
     stats: Option<PathBuf>,
@@ -147,6 +149,7 @@ impl Window {
             started: None,
             screenshots: Screenshots::new(),
             clicks: Clicks::default(),
+            order: InputOrder::default(),
             pacing,
             stats,
             left: None,
@@ -556,9 +559,10 @@ fn quarters(area: Rect) -> [Rect; 4] {
 
 /// What the display asks of a window.
 impl Window {
-    /// Adds the script's clicks to a frame's input.
+    /// Adds the script's clicks to a frame's input, and leaves for the next frame what comes later.
     pub(crate) fn take_input(&mut self, input: &mut egui::RawInput) {
         self.clicks.play(input);
+        self.order.split(input);
     }
 
     /// Draws a frame, unless the device is lost: then the window is to be opened again.
@@ -684,7 +688,7 @@ impl Window {
         }
         let keep_after = self.keep();
         // A command shows in the next frame.
-        if is_busy || !commands.is_empty() {
+        if is_busy || !commands.is_empty() || self.order.is_waiting() {
             egui.request_repaint();
         } else if self.is_failing {
             egui.request_repaint_after(FAILING_STEP);

@@ -36,6 +36,9 @@ const MARGIN: f64 = 1.0 / 64.0;
 const FEW_8: f64 = 128.0;
 const FEW_16: f64 = 512.0;
 
+/// How many windows an isovalue may be away from the function's window: some part of what slots about that hold.
+const FARTHEST_SURFACE: f64 = 1e7;
+
 /// The narrowest code, below which numbers in slots are none that all GPUs tell from 0, and the least unit, a multiple of whose inverse is an
 /// f32. Windows of less than 65,536 such codes have fewer.
 const LEAST_CODE: f64 = 1e-36;
@@ -114,6 +117,8 @@ impl KeptSlots {
 pub struct Window {
     /// The least and the greatest value at which the look's transfer function changes, or of which it has an isosurface.
     pub values: [f64; 2],
+    /// The same of the transfer function alone, whose table has no room for isovalues far from that; `None` if it changes nowhere.
+    pub of_function: Option<[f64; 2]>,
     /// The least distance between two values between which the function bends.
     pub thinnest: f64,
     /// Whether the function depends on gradients, of which no window says how slight they are: codes of values of 32 bits are always too coarse then.
@@ -123,7 +128,7 @@ pub struct Window {
 impl Window {
     /// A window of these values, in which the function bends nowhere.
     pub fn of(values: [f64; 2]) -> Self {
-        Self { values, thinnest: f64::INFINITY, is_by_gradient: false }
+        Self { values, of_function: Some(values), thinnest: f64::INFINITY, is_by_gradient: false }
     }
 
     /// The window of a look in this mode; `None` if it tells no values apart.
@@ -134,6 +139,7 @@ impl Window {
         let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
         (low <= high).then(|| Self {
             values: [low, high],
+            of_function: changes.filter(|[low, high]| low < high),
             thinnest: transfer.thinnest([low, high]),
             is_by_gradient: transfer.is_by_gradient(),
         })
@@ -145,7 +151,7 @@ impl SlotEncoding {
     /// tells no values apart. Slots that are `kept` stay as long as they can.
     pub fn for_window(self, window: Option<Window>, kept: KeptSlots) -> Self {
         let Some(window) = window else { return if kept.stay { self.in_slots(kept.floats) } else { self } };
-        let [low, high] = window.values;
+        let [low, high] = self.of_table(&window);
         let enough = if kept.floats.is_some() { SHARE / SURPLUS } else { SHARE };
         let has_codes = match kept.stay {
             true => kept.floats.is_none(),
@@ -160,6 +166,16 @@ impl SlotEncoding {
             |floats: &FloatSlots| floats.suffice(voxel_type, window, spread) && floats.is_about(window, spread);
         let kept = kept.floats.filter(|floats| kept.stay || is_fit(floats));
         self.with_table(kept.unwrap_or_else(|| FloatSlots::about(voxel_type, window, spread)), window)
+    }
+
+    /// The values that a transfer table of f32 slots is laid over: those of the function, as surfaces are found in the field itself, unless isovalues
+    /// are farther from them than slots about them hold.
+    fn of_table(&self, window: &Window) -> [f64; 2] {
+        let [low, high] = window.values;
+        let Some(of_function) = window.of_function else { return [low, high] };
+        let reach = FARTHEST_SURFACE * (of_function[1] - of_function[0]);
+        let is_near = of_function[0] - low <= reach && high - of_function[1] <= reach;
+        if is_near { of_function } else { [low, high] }
     }
 
     /// This encoding by codes, with a transfer table for a window: over all codes, or over those of a narrow window and one to each side, where
@@ -336,6 +352,13 @@ mod tests {
         assert_eq!(window(&plain, &[Isosurface::at(3.0)]), Some([3.0, 3.0]));
         let ramp = TransferFunction { opacity: vec![[0.0, 0.0], [2.0, 0.5]], ..plain };
         assert_eq!(window(&ramp, &[Isosurface::at(3.0), Isosurface::at(1.0)]), Some([0.0, 3.0]));
+        // A surface far away takes no room in the table, unless slots do not hold both.
+        let codes = SlotEncoding::new(VoxelType::F32, (-1e12, 1e12), false);
+        for (isovalue, is_near) in [(1e6, true), (-1e6, true), (1e10, false)] {
+            let window = Window::new(&ramp, &[Isosurface::at(isovalue)], Mode::Dvr);
+            let width = codes.for_window(window, KeptSlots::default()).code_width();
+            assert_eq!(width < 1e-3, is_near, "{isovalue}: {width}");
+        }
     }
 
     #[test]
@@ -430,6 +453,16 @@ mod tests {
                     assert!(half(width / 1000.0) >= 1.0 / 16384.0, "{voxel_type:?} {spread} {width}: {unit}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn windows_have_all_codes_however_narrow_they_are() {
+        let codes = SlotEncoding::new(VoxelType::F32, (0.0, 1e-3), false);
+        for width in [1e-9, 1e-20, 1e-29, 1e-31] {
+            let narrow = codes.for_window(Some(Window::of([0.0, width])), KeptSlots::default());
+            assert!(width / narrow.code_width() > 30_000.0, "{width}: {}", narrow.code_width());
+            assert!((narrow.codes_per_slot() as f32).is_finite() && narrow.gradient_scale().is_finite(), "{width}");
         }
     }
 

@@ -221,8 +221,7 @@ impl Description {
 /// A number without data as a pixel of this type holds it: of floats the nearest, for programs write the limits of f32 in few digits.
 pub(super) fn nearest(value: f64, element: Element) -> f64 {
     let near = match element {
-        // As the voxels will be, of which some may be narrowed.
-        Element::Voxel(VoxelType::F32) | Element::F64 => f64::from(value as f32),
+        Element::Voxel(VoxelType::F32) => f64::from(value as f32),
         Element::F16 => half::f16::from_f64(value).to_f64(),
         _ => value,
     };

@@ -387,10 +387,10 @@ fn values_without_data_are_those_that_the_type_holds() {
     assert_eq!(nodata("17.5", field(2, 1, 1)), None);
 }
 
-/// Floats of 64 bits become voxels of 32: so does their value.
 #[test]
-fn values_without_data_are_narrowed_with_the_voxels() {
-    assert_eq!(super::super::description::nearest(0.1, crate::element::Element::F64), 0.1f32 as f64);
+fn values_without_data_are_those_that_pixels_can_have() {
+    let of_f32 = crate::element::Element::Voxel(brickyard_volume::VoxelType::F32);
+    assert_eq!(super::super::description::nearest(0.1, of_f32), 0.1f32 as f64);
     assert_eq!(super::super::description::nearest(65504.01, crate::element::Element::F16), 65504.0);
     assert_eq!(super::super::description::nearest(f64::MIN, crate::element::Element::F64), f64::MIN);
 }
