@@ -450,10 +450,10 @@ fn a_gpu_that_is_lost_again_and_again_leaves_the_volumes_to_the_cpu_and_then_end
     let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
     let losses = "settled lose-gpu\n".repeat(3);
-    // Pictures of one sample are settled sooner: losses have to follow each other within seconds.
+    // Small pictures of one sample are settled sooner: losses have to follow each other within seconds.
     let losses = format!("0 set pixel_samples 1\n{losses}");
     sandbox.write("tour.txt", format!("{losses}settled save-picture picture.png\nsettled lose-gpu\nsettled quit\n"));
-    let arguments = ["-v", &path, "--backend", "gpu", "--script", "tour.txt"];
+    let arguments = ["-v", &path, "--backend", "gpu", "--script", "tour.txt", "--size", "640x400"];
     let ended = display.view(sandbox.path(".").as_path(), &arguments).output().expect("it runs");
     let said = String::from_utf8_lossy(&ended.stderr).into_owned();
     assert!(said.contains("the CPU draws the volumes now") && sandbox.path("picture.png").exists(), "{said}");

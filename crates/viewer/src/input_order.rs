@@ -3,6 +3,9 @@
 
 use eframe::egui::{Event, RawInput};
 
+/// How much may wait. A hand is not as fast as that: where programs are, input that waited ever longer would be worse than input whose order is lost.
+const MOST: usize = 64;
+
 /// Input that waits for its frame.
 #[derive(Default)]
 pub(crate) struct InputOrder {
@@ -14,7 +17,9 @@ impl InputOrder {
     pub(crate) fn split(&mut self, input: &mut RawInput) {
         let mut events = std::mem::take(&mut self.waiting);
         events.append(&mut input.events);
-        self.waiting = events.split_off(first_part(&events));
+        if events.len() <= MOST {
+            self.waiting = events.split_off(first_part(&events));
+        }
         input.events = events;
     }
 
@@ -77,5 +82,8 @@ mod tests {
         input.events = vec![key()];
         order.split(&mut input);
         assert!(input.events == [button(false)] && order.is_waiting());
+        input.events = vec![button(true); MOST];
+        order.split(&mut input);
+        assert!(input.events.len() == MOST + 1 && !order.is_waiting(), "no hand is as fast");
     }
 }
