@@ -152,7 +152,7 @@ pub(crate) struct Captured {
     pub(crate) over: Over,
 }
 
-/// What a GPU draws in parts.
+/// A picture in the making that a GPU draws in parts.
 enum InRows {
     /// The exact picture of a scene; and what its step of streaming took.
     Show { drawing: RowDrawing, shown: Box<Shown>, step: Duration },

@@ -52,7 +52,7 @@ pub(crate) struct PacingStats {
     pictures_per_second: f64,
     /// What frames in which a picture was drawn took on the window's thread besides drawing, milliseconds.
     blocked_ms: Percentiles,
-    /// What any frame took there at most, and all but one of a thousand, milliseconds.
+    /// Milliseconds on the window's thread besides drawing: the most of any frame, and of all but one of a thousand.
     blocked_most_ms: f64,
     blocked_p999_ms: f64,
     /// From a change of the scene to the first picture of it or of a later one, milliseconds; and how many there were.

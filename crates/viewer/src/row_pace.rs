@@ -1,5 +1,5 @@
-//! Rows of a picture that a GPU draws in parts, each as large as it can draw while the window waits for one frame: the window's own work comes after
-//! what is submitted before. The next part follows once the one before is done, and has the rows that would have fitted. Costs a frame of the
+//! Pace of a picture that a GPU draws some rows at a time, each part a few frames of the window long: the window's own work comes after work
+//! submitted before. The next part follows once the one before is done, and has the rows that would have fitted. Costs a frame of the
 //! window and a thread for each part.
 
 use brickyard::render::wgpu::{self, PollType};

@@ -117,7 +117,7 @@ impl KeptSlots {
 pub struct Window {
     /// The least and the greatest value at which the look's transfer function changes, or of which it has an isosurface.
     pub values: [f64; 2],
-    /// The same of the transfer function alone, whose table has no room for isovalues far from that; `None` if it changes nowhere.
+    /// Least and greatest value at which the transfer function alone changes; `None` if it changes nowhere.
     pub of_function: Option<[f64; 2]>,
     /// The least distance between two values between which the function bends.
     pub thinnest: f64,
@@ -146,12 +146,24 @@ impl Window {
     }
 }
 
+impl Window {
+    /// Values of an f32 slots' transfer table: the function's, as surfaces are found in the field itself, unless isovalues are farther from them
+    /// than slots about them hold.
+    fn of_table(&self) -> [f64; 2] {
+        let [low, high] = self.values;
+        let Some(of_function) = self.of_function else { return [low, high] };
+        let reach = FARTHEST_SURFACE * (of_function[1] - of_function[0]);
+        let is_near = of_function[0] - low <= reach && high - of_function[1] <= reach;
+        if is_near { of_function } else { [low, high] }
+    }
+}
+
 impl SlotEncoding {
     /// This encoding of a channel for a look with this window: its codes, or f32 slots if these are too coarse. `None` is a look that
     /// tells no values apart. Slots that are `kept` stay as long as they can.
     pub fn for_window(self, window: Option<Window>, kept: KeptSlots) -> Self {
         let Some(window) = window else { return if kept.stay { self.in_slots(kept.floats) } else { self } };
-        let [low, high] = self.of_table(&window);
+        let [low, high] = window.of_table();
         let enough = if kept.floats.is_some() { SHARE / SURPLUS } else { SHARE };
         let has_codes = match kept.stay {
             true => kept.floats.is_none(),
@@ -166,16 +178,6 @@ impl SlotEncoding {
             |floats: &FloatSlots| floats.suffice(voxel_type, window, spread) && floats.is_about(window, spread);
         let kept = kept.floats.filter(|floats| kept.stay || is_fit(floats));
         self.with_table(kept.unwrap_or_else(|| FloatSlots::about(voxel_type, window, spread)), window)
-    }
-
-    /// The values that a transfer table of f32 slots is laid over: those of the function, as surfaces are found in the field itself, unless isovalues
-    /// are farther from them than slots about them hold.
-    fn of_table(&self, window: &Window) -> [f64; 2] {
-        let [low, high] = window.values;
-        let Some(of_function) = window.of_function else { return [low, high] };
-        let reach = FARTHEST_SURFACE * (of_function[1] - of_function[0]);
-        let is_near = of_function[0] - low <= reach && high - of_function[1] <= reach;
-        if is_near { of_function } else { [low, high] }
     }
 
     /// This encoding by codes, with a transfer table for a window: over all codes, or over those of a narrow window and one to each side, where
@@ -466,7 +468,7 @@ mod tests {
         }
     }
 
-    /// What is farther than codes reach is clamped voxel by voxel, and nothing else; slots of an expression hold all.
+    /// Slots clamp values farther than codes reach, voxel by voxel, and no others; slots of an expression hold all.
     #[test]
     fn outliers_are_clamped_in_their_slots() {
         let voxels = [0.3, 1e8, -4e8, 9.96921e36, -1e20].map(|value: f64| f64::from(value as f32));
