@@ -27,7 +27,7 @@ enum Content {
     Counts,
     /// 0 and 1.
     Mask,
-    /// 0 and 1, and the type's greatest value once.
+    /// 0 and 1, and the greatest of the smooth values once.
     Outlier,
 }
 
@@ -43,6 +43,10 @@ fn smooth_range(voxel_type: VoxelType) -> (f64, f64) {
     }
 }
 
+fn outlier(voxel_type: VoxelType) -> f64 {
+    if voxel_type == VoxelType::F32 { 1e5 } else { smooth_range(voxel_type).1 }
+}
+
 fn value(voxel_type: VoxelType, content: Content, at: [u32; 3]) -> f64 {
     let [x, y, z] = at.map(f64::from);
     let wave = 0.5 + 0.25 * (0.31 * x + 0.17 * y).sin() + 0.24 * (0.23 * y - 0.27 * z).cos();
@@ -50,13 +54,7 @@ fn value(voxel_type: VoxelType, content: Content, at: [u32; 3]) -> f64 {
     match content {
         Content::Smooth => low + (high - low) * wave,
         Content::Counts => (7.0 * wave).floor(),
-        Content::Outlier if at == [19, 14, 20] => {
-            if voxel_type == VoxelType::F32 {
-                1e5
-            } else {
-                high
-            }
-        }
+        Content::Outlier if at == [19, 14, 20] => outlier(voxel_type),
         Content::Mask | Content::Outlier => f64::from(u8::from(wave > 0.5)),
     }
 }
@@ -99,7 +97,7 @@ impl Choice {
     }
 
     /// A window of 1 to 65,536 codes, somewhere among the values.
-    fn window(&mut self, voxel_type: VoxelType, content: Content) -> [f64; 2] {
+    fn window(&mut self, voxel_type: VoxelType, content: Content, mode: Mode) -> [f64; 2] {
         let (low, high) = match content {
             Content::Smooth => smooth_range(voxel_type),
             Content::Counts => (0.0, 6.0),
@@ -108,7 +106,12 @@ impl Choice {
         let code = if voxel_type.bytes() <= 2 { 1.0 } else { (high - low) / 65535.0 };
         let most = (high - low).max(1.0);
         // Where neighbouring voxels differ by 4,096 windows, the rounding of a sample's place is a hundredth of a window.
-        let least = if content == Content::Smooth { 0.0 } else { most / 4096.0 };
+        let least = match content {
+            Content::Smooth => 0.0,
+            // Means are true of values up to some hundred million windows away, which splines bring into samples far from an outlier.
+            Content::Outlier if mode == Mode::Average => (outlier(voxel_type) / 1e8).max(most / 4096.0),
+            Content::Counts | Content::Mask | Content::Outlier => most / 4096.0,
+        };
         let width = (code * self.between(0.0, 16.0).exp2()).clamp(least, most);
         let from = low + (high - low - width) * self.0.unit();
         [from, from + width]
@@ -135,8 +138,8 @@ impl Choice {
     }
 
     fn scene(&mut self, voxel_type: VoxelType, content: Content) -> Scene {
-        let window = self.window(voxel_type, content);
         let mode = self.of(&[Mode::Dvr, Mode::Dvr, Mode::Dvr, Mode::Mip, Mode::MinIp, Mode::Average, Mode::Isosurface]);
+        let window = self.window(voxel_type, content, mode);
         let isovalue = |choice: &mut Self| {
             let value = choice.between(window[0], window[1]);
             let opacity = if choice.is(0.5) { 1.0 } else { choice.between(0.2, 0.9) };
