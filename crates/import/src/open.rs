@@ -360,15 +360,38 @@ mod tests {
         assert!(message.contains("one per time step"), "{message}");
     }
 
+    /// A `.npy` file of zeros.
+    fn npy(element: &str, shape: &str, bytes: usize) -> Vec<u8> {
+        let header = format!("{{'descr': '{element}', 'fortran_order': False, 'shape': {shape}, }}");
+        [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), &vec![0; bytes]].concat()
+    }
+
+    #[test]
+    fn options_that_a_format_has_no_use_for_are_refused() {
+        let (_folder, path) = temp_file("a.npy", &npy("<f4", "(2, 3, 4)", 96));
+        let plain = OpenOptions::default();
+        assert!(open(std::slice::from_ref(&path), &plain).is_ok());
+        let useless = [
+            ("voxel_type", OpenOptions { voxel_type: Some(VoxelType::F32), ..plain.clone() }),
+            ("endian", OpenOptions { endian: Endian::Big, ..plain.clone() }),
+            ("offset", OpenOptions { offset: 1, ..plain.clone() }),
+            ("channels", OpenOptions { channels: Some(2), ..plain.clone() }),
+            ("times", OpenOptions { times: Some(2), ..plain.clone() }),
+            ("gaps", OpenOptions { gaps: Gaps::Blank, ..plain.clone() }),
+        ];
+        for (name, options) in useless {
+            let message = refusal(&path, &options);
+            assert!(message.contains(&format!("`{name}` is for ")), "{message}");
+        }
+        let tiny = OpenOptions { nodata: NoData::Value(1e-300), ..plain };
+        assert!(refusal(&path, &tiny).contains("do not tell it from 0"));
+    }
+
     #[test]
     fn steps_that_disagree_name_the_odd_one() {
-        let npy = |shape: &str, n: usize| {
-            let header = format!("{{'descr': '|u1', 'fortran_order': False, 'shape': {shape}, }}");
-            [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), &vec![0; n]].concat()
-        };
-        let (folder, first) = temp_file("a1.npy", &npy("(2, 3, 4)", 24));
+        let (folder, first) = temp_file("a1.npy", &npy("|u1", "(2, 3, 4)", 24));
         let second = folder.path().join("a2.npy");
-        std::fs::write(&second, npy("(2, 4, 3)", 24)).unwrap();
+        std::fs::write(&second, npy("|u1", "(2, 4, 3)", 24)).unwrap();
         let message = open(&[first, second], &OpenOptions::default()).err().unwrap().to_string();
         assert!(message.contains("a2.npy: is 3,4,2 u8") && message.contains("4,3,2 u8"), "{message}");
     }

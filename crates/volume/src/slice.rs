@@ -174,6 +174,20 @@ mod tests {
         assert!(close(right, [0.0, 1.0, 0.0]) && close(up, [0.0, 0.0, 1.0]) && close(middle, [-0.5, 3.0, 14.5]));
     }
 
+    /// Rounding moves a point of a ray from there by more than a voxel.
+    #[test]
+    fn slices_stay_thin_from_far_eyes() {
+        let (geometry, extent) = (Geometry::default(), Extent::new(100, 100, 100));
+        let slice = Slice { point: DVec3::splat(50.0), normal: DVec3::Z, thickness: 0.0 };
+        let eye = DVec3::new(50.0, 50.0, 1e7);
+        let camera = Camera { eye, ..slice.camera(geometry.world_box(extent), slice.image_up(), (40, 30)) };
+        let rays = camera.rays(40, 30).unwrap();
+        assert!(geometry.rounding_voxels(eye, extent) > 1.0);
+        for side in slice.sides(&rays, &geometry, extent, None) {
+            assert!((side.point.z - 50.0).abs() <= 0.5, "{}", side.point);
+        }
+    }
+
     #[test]
     fn oblique_slices_are_seen_whole() {
         let normals = [[1.0, 1.0, 1.0], [-0.3, 0.2, 0.9], [0.0, 5.0, -0.1], [1e-9, 0.0, 1.0], [0.7, 0.0, -0.7]];
