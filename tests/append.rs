@@ -260,6 +260,8 @@ fn files_are_taken_in_the_order_in_which_pack_takes_them() {
     let mut found = vec![0; EXTENT.iter().product()];
     given.read_box(2, 0, Level(0), given.pyramid().level(Level(0)).extent.full_box(), &mut found).expect("sound");
     assert!(found == step(10));
+    sandbox.run_ok(&format!("append again.zarr s1.raw s1.raw {FLAGS} --order given --time 0.5,0.7"));
+    assert_eq!(Store::open(sandbox.path("again.zarr")).expect("a store").times(), 2);
     for (files, words) in [
         ("s0.raw s1.raw s3.raw", &["without 2", "--order natural"][..]),
         ("s0.raw s1.raw s1.raw", &["s1.raw", "named twice", "--order given"]),

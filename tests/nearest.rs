@@ -251,7 +251,8 @@ fn a_thin_slab_keeps_its_opacity() {
     };
     for way in WAYS {
         let Some(mut session) = session(&test.store, way) else { continue };
-        for (distance, thickness) in [(40.0, 1.0), (20_000.0, 1.0), (40.0, 3e-3)] {
+        // From 100,000 away single precision moves points by a thirtieth of a voxel.
+        for (distance, thickness) in [(40.0, 1.0), (100_000.0, 1.0), (40.0, 0.1)] {
             let target = DVec3::new(1023.5, 7.5, 7.5);
             let projection = Projection::Orthographic { height: 8.0 };
             let camera = Camera { eye: target + DVec3::Z * distance, target, up: DVec3::Y, projection };
@@ -259,16 +260,16 @@ fn a_thin_slab_keeps_its_opacity() {
                 point: target + DVec3::Z * (0.5 * side * thickness + 1.0),
                 normal: DVec3::Z * -side,
             });
-            let mut cropped =
-                Scene { camera: Some(camera), sampling: nearest(), step: 0.25, ..Scene::of(half.clone()) };
+            let transfer = TransferFunction { unit_distance: thickness, ..half.clone() };
+            let mut cropped = Scene { camera: Some(camera), sampling: nearest(), step: 0.25, ..Scene::of(transfer) };
             cropped.layers[0].crop = Some([DVec3::new(1000.0, 0.0, 8.0), DVec3::new(1050.0, 16.0, 8.0 + thickness)]);
             let between = Scene { clip_planes: sides.to_vec(), ..cropped.clone() };
             let mut between = between;
             between.layers[0].crop = None;
             for scene in [cropped, between] {
                 let (picture, _) = settled(&mut session, &scene, (8, 8));
-                let expected = 255.0 * (1.0 - 0.5f64.powf(thickness));
-                // A hundredth of a voxel at most is left out on each side: 1.8.
+                let expected = 255.0 * (1.0 - 0.5);
+                // A hundredth of it at most is left out on each side: 1.8.
                 let off = picture.rgb.iter().map(|pixel| (f64::from(pixel[0]) - expected).abs()).fold(0.0, f64::max);
                 assert!(off <= 2.3, "{way:?}, {distance} off, {thickness} thick: {off}");
             }

@@ -11,7 +11,9 @@ const SIZE: (u32, u32) = (1600, 1200);
 const UNDER: [u8; 3] = [9, 8, 7];
 
 fn under() -> Painting {
-    Painting::over(Picture { width: 3, height: 2, rgb: vec![UNDER; 6] }, SIZE, 1)
+    let painting = Painting::new(SIZE, 1);
+    painting.lay_under(Picture { width: 3, height: 2, rgb: vec![UNDER; 6] });
+    painting
 }
 
 fn settled(session: &mut Session, step: f64) -> Frame {

@@ -112,7 +112,7 @@ impl Choice {
             Content::Outlier if mode == Mode::Average => (outlier(voxel_type) / 1e8).max(most / 4096.0),
             Content::Counts | Content::Mask | Content::Outlier => most / 4096.0,
         };
-        let width = (code * self.between(0.0, 16.0).exp2()).clamp(least, most);
+        let width = (code * self.between(0.0, 16.0).exp2()).clamp(least, most.max(least));
         let from = low + (high - low - width) * self.0.unit();
         [from, from + width]
     }

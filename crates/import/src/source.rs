@@ -172,3 +172,23 @@ pub trait Source: Send + Sync {
         None
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard_volume::Extent;
+
+    /// Voxels of 64 bits are narrowed, and so is the value of those that hold no data.
+    #[test]
+    fn no_data_is_narrowed_as_voxels_are() {
+        let nodata_of = |voxel_type, value| {
+            let sizes = Sizes { extent: Extent::new(2, 2, 2), channels: 1, times: 1 };
+            let mut info = SourceInfo::plain(sizes, voxel_type);
+            info.set_nodata(value, "missing_value");
+            info.nodata
+        };
+        assert_eq!(nodata_of(VoxelType::F32, -9999.1), Some(f64::from(-9999.1f32)));
+        assert_eq!(nodata_of(VoxelType::I16, -9999.0), Some(-9999.0));
+        assert_eq!(nodata_of(VoxelType::I16, -9999.1), None);
+    }
+}

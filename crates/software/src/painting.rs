@@ -19,12 +19,16 @@ pub struct Painting {
 }
 
 impl Painting {
-    /// A painting of a size, of so many pictures, over another picture, which is seen where nothing is drawn yet: smoothly, in the painting's size,
-    /// once it is begun. Over one without pixels nothing is seen.
-    pub fn over(under: Picture, size_px: (u32, u32), pictures: u32) -> Self {
-        let (done_tiles, all_tiles) = (AtomicU32::new(0), AtomicU32::new(0));
-        let (so_far, is_abandoned) = (Mutex::new(under), AtomicBool::new(false));
+    /// A painting of a size, of so many pictures. Nothing is seen of them until they are done, unless another picture [lies under](Painting::lay_under) them.
+    pub fn new(size_px: (u32, u32), pictures: u32) -> Self {
+        let so_far = Mutex::new(Picture { width: 0, height: 0, rgb: Vec::new() });
+        let (done_tiles, all_tiles, is_abandoned) = Default::default();
         Self { so_far, size_px, pictures, done_tiles, all_tiles, is_abandoned }
+    }
+
+    /// Lays a picture under those that have not been begun: it is seen where nothing is drawn yet, smoothly, in the painting's size.
+    pub fn lay_under(&self, picture: Picture) {
+        *self.lock() = picture;
     }
 
     /// Tells who draws to stop: within milliseconds, with [`SoftwareError::Abandoned`](crate::SoftwareError::Abandoned).
@@ -43,7 +47,7 @@ impl Painting {
         (f64::from(self.done_tiles.load(Ordering::Relaxed)) / all.max(1.0)).min(1.0)
     }
 
-    /// The picture as it is so far.
+    /// The picture as it is so far; one without pixels if none lies under it.
     pub fn so_far(&self) -> Picture {
         self.lock().clone()
     }

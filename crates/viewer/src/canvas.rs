@@ -1,42 +1,47 @@
-//! The picture in the window: a live session draws the scene into a texture, on the window's own device or [beside the window](crate::drawing) on the CPU, at the
-//! quality that the hand's pace allows. At rest it is drawn once more, exactly, and then sample by sample until it is smooth, and then not again. A picture on the
-//! CPU that nobody waits for any more is abandoned. Costs one step for each frame of the window, and on a GPU at most one drawing.
+//! The picture in the window: a live session draws the scene into a texture, on the window's own device or [beside the window](drawing) on the CPU, at the
+//! quality that the hand's pace allows. At rest it is drawn once more, exactly, and then sample by sample until it is smooth, and then not again. Costs one step of
+//! streaming for each picture, and on a GPU one for each frame of the window.
+
+mod beside;
+mod capture;
+mod drawing;
+mod on_gpu;
+mod picture;
+mod row_drawing;
+mod row_pace;
+
+pub(crate) use capture::Captured;
 
 use crate::device::Device;
-use crate::drawing::{Drawing, Home, Known};
-use crate::marks::Over;
-use crate::row_drawing::{self, GpuCapture, RowDrawing};
-use crate::screen::{FORMAT, Screen};
+use crate::screen::Screen;
+use beside::Task;
 use brickyard::backend::BackendChoice;
 use brickyard::doubtful_extremes::DoubtfulExtremes;
-use brickyard::frame_governor::{Change, Quality, QualityControl};
+use brickyard::frame_governor::{Quality, QualityControl};
 use brickyard::pager::{DrawList, Playback, Status};
-use brickyard::render::{Gpu, Target};
+use brickyard::render::Gpu;
 use brickyard::session::{
-    ComingStep, Drawn, Frame, Painting, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, check,
+    ComingStep, Drawn, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, check,
 };
-use brickyard::stats::RenderStats;
 use brickyard::volume::{Picture, PixelSamples, Scene, SceneError};
+use capture::Capture;
+use drawing::{Drawing, Engine, Known};
 use eframe::egui::{self, Painter, Rect};
 use eframe::egui_wgpu::RenderState;
+use on_gpu::InRows;
+use picture::{Shown, Wanted};
+use row_drawing::{GpuCapture, RowDrawing};
 use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-
-/// Nothing is seen where nothing is drawn yet.
-const NO_PICTURE: Picture = Picture { width: 0, height: 0, rgb: Vec::new() };
 
 /// How many frames' times are kept.
 const FRAMES: usize = 240;
 
-/// How long a picture of a moving view may be drawn that is not of the view any more.
-const LATE: Duration = Duration::from_millis(150);
-
 /// How often what is drawn of a picture is shown.
 const LOOK: Duration = Duration::from_millis(150);
 
-/// How often the window looks whether bricks have come.
+/// How often the window, or a session beside it, looks whether bricks have come.
 pub(crate) const STREAMING_STEP: Duration = Duration::from_millis(8);
 
 /// How soon, and how often later, the window shows how far pictures are that are drawn beside it. Each frame of the window takes time from them: a picture
@@ -45,29 +50,33 @@ const DRAWING_STEPS: [Duration; 2] = [Duration::from_millis(200), Duration::from
 
 /// A session and the texture that shows its picture.
 pub(crate) struct Canvas {
-    /// The session while it is at home; `None` while it draws beside the window.
-    session: Option<Box<Session>>,
-    /// What it draws there.
+    /// The session while it is at home, as it always is on a GPU; `None` while it is away on the CPU.
+    engine: Option<Box<Engine>>,
+    /// What it does there, and what the window knows of it.
     drawing: Option<(Drawing, Task)>,
-    /// What it draws in parts on a GPU, and the picture that it draws there to be saved.
+    known: Known,
+    /// Changes that the session has not heard of.
+    changes: Vec<Change>,
+    /// The picture that it draws in parts on a GPU, and the one that it draws there to be saved.
     in_rows: Option<InRows>,
     gpu_capture: Option<GpuCapture>,
-    /// The share of an exact picture that was fit for a part of one, and how long frames of the window take between parts.
+    /// The share of an exact picture that was fit for a part of one.
     fitting: f64,
+    /// How long a frame of the window may take while the picture changes, and how long it takes without drawing.
+    goal: Duration,
     between: Duration,
     /// The session's options.
     options: SessionOptions,
     /// The last picture from the CPU, and when it, or a part of the next one, was shown.
-    picture: Option<Picture>,
+    picture: Option<Arc<Picture>>,
     looked: Option<Instant>,
     /// Where the picture is seen; `None` as long as the window has no device.
     screen: Option<Screen>,
     /// The window's device, if the session draws there and not on the CPU.
     gpu: Option<Device>,
-    control: QualityControl,
     /// Whether the picture is drawn coarser while the view moves.
     pub(crate) is_adaptive: bool,
-    /// How time steps are played, as the session was told.
+    /// How time steps are played, as the session is told.
     playback: Option<Playback>,
     pace: Pace,
     shown: Option<Shown>,
@@ -81,6 +90,28 @@ pub(crate) struct Canvas {
     asked: Option<(Instant, Box<Scene>)>,
     answers: Vec<Duration>,
     captures: VecDeque<Capture>,
+}
+
+/// A change that a session hears of when it is at home.
+enum Change {
+    /// Time steps are played in another way; `None` stands still.
+    Play(Option<Playback>),
+    /// Later states of the volumes.
+    Volumes(Vec<VolumeSource>),
+    /// Other limits of memory, in bytes.
+    Budgets { backend_bytes: u64, host_memory_bytes: u64 },
+}
+
+impl Change {
+    fn apply(self, session: &mut Session) {
+        match self {
+            Self::Play(playback) => session.play(playback),
+            Self::Volumes(volumes) => session.set_volumes(volumes),
+            Self::Budgets { backend_bytes, host_memory_bytes } => {
+                session.set_budgets(backend_bytes, host_memory_bytes);
+            }
+        }
+    }
 }
 
 /// What a frame took.
@@ -118,58 +149,6 @@ struct Pace {
     is_jump: bool,
 }
 
-/// What a session draws beside the window.
-enum Task {
-    /// The picture of a scene, or one that is coarser.
-    Show { shown: Box<Shown>, step: Duration },
-    /// A sample of the pixels of the picture that is shown.
-    Smooth,
-    /// The picture that was asked for first, with its frame.
-    Capture(Box<Frame>),
-}
-
-/// A picture that is to be written once it is final.
-struct Capture {
-    scene: Scene,
-    /// `None` is the size in which the picture is shown.
-    size_px: Option<(u32, u32)>,
-    path: PathBuf,
-    over: Over,
-    asked: Instant,
-}
-
-/// A picture that is final, with all that is known of it.
-pub(crate) struct Captured {
-    /// The file that it is for.
-    pub(crate) path: PathBuf,
-    /// Its pixels.
-    pub(crate) picture: Picture,
-    /// Its scene, in which nothing is left open.
-    pub(crate) scene: Scene,
-    /// How many bricks it has.
-    pub(crate) stats: RenderStats,
-    /// The marks that are to be drawn over the picture.
-    pub(crate) over: Over,
-}
-
-/// A picture in the making that a GPU draws in parts.
-enum InRows {
-    /// The exact picture of a scene; and what its step of streaming took.
-    Show { drawing: RowDrawing, shown: Box<Shown>, step: Duration },
-    /// A sample of the pixels of the picture that is shown.
-    Smooth(RowDrawing),
-}
-
-/// What the texture shows.
-struct Shown {
-    scene: Scene,
-    size_px: (u32, u32),
-    frame: Frame,
-    quality: Quality,
-    /// How many of its pixels' samples are still to be drawn; 0 if the picture is as it will stay. `None` before it has all bricks and every pixel.
-    samples_left: Option<usize>,
-}
-
 impl Canvas {
     /// Makes a session of volumes, on the window's device unless there is none, the options say the CPU, or leave the choice and the device is a software one.
     ///
@@ -187,19 +166,22 @@ impl Canvas {
             Some(device) => (Session::on_gpu(volumes, options, gpu(device)?), options),
             None => (Session::new(volumes, on_cpu), on_cpu),
         };
+        let goal = Duration::from_millis(50);
         Ok(Self {
-            session: Some(Box::new(session)),
+            known: Known::of(&session, None),
+            engine: Some(Box::new(Engine { session, control: QualityControl::new(goal) })),
             drawing: None,
+            changes: Vec::new(),
             in_rows: None,
             gpu_capture: None,
             fitting: 0.0,
+            goal,
             between: Duration::ZERO,
             options,
             picture: None,
             looked: None,
             screen: device.map(|device| Screen::new(&device.state)),
             gpu: gpu_device.cloned(),
-            control: QualityControl::new(Duration::from_millis(50)),
             is_adaptive: true,
             playback: None,
             pace: Pace::default(),
@@ -223,7 +205,9 @@ impl Canvas {
             (None, false) => {}
             (Some(known), true) => {
                 *known = device.clone();
-                self.home().set_gpu(gpu(device)?);
+                if let Some(engine) = &mut self.engine {
+                    engine.session.set_gpu(gpu(device)?);
+                }
             }
             _ => {
                 let captures = std::mem::take(&mut self.captures);
@@ -253,8 +237,20 @@ impl Canvas {
 
     /// Goes on with later states of the volumes.
     pub(crate) fn set_volumes(&mut self, volumes: Vec<VolumeSource>) {
-        self.home().set_volumes(volumes);
+        self.known.volumes.clone_from(&volumes);
+        self.change(Change::Volumes(volumes));
+    }
+
+    /// Tells the session of a change: at once on a GPU, else when it leaves for the next picture. What it draws now is given up.
+    fn change(&mut self, change: Change) {
+        (self.in_rows, self.gpu_capture) = (None, None);
         self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
+        match &mut self.engine {
+            Some(engine) if self.gpu.is_some() => change.apply(&mut engine.session),
+            _ => self.changes.push(change),
+        }
+        self.drawing.iter().for_each(|(drawing, _)| drawing.abandon());
+        self.keep_pace();
     }
 
     /// Whether the device is lost on which the picture is drawn.
@@ -269,11 +265,10 @@ impl Canvas {
 
     /// Sets how long a frame of the window may take while the picture changes, `between` of it for the window itself.
     pub(crate) fn set_frame_goal(&mut self, goal: Duration, between: Duration) {
-        self.between = between;
-        // A GPU's own work for a picture is part of the time between frames.
-        let between = if self.gpu.is_some() { Duration::ZERO } else { between };
-        if let Some(session) = &self.session {
-            self.control.set_goal(session.drawing_time(goal, between));
+        (self.goal, self.between) = (goal, between);
+        if let Some(Engine { session, control }) = self.engine.as_deref_mut().filter(|_| self.gpu.is_some()) {
+            // A GPU's own work for a picture is part of the time between frames.
+            control.set_goal(session.drawing_time(goal, Duration::ZERO));
         }
     }
 
@@ -285,137 +280,10 @@ impl Canvas {
         }
         (self.options.gpu_memory_bytes, self.options.cpu_memory_bytes) = (backend_bytes, backend_bytes);
         self.options.host_memory_bytes = host_memory_bytes;
-        if self.home().set_budgets(backend_bytes, host_memory_bytes) {
-            self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
-        }
+        self.change(Change::Budgets { backend_bytes, host_memory_bytes });
     }
 
-    /// Asks for a picture of a scene, which is drawn as soon as it is final. `None` is the size in which the picture is shown.
-    pub(crate) fn capture(&mut self, scene: Scene, size_px: Option<(u32, u32)>, (path, over): (PathBuf, Over)) {
-        self.captures.push_back(Capture { scene, size_px, path, over, asked: Instant::now() });
-    }
-
-    /// Whether a picture that was asked for has not come yet.
-    pub(crate) fn is_capturing(&self) -> bool {
-        !self.captures.is_empty()
-    }
-
-    /// Streams a step towards the picture that was asked for first, while the texture stays as it is, and returns the picture once it is final.
-    ///
-    /// # Errors
-    /// If it cannot be drawn; it is given up then, unless another device may draw it.
-    pub(crate) fn captured(
-        &mut self,
-        size_px: (u32, u32),
-        egui: &egui::Context,
-    ) -> Result<Option<Captured>, SessionError> {
-        let Some(capture) = self.captures.front() else { return Ok(None) };
-        let (scene, size_px) = (capture.scene.clone(), capture.size_px.unwrap_or(size_px));
-        self.in_rows = None;
-        let drawn = match self.drawing.take_if(|(drawing, _)| drawing.is_over()) {
-            Some((drawing, task)) => self.arrive(drawing, task),
-            None => match self.go_on_with_capture(egui) {
-                Ok(None) => self.step_to_capture(&scene, size_px, egui),
-                Ok(Some(drawn)) => Ok(drawn),
-                Err(error) => Err(error),
-            },
-        };
-        // The session's slots are those of another picture now.
-        self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
-        if drawn.is_err() && !self.is_lost() {
-            self.captures.pop_front();
-        }
-        let Some((picture, frame)) = drawn? else { return Ok(None) };
-        let Some(Capture { scene, path, over, .. }) = self.captures.pop_front() else { return Ok(None) };
-        let playback = self.playback;
-        let session = self.home();
-        session.play(playback);
-        let mut stats = RenderStats::default();
-        stats.record(&frame.status, session.backend_bytes());
-        Ok(Some(Captured { path, picture, scene: frame.scene.shown(&scene), stats, over }))
-    }
-
-    /// Goes on with a picture that a GPU draws to be saved; `None` if there is none, or if it takes another step of streaming.
-    fn go_on_with_capture(&mut self, egui: &egui::Context) -> Result<Option<Option<(Picture, Frame)>>, SessionError> {
-        let (Some(mut capture), Some(session), Some(device)) = (self.gpu_capture.take(), &mut self.session, &self.gpu)
-        else {
-            return Ok(None);
-        };
-        Ok(match capture.go_on(session, device, egui)? {
-            row_drawing::Captured::Step => None,
-            row_drawing::Captured::Whole(picture, frame) => Some(Some((picture, *frame))),
-            row_drawing::Captured::Partly => {
-                self.gpu_capture = Some(capture);
-                Some(None)
-            }
-        })
-    }
-
-    /// Streams a step towards a picture that was asked for. Returns the picture, and its frame, if a GPU has drawn it at once; else it is begun.
-    fn step_to_capture(
-        &mut self,
-        scene: &Scene,
-        size_px: (u32, u32),
-        egui: &egui::Context,
-    ) -> Result<Option<(Picture, Frame)>, SessionError> {
-        match &self.drawing {
-            Some((_, Task::Capture(_))) => return Ok(None),
-            Some((drawing, _)) => drawing.abandon(),
-            None => {}
-        }
-        let is_on_gpu = self.gpu.is_some();
-        let session = self.home();
-        // The picture is of the step that its scene says.
-        session.play(None);
-        let frame = session.step(scene, size_px)?;
-        if !(frame.status.settled || frame.status.awaits_feedback) {
-            return Ok(None);
-        }
-        let (drawn, samples) = (frame.clone(), scene.pixel_samples);
-        if is_on_gpu && scene.stereo.is_none() {
-            let pixels = |(width, height): (u32, u32)| f64::from(width) * f64::from(height);
-            let shown = self.shown.as_ref().map_or(size_px, |shown| shown.size_px);
-            let share = self.fitting * (pixels(shown) / pixels(size_px)).min(1.0);
-            self.gpu_capture = Some(GpuCapture::new(frame, samples, share, self.between));
-            return Ok(None);
-        }
-        let draw = move |session: &mut Session, painting: &Arc<Painting>| {
-            // Drawing tells what was seen, after which more may be wanted.
-            let picture = session.paint(&drawn, painting)?;
-            match (drawn.status.settled, samples) {
-                (false, _) => Ok(None),
-                (true, PixelSamples::ONE) => Ok(Some(picture)),
-                _ => samples.picture(|sample| session.paint(&drawn.of_sample(sample), painting)).map(Some),
-            }
-        };
-        let eyes = 1 + u32::from(scene.stereo.is_some());
-        let samples = if samples == PixelSamples::ONE { 0 } else { samples.count() as u32 };
-        let painting = Painting::over(NO_PICTURE, size_px, eyes * (1 + samples));
-        if is_on_gpu {
-            return Ok(draw(session, &Arc::new(painting))?.map(|picture| (picture, frame)));
-        }
-        self.leave(Task::Capture(Box::new(frame)), painting, egui, draw)?;
-        Ok(None)
-    }
-
-    /// For which file the picture is that was asked for first, and how much of it is drawn, 0 to 1, once that has taken a while; `None` if none
-    /// was asked for.
-    pub(crate) fn capturing(&self) -> Option<(&Path, f64)> {
-        let capture = self.captures.front().filter(|capture| capture.asked.elapsed() > LOOK)?;
-        let drawing = self.drawing.as_ref().filter(|(_, task)| matches!(task, Task::Capture(_)));
-        let on_gpu = self.gpu_capture.as_ref().map(GpuCapture::share);
-        Some((&capture.path, on_gpu.or(drawing.map(|(drawing, _)| drawing.progress())).unwrap_or_default()))
-    }
-
-    /// Gives up the picture that was asked for first.
-    pub(crate) fn give_up_capture(&mut self) -> Option<PathBuf> {
-        let playback = self.playback;
-        let capture = self.captures.pop_front()?;
-        self.home().play(playback);
-        Some(capture.path)
-    }
-
-    /// Brings the texture nearer to a scene's picture of a size: streams a step, and draws unless what is shown still stands.
+    /// Brings the texture nearer to a scene's picture of a size, unless what is shown still stands.
     ///
     /// # Errors
     /// If the scene cannot be drawn, or the device fails. The texture keeps what it shows.
@@ -430,212 +298,40 @@ impl Canvas {
         }
         // The scene follows the picture that has been seen, not the one that arrives now.
         let is_known = scene.time == self.pace.asked || Some(scene.time) == self.step_seen();
-        if let Some((drawing, task)) = self.drawing.take_if(|(drawing, _)| drawing.is_over()) {
-            self.arrive(drawing, task)?;
-        }
+        self.arrive()?;
         self.pace.is_jump |= self.pace.is_playing && !is_known;
         // What is played is asked for step by step: by the step of the picture that is shown, which the session may have left.
-        let paced = Scene { time: self.pace.stepped, ..scene.clone() };
-        let (asked, is_paced) = (scene.time, self.pace.is_playing && !self.pace.is_jump);
-        let scene = if is_paced { &paced } else { scene };
-        let is_same = |shown: &Shown| shown.scene == *scene && shown.size_px == size_px;
+        let is_paced = self.pace.is_playing && !self.pace.is_jump;
+        let time = if is_paced { self.pace.stepped } else { scene.time };
+        let wanted = Wanted { scene: Scene { time, ..scene.clone() }, size_px, is_paced };
         if self.drawing.is_some() {
-            self.look_on(scene, size_px);
+            self.look_on(&wanted);
             return Ok(());
         }
-        let goes_on = |in_rows: &InRows| match in_rows {
-            InRows::Show { shown, .. } => is_same(shown),
-            InRows::Smooth(_) => self.shown.as_ref().is_some_and(is_same),
+        let is_shown = !self.is_playing() && self.shown.as_ref().is_some_and(|shown| shown.is_of(&wanted));
+        let goes_on = match &self.in_rows {
+            Some(InRows::Show { shown, .. }) => !self.is_playing() && shown.is_of(&wanted),
+            Some(InRows::Smooth(_)) => is_shown,
+            None => false,
         };
-        if self.in_rows.as_ref().is_some_and(goes_on) && !self.is_playing() {
+        if goes_on {
             return self.draw_rows(egui);
         }
         self.in_rows = None;
-        if let Some(shown) = self.shown.as_ref().filter(|shown| is_same(shown) && !self.is_playing()) {
-            match shown.samples_left {
-                Some(0) => return Ok(()),
-                Some(_) => return self.smooth(egui),
-                None => {}
-            }
+        match self.shown.as_ref().filter(|_| is_shown).and_then(|shown| shown.samples_left) {
+            Some(0) => return Ok(()),
+            Some(_) => return self.smooth(egui),
+            None => {}
         }
-        let begun = Instant::now();
-        let session = self.home();
-        let frame = session.step(scene, size_px)?;
-        let (step, is_playing) = (begun.elapsed(), session.playback().is_some());
-        self.spent.step += step;
-        (self.pace.asked, self.pace.stepped) = (asked, frame.scene.time);
-        let scene = &Scene { time: if is_paced { frame.scene.time } else { scene.time }, ..scene.clone() };
-        let is_same = |shown: &Shown| shown.scene == *scene && shown.size_px == size_px;
-        if let Some(shown) = self.shown.as_mut().filter(|shown| is_same(shown) && is_playing)
-            && shown.frame.shows_as_much_as(&frame)
-        {
-            // Until the next step is due, the picture is as good as it gets.
-            self.stream = Some((frame.status, frame.coming));
-            self.keep_pace();
-            return Ok(());
-        }
-        // What still streams is drawn as a moving view is: the exact picture comes once, when all is there.
-        let moved = !(self.shown.as_ref().is_some_and(is_same) && frame.status.settled);
-        let quality = self.control.next(Change { moved, refined: true }).unwrap_or(Quality::EXACT);
-        let quality = if self.is_adaptive { quality } else { Quality::EXACT };
-        self.stream = Some((frame.status.clone(), frame.coming.clone()));
-        let share = self.control.share();
-        if self.gpu.is_some() && !moved && !is_playing && share < 1.0 {
-            let drawing = RowDrawing::new(frame.clone(), share, self.between);
-            let shown = Shown { scene: scene.clone(), size_px, frame, quality, samples_left: None };
-            self.in_rows = Some(InRows::Show { drawing, shown: Box::new(shown), step });
-            self.keep_pace();
-            return self.draw_rows(egui);
-        }
-        if self.gpu.is_some() {
-            let begun = Instant::now();
-            let drawn = self.draw(&quality.frame(&frame), size_px)?;
-            let gpu_time = self.session.as_ref().and_then(|session| session.gpu_time());
-            gpu_time.into_iter().for_each(|time| self.control.took(time));
-            let times = FrameTimes { step, draw: begun.elapsed(), ..FrameTimes::default() };
-            self.took(times);
-            self.drew(drawn, Shown { scene: scene.clone(), size_px, frame, quality, samples_left: None });
-            self.keep_pace();
-            return Ok(());
-        }
-        if self.screen.is_none() || self.home().shows_before(&frame) {
-            self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
-            self.keep_pace();
-            return Ok(());
-        }
-        let drawn = quality.frame(&frame);
-        let under = match &self.picture {
-            // One eye's picture is not what is seen of two.
-            Some(picture) if quality == Quality::EXACT && scene.stereo.is_none() => picture.clone(),
-            _ => NO_PICTURE,
-        };
-        let painting = Painting::over(under, size_px, 1 + u32::from(scene.stereo.is_some()));
-        let shown = Shown { scene: scene.clone(), size_px, frame, quality, samples_left: None };
-        let task = Task::Show { shown: Box::new(shown), step };
-        self.leave(task, painting, egui, move |session, painting| session.paint(&drawn, painting).map(Some))
-    }
-
-    /// Draws a part of what is drawn in parts, and shows it once all of it is drawn.
-    fn draw_rows(&mut self, egui: &egui::Context) -> Result<(), SessionError> {
-        let (Some(mut in_rows), Some(session), Some(device)) = (self.in_rows.take(), &mut self.session, &self.gpu)
-        else {
-            return Ok(());
-        };
-        let begun = Instant::now();
-        let (InRows::Show { drawing, .. } | InRows::Smooth(drawing)) = &mut in_rows;
-        let frame = drawing.go_on(session, device, egui)?.cloned();
-        self.spent.draw += begun.elapsed();
-        let Some(frame) = frame else {
-            self.in_rows = Some(in_rows);
-            return Ok(());
-        };
-        self.fitting = drawing.fitting();
-        match in_rows {
-            InRows::Smooth(_) => self.add_sample(&frame),
-            InRows::Show { drawing, shown, step } => {
-                let drawn = self.draw(&frame, shown.size_px)?;
-                self.took(FrameTimes { step, beside: drawing.since(), ..FrameTimes::default() });
-                self.drew(drawn, *shown);
-                Ok(())
-            }
+        self.pace.asked = scene.time;
+        match (&self.gpu, &self.screen) {
+            (Some(_), _) => self.show_on_gpu(&wanted, egui),
+            (None, Some(_)) => self.show_beside(wanted, egui),
+            (None, None) => Ok(()),
         }
     }
 
-    /// While the session draws: abandons what is not of this scene, unless it is there soon, and shows what is drawn of it so far.
-    fn look_on(&mut self, scene: &Scene, size_px: (u32, u32)) {
-        let Some((drawing, task)) = &self.drawing else { return };
-        let (is_of_it, is_brief) = match task {
-            Task::Show { shown, .. } => {
-                let is_brief = shown.quality != Quality::EXACT && drawing.since() < LATE;
-                (shown.scene == *scene && shown.size_px == size_px, is_brief)
-            }
-            Task::Smooth => {
-                let shown = self.shown.as_ref();
-                (shown.is_some_and(|shown| shown.scene == *scene && shown.size_px == size_px), false)
-            }
-            Task::Capture(_) => (false, false),
-        };
-        if !is_of_it {
-            if !is_brief {
-                drawing.abandon();
-            }
-            return;
-        }
-        // Over a picture of the same scene and time step alone.
-        let Task::Show { shown: drawn, .. } = task else { return };
-        let is_under = |shown: &&Shown| {
-            let is_same_step = shown.frame.scene.time == drawn.frame.scene.time;
-            shown.scene == *scene && shown.size_px == size_px && is_same_step && drawn.quality == Quality::EXACT
-        };
-        let is_due = drawing.since() > LOOK && self.looked.is_none_or(|looked| looked.elapsed() > LOOK);
-        if is_due && self.shown.as_ref().is_some_and(|shown| is_under(&shown)) {
-            let so_far = drawing.so_far();
-            if !so_far.rgb.is_empty() {
-                self.screen.iter_mut().for_each(|screen| screen.put(&so_far, (so_far.width, so_far.height) != size_px));
-            }
-            self.looked = Some(Instant::now());
-        }
-    }
-
-    /// Sends the session to draw beside the window.
-    fn leave(
-        &mut self,
-        task: Task,
-        painting: Painting,
-        egui: &egui::Context,
-        draw: impl FnOnce(&mut Session, &Arc<Painting>) -> Result<Option<Picture>, SessionError> + Send + 'static,
-    ) -> Result<(), SessionError> {
-        let Some(session) = self.session.take() else { return Ok(()) };
-        let known = Known::of(&session, self.shown.as_ref().map(|shown| &*shown.frame.scene));
-        let volumes = known.volumes.clone();
-        match Drawing::begin(session, known, painting, egui.clone(), draw) {
-            Ok(drawing) => {
-                self.drawing = Some((drawing, task));
-                Ok(())
-            }
-            Err(error) => {
-                self.session = Some(Box::new(Session::new(volumes, self.options)));
-                Err(SessionError::NoThread(error))
-            }
-        }
-    }
-
-    /// Takes the session home, and with it what it has drawn. Returns a picture that was asked for.
-    fn arrive(&mut self, drawing: Drawing, task: Task) -> Result<Option<(Picture, Frame)>, SessionError> {
-        let is_abandoned = drawing.is_abandoned();
-        let Some(Home { session, drawn, took }) = drawing.end() else { return Ok(None) };
-        self.session = Some(session);
-        self.looked = None;
-        self.keep_pace();
-        // One that was abandoned is no error; one that is whole all the same is not of what is asked for now.
-        let picture = match drawn {
-            _ if is_abandoned => return Ok(None),
-            drawn => drawn?,
-        };
-        let (Some(picture), Some(screen)) = (picture, &mut self.screen) else { return Ok(None) };
-        match task {
-            Task::Capture(frame) => return Ok(Some((picture, *frame))),
-            Task::Smooth => {
-                let Some(Shown { scene, samples_left: Some(left), .. }) = &mut self.shown else { return Ok(None) };
-                screen.add(&picture, *left == scene.pixel_samples.count());
-                *left = left.saturating_sub(1);
-                if *left == 0 {
-                    screen.show_mean();
-                }
-                self.spent.beside += took;
-            }
-            Task::Show { shown, step } => {
-                self.control.took(took);
-                screen.put(&picture, (picture.width, picture.height) != shown.size_px);
-                self.picture = Some(picture);
-                self.took(FrameTimes { step, beside: took, ..FrameTimes::default() });
-                self.drew(Drawn::Whole, *shown);
-            }
-        }
-        Ok(None)
-    }
-
-    /// Takes note of what a picture took; its step of streaming is counted already.
+    /// Takes note of what a picture took; its step of streaming is counted already, or was taken beside the window.
     fn took(&mut self, times: FrameTimes) {
         if self.times.len() == FRAMES {
             self.times.pop_front();
@@ -666,73 +362,26 @@ impl Canvas {
         self.shown = Some(Shown { samples_left, ..shown });
     }
 
-    /// The session, which is called home and abandons what it draws.
-    fn home(&mut self) -> &mut Session {
-        (self.in_rows, self.gpu_capture) = (None, None);
-        let mut volumes = Vec::new();
-        if let Some((drawing, task)) = self.drawing.take() {
-            drawing.abandon();
-            volumes.clone_from(&drawing.known.volumes);
-            // Nothing comes of what was abandoned.
-            let _ = self.arrive(drawing, task);
-        }
-        let options = self.options;
-        self.session.get_or_insert_with(|| Box::new(Session::new(volumes, options)))
-    }
-
     /// Draws the next sample of the picture's pixels. When all are drawn, the texture shows their mean.
     ///
     /// # Errors
     /// If the device fails. The texture keeps what it shows.
     fn smooth(&mut self, egui: &egui::Context) -> Result<(), SessionError> {
         let Some(Shown { scene, frame, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
-        let (samples, size_px) = (scene.pixel_samples, *size_px);
+        let samples = scene.pixel_samples;
         let Some(sample) = samples.samples().nth(samples.count() - *left) else { return Ok(()) };
-        let frame = frame.of_sample(sample);
-        if self.gpu.is_none() {
-            let painting = Painting::over(NO_PICTURE, size_px, 1 + u32::from(scene.stereo.is_some()));
-            return self.leave(Task::Smooth, painting, egui, move |session, painting| {
-                session.paint(&frame, painting).map(Some)
-            });
+        let (frame, size_px, has_two_eyes) = (frame.of_sample(sample), *size_px, scene.stereo.is_some());
+        match self.gpu {
+            Some(_) => self.smooth_on_gpu(frame, egui),
+            None => self.smooth_beside(frame, (size_px, has_two_eyes), egui),
         }
-        if self.control.share() < 1.0 {
-            self.in_rows = Some(InRows::Smooth(RowDrawing::new(frame, self.fitting, self.between)));
-            return self.draw_rows(egui);
-        }
-        self.add_sample(&frame)
-    }
-
-    /// Draws a sample of the picture's pixels on a GPU, unless that is done, and adds it to those before.
-    fn add_sample(&mut self, frame: &Frame) -> Result<(), SessionError> {
-        let Some(Shown { scene, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
-        let (samples, size_px, is_first) = (scene.pixel_samples, *size_px, *left == scene.pixel_samples.count());
-        let Some(Device { state, .. }) = self.gpu.clone() else { return Ok(()) };
-        let (Some(session), Some(screen)) = (&mut self.session, &mut self.screen) else { return Ok(()) };
-        let begun = Instant::now();
-        let target = Target { view: screen.sample(size_px), format: FORMAT, area_px: None };
-        let mut encoder = state.device.create_command_encoder(&Default::default());
-        let is_drawn = session.draw_to(frame, &target, &mut encoder)?;
-        if is_drawn {
-            screen.add_sample(&mut encoder, is_first, samples);
-        }
-        state.queue.submit([encoder.finish()]);
-        self.spent.draw += begun.elapsed();
-        if let Some(Shown { samples_left: Some(left), .. }) = self.shown.as_mut().filter(|_| is_drawn) {
-            *left -= 1;
-            if *left == 0 {
-                screen.show_mean();
-            }
-        }
-        Ok(())
     }
 
     /// Plays time steps from the one that is shown on, or in another way; `None` stands still.
     pub(crate) fn play(&mut self, playback: Option<Playback>) {
         if self.playback != playback {
             self.playback = playback;
-            self.home().play(playback);
-            self.keep_pace();
-            self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
+            self.change(Change::Play(playback));
         }
     }
 
@@ -741,12 +390,17 @@ impl Canvas {
         self.pace.is_playing
     }
 
-    /// Takes note of the time step at which the session is that has come home, or stays.
+    /// Takes note of whether the session plays or seeks, once it has come home and heard of all changes.
     fn keep_pace(&mut self) {
-        if let Some(session) = &self.session {
+        if let Some(Engine { session, .. }) = self.engine.as_deref() {
             (self.pace.is_playing, self.pace.is_seeking) = (session.playback().is_some(), session.is_seeking());
             self.pace.is_jump = false;
         }
+        let played = self.changes.iter().rev().find_map(|change| match change {
+            Change::Play(playback) => Some(playback.is_some()),
+            _ => None,
+        });
+        self.pace.is_playing = played.unwrap_or(self.pace.is_playing);
     }
 
     /// The time step that is shown; `None` before the first picture, and while another one is sought.
@@ -765,27 +419,11 @@ impl Canvas {
         self.stream.as_ref().map_or(&[], |(_, coming)| coming)
     }
 
-    /// Draws a frame on the GPU into the texture, which has `size_px` pixels. While there is nothing of the frame in some place, the texture stays as it is.
-    fn draw(&mut self, frame: &Frame, size_px: (u32, u32)) -> Result<Drawn, SessionError> {
-        let (Some(screen), Some(session)) = (&mut self.screen, &mut self.session) else { return Ok(Drawn::Nothing) };
-        let Some(Device { state, .. }) = &self.gpu else { return Ok(Drawn::Nothing) };
-        let target = Target { view: screen.sized(size_px), format: FORMAT, area_px: None };
-        let mut encoder = state.device.create_command_encoder(&Default::default());
-        let is_this = session.draw_to(frame, &target, &mut encoder)?;
-        state.queue.submit([encoder.finish()]);
-        Ok(match session.shown() {
-            _ if is_this => Drawn::Whole,
-            Some(shown) if shown.is_copy_of(frame) => Drawn::Partly,
-            _ => Drawn::Nothing,
-        })
-    }
-
-    /// What is known of the session, wherever it is.
-    fn known<'a, T: Default>(&'a self, at_home: impl FnOnce(&'a Session) -> T, away: impl FnOnce(&'a Known) -> T) -> T {
-        match (&self.session, &self.drawing) {
-            (Some(session), _) => at_home(session),
-            (None, Some((drawing, _))) => away(&drawing.known),
-            (None, None) => T::default(),
+    /// What a session on a GPU knows, or one on the CPU has told.
+    fn known<'a, T>(&'a self, at_home: impl FnOnce(&'a Session) -> T, told: impl FnOnce(&'a Known) -> T) -> T {
+        match self.engine.as_deref().filter(|_| self.gpu.is_some()) {
+            Some(engine) => at_home(&engine.session),
+            None => told(&self.known),
         }
     }
 
@@ -796,21 +434,22 @@ impl Canvas {
 
     /// How much is drawn of the picture at which the session works, 0 to 1, once that has taken a while; `None` if it does not.
     pub(crate) fn progress(&self) -> Option<f64> {
-        if let Some(InRows::Show { drawing, .. } | InRows::Smooth(drawing)) = &self.in_rows {
+        if let Some(drawing) = self.in_rows.as_ref().map(InRows::drawing) {
             return (drawing.since() > LOOK).then(|| drawing.share());
         }
-        let (drawing, _) = self.drawing.as_ref().filter(|(drawing, _)| drawing.since() > LOOK)?;
-        Some(drawing.progress())
+        let (drawing, task) = self.drawing.as_ref()?;
+        let since = match task {
+            Task::Show(_) => drawing.begun().map(|begun| begun.at.elapsed()),
+            Task::Smooth | Task::Capture => Some(drawing.since()),
+        };
+        since.filter(|since| *since > LOOK).map(|_| drawing.progress())
     }
 
     /// How long it is until the window should look how far the picture is, which is not final. It hears of those that are drawn beside it, or in parts.
     pub(crate) fn look_after(&self) -> Duration {
         let [soonest, latest] = DRAWING_STEPS;
-        let in_rows = match &self.in_rows {
-            Some(InRows::Show { drawing, .. } | InRows::Smooth(drawing)) => Some(drawing),
-            None => None,
-        };
-        let in_parts = in_rows.or(self.gpu_capture.as_ref().and_then(GpuCapture::drawing));
+        let in_parts = self.in_rows.as_ref().map(InRows::drawing);
+        let in_parts = in_parts.or(self.gpu_capture.as_ref().and_then(GpuCapture::drawing));
         let in_parts = in_parts.filter(|drawing| drawing.is_under_way()).map(RowDrawing::since);
         let since = self.drawing.as_ref().map(|(drawing, _)| drawing.since()).or(in_parts);
         since.map_or(STREAMING_STEP, |since| since.clamp(soonest, latest))

@@ -779,6 +779,9 @@ fn data_of_a_later_step_are_never_taken_for_none() {
             let at = |time| level_voxels(&store, time, 0, Level(0))[3];
             assert!(at(0).is_nan() && at(1) == value, "{} {}", at(0), at(1));
         }
+        // Another value that is left out already is none of floats.
+        let other = appender.append(&step(Some(value + 2.0), true, false), None, &());
+        assert_eq!(other.is_err(), is_refused, "{other:?}");
         // One that has none of it is taken, and so is one whose source says nothing: there the value is no data, as before.
         appender.append(&step(None, true, false), None, &()).unwrap();
         let report = appender.append(&step(None, false, true), None, &()).unwrap();

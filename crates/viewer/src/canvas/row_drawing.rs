@@ -1,22 +1,22 @@
 //! A frame that a GPU draws in parts, paced so that the window waits for none of them long; and a picture that is saved, whose samples are such
 //! frames. Costs a frame of the window for each part.
 
+use super::row_pace::RowPace;
 use crate::device::Device;
-use crate::row_pace::RowPace;
 use brickyard::session::{Drawn, Frame, Session, SessionError};
 use brickyard::volume::{Picture, PictureSum, PixelSamples};
 use eframe::egui::Context;
 use std::time::Duration;
 
 /// A frame that is being drawn in parts. There must be no other step of its session meanwhile.
-pub(crate) struct RowDrawing {
+pub(super) struct RowDrawing {
     frame: Frame,
     pace: RowPace,
 }
 
 impl RowDrawing {
     /// A frame of which nothing is drawn yet, a `share` of which is taken to be fit for a part, if frames of the window take so long `between` parts.
-    pub(crate) fn new(frame: Frame, share: f64, between: Duration) -> Self {
+    pub(super) fn new(frame: Frame, share: f64, between: Duration) -> Self {
         let height = frame.scene.layers[0].frames[0].settings.rays.height;
         Self { frame, pace: RowPace::new(height, share, between) }
     }
@@ -26,7 +26,7 @@ impl RowDrawing {
     ///
     /// # Errors
     /// As [`Session::draw_rows`].
-    pub(crate) fn go_on(
+    pub(super) fn go_on(
         &mut self,
         session: &mut Session,
         device: &Device,
@@ -41,28 +41,28 @@ impl RowDrawing {
     }
 
     /// The share of the frame that is submitted.
-    pub(crate) fn share(&self) -> f64 {
+    pub(super) fn share(&self) -> f64 {
         self.pace.share()
     }
 
     /// The share of it that has turned out to be fit for a part.
-    pub(crate) fn fitting(&self) -> f64 {
+    pub(super) fn fitting(&self) -> f64 {
         self.pace.fitting()
     }
 
     /// Whether a part is under way, after which the window is painted again.
-    pub(crate) fn is_under_way(&self) -> bool {
+    pub(super) fn is_under_way(&self) -> bool {
         self.pace.is_under_way()
     }
 
     /// Since when it is drawn.
-    pub(crate) fn since(&self) -> Duration {
+    pub(super) fn since(&self) -> Duration {
         self.pace.since()
     }
 }
 
 /// A picture that a GPU draws to be saved: its samples one after the other, each in parts and then brought to the CPU.
-pub(crate) struct GpuCapture {
+pub(super) struct GpuCapture {
     frame: Frame,
     samples: PixelSamples,
     /// The share of a sample that is fit for a part, and how long frames of the window take between parts.
@@ -76,7 +76,7 @@ pub(crate) struct GpuCapture {
 }
 
 /// Parts of a picture that is to be saved.
-pub(crate) enum Captured {
+pub(super) enum CapturePart {
     /// Some.
     Partly,
     /// All that the step of streaming has; what was seen in it may ask for more.
@@ -88,7 +88,7 @@ pub(crate) enum Captured {
 impl GpuCapture {
     /// A picture of a frame with so many samples a pixel, of which nothing is drawn yet. A `share` of a sample is taken to be fit for a
     /// part, if frames of the window take so long `between` parts.
-    pub(crate) fn new(frame: Frame, samples: PixelSamples, share: f64, between: Duration) -> Self {
+    pub(super) fn new(frame: Frame, samples: PixelSamples, share: f64, between: Duration) -> Self {
         let mut capture =
             Self { frame, samples, fitting: share, between, sum: PictureSum::default(), done: 0, drawing: None };
         capture.begin_sample();
@@ -108,42 +108,42 @@ impl GpuCapture {
     ///
     /// # Errors
     /// As [`Session::draw_rows`].
-    pub(crate) fn go_on(
+    pub(super) fn go_on(
         &mut self,
         session: &mut Session,
         device: &Device,
         egui: &Context,
-    ) -> Result<Captured, SessionError> {
+    ) -> Result<CapturePart, SessionError> {
         if let Some(drawing) = &mut self.drawing {
             if drawing.go_on(session, device, egui)?.is_none() {
-                return Ok(Captured::Partly);
+                return Ok(CapturePart::Partly);
             }
             if !self.frame.status.settled {
-                return Ok(Captured::Step);
+                return Ok(CapturePart::Step);
             }
             if session.read_back()? {
                 self.fitting = drawing.fitting();
                 self.drawing = None;
             }
-            return Ok(Captured::Partly);
+            return Ok(CapturePart::Partly);
         }
-        let Some(picture) = session.picture()? else { return Ok(Captured::Partly) };
+        let Some(picture) = session.picture()? else { return Ok(CapturePart::Partly) };
         self.sum.add(&picture);
         self.done += 1;
         if self.done == self.samples.count() {
-            return Ok(Captured::Whole(self.sum.mean(), Box::new(self.frame.clone())));
+            return Ok(CapturePart::Whole(self.sum.mean(), Box::new(self.frame.clone())));
         }
         self.begin_sample();
-        Ok(Captured::Partly)
+        Ok(CapturePart::Partly)
     }
 
     /// The sample that is being drawn, if one is.
-    pub(crate) fn drawing(&self) -> Option<&RowDrawing> {
+    pub(super) fn drawing(&self) -> Option<&RowDrawing> {
         self.drawing.as_ref()
     }
 
     /// The share of the picture that is drawn.
-    pub(crate) fn share(&self) -> f64 {
+    pub(super) fn share(&self) -> f64 {
         let of_sample = self.drawing.as_ref().map_or(1.0, RowDrawing::share);
         (self.done as f64 + of_sample) / self.samples.count() as f64
     }

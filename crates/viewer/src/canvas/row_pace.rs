@@ -23,7 +23,7 @@ const MOST_GROWTH: f64 = 4.0;
 const LEAST: u32 = 8;
 
 /// The parts of a picture.
-pub(crate) struct RowPace {
+pub(super) struct RowPace {
     height: u32,
     begun: Instant,
     next: u32,
@@ -44,14 +44,14 @@ struct UnderWay {
 
 impl RowPace {
     /// For a picture of so many rows, of which a share is taken to be fit for a part; frames of the window take so long besides.
-    pub(crate) fn new(height: u32, share: f64, between: Duration) -> Self {
+    pub(super) fn new(height: u32, share: f64, between: Duration) -> Self {
         let [least, most] = GOALS;
         let goal = (FRAMES * between).clamp(least, most);
         Self { height, begun: Instant::now(), next: 0, rows: rows(f64::from(height) * share), goal, under_way: None }
     }
 
     /// The rows that are to be submitted now; none while the part before is under way, and once all are.
-    pub(crate) fn next(&mut self) -> Option<Range<u32>> {
+    pub(super) fn next(&mut self) -> Option<Range<u32>> {
         if let Some(UnderWay { rows: drawn, begun, done }) = &self.under_way {
             let took = done.get()?.duration_since(*begun).max(Duration::from_micros(100));
             let growth = self.goal.as_secs_f64() / took.as_secs_f64();
@@ -63,7 +63,7 @@ impl RowPace {
     }
 
     /// Takes note that rows have been submitted to a device. The window is painted again when they are drawn.
-    pub(crate) fn submitted(
+    pub(super) fn submitted(
         &mut self,
         rows: &Range<u32>,
         (device, queue): (&wgpu::Device, &wgpu::Queue),
@@ -90,22 +90,22 @@ impl RowPace {
     }
 
     /// Whether a part is under way.
-    pub(crate) fn is_under_way(&self) -> bool {
+    pub(super) fn is_under_way(&self) -> bool {
         self.under_way.as_ref().is_some_and(|part| part.done.get().is_none())
     }
 
     /// The share of the picture that has turned out to be fit for a part.
-    pub(crate) fn fitting(&self) -> f64 {
+    pub(super) fn fitting(&self) -> f64 {
         f64::from(self.rows) / f64::from(self.height.max(1))
     }
 
     /// Since when the picture is drawn.
-    pub(crate) fn since(&self) -> Duration {
+    pub(super) fn since(&self) -> Duration {
         self.begun.elapsed()
     }
 
     /// The share of the rows that are submitted; all of a picture without rows.
-    pub(crate) fn share(&self) -> f64 {
+    pub(super) fn share(&self) -> f64 {
         if self.height == 0 { 1.0 } else { f64::from(self.next) / f64::from(self.height) }
     }
 }

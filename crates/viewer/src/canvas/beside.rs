@@ -1,0 +1,292 @@
+//! The CPU's pictures, which are drawn [beside the window](super::drawing): sent for, looked on, given up when nobody waits for them any more, and taken in.
+
+use super::drawing::{Begun, Done, Drawing, Engine, Home, News, Stage};
+use super::picture::{Choice, Shown, Wanted};
+use super::{Canvas, Change, FrameTimes, LOOK, STREAMING_STEP};
+use brickyard::frame_governor::{Quality, QualityControl};
+use brickyard::session::{Drawn, Frame, Painting, Session, SessionError};
+use brickyard::volume::{Picture, PixelSamples, Scene};
+use eframe::egui;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How long a picture of a moving view may be drawn that is not of the view any more.
+const LATE: Duration = Duration::from_millis(150);
+
+/// What a session is at while it is away.
+pub(super) enum Task {
+    /// The picture that is wanted, or one that is coarser.
+    Show(Wanted),
+    /// A sample of the pixels of the picture that is shown.
+    Smooth,
+    /// The picture that was asked for first.
+    Capture,
+}
+
+/// The picture of a scene, as it is sent for.
+struct Order {
+    wanted: Wanted,
+    /// The picture that is shown as yet, and its pixels, which are seen where nothing is drawn of the next one.
+    shown: Option<Shown>,
+    under: Option<Arc<Picture>>,
+    /// How long a frame of the window may take, and how much of that the window itself does.
+    goal: (Duration, Duration),
+    is_adaptive: bool,
+}
+
+impl Order {
+    /// Streams until there is something to draw that is better than what is shown, and draws it.
+    fn run(self, Engine { session, control }: &mut Engine, stage: &Stage) -> Result<Done, SessionError> {
+        let (goal, between) = self.goal;
+        loop {
+            control.set_goal(session.drawing_time(goal, between));
+            let begun = Instant::now();
+            let frame = session.step(&self.wanted.scene, self.wanted.size_px)?;
+            let step = begun.elapsed();
+            let wanted = self.wanted.at(&frame);
+            let is_playing = session.playback().is_some();
+            let stands = is_playing && self.shown.as_ref().is_some_and(|shown| shown.stands(&wanted, &frame));
+            if stage.painting.is_abandoned() || stands || session.shows_before(&frame) {
+                stage.tell(session, &frame, None);
+                if stage.painting.is_abandoned() {
+                    return Ok(Done::Nothing);
+                }
+                session.wait(STREAMING_STEP);
+                continue;
+            }
+            let choice = Choice { control, is_adaptive: self.is_adaptive };
+            let (shown, _) = choice.next(wanted, frame, self.shown.as_ref());
+            let begun = Instant::now();
+            stage.tell(session, &shown.frame, Some(Begun { quality: shown.quality, at: begun }));
+            if let Some(under) = self.under.filter(|_| shown.quality == Quality::EXACT) {
+                stage.painting.lay_under(Picture::clone(&under));
+            }
+            let picture = session.paint(&shown.quality.frame(&shown.frame), &stage.painting)?;
+            let beside = begun.elapsed();
+            control.took(beside);
+            let times = FrameTimes { step, beside, ..FrameTimes::default() };
+            return Ok(Done::Picture { picture, shown: Box::new(shown), times });
+        }
+    }
+}
+
+/// Streams until a scene's picture is final, and draws it.
+fn capture(
+    session: &mut Session,
+    scene: &Scene,
+    size_px: (u32, u32),
+    painting: &Arc<Painting>,
+) -> Result<Done, SessionError> {
+    // The picture is of the step that its scene says.
+    session.play(None);
+    loop {
+        let frame = session.step(scene, size_px)?;
+        if painting.is_abandoned() {
+            return Ok(Done::Nothing);
+        }
+        let samples = scene.pixel_samples;
+        let picture = match (frame.status.settled, frame.status.awaits_feedback) {
+            (false, false) => {
+                session.wait(STREAMING_STEP);
+                continue;
+            }
+            (false, true) => {
+                // Drawing tells what was seen, after which more may be wanted.
+                session.paint(&frame, painting)?;
+                continue;
+            }
+            (true, _) if samples == PixelSamples::ONE => session.paint(&frame, painting)?,
+            (true, _) => samples.picture(|sample| session.paint(&frame.of_sample(sample), painting))?,
+        };
+        return Ok(Done::Capture(picture, Box::new(frame)));
+    }
+}
+
+fn eyes(scene: &Scene) -> u32 {
+    1 + u32::from(scene.stereo.is_some())
+}
+
+impl Canvas {
+    /// Sends the session to stream towards what is wanted, and to draw it.
+    ///
+    /// # Errors
+    /// If there is no thread for it.
+    pub(super) fn show_beside(&mut self, wanted: Wanted, egui: &egui::Context) -> Result<(), SessionError> {
+        let order = Order {
+            wanted: wanted.clone(),
+            shown: self.shown.clone(),
+            // One eye's picture is not what is seen of two.
+            under: self.picture.clone().filter(|_| eyes(&wanted.scene) == 1),
+            goal: (self.goal, self.between),
+            is_adaptive: self.is_adaptive,
+        };
+        let painting = Painting::new(wanted.size_px, eyes(&wanted.scene));
+        self.leave(Task::Show(wanted), painting, egui, |engine, stage| order.run(engine, stage))
+    }
+
+    /// Sends the session to draw a sample of the pixels of the picture that is shown.
+    ///
+    /// # Errors
+    /// If there is no thread for it.
+    pub(super) fn smooth_beside(
+        &mut self,
+        frame: Frame,
+        (size_px, has_two_eyes): ((u32, u32), bool),
+        egui: &egui::Context,
+    ) -> Result<(), SessionError> {
+        let painting = Painting::new(size_px, 1 + u32::from(has_two_eyes));
+        self.leave(Task::Smooth, painting, egui, move |engine, stage| {
+            let begun = Instant::now();
+            let picture = engine.session.paint(&frame, &stage.painting)?;
+            Ok(Done::Sample(picture, begun.elapsed()))
+        })
+    }
+
+    /// Sends the session to draw a picture that is to be saved, once it is at home.
+    ///
+    /// # Errors
+    /// If there is no thread for it.
+    pub(super) fn capture_beside(
+        &mut self,
+        scene: Scene,
+        size_px: (u32, u32),
+        egui: &egui::Context,
+    ) -> Result<(), SessionError> {
+        match &self.drawing {
+            Some((_, Task::Capture)) => return Ok(()),
+            Some((drawing, _)) => {
+                drawing.abandon();
+                return Ok(());
+            }
+            None => {}
+        }
+        let samples = if scene.pixel_samples == PixelSamples::ONE { 0 } else { scene.pixel_samples.count() };
+        let painting = Painting::new(size_px, eyes(&scene) * (1 + samples as u32));
+        self.leave(Task::Capture, painting, egui, move |engine, stage| {
+            capture(&mut engine.session, &scene, size_px, &stage.painting)
+        })
+    }
+
+    /// Sends the session to draw beside the window, with all that has changed for it.
+    fn leave(
+        &mut self,
+        task: Task,
+        painting: Painting,
+        egui: &egui::Context,
+        draw: impl FnOnce(&mut Engine, &Stage) -> Result<Done, SessionError> + Send + 'static,
+    ) -> Result<(), SessionError> {
+        let Some(engine) = self.engine.take() else { return Ok(()) };
+        let changes = std::mem::take(&mut self.changes);
+        let draw = |engine: &mut Engine, stage: &Stage| {
+            changes.into_iter().for_each(|change| change.apply(&mut engine.session));
+            draw(engine, stage)
+        };
+        match Drawing::begin(engine, painting, egui.clone(), draw) {
+            Ok(drawing) => {
+                self.drawing = Some((drawing, task));
+                Ok(())
+            }
+            Err(error) => {
+                let session = Session::new(self.known.volumes.clone(), self.options);
+                let control = QualityControl::new(self.goal);
+                self.engine = Some(Box::new(Engine { session, control }));
+                self.changes = vec![Change::Play(self.playback)];
+                Err(SessionError::NoThread(error))
+            }
+        }
+    }
+
+    /// Takes in what the session has told, and the session itself if it waits for that, with what it has drawn. Returns a picture that is to be saved.
+    ///
+    /// # Errors
+    /// If it could not be drawn.
+    pub(super) fn arrive(&mut self) -> Result<Option<(Picture, Frame)>, SessionError> {
+        // What it told last it told before it was over.
+        let is_over = self.drawing.as_ref().is_some_and(|(drawing, _)| drawing.is_over());
+        self.hear();
+        let Some((drawing, task)) = self.drawing.take_if(|_| is_over) else { return Ok(None) };
+        let is_abandoned = drawing.is_abandoned();
+        let Some(Home { engine, done }) = drawing.end() else { return Ok(None) };
+        (self.engine, self.looked) = (Some(engine), None);
+        if !matches!(task, Task::Capture) {
+            self.keep_pace();
+        }
+        if !matches!((&task, &done), (Task::Smooth, _) | (_, Ok(Done::Picture { .. }))) {
+            // The session's slots are not those of the picture any more.
+            self.shown
+                .iter_mut()
+                .filter(|shown| shown.samples_left != Some(0))
+                .for_each(|shown| shown.samples_left = None);
+        }
+        // One that was given up is no error; one that is whole all the same is not of what is wanted now.
+        let done = if is_abandoned { Done::Nothing } else { done? };
+        let Some(screen) = &mut self.screen else { return Ok(None) };
+        match done {
+            Done::Nothing => {}
+            Done::Capture(picture, frame) => return Ok(Some((picture, *frame))),
+            Done::Sample(picture, took) => {
+                let Some(Shown { scene, samples_left: Some(left), .. }) = &mut self.shown else { return Ok(None) };
+                screen.add(&picture, *left == scene.pixel_samples.count());
+                *left = left.saturating_sub(1);
+                if *left == 0 {
+                    screen.show_mean();
+                }
+                self.spent.beside += took;
+            }
+            Done::Picture { picture, shown, times } => {
+                screen.put(&picture, (picture.width, picture.height) != shown.size_px);
+                self.picture = Some(Arc::new(picture));
+                self.took(times);
+                self.drew(Drawn::Whole, *shown);
+            }
+        }
+        Ok(None)
+    }
+
+    /// Takes in what the session has told.
+    fn hear(&mut self) {
+        let Some((drawing, task)) = &mut self.drawing else { return };
+        let Some(News { known, frame, .. }) = drawing.hear() else { return };
+        if let Task::Show(wanted) = task {
+            *wanted = wanted.at(&frame);
+        }
+        // Volumes that it has not taken over yet are those that are asked for.
+        let later = self.changes.iter().any(|change| matches!(change, Change::Volumes(_)));
+        let volumes = if later { std::mem::take(&mut self.known.volumes) } else { known.volumes.clone() };
+        self.known = super::drawing::Known { volumes, ..known };
+        self.pace.stepped = frame.scene.time;
+        self.stream = Some((frame.status, frame.coming));
+    }
+
+    /// While the session is away: gives up what is not wanted any more, unless it is there soon, and shows what is drawn of it so far.
+    pub(super) fn look_on(&mut self, wanted: &Wanted) {
+        let Some((drawing, task)) = &self.drawing else { return };
+        let shown = self.shown.as_ref().filter(|shown| shown.is_of(wanted));
+        let (is_wanted, is_brief) = match (task, drawing.begun()) {
+            // A view that moves is drawn coarse. Whether it is, the first step says.
+            (Task::Show(of), None) => (of.is_as(wanted), drawing.is_in_first_step()),
+            (Task::Show(of), Some(Begun { quality, at })) => {
+                (of.is_as(wanted), quality != Quality::EXACT && at.elapsed() < LATE)
+            }
+            (Task::Smooth, _) => (shown.is_some(), false),
+            (Task::Capture, _) => (false, false),
+        };
+        if !is_wanted {
+            if !is_brief {
+                drawing.abandon();
+            }
+            return;
+        }
+        let Some(begun) = drawing.begun().filter(|begun| begun.quality == Quality::EXACT) else { return };
+        let is_due = begun.at.elapsed() > LOOK && self.looked.is_none_or(|looked| looked.elapsed() > LOOK);
+        // Over a picture of the same scene and time step alone.
+        if is_due && shown.is_some_and(|shown| shown.frame.scene.time == self.pace.stepped) {
+            let so_far = drawing.so_far();
+            if !so_far.rgb.is_empty() {
+                let is_stretched = (so_far.width, so_far.height) != wanted.size_px;
+                self.screen.iter_mut().for_each(|screen| screen.put(&so_far, is_stretched));
+            }
+            self.looked = Some(Instant::now());
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! A GPU's pictures: those of a moving view are submitted whole, exact ones and those that are saved [in parts](super::row_drawing) where they take longer than a
+//! frame of the window. All is submitted by the window's thread.
+
+use super::picture::{Choice, Shown, Wanted};
+use super::row_drawing::{CapturePart, GpuCapture, RowDrawing};
+use super::{Canvas, FrameTimes};
+use crate::canvas::drawing::Engine;
+use crate::device::Device;
+use crate::screen::FORMAT;
+use brickyard::render::Target;
+use brickyard::session::{Drawn, Frame, SessionError};
+use brickyard::volume::{Picture, PixelSamples, Scene};
+use eframe::egui;
+use std::time::{Duration, Instant};
+
+/// A picture in the making that is drawn in parts.
+pub(super) enum InRows {
+    /// The exact picture of a scene; and what its step of streaming took.
+    Show { drawing: RowDrawing, shown: Box<Shown>, step: Duration },
+    /// A sample of the pixels of the picture that is shown.
+    Smooth(RowDrawing),
+}
+
+impl InRows {
+    pub(super) fn drawing(&self) -> &RowDrawing {
+        let (Self::Show { drawing, .. } | Self::Smooth(drawing)) = self;
+        drawing
+    }
+}
+
+impl Canvas {
+    /// Streams a step towards what is wanted, and draws its picture, or begins to.
+    ///
+    /// # Errors
+    /// If it cannot be drawn. The texture keeps what it shows.
+    pub(super) fn show_on_gpu(&mut self, wanted: &Wanted, egui: &egui::Context) -> Result<(), SessionError> {
+        let Some(engine) = &mut self.engine else { return Ok(()) };
+        let Engine { session, control } = &mut **engine;
+        let begun = Instant::now();
+        let frame = session.step(&wanted.scene, wanted.size_px)?;
+        let (step, is_playing) = (begun.elapsed(), session.playback().is_some());
+        self.spent.step += step;
+        self.pace.stepped = frame.scene.time;
+        self.stream = Some((frame.status.clone(), frame.coming.clone()));
+        let (wanted, shown) = (wanted.at(&frame), self.shown.as_ref());
+        if is_playing && shown.is_some_and(|shown| shown.stands(&wanted, &frame)) {
+            self.keep_pace();
+            return Ok(());
+        }
+        let (shown, moved) = Choice { control, is_adaptive: self.is_adaptive }.next(wanted, frame, shown);
+        let share = control.share();
+        if !moved && !is_playing && share < 1.0 {
+            let drawing = RowDrawing::new(shown.frame.clone(), share, self.between);
+            self.in_rows = Some(InRows::Show { drawing, shown: Box::new(shown), step });
+            self.keep_pace();
+            return self.draw_rows(egui);
+        }
+        let begun = Instant::now();
+        let drawn = self.draw(&shown.quality.frame(&shown.frame), shown.size_px)?;
+        if let Some(engine) = &mut self.engine {
+            engine.session.gpu_time().into_iter().for_each(|time| engine.control.took(time));
+        }
+        self.took(FrameTimes { step, draw: begun.elapsed(), ..FrameTimes::default() });
+        self.drew(drawn, shown);
+        self.keep_pace();
+        Ok(())
+    }
+
+    /// Draws a frame into the texture, which has `size_px` pixels. While there is nothing of the frame in some place, the texture stays as it is.
+    fn draw(&mut self, frame: &Frame, size_px: (u32, u32)) -> Result<Drawn, SessionError> {
+        let (Some(screen), Some(engine)) = (&mut self.screen, &mut self.engine) else { return Ok(Drawn::Nothing) };
+        let Some(Device { state, .. }) = &self.gpu else { return Ok(Drawn::Nothing) };
+        let target = Target { view: screen.sized(size_px), format: FORMAT, area_px: None };
+        let mut encoder = state.device.create_command_encoder(&Default::default());
+        let is_this = engine.session.draw_to(frame, &target, &mut encoder)?;
+        state.queue.submit([encoder.finish()]);
+        Ok(match engine.session.shown() {
+            _ if is_this => Drawn::Whole,
+            Some(shown) if shown.is_copy_of(frame) => Drawn::Partly,
+            _ => Drawn::Nothing,
+        })
+    }
+
+    /// Draws a part of what is drawn in parts, and shows it once all of it is drawn.
+    ///
+    /// # Errors
+    /// If the device fails. The texture keeps what it shows.
+    pub(super) fn draw_rows(&mut self, egui: &egui::Context) -> Result<(), SessionError> {
+        let (Some(mut in_rows), Some(engine), Some(device)) = (self.in_rows.take(), &mut self.engine, &self.gpu) else {
+            return Ok(());
+        };
+        let begun = Instant::now();
+        let (InRows::Show { drawing, .. } | InRows::Smooth(drawing)) = &mut in_rows;
+        let frame = drawing.go_on(&mut engine.session, device, egui)?.cloned();
+        self.spent.draw += begun.elapsed();
+        let Some(frame) = frame else {
+            self.in_rows = Some(in_rows);
+            return Ok(());
+        };
+        self.fitting = drawing.fitting();
+        match in_rows {
+            InRows::Smooth(_) => self.add_sample(&frame),
+            InRows::Show { drawing, shown, step } => {
+                let drawn = self.draw(&frame, shown.size_px)?;
+                self.took(FrameTimes { step, beside: drawing.since(), ..FrameTimes::default() });
+                self.drew(drawn, *shown);
+                Ok(())
+            }
+        }
+    }
+
+    /// Draws a sample of the pixels of the picture that is shown, or begins to.
+    ///
+    /// # Errors
+    /// If the device fails. The texture keeps what it shows.
+    pub(super) fn smooth_on_gpu(&mut self, frame: Frame, egui: &egui::Context) -> Result<(), SessionError> {
+        if self.engine.as_ref().is_some_and(|engine| engine.control.share() < 1.0) {
+            self.in_rows = Some(InRows::Smooth(RowDrawing::new(frame, self.fitting, self.between)));
+            return self.draw_rows(egui);
+        }
+        self.add_sample(&frame)
+    }
+
+    /// Draws a sample of the picture's pixels, unless that is done, and adds it to those before.
+    fn add_sample(&mut self, frame: &Frame) -> Result<(), SessionError> {
+        let Some(Shown { scene, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
+        let (samples, size_px, is_first) = (scene.pixel_samples, *size_px, *left == scene.pixel_samples.count());
+        let Some(Device { state, .. }) = self.gpu.clone() else { return Ok(()) };
+        let (Some(engine), Some(screen)) = (&mut self.engine, &mut self.screen) else { return Ok(()) };
+        let begun = Instant::now();
+        let target = Target { view: screen.sample(size_px), format: FORMAT, area_px: None };
+        let mut encoder = state.device.create_command_encoder(&Default::default());
+        let is_drawn = engine.session.draw_to(frame, &target, &mut encoder)?;
+        if is_drawn {
+            screen.add_sample(&mut encoder, is_first, samples);
+        }
+        state.queue.submit([encoder.finish()]);
+        self.spent.draw += begun.elapsed();
+        if let Some(Shown { samples_left: Some(left), .. }) = self.shown.as_mut().filter(|_| is_drawn) {
+            *left -= 1;
+            if *left == 0 {
+                screen.show_mean();
+            }
+        }
+        Ok(())
+    }
+
+    /// Goes on with the parts of a picture that is to be saved.
+    ///
+    /// # Errors
+    /// If it cannot be drawn.
+    pub(super) fn go_on_in_parts(&mut self, egui: &egui::Context) -> Result<CapturePart, SessionError> {
+        let (Some(mut capture), Some(engine), Some(device)) = (self.gpu_capture.take(), &mut self.engine, &self.gpu)
+        else {
+            return Ok(CapturePart::Step);
+        };
+        let part = capture.go_on(&mut engine.session, device, egui)?;
+        if matches!(part, CapturePart::Partly) {
+            self.gpu_capture = Some(capture);
+        }
+        Ok(part)
+    }
+
+    /// Streams a step towards a picture that is to be saved, and begins it once its bricks are there. Returns that of two eyes, which is drawn at once.
+    ///
+    /// # Errors
+    /// If it cannot be drawn.
+    pub(super) fn step_to_capture(
+        &mut self,
+        scene: &Scene,
+        size_px: (u32, u32),
+    ) -> Result<Option<(Picture, Frame)>, SessionError> {
+        let Some(engine) = &mut self.engine else { return Ok(None) };
+        let session = &mut engine.session;
+        // The picture is of the step that its scene says.
+        session.play(None);
+        let frame = session.step(scene, size_px)?;
+        if !(frame.status.settled || frame.status.awaits_feedback) {
+            return Ok(None);
+        }
+        let samples = scene.pixel_samples;
+        if scene.stereo.is_none() {
+            let pixels = |(width, height): (u32, u32)| f64::from(width) * f64::from(height);
+            let shown = self.shown.as_ref().map_or(size_px, |shown| shown.size_px);
+            let share = self.fitting * (pixels(shown) / pixels(size_px)).min(1.0);
+            self.gpu_capture = Some(GpuCapture::new(frame, samples, share, self.between));
+            return Ok(None);
+        }
+        let picture = match samples {
+            samples if samples != PixelSamples::ONE && frame.status.settled => {
+                samples.picture(|sample| session.draw(&frame.of_sample(sample)))?
+            }
+            _ => session.draw(&frame)?,
+        };
+        // Drawing tells what was seen, after which more may be wanted.
+        Ok(frame.status.settled.then_some((picture, frame)))
+    }
+}

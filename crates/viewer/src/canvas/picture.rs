@@ -1,0 +1,69 @@
+//! The picture that is wanted, the one that is shown, and what a step of streaming makes of the two. Pure.
+
+use brickyard::frame_governor::{Change, Quality, QualityControl};
+use brickyard::session::Frame;
+use brickyard::volume::Scene;
+
+/// A picture that is wanted.
+#[derive(Clone)]
+pub(super) struct Wanted {
+    pub(super) scene: Scene,
+    pub(super) size_px: (u32, u32),
+    /// Whether the session says which time step it is of, as it does while steps play.
+    pub(super) is_paced: bool,
+}
+
+impl Wanted {
+    /// Whether this picture is wanted still, if the other one is.
+    pub(super) fn is_as(&self, other: &Self) -> bool {
+        self.scene == other.scene && self.size_px == other.size_px
+    }
+
+    /// The same of the time step that a frame has.
+    pub(super) fn at(&self, frame: &Frame) -> Self {
+        let time = if self.is_paced { frame.scene.time } else { self.scene.time };
+        Self { scene: Scene { time, ..self.scene.clone() }, ..*self }
+    }
+}
+
+/// A picture that is shown, or is about to be.
+#[derive(Clone)]
+pub(super) struct Shown {
+    pub(super) scene: Scene,
+    pub(super) size_px: (u32, u32),
+    pub(super) frame: Frame,
+    pub(super) quality: Quality,
+    /// How many of its pixels' samples are still to be drawn; 0 if the picture is as it will stay. `None` before it has all bricks and every pixel.
+    pub(super) samples_left: Option<usize>,
+}
+
+impl Shown {
+    /// Whether it is a picture, maybe a coarser one, of what is wanted.
+    pub(super) fn is_of(&self, wanted: &Wanted) -> bool {
+        self.scene == wanted.scene && self.size_px == wanted.size_px
+    }
+
+    /// Whether a frame of what is wanted would look no better while steps play: until the next one is due.
+    pub(super) fn stands(&self, wanted: &Wanted, frame: &Frame) -> bool {
+        self.is_of(wanted) && self.frame.shows_as_much_as(frame)
+    }
+}
+
+/// How pictures' quality is chosen.
+pub(super) struct Choice<'a> {
+    pub(super) control: &'a mut QualityControl,
+    /// Whether the picture is coarser while the view moves.
+    pub(super) is_adaptive: bool,
+}
+
+impl Choice<'_> {
+    /// The picture of a frame, which comes next after `shown`; and whether it is one of a view that moves. What still streams is drawn as that is: the exact
+    /// picture comes once, when all is there.
+    pub(super) fn next(self, wanted: Wanted, frame: Frame, shown: Option<&Shown>) -> (Shown, bool) {
+        let moved = !(shown.is_some_and(|shown| shown.is_of(&wanted)) && frame.status.settled);
+        let quality = self.control.next(Change { moved, refined: true }).unwrap_or(Quality::EXACT);
+        let quality = if self.is_adaptive { quality } else { Quality::EXACT };
+        let Wanted { scene, size_px, .. } = wanted;
+        (Shown { scene, size_px, frame, quality, samples_left: None }, moved)
+    }
+}
