@@ -5,12 +5,14 @@ use eframe::egui::{Color32, Pos2, Stroke, Vec2};
 use glam::DVec3;
 
 /// How near to a handle the pointer must be to take hold of it, in points.
-const REACH: f32 = 9.0;
+pub(crate) const REACH: f32 = 9.0;
 
 /// How thin the box may become, as a share of all volumes along an axis.
 const THINNEST: f64 = 1e-3;
 
-const COLOR: Color32 = Color32::from_rgb(255, 255, 255);
+/// The colour of lines and edges, and of handles.
+pub(crate) const COLOR: Color32 = Color32::WHITE;
+pub(crate) const HANDLE: Color32 = Color32::from_rgb(240, 150, 40);
 
 /// A face of a box: that of the least or of the greatest coordinate along an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,7 +42,7 @@ pub(crate) fn show(lens: &Lens, clip: [DVec3; 2], near: Option<Face>) {
     for face in Face::all() {
         let Some(place) = lens.place(face.middle(clip)) else { continue };
         let radius = if near == Some(face) { 7.0 } else { 4.5 };
-        lens.painter.circle(place, radius, Color32::from_rgb(240, 150, 40), Stroke::new(1.5, COLOR));
+        lens.painter.circle(place, radius, HANDLE, Stroke::new(1.5, COLOR));
     }
 }
 

@@ -6,9 +6,11 @@ use crate::command::Command;
 use crate::measuring::{self, Measuring};
 use crate::overlay::{self, Lens, bricks};
 use crate::picking::{Picked, Picking};
+use crate::plane_handles::{self, PlaneHandle};
 use crate::state::{State, Tool};
 use brickyard::overlay::World;
 use brickyard::session::{SessionError, VolumeSource};
+use brickyard::volume::{ClipPlane, Scene};
 use eframe::egui::{self, Key, PointerButton, Pos2, Response, Sense, Ui, vec2};
 use glam::DVec3;
 use serde_json::json;
@@ -57,6 +59,8 @@ enum Hold {
     Zoom,
     /// A face of the clip box.
     Face(Face),
+    /// A handle of a clip plane.
+    Plane(PlaneHandle),
 }
 
 /// The scene's picture in the window.
@@ -121,12 +125,12 @@ impl VolumeView {
         overlay::show(lens, &window.overlays, (scene, camera), seen.volumes, world);
         overlay::distances(lens, &window.distances, world.unit);
         measuring.show(lens, self.end(lens, (seen, measuring), pointer), world.unit);
-        if let Some(clip) = scene.clip.filter(|_| window.overlays.clip_handles) {
-            let held = match self.hold {
-                Some(Hold::Face(face)) => Some(face),
-                _ => pointer.and_then(|pointer| clip_handles::at(lens, clip, pointer)),
-            };
-            clip_handles::show(lens, clip, held);
+        if window.overlays.clip_handles {
+            let near = self.hold.or_else(|| pointer.and_then(|pointer| handle(lens, scene, world, pointer)));
+            let face = near.and_then(|near| if let Hold::Face(face) = near { Some(face) } else { None });
+            let plane = near.and_then(|near| if let Hold::Plane(plane) = near { Some(plane) } else { None });
+            scene.clip.iter().for_each(|clip| clip_handles::show(lens, *clip, face));
+            plane_handles::show(lens, &scene.clip_planes, world.corners, plane);
         }
     }
 
@@ -144,16 +148,16 @@ impl VolumeView {
     fn grasp(&self, lens: &Lens, seen: &Seen<'_>, response: &Response, from: Pos2) -> Hold {
         let (scene, window) = (&seen.state.scene, &seen.state.window);
         let modifiers = response.ctx.input(|input| input.modifiers);
-        let clip = scene.clip.filter(|_| window.overlays.clip_handles);
-        let face = clip.and_then(|clip| clip_handles::at(lens, clip, from));
+        let world = seen.world.as_ref().filter(|_| window.overlays.clip_handles);
+        let handle = world.and_then(|world| handle(lens, scene, world, from));
         if response.dragged_by(PointerButton::Secondary) {
             return Hold::Zoom;
         }
         if response.dragged_by(PointerButton::Middle) || modifiers.shift {
             return Hold::Pan;
         }
-        match (face, modifiers.command, window.tool) {
-            (Some(face), ..) => Hold::Face(face),
+        match (handle, modifiers.command, window.tool) {
+            (Some(handle), ..) => handle,
             (None, true, _) => Hold::Roll,
             (None, false, Tool::Fly) => Hold::Look,
             (None, false, _) => Hold::Turn(self.picked.as_ref().map(|picked| picked.pick.point)),
@@ -182,6 +186,12 @@ impl VolumeView {
                     }
                     _ => return,
                 },
+                Hold::Plane(PlaneHandle { plane: i, is_tip }) => {
+                    let (Some(plane), Some(world)) = (seen.state.scene.clip_planes.get(i), &seen.world) else { return };
+                    let ClipPlane { point, normal } = plane_handles::dragged(lens, *plane, is_tip, by, world.corners);
+                    let field = |name: &str, value: DVec3| (format!("clip_planes.{i}.{name}"), json!(value));
+                    Command::Set(vec![field("point", point), field("normal", normal)])
+                }
             });
         }
         if !response.dragged() {
@@ -219,6 +229,12 @@ impl VolumeView {
             response.ctx.request_repaint();
         }
     }
+}
+
+/// The handle at a place of the window, of the clip box or of a clip plane.
+fn handle(lens: &Lens, scene: &Scene, world: &World<'_>, place: Pos2) -> Option<Hold> {
+    let face = scene.clip.and_then(|clip| clip_handles::at(lens, clip, place)).map(Hold::Face);
+    face.or_else(|| plane_handles::at(lens, &scene.clip_planes, world.corners, place).map(Hold::Plane))
 }
 
 /// Shows the label that was picked alone; once more shows all.

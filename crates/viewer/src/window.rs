@@ -23,6 +23,7 @@ use crate::picking::Picked;
 use crate::plane_view::PlaneView;
 use crate::planes::Grid;
 use crate::play::Play;
+use crate::problem::{About, Problem};
 use crate::recent::Recent;
 use crate::running::Left;
 use crate::saving::Saving;
@@ -88,9 +89,9 @@ pub(crate) struct Window {
     /// The dialog that is shown.
     dialog: Option<Dialog>,
     /// What has gone wrong last.
-    message: Option<String>,
-    /// What was told last, in the log, too.
-    told: Option<String>,
+    problem: Option<Problem>,
+    /// What was told of that last, in the log, too.
+    told: Option<Problem>,
     /// What has been done last, which the next command takes away.
     note: Option<String>,
     /// Whether a picture could not be brought on in the last frame.
@@ -122,7 +123,8 @@ impl Window {
         // A window that plays a script leaves nothing behind.
         let paths = if script.is_over() { openings.paths() } else { Vec::new() };
         let noted = paths.iter().try_for_each(|path| recent.add(path));
-        let message = message.or(noted.err()).or(remark(&state.scene, views.volumes()));
+        let problem = message.or(noted.err()).map(|message| Problem::new(About::Work, message));
+        let problem = problem.or(remark(&state.scene, views.volumes()));
         let mut window = Self {
             openings,
             next: None,
@@ -141,7 +143,7 @@ impl Window {
             script,
             failure: None,
             keeper,
-            message,
+            problem,
             told: None,
             note: None,
             is_failing: false,
@@ -169,7 +171,8 @@ impl Window {
         tracing::debug!("{command}");
         self.note = None;
         if let Err(problem) = self.try_perform(command, egui) {
-            self.message = Some(command.failure(&problem));
+            let is_edit = matches!(command, Command::Set(_));
+            self.say(if is_edit { About::Scene } else { About::Work }, command.failure(&problem));
         }
     }
 
@@ -190,13 +193,23 @@ impl Window {
     fn fail(&mut self, line: &Line, problem: &str) {
         let problem = line.failure(problem);
         self.script.stop();
-        self.message = Some(problem.clone());
+        self.say(About::Work, problem.clone());
         self.failure.get_or_insert(problem);
     }
 
     /// Says what has been done.
     fn note(&mut self, note: String) {
-        (self.note, self.message) = (Some(note), None);
+        (self.note, self.problem) = (Some(note), None);
+    }
+
+    /// Says what has gone wrong.
+    fn say(&mut self, about: About, text: impl Into<String>) {
+        self.problem = Some(Problem::new(about, text));
+    }
+
+    /// Says no more of what has gone wrong with this.
+    fn end_problem(&mut self, about: About) {
+        self.problem.take_if(|problem| problem.about == about);
     }
 
     /// Says what has come of what a command began.
@@ -204,7 +217,7 @@ impl Window {
         match (self.script.ended(is_it), ended) {
             (_, Ok(done)) => self.note(done),
             (Some(line), Err(problem)) => self.fail(&line, &problem),
-            (None, Err(problem)) => self.message = Some(problem),
+            (None, Err(problem)) => self.say(About::Work, problem),
         }
     }
 
@@ -256,7 +269,7 @@ impl Window {
             fields.iter().map(|(field, _)| field.as_str()).filter(|field| !is_navigation(field)).collect();
         if !edits.is_empty() {
             self.history.edit(&self.state, &edits.join(" "));
-            self.message = None;
+            self.end_problem(About::Scene);
         }
         self.state = edited;
         Ok(())
@@ -404,7 +417,7 @@ impl Window {
     fn panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) -> Option<Rect> {
         let budgets = self.views.budgets_bytes(&self.state.window);
         let budgets = Budgets { gpu: (budgets.0 >> 20) as u32, host: (budgets.1 >> 20) as u32 };
-        let (mut wanted, has_volumes) = (None, !self.openings.are_none());
+        let (mut wanted, mut is_put_away, has_volumes) = (None, false, !self.openings.are_none());
         let help = egui::Window::new("Help").open(&mut state.window.help).default_size(vec2(420.0, 520.0));
         help.show(ui.ctx(), panels::help::show);
         // An empty window has nothing else to show.
@@ -430,12 +443,13 @@ impl Window {
         egui::Panel::bottom("status").show(ui, |ui| {
             let views = Some(&self.views).filter(|_| has_volumes);
             let said = Said {
-                problem: self.message.as_deref(),
+                problem: self.problem.as_ref().map(|problem| problem.text.as_str()),
                 note: self.note.as_deref(),
                 picked: self.picked().map(|picked| picked.words.as_str()),
             };
-            panels::status::show(ui, views, &said);
+            is_put_away = panels::status::show(ui, views, &said);
         });
+        self.problem.take_if(|_| is_put_away);
         let has_steps = has_volumes && VolumeSource::timeline(self.views.volumes(), &state.scene).steps() > 1;
         let room = has_steps
             .then(|| egui::Panel::bottom("playing").show(ui, |ui| panels::playing::room(ui, &state.window.play)).inner);
@@ -459,12 +473,12 @@ impl Window {
     /// What lies over the lower end of the pictures: files that are being read or written, and without panels what has gone wrong. It takes no room from the
     /// pictures: by another height they would have to be drawn again.
     fn over_pictures(&mut self, egui: &egui::Context, is_bare: bool) {
-        let problem = self.message.as_deref().filter(|_| is_bare);
+        let problem = self.problem.as_ref().filter(|_| is_bare).map(|problem| problem.text.clone());
         let capturing = self.views.main.capturing();
         if problem.is_none() && !self.is_busy() && capturing.is_none() {
             return;
         }
-        let mut is_given_up = false;
+        let (mut is_given_up, mut is_put_away) = (false, false);
         let area = egui::Area::new(egui::Id::unique("work")).anchor(Align2::CENTER_BOTTOM, ABOVE_STATUS);
         area.show(egui, |ui| {
             egui::Frame::popup(ui.style()).show(ui, |ui| {
@@ -476,9 +490,12 @@ impl Window {
                 if let Some((path, share)) = capturing {
                     is_given_up = work_row::show_share(ui, ("drawing", path), share);
                 }
-                problem.map(|problem| ui.label(problem));
+                if let Some(problem) = &problem {
+                    is_put_away = panels::status::problem(ui, problem);
+                }
             });
         });
+        self.problem.take_if(|_| is_put_away);
         if is_given_up && let Some(path) = self.views.main.give_up_capture() {
             let is_it = |command: &Command| matches!(command, Command::SavePicture(file, _) if *file == path);
             self.say_ended(is_it, Err(format!("{} was not written: it was stopped", path.display())));
@@ -488,7 +505,7 @@ impl Window {
     /// The panels beside the pictures, which are about volumes.
     fn side_panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) {
         let mut saved = Vec::new();
-        egui::Panel::left("scene").default_size(292.0).show(ui, |ui| {
+        egui::Panel::left("scene").default_size(324.0).show(ui, |ui| {
             panels::widgets::within(ui, |ui| {
                 panels::view::show(ui, &mut state.scene, self.views.volumes(), commands);
                 ui.separator();
@@ -502,7 +519,7 @@ impl Window {
         for function in saved {
             match function.write() {
                 Ok(()) => self.note(wrote(&function.path)),
-                Err(error) => self.message = Some(error.to_string()),
+                Err(error) => self.say(About::Work, error.to_string()),
             }
         }
         if state.window.diagnostics {
@@ -530,17 +547,18 @@ impl Window {
     fn keep(&mut self) -> Option<Duration> {
         let kept = self.keeper.keep(&self.state);
         kept.unwrap_or_else(|problem| {
-            self.message = Some(format!("the window's state cannot be kept: {problem}"));
+            self.say(About::Work, format!("the window's state cannot be kept: {problem}"));
             None
         })
     }
 }
 
 /// That volumes of one shape are drawn at unlike sizes, and the command that mends it; `None` if they are not.
-fn remark(scene: &Scene, volumes: &[VolumeSource]) -> Option<String> {
+fn remark(scene: &Scene, volumes: &[VolumeSource]) -> Option<Problem> {
     unlike_sizes(scene, volumes).map(|unlike| {
         let rows = unlike.numbers().map(|row| format!("[{}]", row.join(", "))).join(", ");
-        format!("{unlike}; alike with: set layers.{}.world_from_volume [{rows}]", unlike.layer)
+        let text = format!("{unlike}; alike with: set layers.{}.world_from_volume [{rows}]", unlike.layer);
+        Problem::new(About::Scene, text)
     })
 }
 
@@ -611,14 +629,14 @@ impl Window {
         for path in self.screenshots.give_up().into_iter().rev() {
             self.script.again(Command::Screenshot(path));
         }
-        self.message = Some(message.into());
+        self.say(About::Work, message);
     }
 
     /// Puts what the user is told in the log.
     fn tell(&mut self) {
-        if self.told != self.message {
-            self.told = self.message.clone();
-            self.told.iter().for_each(|message| tracing::info!("{message}"));
+        if self.told != self.problem {
+            self.told = self.problem.clone();
+            self.told.iter().for_each(|problem| tracing::info!("{}", problem.text));
         }
     }
 
@@ -641,7 +659,7 @@ impl Window {
         let egui = ui.ctx().clone();
         self.write_pictures(&egui);
         if let Err(problem) = self.follow_files(&egui) {
-            self.message = Some(problem);
+            self.say(About::Work, problem);
         }
         self.play(&egui);
         if self.failure.is_some() {
@@ -675,12 +693,13 @@ impl Window {
         if panel_state != self.state {
             match changes(&self.state, &panel_state) {
                 Ok(fields) => commands.push(Command::Set(fields)),
-                Err(problem) => self.message = Some(problem),
+                Err(problem) => self.say(About::Scene, problem),
             }
         }
         self.is_failing = drawn.is_err();
-        if let Err(error) = drawn {
-            self.message = Some(error.to_string());
+        match drawn {
+            Ok(()) => self.end_problem(About::Picture),
+            Err(error) => self.say(About::Picture, error.to_string()),
         }
         commands.iter().for_each(|command| self.perform(command, &egui));
         if !egui.input(|input| input.pointer.any_down()) {

@@ -144,7 +144,7 @@ fn view(ui: &mut Ui, state: &mut State, is_patient: bool) {
         (&mut overlays.axes, "axes", true),
         (&mut overlays.scale_bar, "scale bar", true),
         (&mut overlays.color_bar, "colour bar", false),
-        (&mut overlays.clip_handles, "handles of the clip box", false),
+        (&mut overlays.clip_handles, "handles of clip box and planes", false),
         (&mut overlays.bricks, "bricks", false),
     ] {
         let name = if has_key { switch(ui, name, name) } else { name.into() };

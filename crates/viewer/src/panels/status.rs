@@ -28,22 +28,37 @@ pub(crate) struct Said<'a> {
 }
 
 /// Shows how far the pictures are; `None` of an empty window. It is one line, whatever it says: if its height changed, so would the picture's size, and the picture
-/// would have to be drawn again.
-pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, said: &Said<'_>) {
-    ui.allocate_ui_with_layout(vec2(ui.available_width(), HEIGHT), Layout::right_to_left(Align::Center), |ui| {
-        if let Some(views) = views {
-            progress(ui, views);
-        }
-        ui.with_layout(Layout::left_to_right(Align::Center), |ui| words(ui, said));
-    });
+/// would have to be drawn again. Returns whether the problem is to be said no more.
+pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, said: &Said<'_>) -> bool {
+    let line =
+        ui.allocate_ui_with_layout(vec2(ui.available_width(), HEIGHT), Layout::right_to_left(Align::Center), |ui| {
+            if let Some(views) = views {
+                progress(ui, views);
+            }
+            ui.with_layout(Layout::left_to_right(Align::Center), |ui| match said.problem {
+                Some(text) => problem(ui, text),
+                None => {
+                    words(ui, said);
+                    false
+                }
+            })
+            .inner
+        });
+    line.inner
+}
+
+/// Shows what has gone wrong, in one line. Returns whether it is to be said no more.
+pub(crate) fn problem(ui: &mut Ui, problem: &str) -> bool {
+    ui.horizontal(|ui| {
+        let is_put_away = ui.small_button("dismiss").on_hover_text("says this no more").clicked();
+        let text = RichText::new(one_line(problem)).color(problem_color(ui.visuals()));
+        ui.add(Label::new(text).truncate()).on_hover_text(problem);
+        is_put_away
+    })
+    .inner
 }
 
 fn words(ui: &mut Ui, said: &Said<'_>) {
-    if let Some(problem) = said.problem {
-        let text = RichText::new(one_line(problem)).color(problem_color(ui.visuals()));
-        ui.add(Label::new(text).truncate()).on_hover_text(problem);
-        return;
-    }
     let note = said.note.map(one_line);
     let text = match (&note, said.picked) {
         (Some(note), Some(picked)) => format!("{note}    {picked}"),
@@ -112,7 +127,11 @@ mod tests {
 
     #[test]
     fn what_is_done_stands_beside_values_and_a_problem_alone() {
-        let show = |ui: &mut Ui, said: &mut Said<'static>| show(ui, None, said);
+        let show = |ui: &mut Ui, said: &mut Said<'static>| {
+            if show(ui, None, said) {
+                said.problem = None;
+            }
+        };
         let said = Said { note: Some("wrote a.png"), picked: Some("at 1, 2, 3 mm"), problem: None };
         let mut harness = Harness::new_ui_state(show, said);
         assert!(harness.query_by_label_contains("wrote a.png    at 1, 2, 3 mm").is_some());
@@ -120,5 +139,8 @@ mod tests {
         harness.run();
         assert!(harness.query_by_label_contains("the disk is full").is_some());
         assert!(harness.query_by_label_contains("wrote").is_none());
+        harness.get_by_label("dismiss").click();
+        harness.run();
+        assert!(harness.query_by_label_contains("the disk is full").is_none());
     }
 }

@@ -164,7 +164,7 @@ impl Window {
             self.state.lent_surfaces.extend(added.flat_map(|layer| layer.isosurfaces.clone()));
         }
         self.state.scene = scene;
-        self.message = remark(&self.state.scene, self.views.volumes());
+        self.problem = remark(&self.state.scene, self.views.volumes());
         Ok(())
     }
 
@@ -183,7 +183,7 @@ impl Window {
         self.state.window.distances.clear();
         self.history.clear();
         self.openings = openings;
-        self.message = remark(&self.state.scene, self.views.volumes());
+        self.problem = remark(&self.state.scene, self.views.volumes());
         Ok(())
     }
 
