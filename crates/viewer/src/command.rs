@@ -119,7 +119,7 @@ impl Command {
     }
 
     /// Whether the last of the command's words is a file.
-    fn names_file(&self) -> bool {
+    pub(crate) fn names_file(&self) -> bool {
         self.takes_time() || matches!(self, Self::SaveScene(_))
     }
 

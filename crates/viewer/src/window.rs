@@ -171,8 +171,8 @@ impl Window {
         tracing::debug!("{command}");
         self.note = None;
         if let Err(problem) = self.try_perform(command, egui) {
-            let is_edit = matches!(command, Command::Set(_));
-            self.say(if is_edit { About::Scene } else { About::Work }, command.failure(&problem));
+            let about = if command.names_file() { About::Work } else { About::Scene };
+            self.say(about, command.failure(&problem));
         }
     }
 

@@ -4,7 +4,7 @@ use crate::keys;
 use eframe::egui::{Grid, ScrollArea, Ui};
 
 /// What the pointer does over the scene's picture.
-const POINTER: [(&str, &str); 8] = [
+const POINTER: [(&str, &str); 9] = [
     ("drag", "turn around what is under the pointer"),
     ("shift + drag, or middle button", "move"),
     ("ctrl + drag", "roll"),
@@ -13,6 +13,7 @@ const POINTER: [(&str, &str); 8] = [
     ("double click", "look at what is there, or at everything"),
     ("alt + click on a label", "show it alone, or all again"),
     ("drag a handle of the clip box", "move a face of it"),
+    ("drag the dot of a clip plane, the tip of its arrow", "move the plane, turn it"),
 ];
 
 /// What the pointer does over a slice.
