@@ -1,6 +1,7 @@
 //! The nearest filter: voxels as they are, in every mode, by every way to draw, of every kind of slot; and slices that show just the data.
 
-use brickyard::session::VolumeSource;
+use brickyard::backend::BackendChoice;
+use brickyard::session::{SessionError, VolumeSource};
 use brickyard::volume::{
     Camera, ClipPlane, Extent, Filter, Geometry, Gradient, Isosurface, Jitter, LevelPolicy, Lighting, LightingModel,
     Method, Mode, Picture, Placement, Projection, Sampling, Scene, SceneExpression, SceneLayer, Slice, SlotFormat,
@@ -416,6 +417,35 @@ fn expressions_compare_what_voxels_hold() {
     for way in WAYS {
         let Some(mut session) = session(&test.store, way) else { continue };
         expected.assert_shown(&settled(&mut session, &scene, SIZE).0, &format!("{way:?}"));
+    }
+}
+
+/// Whole numbers beyond those that single precision tells apart are told apart on the CPU, and refused by GPUs.
+#[test]
+fn expressions_of_great_whole_numbers_are_exact_or_refused() {
+    let test = store::<u32>(uneven(), |v| 4e9 + (waves(v) * 9.0).floor());
+    let transfer = TransferFunction {
+        color: vec![[0.0, 0.2, 0.9, 0.3]],
+        opacity: vec![[0.0, 0.0], [1.0, 0.3]],
+        ..TransferFunction::default()
+    };
+    for text in ["a == 4000000005", "(a - 4000000000) / 9"] {
+        let scene = Scene {
+            layers: vec![SceneLayer::default()],
+            expression: Some(SceneExpression { text: text.into(), transfer: Some(transfer.clone().into()) }),
+            ..at_an_angle(transfer.clone())
+        };
+        let expected = |scene: &Scene| oracle(&test.store, scene, SIZE);
+        let expected = Expected::new(&scene, &expected);
+        for way in WAYS {
+            let Some(mut session) = session(&test.store, way) else { continue };
+            if way.0 == BackendChoice::Cpu {
+                expected.assert_shown(&settled(&mut session, &scene, SIZE).0, text);
+            } else {
+                let refused = session.step(&scene, SIZE);
+                assert!(matches!(refused, Err(SessionError::Precision { .. })), "{way:?}, {text}");
+            }
+        }
     }
 }
 

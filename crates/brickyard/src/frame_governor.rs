@@ -5,7 +5,7 @@
 //! share of the exact frame's work that fits the goal, corrected after every frame. The share is spent on pixels first, down to half
 //! as many along an axis, and then on pixels and steps: opaque surfaces are cut to terraces by long steps, which save little there, for rays
 //! end at the surface (`docs/performance.md` has the pictures' errors). When the camera rests, the next
-//! frame is exact: once more for everything that still arrives, and then none until something changes. The first picture is
+//! frame is exact, after one of a sixteenth of its work if it takes long and somebody looks on: once more for everything that still arrives, and then none until something changes. The first picture is
 //! the fastest there is: nothing is known of the scene, and somebody waits. Pure: it neither measures nor draws.
 
 use crate::session::Frame;
@@ -32,6 +32,12 @@ impl Quality {
         let below = (share / (HALF_SCALE * HALF_SCALE)).min(1.0);
         let step = below.powf(-0.5).clamp(1.0, MAX_STEP);
         Self { scale: (share * step).sqrt().clamp(MIN_SCALE, 1.0), step }
+    }
+
+    /// Returns the quality of the picture that comes next if nothing moves, while the exact one takes long and is looked at: between a picture that is much
+    /// coarser and the exact one is one of a sixteenth of the work.
+    fn refined(self) -> Self {
+        if self.share() < REFINED_FROM { Self::of_share(REFINED_SHARE) } else { Self::EXACT }
     }
 
     /// Returns the share of the exact frame's work that this quality takes, above 0 and at most 1.
@@ -61,8 +67,11 @@ impl Quality {
 
 /// The share of the pixels along an axis down to which steps are those of the exact frame.
 const HALF_SCALE: f64 = 0.5;
-/// A quarter of the pixels along an axis can still be steered by.
-const MIN_SCALE: f64 = 0.25;
+/// An eighth of the pixels along an axis can still be steered by.
+const MIN_SCALE: f64 = 0.125;
+/// What the picture between a coarse one and the exact one takes of this one's work, and up to which share a picture is so coarse.
+const REFINED_SHARE: f64 = 1.0 / 16.0;
+const REFINED_FROM: f64 = 0.4 * REFINED_SHARE;
 /// Longer steps jump over what the eye follows.
 pub(crate) const MAX_STEP: f64 = 4.0;
 /// How much of a frame's message is believed: more makes the picture flicker between qualities, less lags behind.
@@ -134,6 +143,13 @@ impl QualityControl {
         };
         self.last = Some(quality);
         Some(quality)
+    }
+
+    /// Returns the quality of the next frame of a view that rests, after a frame of this one that is shown.
+    pub fn refine(&mut self, shown: Quality) -> Quality {
+        let quality = shown.refined();
+        self.last = Some(quality);
+        quality
     }
 
     /// Takes in how long it took to draw the frame whose quality was decided last. Exact frames count too: they say
@@ -274,6 +290,22 @@ mod tests {
         assert!(is_near(time(6.0, None), 3.0), "half of a frame is drawing");
         // Periods without end, and without length.
         assert!(is_near(time(50.0, Some(1e303)), 46.0) && is_near(time(50.0, Some(1e-297)), 41.0));
+    }
+
+    #[test]
+    fn slow_pictures_are_refined_in_between() {
+        for (exact_ms, qualities) in [(100.0, 1), (900.0, 1), (3e3, 2), (4e4, 2)] {
+            let mut control = QualityControl::new(ms(50.0));
+            let mut shown = fly(&mut control, |_| exact_ms, 40)[39].0;
+            let (mut count, mut work) = (0, 0.0);
+            while shown != Quality::EXACT {
+                let finer = control.refine(shown);
+                assert!(finer.share() > 2.0 * shown.share() || finer == Quality::EXACT);
+                (shown, count, work) = (finer, count + 1, work + finer.share());
+            }
+            assert_eq!(count, qualities, "{exact_ms}");
+            assert!(work <= 1.07, "{exact_ms}: {work} of the exact picture's work");
+        }
     }
 
     #[test]

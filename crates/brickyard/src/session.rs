@@ -386,6 +386,7 @@ impl Session {
     /// As [`Session::step`].
     pub fn step_resolved(&mut self, scene: &ResolvedScene) -> Result<Frame, SessionError> {
         self.fit(scene)?;
+        self.check_precision(scene)?;
         let begun = Instant::now();
         let (shown, next) = match self.clock {
             Some(began) => self.player.turn(scene, began.elapsed()),
@@ -402,6 +403,19 @@ impl Session {
         status.settled &= !self.player.is_seeking();
         self.streaming = self.streaming.mul_f64(0.8) + begun.elapsed().mul_f64(0.2);
         Ok(Frame { scene: Arc::new(scene.at_step(shown.step)), status, coming, step: self.steps })
+    }
+
+    /// Refuses an expression that the backend would work out to other values.
+    fn check_precision(&self, scene: &ResolvedScene) -> Result<(), SessionError> {
+        let (Some(combination), Some(backend)) = (&scene.combination, self.backend()) else { return Ok(()) };
+        let is_single = backend.name() != "cpu";
+        let operand = |layer: &ResolvedLayer| {
+            let range = self.volumes[layer.volume].source.channel_range(layer.view.channel);
+            layer.frames[0].settings.encoding.operand(range, is_single)
+        };
+        let operands: Vec<_> = scene.layers.iter().map(operand).collect();
+        let checked = combination.expression.check_precision(&operands, is_single);
+        checked.map_err(|error| SessionError::Precision { backend: if is_single { "a GPU" } else { "the CPU" }, error })
     }
 
     /// A lost device is made anew.

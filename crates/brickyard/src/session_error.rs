@@ -4,7 +4,7 @@ use crate::backend::BackendError;
 use brickyard_pager::{BrickError, PagerError};
 use brickyard_store::OpenError;
 use brickyard_volume::camera::CameraError;
-use brickyard_volume::{SceneError, StereoError};
+use brickyard_volume::{PrecisionError, SceneError, StereoError};
 
 /// Why a session cannot open or go on.
 #[derive(Debug, thiserror::Error)]
@@ -38,6 +38,14 @@ pub enum SessionError {
     /// The store does not open.
     #[error(transparent)]
     Open(#[from] OpenError),
+    /// The backend's numbers are too few bits for the scene's expression.
+    #[error("the expression needs more than {backend} has: {error}")]
+    Precision {
+        /// The backend, as it is called.
+        backend: &'static str,
+        /// What is not told apart.
+        error: PrecisionError,
+    },
     /// The frame is not the last step's: its bricks may have given their slots to others.
     #[error("the frame was superseded by a later step: draw what the last step returned")]
     Superseded,

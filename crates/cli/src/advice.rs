@@ -107,6 +107,8 @@ impl Advice for SessionError {
             Self::Pager(error) => error.advice(),
             Self::LostAgain { .. } => Some("try --backend cpu"),
             Self::NoOrder => Some("use --compositor raycast or compute"),
+            Self::Precision { backend: "a GPU", .. } => Some("draw it with --backend cpu"),
+            Self::Precision { .. } => Some("pack numbers that name things with --kind labels"),
             _ => None,
         }
     }

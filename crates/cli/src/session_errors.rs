@@ -29,9 +29,11 @@ pub(crate) fn oracle_failure(error: OracleError) -> Failure {
 
 pub(crate) fn session_failure(error: SessionError) -> Failure {
     match error {
-        SessionError::Camera(_) | SessionError::Stereo(_) | SessionError::Scene(_) | SessionError::NoOrder => {
-            Failure::usage(advised(&error))
-        }
+        SessionError::Camera(_)
+        | SessionError::Stereo(_)
+        | SessionError::Scene(_)
+        | SessionError::NoOrder
+        | SessionError::Precision { .. } => Failure::usage(advised(&error)),
         SessionError::Open(error) => store_errors::open_failure(&error),
         SessionError::Unreadable(_) => Failure::bad_input(error),
         // A budget, a size or a choice that cannot work, whatever this machine has: as `pack` refuses a `--memory`.

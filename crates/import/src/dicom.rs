@@ -243,7 +243,10 @@ impl DicomSeries {
         info.geometry.spacing = placement.spacing;
         info.geometry.unit = Some("millimeter".into());
         info.calibrated = true;
-        info.channel_looks = vec![look_of(&files[0].0)];
+        let look = look_of(&files[0].0);
+        // The title of a later step is not its channel's name.
+        let name = look.name.filter(|_| options.held_as.is_none());
+        info.channel_looks = vec![ChannelLook { name, ..look }];
         let padding = slices[0].1.nodata(voxel_type).or_else(|| padding_of_floats(&slices, voxel_type));
         info.knows_nodata = options.nodata == NoData::OfFile;
         info.nodata = padding.or((missing > 0 && !voxel_type.is_float()).then_some(blank));

@@ -21,7 +21,7 @@ pub(crate) struct Losses<'a> {
     allowed: bool,
     /// Whether the numbers are labels, of which none may become another.
     are_labels: bool,
-    /// The value that means no data, by the file or the user.
+    /// The value that means no data, by the file, the user or the steps before.
     nodata: Option<f64>,
     count: u64,
     /// Clamped, or infinite though they are not in the file.
@@ -88,7 +88,8 @@ impl<'a> Losses<'a> {
             allowed: options.allow_lossy && !are_labels,
             are_labels,
             nodata: match options.nodata {
-                NoData::OfFile => nodata,
+                // What means no data in the steps before does so here, too.
+                NoData::OfFile => nodata.or(options.held_as.and_then(|held| held.nodata)),
                 NoData::None => None,
                 NoData::Value(value) => Some(value),
             },
@@ -97,7 +98,7 @@ impl<'a> Losses<'a> {
             rounded: 0,
             example: None,
             has_negative: false,
-            has_great: false,
+            has_great: is_open && options.held_as.is_some_and(|held| held.voxel_type == VoxelType::U32),
         })
     }
 
@@ -185,7 +186,7 @@ impl<'a> Losses<'a> {
         let (name, voxel_type) = (self.decode.element.name(), self.decode().voxel_type());
         let problem = format!(
             "voxels are {name}, of which {number:?} cannot be held in {voxel_type} beside {nodata:?}, which means no data; write the file with \
-             values that {voxel_type} holds"
+             values that {voxel_type} holds, or say with `nodata` which of its numbers means no data"
         );
         ImportError::options(self.path, problem)
     }
@@ -256,6 +257,7 @@ impl<'a> Losses<'a> {
 mod tests {
     use super::*;
     use crate::element::Scale;
+    use crate::options::HeldAs;
 
     fn census(element: Element, scale: Option<Scale>, bytes: &[u8], allow_lossy: bool) -> Result<String, String> {
         census_with(element, scale, bytes, &OpenOptions { allow_lossy, ..OpenOptions::default() })
@@ -336,6 +338,18 @@ mod tests {
             let message = counted(Element::F64, &f64s(&[5.0, voxel]), Some(marker), &lossy).unwrap_err();
             assert!(message.contains("beside"), "{message}");
         }
+        // What the steps before have for no data is none here, and nothing becomes it.
+        let before = |voxel_type, nodata| OpenOptions {
+            held_as: Some(HeldAs { voxel_type, nodata: Some(nodata) }),
+            ..lossy.clone()
+        };
+        let of_integers = before(VoxelType::I32, i32::MAX.into());
+        assert!(
+            counted(Element::I64, &i64s(&[1 << 40]), None, &of_integers).unwrap_err().contains("beside 2147483647")
+        );
+        let of_floats = before(VoxelType::F32, f64::from(-9999.9f32));
+        assert!(counted(Element::F64, &f64s(&[-9999.9001]), None, &of_floats).unwrap_err().contains("beside"));
+        assert!(counted(Element::F64, &f64s(&[f64::from(-9999.9f32)]), None, &of_floats).is_ok());
         let beyond = counted(Element::F64, &f64s(&[-1e300]), Some(f64::from(f32::MIN)), &lossy).unwrap();
         assert!(beyond.contains("1 infinite"), "{beyond}");
         let clamped = OpenOptions { nodata: NoData::Value(i32::MAX.into()), ..lossy.clone() };

@@ -16,6 +16,7 @@ use crate::series::{Series, StepFile};
 use crate::source::{Source, SourceInfo};
 use crate::time::override_time;
 use crate::{dicom, foreign, nifti, npy, tiff_stack};
+use brickyard_volume::VoxelType;
 use std::path::{Path, PathBuf};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -284,12 +285,17 @@ fn override_geometry(info: &mut SourceInfo, path: &Path, options: &OpenOptions) 
     Ok(())
 }
 
+/// A number as voxels hold it, which are narrowed if they are floats.
+fn narrowed(value: f64, voxel_type: VoxelType) -> f64 {
+    if voxel_type.is_float() { f64::from(value as f32) } else { value }
+}
+
 /// Puts the user's value for voxels that hold no data in place of the file's.
 fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result<(), ImportError> {
     let value = match nodata {
         NoData::OfFile => return Ok(()),
         NoData::None => None,
-        NoData::Value(value) if !info.voxel_type.holds(value) => {
+        NoData::Value(value) if !info.voxel_type.holds(narrowed(value, info.voxel_type)) => {
             let (low, high) = info.voxel_type.limits();
             let kind = if info.voxel_type.is_float() { "numbers" } else { "whole numbers" };
             let voxel_type = info.voxel_type;
@@ -301,7 +307,11 @@ fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result
             let problem = format!("`nodata` {value:e}: voxels are f32, which do not tell it from 0");
             return Err(ImportError::options(path, problem));
         }
-        NoData::Value(value) => Some(value),
+        NoData::Value(value) => {
+            let (low, high) = info.voxel_type.limits();
+            // The least float may have been said in fewer digits.
+            Some(value.clamp(low, high))
+        }
     };
     (info.nodata, info.knows_nodata) = (value, false);
     Ok(())
@@ -311,7 +321,7 @@ fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result
 mod tests {
     use super::*;
     use crate::testing::{Field, assert_boxes, temp_file};
-    use brickyard_volume::{Extent, VoxelType};
+    use brickyard_volume::Extent;
     use glam::DVec3;
     use proptest::prelude::*;
 
@@ -383,8 +393,11 @@ mod tests {
             let message = refusal(&path, &options);
             assert!(message.contains(&format!("`{name}` is for ")), "{message}");
         }
-        let tiny = OpenOptions { nodata: NoData::Value(1e-300), ..plain };
+        let tiny = OpenOptions { nodata: NoData::Value(1e-300), ..plain.clone() };
         assert!(refusal(&path, &tiny).contains("do not tell it from 0"));
+        let least = OpenOptions { nodata: NoData::Value(-3.40282347e38), ..plain.clone() };
+        assert_eq!(open(std::slice::from_ref(&path), &least).unwrap().info().nodata, Some(f64::from(f32::MIN)));
+        assert!(refusal(&path, &OpenOptions { nodata: NoData::Value(-3.5e38), ..plain }).contains("expected one"));
     }
 
     #[test]

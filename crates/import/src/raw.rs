@@ -290,10 +290,8 @@ fn misfit(layout: &RawLayout, body: u64, found: u64) -> String {
     }
     if found as u128 > expected {
         let surplus = found as u128 - expected;
-        message += &format!(
-            "; if the file starts with a header of {surplus} bytes, pass `offset` {}",
-            surplus + offset as u128
-        );
+        message +=
+            &format!("; if the file starts with a header of {0} bytes, pass `offset` {0}", surplus + offset as u128);
     }
     message
 }

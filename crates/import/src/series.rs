@@ -197,12 +197,7 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
         let problem = format!("is {}, but {first_path} is {}", describe(step), describe(first));
         return Err(ImportError::invalid(path, problem));
     }
-    // Of those that know it, values that are left out only tell that some are.
-    let is_alike = match step.knows_nodata && first.knows_nodata && step.voxel_type.is_float() {
-        true => step.nodata.is_some() == first.nodata.is_some(),
-        false => step.nodata == first.nodata,
-    };
-    if !is_alike {
+    if step.nodata != first.nodata {
         let value = |info: &SourceInfo| info.nodata.map_or("no value".into(), |value| value.to_string());
         let problem = format!(
             "says with {} that voxels hold no data, but {first_path} with {}; give one for all with `nodata`",

@@ -60,9 +60,12 @@ impl SourceInfo {
     /// Takes the value that a file has, under this name, for voxels that hold no data. One that no voxel can be is left out, with a
     /// note; NaN and infinities hold no data anyway.
     pub(crate) fn set_nodata(&mut self, value: f64, name: &str) {
-        if self.voxel_type.holds(value) {
-            // As the voxels are, which may have been narrowed.
-            let value = if self.voxel_type.is_float() { f64::from(value as f32) } else { value };
+        // As the voxels are, which may have been narrowed.
+        let narrowed = if self.voxel_type.is_float() { f64::from(value as f32) } else { value };
+        // Whoever says that such a value means no data says that no other one does.
+        self.knows_nodata = !self.voxel_type.holds(narrowed);
+        if self.voxel_type.holds(narrowed) {
+            let value = narrowed;
             self.nodata = Some(value);
             let what = if self.voxel_type.is_float() { "they become NaN" } else { "they are left out" };
             self.notes.push(format!("Voxels of {value} hold no data, as the file says ({name}): {what}."));
@@ -190,5 +193,8 @@ mod tests {
         assert_eq!(nodata_of(VoxelType::F32, -9999.1), Some(f64::from(-9999.1f32)));
         assert_eq!(nodata_of(VoxelType::I16, -9999.0), Some(-9999.0));
         assert_eq!(nodata_of(VoxelType::I16, -9999.1), None);
+        // The least f32 in fewer digits, and what is none.
+        assert_eq!(nodata_of(VoxelType::F32, -3.4028235e38), Some(f64::from(f32::MIN)));
+        assert_eq!(nodata_of(VoxelType::F32, -3.5e38), None);
     }
 }

@@ -9,9 +9,11 @@
 //! nor has any other result that is not a finite number.
 
 mod parse;
+mod precision;
 mod range;
 mod wgsl;
 
+pub use precision::{GREATEST_WHOLE, Operand, PrecisionError};
 pub use range::Range;
 
 use glam::DVec3;

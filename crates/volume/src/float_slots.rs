@@ -15,6 +15,7 @@
 //! 16-bit codes. A window is narrow that has less than 128 codes of 8 bits or 512 of 16, or less than half of the channel's values: of one
 //! voxel of 255 in a mask of 0 and 1 those 8 bits are a code. A window is dragged or stretched without uploading a brick here, too.
 
+use crate::expression::{GREATEST_WHOLE, Operand};
 use crate::gradients::STEEPEST_UNITS;
 use crate::mode::Mode;
 use crate::slot_encoding::{FloatSlots, MOST, SlotEncoding, SlotFormat};
@@ -197,19 +198,41 @@ impl SlotEncoding {
         }
     }
 
-    /// This encoding of a channel for an expression, which may do anything with a value: f32 slots if the type has 32 bits. Then the value
-    /// divided by a power of two is the code. Stored gradients are fit for a window of values.
+    /// This encoding of a channel for an expression, which may do anything with a value: f32 slots if the type has 32 bits. Integers of which none is within 24 bits
+    /// of 0 are held as their distance from the one that is nearest to it. Stored gradients are fit for a window of values.
     pub fn for_values(self, window: [f64; 2], kept: KeptSlots) -> Self {
         if !self.can_be_float() {
             return self.with_table_over_codes(Window::of(window));
         }
         let window = self.widened(window);
-        let holds_all = |floats: &FloatSlots| floats.base == 0.0 && floats.limits == ALL;
+        let base = self.base_of_all();
+        let holds_all = |floats: &FloatSlots| floats.base == base && floats.limits == ALL;
         let is_it = |floats: &FloatSlots| holds_all(floats) && floats.suffice(VoxelType::F32, window, self.spread());
-        let anew = || FloatSlots { limits: ALL, ..FloatSlots::about(VoxelType::F32, window, self.spread()) };
+        let anew = || FloatSlots { base, limits: ALL, ..FloatSlots::about(VoxelType::F32, window, self.spread()) };
         let floats = kept.floats.filter(is_it).unwrap_or_else(anew);
-        let width = code_width(self.low.abs().max(self.high.abs()));
+        let width = code_width((self.low - base).abs().max((self.high - base).abs()));
         self.over(floats, 0.0, width)
+    }
+
+    /// The base of slots that hold all values of a channel.
+    fn base_of_all(&self) -> f64 {
+        let nearest = 0.0f64.clamp(self.low, self.high).round();
+        if nearest.abs() > GREATEST_WHOLE && self.voxel_type != VoxelType::F32 { nearest } else { 0.0 }
+    }
+
+    /// The values of a channel, which these slots hold for an expression, as renderers have them: as f32 if `are_single`, or as distances from a base.
+    pub fn operand(&self, range: (f64, f64), are_single: bool) -> Operand {
+        let range = range.into();
+        let is_whole = self.voxel_type.bytes() == 4 && self.voxel_type != VoxelType::F32;
+        // On the CPU codes of labels are exact.
+        if !is_whole || !are_single && self.floats.is_none() {
+            return Operand::exact(range);
+        }
+        let base = if are_single { 0.0 } else { self.floats.map_or(0.0, |floats| floats.base) };
+        let farthest = range.map(|value: f64| (value - base).abs()).into_iter().fold(0.0, f64::max);
+        // The greatest whole number stands for its neighbour, too.
+        let exact = [base - GREATEST_WHOLE + 1.0, base + GREATEST_WHOLE - 1.0];
+        Operand { range, exact, error: farthest / GREATEST_WHOLE }
     }
 
     /// How far the channel's values are apart.

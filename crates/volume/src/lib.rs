@@ -68,7 +68,7 @@ pub use combination::Combination;
 pub use compositing::{Blend, VolumeFrame};
 pub use counted::counted;
 pub use cut_face::CutFace;
-pub use expression::{Expression, ExpressionError, MAX_VOLUMES};
+pub use expression::{Expression, ExpressionError, MAX_VOLUMES, Operand, PrecisionError};
 pub use float_slots::{KeptSlots, Window};
 pub use foreground::Foreground;
 pub use geometry::{Geometry, box_corners};

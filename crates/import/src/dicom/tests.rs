@@ -370,25 +370,6 @@ fn padding_is_nan_in_floats_and_one_value_in_integers() {
     }
 }
 
-/// Which value is padding is told of the first step alone where it is NaN among the voxels of all; that there is some has to be alike.
-#[test]
-fn steps_of_floats_have_padding_of_their_own() {
-    let step = |padding: Option<u16>| {
-        let mut slice = Written::slice(0.0, 0);
-        padding.into_iter().for_each(|padding| {
-            slice.number(tags::PIXEL_PADDING_VALUE, padding);
-        });
-        slice.text(tags::RESCALE_SLOPE, VR::DS, "0.5");
-        Folder::of([slice])
-    };
-    let opened = |steps: [&Folder; 2]| open(&steps.map(|step| step.0.path().to_owned()), &OpenOptions::default());
-    let [three, four, none] = [Some(3), Some(4), None].map(step);
-    let source = opened([&three, &four]).unwrap();
-    assert_eq!((source.info().times, source.info().nodata), (2, Some(1.5)));
-    let message = opened([&three, &none]).err().unwrap().to_string();
-    assert!(message.contains("hold no data"), "{message}");
-}
-
 /// Padding that no stored number can be is said to be none, unless nobody asks for it.
 #[test]
 fn padding_that_no_pixel_can_have_is_said() {

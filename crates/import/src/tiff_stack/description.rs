@@ -35,6 +35,8 @@ pub(super) struct Description {
     pub(super) calibration: Option<Calibration>,
     /// The stored number of pixels without data, which GDAL keeps in a tag of its own.
     pub(super) nodata: Option<f64>,
+    /// Whether it says that NaN alone means no data.
+    pub(super) nodata_is_nan: bool,
     /// How the channels look, as far as is said.
     pub(super) channel_looks: Vec<ChannelLook>,
     pub(super) notes: Vec<String>,
@@ -187,9 +189,13 @@ impl Description {
 
     /// Tells `info` which voxels hold no data, unless the user says it. `scale` is what makes stored numbers voxels.
     pub(super) fn mark(&self, info: &mut SourceInfo, scale: Option<Scale>, nodata: NoData) {
-        if let Some(value) = self.nodata_value(scale).filter(|_| nodata == NoData::OfFile) {
+        if nodata != NoData::OfFile {
+            return;
+        }
+        if let Some(value) = self.nodata_value(scale) {
             info.set_nodata(value, "GDAL_NODATA");
         }
+        info.knows_nodata |= self.nodata_is_nan;
     }
 
     /// Adds the spacing, unit and notes of the description to `info`.

@@ -59,7 +59,9 @@ impl OpenTiff {
             }
         }
         tags.describe(&mut description);
-        description.nodata = self.gdal_nodata()?.map(|value| nearest(value, format.element));
+        let nodata = self.gdal_number()?;
+        description.nodata_is_nan = nodata.is_some_and(f64::is_nan);
+        description.nodata = nodata.filter(|value| !value.is_nan()).map(|value| nearest(value, format.element));
         let looks = self.imagej_looks()?;
         if !looks.is_empty() {
             description.channel_looks = looks;
@@ -191,8 +193,13 @@ impl OpenTiff {
         Ok(is_scanimage.then_some("ScanImage"))
     }
 
-    /// The stored number of pixels without data, as GDAL writes it: in digits. NaN holds no data anyway.
+    /// The stored number of pixels without data; NaN holds no data anyway.
     pub(super) fn gdal_nodata(&mut self) -> Result<Option<f64>, ImportError> {
+        Ok(self.gdal_number()?.filter(|number| !number.is_nan()))
+    }
+
+    /// The stored number of pixels without data, as GDAL writes it: in digits.
+    fn gdal_number(&mut self) -> Result<Option<f64>, ImportError> {
         let path = self.path.clone();
         let mut bytes = [0; LONGEST_NUMBER];
         let mut tags = self.decoder.image_ifd();
@@ -200,8 +207,7 @@ impl OpenTiff {
         let length = entry.map_or(0, |entry| entry.count()).min(LONGEST_NUMBER as u64) as usize;
         said(&path, tags.find_tag_bytes(Tag::GdalNodata, &mut bytes[..length], 0))?;
         let text = std::str::from_utf8(&bytes[..length]).unwrap_or_default();
-        let number: Option<f64> = text.split('\0').next().unwrap_or_default().trim().parse().ok();
-        Ok(number.filter(|number| !number.is_nan()))
+        Ok(text.split('\0').next().unwrap_or_default().trim().parse().ok())
     }
 
     /// How ImageJ shows the channels; empty if the file does not say it.

@@ -95,11 +95,10 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
         let rows = |orientation: brickyard_volume::Orientation| format!("{:?}", orientation.rows());
         return differs("orientation", rows(theirs), store.info().orientation.map_or("not known".into(), rows));
     }
-    // The name of a single channel may be the title of its step, as of a DICOM series.
     let ours = store.info().channels.iter().map(|channel| channel.name.as_deref());
     let theirs = step.channel_looks.iter().map(|look| look.name.as_deref());
     let differ = |(ours, theirs): (Option<&str>, Option<&str>)| ours.is_some() && theirs.is_some() && ours != theirs;
-    if step.channels > 1 && ours.clone().zip(theirs.clone()).any(differ) {
+    if ours.clone().zip(theirs.clone()).any(differ) {
         let found = in_a_row(theirs);
         let expected = format!("{} (write the step with these channels, in this order)", in_a_row(ours));
         return differs("row of channels", found, expected);
@@ -109,7 +108,9 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
     let is_left_out = step.knows_nodata && step.voxel_type.is_float() && nodata.is_some();
     if let Some(found) = step.nodata.filter(|found| Some(*found) != nodata && !is_left_out) {
         let none = match step.knows_nodata {
-            true => "none, as all steps so far are data; pack all steps at once into another store",
+            true => {
+                "none, as all steps so far are data; pass `nodata` none if it is data here, too, or pack all steps at once into another store"
+            }
             false => "none; pass `nodata` none to take it as a number",
         };
         let expected = nodata.map_or(none.into(), |ours| ours.to_string());

@@ -742,15 +742,16 @@ fn channels_in_another_order_are_refused() {
     for (number, names) in (1..).zip([&["DAPI", "GFP"][..], &["", "GFP"], &[]]) {
         appender.append(&step(number, names), None, &()).unwrap();
     }
-    // One channel has the title of its step.
+    // One channel is not another, either.
     let step = |title: &str| {
         let mut step = byte_step(0);
         step.info.channel_looks = vec![ChannelLook { name: Some(title.into()), ..ChannelLook::default() }];
         step
     };
-    let mut appender =
-        Appender::create(&dir.path().join("t.zarr"), &step("phase 1"), None, &byte_options(), &()).unwrap();
-    appender.append(&step("phase 2"), None, &()).unwrap();
+    let mut appender = Appender::create(&dir.path().join("t.zarr"), &step("GFP"), None, &byte_options(), &()).unwrap();
+    let message = appender.append(&step("DAPI"), None, &()).unwrap_err().to_string();
+    assert!(message.contains("row of channels is DAPI"), "{message}");
+    appender.append(&step("GFP"), None, &()).unwrap();
 }
 
 /// A value that stands for no data may be data in a step whose source knows its own: integers are refused then, floats stay what they are.

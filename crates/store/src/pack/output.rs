@@ -305,7 +305,11 @@ fn find(path: &Path) -> Result<Found, PackError> {
         Err(error) => return Err(io(error)),
     };
     let names = entries.map(|e| e.map(|e| e.file_name())).collect::<io::Result<Vec<OsString>>>().map_err(io)?;
-    let folder = Folder::open(path).map_err(io)?;
+    let folder = match Folder::open(path) {
+        // Moved or deleted since.
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Found::Free),
+        folder => folder.map_err(io)?,
+    };
     let ours = match read_json(&folder, &path.join("zarr.json")) {
         Ok(root) => Some(root["attributes"]["brickyard"].clone()).filter(|ours| !ours.is_null()),
         // What cannot be read now may be a whole store.

@@ -54,7 +54,7 @@ impl Order {
                 session.wait(STREAMING_STEP);
                 continue;
             }
-            let choice = Choice { control, is_adaptive: self.is_adaptive };
+            let choice = Choice { control, is_adaptive: self.is_adaptive, is_gradual: true };
             let (shown, _) = choice.next(wanted, frame, self.shown.as_ref());
             let begun = Instant::now();
             stage.tell(session, &shown.frame, Some(Begun { quality: shown.quality, at: begun }));

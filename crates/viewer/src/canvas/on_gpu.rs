@@ -47,7 +47,8 @@ impl Canvas {
             self.keep_pace();
             return Ok(());
         }
-        let (shown, moved) = Choice { control, is_adaptive: self.is_adaptive }.next(wanted, frame, shown);
+        let (shown, moved) =
+            Choice { control, is_adaptive: self.is_adaptive, is_gradual: false }.next(wanted, frame, shown);
         let share = control.share();
         if !moved && !is_playing && share < 1.0 {
             let drawing = RowDrawing::new(shown.frame.clone(), share, self.between);

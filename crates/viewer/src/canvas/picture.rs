@@ -52,16 +52,21 @@ impl Shown {
 /// How pictures' quality is chosen.
 pub(super) struct Choice<'a> {
     pub(super) control: &'a mut QualityControl,
-    /// Whether the picture is coarser while the view moves.
+    /// Whether the picture is coarser while the view moves, and whether it is refined step by step when it rests.
     pub(super) is_adaptive: bool,
+    pub(super) is_gradual: bool,
 }
 
 impl Choice<'_> {
     /// The picture of a frame, which comes next after `shown`; and whether it is one of a view that moves. What still streams is drawn as that is: the exact
     /// picture comes once, when all is there.
     pub(super) fn next(self, wanted: Wanted, frame: Frame, shown: Option<&Shown>) -> (Shown, bool) {
-        let moved = !(shown.is_some_and(|shown| shown.is_of(&wanted)) && frame.status.settled);
-        let quality = self.control.next(Change { moved, refined: true }).unwrap_or(Quality::EXACT);
+        let before = shown.filter(|shown| shown.is_of(&wanted) && frame.status.settled);
+        let moved = before.is_none();
+        let quality = match before {
+            Some(before) if self.is_gradual => self.control.refine(before.quality),
+            _ => self.control.next(Change { moved, refined: true }).unwrap_or(Quality::EXACT),
+        };
         let quality = if self.is_adaptive { quality } else { Quality::EXACT };
         let Wanted { scene, size_px, .. } = wanted;
         (Shown { scene, size_px, frame, quality, samples_left: None }, moved)

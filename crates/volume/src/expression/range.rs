@@ -15,6 +15,11 @@ impl Expression {
     /// # Panics
     /// If `volumes` lacks a volume that the expression reads.
     pub fn range(&self, volumes: &[Range]) -> Range {
+        self.ranges(volumes).pop().flatten()
+    }
+
+    /// The range of each operation's results.
+    pub(super) fn ranges(&self, volumes: &[Range]) -> Vec<Range> {
         let mut results: Vec<Range> = Vec::with_capacity(self.operations.len());
         for operation in &self.operations {
             let result = match *operation {
@@ -35,7 +40,7 @@ impl Expression {
             };
             results.push(result);
         }
-        results.pop().flatten()
+        results
     }
 }
 
@@ -102,7 +107,12 @@ impl Binary {
             Self::Multiply => over_corners(x, y, |a, b| a * b),
             Self::Divide if holds_zero(y) => ALL,
             Self::Divide => over_corners(x, y, |a, b| a / b),
-            Self::Power if x[0] > 0.0 => over_corners(x, y, f64::powf),
+            Self::Power if x[0] > 0.0 || x[0] == 0.0 && y[0] >= 0.0 => over_corners(x, y, f64::powf),
+            Self::Power if y[0] >= 0.0 => {
+                let most = x[0].abs().max(x[1].abs());
+                let most = most.powf(y[0]).max(most.powf(y[1]));
+                [-most, most]
+            }
             Self::Power => ALL,
             Self::Min => [x[0].min(y[0]), x[1].min(y[1])],
             Self::Max => [x[0].max(y[0]), x[1].max(y[1])],

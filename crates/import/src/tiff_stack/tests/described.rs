@@ -198,6 +198,11 @@ fn pages_of_one_file_that_say_unlike_things_are_refused() {
         let (_folder, path) = temp_file("a.tif", &pages(&first, &others));
         assert_eq!(open(&[path], &told).unwrap().info().nodata, Some(9.0));
     }
+    // What says that another value means no data, or NaN alone, knows that a number is data.
+    for (value, knows) in [("nan", true), ("1e39", true), ("7", false), ("", false)] {
+        let (_folder, path) = temp_file("a.tif", &pages(&nodata(value), &nodata(value)));
+        assert_eq!(opened(&path).unwrap().info().knows_nodata, knows, "{value}");
+    }
     // Some programs say it once.
     for (first, others, expected) in [
         (nodata("7"), vec![], Some(7.0)),
