@@ -10,8 +10,8 @@ use eframe::egui;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How long a picture of a moving view may be drawn that is not of the view any more.
-const LATE: Duration = Duration::from_millis(150);
+/// How long a coarse picture may be drawn that is not of the view any more: while a hand moves, no picture would ever be done in less than a frame of it.
+const LATE: Duration = Duration::from_millis(600);
 
 /// What a session is at while it is away.
 pub(super) enum Task {
