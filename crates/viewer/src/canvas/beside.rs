@@ -16,7 +16,7 @@ const LATE: Duration = Duration::from_millis(600);
 /// What a session is at while it is away.
 pub(super) enum Task {
     /// The picture that is wanted, or one that is coarser.
-    Show(Wanted),
+    Show(Box<Wanted>),
     /// A sample of the pixels of the picture that is shown.
     Smooth,
     /// The picture that was asked for first.
@@ -121,7 +121,7 @@ impl Canvas {
             is_adaptive: self.is_adaptive,
         };
         let painting = Painting::new(wanted.size_px, eyes(&wanted.scene));
-        self.leave(Task::Show(wanted), painting, egui, |engine, stage| order.run(engine, stage))
+        self.leave(Task::Show(Box::new(wanted)), painting, egui, |engine, stage| order.run(engine, stage))
     }
 
     /// Sends the session to draw a sample of the pixels of the picture that is shown.
@@ -248,7 +248,7 @@ impl Canvas {
         let Some((drawing, task)) = &mut self.drawing else { return };
         let Some(News { known, frame, .. }) = drawing.hear() else { return };
         if let Task::Show(wanted) = task {
-            *wanted = wanted.at(&frame);
+            **wanted = wanted.at(&frame);
         }
         // Volumes that it has not taken over yet are those that are asked for.
         let later = self.changes.iter().any(|change| matches!(change, Change::Volumes(_)));
