@@ -6,6 +6,7 @@ use brickyard::volume::Level;
 use brickyard_tests::{Random, Sandbox, tree, tree_difference};
 use std::path::Path;
 use std::process::Stdio;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -64,10 +65,11 @@ fn assert_whole(store: &Store) {
     }
 }
 
-/// Follows a store as a viewer does, until it is told to stop; how many times it grew.
-fn follow(path: &Path, is_done: &AtomicBool) -> u32 {
+/// Follows a store as a viewer does, until it is told to stop; how many times it grew. `reading` is held while it reads.
+fn follow(path: &Path, is_done: &AtomicBool, reading: &Mutex<()>) -> u32 {
     let (mut open, mut grown): (Option<Store>, u32) = (None, 0);
     while !is_done.load(Ordering::Relaxed) {
+        let held = reading.lock().expect("no panic");
         open = match open.take() {
             None => Store::open(path).ok(),
             // The store is gone, and begun anew.
@@ -87,6 +89,7 @@ fn follow(path: &Path, is_done: &AtomicBool) -> u32 {
                 }
             },
         };
+        drop(held);
         std::thread::sleep(Duration::from_millis(1));
     }
     grown
@@ -98,11 +101,11 @@ fn killed_at_any_moment_every_step_is_whole_and_the_next_append_goes_on() {
     sandbox.run_ok(&append("whole.zarr", 0..STEPS));
     let expected = tree(&sandbox.path("whole.zarr"));
     let path = sandbox.path("out.zarr");
-    let is_done = AtomicBool::new(false);
+    let (is_done, reading) = (AtomicBool::new(false), Mutex::new(()));
     let mut random = Random(3);
     let (mut within, mut rounds, mut furthest) = (0, 0, 0);
     let grown = std::thread::scope(|scope| {
-        let reader = scope.spawn(|| follow(&path, &is_done));
+        let reader = scope.spawn(|| follow(&path, &is_done, &reading));
         let mut times = 0;
         for kill in 0..50 {
             let mut child = sandbox
@@ -138,6 +141,8 @@ fn killed_at_any_moment_every_step_is_whole_and_the_next_append_goes_on() {
                     assert_eq!(code, 3, "{stderr}");
                 }
                 assert_eq!(tree_difference(&tree(&path), &expected), [""; 0], "after kill {kill}");
+                // Not while its files are read.
+                let _held = reading.lock().expect("a reader that sees whole steps");
                 std::fs::remove_dir_all(&path).expect("the sandbox is writable");
                 (times, rounds) = (0, rounds + 1);
             }

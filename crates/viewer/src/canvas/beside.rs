@@ -246,14 +246,15 @@ impl Canvas {
     /// Takes in what the session has told.
     fn hear(&mut self) {
         let Some((drawing, task)) = &mut self.drawing else { return };
-        let Some(News { known, frame, .. }) = drawing.hear() else { return };
+        let Some(News { mut known, frame, .. }) = drawing.hear() else { return };
         if let Task::Show(wanted) = task {
             **wanted = wanted.at(&frame);
         }
         // Volumes that it has not taken over yet are those that are asked for.
-        let later = self.changes.iter().any(|change| matches!(change, Change::Volumes(_)));
-        let volumes = if later { std::mem::take(&mut self.known.volumes) } else { known.volumes.clone() };
-        self.known = super::drawing::Known { volumes, ..known };
+        if self.changes.iter().any(|change| matches!(change, Change::Volumes(_))) {
+            known.volumes = std::mem::take(&mut self.known.volumes);
+        }
+        self.known = known;
         self.pace.stepped = frame.scene.time;
         self.stream = Some((frame.status, frame.coming));
     }
