@@ -351,9 +351,9 @@ fn a_hand_makes_points_of_a_transfer_function_and_moves_them() {
         |document: &Value| document["layers"][0]["transfer"]["opacity"].as_array().cloned().unwrap_or_default();
     // The editor folds out of its heading, in the panel on the left, once there is one.
     opened.document();
-    display.input("mousemove 74 402 sleep 0.3 click 1 sleep 0.7");
-    let made = opened.until("mousemove 140 473 sleep 0.3 click --repeat 2 --delay 60 1", &|now| points(now).len() == 3);
-    let moved = opened.until(&drag([140.0, 473.0], [30.0, -25.0]), &|now| points(now) != points(&made));
+    display.input("mousemove 74 379 sleep 0.3 click 1 sleep 0.7");
+    let made = opened.until("mousemove 140 450 sleep 0.3 click --repeat 2 --delay 60 1", &|now| points(now).len() == 3);
+    let moved = opened.until(&drag([140.0, 450.0], [30.0, -25.0]), &|now| points(now) != points(&made));
     let [before, after] = [&made, &moved].map(|document| points(document)[1].clone());
     let number = |point: &Value, i: usize| point[i].as_f64().expect("a number");
     assert!(number(&after, 0) > number(&before, 0) && number(&after, 1) > number(&before, 1), "{before} {after}");
