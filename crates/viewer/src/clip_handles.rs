@@ -79,15 +79,15 @@ pub(crate) fn dragged(lens: &Lens, clip: [DVec3; 2], face: Face, by: Vec2, whole
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use brickyard::volume::{Camera, Projection};
     use eframe::egui::{Context, LayerId, Painter, Rect, pos2, vec2};
 
-    const WHOLE: (DVec3, DVec3) = (DVec3::ZERO, DVec3::new(4.0, 2.0, 1.0));
+    pub(crate) const WHOLE: (DVec3, DVec3) = (DVec3::ZERO, DVec3::new(4.0, 2.0, 1.0));
 
     /// Looks along y at the box, 100 points for each unit of the world.
-    fn lens() -> Lens {
+    pub(crate) fn lens() -> Lens {
         let target = DVec3::new(2.0, 1.0, 0.5);
         let projection = Projection::Orthographic { height: 3.0 };
         let camera = Camera { eye: target - 9.0 * DVec3::Y, target, up: DVec3::Z, projection };

@@ -124,21 +124,10 @@ pub(crate) fn dragged(lens: &Lens, plane: ClipPlane, is_tip: bool, by: Vec2, who
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard::volume::{Camera, Projection};
-    use eframe::egui::{Context, LayerId, Painter, Rect, pos2, vec2};
+    use crate::clip_handles::tests::{WHOLE, lens};
+    use eframe::egui::vec2;
 
-    const WHOLE: (DVec3, DVec3) = (DVec3::ZERO, DVec3::new(4.0, 2.0, 1.0));
     const PLANE: ClipPlane = ClipPlane { point: DVec3::new(1.0, 7.0, 9.0), normal: DVec3::new(3.0, 0.0, 0.0) };
-
-    /// Looks along y at the box, 100 points for each unit of the world.
-    fn lens() -> Lens {
-        let target = DVec3::new(2.0, 1.0, 0.5);
-        let projection = Projection::Orthographic { height: 3.0 };
-        let camera = Camera { eye: target - 9.0 * DVec3::Y, target, up: DVec3::Z, projection };
-        let painter = Painter::new(Context::default(), LayerId::background(), Rect::EVERYTHING);
-        let area = Rect::from_min_size(pos2(50.0, 20.0), vec2(600.0, 300.0));
-        Lens::new(&painter, area, &camera, (1200, 600)).unwrap()
-    }
 
     #[test]
     fn a_plane_follows_the_pointer() {

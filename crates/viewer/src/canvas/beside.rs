@@ -211,6 +211,8 @@ impl Canvas {
         if !matches!(task, Task::Capture) {
             self.keep_pace();
         }
+        // One that was given up is no error; one that is whole all the same is not of what is wanted now.
+        let done = if is_abandoned { Ok(Done::Nothing) } else { done };
         if !matches!((&task, &done), (Task::Smooth, _) | (_, Ok(Done::Picture { .. }))) {
             // The session's slots are not those of the picture any more.
             self.shown
@@ -218,8 +220,7 @@ impl Canvas {
                 .filter(|shown| shown.samples_left != Some(0))
                 .for_each(|shown| shown.samples_left = None);
         }
-        // One that was given up is no error; one that is whole all the same is not of what is wanted now.
-        let done = if is_abandoned { Done::Nothing } else { done? };
+        let done = done?;
         let Some(screen) = &mut self.screen else { return Ok(None) };
         match done {
             Done::Nothing => {}
