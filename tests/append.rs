@@ -194,6 +194,7 @@ fn what_does_not_fit_is_refused_with_both_values_and_changes_nothing() {
     let sandbox = with_steps();
     sandbox.run_ok(&format!("{} --spacing 1,1,2 --time 1.5,2", append("out.zarr", 0..2)));
     sandbox.run_ok("pack s0.raw still.zarr --shape 24,20,18 --dtype u8 --progress none");
+    sandbox.run_ok("append moved.zarr s0.raw --shape 24,20,18 --dtype u8 --origin 4,0,0 --progress none");
     std::fs::create_dir_all(sandbox.path("other.zarr")).expect("the sandbox is writable");
     sandbox.write("other.zarr/zarr.json", r#"{"zarr_format":3,"node_type":"group","attributes":{"ome":{}}}"#);
     std::fs::create_dir_all(sandbox.path("folder")).expect("the sandbox is writable");
@@ -212,6 +213,11 @@ fn what_does_not_fit_is_refused_with_both_values_and_changes_nothing() {
             &format!("append out.zarr s2.raw {raw} --spacing 1,1,3"),
             3,
             &["spacing", "[1.0, 1.0, 3.0]", "[1.0, 1.0, 2.0]"],
+        ),
+        (
+            &format!("append moved.zarr s2.raw {raw} --origin 0,0,0"),
+            3,
+            &["origin", "[0.0, 0.0, 0.0]", "[4.0, 0.0, 0.0]"],
         ),
         (&format!("append out.zarr s2.raw {raw} --time 2"), 2, &["s2.raw", "after 2 of step 1", "found 2"]),
         (&format!("append out.zarr s2.raw s3.raw {raw} --time 9"), 2, &["--time", "1 time for 2 files"]),

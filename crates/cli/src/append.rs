@@ -13,7 +13,6 @@ use brickyard::import::{self, HeldAs, NoData, OpenOptions, Source};
 use brickyard::store::{self, AppendError, Appender, Kind, OpenError, Store};
 use brickyard::volume::counted;
 use clap::Args;
-use glam::DVec3;
 use std::collections::HashMap;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -101,27 +100,8 @@ fn step_options(store: &Path, settings: &StoreSettings, options: OpenOptions) ->
         let problem = format!("--nodata none: in {path} voxels of {value} have no data, in all steps: leave it out");
         return Err(Failure::usage(problem));
     }
-    if let (Some(origin), Some(store)) = (options.origin, &opened)
-        && (origin - store.geometry().origin).abs().max_element() > 1e-4 * store.geometry().spacing.min_element()
-    {
-        let problem = format!(
-            "--origin {}: the steps of {} lie at {}: leave it out",
-            in_a_row(origin),
-            path(store),
-            in_a_row(store.geometry().origin)
-        );
-        return Err(Failure::usage(problem));
-    }
     let are_labels = settings.are_labels() || known.is_some_and(|info| info.kind == Kind::Labels);
     Ok(OpenOptions { are_labels, held_as: held_as(opened.as_ref()), ..options })
-}
-
-fn path(store: &Store) -> std::path::Display<'_> {
-    store.path().display()
-}
-
-fn in_a_row(place: DVec3) -> String {
-    place.to_array().map(|number| number.to_string()).join(",")
 }
 
 /// How a store's steps hold their voxels.

@@ -93,6 +93,7 @@ impl Reaction {
             voxel_type,
             geometry: Geometry::default(),
             calibrated: true,
+            says_origin: false,
             orientation: None,
             channel_looks: Vec::new(),
             nodata: None,

@@ -535,10 +535,12 @@ mod tests {
 
     #[test]
     fn steps_of_a_series_lie_in_one_place() {
-        let step = |shift: f32| {
-            let srow = [0.5, 0.0, 0.0, shift, 0.0, 0.75, 0.0, 10.5, 0.0, 0.0, 2.0, 3.25];
-            [Written { codes: [0, 1], srow, ..Written::new(&[1, 1, 1], 2, 8) }.header(), vec![7]].concat()
+        let stretched = |shift: f32, size: f32| {
+            let srow = [size, 0.0, 0.0, shift, 0.0, 0.75, 0.0, 10.5, 0.0, 0.0, 2.0, 3.25];
+            let pixdim = [1.0, size, 0.75, 2.0];
+            [Written { codes: [0, 1], srow, pixdim, ..Written::new(&[1, 1, 1], 2, 8) }.header(), vec![7]].concat()
         };
+        let step = |shift: f32| stretched(shift, 0.5);
         let (folder, first) = temp_file("a1.nii", &step(1.0));
         let second = folder.path().join("a2.nii");
         std::fs::write(&second, step(1.001)).unwrap();
@@ -547,6 +549,14 @@ mod tests {
         std::fs::write(&paths[1], step(1.1)).unwrap();
         let message = crate::open(&paths, &options()).err().unwrap().to_string();
         assert!(message.contains("a2.nii: lies otherwise in the patient than"), "{message}");
+        // Unless the user says where all of them lie, or how large their voxels are.
+        let told = OpenOptions { origin: Some(DVec3::new(1.0, 10.5, 3.25)), ..options() };
+        assert_eq!(crate::open(&paths, &told).unwrap().info().geometry.origin, told.origin.unwrap());
+        std::fs::write(&paths[1], stretched(1.0, 0.6)).unwrap();
+        let message = crate::open(&paths, &options()).err().unwrap().to_string();
+        assert!(message.contains("write the steps alike"), "{message}");
+        let told = OpenOptions { spacing: Some(DVec3::new(0.5, 0.75, 2.0)), ..options() };
+        assert_eq!(crate::open(&paths, &told).unwrap().info().geometry.spacing, told.spacing.unwrap());
     }
 
     #[test]

@@ -115,7 +115,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     };
     let mut info = source.info().clone();
     info.notes.extend(order_note);
-    override_geometry(&mut info, &paths[0], options)?;
+    options.override_geometry(&mut info, &paths[0])?;
     override_nodata(&mut info, &paths[0], options.nodata)?;
     override_time(&mut info, &paths[0], options)?;
     Ok(Box::new(Described { info, source, first: 0 }))
@@ -255,34 +255,6 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<(), 
     };
     let problem = format!("`{name}` is for {of}: {} has no use for it; leave it out", format.of_file());
     Err(ImportError::options(path, problem))
-}
-
-/// Puts the user's spacing, origin and unit in place of the file's.
-fn override_geometry(info: &mut SourceInfo, path: &Path, options: &OpenOptions) -> Result<(), ImportError> {
-    if let Some(spacing) = options.spacing {
-        if !(spacing.min_element() > 0.0 && spacing.is_finite()) {
-            return Err(ImportError::options(path, format!("`spacing` {spacing}: every spacing must be above 0")));
-        }
-        let stretch = spacing / info.geometry.spacing;
-        info.geometry.spacing = spacing;
-        info.calibrated = true;
-        if let Some(orientation) = &mut info.orientation {
-            *orientation = orientation.stretched(stretch).map_err(|error| {
-                ImportError::options(path, format!("`spacing` {spacing}: with the header's orientation, {error}"))
-            })?;
-        }
-    }
-    if let Some(origin) = options.origin {
-        if !origin.is_finite() {
-            return Err(ImportError::options(path, format!("`origin` {origin}: not a position")));
-        }
-        info.geometry.origin = origin;
-        info.orientation = info.orientation.map(|orientation| orientation.moved_to(origin));
-    }
-    if let Some(unit) = &options.unit {
-        info.geometry.unit = Some(unit.clone());
-    }
-    Ok(())
 }
 
 /// A number as voxels hold it, which are narrowed if they are floats.

@@ -2,9 +2,11 @@
 
 use crate::axes::AxisOrder;
 use crate::element::Endian;
+use crate::error::ImportError;
+use crate::source::SourceInfo;
 use brickyard_volume::{Extent, VoxelType};
 use glam::DVec3;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// How several files are put in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,4 +102,34 @@ pub struct OpenOptions {
     pub is_looked_at: bool,
     /// Folder in which compressed inputs are inflated; `None` is the system's temporary directory.
     pub scratch_dir: Option<PathBuf>,
+}
+
+impl OpenOptions {
+    /// Puts the user's spacing, origin and unit in place of the file's.
+    pub(crate) fn override_geometry(&self, info: &mut SourceInfo, path: &Path) -> Result<(), ImportError> {
+        if let Some(spacing) = self.spacing {
+            if !(spacing.min_element() > 0.0 && spacing.is_finite()) {
+                return Err(ImportError::options(path, format!("`spacing` {spacing}: every spacing must be above 0")));
+            }
+            let stretch = spacing / info.geometry.spacing;
+            info.geometry.spacing = spacing;
+            info.calibrated = true;
+            if let Some(orientation) = &mut info.orientation {
+                *orientation = orientation.stretched(stretch).map_err(|error| {
+                    ImportError::options(path, format!("`spacing` {spacing}: with the header's orientation, {error}"))
+                })?;
+            }
+        }
+        if let Some(origin) = self.origin {
+            if !origin.is_finite() {
+                return Err(ImportError::options(path, format!("`origin` {origin}: not a position")));
+            }
+            (info.geometry.origin, info.says_origin) = (origin, true);
+            info.orientation = info.orientation.map(|orientation| orientation.moved_to(origin));
+        }
+        if let Some(unit) = &self.unit {
+            info.geometry.unit = Some(unit.clone());
+        }
+        Ok(())
+    }
 }

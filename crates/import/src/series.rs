@@ -96,9 +96,11 @@ impl Series {
             let found = check(path);
             // What was found, an error too, is of the file that has this stamp, or of none.
             stamp.check(path)?;
-            let file = found?;
+            let mut file = found?;
+            // What the user says of all is not compared.
+            options.override_geometry(&mut file.info, path)?;
             check_alike(&file.info, path, &first.as_ref().unwrap_or(&file).info, paths)?;
-            check_unit(&file.info, path, &first.as_ref().unwrap_or(&file).info, &paths[0], options)?;
+            check_unit(&file.info, path, &first.as_ref().unwrap_or(&file).info, &paths[0])?;
             let looks = &file.info.channel_looks;
             match &named {
                 Some((others, other)) => check_channels(looks, path, (others, other))?,
@@ -194,7 +196,8 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
         format!("{} {} with {channels}, spacing {}", i.extent, i.voxel_type, i.geometry.spacing)
     };
     if describe(step) != describe(first) {
-        let problem = format!("is {}, but {first_path} is {}", describe(step), describe(first));
+        let (own, other) = (describe(step), describe(first));
+        let problem = format!("is {own}, but {first_path} is {other}: write the steps alike, or pack each by itself");
         return Err(ImportError::invalid(path, problem));
     }
     if step.nodata != first.nodata {
@@ -219,15 +222,9 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
     Ok(())
 }
 
-/// Lengths must be in one unit, unless the user says which it is.
-fn check_unit(
-    step: &SourceInfo,
-    path: &Path,
-    first: &SourceInfo,
-    first_path: &Path,
-    options: &OpenOptions,
-) -> Result<(), ImportError> {
-    if options.unit.is_some() || step.geometry.unit.is_none() || step.geometry.unit == first.geometry.unit {
+/// Lengths must be in one unit.
+fn check_unit(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &Path) -> Result<(), ImportError> {
+    if step.geometry.unit.is_none() || step.geometry.unit == first.geometry.unit {
         return Ok(());
     }
     let [own, other] = [step, first].map(|info| info.geometry.unit.clone().unwrap_or_else(|| "no unit".into()));

@@ -21,6 +21,8 @@ pub struct SourceInfo {
     pub geometry: Geometry,
     /// Whether the spacing is known, from the format or from the caller. If not, the volume is uncalibrated.
     pub calibrated: bool,
+    /// Whether the caller says where the volume lies: the default origin is meant then, too.
+    pub says_origin: bool,
     /// How the volume lies in a patient, where the format says it.
     pub orientation: Option<Orientation>,
     /// How each channel looks, where the format says it; empty, or one for each channel.
@@ -48,6 +50,7 @@ impl SourceInfo {
             voxel_type,
             geometry: Geometry::default(),
             calibrated: false,
+            says_origin: false,
             orientation: None,
             channel_looks: Vec::new(),
             nodata: None,

@@ -181,6 +181,7 @@ mod tests {
             voxel_type,
             geometry: Geometry { spacing: glam::DVec3::new(1.0, 1.0, 1.7), ..Geometry::default() },
             calibrated: true,
+            says_origin: false,
             orientation: None,
             channel_looks: Vec::new(),
             time: None,

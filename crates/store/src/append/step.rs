@@ -81,7 +81,7 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
     if step.calibrated && !is_near(theirs.spacing, ours.spacing) {
         return differs("voxel spacing (x, y, z)", in_words(theirs.spacing), in_words(ours.spacing));
     }
-    let says_origin = step.calibrated || theirs.origin != Geometry::default().origin;
+    let says_origin = step.says_origin || step.calibrated || theirs.origin != Geometry::default().origin;
     if says_origin && !is_near(theirs.origin, ours.origin) {
         return differs("origin (x, y, z)", in_words(theirs.origin), in_words(ours.origin));
     }

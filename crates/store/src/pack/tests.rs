@@ -50,6 +50,7 @@ impl<T: Voxel> Array<T> {
             voxel_type: T::TYPE,
             geometry: Geometry::default(),
             calibrated: false,
+            says_origin: false,
             orientation: None,
             channel_looks: Vec::new(),
             time: None,

@@ -62,6 +62,7 @@ fn source_info() -> impl Strategy<Value = SourceInfo> {
                 voxel_type,
                 geometry,
                 calibrated,
+                says_origin: is_origin,
                 orientation,
                 channel_looks: Vec::new(),
                 time,
