@@ -639,6 +639,28 @@ fn what_takes_too_long_to_draw() {
     check(&sandbox, &lines.iter().map(|line| (&line[..], 1, words)).collect::<Vec<_>>());
 }
 
+/// llvmpipe ends rays after so many rounds of loops: where they may take more, it is said. The CPU has no such bound.
+#[test]
+fn rays_that_a_software_gpu_may_leave_unfinished_are_told() {
+    let sandbox = Sandbox::in_memory();
+    sandbox.run_ok("synth turbulence long.zarr --shape 512,8,8 --dtype f32 --progress none");
+    let sobel = "--lighting phong --gradient sobel";
+    for (flags, is_told) in [
+        ("--backend gpu --mode average --step 0.1", false),
+        ("--backend gpu --mode average --step 0.005", true),
+        ("--backend cpu --mode average --step 0.005", false),
+        (&format!("--backend gpu {sobel} --step 1"), false),
+        (&format!("--backend gpu {sobel} --step 0.1"), true),
+    ] {
+        let line = format!("render long.zarr -o o.png --overwrite --size 16x16 --level 0 --view=+x --aa 1 {flags}");
+        let (code, stdout, stderr) = sandbox.run(&line);
+        assert_eq!(code, 0, "{flags}: {stderr}");
+        let is_llvmpipe = (stdout + &stderr).contains("llvmpipe (");
+        let has_told = stderr.contains("warning: llvmpipe ends rays after 65,535 rounds");
+        assert_eq!(has_told, is_told && is_llvmpipe, "{flags}: {stderr}");
+    }
+}
+
 #[test]
 fn bad_scenes_and_transfer_functions() {
     let sandbox = with_good_store();

@@ -59,6 +59,7 @@ impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> FunctionSource<T, F
             voxel_type: T::TYPE,
             geometry,
             calibrated: true,
+            says_origin: false,
             orientation: None,
             channel_looks: Vec::new(),
             time: None,

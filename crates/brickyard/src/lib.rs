@@ -127,6 +127,7 @@ pub mod survey;
 mod table_cache;
 pub mod text_file;
 pub mod tiles;
+mod unfinished_rays;
 pub mod unlike_sizes;
 mod volume_source;
 mod whole_file;

@@ -347,6 +347,7 @@ mod tests {
             voxel_type,
             geometry: Geometry { spacing: DVec3::new(0.5, 1.0, 4.0), origin: DVec3::new(-9.0, 3.0, 7.0), unit: None },
             calibrated: true,
+            says_origin: false,
             orientation: None,
             channel_looks: Vec::new(),
             time: None,

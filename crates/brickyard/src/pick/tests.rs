@@ -374,6 +374,7 @@ fn packed(folder: &tempfile::TempDir, voxel: fn([u32; 3]) -> u8) -> VolumeSource
         voxel_type: VoxelType::U8,
         geometry: Geometry::default(),
         calibrated: true,
+        says_origin: false,
         orientation: None,
         channel_looks: Vec::new(),
         time: None,
