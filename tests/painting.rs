@@ -1,6 +1,8 @@
 //! A picture that the CPU draws for who looks on: seen while it is drawn, and abandoned from another thread.
 
 use brickyard::backend::BackendChoice;
+use brickyard::frame_governor::Quality;
+use brickyard::pager::Status;
 use brickyard::session::{Frame, Painting, Session, SessionOptions, VolumeSource};
 use brickyard::volume::{Extent, Geometry, Picture, Scene, TransferFunction};
 use brickyard_tests::{FunctionSource, TestStore};
@@ -57,4 +59,51 @@ fn a_picture_is_seen_while_it_is_drawn_and_abandoned() {
     let picture = session.paint(&frame, &painting).expect("a picture");
     assert_eq!(painting.progress(), 1.0);
     assert!(painting.so_far().rgb == picture.rgb && picture.rgb == session.draw(&frame).expect("a picture").rgb);
+}
+
+/// A frame with few pixels looks as one of fine bricks does where its bricks are as coarse, reads few of these, and never counts as settled; what was there is there
+/// for the exact frame after it.
+#[test]
+fn coarse_frames_have_bricks_as_coarse_as_their_pixels() {
+    let wave = |n: u32| (f64::from(n) * 0.06).sin();
+    let voxel = |_, _, [x, y, z]: [u32; 3]| (128.0 + 40.0 * (wave(x) + wave(y) + wave(z))) as u8;
+    let test = TestStore::pack(&FunctionSource::new(Extent::new(128, 128, 128), Geometry::default(), voxel), 16);
+    let options = SessionOptions { backend: BackendChoice::Cpu, threads: 2, live: true, ..SessionOptions::default() };
+    let mut session = Session::new(vec![VolumeSource::of_store(&test.store)], options);
+    let scene = Scene::of(TransferFunction { opacity: vec![[0.0, 0.0], [255.0, 0.02]], ..TransferFunction::default() });
+    let size = (256, 256);
+    let whole = |session: &mut Session, level_bias: f64| loop {
+        let frame = session.step_coarse(&scene, size, level_bias).expect("a frame");
+        let Status { settled, awaits_feedback, resident, wanted, pixel_error, .. } = frame.status;
+        match level_bias > 0.0 {
+            // A camera that moves is ahead of the cuts.
+            true if resident == wanted && pixel_error == 4.0 => {
+                assert!(!settled && !awaits_feedback);
+                return frame;
+            }
+            false if settled => return frame,
+            false if awaits_feedback => drop(session.draw(&frame).expect("a picture")),
+            _ => drop(session.wait(Duration::from_millis(5))),
+        }
+    };
+    let exact = whole(&mut session, 0.0);
+    let picture = |session: &mut Session, frame: &Frame, quality: Quality| {
+        session.draw(&quality.frame(frame)).expect("a picture")
+    };
+    let fine = Quality { scale: 0.25, step: 1.0 };
+    let of_fine_bricks = picture(&mut session, &exact, fine);
+    let uploaded = exact.status.counters.uploaded;
+    let coarse = whole(&mut session, 2.0);
+    assert!(8 * coarse.status.wanted <= exact.status.wanted, "{} of {}", coarse.status.wanted, exact.status.wanted);
+    let quality = fine.with_coarse_bricks(coarse.level_bias);
+    assert_eq!(quality.step, 4.0);
+    let of_coarse_bricks = picture(&mut session, &coarse, quality);
+    let difference = of_fine_bricks.difference(&of_coarse_bricks);
+    assert!(difference.psnr_db > 40.0, "{difference:?}");
+    let again = whole(&mut session, 0.0);
+    assert!(
+        again.status.counters.uploaded - uploaded <= coarse.status.wanted as u64,
+        "fine bricks were uploaded again"
+    );
+    assert_eq!(picture(&mut session, &again, fine).rgb, of_fine_bricks.rgb);
 }

@@ -40,9 +40,19 @@ impl Quality {
         if self.share() < REFINED_FROM { Self::of_share(REFINED_SHARE) } else { Self::EXACT }
     }
 
+    /// By how many levels bricks may be coarser, so that a voxel is as large beside this quality's pixels as it is beside the exact frame's.
+    fn level_bias(self) -> f64 {
+        self.scale.recip().log2().floor()
+    }
+
     /// Returns the share of the exact frame's work that this quality takes, above 0 and at most 1.
     pub fn share(self) -> f64 {
         self.scale * self.scale / self.step
+    }
+
+    /// This quality for bricks that are coarser by so many levels: with a step for each of their voxels, if steps are not that long anyway.
+    pub fn with_coarse_bricks(self, level_bias: f64) -> Self {
+        Self { step: self.step.max(level_bias.exp2()), ..self }
     }
 
     /// Returns the settings of a frame of this quality: the same view as the exact frame, with fewer pixels (to be
@@ -131,6 +141,11 @@ impl QualityControl {
     /// The share of the exact frame's work that is taken to fit the goal, above 0 and at most 1.
     pub fn share(&self) -> f64 {
         self.share
+    }
+
+    /// By how many levels the bricks of the next frame of a moving view may be coarser: see [`Session::step_coarse`](crate::Session::step_coarse).
+    pub fn level_bias(&self) -> f64 {
+        Quality::of_share(self.share).level_bias()
     }
 
     /// Returns the quality of the next frame; `None` if the last frame still stands, and nothing has to be drawn.
@@ -257,6 +272,14 @@ mod tests {
         assert_eq!((coarse.rays.right, coarse.rays.up), (exact.rays.right, exact.rays.up));
         assert_eq!(coarse.lattice.step, exact.lattice.step * 3.0);
         assert_eq!(Quality::EXACT.settings(&exact).lattice, exact.lattice);
+    }
+
+    #[test]
+    fn coarse_frames_have_coarse_bricks() {
+        for (scale, levels) in [(1.0, 0.0), (0.6, 0.0), (0.5, 1.0), (0.26, 1.0), (0.25, 2.0), (0.125, 3.0)] {
+            assert_eq!(Quality { scale, step: 1.0 }.level_bias(), levels, "{scale}");
+        }
+        assert_eq!(QualityControl::new(ms(50.0)).level_bias(), 3.0, "the first picture is the fastest");
     }
 
     #[test]

@@ -47,6 +47,8 @@ pub struct Frame {
     pub status: Status,
     /// The time steps that come next, the nearest first: of a live session that plays, or that has jumped to a step.
     pub coming: Vec<ComingStep>,
+    /// By how many levels its bricks may be coarser than the scene asks for: see [`Session::step_coarse`].
+    pub level_bias: f64,
     /// The number of the step.
     step: u64,
 }
@@ -340,6 +342,15 @@ impl Session {
     /// If the scene is invalid, a budget is too small for it, there is no device (any more), or a part of the settled
     /// picture can be drawn from no level at all.
     pub fn step(&mut self, scene: &Scene, size_px: (u32, u32)) -> Result<Frame, SessionError> {
+        self.step_coarse(scene, size_px, 0.0)
+    }
+
+    /// Takes a step as [`Session::step`] does, towards bricks that are so many levels coarser than the scene asks for: for a frame with fewer pixels, which looks the
+    /// same with them, is drawn several times faster, and lacks few bricks. Its view has never settled: [`Session::step`] goes on towards that.
+    ///
+    /// # Errors
+    /// As [`Session::step`].
+    pub fn step_coarse(&mut self, scene: &Scene, size_px: (u32, u32), level_bias: f64) -> Result<Frame, SessionError> {
         self.suit(scene)?;
         let shot = Shot { scene: scene.clone(), size_px };
         let is_put_off = self.puts_off_slots(scene);
@@ -348,10 +359,12 @@ impl Session {
             false => self.resolve(scene, size_px),
         }?;
         self.slot_change.begin_step(&shot, is_put_off);
-        let mut frame = self.step_resolved(&resolved)?;
+        let mut frame = self.step_biased(&resolved, level_bias)?;
         let is_whole = frame.status.settled || frame.status.awaits_feedback;
         self.slot_change.end_step(shot, is_whole);
-        frame.status.settled &= !is_put_off;
+        let is_coarse = level_bias > 0.0;
+        frame.status.settled &= !is_put_off && !is_coarse;
+        frame.status.awaits_feedback &= !is_coarse;
         Ok(frame)
     }
 
@@ -385,13 +398,18 @@ impl Session {
     /// # Errors
     /// As [`Session::step`].
     pub fn step_resolved(&mut self, scene: &ResolvedScene) -> Result<Frame, SessionError> {
+        self.step_biased(scene, 0.0)
+    }
+
+    fn step_biased(&mut self, scene: &ResolvedScene, level_bias: f64) -> Result<Frame, SessionError> {
         self.fit(scene)?;
         self.check_precision(scene)?;
         let begun = Instant::now();
-        let (shown, next) = match self.clock {
+        let (mut shown, next) = match self.clock {
             Some(began) => self.player.turn(scene, began.elapsed()),
             None => (ShownStep { step: scene.time, level_bias: 0.0 }, Vec::new()),
         };
+        shown.level_bias += level_bias;
         let at_step = |step: &ShownStep| self.fit.as_ref().map(|fit| fit.views_at(scene, *step)).unwrap_or_default();
         let (views, coming) = (at_step(&shown), next.iter().map(at_step).collect::<Vec<_>>());
         self.steps += 1;
@@ -402,7 +420,7 @@ impl Session {
         check_readable(&status)?;
         status.settled &= !self.player.is_seeking();
         self.streaming = self.streaming.mul_f64(0.8) + begun.elapsed().mul_f64(0.2);
-        Ok(Frame { scene: Arc::new(scene.at_step(shown.step)), status, coming, step: self.steps })
+        Ok(Frame { scene: Arc::new(scene.at_step(shown.step)), status, coming, level_bias, step: self.steps })
     }
 
     /// Refuses an expression that the backend would work out to other values.

@@ -386,6 +386,10 @@ mod tests {
         assert!(census_with(Element::I64, None, &great, &labels(false)).unwrap().contains("held as u32: no value"));
         let again = OpenOptions { is_looked_at: true, ..labels(false) };
         assert!(census_with(Element::I64, None, &great, &again).unwrap().contains("held as u32"), "seen anew");
+        // Steps of a store are as those before.
+        let held_as = Some(HeldAs { voxel_type: VoxelType::U32, nodata: None });
+        let step = OpenOptions { held_as, ..labels(false) };
+        assert!(census_with(Element::I64, None, &i64s(&[3]), &step).unwrap().contains("held as u32"));
         for labels_of in [[-1, 1 << 31], [1 << 31, -1], [0, 1 << 32]] {
             assert!(census_with(Element::I64, None, &i64s(&labels_of), &labels(true)).is_err(), "{labels_of:?}");
         }

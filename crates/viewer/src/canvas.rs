@@ -483,8 +483,10 @@ impl Canvas {
     /// Layers of the picture with doubtful extremes; none before the first picture.
     pub(crate) fn doubtful_extremes(&self) -> DoubtfulExtremes {
         let shown = self.shown.as_ref();
-        let at_home = |session: &Session| {
-            shown.map_or_else(Default::default, |shown| session.doubtful_extremes(&shown.frame.scene))
+        let at_home = |session: &Session| match shown.map(|shown| &shown.frame) {
+            Some(frame) if frame.level_bias == 0.0 => session.doubtful_extremes(&frame.scene),
+            Some(_) => self.known.doubtful.clone(),
+            None => DoubtfulExtremes::default(),
         };
         self.known(at_home, |known| known.doubtful.clone())
     }

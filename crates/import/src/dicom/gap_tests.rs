@@ -84,3 +84,16 @@ fn later_steps_are_held_as_those_before() {
     // It is a value here.
     assert_eq!(held_as(14, Some(-1010.0)), (VoxelType::I16, Some(-1011.0)));
 }
+
+/// Each step of a store has a title of its own: only that of the first is the channel's name.
+#[test]
+fn later_steps_have_titles_and_no_names() {
+    let mut slice = Written::slice(0.0, 0);
+    slice.text(tags::SERIES_DESCRIPTION, VR::LO, "arterial");
+    let folder = Folder::of([slice]);
+    let held_as = Some(HeldAs { voxel_type: VoxelType::U16, nodata: None });
+    for (held_as, name) in [(None, Some("arterial")), (held_as, None)] {
+        let source = open_with(&folder, &OpenOptions { held_as, ..OpenOptions::default() }).unwrap();
+        assert_eq!(source.info().channel_looks[0].name.as_deref(), name);
+    }
+}

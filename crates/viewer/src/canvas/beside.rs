@@ -4,6 +4,7 @@ use super::drawing::{Begun, Done, Drawing, Engine, Home, News, Stage};
 use super::picture::{Choice, Shown, Wanted};
 use super::{Canvas, Change, FrameTimes, LOOK, STREAMING_STEP};
 use brickyard::frame_governor::{Quality, QualityControl};
+use brickyard::pager::Status;
 use brickyard::session::{Drawn, Frame, Painting, Session, SessionError};
 use brickyard::volume::{Picture, PixelSamples, Scene};
 use eframe::egui;
@@ -12,6 +13,9 @@ use std::time::{Duration, Instant};
 
 /// How long a coarse picture may be drawn that is not of the view any more: while a hand moves, no picture would ever be done in less than a frame of it.
 const LATE: Duration = Duration::from_millis(600);
+
+/// How long a picture of a moving view waits for its bricks, of which there are few.
+const FOR_COARSE_BRICKS: Duration = Duration::from_millis(30);
 
 /// What a session is at while it is away.
 pub(super) enum Task {
@@ -41,11 +45,16 @@ impl Order {
         loop {
             control.set_goal(session.drawing_time(goal, between));
             let begun = Instant::now();
-            let frame = session.step(&self.wanted.scene, self.wanted.size_px)?;
+            let frame = self.step(session, control)?;
             let step = begun.elapsed();
             let wanted = self.wanted.at(&frame);
             let is_playing = session.playback().is_some();
-            let stands = is_playing && self.shown.as_ref().is_some_and(|shown| shown.stands(&wanted, &frame));
+            let is_streaming = !(frame.status.settled || frame.status.awaits_feedback);
+            let before = self.shown.as_ref().filter(|shown| shown.is_of(&wanted));
+            let stands = before.is_some_and(|before| match is_playing {
+                true => before.stands(&wanted, &frame),
+                false => is_streaming && before.suffices(control.share()),
+            });
             if stage.painting.is_abandoned() || stands || session.shows_before(&frame) {
                 stage.tell(session, &frame, None);
                 if stage.painting.is_abandoned() {
@@ -56,16 +65,40 @@ impl Order {
             }
             let choice = Choice { control, is_adaptive: self.is_adaptive, is_gradual: true };
             let (shown, _) = choice.next(wanted, frame, self.shown.as_ref());
+            // A picture that is only drawn to find out which bricks it sees takes no better one's place.
+            let is_worse = before.is_some_and(|before| before.quality.share() > shown.quality.share());
             let begun = Instant::now();
-            stage.tell(session, &shown.frame, Some(Begun { quality: shown.quality, at: begun }));
-            if let Some(under) = self.under.filter(|_| shown.quality == Quality::EXACT) {
-                stage.painting.lay_under(Picture::clone(&under));
+            let news = Begun { quality: shown.quality, is_of_motion: before.is_none(), at: begun };
+            stage.tell(session, &shown.frame, (is_playing || !is_worse).then_some(news));
+            if let Some(under) = self.under.as_ref().filter(|_| shown.quality == Quality::EXACT) {
+                stage.painting.lay_under(Picture::clone(under));
             }
             let picture = session.paint(&shown.quality.frame(&shown.frame), &stage.painting)?;
+            if is_worse && !is_playing {
+                continue;
+            }
             let beside = begun.elapsed();
             control.took(beside);
             let times = FrameTimes { step, beside, ..FrameTimes::default() };
             return Ok(Done::Picture { picture, shown: Box::new(shown), times });
+        }
+    }
+
+    /// Takes a step towards what is wanted; of a view that moves or is new, towards bricks that are as coarse as its pixels, and waits a little for these.
+    fn step(&self, session: &mut Session, control: &QualityControl) -> Result<Frame, SessionError> {
+        let Wanted { scene, size_px, .. } = &self.wanted;
+        let moves = self.shown.as_ref().is_none_or(|shown| !shown.is_of(&self.wanted));
+        let is_coarse = self.is_adaptive && moves && session.playback().is_none();
+        let level_bias = if is_coarse { control.level_bias() } else { 0.0 };
+        let begun = Instant::now();
+        loop {
+            let frame = session.step_coarse(scene, *size_px, level_bias)?;
+            let Status { resident, wanted, pixel_error, .. } = frame.status;
+            let is_there = resident == wanted && pixel_error == scene.pixel_error * level_bias.exp2();
+            if level_bias == 0.0 || is_there || begun.elapsed() > FOR_COARSE_BRICKS {
+                return Ok(frame);
+            }
+            session.wait(FOR_COARSE_BRICKS);
         }
     }
 }
@@ -255,6 +288,10 @@ impl Canvas {
         if self.changes.iter().any(|change| matches!(change, Change::Volumes(_))) {
             known.volumes = std::mem::take(&mut self.known.volumes);
         }
+        if frame.level_bias > 0.0 {
+            // A view that moves is coarse for a moment.
+            known.doubtful = std::mem::take(&mut self.known.doubtful);
+        }
         self.known = known;
         self.pace.stepped = frame.scene.time;
         self.stream = Some((frame.status, frame.coming));
@@ -267,8 +304,8 @@ impl Canvas {
         let (is_wanted, is_brief) = match (task, drawing.begun()) {
             // A view that moves is drawn coarse. Whether it is, the first step says.
             (Task::Show(of), None) => (of.is_as(wanted), drawing.is_in_first_step()),
-            (Task::Show(of), Some(Begun { quality, at })) => {
-                (of.is_as(wanted), quality != Quality::EXACT && at.elapsed() < LATE)
+            (Task::Show(of), Some(Begun { quality, is_of_motion, at })) => {
+                (of.is_as(wanted), is_of_motion && quality != Quality::EXACT && at.elapsed() < LATE)
             }
             (Task::Smooth, _) => (shown.is_some(), false),
             (Task::Capture, _) => (false, false),

@@ -62,6 +62,8 @@ pub(super) struct News {
 #[derive(Clone, Copy)]
 pub(super) struct Begun {
     pub(super) quality: Quality,
+    /// Whether its view moves: what was shown before is of another one.
+    pub(super) is_of_motion: bool,
     pub(super) at: Instant,
 }
 

@@ -47,6 +47,13 @@ impl Shown {
     pub(super) fn stands(&self, wanted: &Wanted, frame: &Frame) -> bool {
         self.is_of(wanted) && self.frame.shows_as_much_as(frame)
     }
+
+    /// Whether it is as good as a picture with this share of the exact one's work, of bricks that are not all there: it is better, or has all bricks that are as
+    /// coarse as its pixels.
+    pub(super) fn suffices(&self, share: f64) -> bool {
+        let is_whole = self.frame.status.resident == self.frame.status.wanted;
+        self.quality.share() > share || self.frame.level_bias > 0.0 && is_whole
+    }
 }
 
 /// How pictures' quality is chosen.
@@ -67,7 +74,7 @@ impl Choice<'_> {
             Some(before) if self.is_gradual => self.control.refine(before.quality),
             _ => self.control.next(Change { moved, refined: true }).unwrap_or(Quality::EXACT),
         };
-        let quality = if self.is_adaptive { quality } else { Quality::EXACT };
+        let quality = if self.is_adaptive { quality.with_coarse_bricks(frame.level_bias) } else { Quality::EXACT };
         let Wanted { scene, size_px, .. } = wanted;
         (Shown { scene, size_px, frame, quality, samples_left: None }, moved)
     }
