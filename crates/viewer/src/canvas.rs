@@ -23,7 +23,7 @@ use brickyard::render::Gpu;
 use brickyard::session::{
     ComingStep, Drawn, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource, check,
 };
-use brickyard::volume::{Picture, PixelSamples, Scene, SceneError};
+use brickyard::volume::{Camera, Picture, PixelSamples, Scene, SceneError};
 use capture::Capture;
 use drawing::{Drawing, Engine, Known};
 use eframe::egui::{self, Painter, Rect};
@@ -478,6 +478,11 @@ impl Canvas {
     /// The scene that is shown, with nothing left open, and its volumes; `None` before the first picture.
     pub(crate) fn resolved(&self) -> (Option<&Arc<ResolvedScene>>, &[VolumeSource]) {
         (self.shown.as_ref().map(|shown| &shown.frame.scene), self.volumes())
+    }
+
+    /// The camera of the picture that is shown; `None` before the first picture.
+    pub(crate) fn camera(&self) -> Option<Camera> {
+        self.shown.as_ref().map(|shown| shown.frame.scene.camera)
     }
 
     /// Layers of the picture with doubtful extremes; none before the first picture.

@@ -54,8 +54,10 @@ impl PlaneView {
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         ui.painter().rect_filled(area, 0.0, Color32::BLACK);
         canvas.paint(ui.painter(), area);
-        let Some(lens) = Lens::new(ui.painter(), area, &camera, size_px) else { return drawn };
-        decorate(&lens, grid, (axis, point), &camera, seen);
+        // Marks lie on what is seen, which may be a picture of the camera before.
+        let shown = canvas.camera().unwrap_or(camera);
+        let Some(lens) = Lens::new(ui.painter(), area, &shown, size_px) else { return drawn };
+        decorate(&lens, grid, (axis, point), &shown, seen);
         let place_px = response.hover_pos().map(|pointer| lens.pixel(pointer));
         let reach = grid.reach(&slice, axis);
         let under = place_px.and_then(|place_px| point_at_target(&camera, size_px, place_px));

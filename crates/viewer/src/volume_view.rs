@@ -95,7 +95,9 @@ impl VolumeView {
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         canvas.paint(ui.painter(), area);
         let Some(camera) = seen.state.scene.camera else { return drawn };
-        let Some(lens) = Lens::new(ui.painter(), area, &camera, size_px) else { return drawn };
+        // What is seen may be a picture of the camera before: marks lie on it, and the pointer touches it.
+        let shown = canvas.camera().unwrap_or(camera);
+        let Some(lens) = Lens::new(ui.painter(), area, &shown, size_px) else { return drawn };
         self.decorate(&lens, canvas, (seen, &*measuring), response.hover_pos());
         self.pick(&lens, canvas, &response);
         self.drag(&lens, seen, &response, commands);
@@ -118,11 +120,11 @@ impl VolumeView {
         pointer: Option<Pos2>,
     ) {
         let (scene, window) = (&seen.state.scene, &seen.state.window);
-        let (Some(world), Some(camera)) = (&seen.world, &scene.camera) else { return };
+        let (Some(world), Some(camera)) = (&seen.world, canvas.camera().or(scene.camera)) else { return };
         if window.overlays.bricks {
             bricks::show(lens, scene, seen.volumes, &canvas.draw_lists());
         }
-        overlay::show(lens, &window.overlays, (scene, camera), seen.volumes, world);
+        overlay::show(lens, &window.overlays, (scene, &camera), seen.volumes, world);
         overlay::distances(lens, &window.distances, world.unit);
         measuring.show(lens, self.end(lens, (seen, measuring), pointer), world.unit);
         if window.overlays.clip_handles {
