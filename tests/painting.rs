@@ -83,7 +83,7 @@ fn coarse_frames_have_bricks_as_coarse_as_their_pixels() {
             }
             false if settled => return frame,
             false if awaits_feedback => drop(session.draw(&frame).expect("a picture")),
-            _ => drop(session.wait(Duration::from_millis(5))),
+            _ => session.wait(Duration::from_millis(5)),
         }
     };
     let exact = whole(&mut session, 0.0);
