@@ -19,6 +19,10 @@ fn march(in: Proxy) -> @location(0) vec4f {
         pixel = pixel_before(seen);
     }
     pixel = begin(pixel, field, walk.start, stretch.x);
+    // Of a segment that begins before its apron does, the cell sees a part. What lies inside there alone, the segment's own cell, which looks from end to
+    // end, does not see.
+    let is_part = walk.start < field.reach.x && walk.middle < own.x;
+    pixel.side = select(pixel.side, 0.0, is_part && pixel.side > 0.0);
     while (own.x < own.y && walk.middle < last && !is_final(pixel)) {
         pixel = search(pixel, field, walk.start, walk.end);
         walk = walk_on(walk, stretch);

@@ -195,6 +195,28 @@ fn surfaces_are_not_met_where_there_are_none() {
     }
 }
 
+/// Cells look at the segment before their own, too, of which their apron holds a part: a ray that is inside in that part alone meets nothing.
+#[test]
+fn cells_meet_no_surface_that_segments_pass_over() {
+    let centre = DVec3::new(3.5, 5.0, 6.5);
+    let ball = |p: DVec3| if (p - 0.5 - centre).length() < 2.8 { 255.0 } else { 0.0 };
+    let volume = Volume::new([7, 10, 13], 8, Geometry::default(), u8_codes(), ball);
+    let transfer = vivid((0.0, 255.0));
+    let mut stage = Stage::exact(&[&volume]);
+    let mut met = 0;
+    for eye in [[-14.0, -16.0, 19.0], [22.0, -9.0, -12.0], [4.0, 30.0, 8.0], [-20.0, 8.0, 2.0]] {
+        let rays = look(DVec3::from_array(eye), centre, 40.0).rays(120, 96).expect("a camera");
+        let surfaces = vec![Surface { threshold: 229.5, color: [1.0; 3], opacity: 1.0 }];
+        let plain = volume.frame(rays, &transfer, Lattice::uniform(1.0, 0));
+        let frame = FrameSettings { mode: Mode::Isosurface, surfaces, ..plain };
+        let shot = Shot::new(&frame, finest(&volume, &frame), &transfer);
+        met +=
+            shot.oracle(&[&volume]).rgb.iter().filter(|pixel| **pixel != Picture::quantise(frame.background)).count();
+        shot.agree(&mut stage, &MOST, 0, &format!("from {eye:?}"));
+    }
+    assert!(met > 1000, "{met} pixels");
+}
+
 /// A slanted plane through bricks of 8, of which only those are there that it is in, or half a voxel beside. Its crossing may lie in a
 /// segment of a cell that is not there: the cell that the segment reaches into takes it.
 #[test]
