@@ -19,8 +19,8 @@ fn march(in: Proxy) -> @location(0) vec4f {
         pixel = pixel_before(seen);
     }
     pixel = begin(pixel, field, walk.start, stretch.x);
-    // Of a segment that begins before its apron does, the cell sees a part. What lies inside there alone, the segment's own cell, which looks from end to
-    // end, does not see.
+    // A segment may begin before the apron does. The cell sees only its end then: a ray inside there is not on a known side, for the segment's own cell looks
+    // at both ends.
     let is_part = walk.start < field.reach.x && walk.middle < own.x;
     pixel.side = select(pixel.side, 0.0, is_part && pixel.side > 0.0);
     while (own.x < own.y && walk.middle < last && !is_final(pixel)) {

@@ -8,7 +8,7 @@ fn row(atlas: texture_3d<f32>, first: vec3i, weights: vec4f, middle: vec2f) -> v
     return near + far;
 }
 
-// The same of a plane's rows.
+// How much more the weighted sums of a plane's rows are than if all its voxels were as `middle`.
 fn plane(atlas: texture_3d<f32>, first: vec3i, x: vec4f, y: vec4f, middle: vec2f) -> vec2f {
     let near = y.x * row(atlas, first, x, middle) + y.y * row(atlas, first + vec3i(0, 1, 0), x, middle);
     let far = y.z * row(atlas, first + vec3i(0, 2, 0), x, middle) + y.w * row(atlas, first + vec3i(0, 3, 0), x, middle);

@@ -57,6 +57,15 @@ pub(super) fn of_empty(
     Some(format!("the picture is empty: {why}"))
 }
 
+/// Why rays may end too soon on this adapter; `None` if none does.
+pub(super) fn of_unfinished(adapter: &str, resolved: &ResolvedScene, volumes: &[VolumeSource]) -> Option<&'static str> {
+    let may_be = adapter.contains("llvmpipe") && resolved.may_be_unfinished(volumes);
+    may_be.then_some(
+        "llvmpipe ends rays after 65,535 rounds of a shader's loops, as some here may take: the volume behind is missing then; draw with --backend cpu, \
+         or with a longer --step",
+    )
+}
+
 /// What projections may not show, which are drawn at coarse levels that do not hold their extremes; and what they may show of what is cut away.
 pub(super) fn of_extremes(scene: &ResolvedScene, found: &DoubtfulExtremes, volumes: &[VolumeSource]) -> Vec<String> {
     let names = |layers: &[usize]| {

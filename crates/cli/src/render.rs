@@ -89,10 +89,6 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     }
 }
 
-/// Of rays that take many rounds.
-const UNFINISHED: &str = "llvmpipe ends rays after 65,535 rounds of a shader's loops, as some here may take: what lies behind is missing then; draw with \
-     --backend cpu, or with a longer --step";
-
 /// The pictures of one run: their volumes and views, where they go, and how it went.
 struct Pictures<'a> {
     arguments: &'a RenderArguments,
@@ -137,9 +133,9 @@ impl Pictures<'_> {
             let scene = self.views.scene(i)?;
             let (resolved, mut picture) = draw(self, &scene, &mut stats, &mut frame_ms)?;
             self.refuse_replaced(&stats)?;
-            if !is_told && stats.adapter.contains("llvmpipe") && resolved.may_be_unfinished(&self.volumes) {
+            if !is_told && let Some(remark) = remarks::of_unfinished(&stats.adapter, &resolved, &self.volumes) {
                 is_told = true;
-                say!("warning: {UNFINISHED}");
+                say!("warning: {remark}");
             }
             if let Some(remark) = remarks::of_empty(&picture, scene.background, &resolved, &self.volumes) {
                 say!("note: {remark}");

@@ -54,7 +54,7 @@ impl PlaneView {
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         ui.painter().rect_filled(area, 0.0, Color32::BLACK);
         canvas.paint(ui.painter(), area);
-        // Marks lie on what is seen, which may be a picture of the camera before.
+        // Marks lie on the picture, which may be of the camera before.
         let shown = canvas.camera().unwrap_or(camera);
         let Some(lens) = Lens::new(ui.painter(), area, &shown, size_px) else { return drawn };
         decorate(&lens, grid, (axis, point), &shown, seen);

@@ -10,7 +10,7 @@ use crate::plane_handles::{self, PlaneHandle};
 use crate::state::{State, Tool};
 use brickyard::overlay::World;
 use brickyard::session::{SessionError, VolumeSource};
-use brickyard::volume::{ClipPlane, Scene};
+use brickyard::volume::{Camera, ClipPlane, Scene};
 use eframe::egui::{self, Key, PointerButton, Pos2, Response, Sense, Ui, vec2};
 use glam::DVec3;
 use serde_json::json;
@@ -95,10 +95,10 @@ impl VolumeView {
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         canvas.paint(ui.painter(), area);
         let Some(camera) = seen.state.scene.camera else { return drawn };
-        // What is seen may be a picture of the camera before: marks lie on it, and the pointer touches it.
+        // The picture may be of the camera before: marks lie on the picture, and the pointer touches it.
         let shown = canvas.camera().unwrap_or(camera);
         let Some(lens) = Lens::new(ui.painter(), area, &shown, size_px) else { return drawn };
-        self.decorate(&lens, canvas, (seen, &*measuring), response.hover_pos());
+        self.decorate((&lens, &shown), canvas, (seen, &*measuring), response.hover_pos());
         self.pick(&lens, canvas, &response);
         self.drag(&lens, seen, &response, commands);
         self.click(&lens, (seen, measuring), &response, commands);
@@ -111,20 +111,20 @@ impl VolumeView {
         drawn
     }
 
-    /// Draws over the picture.
+    /// Draws over the picture, which is of this camera.
     fn decorate(
         &self,
-        lens: &Lens,
+        (lens, camera): (&Lens, &Camera),
         canvas: &Canvas,
         (seen, measuring): (&Seen<'_>, &Measuring),
         pointer: Option<Pos2>,
     ) {
         let (scene, window) = (&seen.state.scene, &seen.state.window);
-        let (Some(world), Some(camera)) = (&seen.world, canvas.camera().or(scene.camera)) else { return };
+        let Some(world) = &seen.world else { return };
         if window.overlays.bricks {
             bricks::show(lens, scene, seen.volumes, &canvas.draw_lists());
         }
-        overlay::show(lens, &window.overlays, (scene, &camera), seen.volumes, world);
+        overlay::show(lens, &window.overlays, (scene, camera), seen.volumes, world);
         overlay::distances(lens, &window.distances, world.unit);
         measuring.show(lens, self.end(lens, (seen, measuring), pointer), world.unit);
         if window.overlays.clip_handles {
