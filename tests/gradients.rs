@@ -276,3 +276,32 @@ fn gradients_across_the_view_are_lit_alike() {
         }
     }
 }
+
+/// Slots of a narrower window that stay are lit like those of the look alone: a slope too slight for codes is flat in both.
+#[test]
+fn slots_that_are_kept_are_lit_like_fresh_ones() {
+    let ramp = |_, _, [x, _, z]: [u32; 3]| if z < 4 { 1.0 } else { 5e-8 * x as f32 };
+    let test = TestStore::pack(&FunctionSource::new(Extent::new(32, 32, 32), Geometry::default(), ramp), 16);
+    let target = DVec3::splat(15.5);
+    let projection = Projection::Orthographic { height: 32.0 };
+    let camera = Camera { eye: target + DVec3::new(30.0, 2.0, 80.0), target, up: DVec3::Y, projection };
+    let scene = |window: f64, gradient| {
+        let transfer = TransferFunction {
+            color: vec![[0.0, 1.0, 1.0, 1.0], [window, 0.0, 0.0, 1.0]],
+            opacity: vec![[0.0, 0.1]],
+            unit_distance: 1.0,
+            ..TransferFunction::default()
+        };
+        let lighting = Lighting { model: LightingModel::Phong, gradient, ..Lighting::default() };
+        Scene { camera: Some(camera), lighting, ..Scene::of(transfer) }
+    };
+    for (way, gradient) in WAYS.into_iter().flat_map(|way| [Gradient::Central, Gradient::Sobel].map(|g| (way, g))) {
+        let Some(mut session) = session(&test.store, way) else { continue };
+        let [narrow, wide] = [0.001, 0.01].map(|window| scene(window, gradient));
+        let (found, _) = settled(&mut session, &narrow, (16, 16));
+        assert!(found.difference(&oracle(&test.store, &narrow, (16, 16))).max <= 1, "{way:?}, {gradient:?}: narrow");
+        let (found, _) = settled(&mut session, &wide, (16, 16));
+        let most = found.difference(&oracle(&test.store, &wide, (16, 16))).max;
+        assert!(most <= 1, "{way:?}, {gradient:?}: {most}");
+    }
+}

@@ -128,8 +128,12 @@ pub struct FrameUniform {
     /// it; in world units.
     pub planes: [[f32; 4]; 14],
     /// Where the layer's draw list is in the buffers of all lists: the index of the octree's root among the nodes, and
-    /// the index of the list's first brick. The other two numbers are 0.
-    pub list_at: [u32; 4],
+    /// the index of the list's first brick.
+    pub list_at: [u32; 2],
+    /// The difference of values below which the field is flat.
+    pub flat: f32,
+    /// Padding.
+    pub spare: f32,
     /// The number in slots, a code or a 32-bit float, that stands for the table's first value.
     pub first_slot: f32,
     /// How much of the table is between a number in slots and the next.

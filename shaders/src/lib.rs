@@ -813,7 +813,7 @@ mod tests {
             size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
             threshold lean jitter jitter_seed mesh_far gradient_edge first_gradient grid_at first_row adaptive_step adds
             opacity reach flat_depth grid thresholds
-            surfaces light_places axes slopes zone_starts planes list_at first_slot per_slot farthest_slots gradient_scale
+            surfaces light_places axes slopes zone_starts planes list_at flat spare first_slot per_slot farthest_slots gradient_scale
             plane_count jitter_phase slot_codes first_code last_entry counts_per_code caps threshold_code firsts);
         assert_eq!(layout(module, "Frame"), (expected, size_of::<FrameUniform>()), "{name}");
         assert_eq!(size_of::<FrameUniform>() % 256, 0, "frames begin where any device can bind them");
@@ -852,7 +852,6 @@ mod tests {
             ("DIFFUSE", single(lighting::DIFFUSE)),
             ("SPECULAR", single(lighting::SPECULAR)),
             ("SIDEWAYS", single(lighting::SIDEWAYS)),
-            ("FLAT_CODES", single(surface::FLAT_CODES)),
             ("FLAT_SHARE", single(surface::FLAT_SHARE)),
             ("LEAF", naga::Literal::U32(LEAF)),
             ("GROUP", naga::Literal::U32(HALVES_X - 1)),

@@ -59,7 +59,10 @@ struct Frame {
     slopes: array<vec4f, 3>,
     zone_starts: array<vec4u, 4>,
     planes: array<vec4f, 14>,
-    list_at: vec4u,
+    list_at: vec2u,
+    // The difference of values below which the field is flat.
+    flat: f32,
+    spare: f32,
     // Of voxels read one by one: the number of the table's first code, how much of the table is between a number and the next, and the greatest
     // difference.
     first_slot: f32,

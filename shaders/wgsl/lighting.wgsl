@@ -4,8 +4,7 @@ const DIFFUSE: f32 = 0.7;
 const SPECULAR: f32 = 0.2;
 // The cosine between a gradient and a ray up to which the gradient is a normal as it is.
 const SIDEWAYS: f32 = 1e-4;
-// Differences of codes across two voxels below which a field is flat; and in f32 slots as shares of the value.
-const FLAT_CODES: f32 = 0.015625;
+// The share of a value that a difference across two voxels has at least where the field is not flat.
 const FLAT_SHARE: f32 = 9.536743e-7;
 
 // A cosine to the power of 10 by which reflections fade: four products, where `pow` is a logarithm and an exponential.

@@ -62,7 +62,7 @@ fn known_next(before: Known, field: Field, start: f32, end: f32) -> Known {
 
 // A colour lit at a place of the ray, by one of the ways to light, where the normal is so much that of the cut that was met.
 fn shade(lighting: u32, field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f, share: f32) -> vec3f {
-    let is_flat = length(differences) * frame.last_code < FLAT_CODES;
+    let is_flat = length(differences) < frame.flat;
     let view = to_world(ray.direction);
     var normal = normal_of(gradient_to_world(differences * field.scale), view);
     if (share > 0.0) {

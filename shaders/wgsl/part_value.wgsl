@@ -13,7 +13,7 @@ fn show_part(start: f32, end: f32) {
     // Between their borders labels are even.
     if (LIGHTING != UNLIT && !IS_LABELS) {
         let across = differences(way.field, middle, way.value);
-        let is_flat = length(across) * frame.last_code < FLAT_CODES;
+        let is_flat = length(across) < frame.flat;
         way.gradient = select(gradient_to_world(across * way.field.scale) * frame.slopes[0].w, vec3f(0.0), is_flat);
     }
 }

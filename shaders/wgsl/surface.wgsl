@@ -86,7 +86,7 @@ fn lit(field: Field, ray: Ray, t: f32, is_cap: bool) -> vec3f {
         difference(field, texel, vec3f(0.0, 1.0, 0.0)),
         difference(field, texel, vec3f(0.0, 0.0, 1.0)),
     );
-    if (!is_cap && length(differences) < max(FLAT_CODES / frame.last_code, FLAT_SHARE * abs(frame.threshold))) {
+    if (!is_cap && length(differences) < max(frame.flat, FLAT_SHARE * abs(frame.threshold))) {
         return (AMBIENT + DIFFUSE) * frame.surface_color;
     }
     // In the volume's own world, of any length.

@@ -5,7 +5,7 @@ use crate::path::Path;
 use brickyard_volume::compositing::LayerMedium;
 use brickyard_volume::lighting::SMOOTH;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
-use brickyard_volume::surface::{FLAT_CODES, FLAT_SHARE};
+use brickyard_volume::surface::FLAT_SHARE;
 use brickyard_volume::{
     Blend, CutFace, FrameSettings, Gradient, Lighting, LightingModel, Medium, Ray, Segment, TransferFunction,
 };
@@ -174,7 +174,7 @@ impl Field<'_> {
 
     /// The gradient in the scene's world from differences across two voxels; `None` where the field is flat.
     pub(crate) fn gradient(&self, differences: DVec3) -> Option<DVec3> {
-        let is_flat = differences.length() < FLAT_CODES * self.frame.encoding.code_width();
+        let is_flat = differences.length() < self.frame.encoding.flat_codes() * self.frame.encoding.code_width();
         (!is_flat).then(|| self.frame.placement.world_gradient(self.own_gradient(differences)))
     }
 

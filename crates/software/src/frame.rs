@@ -54,6 +54,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) map: CodeMap,
     /// What stored gradients have to be multiplied by to be differences of codes.
     pub(crate) gradient_scale: f32,
+    /// The difference of codes below which the field is flat.
+    pub(crate) flat_codes: f32,
     /// The transfer table's last code; samples may have greater ones.
     pub(crate) last_code: f32,
     /// Positions in the transfer table, in entries, from one code to the next.
@@ -223,6 +225,7 @@ impl<'a> Frame<'a> {
             gradients: needs.gradients(edge),
             map: CodeMap::of(&settings.encoding),
             gradient_scale: settings.encoding.gradient_scale() as f32,
+            flat_codes: settings.encoding.flat_codes() as f32,
             last_code: settings.encoding.span_codes() as f32,
             positions_per_code: settings.table.entries_per_code as f32,
             per_unit: 1.0 / settings.table.unit_distance as f64,

@@ -104,7 +104,7 @@ fn see_on<C: Code, U: Unit, const INVALID: bool>(
 ) -> Vec4 {
     let (eye, view) = march.world_ray(ray);
     let cut = march.cut(ray);
-    let shade = Shade::new(&march.frame.settings.lighting, march.cell.world_from_differences, eye, view, cut);
+    let shade = Shade::new(&march.frame.settings.lighting, march.slopes(), eye, view, cut);
     let mut shaded = Shaded::EMPTY;
     let (mut color, mut light) = (ray.sum, ray.sum.w);
     for p in 0..chunk.packets.min(PACKETS) {

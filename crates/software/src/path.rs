@@ -19,7 +19,7 @@ use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
 use brickyard_volume::lighting::SMOOTH;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};
-use brickyard_volume::surface::{FLAT_CODES, FLAT_SHARE};
+use brickyard_volume::surface::FLAT_SHARE;
 use brickyard_volume::{CutFace, Filter, Gradient, Lighting, Medium as Mean, TransferGrid};
 use glam::{DVec3, Vec3, Vec4};
 use std::ops::Range;
@@ -189,8 +189,7 @@ impl<'a> Path<'a> {
             return segments.start + count;
         }
         let (mut differences, mut shaded) = ([[0.0; LANES]; 3], Shaded::EMPTY);
-        let shade =
-            Shade::new(self.lighting(), self.march.cell.world_from_differences, self.eye, self.direction, self.cut);
+        let shade = Shade::new(self.lighting(), self.march.slopes(), self.eye, self.direction, self.cut);
         if self.has_gradients {
             self.row_differences::<C, U, INVALID>(&along, &row.code, &shown, &mut differences);
         }
@@ -499,8 +498,9 @@ impl<'a> Path<'a> {
 
     /// The gradient in the scene's world, in half codes by the unit; `None` where the field is flat.
     fn in_world(&self, differences: Vec3) -> Option<DVec3> {
-        let is_flat = differences.length_squared() < (FLAT_CODES * FLAT_CODES) as f32;
-        let placement = &self.march.frame.settings.placement;
+        let March { frame, .. } = self.march;
+        let is_flat = differences.length() < frame.flat_codes;
+        let placement = &frame.settings.placement;
         (!is_flat).then(|| placement.world_gradient(differences.as_dvec3() / self.voxel))
     }
 

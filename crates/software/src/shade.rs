@@ -5,7 +5,7 @@
 
 use crate::packet::{LANES, Packet};
 use brickyard_volume::lighting::{AMBIENT, COOL, DIFFUSE, SIDEWAYS, SPECULAR, TONE_KEPT, WARM};
-use brickyard_volume::surface::{FLAT_CODES, FLAT_SHARE};
+use brickyard_volume::surface::FLAT_SHARE;
 use brickyard_volume::{CutFace, Lighting, LightingModel};
 use glam::{DVec3, Mat3, Vec3, Vec4};
 
@@ -14,6 +14,8 @@ pub(crate) struct Shade<'a> {
     lighting: &'a Lighting,
     /// The scene's gradient, of whatever length, from differences of codes across two voxels.
     world_from_differences: Mat3,
+    /// The difference of codes below which the field is flat.
+    flat_codes: f32,
     /// The ray in the scene's world.
     eye: DVec3,
     view: Vec3,
@@ -43,20 +45,21 @@ impl Shaded {
 /// The square of the differences at the packet's place `i` less that of the least that are not flat there, in codes: below 0 where they are flat, or what
 /// rounding leaves ([`FLAT_SHARE`]).
 #[inline(always)]
-fn slope_of(differences: &[Packet; 3], code: &Packet, i: usize) -> f32 {
+fn slope_of(differences: &[Packet; 3], (code, flat_codes): (&Packet, f32), i: usize) -> f32 {
     let [x, y, z] = [differences[0][i], differences[1][i], differences[2][i]];
     let least = FLAT_SHARE as f32 * code[i];
-    let (of_rounding, of_codes) = (least * least, (FLAT_CODES * FLAT_CODES) as f32);
+    let (of_rounding, of_codes) = (least * least, flat_codes * flat_codes);
     x * x + y * y + z * z - if of_rounding > of_codes { of_rounding } else { of_codes }
 }
 
 impl<'a> Shade<'a> {
-    /// How places along a ray from `eye` with the unit direction `view` are lit, behind a cut and its
+    /// How places along a ray from `eye` with the unit direction `view` are lit, given the scene's gradient of differences of codes and the least of
+    /// these that is not flat; behind a cut and its
     /// [voxels by distance](CutFace::voxels_per_distance).
     #[inline(always)]
     pub(crate) fn new(
         lighting: &'a Lighting,
-        world_from_differences: Mat3,
+        (world_from_differences, flat_codes): (Mat3, f32),
         eye: DVec3,
         view: DVec3,
         cut: Option<(CutFace, f64)>,
@@ -71,7 +74,7 @@ impl<'a> Shade<'a> {
             LightingModel::Tone => [tint(COOL), tint(WARM)],
             _ => [tint([SPECULAR; 3]), Vec4::ZERO],
         };
-        Self { lighting, world_from_differences, eye, view: view.as_vec3(), tints, cut }
+        Self { lighting, world_from_differences, flat_codes, eye, view: view.as_vec3(), tints, cut }
     }
 
     /// What light makes of a colour at the packet's place `i`. The colour's last component, and that of the result, is of no use.
@@ -89,7 +92,7 @@ impl<'a> Shade<'a> {
         self.normals(differences, &mut normal, &mut to_eye);
         let mut slope = [0.0; LANES];
         for i in 0..LANES {
-            slope[i] = slope_of(differences, code, i);
+            slope[i] = slope_of(differences, (code, self.flat_codes), i);
         }
         if let Some(cut) = &self.cut {
             self.turn(cut, distance, (&mut normal, &mut to_eye, &mut slope));
@@ -228,6 +231,7 @@ const _: () = assert!(brickyard_volume::lighting::SPECULAR_POWER == 10);
 #[cfg(test)]
 mod tests {
     use super::*;
+    use brickyard_volume::surface::FLAT_CODES;
 
     #[test]
     fn places_are_lit_as_one_by_one() {
@@ -246,7 +250,7 @@ mod tests {
             if model == LightingModel::None {
                 continue;
             }
-            let shade = Shade::new(&lighting, axes, eye, view, None);
+            let shade = Shade::new(&lighting, (axes, FLAT_CODES as f32), eye, view, None);
             for _ in 0..200 {
                 let mut differences = [[0.0; LANES]; 3];
                 differences.as_flattened_mut().iter_mut().for_each(|v| *v = 200.0 * noise());

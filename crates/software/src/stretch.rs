@@ -7,7 +7,7 @@ use crate::ray::{NO_RANK, Ray};
 use crate::sample::{Brick, SampleChunk};
 use brickyard_volume::CutFace;
 use brickyard_volume::macrocells::CELL_EDGE;
-use glam::DVec3;
+use glam::{DVec3, Mat3};
 use std::ops::Range;
 
 /// A cell of a frame and its brick, through which stretches are marched.
@@ -36,6 +36,12 @@ impl March<'_> {
         let (start, _) = ray.ends(&self.frame.ticks, first);
         let [origin, direction] = [ray.origin, ray.direction].map(DVec3::from_array);
         settings.cap(self.frame.extent, (origin, direction), ray.eye, start).is_some()
+    }
+
+    /// The scene's gradient, of whatever length, from differences of codes across two voxels; and the least of these that is not flat.
+    #[inline(always)]
+    pub(crate) fn slopes(&self) -> (Mat3, f32) {
+        (self.cell.world_from_differences, self.frame.flat_codes)
     }
 
     /// The cut through which a ray enters what is shown, and how many voxels of the cell's level it goes below the cut for each unit of

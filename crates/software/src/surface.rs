@@ -13,7 +13,7 @@ use crate::packet::{LANES, Packet};
 use crate::ray::Ray;
 use crate::sample::{Code, SampleChunk, Unit};
 use crate::stretch::{March, Stretch};
-use brickyard_volume::surface::{FLAT_CODES, FLAT_SHARE, PARTS, ROUNDS, headlight};
+use brickyard_volume::surface::{FLAT_SHARE, PARTS, ROUNDS, headlight};
 use glam::{Vec3, Vec4};
 use std::ops::Range;
 
@@ -232,7 +232,7 @@ impl Line<'_> {
             gradient[a] = differences[a] * (cell.scale[a] / spacing[a]) as f32;
             direction[a] = (ray.direction[a] * spacing[a]) as f32;
         }
-        let is_flat = differences.length() < (FLAT_SHARE as f32 * self.threshold.abs()).max(FLAT_CODES as f32);
+        let is_flat = differences.length() < (FLAT_SHARE as f32 * self.threshold.abs()).max(frame.flat_codes);
         let (own, white) = headlight((!is_flat).then(|| (gradient.dot(direction) / gradient.length()) as f64));
         Vec3::from(frame.settings.surfaces[0].color) * own as f32 + Vec3::splat(white as f32)
     }

@@ -43,6 +43,7 @@ impl Combination {
             is_hashed: false,
             table_codes: [0, u16::MAX],
             spread_codes: f64::from(u16::MAX),
+            enough_width: 0.0,
         };
         let table = TransferTable::new(&transfer, &encoding);
         Self { expression, transfer, table, encoding }

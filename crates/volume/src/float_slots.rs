@@ -19,7 +19,7 @@ use crate::expression::{GREATEST_WHOLE, Operand};
 use crate::gradients::STEEPEST_UNITS;
 use crate::mode::Mode;
 use crate::slot_encoding::{FloatSlots, MOST, SlotEncoding, SlotFormat};
-use crate::surface::Isosurface;
+use crate::surface::{FLAT_CODES, Isosurface};
 use crate::transfer::TransferFunction;
 use crate::voxel_type::VoxelType;
 
@@ -173,12 +173,15 @@ impl SlotEncoding {
         if has_codes || !self.can_be_float() {
             return self.with_table_over_codes(window);
         }
+        let would_do = !window.is_by_gradient && self.code_width() <= SHARE * (high - low);
+        let enough_width = if would_do { self.code_width() } else { 0.0 };
         let window = self.widened([low, high]);
         let (voxel_type, spread) = (self.voxel_type, self.spread());
         let is_fit =
             |floats: &FloatSlots| floats.suffice(voxel_type, window, spread) && floats.is_about(window, spread);
         let kept = kept.floats.filter(|floats| kept.stay || is_fit(floats));
-        self.with_table(kept.unwrap_or_else(|| FloatSlots::about(voxel_type, window, spread)), window)
+        let floats = kept.unwrap_or_else(|| FloatSlots::about(voxel_type, window, spread));
+        Self { enough_width, ..self.with_table(floats, window) }
     }
 
     /// This encoding by codes, with a transfer table for a window: over all codes, or over those of a narrow window and one to each side, where
@@ -300,6 +303,11 @@ impl SlotEncoding {
         self.floats.map_or(f64::from(self.format.max_code()), farthest) as f32
     }
 
+    /// The difference of codes below which a field is flat. F32 slots that are kept draw what fresh slots would, though they could tell more.
+    pub fn flat_codes(&self) -> f64 {
+        FLAT_CODES * (self.enough_width / self.code_width()).max(1.0)
+    }
+
     /// What stored gradients have to be multiplied by to be differences of codes.
     pub fn gradient_scale(&self) -> f64 {
         self.floats.map_or(f64::from(self.format.max_code()), |floats| floats.unit / self.code_width())
@@ -364,6 +372,19 @@ mod tests {
         }
         let codes = SlotEncoding::new(VoxelType::F32, (0.0, 1.0), false);
         assert_eq!(codes.for_window(None, KeptSlots::default()), codes, "what tells nothing apart");
+    }
+
+    #[test]
+    fn slots_that_are_kept_call_flat_what_fresh_ones_would() {
+        let codes = SlotEncoding::new(VoxelType::F32, (0.0, 65535.0), false);
+        let of = |window: [f64; 2], kept| codes.for_window(Some(Window::of(window)), KeptSlots::replaceable(kept));
+        let flat = |encoding: SlotEncoding| encoding.flat_codes() * encoding.code_width();
+        let narrow = of([100.0, 300.0], None);
+        let (fresh, kept) = (of([100.0, 700.0], None), of([100.0, 700.0], narrow.floats));
+        assert_eq!((fresh.format, kept.format), (SlotFormat::U16, SlotFormat::F32));
+        assert_eq!((flat(fresh), flat(kept)), (FLAT_CODES, FLAT_CODES));
+        assert_eq!(flat(narrow), FLAT_CODES * narrow.code_width());
+        assert_eq!(kept.of_slots(), narrow.of_slots(), "no brick is uploaded for it");
     }
 
     #[test]

@@ -95,6 +95,8 @@ pub struct SlotEncoding {
     pub table_codes: [u16; 2],
     /// Codes from the channel's least value to its greatest.
     pub spread_codes: f64,
+    /// Data units per code of the slots that would do, where finer f32 slots are kept instead; else 0.
+    pub enough_width: f64,
 }
 
 /// An encoding of what is neither labels nor lacks data anywhere, for all that is not said of another one.
@@ -110,6 +112,7 @@ const PLAIN: SlotEncoding = SlotEncoding {
     is_hashed: false,
     table_codes: [0, 255],
     spread_codes: 255.0,
+    enough_width: 0.0,
 };
 
 impl SlotEncoding {
@@ -171,7 +174,7 @@ impl SlotEncoding {
 
     /// With a transfer table over all codes, of a channel that has all of them.
     pub(crate) fn with_whole_spread(self) -> Self {
-        Self { spread_codes: f64::from(self.format.max_code()), ..self.with_whole_table() }
+        Self { spread_codes: f64::from(self.format.max_code()), enough_width: 0.0, ..self.with_whole_table() }
     }
 
     /// Whether codes are the voxels' own bytes, so that encoding only copies.

@@ -128,7 +128,7 @@ pub const PARTS: usize = 8;
 pub const ROUNDS: usize = 2;
 
 /// A field has no gradient where the vector of its differences of codes across two voxels is shorter than this: it is what rounding
-/// leaves of a flat field.
+/// leaves of a flat field ([`SlotEncoding::flat_codes`]).
 pub const FLAT_CODES: f64 = 1.0 / 64.0;
 
 /// Nor where that vector is a smaller share than this of the distance of the value from the transfer table's first, which is what rounding
