@@ -633,3 +633,39 @@ fn a_saved_picture_has_what_the_window_shows_over_it() {
     sandbox.run_ok(&format!("render {path} --scene scene.json --backend cpu --size 600x400 -o rendered.png"));
     assert!(most(&bare, &read_png(&sandbox.path("rendered.png"))) <= 1);
 }
+
+/// A view turns while a picture is saved, which is no other one for that.
+#[test]
+fn a_view_turns_while_a_picture_is_saved() {
+    let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
+    let path = test.path().display().to_string();
+    // Each screenshot is a few frames of the window: the picture is under way before the turn, and the view has come to rest after it.
+    let looks = |name: &str| (0..8).map(|i| format!("0 screenshot {name}{i}.png\n")).collect::<String>();
+    let tour = format!(
+        "0 set window.overlays {BARE}\n0 set pixel_samples 8\n0 set step 0.4\nsettled save-scene scene.json\n\
+        0 save-picture 1200x900 over=none saved.png\n{}0 view +z\n{}settled screenshot last.png\nsettled quit\n",
+        looks("before"),
+        looks("after")
+    );
+    sandbox.write("tour.txt", &tour);
+    let arguments = [&path, "--backend", "cpu", "--script", "tour.txt", "--size", "700x500"];
+    let mut child = display.view(sandbox.path(".").as_path(), &arguments).spawn().expect("it runs");
+    let saved = sandbox.path("saved.png");
+    let mut is_ahead = false;
+    while child.try_wait().expect("a status").is_none() {
+        is_ahead |= sandbox.path("after7.png").exists() && !saved.exists();
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert!(is_ahead, "the view waits for the picture");
+    let screens = ["before7.png", "after7.png", "last.png"].map(|name| read_png(&sandbox.path(name)));
+    // The panel at the left, and the row that says how far the picture is, differ.
+    let part = |screen: &Picture| -> Vec<[u8; 3]> {
+        (120..420).flat_map(|y| (400..690).map(move |x| (x, y))).map(|(x, y)| screen.rgb[y * 700 + x]).collect()
+    };
+    let [before, after, last] = screens.each_ref().map(part);
+    let off = |a: &[[u8; 3]], b: &[[u8; 3]]| a.iter().zip(b).filter(|(a, b)| a[0].abs_diff(b[0]) > 24).count();
+    assert!(off(&before, &last) > 1000, "the view is turned");
+    assert!(off(&after, &last) < 100, "{} pixels differ from the view at rest", off(&after, &last));
+    sandbox.run_ok(&format!("render {path} --scene scene.json --backend cpu --size 1200x900 -o rendered.png"));
+    assert!(most(&read_png(&saved), &read_png(&sandbox.path("rendered.png"))) <= 1);
+}

@@ -77,8 +77,8 @@ impl Quality {
 
 /// The share of the pixels along an axis down to which steps are those of the exact frame.
 const HALF_SCALE: f64 = 0.5;
-/// An eighth of the pixels along an axis can still be steered by.
-const MIN_SCALE: f64 = 0.125;
+/// A twelfth of the pixels along an axis can still be steered by.
+const MIN_SCALE: f64 = 1.0 / 12.0;
 /// What the picture between a coarse one and the exact one takes of this one's work, and up to which share a picture is so coarse.
 const REFINED_SHARE: f64 = 1.0 / 16.0;
 const REFINED_FROM: f64 = 0.4 * REFINED_SHARE;

@@ -28,7 +28,7 @@ use crate::slot_change::{Shot, SlotChange};
 use crate::table_cache::VolumeTables;
 pub use crate::volume_source::VolumeSource;
 use brickyard_pager::{Counters, DrawList, KeptCores, Playback, Policy, Readiness, ShownStep, Status, Tally, View};
-pub use brickyard_software::Painting;
+pub use brickyard_software::{KeptTiles, Painting};
 use brickyard_volume::{
     FloatSlots, FrameSettings, KeptSlots, Mode, Picture, PixelSample, Scene, SceneError, SlotEncoding, TransferFunction,
 };

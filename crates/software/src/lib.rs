@@ -58,5 +58,5 @@ mod tiles;
 mod transfer_table;
 
 pub use options::SoftwareOptions;
-pub use painting::Painting;
+pub use painting::{KeptTiles, Painting};
 pub use renderer::{SoftwareError, SoftwareRenderer};

@@ -1,10 +1,11 @@
 //! A picture while it is drawn, shared by who draws it and who looks at it: what is there so far, how much that is, and whether it is to be
 //! abandoned. Costs a lock and a copy for each tile.
 
-use crate::tiles::{Tile, TilePixels, put};
+use crate::tiles::{Tile, TilePixels, put, tiles};
 use brickyard_volume::Picture;
+use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A picture that is being drawn, tile by tile; or several, one after the other, such as two eyes' or the samples of pixels.
 #[derive(Debug)]
@@ -16,19 +17,49 @@ pub struct Painting {
     /// Tiles of one picture.
     all_tiles: AtomicU32,
     is_abandoned: AtomicBool,
+    kept: Mutex<Option<Arc<KeptTiles>>>,
+}
+
+/// Tiles of a picture that outlive a painting that is abandoned: the next one goes on with them. They are of one frame, and of one eye.
+#[derive(Debug, Default)]
+pub struct KeptTiles(Mutex<HashMap<(u32, u32), TilePixels>>);
+
+impl KeptTiles {
+    /// The share of a picture of this size that they are.
+    pub fn share(&self, (width, height): (u32, u32)) -> f64 {
+        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner).len();
+        kept as f64 / tiles(width, height).count().max(1) as f64
+    }
+
+    pub(crate) fn get(&self, tile: &Tile) -> Option<TilePixels> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get(&(tile.x0, tile.y0)).copied()
+    }
+
+    pub(crate) fn put(&self, tile: &Tile, pixels: &TilePixels) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert((tile.x0, tile.y0), *pixels);
+    }
 }
 
 impl Painting {
     /// A painting of a size, of so many pictures. Nothing is seen of them until they are done, unless another picture [lies under](Painting::lay_under) them.
     pub fn new(size_px: (u32, u32), pictures: u32) -> Self {
         let so_far = Mutex::new(Picture { width: 0, height: 0, rgb: Vec::new() });
-        let (done_tiles, all_tiles, is_abandoned) = Default::default();
-        Self { so_far, size_px, pictures, done_tiles, all_tiles, is_abandoned }
+        let (done_tiles, all_tiles, is_abandoned, kept) = Default::default();
+        Self { so_far, size_px, pictures, done_tiles, all_tiles, is_abandoned, kept }
     }
 
     /// Lays a picture under those that have not been begun: it is seen where nothing is drawn yet, smoothly, in the painting's size.
     pub fn lay_under(&self, picture: Picture) {
         *self.lock() = picture;
+    }
+
+    /// Goes on with tiles in the pictures to come: those that are kept are not drawn again, and others are kept once they are drawn.
+    pub fn go_on_with(&self, tiles: Option<Arc<KeptTiles>>) {
+        *self.kept.lock().unwrap_or_else(PoisonError::into_inner) = tiles;
+    }
+
+    pub(crate) fn kept(&self) -> Option<Arc<KeptTiles>> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Tells who draws to stop: within milliseconds, with [`SoftwareError::Abandoned`](crate::SoftwareError::Abandoned).

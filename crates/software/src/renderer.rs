@@ -209,14 +209,17 @@ impl SoftwareRenderer {
             let of_layer = |layer| Frame { until, painting, ..frame(layer, slots(layer), by_itself) };
             let frames = layers.iter().map(of_layer).collect();
             let scene = Scene::new(frames, meshes, is_mixed, is_one_cut(layers), combination);
+            let kept = painting.and_then(Painting::kept);
             let draw = |work: &mut Box<Work>, tile: &Tile| {
-                let drawn = scene.draw(tile, work);
+                let before = kept.as_ref().and_then(|kept| kept.get(tile));
+                let drawn = before.unwrap_or_else(|| scene.draw(tile, work));
                 // What was given up meanwhile is not whole.
                 match painting {
                     Some(painting) if painting.is_abandoned() => return Err(SoftwareError::Abandoned),
                     _ if scene.frames()[0].is_given_up() => return Err(SoftwareError::TooLong),
                     painting => painting.into_iter().for_each(|painting| painting.put(size, tile, &drawn)),
                 }
+                kept.iter().filter(|_| before.is_none()).for_each(|kept| kept.put(tile, &drawn));
                 Ok(drawn)
             };
             let drawn: Result<Vec<TilePixels>, SoftwareError> = tiles.par_iter().map_init(Work::new, draw).collect();

@@ -38,8 +38,17 @@ use std::time::{Duration, Instant};
 /// How many frames' times are kept.
 const FRAMES: usize = 240;
 
+/// How long the window waits for a session that was told to stop.
+const GIVING_UP: Duration = Duration::from_millis(12);
+
+/// How long it waits for the picture of a view that moves, in goals of a frame: painted meanwhile, both take twice as long.
+const PATIENCE: f64 = 1.5;
+
 /// How often what is drawn of a picture is shown.
 const LOOK: Duration = Duration::from_millis(150);
+
+/// How long there is no picture of a change before a change that counts as the first one, such as the press that begins a drag.
+const REST: Duration = Duration::from_millis(250);
 
 /// How often the window, or a session beside it, looks whether bricks have come.
 pub(crate) const STREAMING_STEP: Duration = Duration::from_millis(8);
@@ -76,6 +85,8 @@ pub(crate) struct Canvas {
     gpu: Option<Device>,
     /// Whether the picture is drawn coarser while the view moves.
     pub(crate) is_adaptive: bool,
+    /// Whether a frame of the window waits for the picture of a view that moves, for a little longer than it may take: it is painted on the cores that this is drawn on.
+    pub(crate) is_patient: bool,
     /// How time steps are played, as the session is told.
     playback: Option<Playback>,
     pace: Pace,
@@ -86,10 +97,17 @@ pub(crate) struct Canvas {
     times: VecDeque<FrameTimes>,
     /// What they took since that was last asked.
     spent: FrameTimes,
-    /// When the scene was changed of which there is no picture yet, and the scene that was shown then; and how long others took.
-    asked: Option<(Instant, Box<Scene>)>,
-    answers: Vec<Duration>,
+    /// The scene that was asked for last, and how often it was another one; when it was changed of which there is no picture yet, and the change's number; how long
+    /// others took, and when the last one came.
+    seen: Option<Scene>,
+    change: u64,
+    asked: Option<(Instant, u64)>,
+    answers: Vec<Answer>,
+    answered: Option<Instant>,
     captures: VecDeque<Capture>,
+    /// Whether pictures that are to be saved wait until the view rests; and the picture of it that cannot be drawn, for which they do not.
+    gives_way: bool,
+    failed: Option<Wanted>,
 }
 
 /// A change that a session hears of when it is at home.
@@ -114,6 +132,14 @@ impl Change {
     }
 }
 
+/// How long it was from a change of the scene to the first picture of it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Answer {
+    pub(crate) took: Duration,
+    /// Whether the view had rested before.
+    pub(crate) is_first: bool,
+}
+
 /// What a frame took.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct FrameTimes {
@@ -123,6 +149,8 @@ pub(crate) struct FrameTimes {
     pub(crate) draw: Duration,
     /// Drawing beside the window, on the CPU or in parts on a GPU.
     pub(crate) beside: Duration,
+    /// Waiting for what is drawn beside the window.
+    pub(crate) waited: Duration,
 }
 
 impl FrameTimes {
@@ -133,7 +161,12 @@ impl FrameTimes {
 
     /// What both took.
     pub(crate) fn and(self, other: Self) -> Self {
-        Self { step: self.step + other.step, draw: self.draw + other.draw, beside: self.beside + other.beside }
+        Self {
+            step: self.step + other.step,
+            draw: self.draw + other.draw,
+            beside: self.beside + other.beside,
+            waited: self.waited + other.waited,
+        }
     }
 }
 
@@ -183,15 +216,21 @@ impl Canvas {
             screen: device.map(|device| Screen::new(&device.state)),
             gpu: gpu_device.cloned(),
             is_adaptive: true,
+            is_patient: false,
             playback: None,
             pace: Pace::default(),
             shown: None,
             stream: None,
             times: VecDeque::new(),
             spent: FrameTimes::default(),
+            seen: None,
+            change: 0,
             asked: None,
             answers: Vec::new(),
+            answered: None,
             captures: VecDeque::new(),
+            gives_way: true,
+            failed: None,
         })
     }
 
@@ -214,6 +253,7 @@ impl Canvas {
                 *self = Self { captures, ..Self::new(self.volumes().to_vec(), options, Some(device))? };
             }
         }
+        self.forget_captures();
         (self.screen, self.shown, self.in_rows, self.gpu_capture) =
             (Some(Screen::new(&device.state)), None, None, None);
         Ok(())
@@ -238,12 +278,15 @@ impl Canvas {
     /// Goes on with later states of the volumes.
     pub(crate) fn set_volumes(&mut self, volumes: Vec<VolumeSource>) {
         self.known.volumes.clone_from(&volumes);
-        self.change(Change::Volumes(volumes));
+        self.tell(Change::Volumes(volumes));
     }
 
     /// Tells the session of a change: at once on a GPU, else when it leaves for the next picture. What it draws now is given up.
-    fn change(&mut self, change: Change) {
+    fn tell(&mut self, change: Change) {
         (self.in_rows, self.gpu_capture) = (None, None);
+        if matches!(change, Change::Volumes(_)) {
+            self.forget_captures();
+        }
         self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
         match &mut self.engine {
             Some(engine) if self.gpu.is_some() => change.apply(&mut engine.session),
@@ -280,10 +323,10 @@ impl Canvas {
         }
         (self.options.gpu_memory_bytes, self.options.cpu_memory_bytes) = (backend_bytes, backend_bytes);
         self.options.host_memory_bytes = host_memory_bytes;
-        self.change(Change::Budgets { backend_bytes, host_memory_bytes });
+        self.tell(Change::Budgets { backend_bytes, host_memory_bytes });
     }
 
-    /// Brings the texture nearer to a scene's picture of a size, unless what is shown still stands.
+    /// Brings the texture nearer to a scene's picture of a size, unless what is shown still stands, or a picture is being saved of which that is so.
     ///
     /// # Errors
     /// If the scene cannot be drawn, or the device fails. The texture keeps what it shows.
@@ -293,8 +336,34 @@ impl Canvas {
         size_px: (u32, u32),
         egui: &egui::Context,
     ) -> Result<(), SessionError> {
-        if let Some(shown) = self.shown.as_ref().filter(|shown| self.asked.is_none() && shown.scene != *scene) {
-            self.asked = Some((Instant::now(), Box::new(shown.scene.clone())));
+        let wanted = Wanted { scene: scene.clone(), size_px, is_paced: false, change: self.change };
+        let is_exact =
+            |shown: &Shown| shown.is_of(&wanted) && shown.quality == Quality::EXACT && shown.frame.status.settled;
+        let rests = self.is_playing()
+            || self.shown.as_ref().is_some_and(is_exact)
+            || self.failed.as_ref().is_some_and(|failed| failed.is_as(&wanted));
+        let gives_way = !(self.is_capturing() && rests);
+        let gave_way = std::mem::replace(&mut self.gives_way, gives_way);
+        if !self.gives_way {
+            return Ok(());
+        }
+        if !gave_way {
+            self.tell(Change::Play(self.playback));
+        }
+        let shown = self.bring_on(scene, size_px, egui);
+        if shown.is_err() {
+            self.failed = Some(wanted);
+        }
+        shown
+    }
+
+    fn bring_on(&mut self, scene: &Scene, size_px: (u32, u32), egui: &egui::Context) -> Result<(), SessionError> {
+        if self.seen.as_ref() != Some(scene) {
+            self.seen = Some(scene.clone());
+            self.change += 1;
+            if self.shown.as_ref().is_some_and(|shown| shown.scene != *scene) {
+                self.asked.get_or_insert((Instant::now(), self.change));
+            }
         }
         // The scene follows the picture that has been seen, not the one that arrives now.
         let is_known = scene.time == self.pace.asked || Some(scene.time) == self.step_seen();
@@ -303,10 +372,16 @@ impl Canvas {
         // What is played is asked for step by step: by the step of the picture that is shown, which the session may have left.
         let is_paced = self.pace.is_playing && !self.pace.is_jump;
         let time = if is_paced { self.pace.stepped } else { scene.time };
-        let wanted = Wanted { scene: Scene { time, ..scene.clone() }, size_px, is_paced };
+        let wanted = Wanted { scene: Scene { time, ..scene.clone() }, size_px, is_paced, change: self.change };
         if self.drawing.is_some() {
             self.look_on(&wanted);
-            return Ok(());
+            // A frame of the window may take as long as the picture that comes next.
+            let is_home =
+                self.drawing.as_ref().is_some_and(|(drawing, _)| drawing.is_abandoned()) && self.wait(GIVING_UP);
+            if !is_home {
+                return Ok(());
+            }
+            self.arrive()?;
         }
         let is_shown = !self.is_playing() && self.shown.as_ref().is_some_and(|shown| shown.is_of(&wanted));
         let goes_on = match &self.in_rows {
@@ -326,9 +401,24 @@ impl Canvas {
         self.pace.asked = scene.time;
         match (&self.gpu, &self.screen) {
             (Some(_), _) => self.show_on_gpu(&wanted, egui),
-            (None, Some(_)) => self.show_beside(wanted, egui),
+            (None, Some(_)) => {
+                let moves = self.shown.as_ref().is_some_and(|shown| !shown.is_of(&wanted));
+                self.show_beside(wanted, egui)?;
+                if moves && self.is_patient && !self.is_playing() && self.wait(self.goal.mul_f64(PATIENCE)) {
+                    self.arrive()?;
+                }
+                Ok(())
+            }
             (None, None) => Ok(()),
         }
+    }
+
+    /// Waits for the session, for so long at most. Returns whether it waits to be taken home.
+    fn wait(&mut self, at_most: Duration) -> bool {
+        let begun = Instant::now();
+        let is_over = self.drawing.as_ref().is_some_and(|(drawing, _)| drawing.wait(at_most));
+        self.spent.waited += begun.elapsed();
+        is_over
     }
 
     /// Takes note of what a picture took; its step of streaming is counted already, or was taken beside the window.
@@ -346,13 +436,16 @@ impl Canvas {
             self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
             return;
         }
-        let Shown { scene, frame, quality, .. } = &shown;
+        let Shown { scene, frame, quality, change, .. } = &shown;
         if !frame.status.covered {
             // It never happens; tests of the window look for it.
             tracing::error!("a picture has a hole");
         }
-        if let Some((at, _)) = self.asked.take_if(|(_, before)| **before != *scene) {
-            self.answers.push(at.elapsed());
+        self.failed = None;
+        if let Some((at, _)) = self.asked.take_if(|(_, asked)| *asked <= *change) {
+            let is_first = self.answered.is_none_or(|answered| at.saturating_duration_since(answered) > REST);
+            self.answers.push(Answer { took: at.elapsed(), is_first });
+            self.answered = Some(Instant::now());
         }
         let is_exact = drawn == Drawn::Whole && frame.status.settled && *quality == Quality::EXACT;
         let samples_left = is_exact.then(|| match scene.pixel_samples {
@@ -381,7 +474,7 @@ impl Canvas {
     pub(crate) fn play(&mut self, playback: Option<Playback>) {
         if self.playback != playback {
             self.playback = playback;
-            self.change(Change::Play(playback));
+            self.tell(Change::Play(playback));
         }
     }
 
@@ -440,7 +533,9 @@ impl Canvas {
         let (drawing, task) = self.drawing.as_ref()?;
         let since = match task {
             Task::Show(_) => drawing.begun().map(|begun| begun.at.elapsed()),
-            Task::Smooth | Task::Capture => Some(drawing.since()),
+            Task::Smooth => Some(drawing.since()),
+            // It is told with the pictures that are saved.
+            Task::Capture => None,
         };
         since.filter(|since| *since > LOOK).map(|_| drawing.progress())
     }
@@ -528,7 +623,7 @@ impl Canvas {
     }
 
     /// How long it was from changes of the scene to the first pictures of them since this was last asked.
-    pub(crate) fn take_answers(&mut self) -> Vec<Duration> {
+    pub(crate) fn take_answers(&mut self) -> Vec<Answer> {
         std::mem::take(&mut self.answers)
     }
 

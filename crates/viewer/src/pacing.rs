@@ -1,7 +1,7 @@
 //! How evenly a window's frames come: what each took on the window's thread, drawing apart from all else, for files that say it in numbers. Costs a few
 //! numbers for each frame, of the last hundred thousand at most.
 
-use crate::canvas::FrameTimes;
+use crate::canvas::{Answer, FrameTimes};
 use brickyard::stats::Percentiles;
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -34,8 +34,9 @@ pub(crate) struct Pacing {
     drawn: VecDeque<Drawn>,
     /// What each frame took on the window's thread besides drawing, whether or not a picture was drawn in it.
     blocked_ms: VecDeque<f64>,
-    /// What it took from changes of the scene to the first picture of them.
+    /// What it took from changes of the scene to the first picture of them, and from those before which the view rested.
     answers_ms: Vec<f64>,
+    first_answers_ms: Vec<f64>,
     blocked_most_ms: f64,
     frames: u64,
 }
@@ -58,6 +59,9 @@ pub(crate) struct PacingStats {
     /// From a change of the scene to the first picture of it or of a later one, milliseconds; and how many there were.
     answer_ms: Percentiles,
     answers: usize,
+    /// The same of changes before which the view rested, such as the presses that begin a drag.
+    first_answer_ms: Percentiles,
+    first_answers: usize,
     /// What drawing took, milliseconds.
     draw_ms: Percentiles,
     /// The share of the exact picture's work that 50, 5 and 1 percent of pictures had at most.
@@ -68,7 +72,7 @@ impl Pacing {
     /// Counts the frames of a window whose volumes were opened at this time.
     pub(crate) fn new(opened: Instant) -> Self {
         let (drawn, between) = (VecDeque::new(), VecDeque::new());
-        let (blocked_ms, answers_ms) = (VecDeque::new(), Vec::new());
+        let (blocked_ms, answers_ms, first_answers_ms) = (VecDeque::new(), Vec::new(), Vec::new());
         Self {
             opened,
             ended: None,
@@ -77,6 +81,7 @@ impl Pacing {
             drawn,
             blocked_ms,
             answers_ms,
+            first_answers_ms,
             blocked_most_ms: 0.0,
             frames: 0,
         }
@@ -104,7 +109,7 @@ impl Pacing {
     /// Takes note of a frame, which took `took` on the window's thread, `spent` of it for pictures, or beside it, of the least of these qualities.
     pub(crate) fn note(&mut self, took: Duration, spent: FrameTimes, quality: f64) {
         let ms = |time: Duration| time.as_secs_f64() * 1e3;
-        let blocked_ms = ms(took.saturating_sub(spent.draw));
+        let blocked_ms = ms(took.saturating_sub(spent.draw + spent.waited));
         self.frames += 1;
         self.blocked_most_ms = self.blocked_most_ms.max(blocked_ms);
         if self.blocked_ms.len() == MOST {
@@ -123,9 +128,15 @@ impl Pacing {
     }
 
     /// Takes note of how long it was from changes of the scene to the first pictures of them.
-    pub(crate) fn answered(&mut self, after: impl IntoIterator<Item = Duration>) {
+    pub(crate) fn answered(&mut self, answers: impl IntoIterator<Item = Answer>) {
         let room = MOST - self.answers_ms.len();
-        self.answers_ms.extend(after.into_iter().take(room).map(|time| time.as_secs_f64() * 1e3));
+        for Answer { took, is_first } in answers.into_iter().take(room) {
+            let ms = took.as_secs_f64() * 1e3;
+            self.answers_ms.push(ms);
+            if is_first {
+                self.first_answers_ms.push(ms);
+            }
+        }
     }
 
     /// What the frames took so far.
@@ -147,6 +158,8 @@ impl Pacing {
             blocked_p999_ms: self.all_but_one_of_a_thousand(),
             answer_ms: Percentiles::of(&self.answers_ms),
             answers: self.answers_ms.len(),
+            first_answer_ms: Percentiles::of(&self.first_answers_ms),
+            first_answers: self.first_answers_ms.len(),
             draw_ms: Percentiles::of(&of(|drawn| drawn.draw_ms)),
             quality: [-lacking.p50, -lacking.p95, -lacking.p99],
         }
@@ -189,14 +202,15 @@ mod tests {
         let ms = Duration::from_millis;
         assert_eq!(pacing.stats().first_picture_ms, None);
         for quality in [0.5, 0.25, 1.0] {
-            pacing.note(ms(12), FrameTimes { step: ms(1), draw: ms(7), beside: ms(3) }, quality);
+            pacing.note(ms(12), FrameTimes { step: ms(1), draw: ms(5), beside: ms(5), waited: ms(2) }, quality);
         }
         pacing.note(ms(40), FrameTimes::default(), 1.0);
-        pacing.answered([ms(30), ms(90)]);
+        pacing.answered([(30, true), (90, false)].map(|(took, is_first)| Answer { took: ms(took), is_first }));
         let stats = pacing.stats();
         assert_eq!((stats.frames, stats.drawn, stats.quality), (4, 3, [0.5, 0.25, 0.25]));
         assert!((stats.blocked_ms.p99 - 5.0).abs() < 1e-9 && (stats.blocked_most_ms - 40.0).abs() < 1e-9);
         assert!((stats.blocked_p999_ms - 40.0).abs() < 1e-9 && (stats.answer_ms.p50 - 30.0).abs() < 1e-9);
+        assert_eq!((stats.answers, stats.first_answers, stats.first_answer_ms.p99), (2, 1, 30.0));
         assert!((stats.draw_ms.p50 - 10.0).abs() < 1e-9 && stats.first_picture_ms.is_some());
     }
 }

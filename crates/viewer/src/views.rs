@@ -127,6 +127,7 @@ impl Views {
         for canvas in self.all_mut() {
             canvas.is_adaptive = window.motion.adaptive;
         }
+        self.main.is_patient = window.motion.adaptive && self.device.as_ref().is_some_and(Device::is_software);
         // Slices follow the scene's own picture.
         self.main.play(window.play.playback());
         Ok(())

@@ -88,10 +88,7 @@ impl VolumeView {
     ) -> Result<(), SessionError> {
         let (size_px, shown) = whole_pixels(ui);
         self.size_px = size_px;
-        let drawn = match canvas.is_capturing() {
-            true => Ok(()),
-            false => canvas.show(&seen.state.scene, size_px, ui.ctx()),
-        };
+        let drawn = canvas.show(&seen.state.scene, size_px, ui.ctx());
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         canvas.paint(ui.painter(), area);
         let Some(camera) = seen.state.scene.camera else { return drawn };

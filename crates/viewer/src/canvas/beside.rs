@@ -1,14 +1,15 @@
 //! The CPU's pictures, which are drawn [beside the window](super::drawing): sent for, looked on, given up when nobody waits for them any more, and taken in.
 
+use super::capture::{self, Made};
 use super::drawing::{Begun, Done, Drawing, Engine, Home, News, Stage};
 use super::picture::{Choice, Shown, Wanted};
 use super::{Canvas, Change, FrameTimes, LOOK, STREAMING_STEP};
 use brickyard::frame_governor::{Quality, QualityControl};
 use brickyard::pager::Status;
 use brickyard::session::{Drawn, Frame, Painting, Session, SessionError};
-use brickyard::volume::{Picture, PixelSamples, Scene};
+use brickyard::volume::{Picture, Scene};
 use eframe::egui;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// How long a coarse picture may be drawn that is not of the view any more: while a hand moves, no picture would ever be done in less than a frame of it.
@@ -103,10 +104,10 @@ impl Order {
     }
 }
 
-/// Streams until a scene's picture is final, and draws it.
+/// Streams until a scene's picture is final, and draws what is left of it.
 fn capture(
     session: &mut Session,
-    scene: &Scene,
+    (scene, made): (&Scene, &Mutex<Made>),
     size_px: (u32, u32),
     painting: &Arc<Painting>,
 ) -> Result<Done, SessionError> {
@@ -117,21 +118,19 @@ fn capture(
         if painting.is_abandoned() {
             return Ok(Done::Nothing);
         }
-        let samples = scene.pixel_samples;
-        let picture = match (frame.status.settled, frame.status.awaits_feedback) {
+        match (frame.status.settled, frame.status.awaits_feedback) {
             (false, false) => {
                 session.wait(STREAMING_STEP);
-                continue;
             }
             (false, true) => {
                 // Drawing tells what was seen, after which more may be wanted.
                 session.paint(&frame, painting)?;
-                continue;
             }
-            (true, _) if samples == PixelSamples::ONE => session.paint(&frame, painting)?,
-            (true, _) => samples.picture(|sample| session.paint(&frame.of_sample(sample), painting))?,
-        };
-        return Ok(Done::Capture(picture, Box::new(frame)));
+            (true, _) => {
+                let picture = capture::go_on(session, &frame, (scene, made), painting)?;
+                return Ok(Done::Capture(picture, Box::new(frame)));
+            }
+        }
     }
 }
 
@@ -181,7 +180,7 @@ impl Canvas {
     /// If there is no thread for it.
     pub(super) fn capture_beside(
         &mut self,
-        scene: Scene,
+        (scene, made): (Scene, Arc<Mutex<Made>>),
         size_px: (u32, u32),
         egui: &egui::Context,
     ) -> Result<(), SessionError> {
@@ -193,10 +192,9 @@ impl Canvas {
             }
             None => {}
         }
-        let samples = if scene.pixel_samples == PixelSamples::ONE { 0 } else { scene.pixel_samples.count() };
-        let painting = Painting::new(size_px, eyes(&scene) * (1 + samples as u32));
+        let painting = Painting::new(size_px, eyes(&scene));
         self.leave(Task::Capture, painting, egui, move |engine, stage| {
-            capture(&mut engine.session, &scene, size_px, &stage.painting)
+            capture(&mut engine.session, (&scene, &made), size_px, &stage.painting)
         })
     }
 

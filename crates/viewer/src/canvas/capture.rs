@@ -1,24 +1,98 @@
-//! Pictures that are saved: asked for, drawn one after the other while the texture stays as it is, and handed over once they are final.
+//! Pictures that are saved: asked for, drawn one after the other while the view rests, and handed over once they are final. A view that changes comes first: a
+//! picture keeps the samples that it has by then, and on the CPU its tiles.
 
-use super::beside::Task;
 use super::row_drawing::{CapturePart, GpuCapture};
 use super::{Canvas, Change, LOOK};
 use crate::marks::Over;
-use brickyard::session::{Frame, SessionError};
+use brickyard::session::{Frame, KeptTiles, Painting, Session, SessionError};
 use brickyard::stats::RenderStats;
-use brickyard::volume::{Picture, Scene};
+use brickyard::volume::{Picture, PictureSum, PixelSamples, Scene};
 use eframe::egui;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// A picture that is to be written once it is final.
 pub(super) struct Capture {
     scene: Scene,
-    /// `None` is the size in which the picture is shown.
+    /// `None` is the size in which the view is shown when the picture is begun.
     size_px: Option<(u32, u32)>,
     path: PathBuf,
     over: Over,
     asked: Instant,
+    made: Arc<Mutex<Made>>,
+}
+
+/// Parts of a picture that are drawn already. Its lock is held for a moment only, and not while samples are added.
+#[derive(Default)]
+pub(super) struct Made {
+    /// The coarseness of the bricks that they are drawn from.
+    pixel_error: f64,
+    sum: PictureSum,
+    /// Samples that are in the sum.
+    pub(super) samples: usize,
+    /// Tiles of the sample that comes next.
+    tiles: Arc<KeptTiles>,
+}
+
+impl Made {
+    /// What goes on with this frame: nothing if it is drawn from other bricks.
+    pub(super) fn of(&mut self, frame: &Frame) {
+        let pixel_error = frame.status.pixel_error;
+        if self.pixel_error != pixel_error {
+            *self = Self { pixel_error, ..Self::default() };
+        }
+    }
+}
+
+pub(super) fn lock(made: &Mutex<Made>) -> MutexGuard<'_, Made> {
+    made.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Adds the next sample.
+pub(super) fn add(made: &Mutex<Made>, picture: &Picture) {
+    let mut sum = std::mem::take(&mut lock(made).sum);
+    sum.add(picture);
+    let mut made = lock(made);
+    (made.sum, made.tiles) = (sum, Arc::default());
+    made.samples += 1;
+}
+
+/// The picture if it has all its samples.
+pub(super) fn whole(made: &Mutex<Made>, samples: PixelSamples) -> Option<Picture> {
+    let sum = {
+        let mut made = lock(made);
+        (made.samples == samples.count()).then(|| std::mem::take(&mut made.sum))?
+    };
+    let picture = sum.mean();
+    lock(made).sum = sum;
+    Some(picture)
+}
+
+/// Draws what is left of a picture whose frame has all its bricks.
+pub(super) fn go_on(
+    session: &mut Session,
+    frame: &Frame,
+    (scene, made): (&Scene, &Mutex<Made>),
+    painting: &Arc<Painting>,
+) -> Result<Picture, SessionError> {
+    let samples = scene.pixel_samples;
+    lock(made).of(frame);
+    loop {
+        if let Some(picture) = whole(made, samples) {
+            return Ok(picture);
+        }
+        let (at, tiles) = {
+            let made = lock(made);
+            (made.samples, made.tiles.clone())
+        };
+        // Two eyes have two pictures.
+        painting.go_on_with(scene.stereo.is_none().then_some(tiles));
+        let sample = samples.samples().nth(at).filter(|_| samples != PixelSamples::ONE);
+        let picture =
+            session.paint(&sample.map_or_else(|| frame.clone(), |sample| frame.of_sample(sample)), painting)?;
+        add(made, &picture);
+    }
 }
 
 /// A picture that is final, with all that is known of it.
@@ -38,7 +112,8 @@ pub(crate) struct Captured {
 impl Canvas {
     /// Asks for a picture of a scene, which is drawn as soon as it is final. `None` is the size in which the picture is shown.
     pub(crate) fn capture(&mut self, scene: Scene, size_px: Option<(u32, u32)>, (path, over): (PathBuf, Over)) {
-        self.captures.push_back(Capture { scene, size_px, path, over, asked: Instant::now() });
+        let (asked, made) = (Instant::now(), Arc::default());
+        self.captures.push_back(Capture { scene, size_px, path, over, asked, made });
     }
 
     /// Whether a picture that was asked for has not come yet.
@@ -46,7 +121,12 @@ impl Canvas {
         !self.captures.is_empty()
     }
 
-    /// Goes on with the picture that was asked for first, while the texture stays as it is, and returns it once it is final.
+    /// Begins pictures anew of which volumes have changed.
+    pub(super) fn forget_captures(&mut self) {
+        self.captures.iter_mut().for_each(|capture| capture.made = Arc::default());
+    }
+
+    /// Goes on with the picture that was asked for first, while the view rests, and returns it once it is final.
     ///
     /// # Errors
     /// If it cannot be drawn; it is given up then, unless another device may draw it.
@@ -55,8 +135,9 @@ impl Canvas {
         size_px: (u32, u32),
         egui: &egui::Context,
     ) -> Result<Option<Captured>, SessionError> {
-        let Some(capture) = self.captures.front() else { return Ok(None) };
-        let (scene, size_px) = (capture.scene.clone(), capture.size_px.unwrap_or(size_px));
+        let Some(capture) = self.captures.front_mut().filter(|_| !self.gives_way) else { return Ok(None) };
+        let size_px = *capture.size_px.get_or_insert(size_px);
+        let scene = capture.scene.clone();
         self.in_rows = None;
         let drawn = match self.arrive() {
             Ok(None) => self.go_on_with_capture(&scene, size_px, egui),
@@ -71,7 +152,7 @@ impl Canvas {
         let Some(Capture { scene, path, over, .. }) = self.captures.pop_front_if(|_| is_over) else {
             return drawn.map(|_| None);
         };
-        self.change(Change::Play(self.playback));
+        self.tell(Change::Play(self.playback));
         let Some((picture, frame)) = drawn? else { return Ok(None) };
         let mut stats = RenderStats::default();
         stats.record(&frame.status, self.memory_bytes().0);
@@ -84,11 +165,12 @@ impl Canvas {
         size_px: (u32, u32),
         egui: &egui::Context,
     ) -> Result<Option<(Picture, Frame)>, SessionError> {
+        let Some(made) = self.captures.front().map(|capture| capture.made.clone()) else { return Ok(None) };
         if self.gpu.is_none() {
-            return self.capture_beside(scene.clone(), size_px, egui).map(|()| None);
+            return self.capture_beside((scene.clone(), made), size_px, egui).map(|()| None);
         }
         match self.go_on_in_parts(egui)? {
-            CapturePart::Step => self.step_to_capture(scene, size_px),
+            CapturePart::Step => self.step_to_capture((scene, made), size_px),
             CapturePart::Partly => Ok(None),
             CapturePart::Whole(picture, frame) => Ok(Some((picture, *frame))),
         }
@@ -98,15 +180,16 @@ impl Canvas {
     /// was asked for.
     pub(crate) fn capturing(&self) -> Option<(&Path, f64)> {
         let capture = self.captures.front().filter(|capture| capture.asked.elapsed() > LOOK)?;
-        let beside = self.drawing.as_ref().filter(|(_, task)| matches!(task, Task::Capture));
-        let on_gpu = self.gpu_capture.as_ref().map(GpuCapture::share);
-        Some((&capture.path, on_gpu.or(beside.map(|(drawing, _)| drawing.progress())).unwrap_or_default()))
+        let made = lock(&capture.made);
+        let of_sample = self.gpu_capture.as_ref().map(GpuCapture::share_of_sample);
+        let of_sample = of_sample.unwrap_or_else(|| capture.size_px.map_or(0.0, |size_px| made.tiles.share(size_px)));
+        Some((&capture.path, (made.samples as f64 + of_sample) / capture.scene.pixel_samples.count() as f64))
     }
 
     /// Gives up the picture that was asked for first.
     pub(crate) fn give_up_capture(&mut self) -> Option<PathBuf> {
         let capture = self.captures.pop_front()?;
-        self.change(Change::Play(self.playback));
+        self.tell(Change::Play(self.playback));
         Some(capture.path)
     }
 }

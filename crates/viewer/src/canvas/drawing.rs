@@ -11,8 +11,7 @@ use brickyard::session::{Frame, Painting, ResolvedScene, Session, SessionError, 
 use brickyard::volume::Picture;
 use eframe::egui;
 use std::io;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -73,6 +72,17 @@ pub(super) struct Stage {
     pub(super) painting: Arc<Painting>,
     /// The last step of streaming of which the window has not heard.
     news: Mutex<Option<News>>,
+    end: Mutex<End>,
+    ended: Condvar,
+}
+
+/// How a session that draws beside the window meets it again.
+#[derive(Default)]
+struct End {
+    /// Whether the session waits to be taken home. Its thread may still be about to end.
+    is_done: bool,
+    /// Whether the window waits for that, and need not be told to look.
+    is_awaited: bool,
 }
 
 impl Stage {
@@ -81,6 +91,10 @@ impl Stage {
         let known = Known::of(session, Some(&frame.scene));
         let news = News { known, frame: frame.clone(), begun };
         *self.news.lock().unwrap_or_else(PoisonError::into_inner) = Some(news);
+    }
+
+    fn lock_end(&self) -> MutexGuard<'_, End> {
+        self.end.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -108,8 +122,6 @@ pub(super) struct Drawing {
     since: Instant,
     /// How the picture is drawn, as far as the window has heard; the outer `None` before the first step of streaming is done.
     begun: Option<Option<Begun>>,
-    /// Set before the window is told: a thread that has told it may still be about to end.
-    is_done: Arc<AtomicBool>,
     thread: Option<JoinHandle<Home>>,
 }
 
@@ -124,17 +136,24 @@ impl Drawing {
         egui: egui::Context,
         draw: impl FnOnce(&mut Engine, &Stage) -> Result<Done, SessionError> + Send + 'static,
     ) -> io::Result<Self> {
-        let stage = Arc::new(Stage { painting: Arc::new(painting), news: Mutex::default() });
-        let is_done = Arc::<AtomicBool>::default();
-        let of_thread = (stage.clone(), is_done.clone());
+        let (news, end, ended) = Default::default();
+        let stage = Arc::new(Stage { painting: Arc::new(painting), news, end, ended });
+        let of_thread = stage.clone();
         let work = move || {
-            let home = Home { done: draw(&mut engine, &of_thread.0), engine };
-            of_thread.1.store(true, Ordering::Release);
-            egui.request_repaint_after(AT_ONCE);
+            let home = Home { done: draw(&mut engine, &of_thread), engine };
+            let is_awaited = {
+                let mut end = of_thread.lock_end();
+                end.is_done = true;
+                end.is_awaited
+            };
+            match is_awaited {
+                true => of_thread.ended.notify_one(),
+                false => egui.request_repaint_after(AT_ONCE),
+            }
             home
         };
         let thread = std::thread::Builder::new().name("drawing".into()).spawn(work)?;
-        Ok(Self { stage, since: Instant::now(), begun: None, is_done, thread: Some(thread) })
+        Ok(Self { stage, since: Instant::now(), begun: None, thread: Some(thread) })
     }
 
     /// The last step of streaming, unless the window has heard of it already.
@@ -157,7 +176,17 @@ impl Drawing {
     /// Whether the session waits to be taken home.
     pub(super) fn is_over(&self) -> bool {
         // A thread that panicked has only ended.
-        self.is_done.load(Ordering::Acquire) || self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+        self.stage.lock_end().is_done || self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    /// Waits until the session is to be taken home, for so long at most. Returns whether it is.
+    pub(super) fn wait(&self, at_most: Duration) -> bool {
+        let mut end = self.stage.lock_end();
+        end.is_awaited = true;
+        let ended = self.stage.ended.wait_timeout_while(end, at_most, |end| !end.is_done);
+        let (mut end, _) = ended.unwrap_or_else(PoisonError::into_inner);
+        end.is_awaited = false;
+        end.is_done
     }
 
     /// Since when the session is away.

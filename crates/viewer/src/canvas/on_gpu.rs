@@ -1,6 +1,7 @@
 //! A GPU's pictures: those of a moving view are submitted whole, exact ones and those that are saved [in parts](super::row_drawing) where they take longer than a
 //! frame of the window. All is submitted by the window's thread.
 
+use super::capture::Made;
 use super::picture::{Choice, Shown, Wanted};
 use super::row_drawing::{CapturePart, GpuCapture, RowDrawing};
 use super::{Canvas, FrameTimes};
@@ -11,6 +12,7 @@ use brickyard::render::Target;
 use brickyard::session::{Drawn, Frame, SessionError};
 use brickyard::volume::{Picture, PixelSamples, Scene};
 use eframe::egui;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// A picture in the making that is drawn in parts.
@@ -168,7 +170,7 @@ impl Canvas {
     /// If it cannot be drawn.
     pub(super) fn step_to_capture(
         &mut self,
-        scene: &Scene,
+        (scene, made): (&Scene, Arc<Mutex<Made>>),
         size_px: (u32, u32),
     ) -> Result<Option<(Picture, Frame)>, SessionError> {
         let Some(engine) = &mut self.engine else { return Ok(None) };
@@ -184,7 +186,7 @@ impl Canvas {
             let pixels = |(width, height): (u32, u32)| f64::from(width) * f64::from(height);
             let shown = self.shown.as_ref().map_or(size_px, |shown| shown.size_px);
             let share = self.fitting * (pixels(shown) / pixels(size_px)).min(1.0);
-            self.gpu_capture = Some(GpuCapture::new(frame, samples, share, self.between));
+            self.gpu_capture = Some(GpuCapture::new(frame, (samples, made), share, self.between));
             return Ok(None);
         }
         let picture = match samples {

@@ -11,6 +11,8 @@ pub(super) struct Wanted {
     pub(super) size_px: (u32, u32),
     /// Whether the session says which time step it is of, as it does while steps play.
     pub(super) is_paced: bool,
+    /// How often another scene was asked for until then.
+    pub(super) change: u64,
 }
 
 impl Wanted {
@@ -33,6 +35,8 @@ pub(super) struct Shown {
     pub(super) size_px: (u32, u32),
     pub(super) frame: Frame,
     pub(super) quality: Quality,
+    /// How often another scene had been asked for when it was sent for.
+    pub(super) change: u64,
     /// How many of its pixels' samples are still to be drawn; 0 if the picture is as it will stay. `None` before it has all bricks and every pixel.
     pub(super) samples_left: Option<usize>,
 }
@@ -75,7 +79,7 @@ impl Choice<'_> {
             _ => self.control.next(Change { moved, refined: true }).unwrap_or(Quality::EXACT),
         };
         let quality = if self.is_adaptive { quality.with_coarse_bricks(frame.level_bias) } else { Quality::EXACT };
-        let Wanted { scene, size_px, .. } = wanted;
-        (Shown { scene, size_px, frame, quality, samples_left: None }, moved)
+        let Wanted { scene, size_px, change, .. } = wanted;
+        (Shown { scene, size_px, frame, quality, change, samples_left: None }, moved)
     }
 }

@@ -1,11 +1,13 @@
 //! A frame that a GPU draws in parts, paced so that the window waits for none of them long; and a picture that is saved, whose samples are such
 //! frames. Costs a frame of the window for each part.
 
+use super::capture::{self, Made};
 use super::row_pace::RowPace;
 use crate::device::Device;
 use brickyard::session::{Drawn, Frame, Session, SessionError};
-use brickyard::volume::{Picture, PictureSum, PixelSamples};
+use brickyard::volume::{Picture, PixelSamples};
 use eframe::egui::Context;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// A frame that is being drawn in parts. There must be no other step of its session meanwhile.
@@ -68,9 +70,7 @@ pub(super) struct GpuCapture {
     /// The share of a sample that is fit for a part, and how long frames of the window take between parts.
     fitting: f64,
     between: Duration,
-    sum: PictureSum,
-    /// Samples that are in the sum.
-    done: usize,
+    made: Arc<Mutex<Made>>,
     /// The sample that is being drawn; `None` while it is on its way to the CPU.
     drawing: Option<RowDrawing>,
 }
@@ -86,17 +86,25 @@ pub(super) enum CapturePart {
 }
 
 impl GpuCapture {
-    /// A picture of a frame with so many samples a pixel, of which nothing is drawn yet. A `share` of a sample is taken to be fit for a
-    /// part, if frames of the window take so long `between` parts.
-    pub(super) fn new(frame: Frame, samples: PixelSamples, share: f64, between: Duration) -> Self {
-        let mut capture =
-            Self { frame, samples, fitting: share, between, sum: PictureSum::default(), done: 0, drawing: None };
+    /// What is left of a picture of a frame with so many samples a pixel. A `share` of a sample is taken to be fit for a part, if frames of the window take so
+    /// long `between` parts.
+    pub(super) fn new(
+        frame: Frame,
+        (samples, made): (PixelSamples, Arc<Mutex<Made>>),
+        share: f64,
+        between: Duration,
+    ) -> Self {
+        if frame.status.settled {
+            capture::lock(&made).of(&frame);
+        }
+        let mut capture = Self { frame, samples, fitting: share, between, made, drawing: None };
         capture.begin_sample();
         capture
     }
 
     fn begin_sample(&mut self) {
-        let sample = self.samples.samples().nth(self.done).filter(|_| self.frame.status.settled);
+        let done = capture::lock(&self.made).samples;
+        let sample = self.samples.samples().nth(done).filter(|_| self.frame.status.settled);
         let frame = match sample.filter(|_| self.samples != PixelSamples::ONE) {
             Some(sample) => self.frame.of_sample(sample),
             None => self.frame.clone(),
@@ -128,10 +136,9 @@ impl GpuCapture {
             return Ok(CapturePart::Partly);
         }
         let Some(picture) = session.picture()? else { return Ok(CapturePart::Partly) };
-        self.sum.add(&picture);
-        self.done += 1;
-        if self.done == self.samples.count() {
-            return Ok(CapturePart::Whole(self.sum.mean(), Box::new(self.frame.clone())));
+        capture::add(&self.made, &picture);
+        if let Some(picture) = capture::whole(&self.made, self.samples) {
+            return Ok(CapturePart::Whole(picture, Box::new(self.frame.clone())));
         }
         self.begin_sample();
         Ok(CapturePart::Partly)
@@ -142,9 +149,8 @@ impl GpuCapture {
         self.drawing.as_ref()
     }
 
-    /// The share of the picture that is drawn.
-    pub(super) fn share(&self) -> f64 {
-        let of_sample = self.drawing.as_ref().map_or(1.0, RowDrawing::share);
-        (self.done as f64 + of_sample) / self.samples.count() as f64
+    /// The share of the sample that is drawn.
+    pub(super) fn share_of_sample(&self) -> f64 {
+        self.drawing.as_ref().map_or(1.0, RowDrawing::share)
     }
 }
