@@ -159,6 +159,7 @@ fn damaged_and_foreign_files() {
         ("magic", [&[0; 128][..], b"DICM"].concat()),
         ("garbage.dcm", [&[0; 128][..], b"DICM", &[7; 1000]].concat()),
         ("what.xyz", voxels.clone()),
+        ("scene.hdr", b"ENVI\nsamples = 7\n".to_vec()),
     ] {
         sandbox.write(name, bytes);
     }
@@ -189,7 +190,9 @@ fn damaged_and_foreign_files() {
             ("pack loop.tif o.zarr", BAD_INPUT, &["loop.tif"]),
             ("pack magic o.zarr", BAD_INPUT, &["magic", "TransferSyntaxUID"]),
             ("pack garbage.dcm o.zarr", BAD_INPUT, &["garbage.dcm"]),
-            ("pack what.xyz o.zarr", USAGE, &["what.xyz", "--shape", "DICOM"]),
+            ("pack what.xyz o.zarr", BAD_INPUT, &["what.xyz", "--shape", "DICOM"]),
+            ("pack scene.hdr o.zarr", BAD_INPUT, &["an ENVI header", "--shape"]),
+            ("pack /dev/null o.zarr", BAD_INPUT, &["/dev/null: a pipe or a device", "write it to a file first"]),
             ("pack folder o.zarr", BAD_INPUT, &["folder"]),
             ("pack missing.nii o.zarr", BAD_INPUT, &["missing.nii", "No such file"]),
         ],
@@ -483,7 +486,17 @@ fn requests_that_a_store_cannot_meet() {
             ("probe good.zarr 1,1,1 --time 2", USAGE, &["--time 2", "2 time steps"]),
             ("probe good.zarr 1,1,1 --time 1:9", USAGE, &["--time 1:9", "2 time steps"]),
             ("probe good.zarr 1,1,1 --time 0:2:0", USAGE, &["stride of 0"]),
-            ("probe good.zarr 1,1,1 --time all --plot no/such/o.svg", 1, &["no/such/o.svg"]),
+            (
+                "probe good.zarr 1,1,1 --time all --plot no/such/o.svg",
+                USAGE,
+                &["no/such/o.svg: there is no folder no/such"],
+            ),
+            (
+                "render good.zarr -o o.png --stats no/such/s.json",
+                USAGE,
+                &["no/such/s.json: there is no folder no/such"],
+            ),
+            ("render good.zarr -o o.png -j 100000", USAGE, &["threads from 1 to 1024"]),
             ("probe good.zarr 1,1,99 --time all", USAGE, &["1,1,99", "outside of the volume"]),
             ("export good.zarr o.raw --channel 1", USAGE, &["channel", "1"]),
             ("export good.zarr o.raw --roi 0:41,0:36,0:50", USAGE, &["40"]),
@@ -498,7 +511,11 @@ fn requests_that_a_store_cannot_meet() {
             ("render good.zarr -o o.png --time 0:3", USAGE, &["--time 0:3", "2 time steps"]),
             ("bench good.zarr --time 0:2", USAGE, &["--time 0:2", "one time step"]),
             ("bench good.zarr --scenario play --rate 0", USAGE, &["--rate", "0"]),
-            ("bench good.zarr --scenario play --stats no/such/s.json --steps 1 --no-drawing", 1, &["no/such/s.json"]),
+            (
+                "bench good.zarr --scenario play --stats no/such/s.json --steps 1 --no-drawing",
+                USAGE,
+                &["no/such/s.json"],
+            ),
             ("render good.zarr -o o.png --channel 1", USAGE, &["no channel '1'", "the store has 0"]),
             ("render good.zarr -o o.png --channel 1 --transfer gray", USAGE, &["no channel '1'", "the store has 0"]),
             (
@@ -508,7 +525,7 @@ fn requests_that_a_store_cannot_meet() {
             ),
             ("render good.zarr -o o.png --backend cpu --compositor sorted", USAGE, &["raycast", "--backend gpu"]),
             ("render good.zarr -o o.png --backend cpu --compositor compute", USAGE, &["compute", "raycast"]),
-            ("render good.zarr -o o.png -j 0", USAGE, &["--threads", "zero"]),
+            ("render good.zarr -o o.png -j 0", USAGE, &["--threads", "from 1 to 1024"]),
             ("render good.zarr -o o.png --size 0x5", USAGE, &["0x5", "16384"]),
             ("render good.zarr -o o.png --size 100000x5", USAGE, &["100000x5", "16384"]),
             ("render good.zarr -o o.png --size large", USAGE, &["large", "WxH"]),
@@ -555,8 +572,16 @@ fn requests_that_a_store_cannot_meet() {
             ("render good.zarr -o o.png --movie o.gif", USAGE, &["--movie", "--output"]),
             ("render good.zarr --movie o.webm --time all", USAGE, &["o.webm", ".gif, .y4m or .mp4"]),
             ("render good.zarr --movie o --time all", USAGE, &["o: expected", ".gif, .y4m or .mp4"]),
-            ("render good.zarr --movie no/such/o.gif --time all", 1, &["no/such/o.gif", "No such file"]),
-            ("render good.zarr --movie no/such/o.mp4 --time all", 1, &["no/such/o.mp4", "No such file"]),
+            (
+                "render good.zarr --movie no/such/o.gif --time all",
+                USAGE,
+                &["no/such/o.gif: there is no folder no/such"],
+            ),
+            (
+                "render good.zarr --movie no/such/o.mp4 --time all",
+                USAGE,
+                &["no/such/o.mp4: there is no folder no/such"],
+            ),
             ("render good.zarr --movie good.zarr --time all", USAGE, &["good.zarr", "is a folder"]),
             ("render good.zarr --movie o.gif", USAGE, &["o.gif", "one picture", "--time all"]),
             ("render good.zarr --movie o.gif --time 1:2", USAGE, &["o.gif", "one picture", "--time all"]),

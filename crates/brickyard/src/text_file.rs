@@ -41,7 +41,7 @@ pub enum TextError {
     },
 }
 
-/// Reads a file of UTF-8 text; a pipe is read, too.
+/// Reads a file of UTF-8 text, without a byte order mark; a pipe is read, too.
 ///
 /// # Errors
 /// If the file cannot be read, is larger than [`MOST_BYTES`], or is not UTF-8.
@@ -53,6 +53,10 @@ pub fn read_text(path: &Path) -> Result<String, TextError> {
     file.take(MOST_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
     if bytes.len() as u64 > MOST_BYTES {
         return Err(TextError::TooLarge(path.into()));
+    }
+    // Editors on Windows mark text so.
+    if bytes.starts_with(b"\xef\xbb\xbf") {
+        bytes.drain(..3);
     }
     String::from_utf8(bytes).map_err(|source| TextError::NotText { path: path.into(), source })
 }
@@ -79,6 +83,8 @@ mod tests {
         std::fs::write(&path, "[".repeat(MOST_BYTES as usize + 1)).unwrap();
         assert!(read_text(&path).unwrap_err().to_string().contains("at most 16 MiB of text"));
         assert!(read_text(&folder.path().join("none")).unwrap_err().to_string().contains("none: "));
+        std::fs::write(&path, b"\xef\xbb\xbf{}").unwrap();
+        assert_eq!(read_text(&path).unwrap(), "{}");
         std::fs::write(&path, [b'a', 0xff]).unwrap();
         assert!(matches!(read_text(&path), Err(TextError::NotText { .. })));
         if cfg!(unix) {

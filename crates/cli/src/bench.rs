@@ -70,7 +70,7 @@ pub(crate) struct BenchArguments {
     #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "512MiB", value_parser = values::bytes)]
     host_memory: u64,
     /// Threads for decoding and for the CPU backend [default: all]
-    #[arg(help_heading = heading::DRAWING, short = 'j', long)]
+    #[arg(help_heading = heading::DRAWING, short = 'j', long, value_parser = values::threads)]
     threads: Option<NonZeroUsize>,
     /// Print JSON
     #[arg(help_heading = heading::OUTPUT, long)]

@@ -1,7 +1,7 @@
 //! Where the pictures of a `render` go: to a file each, numbered, or all of them into a movie.
 
 use super::failure::Failure;
-use super::output::{is_stdout, may_write, may_write_data, may_write_png};
+use super::output::{is_stdout, may_write_data, may_write_file, may_write_png};
 use super::printed;
 use super::render_args::RenderArguments;
 use super::say::say;
@@ -35,7 +35,7 @@ impl Destination {
             Ok(())
         };
         if let Some(path) = &arguments.movie {
-            may_write(path, arguments.overwrite)?;
+            may_write_file(path, arguments.overwrite)?;
             is_not_stats(path)?;
         }
         if let Some(output) = arguments.output.as_ref().filter(|output| !is_stdout(output)) {

@@ -6,7 +6,7 @@ use super::values::{self, short};
 use super::{print_json, print_line, store_errors};
 use brickyard::store::{ChannelDisplay, Kind, ReadError, Store};
 use brickyard::volume::channel::hex;
-use brickyard::volume::numbers::{exact, to_place};
+use brickyard::volume::numbers::{exact, significant, to_place};
 use brickyard::volume::{Level, Side, TimeAxis, VoxelType, counted};
 use clap::Args;
 use glam::DVec3;
@@ -194,8 +194,8 @@ fn orientation(store: &Store) -> String {
 }
 
 /// Each number with as many digits as it takes to read back as the same.
-fn triple([x, y, z]: [f64; 3]) -> String {
-    format!("{x} x {y} x {z}")
+fn triple(numbers: [f64; 3]) -> String {
+    numbers.map(|number| significant(number, 9)).join(" x ")
 }
 
 #[cfg(test)]
@@ -218,8 +218,9 @@ mod tests {
     }
 
     #[test]
-    fn placements_are_printed_exactly_and_no_longer() {
-        assert_eq!(triple([0.5, 2.0, 1e-7]), "0.5 x 2 x 0.0000001");
-        assert_eq!(triple([0.1 + 0.2, -12.25, 1e6]), "0.30000000000000004 x -12.25 x 1000000");
+    fn placements_have_no_digits_of_rounding() {
+        assert_eq!(triple([0.5, 2.0, 1e-7]), "0.5 x 2 x 1e-7");
+        assert_eq!(triple([0.1 + 0.2, -12.25, 1e6]), "0.3 x -12.25 x 1000000");
+        assert_eq!(triple([0.806_532_712_900_734_2, 1.0, 3.0]), "0.806532713 x 1 x 3");
     }
 }

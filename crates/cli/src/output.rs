@@ -57,9 +57,17 @@ fn may_write_as(extensions: &[&str], advice: &str, path: &Path, overwrite: bool)
     if !path.extension().is_some_and(is_known) {
         return refused(advice);
     }
+    may_write_file(path, overwrite)
+}
+
+/// Whether a file may be written here: as [`may_write`], in a folder that there is.
+///
+/// # Errors
+/// Exit code 2 if not.
+pub(crate) fn may_write_file(path: &Path, overwrite: bool) -> Result<(), Failure> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
-        return refused(&format!("there is no folder {}", folder.display()));
+        return Err(Failure::usage(format!("{}: there is no folder {}", path.display(), folder.display())));
     }
     may_write(path, overwrite)
 }
@@ -79,12 +87,12 @@ pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
 }
 
-/// Whether data may be written here: as [`may_write`], and standard output always takes them.
+/// Whether data may be written here: as [`may_write_file`], and standard output always takes them.
 ///
 /// # Errors
 /// Exit code 2 if not.
 pub(crate) fn may_write_data(path: &Path, overwrite: bool) -> Result<(), Failure> {
-    if is_stdout(path) { Ok(()) } else { may_write(path, overwrite) }
+    if is_stdout(path) { Ok(()) } else { may_write_file(path, overwrite) }
 }
 
 /// Writes a value to a file, or to standard output, as JSON.

@@ -50,7 +50,7 @@ pub(crate) struct PackingLimits {
     #[arg(help_heading = heading::WORK, long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     memory: u64,
     /// Threads [default: all]
-    #[arg(help_heading = heading::WORK, short = 'j', long)]
+    #[arg(help_heading = heading::WORK, short = 'j', long, value_parser = values::threads)]
     threads: Option<NonZeroUsize>,
     /// How to show progress
     #[arg(help_heading = heading::WORK, long, value_enum, default_value_t)]

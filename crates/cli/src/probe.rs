@@ -2,7 +2,7 @@
 
 use super::failure::Failure;
 use super::heading;
-use super::output::may_write;
+use super::output::may_write_file;
 use super::say::say;
 use super::step_range::StepRange;
 use super::values::{self, short};
@@ -101,7 +101,7 @@ pub(crate) fn run(arguments: &ProbeArguments) -> Result<(), Failure> {
         return print_probe(arguments, &store, look(arguments, &store, *step)?, unit);
     }
     if let Some(path) = &arguments.plot {
-        may_write(path, arguments.overwrite)?;
+        may_write_file(path, arguments.overwrite)?;
     }
     let voxel = look(arguments, &store, steps[0])?.voxel;
     let curve = curve(&VolumeSource::of_store(&store), &steps, voxel).map_err(Failure::bad_input)?;

@@ -64,7 +64,7 @@ pub(crate) struct QualityArguments {
     #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     host_memory: u64,
     /// Threads [default: all]
-    #[arg(help_heading = heading::DRAWING, short = 'j', long)]
+    #[arg(help_heading = heading::DRAWING, short = 'j', long, value_parser = values::threads)]
     threads: Option<NonZeroUsize>,
     /// Give up on bricks that have not come after S seconds
     #[arg(help_heading = heading::DRAWING, long, value_name = "S", default_value = "600", value_parser = values::positive)]

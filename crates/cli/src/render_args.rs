@@ -74,7 +74,7 @@ pub(crate) struct RenderArguments {
     #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     pub(super) host_memory: u64,
     /// Threads for decoding and for the CPU backend [default: all]
-    #[arg(help_heading = heading::DRAWING, short = 'j', long)]
+    #[arg(help_heading = heading::DRAWING, short = 'j', long, value_parser = values::threads)]
     pub(super) threads: Option<NonZeroUsize>,
     /// Give up on a picture that has not settled, or is not drawn, after S seconds
     #[arg(help_heading = heading::DRAWING, long, value_name = "S", default_value = "600", value_parser = values::positive)]

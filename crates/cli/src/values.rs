@@ -4,6 +4,16 @@ use brickyard::import::NoData;
 use brickyard::volume::bounds::{LEAST_STEP, MOST_STEP, STEPS};
 use brickyard::volume::{ClipPlane, Extent, Isosurface, Jitter, MeshLook, TransferFunction, VoxelBox};
 use glam::DVec3;
+use std::num::NonZeroUsize;
+
+/// The most threads that may be asked for: each takes memory for its stack and what it draws.
+const MOST_THREADS: usize = 1024;
+
+/// A number of threads.
+pub(crate) fn threads(text: &str) -> Result<NonZeroUsize, String> {
+    let threads = text.parse().ok().filter(|threads: &NonZeroUsize| threads.get() <= MOST_THREADS);
+    threads.ok_or_else(|| format!("expected a number of threads from 1 to {MOST_THREADS}"))
+}
 
 /// A byte count: `64MiB`, `2GiB`, `1.5GiB`, `4096`; `MB` and `GB` are decimal.
 pub(crate) fn bytes(text: &str) -> Result<u64, String> {

@@ -3,6 +3,7 @@
 use super::failure::Failure;
 use super::heading;
 use super::input_args::InputArguments;
+use super::output::may_write_file;
 use super::pack_settings::KindArgument;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::sampling_args::SamplingArguments;
@@ -59,7 +60,7 @@ pub(crate) struct ViewArguments {
     #[arg(help_heading = heading::DRAWING, long, value_name = "BYTES", default_value = "2GiB", value_parser = values::bytes)]
     host_memory: u64,
     /// Threads for decoding and for the CPU backend [default: all]
-    #[arg(help_heading = heading::DRAWING, short = 'j', long)]
+    #[arg(help_heading = heading::DRAWING, short = 'j', long, value_parser = values::threads)]
     threads: Option<NonZeroUsize>,
     /// Do not begin as the last window on these stores was left
     #[arg(help_heading = heading::WINDOW, long)]
@@ -190,6 +191,9 @@ pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(
     };
     if !volumes.is_empty() {
         check(&volumes, &scene).map_err(|error| session_failure(error.into()))?;
+    }
+    if let Some(path) = &arguments.stats {
+        may_write_file(path, true)?;
     }
     let size = [arguments.size.0 as f32, arguments.size.1 as f32];
     let options = WindowOptions {

@@ -337,7 +337,9 @@ fn find_slice(
     let need = |tag, name: &str, count: usize, help: &str| {
         let found = header.numbers(frame, tag);
         found.clone().filter(|numbers| numbers.len() == count).ok_or_else(|| {
-            let found = found.map_or("none".into(), |n| format!("{n:?}"));
+            let written =
+                || header.written(frame, tag).map(|text| format!("'{}'", text.chars().take(80).collect::<String>()));
+            let found = found.map(|numbers| format!("{numbers:?}")).or_else(written).unwrap_or_else(|| "none".into());
             let place = if header.placed_frames() > 0 { format!("frame {}: ", frame + 1) } else { String::new() };
             ImportError::invalid(
                 &header.path,

@@ -8,6 +8,7 @@ use std::path::Path;
 const LOOKED_AT: u64 = 1024;
 
 const CONVERT: &str = "convert it to NIfTI, TIFF, .npy or raw, as 3D Slicer, ITK or Fiji do";
+const RAW: &str = "pass its raw file with `shape` and `voxel_type`";
 const UNPACK: &str = "unpack it first";
 const PICTURES: &str = "convert the pictures of a stack to TIFF";
 
@@ -24,6 +25,9 @@ const MAGICS: &[(usize, &[u8], &str, &str)] = &[
     (0, b"CDF\x05", "a NetCDF file", CONVERT),
     (0, b"# vtk DataFile", "a VTK file", CONVERT),
     (0, b"<VTKFile", "a VTK XML file", CONVERT),
+    (0, b"ENVI", "an ENVI header", RAW),
+    (0, b"\xc3\x40\xf1", "a SEG-Y file", CONVERT),
+    (0, b"C 1 ", "a SEG-Y file", CONVERT),
     (0, b"ZISRAWFILE", "a Zeiss CZI file", CONVERT),
     (0, b"\xda\xce\xbe\x0a", "a Nikon ND2 file", CONVERT),
     (0, b"\x70\0\0\0", "a Leica LIF file", CONVERT),
@@ -37,10 +41,6 @@ const MAGICS: &[(usize, &[u8], &str, &str)] = &[
     (0, b"MATRIX7", "an ECAT 7 file", CONVERT),
     (0, b"!INTERFILE", "an Interfile header", CONVERT),
     (208, b"MAP ", "an MRC file", CONVERT),
-    (0, b"\x08\0\x05\0\x0a\0\0\0", "a DICOM file without its preamble", "write it again with one, as dcmconv +F does"),
-    (0, b"\x08\0\x05\0CS", "a DICOM file without its preamble", "write it again with one, as dcmconv +F does"),
-    (0, b"\x08\0\0\0\x04\0\0\0", "a DICOM file without its preamble", "write it again with one, as dcmconv +F does"),
-    (0, b"\x08\0\0\0UL\x04\0", "a DICOM file without its preamble", "write it again with one, as dcmconv +F does"),
     (0, b"\x89PNG\r\n\x1a\n", "a PNG picture", PICTURES),
     (0, b"\xff\xd8\xff", "a JPEG picture", PICTURES),
     (0, b"\0\0\0\x0cjP  \r\n\x87\n", "a JPEG 2000 picture", PICTURES),
@@ -71,12 +71,20 @@ pub(crate) fn refuse(path: &Path, name: &str) -> Result<(), ImportError> {
     let file = std::fs::File::open(path).map_err(ImportError::io(path))?;
     file.take(LOOKED_AT).read_to_end(&mut start).map_err(ImportError::io(path))?;
     let by_name = NAMES.iter().find(|(end, _)| name.ends_with(end)).map(|(_, what)| (*what, CONVERT));
-    let has = |at: usize, magic: &[u8]| start.get(at..).is_some_and(|bytes| bytes.starts_with(magic));
+    let has = |at: usize, magic: &[u8]| start.get(at..).is_some_and(|bytes| without_prolog(bytes).starts_with(magic));
     let by_magic = MAGICS.iter().find(|(at, magic, ..)| has(*at, magic)).map(|(.., what, advice)| (*what, *advice));
     match by_name.or(by_magic) {
         Some((what, advice)) => Err(ImportError::unsupported_but(path, what, advice)),
         None => Ok(()),
     }
+}
+
+/// Text behind what may stand before it: a byte order mark, and what XML says of itself.
+fn without_prolog(text: &[u8]) -> &[u8] {
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
+    let end = |text: &[u8]| text.windows(2).position(|pair| pair == b"?>").map(|at| at + 2);
+    let at = if text.starts_with(b"<?xml") { end(text).unwrap_or(0) } else { return text };
+    text[at..].trim_ascii_start()
 }
 
 /// Refuses a folder of a kind that is known but not read: a Zarr folder.
@@ -109,6 +117,14 @@ mod tests {
                 let expected = format!("{name}: {what} is not supported; {advice}");
                 assert!(error.to_string().ends_with(&expected), "{error}");
             }
+        }
+        let vti = b"\xef\xbb\xbf<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\">";
+        for (name, bytes, what) in
+            [("a.vti", &vti[..], "a VTK XML file"), ("a.hdr", b"ENVI\nsamples = 7\n", "an ENVI header")]
+        {
+            let (_folder, path) = temp_file(name, bytes);
+            let error = open(&[path], &OpenOptions::default()).err().unwrap();
+            assert!(matches!(error, ImportError::Unsupported { .. }) && error.to_string().contains(what), "{error}");
         }
         for (end, what) in NAMES {
             let (_folder, path) = temp_file(&format!("A{}", end.to_ascii_uppercase()), b"1");

@@ -205,6 +205,7 @@ fn open_tiffs(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source
 }
 
 fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> {
+    check_kind(path)?;
     if options.shape.is_some() {
         return Ok(Format::Raw);
     }
@@ -214,6 +215,10 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     let start = first_bytes(path, MAGIC_BYTES)?;
     if is_dicom(&start) {
         return Ok(Format::Dicom);
+    }
+    // Its name is a NIfTI header's, too.
+    if start.starts_with(b"ENVI") {
+        foreign::refuse(path, &name)?;
     }
     if ends(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"]) {
         return Ok(Format::Nifti);
@@ -232,7 +237,20 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     if ends(&[".raw", ".bin", ".dat"]) {
         return Ok(Format::Raw);
     }
-    Err(ImportError::options(path, format!("not a format that is read: {READ}")))
+    Err(ImportError::invalid(path, format!("not a format that is read; what is: {READ}")))
+}
+
+/// Refuses what cannot be sought in, and folders, which are read alone.
+fn check_kind(path: &Path) -> Result<(), ImportError> {
+    let kind = std::fs::metadata(path).map_err(ImportError::io(path))?.file_type();
+    match kind {
+        kind if kind.is_file() => Ok(()),
+        kind if kind.is_dir() => Err(ImportError::invalid(path, "a folder among files; pass it alone, or its files")),
+        _ => Err(ImportError::invalid(
+            path,
+            "a pipe or a device, in which nothing can be sought; write it to a file first",
+        )),
+    }
 }
 
 /// Refuses options that the format has no use for: whoever passes them expects other voxels than there would be.

@@ -11,6 +11,7 @@ mod calibration;
 mod description;
 mod hyperstack;
 mod imagej;
+mod indices;
 mod jpeg;
 mod lzw;
 mod ome;

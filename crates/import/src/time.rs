@@ -53,7 +53,8 @@ fn read_stamps(path: &Path, times: u32) -> Result<Vec<f64>, ImportError> {
     let text = std::fs::read(path).map_err(ImportError::io(path))?;
     let text = String::from_utf8(text)
         .map_err(|_| ImportError::invalid(path, "is no text: expected one number a line, as many as time steps"))?;
-    let lines = (1..).zip(text.lines().map(str::trim)).filter(|(_, line)| !line.is_empty());
+    let lines =
+        (1..).zip(text.trim_start_matches('\u{feff}').lines().map(str::trim)).filter(|(_, line)| !line.is_empty());
     let stamps = lines.map(|(number, line)| {
         let stamp = line.parse::<f64>().ok().filter(|stamp| stamp.is_finite());
         stamp.ok_or_else(|| {

@@ -1,5 +1,6 @@
 //! The time axis of a volume: when each of its time steps was taken, and which step shows a moment.
 
+use crate::numbers::significant;
 use crate::time_unit::time_symbol;
 use serde::{Deserialize, Serialize};
 
@@ -126,9 +127,11 @@ impl TimeAxis {
 
     /// A time with the symbol of the unit, in words.
     pub fn in_words(&self, time: f64) -> String {
+        // Steps are added up: the last of an f64's 16 digits are rounding.
+        let time = significant(time, 14);
         match &self.unit {
             Some(unit) => format!("{time} {}", time_symbol(unit)),
-            None => time.to_string(),
+            None => time,
         }
     }
 
@@ -235,5 +238,6 @@ mod tests {
         let axis = TimeAxis::of_stamps(vec![-1.0, 0.5, 9.0], Some("day".into())).unwrap();
         assert_eq!(axis.describe(), "irregular, from -1 d to 9 d");
         assert_eq!(TimeAxis::default().describe(), "1 apart, from 0");
+        assert_eq!([3.0, 23.0].map(|step| axis.in_words(0.1 * step)), ["0.3 d", "2.3 d"]);
     }
 }

@@ -4,7 +4,7 @@
 //! Values are read as they are met; all others are skipped over, so that a header costs what it says, not what the file
 //! weighs. Lengths are checked against the file before anything is read by them.
 
-use crate::dicom_files::{BODY_AT, is_dicom};
+use crate::dicom_files::first_group_at;
 use crate::error::ImportError;
 use crate::mapped::MappedFile;
 use crate::stamp::Stamp;
@@ -138,10 +138,8 @@ impl Header {
     }
 
     fn parse(path: &Path, map: &[u8]) -> Result<Self, ImportError> {
-        if !is_dicom(map) {
-            return Err(ImportError::invalid(path, "not a DICOM file: expected the letters DICM at byte 128"));
-        }
-        let (syntax, body) = read_meta(path, map)?;
+        let not_dicom = || ImportError::invalid(path, "not a DICOM file: expected the letters DICM at byte 128");
+        let (syntax, body) = read_meta(path, map, first_group_at(map).ok_or_else(not_dicom)?)?;
         let mut header = Self {
             path: path.to_owned(),
             stamp: None,
@@ -445,9 +443,12 @@ fn written_in<'a>(bytes: &[u8], start: usize, named: &'a str) -> &'a str {
     }
 }
 
-/// The transfer syntax that the file's first group names, and where the data set begins.
-fn read_meta(path: &Path, bytes: &[u8]) -> Result<(String, usize), ImportError> {
-    let mut elements = Elements::new(path, bytes, BODY_AT, uids::EXPLICIT_VR_LITTLE_ENDIAN)?;
+/// The transfer syntax that the file's first group names, and where the data set begins. A file without that group is as its first element is written.
+fn read_meta(path: &Path, bytes: &[u8], at: usize) -> Result<(String, usize), ImportError> {
+    if bytes.get(at..at + 2) != Some(&[2, 0]) && at == 0 {
+        return Ok((written_in(bytes, at, uids::IMPLICIT_VR_LITTLE_ENDIAN).to_owned(), at));
+    }
+    let mut elements = Elements::new(path, bytes, at, uids::EXPLICIT_VR_LITTLE_ENDIAN)?;
     let mut syntax = None;
     while bytes.get(elements.position..elements.position + 2) == Some(&[2, 0]) {
         match elements.next()? {

@@ -596,6 +596,13 @@ fn told_spacings_settle_gaps_and_missing_pixel_sizes() {
         slice
     }));
     folder.refused(&["PixelSpacing (0028,0030)", "found none", "`spacing`"]);
+    // Commas for points.
+    let commas = Folder::of([0.0, 5.0].map(|z| {
+        let mut slice = Written::slice(z, 0);
+        slice.text(tags::PIXEL_SPACING, VR::DS, "0,143\\0,143");
+        slice
+    }));
+    commas.refused(&["PixelSpacing (0028,0030)", "found '0,143\\0,143'", "`spacing`"]);
     let spacing = DVec3::new(0.5, 0.5, 2.0);
     let told = OpenOptions { spacing: Some(spacing), ..OpenOptions::default() };
     let source = open(&[folder.0.path().to_owned()], &told).unwrap();
@@ -967,4 +974,44 @@ proptest::proptest! {
             let _ = source.read_box(0, 0, source.info().extent.full_box(), &mut vec![0; bytes]);
         }
     }
+}
+
+/// Files as networks pass them on: without a preamble, and without the group that says how the data set is written.
+#[test]
+fn files_without_a_preamble_are_read() {
+    let whole = |i: u16| (100 * i..100 * i + 12).map(f64::from);
+    let expected: Vec<f64> = (0..3).flat_map(whole).collect();
+    for syntax in [uids::EXPLICIT_VR_LITTLE_ENDIAN, uids::IMPLICIT_VR_LITTLE_ENDIAN] {
+        for first in [tags::SPECIFIC_CHARACTER_SET, tags::IMAGE_TYPE, tags::SOP_CLASS_UID] {
+            for has_group in [true, false] {
+                let folder = Folder::of([]);
+                for i in 0..3 {
+                    let mut slice = Written::slice(5.0 * f64::from(i), 100 * i as u16);
+                    let text = if first == tags::SOP_CLASS_UID { uids::CT_IMAGE_STORAGE } else { "ISO_IR 100" };
+                    slice.text(first, if first == tags::SOP_CLASS_UID { VR::UI } else { VR::CS }, text);
+                    let path = folder.file(i as usize);
+                    slice.save(&path, syntax);
+                    let bytes = std::fs::read(&path).unwrap();
+                    let length = u32::from_le_bytes(bytes[140..144].try_into().unwrap()) as usize;
+                    std::fs::write(&path, &bytes[if has_group { 132 } else { 144 + length }..]).unwrap();
+                }
+                let source = folder.open().unwrap();
+                let mut bytes = vec![0; 2 * 4 * 3 * 3];
+                source.read_box(0, 0, source.info().extent.full_box(), &mut bytes).unwrap();
+                let found: Vec<f64> =
+                    bytes.chunks_exact(2).map(|pair| f64::from(i16::from_le_bytes([pair[0], pair[1]]))).collect();
+                assert_eq!(found, expected, "{syntax}, {first}, {has_group}");
+            }
+        }
+    }
+    // Packed pixels do not say how.
+    let folder = Folder::of([]);
+    let path = folder.file(0);
+    let mut slice = Written::slice(0.0, 0);
+    slice.text(tags::SPECIFIC_CHARACTER_SET, VR::CS, "ISO_IR 100").fragments(vec![vec![0; 40]]);
+    slice.save(&path, uids::EXPLICIT_VR_LITTLE_ENDIAN);
+    let bytes = std::fs::read(&path).unwrap();
+    let length = u32::from_le_bytes(bytes[140..144].try_into().unwrap()) as usize;
+    std::fs::write(&path, &bytes[144 + length..]).unwrap();
+    folder.refused(&["its pixels are encapsulated; write it again"]);
 }

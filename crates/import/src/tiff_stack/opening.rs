@@ -28,11 +28,11 @@ pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<b
         return holds_stack(&mut tiff);
     }
     // Smaller copies of the first page do not make it a stack.
-    let mut pages = 1;
+    let (mut pages, first) = (1, tiff.format()?);
     while tiff.has_more_pages() {
         pages += 1;
         tiff.next_page(pages)?;
-        if !tiff.is_copy_or_mask()? {
+        if !tiff.is_copy_or_mask()? && !tiff.is_thumbnail(&first)? {
             return Ok(true);
         }
     }
@@ -209,7 +209,7 @@ pub(super) fn open_pages(
             _ => "are smaller copies or masks of others",
         };
         let pages = counted(left_out.len() as u64, "page");
-        format!("{pages} {are} (NewSubfileType), and left out; `axes` zyx takes all pages.")
+        format!("{pages} {are} (by NewSubfileType, or half as large), and left out; `axes` zyx takes all pages.")
     });
     let map = map.without(&left_out);
     let parts = Parts { files: vec![file], format, map, reader_bytes, idle: vec![(0, tiff)] };
@@ -251,7 +251,8 @@ pub(super) struct Walked {
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Pages {
     All,
-    /// All but smaller copies and masks of others, unless the first page is one: then all are of that kind, or it is the one that is meant.
+    /// All but smaller copies and masks of others, unless the first page is one: then all are of that kind, or it is the one that is meant. A page half as large as
+    /// the first, or smaller, is a copy.
     WithoutCopies,
 }
 
@@ -269,7 +270,7 @@ impl Walked {
         let leaves_out = of == Pages::WithoutCopies && !tiff.is_copy_or_mask()?;
         let (mut pages, mut reader_bytes, mut odd, mut left_out) = (1u32, 0, None, Vec::new());
         loop {
-            if leaves_out && tiff.is_copy_or_mask()? {
+            if leaves_out && (tiff.is_copy_or_mask()? || tiff.is_thumbnail(format)?) {
                 left_out.push(pages - 1);
             } else {
                 let checked = tiff.format().and_then(|other| {

@@ -1,5 +1,6 @@
 //! One TIFF file being decoded: its pages' format, the check that their data exist, and rectangles of samples.
 
+use super::indices::{self, PageBytes};
 use super::jpeg;
 use super::lzw::{self, Predictor, Rows};
 use super::refusal::{AS_NUMBERS, not_decoded, refusal};
@@ -10,7 +11,7 @@ use crate::error::ImportError;
 use crate::stamp::Stamp;
 use brickyard_volume::{VoxelBox, VoxelType};
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use tiff::ColorType;
 use tiff::TiffError;
@@ -72,6 +73,8 @@ pub(super) struct PageFormat {
     pub(super) white_is_zero: bool,
     /// Whether the first three samples are red, green and blue.
     pub(super) is_rgb: bool,
+    /// Whether pixels are indices into a palette of colours.
+    pub(super) is_palette: bool,
     /// How rows and columns of what is stored become those of the page. Width and height are what is stored.
     pub(super) turn: Turn,
 }
@@ -89,6 +92,9 @@ impl std::fmt::Display for PageFormat {
         if self.samples > 1 {
             write!(f, " with {} samples a pixel", self.samples)?;
         }
+        if self.is_palette {
+            write!(f, " (indices into a palette)")?;
+        }
         if self.white_is_zero {
             write!(f, " (white is zero)")?;
         }
@@ -102,7 +108,10 @@ impl std::fmt::Display for PageFormat {
 /// An open TIFF file with a decoder that stands at one of its pages.
 pub(super) struct OpenTiff {
     pub(super) path: PathBuf,
-    pub(super) decoder: Decoder<BufReader<File>>,
+    pub(super) decoder: Decoder<PageBytes>,
+    /// The page at which it stands, from 0, and whether that is one of indices into a palette.
+    page: u32,
+    is_palette: bool,
     /// The file's size and modification time when it was opened.
     pub(super) stamp: Stamp,
     /// How the samples are packed in the page at which the decoder stands.
@@ -129,16 +138,29 @@ impl OpenTiff {
     pub(super) fn open(path: &Path) -> Result<Self, ImportError> {
         let file = File::open(path).map_err(ImportError::io(path))?;
         let stamp = Stamp::in_metadata(&file.metadata().map_err(ImportError::io(path))?);
-        let decoder = Decoder::new(BufReader::new(file)).map_err(|e| refusal(path, "cannot be read", e))?;
+        let decoder = Decoder::new(PageBytes::new(file)).map_err(|e| refusal(path, "cannot be read", e))?;
         let decoder = decoder.with_limits(limits(stamp.bytes()));
-        Ok(Self {
+        let mut tiff = Self {
             path: path.to_owned(),
             decoder,
+            page: 0,
+            is_palette: false,
             stamp,
             packing: Packing::Unknown,
             chunk: Vec::new(),
             scratch: Default::default(),
-        })
+        };
+        tiff.arrive(0)?;
+        Ok(tiff)
+    }
+
+    /// Takes note that the decoder stands at a page, counted from 0.
+    fn arrive(&mut self, page: u32) -> Result<(), ImportError> {
+        (self.packing, self.page) = (Packing::Unknown, page);
+        let is_palette = indices::as_numbers(&mut self.decoder, page);
+        self.is_palette =
+            is_palette.map_err(|e| refusal(&self.path, &format!("page {} cannot be read", page + 1), e))?;
+        Ok(())
     }
 
     pub(super) fn has_more_pages(&self) -> bool {
@@ -151,17 +173,28 @@ impl OpenTiff {
         Ok(said(&self.path, kind)?.is_some_and(|kind| kind & COPY_OR_MASK != 0))
     }
 
+    /// Whether the page is half as large as one of this format, or smaller: it is a level of a pyramid or a thumbnail, whatever it says of itself.
+    pub(super) fn is_thumbnail(&mut self, format: &PageFormat) -> Result<bool, ImportError> {
+        let (width, height) = self.decoder.dimensions().map_err(|e| refusal(&self.path, "a page", e))?;
+        Ok(width <= format.width.div_ceil(2)
+            && height <= format.height.div_ceil(2)
+            && (width, height) != (format.width, format.height))
+    }
+
     /// Moves the decoder to the next page. `number` is that page's number, counted from 1, for messages.
     pub(super) fn next_page(&mut self, number: u32) -> Result<(), ImportError> {
-        self.packing = Packing::Unknown;
-        self.decoder.next_image().map_err(|e| refusal(&self.path, &format!("page {number} cannot be read"), e))
+        self.decoder.inner().as_it_is();
+        let next = self.decoder.next_image();
+        next.map_err(|e| refusal(&self.path, &format!("page {number} cannot be read"), e))?;
+        self.arrive(self.page + 1)
     }
 
     /// Moves the decoder to a page, counted from 0.
     pub(super) fn seek(&mut self, page: u32) -> Result<(), ImportError> {
-        self.packing = Packing::Unknown;
+        self.decoder.inner().as_it_is();
         let seek = self.decoder.seek_to_image(page as usize);
-        seek.map_err(|e| refusal(&self.path, &format!("page {} cannot be read", page + 1), e))
+        seek.map_err(|e| refusal(&self.path, &format!("page {} cannot be read", page + 1), e))?;
+        self.arrive(page)
     }
 
     pub(super) fn format(&mut self) -> Result<PageFormat, ImportError> {
@@ -172,7 +205,7 @@ impl OpenTiff {
         let color = self.decoder.colortype().map_err(refuse)?;
         let layout = self.decoder.image_chunk_buffer_layout(0).map_err(refuse)?;
         let unsupported = || {
-            let feature = format!("pixel type {color:?}, {:?}", layout.sample_format);
+            let feature = format!("numbers of {} bits ({color:?}, {:?})", color.bit_depth(), layout.sample_format);
             ImportError::unsupported_but(&path, feature, AS_NUMBERS)
         };
         let bits = color.bit_depth() as usize;
@@ -183,6 +216,11 @@ impl OpenTiff {
             Some(1 | 2) => false,
             // Undone by inverting once more; the library does it for unsigned integers, one a pixel.
             Some(0) if is_unsigned(element) && color.num_samples() == 1 => true,
+            Some(0) => {
+                let feature = format!("{} of which the least is white (PhotometricInterpretation 0)", element.name());
+                let advice = "write it again with the least black (MINISBLACK)";
+                return Err(ImportError::unsupported_but(&path, feature, advice));
+            }
             _ => return Err(unsupported()),
         };
         let file_bytes = self.stamp.bytes();
@@ -207,7 +245,8 @@ impl OpenTiff {
         let planar = tag(&mut self.decoder, Tag::PlanarConfiguration)? == Some(2);
         let is_rgb = matches!(color, ColorType::RGB(_) | ColorType::RGBA(_));
         let turn = self.turn()?;
-        Ok(PageFormat { width, height, element, samples: color.num_samples(), planar, white_is_zero, is_rgb, turn })
+        let (samples, is_palette) = (color.num_samples(), self.is_palette);
+        Ok(PageFormat { width, height, element, samples, planar, white_is_zero, is_rgb, is_palette, turn })
     }
 
     fn turn(&mut self) -> Result<Turn, ImportError> {
@@ -458,7 +497,7 @@ impl OpenTiff {
         let endian = self.endian();
         let (data_width, rows) = self.decoder.chunk_data_dimensions(index);
         let chunk_width = self.decoder.chunk_dimensions().0.max(data_width);
-        let Self { path, decoder, stamp, packing, chunk, scratch: [unpacked, packed] } = self;
+        let Self { path, decoder, stamp, packing, chunk, scratch: [unpacked, packed], .. } = self;
         let Packing::Lzw { offsets, counts, predictor } = packing else { return Ok(()) };
         let place = offsets.get(index as usize).zip(counts.get(index as usize));
         let place = place.filter(|(at, count)| at.checked_add(**count).is_some_and(|end| end <= stamp.bytes()));

@@ -231,6 +231,7 @@ mod tests {
             planar,
             white_is_zero: false,
             is_rgb: false,
+            is_palette: false,
             turn: Default::default(),
         }
     }

@@ -361,8 +361,32 @@ fn white_is_zero_keeps_the_stored_values() {
     let layout = Layout { photometric: 0, ..Layout::default() };
     let (_folder, path) = temp_file("a.tif", &written(field, "z", &layout));
     assert_boxes(&*opened(&path).unwrap(), field);
-    let palette = Layout { photometric: 3, ..Layout::default() };
-    assert!(refusal(&written(field, "z", &palette), &options()).contains("not supported"));
+}
+
+#[test]
+fn indices_into_a_palette_are_the_values() {
+    for (big_endian, big_tiff, lzw, voxel_type) in [
+        (false, false, None, VoxelType::U8),
+        (true, false, Some(2), VoxelType::U16),
+        (false, true, Some(1), VoxelType::U8),
+        (true, true, None, VoxelType::U16),
+    ] {
+        let field = Field { sizes: [7, 5, 3, 1, 1], voxel_type };
+        let layout = Layout { photometric: 3, big_endian, big_tiff, lzw, ..Layout::default() };
+        let (_folder, path) = temp_file("a.tif", &written(field, "z", &layout));
+        let source = opened(&path).unwrap();
+        assert_boxes(&*source, field);
+        assert!(source.info().notes.iter().any(|note| note.contains("the indices are read")));
+    }
+    // Beside pages of numbers, and of fewer bits than are read.
+    let field = Field { sizes: [7, 5, 2, 1, 1], voxel_type: VoxelType::U8 };
+    let mut bytes = written(field, "z", &Layout { photometric: 3, ..Layout::default() });
+    let at = bytes.windows(10).rposition(|w| w == [6, 1, 3, 0, 1, 0, 0, 0, 3, 0]).unwrap();
+    bytes[at + 8] = 1;
+    assert!(refusal(&bytes, &options()).contains("(indices into a palette)"));
+    let few = Layout { photometric: 3, tags: vec![(258, 4)], ..Layout::default() };
+    let message = refusal(&written(field, "z", &few), &options());
+    assert!(message.contains("is not supported; write its pixels again as numbers of 8"), "{message}");
 }
 
 #[test]
@@ -471,7 +495,6 @@ fn packings_that_cannot_be_read_are_refused_at_opening() {
 fn pixels_and_directories_that_are_not_read_are_named() {
     for (tag, number, words) in [
         (258, 24, "write its pixels again as numbers of 8, 16, 32 or 64 bits"),
-        (262, 3, "a page: a palette of colours is not supported; write its indices"),
         (262, 77, "PhotometricInterpretation"),
         (339, 5, "complex numbers"),
         (278, 2, "another number of strips, tiles or samples than follows from its sizes (a page of several slices"),

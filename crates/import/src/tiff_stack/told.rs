@@ -70,6 +70,11 @@ impl OpenTiff {
         if let Some(spacing) = description.spacing.as_mut().filter(|_| description.ome.is_none()) {
             [spacing.x, spacing.y] = format.turn.meant([spacing.x, spacing.y]);
         }
+        if format.is_palette {
+            let note =
+                "Pixels are indices into a palette of colours: the indices are read, and the colours are left out.";
+            description.notes.push(note.into());
+        }
         if !format.turn.is_none() {
             let note = "Rows and columns are put in order as the file's Orientation says.";
             description.notes.push(note.into());

@@ -7,6 +7,7 @@ use crate::testing::{Field, temp_file};
 use brickyard_volume::VoxelType;
 
 const WIDTH: u16 = 256;
+const HEIGHT: u16 = 257;
 const PHOTOMETRIC: u16 = 262;
 const NEW_SUBFILE_TYPE: u16 = 254;
 
@@ -45,6 +46,15 @@ fn smaller_copies_and_masks_are_no_planes() {
     assert_eq!(values(&*source), [plane(0), plane(2), plane(4)].concat());
     let notes = source.info().notes.join(" ");
     assert!(notes.contains("2 pages are smaller copies or masks of others"), "{notes}");
+    // A thumbnail that does not say that it is one.
+    let field = Field { sizes: [7, 5, 3, 1, 1], voxel_type: VoxelType::U8 };
+    let mut silent = written(field, "z", &Layout { chunk: Err(5), ..Layout::default() });
+    put(&mut silent, 2, WIDTH, 4);
+    put(&mut silent, 2, HEIGHT, 3);
+    let (_folder, path) = temp_file("a.tif", &silent);
+    let source = opened(&path).unwrap();
+    assert_eq!(values(&*source), [plane(0), plane(1)].concat());
+    assert!(source.info().notes.join(" ").contains("1 page is a smaller copy"), "{:?}", source.info().notes);
     let message = refusal(&bytes, &all_pages());
     assert!(message.contains("page 2 is 3x5 u8, but page 1 is 7x5 u8; tiffcp"), "{message}");
 
