@@ -347,7 +347,8 @@ impl Canvas {
         if !self.gives_way {
             return Ok(());
         }
-        if !gave_way {
+        if !gave_way && self.is_capturing() {
+            // It stood still for the picture.
             self.tell(Change::Play(self.playback));
         }
         let shown = self.bring_on(scene, size_px, egui);
