@@ -236,7 +236,11 @@ fn what_does_not_fit_is_refused_with_both_values_and_changes_nothing() {
         (&format!("append out.zarr nothing.raw {raw}"), 3, &["nothing.raw"]),
         (&format!("append out.zarr s2.raw {raw} --memory 1MiB"), 2, &["--memory"]),
         (&format!("append still.zarr s2.raw {raw}"), 3, &["still.zarr", "no axis of time", "--time-step"]),
-        (&format!("append other.zarr s2.raw {raw}"), 3, &["without brickyard's side data"]),
+        (
+            &format!("append other.zarr s2.raw {raw}"),
+            3,
+            &["a Zarr without brickyard's side data is not supported; export it"],
+        ),
         (&format!("append folder s2.raw {raw}"), 2, &["folder", "left alone"]),
         ("append out.zarr", 2, &["FILE"]),
     ] {

@@ -1,7 +1,7 @@
 //! Packs that are killed, run out of disk, or are resumed with something else: a finished store is always the same store.
 
 use brickyard_tests::sample::seed;
-use brickyard_tests::{Random, Sandbox, leave_out, tree, tree_difference};
+use brickyard_tests::{Random, Sandbox, command, leave_out, tree, tree_difference};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -261,4 +261,20 @@ fn a_full_disk_ends_with_exit_4_and_resumes_after_space_is_made() {
         assert_eq!(said("left"), "out.zarr\n");
         assert_eq!(tree_difference(&tree(&sandbox.path("out.zarr")), &expected), [""; 0], "{free_pages} pages free");
     }
+}
+
+#[test]
+fn a_limit_of_file_sizes_ends_with_exit_4_and_resumes_without_it() {
+    let sandbox = sandbox_with_input();
+    sandbox.run_ok(PACK);
+    let expected = tree(&sandbox.path("out.zarr"));
+    remove_store(&sandbox);
+    let line = format!("ulimit -f 8; exec '{}' {PACK}", command().get_program().to_string_lossy());
+    let ended = Command::new("bash").args(["-c", &line]).current_dir(sandbox.path("")).output();
+    let ended = ended.expect("bash runs");
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(4), "{said}");
+    assert!(["File too large", "`ulimit -f`", "--resume"].iter().all(|words| said.contains(words)), "{said}");
+    sandbox.run_ok(&format!("{PACK} --resume"));
+    assert_eq!(tree_difference(&tree(&sandbox.path("out.zarr")), &expected), [""; 0]);
 }

@@ -51,6 +51,8 @@ use clap::{Parser, Subcommand};
 pub(crate) use failure::Failure;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use tracing_subscriber::Layer as _;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt as _;
@@ -131,6 +133,9 @@ fn main() -> ExitCode {
         say::be_quiet();
     }
     set_up_log(arguments.verbose, arguments.quiet);
+    if let Err(error) = fail_past_file_limit() {
+        tracing::warn!("a file past the limit of file sizes ends the process: {error}");
+    }
     match run(arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
@@ -139,6 +144,11 @@ fn main() -> ExitCode {
             ExitCode::from(failure.kind as u8)
         }
     }
+}
+
+/// Lets a write past the limit of file sizes (`ulimit -f`) fail as on a full disk, where the system's signal would end the process.
+fn fail_past_file_limit() -> std::io::Result<()> {
+    signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::<AtomicBool>::default()).map(drop)
 }
 
 /// Runs a subcommand.

@@ -159,8 +159,8 @@ mod tests {
         assert_eq!(kind(invalid), ExitKind::VerificationFailed);
         assert_eq!(kind(OpenError::NotAStore { path: path() }), ExitKind::BadInput);
         assert_eq!(kind(OpenError::Incomplete { path: path(), percent: 4 }), ExitKind::Incomplete);
-        let feature = "something new".into();
-        assert_eq!(kind(OpenError::Unsupported { path: path(), feature }), ExitKind::BadInput);
+        let (feature, advice) = ("something new".into(), "wait");
+        assert_eq!(kind(OpenError::Unsupported { path: path(), feature, advice }), ExitKind::BadInput);
         assert_eq!(
             verify_failure(VerifyError::Memory { needed_bytes: 2, given_bytes: 1 }, Path::new("a.zarr")).kind,
             ExitKind::Usage

@@ -42,20 +42,38 @@ pub(crate) fn first_group_at(start: &[u8]) -> Option<usize> {
     let (tag, rest) = start.split_first_chunk()?;
     let length = rest.first_chunk()?;
     // Without a representation the length has four bytes.
-    let is_brief = || (2..=LONGEST_FIRST).contains(&u32::from_le_bytes(*length)) && length[0] % 2 == 0;
+    let is_brief = || (0..=LONGEST_FIRST).contains(&u32::from_le_bytes(*length)) && length[0] % 2 == 0;
     let is_first = |(first, vr): &(&[u8; 4], &[u8; 2])| *first == tag && (length.starts_with(*vr) || is_brief());
     FIRST.iter().any(is_first).then_some(0)
 }
 
+/// Whether a file's name says that it is a DICOM file.
+fn is_named_so(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    ["dcm", "dicom", "ima"].iter().any(|known| extension == *known)
+}
+
 /// Lists the DICOM files of a folder, sorted by path, without hidden ones.
+///
+/// # Errors
+/// If the folder cannot be read, or holds files of which the name alone says that they are DICOM's beside others that are.
 pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    let mut paths = Vec::new();
+    let (mut paths, mut unknown) = (Vec::new(), None);
     for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
         let path = entry.map_err(ImportError::io(folder))?.path();
         let hidden = path.file_name().is_some_and(|n| n.to_string_lossy().starts_with('.'));
-        if !hidden && is_file(&path)? && is_dicom(&first_bytes(&path, MAGIC_BYTES)?) {
-            paths.push(path);
+        if hidden || !is_file(&path)? {
+            continue;
         }
+        match is_dicom(&first_bytes(&path, MAGIC_BYTES)?) {
+            true => paths.push(path),
+            false => unknown = unknown.or(is_named_so(&path).then_some(path)),
+        }
+    }
+    // It may be a slice of them.
+    if let Some(path) = unknown.filter(|_| !paths.is_empty()) {
+        let problem = "no DICOM file, though its name says so and others beside it are: fetch it again, or take it out of the folder";
+        return Err(ImportError::invalid(&path, problem));
     }
     paths.sort();
     Ok(paths)

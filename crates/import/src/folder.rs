@@ -42,7 +42,12 @@ pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Resu
     match &counts[..] {
         [] => {
             foreign::refuse_folder(folder)?;
-            Err(ImportError::invalid(folder, format!("a folder without files that are read; what is: {read}")))
+            let problem = match &folders_in(folder)?[..] {
+                [] => format!("a folder without files that are read; what is: {read}"),
+                [one] => format!("a folder of a folder alone, {one}: pass that"),
+                [first, .., last] => format!("a folder of folders alone, {first} to {last}: pass one of them"),
+            };
+            Err(ImportError::invalid(folder, problem))
         }
         [_] => Ok(found.into_iter().flatten().collect()),
         [first @ .., last] => {
@@ -52,6 +57,16 @@ pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Resu
             Err(ImportError::options(folder, problem))
         }
     }
+}
+
+/// The names of a folder's folders, in order, without hidden ones.
+fn folders_in(folder: &Path) -> Result<Vec<String>, ImportError> {
+    let entries = std::fs::read_dir(folder).map_err(ImportError::io(folder))?;
+    let folders = entries.filter_map(Result::ok).filter(|entry| entry.path().is_dir());
+    let mut names: Vec<_> = folders.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.retain(|name| !name.starts_with('.'));
+    names.sort();
+    Ok(names)
 }
 
 /// The format that a file's name says; `None` if it says none, or if the file is the second one of a pair.
@@ -110,6 +125,14 @@ mod tests {
         ] {
             let message = files(names, options).unwrap_err();
             assert!(message.contains(words), "{message}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        for (name, words) in
+            [("b", "a folder of a folder alone, b: pass that"), ("a", "alone, a to b: pass one of them")]
+        {
+            std::fs::create_dir(folder.path().join(name)).unwrap();
+            let message = files_of(folder.path(), &none, "things").unwrap_err().to_string();
+            assert!(message.ends_with(words), "{message}");
         }
     }
 }

@@ -25,7 +25,6 @@ const MAGICS: &[(usize, &[u8], &str, &str)] = &[
     (0, b"CDF\x05", "a NetCDF file", CONVERT),
     (0, b"# vtk DataFile", "a VTK file", CONVERT),
     (0, b"<VTKFile", "a VTK XML file", CONVERT),
-    (0, b"ENVI", "an ENVI header", RAW),
     (0, b"\xc3\x40\xf1", "a SEG-Y file", CONVERT),
     (0, b"C 1 ", "a SEG-Y file", CONVERT),
     (0, b"ZISRAWFILE", "a Zeiss CZI file", CONVERT),
@@ -73,10 +72,16 @@ pub(crate) fn refuse(path: &Path, name: &str) -> Result<(), ImportError> {
     let by_name = NAMES.iter().find(|(end, _)| name.ends_with(end)).map(|(_, what)| (*what, CONVERT));
     let has = |at: usize, magic: &[u8]| start.get(at..).is_some_and(|bytes| without_prolog(bytes).starts_with(magic));
     let by_magic = MAGICS.iter().find(|(at, magic, ..)| has(*at, magic)).map(|(.., what, advice)| (*what, *advice));
-    match by_name.or(by_magic) {
+    let envi = is_envi(&start).then_some(("an ENVI header", RAW));
+    match by_name.or(by_magic).or(envi) {
         Some((what, advice)) => Err(ImportError::unsupported_but(path, what, advice)),
         None => Ok(()),
     }
+}
+
+/// Whether a file that starts so is an ENVI header.
+pub(crate) fn is_envi(start: &[u8]) -> bool {
+    without_prolog(start).get(..4).is_some_and(|word| word.eq_ignore_ascii_case(b"ENVI"))
 }
 
 /// Text behind what may stand before it: a byte order mark, and what XML says of itself.
@@ -119,9 +124,11 @@ mod tests {
             }
         }
         let vti = b"\xef\xbb\xbf<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\">";
-        for (name, bytes, what) in
-            [("a.vti", &vti[..], "a VTK XML file"), ("a.hdr", b"ENVI\nsamples = 7\n", "an ENVI header")]
-        {
+        for (name, bytes, what) in [
+            ("a.vti", &vti[..], "a VTK XML file"),
+            ("b.hdr", b"\xef\xbb\xbfenvi\nsamples = 7\n", "an ENVI header"),
+            ("a.hdr", b"ENVI\nsamples = 7\n", "an ENVI header"),
+        ] {
             let (_folder, path) = temp_file(name, bytes);
             let error = open(&[path], &OpenOptions::default()).err().unwrap();
             assert!(matches!(error, ImportError::Unsupported { .. }) && error.to_string().contains(what), "{error}");

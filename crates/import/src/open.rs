@@ -217,7 +217,7 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
         return Ok(Format::Dicom);
     }
     // Its name is a NIfTI header's, too.
-    if start.starts_with(b"ENVI") {
+    if foreign::is_envi(&start) {
         foreign::refuse(path, &name)?;
     }
     if ends(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"]) {
@@ -245,7 +245,10 @@ fn check_kind(path: &Path) -> Result<(), ImportError> {
     let kind = std::fs::metadata(path).map_err(ImportError::io(path))?.file_type();
     match kind {
         kind if kind.is_file() => Ok(()),
-        kind if kind.is_dir() => Err(ImportError::invalid(path, "a folder among files; pass it alone, or its files")),
+        kind if kind.is_dir() => Err(ImportError::invalid(
+            path,
+            "a folder beside other inputs: name its files, or pack one folder and append the others",
+        )),
         _ => Err(ImportError::invalid(
             path,
             "a pipe or a device, in which nothing can be sought; write it to a file first",

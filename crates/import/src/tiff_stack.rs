@@ -28,6 +28,7 @@ mod stk;
 mod tag_scale;
 #[cfg(test)]
 mod tests;
+mod thumbnails;
 mod told;
 mod turn;
 mod units;

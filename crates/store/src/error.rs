@@ -56,12 +56,14 @@ pub enum OpenError {
         percent: u8,
     },
     /// The store is sound, but uses something that is not supported.
-    #[error("{path}: {feature} is not supported", path = path.display())]
+    #[error("{path}: {feature} is not supported; {advice}", path = path.display())]
     Unsupported {
         /// The file or directory that uses it.
         path: PathBuf,
-        /// What the file uses, and what to do.
+        /// What the file uses.
         feature: String,
+        /// What to do.
+        advice: &'static str,
     },
     /// The store was written by an earlier version of this program, in a format that is not read any more.
     #[error(

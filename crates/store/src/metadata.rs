@@ -516,13 +516,16 @@ pub(crate) fn check_array(path: &Path, expected: &Value, found: &Value, steps: S
     Ok(())
 }
 
+/// What to do with a store that another program wrote.
+pub(crate) const OTHERS_STORE: &str = "export it to .npy, .raw, NIfTI or TIFF with what wrote it, and pack that";
+
 /// Reads a store's settings and statistics from the root document.
 pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenError> {
     let attributes = &root["attributes"];
     let ours = &attributes["brickyard"];
     if ours.is_null() {
-        let feature = "a Zarr without brickyard's side data; export it to .npy, .raw, NIfTI or TIFF and pack that";
-        return Err(OpenError::Unsupported { path: path.into(), feature: feature.into() });
+        let feature = "a Zarr without brickyard's side data".into();
+        return Err(OpenError::Unsupported { path: path.into(), feature, advice: OTHERS_STORE });
     }
     match ours["version"].as_u64() {
         Some(version) if version == u64::from(FORMAT_VERSION) => {}
@@ -533,7 +536,8 @@ pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenErr
         }
         _ => {
             let feature = format!("store format version {} (this program reads {FORMAT_VERSION})", ours["version"]);
-            return Err(OpenError::Unsupported { path: path.into(), feature });
+            let advice = "a later version of brickyard reads it";
+            return Err(OpenError::Unsupported { path: path.into(), feature, advice });
         }
     }
     serde_json::from_value(ours.clone())

@@ -380,6 +380,7 @@ fn cure(error: &std::io::Error, needed_bytes: u64) -> String {
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
             format!("make room (about {} MiB more)", needed_bytes.div_ceil(1 << 20))
         }
+        ErrorKind::FileTooLarge => "raise the limit of file sizes (`ulimit -f`)".into(),
         _ => "see to that".into(),
     }
 }
@@ -418,7 +419,7 @@ pub(crate) fn pack_on(
         was_complete,
     };
     let start = Output::start(disk, store, options.exists, &settings, shards).map_err(|error| match error {
-        PackError::Io { path, error } if error.kind() == ErrorKind::StorageFull => {
+        PackError::Io { path, error } if matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::FileTooLarge) => {
             let nothing = Reached::new(0, 0, 0, plan.output_bytes_at_most);
             stopped(Stop::Disk(disk::DiskError { path, error }), &nothing, store, shards)
         }

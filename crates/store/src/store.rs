@@ -12,8 +12,8 @@ use crate::folder::Folder;
 use crate::inside;
 use crate::layout::{JOURNAL_NAME, Layout, journal_percent};
 use crate::metadata::{
-    ChannelDisplay, ChannelStatistics, Steps, StoreInfo, apron_document, check_array, level_document, parse_displays,
-    parse_geometry, parse_info, parse_label_colors, parse_layout, parse_placement,
+    ChannelDisplay, ChannelStatistics, OTHERS_STORE, Steps, StoreInfo, apron_document, check_array, level_document,
+    parse_displays, parse_geometry, parse_info, parse_label_colors, parse_layout, parse_placement,
 };
 use crate::shard_file::IoMode;
 use crate::side::{RangePage, SideArray, SidePages, level_arrays, parse_json, read_json};
@@ -578,9 +578,8 @@ fn read_root(folder: &Folder) -> Result<Vec<u8>, OpenError> {
         return Err(OpenError::Incomplete { path: store.into(), percent: journal_percent(store).unwrap_or(0) });
     }
     if store.join(".zgroup").exists() || store.join(".zarray").exists() {
-        let feature =
-            "a Zarr v2 hierarchy (OME-Zarr 0.4 or older); export it to .npy, .raw, NIfTI or TIFF and pack that";
-        return Err(OpenError::Unsupported { path: store.into(), feature: feature.into() });
+        let feature = "a Zarr v2 hierarchy (OME-Zarr 0.4 or older)".into();
+        return Err(OpenError::Unsupported { path: store.into(), feature, advice: OTHERS_STORE });
     }
     Err(OpenError::NotAStore { path: store.into() })
 }

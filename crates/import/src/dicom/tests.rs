@@ -1004,6 +1004,12 @@ fn files_without_a_preamble_are_read() {
             }
         }
     }
+    // A slice that is lost beside others.
+    let folder = Folder::of((0..3).map(|i| Written::slice(5.0 * f64::from(i), 0)));
+    for bytes in [&b""[..], &[0; 200]] {
+        std::fs::write(folder.0.path().join("IM3.dcm"), bytes).unwrap();
+        folder.refused(&["IM3.dcm: no DICOM file, though its name says so"]);
+    }
     // Packed pixels do not say how.
     let folder = Folder::of([]);
     let path = folder.file(0);

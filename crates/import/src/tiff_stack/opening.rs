@@ -6,6 +6,7 @@ use super::ome_set::is_companion;
 use super::page::{OpenTiff, PageFormat};
 use super::page_map::{Misfit, arrange};
 use super::page_tags::PageTags;
+use super::thumbnails::Thumbnails;
 use super::{Parts, TiffFile, TiffStack};
 use crate::axes::{Axis, AxisOrder};
 use crate::element::Decode;
@@ -24,15 +25,21 @@ pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<b
         return Ok(true);
     }
     let mut tiff = OpenTiff::open(path)?;
-    if options.axes.is_none() && !tiff.has_more_pages() {
+    // Who says what pages are says it of all.
+    if options.axes.is_some() {
+        return Ok(tiff.has_more_pages());
+    }
+    if !tiff.has_more_pages() {
         return holds_stack(&mut tiff);
     }
     // Smaller copies of the first page do not make it a stack.
-    let (mut pages, first) = (1, tiff.format()?);
+    let (mut pages, first, mut thumbnails) = (1, tiff.format()?, Thumbnails::default());
     while tiff.has_more_pages() {
         pages += 1;
         tiff.next_page(pages)?;
-        if !tiff.is_copy_or_mask()? && !tiff.is_thumbnail(&first)? {
+        let is_copy =
+            tiff.is_copy_or_mask()? || tiff.small_size(&first)?.is_some_and(|size| thumbnails.add(size, pages) == 1);
+        if !is_copy {
             return Ok(true);
         }
     }
@@ -93,9 +100,10 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions, is_alone: bool) -> R
 pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let mut first: Option<(PageFormat, Description)> = None;
     let mut files = Vec::with_capacity(paths.len());
-    let mut reader_bytes = 0;
+    let (mut reader_bytes, mut with_copies) = (0, 0);
     for path in paths {
         let mut tiff = OpenTiff::open(path)?;
+        with_copies += u64::from(tiff.has_more_pages());
         let format = tiff.format()?;
         tiff.check_data(path, 1)?;
         reader_bytes = tiff.reader_bytes(&format)?.max(reader_bytes);
@@ -136,6 +144,13 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
     let Some((format, mut description)) = first else {
         return Err(ImportError::options(Path::new(""), "no TIFF file given"));
     };
+    if with_copies > 0 {
+        let note = format!(
+            "Pages that are smaller copies or masks of others are left out, in {}.",
+            counted(with_copies, "file")
+        );
+        description.notes.push(note);
+    }
     // What a single plane's file says of a stack's shape is about the stack it was cut from.
     description.declared = None;
     let (map, note) =
@@ -196,7 +211,10 @@ pub(super) fn open_pages(
 ) -> Result<Box<dyn Source>, ImportError> {
     // Who says what the pages are says it of all.
     let of = if options.axes.is_some() { Pages::All } else { Pages::WithoutCopies };
-    let Walked { file, tiff, reader_bytes, odd, left_out } = Walked::of(tiff, &format, of, Some(options))?;
+    let Walked { file, tiff, reader_bytes, odd, left_out, thumbnails } = Walked::of(tiff, &format, of, Some(options))?;
+    if let Some(problem) = thumbnails.problem(file.pages - left_out.len() as u32) {
+        return Err(ImportError::invalid(&file.path, problem));
+    }
     if let Some(odd) = odd {
         return Err(odd);
     }
@@ -209,7 +227,9 @@ pub(super) fn open_pages(
             _ => "are smaller copies or masks of others",
         };
         let pages = counted(left_out.len() as u64, "page");
-        format!("{pages} {are} (by NewSubfileType, or half as large), and left out; `axes` zyx takes all pages.")
+        // Pages of several sizes are no stack.
+        let all = if thumbnails.is_empty() { "; `axes` zyx takes all pages" } else { "" };
+        format!("{pages} {are} (by NewSubfileType, or half as large), and left out{all}.")
     });
     let map = map.without(&left_out);
     let parts = Parts { files: vec![file], format, map, reader_bytes, idle: vec![(0, tiff)] };
@@ -245,6 +265,8 @@ pub(super) struct Walked {
     pub(super) odd: Option<ImportError>,
     /// Pages that are left out, counted from 0, ascending.
     pub(super) left_out: Vec<u32>,
+    /// Those of them that do not say what they are.
+    pub(super) thumbnails: Thumbnails,
 }
 
 /// Which pages of a file are looked at.
@@ -268,9 +290,15 @@ impl Walked {
         let path = tiff.path.clone();
         let first = options.map(|options| PageTags::of(&mut tiff, format, options)).transpose()?;
         let leaves_out = of == Pages::WithoutCopies && !tiff.is_copy_or_mask()?;
-        let (mut pages, mut reader_bytes, mut odd, mut left_out) = (1u32, 0, None, Vec::new());
+        let (mut pages, mut reader_bytes, mut odd) = (1u32, 0, None);
+        let (mut left_out, mut thumbnails) = (Vec::new(), Thumbnails::default());
         loop {
-            if leaves_out && (tiff.is_copy_or_mask()? || tiff.is_thumbnail(format)?) {
+            let is_copy = leaves_out && tiff.is_copy_or_mask()?;
+            let small = if leaves_out && !is_copy { tiff.small_size(format)? } else { None };
+            if let Some(size) = small {
+                thumbnails.add(size, pages);
+            }
+            if is_copy || small.is_some() {
                 left_out.push(pages - 1);
             } else {
                 let checked = tiff.format().and_then(|other| {
@@ -294,7 +322,8 @@ impl Walked {
             tiff.next_page(pages + 1)?;
             pages += 1;
         }
-        Ok(Self { file: TiffFile { path, stamp: tiff.stamp, pages }, tiff, reader_bytes, odd, left_out })
+        let file = TiffFile { path, stamp: tiff.stamp, pages };
+        Ok(Self { file, tiff, reader_bytes, odd, left_out, thumbnails })
     }
 }
 

@@ -173,12 +173,11 @@ impl OpenTiff {
         Ok(said(&self.path, kind)?.is_some_and(|kind| kind & COPY_OR_MASK != 0))
     }
 
-    /// Whether the page is half as large as one of this format, or smaller: it is a level of a pyramid or a thumbnail, whatever it says of itself.
-    pub(super) fn is_thumbnail(&mut self, format: &PageFormat) -> Result<bool, ImportError> {
+    /// The size of the page if it is half as large as one of this format, or smaller.
+    pub(super) fn small_size(&mut self, format: &PageFormat) -> Result<Option<(u32, u32)>, ImportError> {
         let (width, height) = self.decoder.dimensions().map_err(|e| refusal(&self.path, "a page", e))?;
-        Ok(width <= format.width.div_ceil(2)
-            && height <= format.height.div_ceil(2)
-            && (width, height) != (format.width, format.height))
+        let is_small = width <= format.width.div_ceil(2) && height <= format.height.div_ceil(2);
+        Ok((is_small && (width, height) != (format.width, format.height)).then_some((width, height)))
     }
 
     /// Moves the decoder to the next page. `number` is that page's number, counted from 1, for messages.

@@ -170,6 +170,7 @@ fn steps(times: u32) -> String {
 fn cure(error: &std::io::Error) -> &'static str {
     match error.kind() {
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "make room",
+        ErrorKind::FileTooLarge => "raise the limit of file sizes (`ulimit -f`)",
         _ => "see to that",
     }
 }

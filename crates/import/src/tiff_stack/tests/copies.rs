@@ -55,6 +55,11 @@ fn smaller_copies_and_masks_are_no_planes() {
     let source = opened(&path).unwrap();
     assert_eq!(values(&*source), [plane(0), plane(1)].concat());
     assert!(source.info().notes.join(" ").contains("1 page is a smaller copy"), "{:?}", source.info().notes);
+    // More of one size than of the first's may be the stack.
+    put(&mut silent, 1, WIDTH, 4);
+    put(&mut silent, 1, HEIGHT, 3);
+    let message = refusal(&silent, &options());
+    assert!(message.contains("has 2 pages of 4x3, from page 2 on, beside 1 page of another size"), "{message}");
     let message = refusal(&bytes, &all_pages());
     assert!(message.contains("page 2 is 3x5 u8, but page 1 is 7x5 u8; tiffcp"), "{message}");
 
@@ -72,4 +77,8 @@ fn files_of_a_page_and_its_copies_are_planes() {
     std::fs::write(folder.path().join("s2.tif"), marked(1, &[])).unwrap();
     let source = opened(folder.path()).unwrap();
     assert_eq!((source.info().extent.to_array(), source.info().times), ([7, 5, 2], 1));
+    assert!(source.info().notes.join(" ").contains("left out, in 1 file."), "{:?}", source.info().notes);
+    // Who says what pages are says it of all.
+    let message = open(&[folder.path().to_owned()], &all_pages()).err().unwrap().to_string();
+    assert!(message.contains("several planes"), "{message}");
 }
