@@ -59,7 +59,7 @@ pub(crate) struct PacingStats {
     /// From a change of the scene to the first picture of it or of a later one, milliseconds; and how many there were.
     answer_ms: Percentiles,
     answers: usize,
-    /// The same of changes before which the view rested, such as the presses that begin a drag.
+    /// Milliseconds from a change of a view at rest, such as the press that begins a drag, to the first picture of it; and the number of such changes.
     first_answer_ms: Percentiles,
     first_answers: usize,
     /// What drawing took, milliseconds.

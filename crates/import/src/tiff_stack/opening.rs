@@ -265,7 +265,7 @@ pub(super) struct Walked {
     pub(super) odd: Option<ImportError>,
     /// Pages that are left out, counted from 0, ascending.
     pub(super) left_out: Vec<u32>,
-    /// Those of them that do not say what they are.
+    /// Pages among those left out which are small, and say nothing of it.
     pub(super) thumbnails: Thumbnails,
 }
 

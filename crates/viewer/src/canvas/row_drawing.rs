@@ -86,7 +86,7 @@ pub(super) enum CapturePart {
 }
 
 impl GpuCapture {
-    /// What is left of a picture of a frame with so many samples a pixel. A `share` of a sample is taken to be fit for a part, if frames of the window take so
+    /// The samples of a frame's picture still to be drawn, of so many a pixel. A `share` of a sample is taken to be fit for a part, if frames of the window take so
     /// long `between` parts.
     pub(super) fn new(
         frame: Frame,
