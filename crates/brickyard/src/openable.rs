@@ -126,7 +126,9 @@ mod tests {
         // A folder's raw files are its time steps.
         assert!(problem(folder.path()).contains("pass `shape`"), "{}", problem(folder.path()));
         std::fs::remove_file(&raw).unwrap();
-        assert!(problem(folder.path()).contains("without files that are read"), "{}", problem(folder.path()));
+        assert!(problem(folder.path()).contains("a.zarr: pass that"), "{}", problem(folder.path()));
+        let empty = tempfile::tempdir().unwrap();
+        assert!(problem(empty.path()).contains("without files that are read"), "{}", problem(empty.path()));
         assert!(problem(&folder.path().join("gone")).contains("No such file"));
         // A pack that was killed has a journal and no root document.
         std::fs::rename(store.join("zarr.json"), store.join(JOURNAL_NAME)).unwrap();

@@ -44,8 +44,10 @@ pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Resu
             foreign::refuse_folder(folder)?;
             let problem = match &folders_in(folder)?[..] {
                 [] => format!("a folder without files that are read; what is: {read}"),
-                [one] => format!("a folder of a folder alone, {one}: pass that"),
-                [first, .., last] => format!("a folder of folders alone, {first} to {last}: pass one of them"),
+                [one] => format!("holds no file that is read, and the folder {one}: pass that"),
+                [first, .., last] => {
+                    format!("holds no file that is read, and folders, {first} to {last}: pass one of them")
+                }
             };
             Err(ImportError::invalid(folder, problem))
         }
@@ -128,7 +130,7 @@ mod tests {
         }
         let folder = tempfile::tempdir().unwrap();
         for (name, words) in
-            [("b", "a folder of a folder alone, b: pass that"), ("a", "alone, a to b: pass one of them")]
+            [("b", "no file that is read, and the folder b: pass that"), ("a", "and folders, a to b: pass one of them")]
         {
             std::fs::create_dir(folder.path().join(name)).unwrap();
             let message = files_of(folder.path(), &none, "things").unwrap_err().to_string();
