@@ -262,7 +262,7 @@ fn files_are_taken_in_the_order_in_which_pack_takes_them() {
     let of_names = names.iter().map(|name| times(name).to_string()).collect::<Vec<_>>().join(",");
     let (_, _, said) = sandbox.run(&format!("append one.zarr {shells} {FLAGS}"));
     assert!(
-        said.contains("12 files in natural order, from s0.raw to s11.raw") && said.contains("--order given"),
+        said.contains("note: 12 files in natural order, from s0.raw to s11.raw") && said.contains("--order given"),
         "{said}"
     );
     // Each time goes with its file.

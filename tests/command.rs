@@ -63,6 +63,28 @@ fn nothing_is_coloured_in_pipes() {
     }
 }
 
+/// A colour that another program has edited is no damage; one that is none is.
+#[test]
+fn edited_looks_are_noted_and_sound() {
+    let sandbox = with_store();
+    let root = sandbox.path("a.zarr/zarr.json");
+    let packed = std::fs::read_to_string(&root).expect("it is packed");
+    for (color, expected, said) in [
+        (
+            "00FF00",
+            0,
+            "note: a.zarr/zarr.json: attributes.ome.omero.channels[0].color: \"00FF00\", packed as \"FFFFFF\"",
+        ),
+        ("green", 5, "error: a.zarr: 1 problem"),
+    ] {
+        let edited = packed.replace("\"color\": \"FFFFFF\"", &format!("\"color\": \"{color}\""));
+        assert_ne!(edited, packed);
+        std::fs::write(&root, edited).expect("it is ours");
+        let (code, stdout, stderr) = sandbox.run("verify a.zarr --progress none");
+        assert!(code == expected && stderr.starts_with(said), "exit {code}: {stdout}{stderr}");
+    }
+}
+
 /// However many bricks are damaged: a few are named where a picture is drawn, all of them by `verify`, and the last line has their number.
 #[test]
 fn damage_is_summed_up_in_a_line() {

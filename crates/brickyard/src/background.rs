@@ -20,7 +20,7 @@ pub struct Meter {
     done_bytes: AtomicU64,
     total_bytes: AtomicU64,
     is_cancelled: AtomicBool,
-    warnings: Mutex<Vec<String>>,
+    said: Mutex<Vec<String>>,
 }
 
 impl Meter {
@@ -51,13 +51,13 @@ impl Meter {
     }
 
     /// Keeps something that the user should know, in one sentence.
-    pub fn warn(&self, message: &str) {
-        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(message.to_owned());
+    pub fn say(&self, message: &str) {
+        self.said.lock().unwrap_or_else(PoisonError::into_inner).push(message.to_owned());
     }
 
     /// What the user should know, as far as it was said since the last call.
-    pub fn take_warnings(&self) -> Vec<String> {
-        std::mem::take(&mut self.warnings.lock().unwrap_or_else(PoisonError::into_inner))
+    pub fn take_said(&self) -> Vec<String> {
+        std::mem::take(&mut self.said.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
@@ -205,7 +205,7 @@ pub fn pack(source: Arc<dyn Source>, place: PathBuf, options: PackOptions) -> Ba
                 return Err(error.into());
             }
             if !is_waiting {
-                meter.warn("another program packs these files: their store is waited for");
+                meter.say("another program packs these files: their store is waited for");
                 is_waiting = true;
             }
             std::thread::sleep(BUSY_STEP);
@@ -224,8 +224,12 @@ struct PackMeter<'a> {
 }
 
 impl store::Progress for PackMeter<'_> {
+    fn note(&self, message: &str) {
+        self.meter.say(message);
+    }
+
     fn warn(&self, message: &str) {
-        self.meter.warn(message);
+        self.meter.say(message);
     }
 
     fn advanced(&self, done: u64, total: u64) {
@@ -263,7 +267,7 @@ mod tests {
         let (go, gone) = channel::<()>();
         let mut work = Background::<u32, io::Error>::start(move |meter| {
             meter.set(3, 7);
-            meter.warn("look out");
+            meter.say("look out");
             gone.recv().expect("told to go on");
             Ok(5)
         });
@@ -271,8 +275,8 @@ mod tests {
         go.send(()).unwrap();
         assert_eq!(work.wait().expect("a result").unwrap(), 5);
         assert!(work.poll().is_none() && work.wait().is_none());
-        assert_eq!((work.meter().progress(), work.meter().take_warnings()), ((3, 7), vec!["look out".to_owned()]));
-        assert!(work.meter().take_warnings().is_empty());
+        assert_eq!((work.meter().progress(), work.meter().take_said()), ((3, 7), vec!["look out".to_owned()]));
+        assert!(work.meter().take_said().is_empty());
     }
 
     #[test]
@@ -351,7 +355,7 @@ mod tests {
             let mut work = pack(source.clone(), place.clone(), options.clone());
             let said = loop {
                 assert!(work.poll().is_none(), "it is over before the other is");
-                if let Some(said) = work.meter().take_warnings().pop() {
+                if let Some(said) = work.meter().take_said().pop() {
                     break said;
                 }
                 std::thread::yield_now();

@@ -239,8 +239,8 @@ impl Opening {
     }
 
     /// What the user should know of the files, as far as it was said since the last call.
-    pub fn take_warnings(&self) -> Vec<String> {
-        self.meter().map_or_else(Vec::new, Meter::take_warnings)
+    pub fn take_said(&self) -> Vec<String> {
+        self.meter().map_or_else(Vec::new, Meter::take_said)
     }
 
     fn meter(&self) -> Option<&Meter> {

@@ -217,7 +217,7 @@ impl Settings {
     }
 }
 
-/// Shows warnings and progress.
+/// Shows remarks and progress.
 struct Watcher {
     voxel_bytes: u64,
     progress: Progress,
@@ -225,6 +225,10 @@ struct Watcher {
 }
 
 impl store::Progress for Watcher {
+    fn note(&self, message: &str) {
+        say!("note: {}", with_flags(message));
+    }
+
     fn warn(&self, message: &str) {
         say!("warning: {}", with_flags(message));
     }

@@ -259,7 +259,7 @@ fn input_bytes(source: &dyn Source) -> u64 {
     volumes * info.extent.volume() * info.voxel_type.bytes() as u64
 }
 
-/// Shows a pack's plan, warnings and progress.
+/// Shows a pack's plan, remarks and progress.
 struct Watcher<'a> {
     source: &'a dyn Source,
     /// Number of time steps in a shard.
@@ -314,6 +314,10 @@ impl store::Progress for Watcher<'_> {
         if let Some(hint) = of_small_shards(plan, self.shard_times) {
             say!("note: {hint}");
         }
+    }
+
+    fn note(&self, message: &str) {
+        say!("note: {}", with_flags(message));
     }
 
     fn warn(&self, message: &str) {

@@ -3,6 +3,7 @@
 use super::failure::{ExitKind, Failure};
 use super::heading;
 use super::progress::{Progress, ProgressStyleArgument};
+use super::say::say;
 use super::values;
 use super::{print_json, print_line, store_errors};
 use brickyard::store::{self, VerifyReport};
@@ -37,18 +38,25 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
     progress.finish();
     let report = report.map_err(|error| store_errors::verify_failure(error, &arguments.store))?;
     if arguments.json {
-        let problem =
-            |p: &store::VerifyProblem| serde_json::json!({ "brick": p.brick, "path": p.path, "what": p.what });
+        let listed = |problems: &[store::VerifyProblem]| {
+            let problem =
+                |p: &store::VerifyProblem| serde_json::json!({ "brick": p.brick, "path": p.path, "what": p.what });
+            problems.iter().map(problem).collect::<Vec<_>>()
+        };
         print_json(&serde_json::json!({
             "bricks": report.bricks,
             "shards": report.shards,
             "bytes": report.bytes,
             "is_cut_short": report.is_cut_short,
-            "problems": report.problems.iter().map(problem).collect::<Vec<_>>(),
+            "problems": listed(&report.problems),
+            "edits": listed(&report.edits),
         }))?;
     } else {
         for problem in &report.problems {
             print_line(&problem.to_string())?;
+        }
+        for edit in &report.edits {
+            say!("note: {edit}, edited by another program: it is shown so");
         }
     }
     if !report.problems.is_empty() {

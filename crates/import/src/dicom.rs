@@ -29,6 +29,7 @@ use crate::dicom_files::files_in;
 use crate::element::smallest_type;
 use crate::error::ImportError;
 use crate::files::first_bytes;
+use crate::note::Note;
 use crate::options::{Gaps, HeldAs, NoData, OpenOptions};
 use crate::placement;
 use crate::raw::identity;
@@ -83,17 +84,18 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
         }
     }
     series.push(header);
-    let mut notes = vec![format!("{} files of its series are read from its folder.", series.len())];
+    let mut notes = vec![Note::new(format!("{} files of its series are read from its folder.", series.len()))];
     if let Some(first) = unread.first() {
         let files = counted(unread.len() as u64, "DICOM file");
         let do_not = if unread.len() == 1 { "does not" } else { "do not" };
-        notes.push(format!("{files} beside it that cannot be read and {do_not} name its series: left out. {first}"));
+        let warning = format!("{files} beside it that cannot be read and {do_not} name its series: left out. {first}");
+        notes.push(Note::warning(warning));
     }
     DicomSeries::new(series, options, notes).map(|s| Box::new(s) as _)
 }
 
 /// Says of a file of several frames that others of its series lie beside it; nothing if there are none that can be read.
-fn others_of_series(header: &Header, folder: &Path) -> Vec<String> {
+fn others_of_series(header: &Header, folder: &Path) -> Vec<Note> {
     let is_other = |path: &&PathBuf| path.file_name() != header.path.file_name();
     let is_of_it = |path: &&PathBuf| Header::read(path).is_ok_and(|it| is_image(&it) && it.series() == header.series());
     // What cannot be read is no reason to refuse what can.
@@ -102,7 +104,7 @@ fn others_of_series(header: &Header, folder: &Path) -> Vec<String> {
     let files = counted(others, "file");
     let note =
         format!("{files} more of its series in its folder, left out: name the files, or the folder, for all frames.");
-    if others > 0 { vec![note] } else { Vec::new() }
+    if others > 0 { vec![Note::warning(note)] } else { Vec::new() }
 }
 
 /// Whether a file itself is the reason why it cannot be read.
@@ -154,10 +156,12 @@ pub(crate) fn open_series(
         headers.last().into_iter().for_each(|last| header.share_values(last));
         headers.push(header);
     }
-    let notes: Vec<String> = match others[..] {
+    let notes: Vec<Note> = match others[..] {
         [] => Vec::new(),
         [first, ..] => {
-            vec![format!("{} DICOM files without an image, such as {}, are left out.", others.len(), first.display())]
+            let note =
+                format!("{} DICOM files without an image, such as {}, are left out.", others.len(), first.display());
+            vec![Note::new(note)]
         }
     };
     let Some(first) = headers.first() else {
@@ -194,7 +198,7 @@ fn describe_series(header: &Header, count: usize) -> String {
 }
 
 impl DicomSeries {
-    fn new(headers: Vec<Header>, options: &OpenOptions, mut notes: Vec<String>) -> Result<Self, ImportError> {
+    fn new(headers: Vec<Header>, options: &OpenOptions, mut notes: Vec<Note>) -> Result<Self, ImportError> {
         let mut files = headers
             .into_iter()
             .map(|header| Frames::find(&header).map(|frames| (header, frames)))
@@ -255,18 +259,19 @@ impl DicomSeries {
             return Err(ImportError::options(&paths[0], problem));
         }
         if let Some(mosaic) = files.iter().find_map(|(_, frames)| frames.mosaic) {
-            notes.push(format!("A mosaic: {} side by side in one picture.", counted(mosaic.slices.into(), "slice")));
+            let slices = counted(mosaic.slices.into(), "slice");
+            notes.push(Note::new(format!("A mosaic: {slices} side by side in one picture.")));
         }
         if missing > 0 {
             let are = if missing == 1 { "is" } else { "are" };
-            notes.push(format!(
+            notes.push(Note::warning(format!(
                 "{} of {} {are} missing; there is no data in their places{}.",
                 counted(missing as u64, "slice"),
                 places.len(),
                 info.nodata
                     .filter(|_| !voxel_type.is_float())
                     .map_or(String::new(), |value| format!(", which voxels of {value} say"))
-            ));
+            )));
         }
         notes.extend(placement.note);
         notes.extend(notes_on_values(&files, &slices, voxel_type));
@@ -527,20 +532,21 @@ fn range_of(
     Ok([least, greatest])
 }
 
-fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxel_type: VoxelType) -> Vec<String> {
+fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxel_type: VoxelType) -> Vec<Note> {
     let mut notes = Vec::new();
     let (_, first) = &slices[0];
     let scale = |m: &Meaning| (m.slope, m.intercept);
     if slices.iter().any(|(_, m)| scale(m) != scale(first)) {
-        notes.push(format!("Values are scaled and shifted by each slice's own numbers, and held as {voxel_type}."));
+        let note = format!("Values are scaled and shifted by each slice's own numbers, and held as {voxel_type}.");
+        notes.push(Note::new(note));
     } else if scale(first) != (1.0, 0.0) {
         let Meaning { slope, intercept, .. } = first;
-        notes.push(format!(
+        notes.push(Note::new(format!(
             "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {voxel_type}."
-        ));
+        )));
     }
     if voxel_type.is_float() && files.iter().any(|(_, frames)| frames.format.width == 4) {
-        notes.push("Numbers of 32 bits are rounded to 24 bits, which f32 has.".into());
+        notes.push(Note::warning("Numbers of 32 bits are rounded to 24 bits, which f32 has."));
     }
     if let Some([least, greatest]) = slices.iter().find_map(|(_, m)| m.padding) {
         let what = match first.nodata(voxel_type) {
@@ -550,19 +556,20 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxe
         };
         let others = slices.iter().any(|(_, m)| m.padding.is_some_and(|padding| padding != [least, greatest]));
         let others = if others { " (in some slices others)" } else { "" };
-        notes.push(format!("Stored values {least} to {greatest}{others} are padding: they {what}."));
+        let note = format!("Stored values {least} to {greatest}{others} are padding: they {what}.");
+        notes.push(Note::new(note));
     }
     let inverted = |(header, _): &(Header, Frames)| {
         header.text(tags::PHOTOMETRIC_INTERPRETATION).is_some_and(|text| text == "MONOCHROME1")
     };
     if files.iter().any(inverted) {
-        notes.push("Small values are meant to be shown bright (MONOCHROME1); they are kept as they are.".into());
+        notes.push(Note::new("Small values are meant to be shown bright (MONOCHROME1); they are kept as they are."));
     }
     notes
 }
 
 /// Says that no pixel can have the value that means padding.
-fn note_on_padding(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], nodata: NoData) -> Option<String> {
+fn note_on_padding(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], nodata: NoData) -> Option<Note> {
     let is_left_out = |(slice, meaning): &&(Slice, Meaning)| {
         nodata == NoData::OfFile && meaning.padding.is_none() && files[slice.file].0.has_padding()
     };
@@ -571,9 +578,9 @@ fn note_on_padding(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], noda
     let value = header.number(tags::PIXEL_PADDING_VALUE)?;
     let [least, greatest] = frames.format.limits();
     let name = header.path.file_name().unwrap_or_default().to_string_lossy();
-    Some(format!(
+    Some(Note::warning(format!(
         "Pixels of {name} are {least} to {greatest}: {value}, which means padding there, is none of them, and no voxel is left out."
-    ))
+    )))
 }
 
 impl Source for DicomSeries {

@@ -33,6 +33,7 @@ mod mapped;
 #[cfg(feature = "mesh")]
 mod mesh;
 mod nifti;
+mod note;
 mod npy;
 mod numbering;
 mod open;
@@ -64,6 +65,7 @@ pub use element::Endian;
 pub use error::ImportError;
 #[cfg(feature = "mesh")]
 pub use mesh::read_mesh;
+pub use note::Note;
 pub use open::{open, order_steps};
 pub use options::{FileOrder, Gaps, HeldAs, NoData, OpenOptions};
 pub use raw::{RawLayout, RawSource};

@@ -5,6 +5,7 @@
 
 use crate::element::{Decode, Element, Endian, Scale};
 use crate::error::ImportError;
+use crate::note::Note;
 use crate::options::{NoData, OpenOptions};
 use brickyard_volume::{VoxelType, with_voxel_type};
 use std::path::Path;
@@ -234,22 +235,22 @@ impl<'a> Losses<'a> {
     }
 
     /// Returns a sentence for the user that says how many values are changed, and how.
-    pub(crate) fn note(&self) -> String {
+    pub(crate) fn note(&self) -> Note {
         let (from, to) = (self.decode.element.name(), self.decode().voxel_type());
         let lost = [(self.beyond, Fate::Beyond), (self.rounded, Fate::Rounded)].into_iter().filter(|(n, _)| *n > 0);
         let lost: Vec<String> = lost.map(|(n, fate)| format!("{n} {}", self.what_becomes_of(fate))).collect();
         let Some(example) = &self.example else {
-            return format!("Voxels are {from} and are held as {to}: no value is changed.");
+            return Note::new(format!("Voxels are {from} and are held as {to}: no value is changed."));
         };
         let mut name = self.first_path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         if self.files_before > 0 {
             name += &format!(" and {} files more", self.files_before);
         }
-        format!(
+        Note::warning(format!(
             "Voxels are {from} and are held as {to}: of {} values in {name}, {} (such as {example}).",
             self.count,
             lost.join(", ")
-        )
+        ))
     }
 }
 
@@ -273,7 +274,7 @@ mod tests {
         let Some(mut losses) = Losses::may_occur(Path::new("folder/a.npy"), decode, None, options) else {
             return Ok("nothing".into());
         };
-        losses.see(bytes).map_err(|e| e.to_string()).map(|()| losses.note())
+        losses.see(bytes).map_err(|e| e.to_string()).map(|()| losses.note().to_string())
     }
 
     fn f64s(values: &[f64]) -> Vec<u8> {
@@ -321,7 +322,7 @@ mod tests {
         let counted = |element, bytes: &[u8], nodata, options: &OpenOptions| {
             let decode = Decode { element, endian: Endian::Little, scale: None };
             let mut losses = Losses::may_occur(Path::new("a.tif"), decode, nodata, options).unwrap();
-            losses.see(bytes).map_err(|error| error.to_string()).map(|()| losses.note())
+            losses.see(bytes).map_err(|error| error.to_string()).map(|()| losses.note().to_string())
         };
         let plain = OpenOptions::default();
         let lossy = OpenOptions { allow_lossy: true, ..OpenOptions::default() };

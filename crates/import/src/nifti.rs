@@ -12,6 +12,7 @@ use crate::error::ImportError;
 use crate::gzip::GzipMembers;
 use crate::losses::Losses;
 use crate::mapped::MappedFile;
+use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::series::StepFile;
@@ -104,17 +105,21 @@ impl Found {
         let mut notes = Vec::new();
         if let Some(Scale { slope, intercept, to }) = self.header.scale {
             let is_long = matches!(self.header.element, Element::Voxel(VoxelType::I32 | VoxelType::U32));
-            let rounded = if is_long { ", rounded to 24 bits" } else { "" };
-            notes.push(format!(
-                "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {to}{rounded}."
-            ));
+            let scaled = format!(
+                "Values are scaled by {slope} and shifted by {intercept}, as the header says, and held as {to}"
+            );
+            notes.push(match is_long {
+                true => Note::warning(format!("{scaled}, rounded to 24 bits.")),
+                false => Note::new(format!("{scaled}.")),
+            });
         }
         if self.is_compressed {
             let bytes = human_bytes(self.bytes()?);
-            notes.push(format!("The file is compressed: it is unpacked into {bytes} of scratch space first."));
+            let note = format!("The file is compressed: it is unpacked into {bytes} of scratch space first.");
+            notes.push(Note::new(note));
         }
         if trailing > 0 {
-            notes.push(format!("{trailing} bytes after the voxels are ignored."));
+            notes.push(Note::warning(format!("{trailing} bytes after the voxels are ignored.")));
         }
         let identity = identity("nifti", &[&self.header_path, &self.body_path])?;
         let mut info = SourceInfo { identity, ..self.array.info() };
@@ -267,7 +272,7 @@ fn human_bytes(bytes: u64) -> String {
 mod tests {
     use super::*;
     use crate::source::Source;
-    use crate::testing::{Field, assert_boxes, temp_file};
+    use crate::testing::{Field, assert_boxes, said, temp_file};
     use brickyard_volume::VoxelType;
     use glam::DVec3;
 
@@ -474,7 +479,7 @@ mod tests {
             )
         );
         assert!(info.orientation.unwrap().placement(&info.geometry).unwrap().is_identity());
-        assert_eq!(info.notes, Vec::<String>::new());
+        assert_eq!(info.notes, []);
 
         // A quarter turn about z by quaternion: x goes to y, y to -x.
         let h = std::f32::consts::FRAC_1_SQRT_2;
@@ -487,7 +492,7 @@ mod tests {
         }
         assert_eq!(info.geometry.origin, DVec3::ZERO);
         assert_eq!(info.orientation.unwrap().code(), "ALS");
-        assert_eq!(info.notes, Vec::<String>::new());
+        assert_eq!(info.notes, []);
 
         // A matrix that cannot be used is left out, and said.
         for unusable in [[0.0; 12], [f32::NAN; 12]] {
@@ -586,7 +591,10 @@ mod tests {
         assert!(refusal("a.nii", b"").contains("not a NIfTI"));
         // Bytes too many are only noted.
         let (_folder, path) = temp_file("a.nii", &[&whole[..], &[0; 9]].concat());
-        assert_eq!(open(&path, &options()).unwrap().info().notes, ["9 bytes after the voxels are ignored."]);
+        assert_eq!(
+            said(&open(&path, &options()).unwrap().info().notes),
+            "warning: 9 bytes after the voxels are ignored. "
+        );
     }
 
     #[test]

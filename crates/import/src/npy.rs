@@ -6,6 +6,7 @@ use crate::axes::{AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;
 use crate::mapped::MappedFile;
+use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::SourceInfo;
@@ -47,7 +48,8 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
         );
         return Err(ImportError::invalid(path, problem));
     }
-    let trailing = (found > expected).then(|| format!("{} bytes after the array are ignored.", found - expected));
+    let trailing = format!("{} bytes after the array are ignored.", found.saturating_sub(expected));
+    let trailing = (found > expected).then(|| Note::warning(trailing));
     let info = SourceInfo {
         identity: identity(&format!("npy {}", array.axes), &[path])?,
         notes: trailing.into_iter().collect(),
@@ -256,7 +258,7 @@ mod tests {
         ] {
             let (voxel_type, found, notes) = read(descr, &body);
             assert_eq!((voxel_type, found), (VoxelType::F32, halves.map(|h| h.to_f64()).to_vec()));
-            assert_eq!(notes, Vec::<String>::new());
+            assert_eq!(notes, []);
         }
         let body: Vec<u8> = [-7i64, i32::MAX.into(), 0].iter().flat_map(|n| n.to_be_bytes()).collect();
         let (voxel_type, found, notes) = read(">i8", &body);

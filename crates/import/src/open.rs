@@ -9,6 +9,7 @@ use crate::error::ImportError;
 use crate::file_order::{FileList, in_natural_order};
 use crate::files::first_bytes;
 use crate::folder::{files_of, is_tiff_name};
+use crate::note::Note;
 use crate::options::{FileOrder, Gaps, NoData, OpenOptions};
 use crate::pattern;
 use crate::raw::{RawLayout, RawSource};
@@ -114,7 +115,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
         _ => open_steps(&paths, format, options)?,
     };
     let mut info = source.info().clone();
-    info.notes.extend(order_note);
+    info.notes.extend(order_note.map(Note::new));
     options.override_geometry(&mut info, &paths[0])?;
     override_nodata(&mut info, &paths[0], options.nodata)?;
     override_time(&mut info, &paths[0], options)?;

@@ -2,6 +2,7 @@
 
 use crate::axes::Sizes;
 use crate::error::ImportError;
+use crate::note::Note;
 use brickyard_volume::{ChannelLook, Extent, Geometry, Orientation, TimeAxis, VoxelBox, VoxelType};
 
 /// What a source says of itself before any voxel is read.
@@ -35,8 +36,8 @@ pub struct SourceInfo {
     pub knows_nodata: bool,
     /// What identifies the input for `--resume`: names, sizes and modification times of files, or a generator's settings.
     pub identity: String,
-    /// Things the user should know (trailing bytes, a narrowed type), one sentence each.
-    pub notes: Vec<String>,
+    /// What the user should know, one sentence each.
+    pub notes: Vec<Note>,
 }
 
 impl SourceInfo {
@@ -71,7 +72,8 @@ impl SourceInfo {
             let value = narrowed;
             self.nodata = Some(value);
             let what = if self.voxel_type.is_float() { "they become NaN" } else { "they are left out" };
-            self.notes.push(format!("Voxels of {value} hold no data, as the file says ({name}): {what}."));
+            let note = format!("Voxels of {value} hold no data, as the file says ({name}): {what}.");
+            self.notes.push(Note::new(note));
         } else if value.is_finite() {
             let voxel_type = self.voxel_type;
             let what = match voxel_type.is_float() {
@@ -79,7 +81,8 @@ impl SourceInfo {
                 false => format!("no {voxel_type} voxel can be that"),
             };
             let value = if value.abs() < 1e15 { value.to_string() } else { format!("{value:e}") };
-            self.notes.push(format!("Voxels of {value} hold no data, as the file says ({name}): {what}."));
+            let warning = format!("Voxels of {value} hold no data, as the file says ({name}): {what}.");
+            self.notes.push(Note::warning(warning));
         }
     }
 

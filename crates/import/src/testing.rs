@@ -1,6 +1,7 @@
 //! What the readers' tests share: a field whose every voxel differs from its neighbours, written in any axis and byte
 //! order, and the check that a source delivers it whole and in random boxes.
 
+use crate::note::Note;
 use crate::source::Source;
 use brickyard_volume::{VoxelBox, VoxelType, with_voxel_type};
 use proptest::prelude::*;
@@ -143,4 +144,10 @@ pub(crate) fn assert_takes_what_it_says(open: impl FnOnce() -> Box<dyn Source>, 
     let (taken, said) = (peak_bytes() - before, source.reader_bytes());
     assert!(taken <= said + SLACK_BYTES && said <= taken + SLACK_BYTES, "took {taken}, said {said}");
     assert!(said >= plane_bytes as u64, "a plane is decoded at once");
+}
+
+/// What is said of a source, one remark after the other, each behind its kind.
+pub(crate) fn said(notes: &[Note]) -> String {
+    let kind = |is_warning| if is_warning { "warning" } else { "note" };
+    notes.iter().map(|note| format!("{}: {} ", kind(note.is_warning()), &**note)).collect()
 }

@@ -42,6 +42,7 @@ use crate::axes::Sizes;
 use crate::element::{Decode, Endian};
 use crate::error::ImportError;
 use crate::losses::Losses;
+use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::raw::identity;
 use crate::source::{Access, Source, SourceInfo};
@@ -119,7 +120,8 @@ impl TiffStack {
             info.channel_looks = photograph(&info, format.samples);
         }
         if format.samples > 1 {
-            info.notes.push(format!("Each page holds {} samples a pixel; they are read as channels.", format.samples));
+            let note = format!("Each page holds {} samples a pixel; they are read as channels.", format.samples);
+            info.notes.push(Note::new(note));
         }
         let mut stack = Self { info, format, decode, files, map, reader_bytes, idle: Mutex::new(idle) };
         stack.count_losses(description.nodata_value(scale), options)?;

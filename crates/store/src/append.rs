@@ -38,7 +38,7 @@ use crate::pack::disk::{Disk, DiskError, Part, temporary};
 use crate::pack::journal::Journal;
 use crate::pack::lock::DirLock;
 use crate::pack::plan::plan_last;
-use crate::pack::{Exists, PackError, PackOptions, PackPlan, Progress, ours, output, pack_on};
+use crate::pack::{Exists, PackError, PackOptions, PackPlan, Progress, ours, output, pack_on, tell};
 use crate::shard_file::IoMode;
 use crate::side::{parse_json, read_json};
 use crate::stats::ChannelTotals;
@@ -238,7 +238,7 @@ impl Appender {
         let counted = self.counted(&store, progress)?;
         let before = counted.clone();
         let (non_finite, nodata) = left_out(&before);
-        source.info().notes.iter().for_each(|note| progress.warn(note));
+        tell(source.info(), progress);
         progress.planned(&plan);
         let next = Next { plan, options, time };
         let passed = self.pack_step(&next, &step, counted, progress)?;

@@ -47,7 +47,7 @@ use crate::side::{SideArray, level_arrays};
 use crate::stats::ChannelTotals;
 use crate::version::FORMAT_VERSION;
 use aprons::ApronPass;
-use brickyard_import::{ImportError, Source};
+use brickyard_import::{ImportError, Source, SourceInfo};
 use brickyard_volume::{Apron, ChannelLook, DEFAULT_BRICK_EDGE, Level, MAX_APRON, VoxelType, with_voxel_type};
 use cascade::{Pass, Passed, Reached, Stop};
 use disk::{Disk, Part};
@@ -144,7 +144,9 @@ impl PackOptions {
 pub trait Progress: Sync {
     /// Called once with the plan, before any voxel is read. Not called if the store was complete already.
     fn planned(&self, _plan: &PackPlan) {}
-    /// Called with something that the user should know, in one sentence.
+    /// Called with a routine remark, in one sentence.
+    fn note(&self, _message: &str) {}
+    /// Called with a warning of what may be wrong, in one sentence.
     fn warn(&self, _message: &str) {}
     /// Called as bricks of level 0 are packed: so far `done` of `total` voxels, over all time steps and channels.
     fn advanced(&self, _done: u64, _total: u64) {}
@@ -426,7 +428,7 @@ pub(crate) fn pack_on(
         other => other,
     });
     let Some(mut output) = start? else { return Ok(report(shards, 0, [0; 2], true)) };
-    source.info().notes.iter().for_each(|note| progress.warn(note));
+    tell(source.info(), progress);
     warn_of_space(&output.dir, &plan, progress);
     if lock::may_be_local(&output.dir) {
         let what = "its file system may keep locks on this machine only: see that no other machine packs into it";
@@ -519,6 +521,13 @@ fn stopped(stop: Stop, reached: &Reached, store: &Path, total: u64) -> PackError
             PackError::Incomplete { path, error, store, done, total, needed_bytes: reached.needed_bytes }
         }
     }
+}
+
+/// Tells what a source says besides its description, warnings last: who shows one line shows these.
+pub(crate) fn tell(source: &SourceInfo, progress: &dyn Progress) {
+    let (warnings, notes): (Vec<_>, Vec<_>) = source.notes.iter().partition(|note| note.is_warning());
+    notes.into_iter().for_each(|note| progress.note(note));
+    warnings.into_iter().for_each(|warning| progress.warn(warning));
 }
 
 fn warn_of_space(dir: &Path, plan: &PackPlan, progress: &dyn Progress) {

@@ -66,6 +66,8 @@ pub struct VerifyReport {
     /// All problems found: first those of documents, side data and shards, then those of bricks by time step, channel
     /// and level, then those of the statistics.
     pub problems: Vec<VerifyProblem>,
+    /// Names, colours and windows of channels that are not as they were packed: edits of other programs, which are shown.
+    pub edits: Vec<VerifyProblem>,
     /// Whether there were so many problems that the rest of the store was not looked at.
     pub is_cut_short: bool,
 }
@@ -257,8 +259,8 @@ impl<'a> Verifier<'a> {
 
     /// Documents, and every shard's file and index.
     fn check_shards(&self) -> VerifyReport {
-        let problems = documents::check(&self.views[0], self.levels());
-        let mut report = VerifyReport { bricks: self.brick_count(), problems, ..VerifyReport::default() };
+        let documents::Found { problems, edits } = documents::check(&self.views[0], self.levels());
+        let mut report = VerifyReport { bricks: self.brick_count(), problems, edits, ..VerifyReport::default() };
         for (store, level) in self.levels() {
             report.problems.par_extend(self.some(self.check_pages(store, level)));
             for chunks in store.chunks() {

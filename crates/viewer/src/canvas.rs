@@ -272,6 +272,12 @@ impl Canvas {
         let anew = Self::new(volumes, options, device)?;
         let before = std::mem::replace(self, anew);
         self.screen = before.screen;
+        // Giving gigabytes of bricks back takes as long as several frames.
+        let engine = before.engine;
+        let given_back = std::thread::Builder::new().name("giving back".into()).spawn(move || drop(engine));
+        if let Err(error) = given_back {
+            tracing::debug!("memory was given back on the window's thread: {error}");
+        }
         Ok(())
     }
 

@@ -113,7 +113,7 @@ impl Openings {
     pub(crate) fn poll(&mut self) -> Changes {
         let mut changes = Changes::default();
         for item in &mut self.items {
-            changes.messages.extend(item.opening.take_warnings());
+            changes.messages.extend(item.opening.take_said());
             match item.opening.poll() {
                 None => {}
                 Some(News::Store(volume))

@@ -2,6 +2,7 @@
 
 use super::tests::{Folder, Written, at_texts, open_with, shuffled, voxels};
 use crate::options::{Gaps, HeldAs, NoData, OpenOptions};
+use crate::testing::said;
 use brickyard_volume::VoxelType;
 use dicom_core::VR;
 use dicom_dictionary_std::tags;
@@ -31,7 +32,7 @@ fn the_places_of_missing_slices_are_left_and_hold_no_data() {
             let expected = if is_there { value((100 * z + pixel) as f64) } else { nothing };
             assert!(found == expected || found.is_nan() && expected.is_nan(), "z {z}: {found}, expected {expected}");
         }
-        let notes = info.notes.join(" ");
+        let notes = said(&info.notes);
         assert!(notes.contains("4 slices of 9 are missing"), "{notes}");
     };
     // 12 bits, and one value that none of them is; shifted; all 16 bits, of which few are used; padding has its own; fractions have NaN.

@@ -6,6 +6,7 @@
 //! patient meet whatever their format.
 
 use crate::error::ImportError;
+use crate::note::Note;
 use brickyard_volume::counted;
 use glam::{DMat3, DVec3};
 use std::path::PathBuf;
@@ -52,7 +53,7 @@ pub(super) struct Placement {
     /// For each slice its index along z: ascending from 0, without gaps but for missing slices.
     pub(super) levels: Vec<u32>,
     /// A sentence for the user if the spacing along z was assumed, averaged or is not that of the positions.
-    pub(super) note: Option<String>,
+    pub(super) note: Option<Note>,
 }
 
 /// Rule for the distances between slices.
@@ -70,7 +71,7 @@ pub(super) enum Spacing {
 struct Along {
     spacing: f64,
     levels: Vec<u32>,
-    note: Option<String>,
+    note: Option<Note>,
 }
 
 /// Names slices in messages, by file and frame.
@@ -127,11 +128,14 @@ pub(super) fn arrange(slices: &mut [Slice], names: &Names, asked: Spacing) -> Re
 /// A stack of one slice.
 fn alone(slice: &Slice) -> Along {
     let (spacing, note) = match slice.step_mm {
-        Some((mm, name)) => (mm, format!("A single slice: its {name} of {mm} mm is taken as the spacing along z.")),
+        Some((mm, name)) => {
+            let note = format!("A single slice: its {name} of {mm} mm is taken as the spacing along z.");
+            (mm, Note::new(note))
+        }
         None => {
             let note =
                 "A single slice without SpacingBetweenSlices or SliceThickness: 1 mm is taken as the spacing along z.";
-            (1.0, note.into())
+            (1.0, Note::warning(note))
         }
     };
     Along { spacing, levels: vec![0], note: Some(note) }
@@ -220,16 +224,16 @@ fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, asked: Sp
             let place = |i: usize| gaps[..i].iter().sum::<f64>();
             let moved = |i: usize| (mm * i as f64 - place(i)).abs();
             let worst = (0..slices.len()).max_by(|&a, &b| moved(a).total_cmp(&moved(b))).unwrap_or(0);
-            Ok(even(Some(format!(
+            Ok(even(Some(Note::warning(format!(
                 "{apart} by their positions, and taken as {mm} mm apart, as `spacing` says: {} is {:.4} mm from where its position says. \
                  Where slices are missing, `gaps` blank leaves their places.",
                 names.of(&slices[worst]),
                 moved(worst)
-            ))))
+            )))))
         }
-        _ if is_rounding(gaps, rounding, mean) => Ok(even(Some(format!(
+        _ if is_rounding(gaps, rounding, mean) => Ok(even(Some(Note::new(format!(
             "{apart}, which the few decimals of their positions explain: {mean:.4} mm is taken for all."
-        )))),
+        ))))),
         Spacing::WithGaps => with_gaps(gaps, steps).ok_or_else(|| uneven(gaps, steps, slices, names)),
         Spacing::Even => Err(uneven(gaps, steps, slices, names)),
     }

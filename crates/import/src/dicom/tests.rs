@@ -4,7 +4,7 @@ use crate::error::ImportError;
 use crate::open::{open, order_steps};
 use crate::options::{FileOrder, NoData, OpenOptions};
 use crate::source::Source;
-use crate::testing::{alone_with, assert_takes_what_it_says, peak_bytes};
+use crate::testing::{alone_with, assert_takes_what_it_says, peak_bytes, said};
 use brickyard_volume::VoxelType;
 use dicom_core::value::{DataSetSequence, PixelFragmentSequence};
 use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
@@ -319,7 +319,7 @@ fn bits_signs_and_rescaling() {
         slice.pixels(&[0, 1, 2047, 2048, 4095, 0x8fff, 0xf000, 7, 7, 7, 7, 7]);
         change(&mut slice);
         let (_folder, source) = Folder::opened([slice]);
-        (source.info().voxel_type, voxels(&*source)[..7].to_vec(), source.info().notes.join(" "))
+        (source.info().voxel_type, voxels(&*source)[..7].to_vec(), said(&source.info().notes))
     };
     // Bits past the stored ones (overlays of old) are nobody's.
     let (voxel_type, found, _) = values(&|s| s);
@@ -555,7 +555,7 @@ fn rounded_positions_are_even_as_far_as_their_digits_explain() {
     assert!((source.info().geometry.spacing.z - 7.05).abs() < 1e-9);
     let text = at_texts(&["0", "1.4", "2.9", "4.3", "5.7"]);
     let source = text.open().unwrap();
-    let notes = source.info().notes.join(" ");
+    let notes = said(&source.info().notes);
     assert!(notes.contains("1.4000 to 1.5000 mm apart") && notes.contains("1.4250 mm is taken"), "{notes}");
     // What more digits would have told, and what no digits tell.
     at_texts(&["0.00", "1.40", "2.90", "4.30", "5.70"])
@@ -575,7 +575,7 @@ fn a_single_slice_names_the_element_of_its_depth() {
         let mut slice = Written::slice(0.0, 0);
         change(&mut slice);
         let (_folder, source) = Folder::opened([slice]);
-        (source.info().geometry.spacing.z, source.info().notes.join(" "))
+        (source.info().geometry.spacing.z, said(&source.info().notes))
     };
     let (z, note) = notes(&|s| s);
     assert!(z == 5.0 && note.contains("its SliceThickness of 5 mm"), "{note}");
@@ -609,13 +609,13 @@ fn told_spacings_settle_gaps_and_missing_pixel_sizes() {
     assert_eq!(source.info().geometry.spacing, spacing);
     let found = voxels(&*source);
     assert_eq!([0, 12, 24, 36].map(|i| found[i]), [0.0, 20.0, 80.0, 100.0]);
-    let notes = source.info().notes.join(" ");
+    let notes = said(&source.info().notes);
     assert!(notes.contains("2.0000 to 6.0000 mm apart by their positions, and taken as 2 mm apart"), "{notes}");
     // The third and the fourth, 2 and 3 steps up, are 8 and 10 mm up.
     assert!(notes.contains("4.0000 mm from where its position says") && notes.contains("`gaps` blank"), "{notes}");
     // Nothing is said where positions are even, whatever the spacing is said to be.
     let even = open_with(&Folder::of(shuffled()), &told);
-    assert!(!even.unwrap().info().notes.join(" ").contains("apart"));
+    assert!(!said(&even.unwrap().info().notes).contains("apart"));
 }
 
 pub(super) fn open_with(folder: &Folder, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
@@ -905,7 +905,7 @@ fn enhanced_files_place_and_rescale_every_frame() {
     }
     let several = Folder::of([enhanced(), enhanced(), slice_of_another_series()]);
     let source = open(&[several.file(0)], &OpenOptions::default()).unwrap();
-    let notes = source.info().notes.join(" ");
+    let notes = said(&source.info().notes);
     assert!(source.info().extent.z == 2 && notes.contains("1 file more of its series"), "{notes}");
     let mut unplaced = enhanced();
     unplaced.text(tags::NUMBER_OF_FRAMES, VR::IS, "1");

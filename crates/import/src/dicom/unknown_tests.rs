@@ -3,6 +3,7 @@
 use super::tests::{Folder, Written, enhanced, shuffled, voxels};
 use crate::open::open;
 use crate::options::OpenOptions;
+use crate::testing::said;
 use brickyard_volume::VoxelType;
 use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
 use dicom_dictionary_std::{tags, uids};
@@ -100,7 +101,7 @@ fn damaged_files_beside_one_file_matter_only_where_they_may_be_of_its_series() {
     };
     let source = damaged("1.5.3").unwrap();
     assert_eq!(source.info().extent.z, 5);
-    let notes = source.info().notes.join(" ");
+    let notes = said(&source.info().notes);
     assert!(notes.contains("1 DICOM file beside it") && notes.contains("IM9: cut short"), "{notes}");
     let message = damaged("1.2.3").err().unwrap().to_string();
     assert!(message.contains("IM9: cut short"), "{message}");

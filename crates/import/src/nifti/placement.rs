@@ -2,6 +2,7 @@
 //! `pixdim` and `toffset`.
 
 use super::header::Header;
+use crate::note::Note;
 use crate::placement::set_matrix;
 use crate::source::SourceInfo;
 use brickyard_volume::TimeAxis;
@@ -12,16 +13,16 @@ const SPACING_TOLERANCE: f64 = 1e-3;
 
 /// Fills the geometry and orientation of `info` from a header, and adds notes on what the header leaves open or
 /// contradicts.
-pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<String>) {
+pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Note>) {
     let sizes = [1, 2, 3].map(|i| header.pixdim[i].abs());
     let sound = sizes.map(|s| s > 0.0 && s.is_finite());
     let spacing: [f64; 3] = std::array::from_fn(|a| if sound[a] { sizes[a] } else { 1.0 });
     info.geometry.spacing = DVec3::from_array(spacing);
     info.calibrated = sound == [true; 3];
     if !info.calibrated {
-        notes.push(format!(
+        notes.push(Note::warning(format!(
             "Voxel sizes {sizes:?} in the header are not all positive; 1 is taken for those that are not."
-        ));
+        )));
     }
     info.geometry.unit = match header.space_unit {
         1 => Some("meter".into()),
@@ -36,16 +37,16 @@ pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Stri
         let length = orientation.step(a).length();
         if info.calibrated && (length - spacing[a]).abs() > SPACING_TOLERANCE * spacing[a] {
             let axis = ['x', 'y', 'z'][a];
-            notes.push(format!(
+            notes.push(Note::warning(format!(
                 "The header disagrees with itself: voxel size along {axis} is {} by pixdim, {length} by its matrix; pixdim is the spacing, and pictures go by the matrix.",
                 spacing[a]
-            ));
+            )));
         }
     }
 }
 
 /// Fills the time axis of `info` from a header, and adds a note where its steps are of no time.
-pub(super) fn set_time(header: &Header, info: &mut SourceInfo, notes: &mut Vec<String>) {
+pub(super) fn set_time(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Note>) {
     if info.times < 2 {
         return;
     }
@@ -55,7 +56,8 @@ pub(super) fn set_time(header: &Header, info: &mut SourceInfo, notes: &mut Vec<S
         16 => Some("millisecond"),
         24 => Some("microsecond"),
         _ => {
-            notes.push("The fourth axis is none of time, by the header (xyzt_units): its steps are numbered.".into());
+            let note = "The fourth axis is none of time, by the header (xyzt_units): its steps are numbered.";
+            notes.push(Note::new(note));
             return;
         }
     };
@@ -67,7 +69,7 @@ pub(super) fn set_time(header: &Header, info: &mut SourceInfo, notes: &mut Vec<S
     let axis = TimeAxis { start, step: header.time_step, stamps: Vec::new(), unit: unit.map(str::to_owned) };
     match axis.check(info.times) {
         Ok(()) => info.time = Some(axis),
-        Err(problem) => notes.push(format!("The header's time axis is left out: {problem}.")),
+        Err(problem) => notes.push(Note::warning(format!("The header's time axis is left out: {problem}."))),
     }
 }
 

@@ -4,6 +4,7 @@
 //! Curves are not, which a note says. As in ImageJ, only images of 8 and 16 bits are calibrated.
 
 use crate::element::{Element, Scale};
+use crate::note::Note;
 use brickyard_volume::VoxelType;
 
 /// Names of `cf`'s functions, from 0.
@@ -64,8 +65,11 @@ impl Calibration {
 
     /// Returns how stored numbers are scaled to values (`None` if they are not), and a note for the user if there is
     /// something to say.
-    pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<String>) {
-        let kept = |why: &str| (None, Some(format!("ImageJ's calibration of values, {why}: they are kept as stored.")));
+    pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<Note>) {
+        let kept = |why: &str| {
+            let warning = format!("ImageJ's calibration of values, {why}: they are kept as stored.");
+            (None, Some(Note::warning(warning)))
+        };
         let (c0, c1) = match self {
             Self::Curve(name) => return kept(&format!("a {name}, is not applied")),
             Self::Line { c0, c1 } => (*c0, *c1),
@@ -78,10 +82,10 @@ impl Calibration {
         };
         let scale = Scale::exact(element, c1, intercept);
         let note = scale.map(|s| {
-            format!(
+            Note::new(format!(
                 "Values are scaled by {c1} and shifted by {intercept}, as ImageJ's calibration says, and held as {}.",
                 s.to
-            )
+            ))
         });
         (scale, note)
     }

@@ -11,6 +11,7 @@ use super::page::PageFormat;
 use super::units::unit_of;
 use crate::axes::{Axis, Sizes};
 use crate::element::{Element, Scale};
+use crate::note::Note;
 use crate::options::NoData;
 use crate::source::SourceInfo;
 use brickyard_volume::{ChannelLook, Extent, TimeAxis, VoxelType, time_unit};
@@ -39,7 +40,7 @@ pub(super) struct Description {
     pub(super) nodata_is_nan: bool,
     /// How the channels look, as far as is said.
     pub(super) channel_looks: Vec<ChannelLook>,
-    pub(super) notes: Vec<String>,
+    pub(super) notes: Vec<Note>,
 }
 
 /// What OME-XML says beyond a plain order of pages.
@@ -148,11 +149,12 @@ impl Description {
             Ok(()) => {
                 let known = time_unit(unit).map(str::to_owned);
                 if known.is_err() {
-                    self.notes.push(format!("The unit of time '{unit}' is not known; times are kept without a unit."));
+                    let warning = format!("The unit of time '{unit}' is not known; times are kept without a unit.");
+                    self.notes.push(Note::warning(warning));
                 }
                 self.time = Some(TimeAxis { unit: known.ok(), ..axis });
             }
-            Err(problem) => self.notes.push(format!("The description's times are left out: {problem}.")),
+            Err(problem) => self.notes.push(Note::warning(format!("The description's times are left out: {problem}."))),
         }
     }
 
@@ -160,7 +162,10 @@ impl Description {
         let Some(name) = name else { return };
         match unit_of(name) {
             Some((unit, _)) => self.unit = Some(unit),
-            None => self.notes.push(format!("The unit '{name}' is not known; lengths are kept without a unit.")),
+            None => {
+                let warning = format!("The unit '{name}' is not known; lengths are kept without a unit.");
+                self.notes.push(Note::warning(warning));
+            }
         }
     }
 
@@ -178,7 +183,7 @@ impl Description {
 
     /// Returns how stored numbers are scaled to values (`None` if they are not), and a note for the user if there is
     /// something to say.
-    pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<String>) {
+    pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<Note>) {
         self.calibration.as_ref().map_or((None, None), |c| c.scale(element, samples))
     }
 
@@ -205,10 +210,10 @@ impl Description {
             info.calibrated = true;
             if z.is_none() && info.extent.z > 1 {
                 let unit = self.unit.map(|unit| format!(" {unit}")).unwrap_or_default();
-                info.notes.push(format!(
+                info.notes.push(Note::warning(format!(
                     "The file says how large pixels are, not how far planes lie apart: {x}{unit} is taken along z, as along x; \
                      `spacing` gives another."
-                ));
+                )));
             }
         }
         info.geometry.unit = self.unit.map(str::to_owned);

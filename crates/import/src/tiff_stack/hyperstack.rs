@@ -4,6 +4,7 @@ use super::calibration::Calibration;
 use super::description::{Declared, Description, Spacing};
 use super::units::unit_of;
 use crate::axes::Axis;
+use crate::note::Note;
 use brickyard_volume::{ChannelLook, TimeAxis};
 
 /// How ImageJ's description begins.
@@ -75,9 +76,9 @@ fn in_unit_of_x(description: &mut Description, unit: Option<&str>, others: [Opti
     for (axis, other) in ["y", "z"].into_iter().zip(others).zip([y, z]).filter_map(|(at, f)| f.is_none().then_some(at))
     {
         let (other, unit) = (other.unwrap_or_default(), unit.unwrap_or("none"));
-        description.notes.push(format!(
+        description.notes.push(Note::warning(format!(
             "Lengths along {axis} are in '{other}', those along x in '{unit}': they are left out; `spacing` gives them."
-        ));
+        )));
     }
 }
 

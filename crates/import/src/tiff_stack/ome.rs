@@ -10,6 +10,7 @@ use super::description::{Declared, Description, Ome, OmeSays};
 use super::hyperstack::is_length;
 use super::xml::{self, Failure, LONGEST_NAME, attribute, decoded, meaning, next_piece, number};
 use crate::axes::Axis;
+use crate::note::Note;
 use brickyard_volume::{ChannelLook, TimeAxis};
 use quick_xml::events::{BytesStart, Event};
 use std::collections::HashMap;
@@ -359,7 +360,7 @@ impl Walk {
         }
         let Some(pixels) = self.pixels.take() else {
             let note = "The OME-XML description tells of no pixels; pages are taken along z.";
-            return Ok(Description { notes: vec![note.into()], ..Description::default() });
+            return Ok(Description { notes: vec![Note::warning(note)], ..Description::default() });
         };
         if self.has_binary_data && pixels.tiff_data.is_empty() {
             return meaning("holds the pixels itself (BinData), which is not read: write it as OME-TIFF (bfconvert)");
@@ -376,7 +377,7 @@ impl Walk {
         }
         if self.splits_axes {
             let note = "The OME-XML description splits an axis once more (Modulo); it is kept as one.";
-            description.notes.push(note.into());
+            description.notes.push(Note::warning(note));
         }
         description.ome = Some(Ome { uuid, says: OmeSays::Pixels(Box::new(pixels)) });
         Ok(description)
@@ -394,7 +395,9 @@ impl Walk {
         }
         match TimeAxis::of_stamps(stamps.into_iter().map(|(_, stamp)| stamp).collect(), None) {
             Ok(axis) => description.set_time(axis, &self.stamp_unit, times),
-            Err(problem) => description.notes.push(format!("The description's times are left out: {problem}.")),
+            Err(problem) => {
+                description.notes.push(Note::warning(format!("The description's times are left out: {problem}.")));
+            }
         }
     }
 }

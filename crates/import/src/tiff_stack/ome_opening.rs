@@ -12,6 +12,7 @@ use super::page_map::{PageMap, Place, of_page};
 use super::told::name_of;
 use super::{MOST_IDLE, Parts, TiffFile, TiffStack};
 use crate::error::ImportError;
+use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::raw::identity;
 use crate::source::Source;
@@ -172,11 +173,11 @@ impl Opening<'_> {
         }
         if set.paths.len() > 1 {
             let note = format!("The planes are those of a set of {} files, as OME-XML says.", set.paths.len());
-            stack.info.notes.push(note);
+            stack.info.notes.push(Note::new(note));
         }
         if spare > 0 {
-            let note = format!("{} of no plane that the OME-XML tells of, and left out.", is_or_are(spare));
-            stack.info.notes.push(note);
+            let warning = format!("{} of no plane that the OME-XML tells of, and left out.", is_or_are(spare));
+            stack.info.notes.push(Note::warning(warning));
         }
         Ok(Box::new(stack))
     }

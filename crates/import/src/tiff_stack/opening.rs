@@ -12,6 +12,7 @@ use crate::axes::{Axis, AxisOrder};
 use crate::element::Decode;
 use crate::error::ImportError;
 use crate::mapped::MappedFile;
+use crate::note::Note;
 use crate::options::{NoData, OpenOptions};
 use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::source::{Source, SourceInfo};
@@ -149,7 +150,7 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
             "Pages that are smaller copies or masks of others are left out, in {}.",
             counted(with_copies, "file")
         );
-        description.notes.push(note);
+        description.notes.push(Note::new(note));
     }
     // What a single plane's file says of a stack's shape is about the stack it was cut from.
     description.declared = None;
@@ -235,7 +236,7 @@ pub(super) fn open_pages(
     let parts = Parts { files: vec![file], format, map, reader_bytes, idle: vec![(0, tiff)] };
     let mut stack = TiffStack::new(parts, description, options)?;
     stack.info.notes.extend(note);
-    stack.info.notes.extend(copies);
+    stack.info.notes.extend(copies.map(Note::new));
     Ok(Box::new(stack))
 }
 

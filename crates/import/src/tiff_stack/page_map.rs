@@ -3,6 +3,7 @@
 use super::description::Declared;
 use super::page::PageFormat;
 use crate::axes::{Axis, AxisOrder, Sizes};
+use crate::note::Note;
 use crate::options::OpenOptions;
 
 /// Where a plane lies.
@@ -132,7 +133,7 @@ pub(super) fn arrange(
     options: &OpenOptions,
     declared: Option<&Declared>,
     format: &PageFormat,
-) -> Result<(PageMap, Option<String>), Misfit> {
+) -> Result<(PageMap, Option<Note>), Misfit> {
     let all = pages.saturating_mul(files);
     let map = |axes: &[Axis], sizes: Sizes| PageMap::along(axes, of_page(sizes, format), pages);
     if let Some(axes) = &options.axes {
@@ -145,7 +146,7 @@ pub(super) fn arrange(
         let note = format!(
             "The {all} pages are arrays of their own, as the description of the first says: they are taken along z."
         );
-        return Ok((along_z(), Some(note)));
+        return Ok((along_z(), Some(Note::new(note))));
     }
     let sizes = declared.page_sizes(format).map_err(Misfit::OfFile)?;
     if planes_of(sizes) != all as u64 {

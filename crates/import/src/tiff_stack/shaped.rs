@@ -9,6 +9,7 @@ use super::hyperstack::{is_length, spacing};
 use super::page::PageFormat;
 use super::tag_scale::ScaleTags;
 use crate::axes::Axis;
+use crate::note::Note;
 use brickyard_volume::TimeAxis;
 use serde_json::Value;
 
@@ -67,9 +68,9 @@ fn place(description: &mut Description, values: &Value, tags: &ScaleTags) {
                 return;
             }
             if let (None, Some(depth), Some((_, of_pixels))) = (unit, depth, tags.per_unit()) {
-                description.notes.push(format!(
+                description.notes.push(Note::warning(format!(
                     "The description's spacing of {depth} has no unit, and the pixels' is {of_pixels}: the distance of slices is left out; pass `spacing` and `unit`."
-                ));
+                )));
                 return;
             }
             description.set_unit(unit);
@@ -124,7 +125,7 @@ fn parsed(text: &str) -> Result<Array, String> {
 
 impl Array {
     /// The arrangement of pages, and a note if there is something to say.
-    fn declared(&self, format: &PageFormat) -> Result<(Declared, Option<String>), String> {
+    fn declared(&self, format: &PageFormat) -> Result<(Declared, Option<Note>), String> {
         if self.shape.contains(&0) {
             return Err(format!("has the shape {:?}, of no pixels", self.shape));
         }
@@ -145,8 +146,8 @@ impl Array {
                 'C' | 'S' => Axis::C,
                 'Z' => Axis::Z,
                 'I' | UNSAID if before_page.len() == 1 => {
-                    note =
-                        (letter == 'I').then(|| "The axis I (a sequence) of the description is taken along z.".into());
+                    let sequence = "The axis I (a sequence) of the description is taken along z.";
+                    note = (letter == 'I').then(|| Note::new(sequence));
                     Axis::Z
                 }
                 _ => return Err(format!("does not say what is along every axis of the shape {}", self.words())),

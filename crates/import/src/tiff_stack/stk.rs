@@ -6,6 +6,7 @@
 use super::description::{Declared, Description, Spacing};
 use super::hyperstack::is_length;
 use crate::axes::Axis;
+use crate::note::Note;
 use brickyard_volume::TimeAxis;
 use std::io::{Read, Seek, SeekFrom};
 use tiff::tags::Tag;
@@ -85,7 +86,7 @@ fn described(planes: &[[u8; UIC2_BYTES as usize]]) -> Description {
             true => description.spacing = Some(Spacing { x: 1.0, y: 1.0, z: Some(first) }),
             false => {
                 let note = "MetaMorph's planes are not evenly spaced; their distances are left out.";
-                description.notes.push(note.into());
+                description.notes.push(Note::warning(note));
             }
         }
     } else if is_t {
@@ -96,11 +97,13 @@ fn described(planes: &[[u8; UIC2_BYTES as usize]]) -> Description {
         let first = stamps[0];
         match TimeAxis::of_stamps(stamps.into_iter().map(|stamp| stamp - first).collect(), None) {
             Ok(axis) => description.set_time(axis, "s", count),
-            Err(problem) => description.notes.push(format!("MetaMorph's times are left out: {problem}.")),
+            Err(problem) => {
+                description.notes.push(Note::warning(format!("MetaMorph's times are left out: {problem}.")));
+            }
         }
     } else if count > 1 {
         let note = "MetaMorph's planes have no distances, and no times of their own: they are taken along z.";
-        description.notes.push(note.into());
+        description.notes.push(Note::new(note));
     }
     description.declared = Some(declared);
     description
@@ -136,7 +139,7 @@ impl<R: Read + Seek> Tags<'_, R> {
             if depth.is_some() {
                 description.set_unit(Some("um"));
                 let note = "MetaMorph's file says how far planes lie apart, not how large pixels are: 1 is taken along x and y.";
-                description.notes.push(note.into());
+                description.notes.push(Note::warning(note));
             }
         };
         if find(SPATIAL_CALIBRATION) == Some(0) {

@@ -4,6 +4,7 @@
 use super::description::{Description, Spacing};
 use super::hyperstack::is_length;
 use super::units::unit_of;
+use crate::note::Note;
 
 /// Pixels per inch that screens' and printers' defaults are, not scales of what is seen.
 const DEFAULTS_PER_INCH: [f64; 2] = [72.0, 96.0];
@@ -48,13 +49,13 @@ impl ScaleTags {
                 _ => (None, format!("{place}, and neither is a unit.")),
             };
             description.unit = unit;
-            description.notes.push(note);
+            description.notes.push(Note::new(note));
         } else if let Some(([x, y], unit)) = self.per_unit().filter(|_| !description.ignores_resolution) {
             if let Some(dots) = self.default_per_inch() {
                 let note = format!(
                     "{dots} pixels per inch are a screen's or a printer's, not the data's: no spacing is taken."
                 );
-                description.notes.push(note);
+                description.notes.push(Note::new(note));
                 return;
             }
             description.spacing = Some(Spacing { x: 1.0 / x, y: 1.0 / y, z: None });
@@ -122,12 +123,13 @@ impl ScaleTags {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::said;
 
     fn described(tags: &ScaleTags) -> (Option<[f64; 3]>, Option<&'static str>, String) {
         let mut description = Description::default();
         tags.describe(&mut description);
         let spacing = description.spacing.map(|s| [s.x, s.y, s.z.unwrap_or(0.0)]);
-        (spacing, description.unit, description.notes.join(" "))
+        (spacing, description.unit, said(&description.notes))
     }
 
     fn resolution(x: f64, y: f64, unit: u16) -> ScaleTags {

@@ -8,7 +8,7 @@ use crate::error::ImportError;
 use crate::open::open;
 use crate::options::{NoData, OpenOptions};
 use crate::source::{Access, Source};
-use crate::testing::{Field, alone_with, assert_boxes, assert_takes_what_it_says, temp_file};
+use crate::testing::{Field, alone_with, assert_boxes, assert_takes_what_it_says, said, temp_file};
 use brickyard_volume::{VoxelBox, VoxelType};
 use glam::DVec3;
 use proptest::prelude::*;
@@ -581,7 +581,7 @@ fn imagej_values_are_calibrated() {
             let source = opened(&path).unwrap();
             let expected: Vec<f64> = stored.iter().map(|v| v * scale.0 + scale.1).collect();
             assert_eq!((source.info().voxel_type, values(&*source)), (voxel_type, expected), "{lines}");
-            let notes = source.info().notes.join(" ");
+            let notes = said(&source.info().notes);
             assert_eq!(notes.contains("scaled by"), scale != (1.0, 0.0), "{notes}");
             assert_eq!(notes.contains("Rodbard (cf=7), is not applied"), lines.starts_with("cf=7"), "{notes}");
         }
@@ -629,7 +629,7 @@ fn halves_are_widened_and_doubles_kept_where_they_fit() {
     assert!(opened(&path).err().unwrap().to_string().contains("`allow_lossy`"));
     let source = open(&[path], &OpenOptions { allow_lossy: true, ..options() }).unwrap();
     assert_eq!(values(&*source)[1], f64::INFINITY);
-    assert!(source.info().notes.join(" ").contains("of 4 values in a.tif, 1 infinite, 1 rounded"));
+    assert!(said(&source.info().notes).contains("of 4 values in a.tif, 1 infinite, 1 rounded"));
 }
 
 /// An entry holds up to four characters itself, which is what [`with_tag`] writes: of 16 bits, so two of them.

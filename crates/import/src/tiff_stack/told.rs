@@ -9,6 +9,7 @@ use super::tag_scale::ScaleTags;
 use super::xml::Failure;
 use super::{hyperstack, imagej, shaped, stk};
 use crate::error::ImportError;
+use crate::note::Note;
 use brickyard_volume::ChannelLook;
 use std::io::{BufReader, Read};
 use std::path::Path;
@@ -73,11 +74,11 @@ impl OpenTiff {
         if format.is_palette {
             let note =
                 "Pixels are indices into a palette of colours: the indices are read, and the colours are left out.";
-            description.notes.push(note.into());
+            description.notes.push(Note::new(note));
         }
         if !format.turn.is_none() {
             let note = "Rows and columns are put in order as the file's Orientation says.";
-            description.notes.push(note.into());
+            description.notes.push(Note::new(note));
         }
         Ok(description)
     }

@@ -1,5 +1,5 @@
 //! Compares every `zarr.json` with the one that packing would write from the store's settings. What packing wrote must be
-//! there unchanged; what others have added is left alone.
+//! there unchanged; what others have added is left alone. Names, colours and windows of channels are theirs to edit: such edits are told apart.
 //!
 //! Settings, statistics and placement are themselves read from the root document. So that one byte in one of them is found
 //! as well, the document holds a checksum of what was written.
@@ -11,14 +11,20 @@ use crate::shard_file::IoMode;
 use crate::side::{SideArray, level_arrays, parse_json, read_json};
 use crate::store::Store;
 use crate::verify::VerifyProblem;
-use brickyard_volume::Level;
+use brickyard_volume::{Level, channel};
 use serde_json::Value;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
+/// Findings in a store's documents.
+pub(crate) struct Found {
+    pub(crate) problems: Vec<VerifyProblem>,
+    /// Edits of what other programs may edit.
+    pub(crate) edits: Vec<VerifyProblem>,
+}
+
 /// Checks the root document of the main pyramid, and the documents of these levels, each with the store of its pyramid.
-/// Returns the problems.
-pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, Level)>) -> Vec<VerifyProblem> {
+pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, Level)>) -> Found {
     let mut documents = Vec::new();
     for (store, level) in levels {
         let (layout, info) = (store.layout(), store.info());
@@ -34,14 +40,55 @@ pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, L
     }
     let found: Vec<_> = documents.iter().map(|(path, _)| read_json(main.folder(), path)).collect();
     // Read after the arrays: so they have at most one step more, of a commit that was cut off or is under way.
-    let (expected, root) = root_now(main);
+    let (expected, mut root) = root_now(main);
     let times = main.info().times.map(|times| times..=count_of(&root).unwrap_or(times).saturating_add(1));
-    let of_root = check_one(main.path().join("zarr.json"), &expected, root);
+    let path = main.path().join("zarr.json");
+    let edits = root.as_mut().map_or_else(|_| Vec::new(), |root| take_edits(&expected, root));
+    let edits = edits.into_iter().map(|what| VerifyProblem { brick: None, path: path.clone(), what }).collect();
+    let of_root = check_one(path.clone(), &expected, root);
     let checked = documents.into_iter().zip(found).map(|((path, expected), found)| {
         let found = found.map(|found| with_committed_times(&expected, found, times.as_ref()));
         check_one(path, &expected, found)
     });
-    of_root.into_iter().chain(checked.flatten()).chain(foreign(main)).collect()
+    Found { problems: of_root.into_iter().chain(checked.flatten()).chain(foreign(main)).collect(), edits }
+}
+
+/// Puts what was packed in the place of names, colours and windows that others have edited, where theirs can be used; those that are gone stand in as they
+/// were packed anyway. Returns the edits.
+fn take_edits(expected: &Value, root: &mut Value) -> Vec<String> {
+    const OMERO: &str = "/attributes/ome/omero";
+    let channels = expected.pointer(OMERO).and_then(|omero| omero["channels"].as_array());
+    let (Some(packed), Some(channels)) = (expected.pointer(OMERO), channels) else { return Vec::new() };
+    let found = root.pointer(OMERO).cloned().unwrap_or_default();
+    let mut edits = Vec::new();
+    for (i, channel) in channels.iter().enumerate() {
+        let theirs = &found["channels"][i];
+        let end = |name: &str| theirs["window"][name].as_f64();
+        let is_window = end("start").zip(end("end")).is_none_or(|(start, end)| start <= end);
+        for field in ["/label", "/color", "/active", "/window/min", "/window/max", "/window/start", "/window/end"] {
+            let (packed, theirs) = (channel.pointer(field), theirs.pointer(field).unwrap_or(&Value::Null));
+            let Some(packed) = packed.filter(|packed| difference(packed, theirs, &mut String::new()).is_some()) else {
+                continue;
+            };
+            let is_usable = match field {
+                _ if theirs.is_null() => true,
+                "/label" => theirs.is_string(),
+                "/color" => theirs.as_str().and_then(channel::from_hex).is_some(),
+                "/active" => theirs.is_boolean(),
+                _ => theirs.is_number() && is_window,
+            };
+            if !is_usable {
+                return Vec::new();
+            }
+            let name = field.replace('/', ".");
+            let now = if theirs.is_null() { "gone".into() } else { short(theirs) };
+            edits.push(format!("attributes.ome.omero.channels[{i}]{name}: {now}, packed as {packed}"));
+        }
+    }
+    if let Some(ome) = root.pointer_mut("/attributes/ome").and_then(Value::as_object_mut) {
+        ome.insert("omero".into(), packed.clone());
+    }
+    edits
 }
 
 /// The documents of a level's side data, and of its aprons'. Where no step is appended, opening has compared them.
@@ -193,7 +240,8 @@ mod tests {
                 let mut bad = sound.clone();
                 bad[i] ^= 1 << (i * 5 % 8);
                 std::fs::write(&path, &bad).unwrap();
-                let is_found = verify(dir, |_, _| {}).is_ok_and(|report| report.problems.is_empty());
+                let is_found =
+                    verify(dir, |_, _| {}).is_ok_and(|report| report.problems.is_empty() && report.edits.is_empty());
                 let around = String::from_utf8_lossy(&bad[i.saturating_sub(30)..(i + 30).min(bad.len())]).into_owned();
                 assert!(!is_found || is_neutral(&sound, &bad), "{}: byte {i}: {around}", path.display());
                 found += !is_found as u32;
@@ -238,7 +286,9 @@ mod tests {
                         _ => json!([1]),
                     };
                     std::fs::write(&path, document_bytes(&bad)).unwrap();
-                    let is_found = verify(dir.path(), |_, _| {}).map_or(true, |report| !report.problems.is_empty());
+                    let report = verify(dir.path(), |_, _| {});
+                    let is_found =
+                        report.map_or(true, |report| !(report.problems.is_empty() && report.edits.is_empty()));
                     assert!(is_found || pointer == "/attributes", "{}: {pointer}", path.display());
                 }
                 std::fs::write(&path, &sound).unwrap();
@@ -257,6 +307,42 @@ mod tests {
             }
             _ => found.push(at),
         }
+    }
+
+    #[test]
+    fn edits_of_looks_are_told_apart_and_what_cannot_be_used_is_a_problem() {
+        let dir = tempfile::tempdir().unwrap();
+        TestStore { channels: 2, ..TestStore::default() }.write(dir.path(), bumps);
+        let path = dir.path().join("zarr.json");
+        let sound: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+        let found = |edit: &dyn Fn(&mut Value)| {
+            let mut root = sound.clone();
+            edit(&mut root["attributes"]["ome"]["omero"]);
+            std::fs::write(&path, document_bytes(&root)).unwrap();
+            let report = verify(dir.path(), |_, _| {}).unwrap();
+            let words =
+                |list: &[crate::verify::VerifyProblem]| list.iter().map(|it| it.what.clone()).collect::<Vec<_>>();
+            (words(&report.problems), words(&report.edits))
+        };
+        let channels = |omero: &Value| omero["channels"].as_array().unwrap().clone();
+        let start = &sound["attributes"]["ome"]["omero"]["channels"][0]["window"]["start"];
+        assert_eq!(found(&|_| ()), (vec![], vec![]));
+        let (problems, edits) = found(&|omero| {
+            omero["channels"][0]["color"] = json!("00ff7F");
+            omero["channels"][0]["label"] = json!("actin");
+            omero["channels"][1]["active"] = json!(false);
+        });
+        assert_eq!((problems, edits.len()), (vec![], 3), "{edits:?}");
+        assert_eq!(edits[0], "attributes.ome.omero.channels[0].label: \"actin\", packed as \"channel 0\"");
+        let (problems, edits) = found(&|omero| omero["channels"] = json!(channels(omero)[..1]));
+        assert!(problems.is_empty() && edits.iter().all(|edit| edit.contains("channels[1]") && edit.contains("gone")));
+        for (field, value) in [("/color", json!("red")), ("/active", json!(1)), ("/window/start", json!("low"))] {
+            let (problems, edits) = found(&|omero| *omero["channels"][0].pointer_mut(field).unwrap() = value.clone());
+            assert!(problems.len() == 1 && problems[0].contains("omero") && edits.is_empty(), "{field}: {problems:?}");
+        }
+        let (problems, _) =
+            found(&|omero| omero["channels"][0]["window"]["end"] = json!(start.as_f64().unwrap() - 1.0));
+        assert_eq!(problems.len(), 1);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::{Layout, opened, options, refusal, values, written};
 use crate::open::open;
 use crate::options::OpenOptions;
-use crate::testing::{Field, temp_file};
+use crate::testing::{Field, said, temp_file};
 use brickyard_volume::VoxelType;
 
 const WIDTH: u16 = 256;
@@ -44,7 +44,7 @@ fn smaller_copies_and_masks_are_no_planes() {
     let source = opened(&path).unwrap();
     assert_eq!(source.info().extent.to_array(), [7, 5, 3]);
     assert_eq!(values(&*source), [plane(0), plane(2), plane(4)].concat());
-    let notes = source.info().notes.join(" ");
+    let notes = said(&source.info().notes);
     assert!(notes.contains("2 pages are smaller copies or masks of others"), "{notes}");
     // A thumbnail that does not say that it is one.
     let field = Field { sizes: [7, 5, 3, 1, 1], voxel_type: VoxelType::U8 };
@@ -54,7 +54,7 @@ fn smaller_copies_and_masks_are_no_planes() {
     let (_folder, path) = temp_file("a.tif", &silent);
     let source = opened(&path).unwrap();
     assert_eq!(values(&*source), [plane(0), plane(1)].concat());
-    assert!(source.info().notes.join(" ").contains("1 page is a smaller copy"), "{:?}", source.info().notes);
+    assert!(said(&source.info().notes).contains("1 page is a smaller copy"), "{:?}", source.info().notes);
     // More of one size than of the first's may be the stack.
     put(&mut silent, 1, WIDTH, 4);
     put(&mut silent, 1, HEIGHT, 3);
@@ -77,7 +77,7 @@ fn files_of_a_page_and_its_copies_are_planes() {
     std::fs::write(folder.path().join("s2.tif"), marked(1, &[])).unwrap();
     let source = opened(folder.path()).unwrap();
     assert_eq!((source.info().extent.to_array(), source.info().times), ([7, 5, 2], 1));
-    assert!(source.info().notes.join(" ").contains("left out, in 1 file."), "{:?}", source.info().notes);
+    assert!(said(&source.info().notes).contains("left out, in 1 file."), "{:?}", source.info().notes);
     // Who says what pages are says it of all.
     let message = open(&[folder.path().to_owned()], &all_pages()).err().unwrap().to_string();
     assert!(message.contains("several planes"), "{message}");

@@ -1,6 +1,7 @@
 //! What is described in one file is what is read: tifffile's axes, MetaMorph's planes, scales of tags, Orientation, GDAL's value.
 
 use super::*;
+use crate::testing::said;
 
 fn field(z: u32, c: u32, t: u32) -> Field {
     Field { sizes: [7, 5, z, c, t], voxel_type: VoxelType::U16 }
@@ -18,7 +19,7 @@ fn described(description: &str) -> Layout {
 }
 
 fn notes(source: &dyn Source) -> String {
-    source.info().notes.join(" ")
+    said(&source.info().notes)
 }
 
 #[test]
