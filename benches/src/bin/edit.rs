@@ -9,7 +9,18 @@
 //!
 //! An edit is measured with a picture of 16 x 16 pixels, which takes so little itself that the difference is not lost in it.
 //! The two functions differ in colour, and by 1/1000 in opacity: nothing of an edit is spared, and both take the same samples. A
-//! brick uploaded is an error. Prints a Markdown table, then one line of JSON.
+//! brick uploaded is an error.
+//!
+//! Another edit reveals: a session that shows values above the middle of the window alone is given the whole function. Bricks that
+//! showed nothing were not fetched; this edit uploads them, and the picture is drawn at once without:
+//!
+//! ```text
+//! bricks   uploaded for the first view, and by the edit
+//! first    wall time from the edit to its first picture
+//! settled  wall time from the edit to the picture that has all bricks
+//! ```
+//!
+//! Prints two Markdown tables, then one line of JSON.
 
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::offline::render_settled;
@@ -17,8 +28,9 @@ use brickyard::session::{Session, SessionOptions, VolumeSource};
 use brickyard::stats::RenderStats;
 use brickyard_benches::{Timing, markdown, median, time};
 use brickyard_store::Store;
-use brickyard_volume::{Scene, TransferFunction};
+use brickyard_volume::{Scene, TransferChoice, TransferFunction};
 use clap::Parser;
+use serde::Serialize;
 use serde_json::json;
 use std::error::Error;
 use std::path::PathBuf;
@@ -57,7 +69,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
     let store = Arc::new(Store::open(&arguments.store)?);
     let scenes = scenes(&store, &arguments.transfer)?;
-    let (mut rows, mut lines) = (Vec::new(), Vec::new());
+    let (mut rows, mut revealed, mut lines) = (Vec::new(), Vec::new(), Vec::new());
     for (name, backend, compositor) in WAYS {
         let options = SessionOptions {
             backend,
@@ -70,7 +82,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             keeps_decoded: true,
             live: false,
         };
-        let mut session = Session::new(vec![VolumeSource::of_store(&store)], options);
+        let open = || Session::new(vec![VolumeSource::of_store(&store)], options);
+        let mut session = open();
         if let Err(error) = session.step(&scenes[0], (arguments.size, arguments.size)) {
             eprintln!("{name} is left out: {error}");
             continue;
@@ -83,12 +96,57 @@ fn main() -> Result<(), Box<dyn Error>> {
         let share = (table + edit) / frame;
         let ms = |v: f64| format!("{v:.2}");
         rows.push(vec![name.into(), ms(frame), ms(table), ms(edit), format!("{:.1} %", share * 100.0)]);
+        let reveal = reveal(open(), &scenes[0], arguments.size)?;
+        let Reveal { bricks_before, bricks, first_ms, settled_ms } = &reveal;
+        revealed.push(vec![name.into(), bricks_before.to_string(), bricks.to_string(), ms(*first_ms), ms(*settled_ms)]);
         lines.push(json!({ "way": name, "frame_cpu_ms": frame, "table_cpu_ms": table, "edit_cpu_ms": edit,
-            "edit_over_frame": share }));
+            "edit_over_frame": share, "reveal": reveal }));
     }
     println!("{}", markdown(&["", "frame, CPU ms", "the table", "an edit adds", "both, of a frame"], &rows));
+    let titles = ["an edit that reveals", "bricks before", "uploaded by the edit", "first picture, ms", "settled, ms"];
+    println!("{}", markdown(&titles, &revealed));
     println!("{}", json!(lines));
     Ok(())
+}
+
+/// What an edit took that shows what was hidden.
+#[derive(Serialize)]
+struct Reveal {
+    bricks_before: u64,
+    bricks: u64,
+    first_ms: f64,
+    settled_ms: f64,
+}
+
+fn reveal(mut session: Session, whole: &Scene, size: u32) -> Result<Reveal, Box<dyn Error>> {
+    let (size_px, patience) = ((size, size), Duration::from_secs(600));
+    let mut stats = RenderStats::default();
+    let hidden = session.resolve(&upper_half(whole)?, size_px)?;
+    render_settled(&mut session, &hidden, patience, Instant::now(), &mut stats, &mut Vec::new())?;
+    let (bricks_before, edited) = (stats.bricks.uploaded, Instant::now());
+    draw(&mut session, whole, size_px, &mut stats)?;
+    let first_ms = edited.elapsed().as_secs_f64() * 1e3;
+    let resolved = session.resolve(whole, size_px)?;
+    render_settled(&mut session, &resolved, patience, edited, &mut stats, &mut Vec::new())?;
+    let settled_ms = edited.elapsed().as_secs_f64() * 1e3;
+    let bricks = stats.bricks.uploaded - bricks_before;
+    if bricks == 0 {
+        return Err("the edit revealed nothing: choose another store or function".into());
+    }
+    Ok(Reveal { bricks_before, bricks, first_ms, settled_ms })
+}
+
+/// A scene that shows values above the middle of its function's range alone.
+fn upper_half(scene: &Scene) -> Result<Scene, Box<dyn Error>> {
+    let Some(TransferChoice::Function(mut function)) = scene.layers[0].transfer.clone() else {
+        return Err("no function".into());
+    };
+    let points = &function.opacity;
+    let (Some([low, _]), Some([high, _])) = (points.first(), points.last()) else { return Err("no opacity".into()) };
+    let middle = 0.5 * (low + high);
+    let above = points.iter().filter(|[value, _]| *value > middle);
+    function.opacity = [[*low, 0.0], [middle, 0.0]].iter().chain(above).copied().collect();
+    Ok(Scene::of(function))
 }
 
 /// The same view under two functions.

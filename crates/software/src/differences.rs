@@ -1,14 +1,17 @@
-//! Central differences of a padded brick's codes, linearly filtered, at eight places at a time.
+//! Differences of a padded brick's codes, linearly filtered, at eight places at a time: central ones here, those of other operators by their modules.
 //!
 //! The six places a voxel away from a place lie in the 32 voxels around it, and many of these are shared: they are read once, two
 //! neighbours along x at a time, and the differences are mixed as values are. So a gradient costs 16 reads where its six samples, taken
 //! one by one, would cost 24, and needs no lane that goes to waste. Where one of a packet's voxels has no value, or a number is too far
 //! off to be a code, six samples are taken all the same.
 
+use crate::gradients::Gradients;
 use crate::packet::{LANES, Packet};
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
 use crate::sample::{Brick, Code, Portable, Unit, mix, mix_packets};
+use crate::stretch::March;
+use brickyard_volume::Gradient;
 
 /// Voxels along the edge of the smallest brick that has two voxels on each side of a place.
 const LEAST_PADDED: usize = 4;
@@ -23,20 +26,28 @@ impl Brick<'_> {
         middle: &Packet,
         differences: &mut [Packet; 3],
     ) {
+        let (voxel, t) = self.voxels_around(points);
+        // SAFETY: such are the voxels that are returned.
+        let odd = unsafe { self.shared_differences::<C, INVALID>(&voxel, &t, differences) };
+        if INVALID && odd > 0.0 {
+            self.six_samples::<C, U, INVALID>(points, middle, differences);
+        }
+    }
+
+    /// The voxels below eight places, each with a lower neighbour and two upper ones along each axis, and the places' fractions towards the next.
+    #[inline(always)]
+    pub(crate) fn voxels_around(&self, points: &[Packet; 3]) -> ([i32; LANES], [Packet; 3]) {
         assert!(self.padded() >= LEAST_PADDED, "no voxels to take differences of");
-        let (mut voxel, mut t) = ([0i32; LANES], [[0.0f32; LANES]; 3]);
+        let (mut voxel, mut t) = ([0; LANES], [[0.0; LANES]; 3]);
         for a in [2, 1, 0] {
             for i in 0..LANES {
+                // A whole part is at least 1 and at most padded - 3.
                 let (whole, fraction) = self.grid().split_inside(points[a][i]);
                 t[a][i] = fraction;
                 voxel[i] = voxel[i] * self.padded() as i32 + whole;
             }
         }
-        // SAFETY: every coordinate's whole part is at least 1 and at most padded - 3.
-        let odd = unsafe { self.shared_differences::<C, INVALID>(&voxel, &t, differences) };
-        if INVALID && odd > 0.0 {
-            self.six_samples::<C, U, INVALID>(points, middle, differences);
-        }
+        (voxel, t)
     }
 
     /// [`Brick::central_differences`] at the given voxels and fractions towards their upper neighbours. With `INVALID`, returns how many of the
@@ -96,18 +107,24 @@ impl Brick<'_> {
             far[i] = mix(beside_z[1][0][i] - line[0][0][i], beside_z[1][1][i] - line[0][1][i], t[1][i]);
         }
         differences[2] = mix_packets(&near, &far, &t[2]);
-        if C::IS_FLOAT {
-            for axis in &mut *differences {
-                for i in 0..LANES {
-                    axis[i] *= self.map().per_number;
-                }
-            }
-        }
+        self.scale_to_codes::<C>(differences);
         let mut sum = 0.0;
         for i in 0..LANES {
             sum += odd[i];
         }
         sum
+    }
+
+    /// Makes differences of codes of those of numbers.
+    #[inline(always)]
+    pub(crate) fn scale_to_codes<C: Code>(&self, differences: &mut [Packet; 3]) {
+        if C::IS_FLOAT {
+            for axis in differences {
+                for i in 0..LANES {
+                    axis[i] *= self.map().per_number;
+                }
+            }
+        }
     }
 
     /// The numbers, mixed along x, on the line so many voxels from the given ones.
@@ -160,7 +177,7 @@ impl Brick<'_> {
     /// # Safety
     /// All these voxels are inside the brick.
     #[inline(always)]
-    unsafe fn pairs<C: Code, const INVALID: bool>(
+    pub(crate) unsafe fn pairs<C: Code, const INVALID: bool>(
         &self,
         (voxel, at): (&[i32; LANES], isize),
         [near, far]: [&mut Packet; 2],
@@ -247,6 +264,40 @@ impl Brick<'_> {
     }
 }
 
+impl March<'_> {
+    /// Puts into `differences` those of the frame's operator, across two voxels along each axis, at eight slot coordinates that have these codes. Returns the codes
+    /// whose rounding is in them: none if the gradients are stored.
+    #[inline(always)]
+    pub(crate) fn differences<C: Code, U: Unit, const INVALID: bool>(
+        &self,
+        points: &[Packet; 3],
+        code: &Packet,
+        differences: &mut [Packet; 3],
+    ) -> Packet {
+        match self.frame.settings.lighting.gradient {
+            Gradient::Central => self.brick.central_differences::<C, U, INVALID>(points, code, differences),
+            Gradient::Sobel => self.brick.sobel_differences::<C, U, INVALID>(points, code, differences),
+            Gradient::Stored => {
+                self.stored_differences(points, differences);
+                return [0.0; LANES];
+            }
+        }
+        *code
+    }
+
+    /// Differences from the gradients that are kept beside the brick. Not inlined: it is large.
+    #[inline(never)]
+    fn stored_differences(&self, points: &[Packet; 3], differences: &mut [Packet; 3]) {
+        let gradients = Gradients::new(self.cell.brick.gradients(), self.frame.gradients, self.frame.apron);
+        for i in 0..LANES {
+            let found = gradients.at([0, 1, 2].map(|a| points[a][i])) * self.frame.gradient_scale;
+            for a in 0..3 {
+                differences[a][i] = found[a];
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -255,7 +306,24 @@ mod tests {
 
     const PADDED: usize = 7;
 
-    /// Differences from shared voxels and from six samples, of noise, at places all over a brick.
+    /// Differences of an operator from shared voxels and from samples, at eight places.
+    fn both_ways<C: Code, const INVALID: bool>(
+        brick: &Brick<'_>,
+        is_sobel: bool,
+        (points, middle): (&[Packet; 3], &Packet),
+    ) -> [[Packet; 3]; 2] {
+        let [mut found, mut expected] = [[[0.0; LANES]; 3]; 2];
+        if is_sobel {
+            brick.sobel_differences::<C, Portable, INVALID>(points, middle, &mut found);
+            brick.sobel_samples::<C, Portable, INVALID>(points, middle, &mut expected);
+        } else {
+            brick.central_differences::<C, Portable, INVALID>(points, middle, &mut found);
+            brick.six_samples::<C, Portable, INVALID>(points, middle, &mut expected);
+        }
+        [found, expected]
+    }
+
+    /// Differences from shared voxels and from samples, of noise, at places all over a brick.
     fn both<C: Code>() {
         let map = CodeMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
         let mut state = 7u32;
@@ -270,15 +338,15 @@ mod tests {
         for _ in 0..500 {
             let mut points = [[0.0; LANES]; 3];
             points.as_flattened_mut().iter_mut().for_each(|v| *v = 1.0 + noise() as f32 / 65535.0 * 3.99);
-            let (mut found, mut expected) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
-            brick.central_differences::<C, Portable, false>(&points, &[0.0; LANES], &mut found);
-            brick.six_samples::<C, Portable, false>(&points, &[0.0; LANES], &mut expected);
-            for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
-                worst = worst.max((found - expected).abs());
-            }
-            brick.central_differences::<C, Portable, true>(&points, &[0.0; LANES], &mut found);
-            for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
-                worst = worst.max((found - expected).abs());
+            let places = (&points, &[0.0; LANES]);
+            for is_sobel in [false, true] {
+                let without = both_ways::<C, false>(&brick, is_sobel, places);
+                let with = both_ways::<C, true>(&brick, is_sobel, places);
+                for [found, expected] in [without, with] {
+                    for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
+                        worst = worst.max((found - expected).abs());
+                    }
+                }
             }
         }
         // Samples of bytes have weights of 15 bits: each is off by 2^-8 of a code at most.
@@ -287,20 +355,20 @@ mod tests {
     }
 
     #[test]
-    fn shared_voxels_give_the_differences_of_six_samples() {
+    fn shared_voxels_give_the_differences_of_samples() {
         both::<Code8>();
         both::<Code16>();
     }
 
     #[test]
-    fn voxels_without_a_value_are_left_out_as_by_six_samples() {
+    fn voxels_without_a_value_are_left_out_as_by_samples() {
         let map = CodeMap { first: 1e6, per_number: 64.0, farthest: 900.0 };
         let mut state = 9u32;
         let mut noise = || {
             state = state.wrapping_mul(1664525).wrapping_add(1013904223);
             state >> 16
         };
-        let (mut different, zeroes) = (0, [[0.0; LANES]; 3]);
+        let mut different = [0; 2];
         // From no voxel without a value to many of them; the second kind is too far off to be a code.
         for share in 0..100 {
             let mut number = || match noise() % 1000 {
@@ -309,18 +377,21 @@ mod tests {
             };
             let numbers: Vec<u8> = (0..PADDED.pow(3)).flat_map(|_| number().to_le_bytes()).collect();
             let brick = Brick::new::<Float32>(&numbers, PADDED as u32, map);
-            let mut points = zeroes;
+            let mut points = [[0.0; LANES]; 3];
             points.as_flattened_mut().iter_mut().for_each(|v| *v = 1.0 + noise() as f32 / 65535.0 * 3.99);
-            let (mut found, mut expected) = (zeroes, zeroes);
-            brick.central_differences::<Float32, Portable, true>(&points, &[100.0; LANES], &mut found);
-            brick.six_samples::<Float32, Portable, true>(&points, &[100.0; LANES], &mut expected);
-            different += (found != expected) as u32;
-            for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
-                // Numbers of up to 800 are mixed to 2^-14 of one, and are 64 codes each.
-                assert!((found - expected).abs() < 64.0 * 8.0 * 800.0 * f32::EPSILON, "{share}: {found} {expected}");
+            for (is_sobel, different) in [false, true].into_iter().zip(&mut different) {
+                let [found, expected] = both_ways::<Float32, true>(&brick, is_sobel, (&points, &[100.0; LANES]));
+                *different += (found != expected) as u32;
+                for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
+                    // Numbers of up to 800 are mixed to 2^-14 of one, and are 64 codes each.
+                    assert!(
+                        (found - expected).abs() < 64.0 * 8.0 * 800.0 * f32::EPSILON,
+                        "{share}: {found} {expected}"
+                    );
+                }
             }
         }
-        assert!((1..50).contains(&different), "voxels were shared in {different} of 100");
+        assert!(different.iter().all(|count| (1..50).contains(count)), "voxels were shared in {different:?} of 100");
     }
 
     #[test]
@@ -329,11 +400,12 @@ mod tests {
         let codes: Vec<u8> = (0..PADDED.pow(3)).map(|i| (i % PADDED * 9 + i / PADDED % PADDED * 4) as u8).collect();
         let brick = Brick::new::<Code8>(&codes, PADDED as u32, map);
         let far = [-1e9, f32::NAN, 0.0, 0.5, 6.0, 1e9, f32::INFINITY, f32::NEG_INFINITY];
-        let mut found = [[0.0; LANES]; 3];
-        brick.central_differences::<Code8, Portable, false>(&[far; 3], &[0.0; LANES], &mut found);
         let rounding = 1e-3;
-        for (found, expected) in found.iter().zip([18.0, 8.0, 0.0]) {
-            assert!(found.iter().all(|v| (v - expected).abs() < rounding), "{found:?}");
+        for is_sobel in [false, true] {
+            let [found, _] = both_ways::<Code8, false>(&brick, is_sobel, (&[far; 3], &[0.0; LANES]));
+            for (found, expected) in found.iter().zip([18.0, 8.0, 0.0]) {
+                assert!(found.iter().all(|v| (v - expected).abs() < rounding), "{found:?}");
+            }
         }
     }
 }

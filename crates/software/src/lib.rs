@@ -14,7 +14,7 @@
 //! 5. `macrocells`: which of these segments may show something.
 //! 6. `sample` (or `cubic`) and `modes`: the samples of a run, in packets of eight, are interpolated, classified and blended in loops that
 //!    compile to vector code (AVX2 where the machine has it, chosen at run time). Where light falls on samples of the
-//!    plain method, `lit` finds the gradients (`differences`) and what light makes of colours (`shade`) by packets, too. For all other methods,
+//!    plain method, `lit` finds the gradients (`differences`, `sobel`, `gradients`) and what light makes of colours (`shade`) by packets, too. For all other methods,
 //!    and for surfaces in fog, `path` and `pieces` turn segments into media (`medium`). `surface` finds one opaque surface.
 //!
 //! A pixel depends on the frame alone, not on the number of threads nor on AVX2: sums are always taken in the same order,
@@ -49,6 +49,7 @@ mod row;
 mod sample;
 mod shade;
 mod slots;
+mod sobel;
 mod steps;
 mod stretch;
 mod surface;

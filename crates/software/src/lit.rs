@@ -1,4 +1,4 @@
-//! Direct volume rendering of the plain method, lit by central differences: what a window draws most.
+//! Direct volume rendering of the plain method,, lit: what a window draws most.
 //!
 //! A chunk's samples are classified as unlit ones are. Then light goes through its packets, and only those are lit that show something and
 //! that light comes to.
@@ -12,7 +12,6 @@ use crate::sample::Avx2;
 use crate::sample::{Code, Portable, SampleChunk, Unit};
 use crate::shade::{Shade, Shaded};
 use crate::stretch::{March, Stretch};
-use brickyard_volume::lighting::Gradient;
 use brickyard_volume::{Filter, Method, Mode};
 use glam::Vec4;
 use std::ops::Range;
@@ -25,7 +24,7 @@ pub(crate) fn is_lit_plainly(frame: &Frame<'_>) -> bool {
     let settings = frame.settings;
     let is_plain = settings.mode == Mode::Dvr && settings.method() == Method::Udvr && settings.surfaces.is_empty();
     let is_trilinear = settings.sampling.filter.of_gradients() == Filter::Trilinear && !settings.encoding.is_labels;
-    frame.is_lit && is_plain && is_trilinear && frame.grid.is_none() && settings.lighting.gradient == Gradient::Central
+    frame.is_lit && is_plain && is_trilinear && frame.grid.is_none()
 }
 
 impl Accumulate for LitDvr {
@@ -128,7 +127,7 @@ fn see_on<C: Code, U: Unit, const INVALID: bool>(
 /// Finds what light makes of the colours of a packet of samples.
 #[inline(always)]
 fn light_packet<C: Code, U: Unit, const INVALID: bool>(
-    March { brick, .. }: &March<'_>,
+    march: &March<'_>,
     stretch: &Stretch,
     shade: &Shade<'_>,
     (along, code): (&Packet, &Packet),
@@ -143,6 +142,6 @@ fn light_packet<C: Code, U: Unit, const INVALID: bool>(
     for i in 0..LANES {
         distance[i] = stretch.middle as f32 + along[i] * stretch.length as f32;
     }
-    brick.central_differences::<C, U, INVALID>(&points, code, &mut differences);
-    shade.packet(&differences, (&distance, code), shaded);
+    let rounded = march.differences::<C, U, INVALID>(&points, code, &mut differences);
+    shade.packet(&differences, (&distance, &rounded), shaded);
 }

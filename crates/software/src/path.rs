@@ -233,10 +233,7 @@ impl<'a> Path<'a> {
         shown: &[Option<Shown>; LANES],
         differences: &mut [Packet; 3],
     ) {
-        let March { frame, brick, .. } = self.march;
-        if self.lighting().gradient == Gradient::Central
-            && frame.reading.of_gradients() == Reading::Filtered(Filter::Trilinear)
-        {
+        if self.march.frame.reading.of_gradients() == Reading::Filtered(Filter::Trilinear) {
             let mut points = [[0.0; LANES]; 3];
             for i in 0..LANES {
                 let place = self.slot_place(along[i]);
@@ -244,8 +241,8 @@ impl<'a> Path<'a> {
                     points[a][i] = place[a];
                 }
             }
-            brick.central_differences::<C, U, INVALID>(&points, code, differences);
-            return without_rounding(code, differences);
+            let rounded = self.march.differences::<C, U, INVALID>(&points, code, differences);
+            return without_rounding(&rounded, differences);
         }
         for i in 0..LANES {
             if shown[i].is_some() {
