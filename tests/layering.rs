@@ -1,6 +1,6 @@
 //! The crates depend on one another in one direction only: source, store, pager, renderers, facade, window, command.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
 /// What each crate may know of the others, at most; "" is the facade. The facade, the tests and the benchmarks may know all.
@@ -53,6 +53,33 @@ fn arrows_point_one_way() {
             assert!(own || !found.iter().any(|d| d == package), "only {owner} may use {package}, not {name}");
         }
     }
+}
+
+/// The README says how many crates of others a build takes: those that `cargo tree` lists on Linux, build scripts' and macros' among them.
+#[test]
+fn crates_of_others_are_counted() {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let count = |flags: &str| {
+        let tree =
+            "tree --offline --locked --prefix none --edges normal,build --target x86_64-unknown-linux-gnu --format {p}";
+        let cargo =
+            Command::new(env!("CARGO")).args(tree.split(' ').chain(flags.split(' '))).current_dir(root).output();
+        let cargo = cargo.expect("cargo runs");
+        let listed = String::from_utf8(cargo.stdout).expect("text");
+        let names = listed.lines().map(|line| line.trim_end_matches(" (*)"));
+        let others: BTreeSet<&str> = names.filter(|name| !name.is_empty() && !name.starts_with("brickyard")).collect();
+        assert!(others.len() > 10, "{}", String::from_utf8_lossy(&cargo.stderr));
+        others.len()
+    };
+    let [cpu, gpu, command] = [
+        "--package brickyard --no-default-features",
+        "--package brickyard --no-default-features --features gpu",
+        "--package brickyard-cli",
+    ]
+    .map(count);
+    let said = format!("builds {cpu} crates of others, with the feature `gpu` {gpu}; the command builds {command}");
+    let readme = std::fs::read_to_string(format!("{root}/README.md")).expect("it is there");
+    assert!(readme.contains(&said), "the README should say: {said}");
 }
 
 /// The crates, the facade among them, name no flag of the command in what they say: others embed them. The command puts flags in

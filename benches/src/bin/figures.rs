@@ -5,7 +5,7 @@
 //! cargo run --release -p brickyard-benches --bin figures -- flights.json --out docs/images
 //! ```
 //!
-//! Writes `frame-time.svg` (median time of a frame when nothing moves, against the volume's edge), `first-picture.svg` (from
+//! Writes `frame-time.svg` (median time of a frame when nothing moves, against the volume's edge, and the 20 ms of real time), `first-picture.svg` (from
 //! opening to the first picture and to the settled one) and prints the table of all flights. Stores of one kind,
 //! the part of their names before the last dash, are one line. `--beside NAME=EDGE:MS,EDGE:MS...` adds another renderer.
 
@@ -29,6 +29,9 @@ struct Arguments {
     #[arg(long, value_parser = parse_line)]
     beside: Vec<Line>,
 }
+
+/// A frame in real time, by the paper that plots frame time against size.
+const REAL_TIME_MS: f64 = 20.0;
 
 /// Points of a line, by the volume's edge in voxels.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,6 +72,10 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     let mut frames = lines(&still, |flight| flight["frame_ms"]["p50"].as_f64());
     frames.extend(arguments.beside.iter().cloned());
     if !frames.is_empty() {
+        let edges = || frames.iter().flat_map(|line| &line.points).map(|point| point.0);
+        let ends = [edges().fold(f64::MAX, f64::min), edges().fold(0.0, f64::max)];
+        let points = ends.map(|edge| (edge, REAL_TIME_MS)).to_vec();
+        frames.push(Line { name: format!("{REAL_TIME_MS} ms: real time, by the first paper"), points });
         plot(&arguments.out.join("frame-time.svg"), "Median frame when nothing moves, ms", &frames)?;
         let mut firsts = Vec::new();
         for (field, what) in [("first_picture_ms", "first picture"), ("settled_ms", "settled")] {

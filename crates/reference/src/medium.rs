@@ -424,31 +424,68 @@ mod tests {
         assert!(error(&parabola, Method::Pcvs) < 0.5 * error(&parabola, Method::Plvs));
     }
 
-    /// Mean angle in degrees between a field's normals and its exact gradients, at many places inside.
-    fn mean_error_deg(n: u32, field: impl Fn(DVec3) -> f64, gradient: Gradient, filter: Filter) -> f64 {
-        let level = cube(n, |v| field(DVec3::from_array(v.map(f64::from))));
-        let transfer = transfer(vec![[0.0, 1.0]]);
-        let frame = settings(Mode::Dvr, Geometry::default(), camera(DVec3::ZERO, DVec3::ONE), &transfer, 1.0);
-        let lighting = Lighting { model: LightingModel::Phong, gradient, ..Lighting::default() };
-        let frame = FrameSettings { lighting, sampling: Sampling { filter, ..Sampling::default() }, ..frame };
+    /// Voxels along an edge of the fields whose gradients are looked at.
+    const EDGE: u32 = 64;
+
+    /// Mean angle in degrees between a field's normals, zero where there is none, and its exact gradients, at many places inside.
+    fn mean_error_deg(field: &impl Fn(DVec3) -> f64, normal: impl Fn(DVec3) -> DVec3) -> f64 {
         let (mut sum, mut count) = (0.0, 0);
         for i in 0..4000u32 {
             // A low-discrepancy sequence (Roberts, 2018) of places at least three voxels inside.
             let unit = DVec3::new(0.8191725134, 0.6710436067, 0.5497004779) * i as f64;
-            let place = (unit - unit.floor()) * (n as f64 - 7.0) + 3.0;
-            let world = Ray { origin: DVec3::ZERO, direction: DVec3::X };
-            let path = Path { origin: place + 0.5, direction: DVec3::X, world, own: world, cut: None };
-            let found = Field { frame: &frame, level: &level, path: &path, lighting: &frame.lighting, cut: None };
-            let Some(normal) = found.normal(found.differences(0.0, field(place))) else { continue };
+            let place = (unit - unit.floor()) * (f64::from(EDGE) - 7.0) + 3.0;
+            let normal = normal(place);
             let along = |axis: DVec3| field(place + axis * 1e-4) - field(place - axis * 1e-4);
             let exact = DVec3::new(along(DVec3::X), along(DVec3::Y), along(DVec3::Z));
-            if exact.length() > 1e-6 {
+            if normal != DVec3::ZERO && exact.length() > 1e-6 {
                 sum += normal.dot(exact.normalize()).clamp(-1.0, 1.0).acos().to_degrees();
                 count += 1;
             }
         }
         assert!(count > 3000);
         sum / count as f64
+    }
+
+    /// Lends the differences that a field's voxels have at places, by the engine's operators.
+    fn with_differences<R>(
+        field: &impl Fn(DVec3) -> f64,
+        (gradient, filter): (Gradient, Filter),
+        look: impl FnOnce(&dyn Fn(DVec3) -> DVec3) -> R,
+    ) -> R {
+        let level = cube(EDGE, |v| field(DVec3::from_array(v.map(f64::from))));
+        let transfer = transfer(vec![[0.0, 1.0]]);
+        let frame = settings(Mode::Dvr, Geometry::default(), camera(DVec3::ZERO, DVec3::ONE), &transfer, 1.0);
+        let lighting = Lighting { model: LightingModel::Phong, gradient, ..Lighting::default() };
+        let frame = FrameSettings { lighting, sampling: Sampling { filter, ..Sampling::default() }, ..frame };
+        look(&|place| {
+            let world = Ray { origin: DVec3::ZERO, direction: DVec3::X };
+            let path = Path { origin: place + 0.5, direction: DVec3::X, world, own: world, cut: None };
+            let found = Field { frame: &frame, level: &level, path: &path, lighting: &frame.lighting, cut: None };
+            let differences = found.differences(0.0, field(place));
+            // Voxels are cubes: differences point where gradients do.
+            found.gradient(differences).map_or(DVec3::ZERO, |_| differences)
+        })
+    }
+
+    /// Gradients kept at nodes so many voxels apart, the first so far from the first voxel's middle, mixed between the eight around a place; made unit vectors before
+    /// that, as the third paper's contemporaries did, or not.
+    fn between_nodes(
+        at: &dyn Fn(DVec3) -> DVec3,
+        (apart, first): (f64, f64),
+        is_normalised: bool,
+    ) -> impl Fn(DVec3) -> DVec3 {
+        move |place| {
+            let node = ((place - first) / apart).floor();
+            let t = (place - first) / apart - node;
+            let corner = |i: usize| {
+                let side = DVec3::from_array([i & 1, i >> 1 & 1, i >> 2].map(|side| side as f64));
+                let kept = at((node + side) * apart + first);
+                let kept = if is_normalised { kept.normalize_or_zero() } else { kept };
+                let near = DVec3::ONE - t;
+                kept * (side * t + (DVec3::ONE - side) * near).element_product()
+            };
+            (0..8).map(corner).sum::<DVec3>().normalize_or_zero()
+        }
     }
 
     /// Marschner and Lobb's signal (1994) on `n` voxels of [-1, 1], scaled to 0..255.
@@ -466,6 +503,8 @@ mod tests {
     fn gradients_point_where_they_should() {
         let centre = DVec3::new(30.2, 31.7, 29.9);
         let sphere = |p: DVec3| (p - centre).length() * 4.0;
+        let signal = marschner_lobb(f64::from(EDGE));
+        let errors = |look: &dyn Fn(&dyn Fn(DVec3) -> f64) -> f64| (look(&sphere), look(&signal));
         for (gradient, filter, of_sphere, of_signal) in [
             (Gradient::Central, Filter::Trilinear, 0.2, 15.0),
             (Gradient::Sobel, Filter::Trilinear, 0.3, 20.0),
@@ -473,10 +512,29 @@ mod tests {
             (Gradient::Sobel, Filter::Tricubic, 0.3, 25.0),
             (Gradient::Stored, Filter::Trilinear, 0.2, 36.0),
         ] {
-            let sphere = mean_error_deg(64, sphere, gradient, filter);
-            let signal = mean_error_deg(64, marschner_lobb(64.0), gradient, filter);
+            let (sphere, signal) = errors(&|field| {
+                with_differences(&field, (gradient, filter), |at| mean_error_deg(&field, |p| at(p).normalize_or_zero()))
+            });
             println!("{gradient:?} {filter:?}: sphere {sphere:.3}, Marschner-Lobb {signal:.2} degrees");
             assert!(sphere < of_sphere && signal < of_signal, "{gradient:?} {filter:?}: {sphere} {signal}");
         }
+        // Kept at each voxel, by central differences, and in the middle of each eight, as bricks keep them.
+        let mut normalised = Vec::new();
+        for (name, gradient, nodes) in
+            [("each voxel", Gradient::Central, (1.0, 0.0)), ("each eighth", Gradient::Stored, (2.0, 0.5))]
+        {
+            let of = |is_normalised| {
+                errors(&|field| {
+                    with_differences(&field, (gradient, Filter::Trilinear), |at| {
+                        mean_error_deg(&field, between_nodes(at, nodes, is_normalised))
+                    })
+                })
+            };
+            let (as_is, unit) = (of(false), of(true));
+            println!("kept at {name}: {:.3}, {:.2}; normalised {:.3}, {:.2} degrees", as_is.0, as_is.1, unit.0, unit.1);
+            assert!(unit.1 > 1.1 * as_is.1, "{name}: normalising costs nothing: {as_is:?} {unit:?}");
+            normalised.push((as_is.1, unit.1));
+        }
+        assert!(normalised[0].1 > 1.8 * normalised[0].0, "it doubles the error of those of full resolution");
     }
 }

@@ -278,23 +278,12 @@ impl March<'_> {
             Gradient::Central => self.brick.central_differences::<C, U, INVALID>(points, code, differences),
             Gradient::Sobel => self.brick.sobel_differences::<C, U, INVALID>(points, code, differences),
             Gradient::Stored => {
-                self.stored_differences(points, differences);
+                let stored = Gradients::new(self.cell.brick.gradients(), self.frame.gradients, self.frame.apron);
+                stored.packet::<U>(points, self.frame.gradient_scale, differences);
                 return [0.0; LANES];
             }
         }
         *code
-    }
-
-    /// Differences from the gradients that are kept beside the brick. Not inlined: it is large.
-    #[inline(never)]
-    fn stored_differences(&self, points: &[Packet; 3], differences: &mut [Packet; 3]) {
-        let gradients = Gradients::new(self.cell.brick.gradients(), self.frame.gradients, self.frame.apron);
-        for i in 0..LANES {
-            let found = gradients.at([0, 1, 2].map(|a| points[a][i])) * self.frame.gradient_scale;
-            for a in 0..3 {
-                differences[a][i] = found[a];
-            }
-        }
     }
 }
 

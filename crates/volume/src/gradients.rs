@@ -188,7 +188,7 @@ pub fn decode<const N: usize>(nodes: [[u8; NODE_BYTES]; N]) -> [[f32; 4]; N] {
 
 /// A half float, finite, divided by [`SCALE`]: its bits are those of a float that is too small by a power of two.
 #[inline(always)]
-fn from_half(bits: u16) -> f32 {
+pub fn from_half(bits: u16) -> f32 {
     const POWER: f32 = (1u128 << 112) as f32 / SCALE;
     let magnitude = f32::from_bits(((bits & 0x7fff) as u32) << 13) * POWER;
     f32::from_bits(magnitude.to_bits() | ((bits & 0x8000) as u32) << 16)
