@@ -1,6 +1,7 @@
 //! Files that are there whole or not at all: written under a temporary name beside the place they go to, then renamed. That name is random, and
 //! the file is a new one: nobody can put a link there by which another file is overwritten.
 
+use brickyard_import::without_path;
 use std::ffi::{OsStr, OsString};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -33,7 +34,8 @@ impl WholeFile {
             // As of any new file: what the process's mask leaves of it.
             builder.permissions(std::fs::Permissions::from_mode(0o666));
         }
-        Ok(Self { file: BufWriter::new(builder.tempfile_in(folder)?), path: path.to_path_buf() })
+        let file = builder.tempfile_in(folder).map_err(without_path)?;
+        Ok(Self { file: BufWriter::new(file), path: path.to_path_buf() })
     }
 
     /// Writes out what is left and gives the file its name.

@@ -9,7 +9,14 @@ use brickyard::movie_file::{MovieError, MovieFile};
 use brickyard::picture_file::{send_shown, write_shown};
 use brickyard::stats::RenderStats;
 use brickyard::volume::{Picture, Scene};
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
+
+/// Where a file goes: its folder as the system knows it, and its name.
+fn place_of(path: &Path) -> (Option<PathBuf>, Option<&OsStr>) {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    (folder.canonicalize().ok(), path.file_name())
+}
 
 /// The files of a run's pictures.
 pub(super) enum Destination {
@@ -28,7 +35,7 @@ impl Destination {
     /// Exit code 2 if a file may not be written, or a movie is not what its format holds; 1 if a movie cannot be begun.
     pub(super) fn new(arguments: &RenderArguments, count: usize) -> Result<Self, Failure> {
         let is_not_stats = |path: &Path| {
-            if arguments.stats.as_deref() == Some(path) {
+            if arguments.stats.as_deref().is_some_and(|stats| place_of(stats) == place_of(path)) {
                 let problem = format!("{}: cannot be a picture and hold the statistics", path.display());
                 return Err(Failure::usage(problem));
             }

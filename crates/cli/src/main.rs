@@ -209,7 +209,9 @@ fn print_line(text: &str) -> Result<(), Failure> {
 /// The end of writing to standard output: that a reader has closed the pipe is no failure.
 fn printed(written: std::io::Result<()>) -> Result<(), Failure> {
     match written {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::failed(error)),
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Failure::failed(format!("standard output: {error}")))
+        }
         _ => Ok(()),
     }
 }

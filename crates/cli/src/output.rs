@@ -7,6 +7,7 @@ use brickyard::stats::RenderStats;
 use brickyard::store::{Store, check_outside};
 use brickyard::text_file::write_text;
 use brickyard::volume::counted;
+use brickyard::volume::numbers::significant;
 use brickyard::volume::transfer::shown_window;
 use serde::Serialize;
 use std::ffi::OsStr;
@@ -117,6 +118,7 @@ pub(crate) fn note_window(store: Option<&Arc<Store>>, channel: u32) {
         say!("note: {path}: no voxel of channel {channel} has a value: there is nothing to show");
     } else if low >= high {
         let (from, to) = shown_window((low, high));
+        let [low, from, to] = [low, from, to].map(|value| significant(value, 7));
         say!("note: {path}: every value of channel {channel} is {low}: its window is taken from {from} to {to}");
     }
 }

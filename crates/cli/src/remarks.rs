@@ -4,7 +4,7 @@
 use brickyard::doubtful_extremes::DoubtfulExtremes;
 use brickyard::session::{ResolvedLayer, ResolvedScene, VolumeSource};
 use brickyard::unlike_sizes::unlike_sizes;
-use brickyard::volume::numbers::within_span;
+use brickyard::volume::numbers::{significant, within_span};
 use brickyard::volume::{Mode, Picture, Scene, Slice, TransferChoice, box_corners};
 
 /// Returns the remarks on a scene that are made before it is drawn.
@@ -123,14 +123,19 @@ fn slice_outside(slice: Slice, scene: &Scene, volumes: &[VolumeSource]) -> Optio
     let (from, to) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(from, to), at| (from.min(at), to.max(at)));
     let (at, half) = (normal.dot(slice.point), slice.thickness / 2.0);
     let axis = (0..3).find(|&a| normal[a].abs() > 1.0 - 1e-9);
+    let told = |along: f64| significant(along, 7);
     (at + half < from || at - half > to).then(|| match axis {
         Some(a) => {
             let turned = |along: f64| along * normal[a].signum();
             let (from, to) = (turned(from).min(turned(to)), turned(from).max(turned(to)));
             let axis = ["x", "y", "z"][a];
-            format!("the slice lies outside of what there is: it is at {axis} = {}, and that reaches from {from} to {to}", turned(at))
+            let [at, from, to] = [turned(at), from, to].map(told);
+            format!("the slice lies outside of what there is: it is at {axis} = {at}, and that reaches from {from} to {to}")
         }
-        None => format!("the slice lies outside of what there is: it is at {at} along its normal, and that reaches from {from} to {to}"),
+        None => {
+            let [at, from, to] = [at, from, to].map(told);
+            format!("the slice lies outside of what there is: it is at {at} along its normal, and that reaches from {from} to {to}")
+        }
     })
 }
 

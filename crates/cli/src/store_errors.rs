@@ -1,9 +1,11 @@
 //! Errors of stores and packing, sorted into exit codes.
 
 use super::failure::{ExitKind, Failure};
-use brickyard::import::ImportError;
+use brickyard::import::{ImportError, limit_behind};
 use brickyard::session::VolumeSource;
 use brickyard::store::{AppendError, ExportError, OpenError, PackError, ReadError, Store, VerifyError};
+use std::fmt::Display;
+use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -29,7 +31,17 @@ pub(crate) fn open_failure(error: &OpenError) -> Failure {
     match error {
         OpenError::Incomplete { path, .. } => Failure::new(ExitKind::Incomplete, command(path, "--resume")),
         OpenError::OldFormat { store, .. } => Failure::bad_input(command(store, "--overwrite")),
+        OpenError::Io { error: io, .. } => io_failure(io, error),
         _ => Failure::bad_input(error),
+    }
+}
+
+/// The failure for a file that the system does not open or read: its limits and permissions are no fault of the file.
+pub(crate) fn io_failure(error: &std::io::Error, message: impl Display) -> Failure {
+    match limit_behind(error) {
+        Some(limit) => Failure::failed(format!("{message}: {limit}; nothing is wrong with the file")),
+        None if error.kind() == ErrorKind::PermissionDenied => Failure::failed(message),
+        None => Failure::bad_input(message),
     }
 }
 
@@ -38,7 +50,9 @@ pub(crate) fn verify_failure(error: VerifyError, store: &Path) -> Failure {
     match error {
         // What contradicts itself is what was looked for, and so is what is missing inside of a store.
         VerifyError::Open(error @ OpenError::Invalid { .. }) => Failure::new(ExitKind::VerificationFailed, error),
-        VerifyError::Open(OpenError::Io { path, error }) if path != store && path.starts_with(store) => {
+        VerifyError::Open(OpenError::Io { path, error })
+            if error.kind() == ErrorKind::NotFound && path != store && path.starts_with(store) =>
+        {
             Failure::new(ExitKind::VerificationFailed, OpenError::Io { path, error })
         }
         VerifyError::Open(error) => open_failure(&error),
@@ -49,14 +63,18 @@ pub(crate) fn verify_failure(error: VerifyError, store: &Path) -> Failure {
 
 /// The failure for a brick that cannot be read.
 pub(crate) fn read_failure(error: &ReadError) -> Failure {
-    Failure::bad_input(error)
+    match error {
+        ReadError::Io { error: io, .. } => io_failure(io, error),
+        _ => Failure::bad_input(error),
+    }
 }
 
 /// The failure for an input that cannot be read.
 pub(crate) fn import_failure(error: &ImportError) -> Failure {
     match error {
         ImportError::Options { .. } => Failure::usage(error),
-        ImportError::Limit { .. } => Failure::failed(error),
+        ImportError::Limit { .. } | ImportError::Scratch { .. } => Failure::failed(error),
+        ImportError::Io { error: io, .. } => io_failure(io, error),
         _ => Failure::bad_input(error),
     }
 }
@@ -69,7 +87,7 @@ pub(crate) fn pack_failure(error: PackError) -> Failure {
 fn pack_kind(error: &PackError) -> ExitKind {
     match error {
         PackError::Incomplete { .. } | PackError::Cancelled { .. } => ExitKind::Incomplete,
-        PackError::Source { error: ImportError::Limit { .. }, .. } => ExitKind::Failed,
+        PackError::Source { error: ImportError::Limit { .. } | ImportError::Scratch { .. }, .. } => ExitKind::Failed,
         PackError::Source { .. } | PackError::Unfit { .. } => ExitKind::BadInput,
         PackError::Options(_)
         | PackError::Memory { .. }

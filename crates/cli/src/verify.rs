@@ -64,12 +64,9 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
         return Err(Failure::new(ExitKind::VerificationFailed, problem));
     }
     if !arguments.json {
-        print_line(&format!(
-            "{}: {} in {} are sound",
-            arguments.store.display(),
-            counted(report.bricks, "brick"),
-            counted(report.shards, "shard")
-        ))?;
+        let are = if report.bricks == 1 { "is" } else { "are" };
+        let (bricks, shards) = (counted(report.bricks, "brick"), counted(report.shards, "shard"));
+        print_line(&format!("{}: {bricks} in {shards} {are} sound", arguments.store.display()))?;
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! The order of an array's axes, written as letters slowest first (`tczyx`, as NumPy shows a shape).
 
-use brickyard_volume::Extent;
+use brickyard_volume::{Extent, counted};
 
 /// One axis of a set of volumes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,8 +129,10 @@ impl Sizes {
         let Sizes { extent, channels, times } = self;
         let all = [extent.x, extent.y, extent.z, channels, times];
         if all.contains(&0) {
+            let [channels, times] =
+                [(channels, "channel"), (times, "time step")].map(|(count, name)| counted(count.into(), name));
             return Err(format!(
-                "shape {extent} with {channels} channels and {times} time steps has an axis of size 0; every axis needs at least 1"
+                "shape {extent} with {channels} and {times} has an axis of size 0; every axis needs at least 1"
             ));
         }
         let too_many = || {

@@ -324,7 +324,8 @@ fn check_frames(header: &Header, count: u64) -> Result<(), ImportError> {
     if count > 1 && placed == 0 {
         let feature =
             format!("a file of {count} frames without a place for each (no PerFrameFunctionalGroupsSequence)");
-        return Err(ImportError::unsupported(&header.path, feature));
+        let advice = "export the frames to TIFF or .npy, and pack these with `spacing`";
+        return Err(ImportError::unsupported_but(&header.path, feature, advice));
     }
     if placed > 0 && placed != count {
         let problem = format!("declares {}, but places {placed}; write the file again", counted(count, "frame"));

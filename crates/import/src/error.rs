@@ -25,6 +25,15 @@ pub enum ImportError {
         /// Which limit that is, and what raises it.
         limit: &'static str,
     },
+    /// Scratch space cannot be written.
+    #[error("{directory}: no scratch file can be written there: {error}; `scratch_dir` names another folder", directory = directory.display())]
+    Scratch {
+        /// The folder of scratch files.
+        directory: PathBuf,
+        /// The operating system's error.
+        #[source]
+        error: std::io::Error,
+    },
     /// The file is damaged, cut short or not what it says.
     #[error("{path}: {problem}", path = path.display())]
     Invalid {
@@ -62,6 +71,14 @@ impl ImportError {
         }
     }
 
+    /// Wraps an I/O error with the folder of scratch files, for `map_err`.
+    pub(crate) fn scratch(directory: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+        move |error| match limit_behind(&error) {
+            Some(limit) => Self::Limit { path: directory.to_owned(), error, limit },
+            None => Self::Scratch { directory: directory.to_owned(), error: without_path(error) },
+        }
+    }
+
     pub(crate) fn invalid(path: &Path, problem: impl Into<String>) -> Self {
         Self::Invalid { path: path.to_owned(), problem: problem.into() }
     }
@@ -79,8 +96,15 @@ impl ImportError {
     }
 }
 
+/// The system's own error, without the name of a temporary file that nobody has asked for.
+pub fn without_path(error: std::io::Error) -> std::io::Error {
+    let inner =
+        error.get_ref().and_then(|named| named.source()).and_then(|inner| inner.downcast_ref::<std::io::Error>());
+    inner.and_then(std::io::Error::raw_os_error).map_or(error, std::io::Error::from_raw_os_error)
+}
+
 /// The limit of process or system that an error tells of, and what raises it; `None` if it tells of none.
-fn limit_behind(error: &std::io::Error) -> Option<&'static str> {
+pub fn limit_behind(error: &std::io::Error) -> Option<&'static str> {
     use rustix::io::Errno;
     match Errno::from_io_error(error)? {
         Errno::MFILE => Some("the process has as many files open as it may, raise that with `ulimit -n`"),

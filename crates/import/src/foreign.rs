@@ -133,6 +133,11 @@ mod tests {
             let error = open(&[path], &OpenOptions::default()).err().unwrap();
             assert!(matches!(error, ImportError::Unsupported { .. }) && error.to_string().contains(what), "{error}");
         }
+        for name in ["a.dcm", "a.tif", "a.nii", "a.npy", "a.raw"] {
+            let (_folder, path) = temp_file(name, b"");
+            let error = open(&[path], &OpenOptions::default()).err().unwrap();
+            assert!(matches!(error, ImportError::Invalid { .. }) && error.to_string().contains("is empty"), "{error}");
+        }
         for (end, what) in NAMES {
             let (_folder, path) = temp_file(&format!("A{}", end.to_ascii_uppercase()), b"1");
             let message = open(&[path], &OpenOptions::default()).err().unwrap().to_string();

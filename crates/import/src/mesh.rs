@@ -14,6 +14,9 @@ use brickyard_volume::mesh::PLAIN_COLOR;
 use brickyard_volume::{Mesh, MeshError};
 use std::path::Path;
 
+/// Some editors put it before a text.
+const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
+
 /// Reads the triangle mesh in an STL, PLY, OBJ or glTF file.
 ///
 /// # Errors
@@ -31,7 +34,10 @@ pub fn read_mesh(path: &Path) -> Result<Mesh, ImportError> {
             return Err(ImportError::invalid(path, problem));
         }
     };
-    let bytes = read_file(path)?;
+    let mut bytes = read_file(path)?;
+    if bytes.starts_with(BYTE_ORDER_MARK) {
+        bytes.drain(..BYTE_ORDER_MARK.len());
+    }
     read(path, bytes)?.mesh().map_err(|error| ImportError::invalid(path, error.to_string()))
 }
 

@@ -199,7 +199,7 @@ fn inflate(
 ) -> Result<(File, u64), ImportError> {
     let directory = options.scratch_dir.clone().unwrap_or_else(std::env::temp_dir);
     check_space(&directory, expected)?;
-    let scratch = tempfile::tempfile_in(&directory).map_err(ImportError::io(&directory))?;
+    let scratch = tempfile::tempfile_in(&directory).map_err(ImportError::scratch(&directory))?;
     let mut scratch = BufWriter::with_capacity(1 << 20, scratch);
     let mut buffer = vec![0; 1 << 18];
     let (mut written, mut trailing) = (0, 0);
@@ -216,21 +216,21 @@ fn inflate(
             }
         };
         let wanted = n.min(expected - written);
-        scratch.write_all(&buffer[..wanted as usize]).map_err(ImportError::io(&directory))?;
+        scratch.write_all(&buffer[..wanted as usize]).map_err(ImportError::scratch(&directory))?;
         written += wanted;
         trailing += n - wanted;
     }
     if written < expected {
         return Err(ImportError::invalid(path, cut_short(array, expected, written)));
     }
-    let scratch = scratch.into_inner().map_err(|e| ImportError::io(&directory)(e.into_error()))?;
+    let scratch = scratch.into_inner().map_err(|e| ImportError::scratch(&directory)(e.into_error()))?;
     Ok((scratch, trailing))
 }
 
 /// Refuses before work what would end in a full disk.
 #[cfg(unix)]
 fn check_space(directory: &Path, needed: u64) -> Result<(), ImportError> {
-    let stat = rustix::fs::statvfs(directory).map_err(|e| ImportError::io(directory)(e.into()))?;
+    let stat = rustix::fs::statvfs(directory).map_err(|e| ImportError::scratch(directory)(e.into()))?;
     let free = stat.f_bavail.saturating_mul(stat.f_frsize);
     if free < needed {
         let problem = format!(

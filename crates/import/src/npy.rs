@@ -14,6 +14,9 @@ use brickyard_volume::{VoxelType, counted};
 use std::io::Read;
 use std::path::Path;
 
+/// What NumPy makes of such arrays so that they are read.
+const PLAIN: &str = "save one array of plain numbers, of 2 to 5 dimensions";
+
 /// The bytes every `.npy` starts with.
 pub(crate) const MAGIC: &[u8] = b"\x93NUMPY";
 
@@ -27,7 +30,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     if !(2..=5).contains(&header.shape.len()) {
         let count = counted(header.shape.len() as u64, "dimension");
         let feature = format!("an array of {count}, {:?} (2 to 5 are read),", header.shape);
-        return Err(ImportError::unsupported(path, feature));
+        return Err(ImportError::unsupported_but(path, feature, PLAIN));
     }
     let (axes, sizes) = arrange(&header.shape, options.axes.as_ref()).map_err(|p| ImportError::options(path, p))?;
     let array = ArrayLayout {
@@ -99,7 +102,7 @@ impl Header {
         let (length_bytes, length) = match start[6] {
             1 => (2, read_number::<2>(file)),
             2 | 3 => (4, read_number::<4>(file)),
-            version => return Err(ImportError::unsupported(path, format!(".npy format version {version}"))),
+            version => return Err(ImportError::unsupported_but(path, format!(".npy format version {version}"), PLAIN)),
         };
         let length = length.map_err(|_| invalid("cut short inside the header"))?;
         if length > LONGEST_HEADER {
@@ -115,7 +118,7 @@ impl Header {
         let lacks = |key| ImportError::invalid(path, format!("header without a sound '{key}': {}", text.trim()));
         let descr = value_of(text, "descr").and_then(quoted);
         if descr.is_none() && value_of(text, "descr").is_some_and(|v| v.starts_with('[')) {
-            return Err(ImportError::unsupported(path, "an array of records"));
+            return Err(ImportError::unsupported_but(path, "an array of records", PLAIN));
         }
         let descr = descr.ok_or_else(|| lacks("descr"))?;
         let fortran_order = match value_of(text, "fortran_order") {

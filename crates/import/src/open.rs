@@ -214,6 +214,9 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     let ends = |extensions: &[&str]| extensions.iter().any(|e| name.ends_with(e));
     // The file must exist before its name means anything.
     let start = first_bytes(path, MAGIC_BYTES)?;
+    if start.is_empty() {
+        return Err(ImportError::invalid(path, "the file is empty: fetch it again"));
+    }
     if is_dicom(&start) {
         return Ok(Format::Dicom);
     }
@@ -291,6 +294,8 @@ fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result
         NoData::None => None,
         NoData::Value(value) if !info.voxel_type.holds(narrowed(value, info.voxel_type)) => {
             let (low, high) = info.voxel_type.limits();
+            let told = |limit: f64| if info.voxel_type.is_float() { format!("{limit:e}") } else { limit.to_string() };
+            let [low, high] = [low, high].map(told);
             let kind = if info.voxel_type.is_float() { "numbers" } else { "whole numbers" };
             let voxel_type = info.voxel_type;
             let problem =

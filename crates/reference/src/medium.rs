@@ -424,6 +424,9 @@ mod tests {
         assert!(error(&parabola, Method::Pcvs) < 0.5 * error(&parabola, Method::Plvs));
     }
 
+    /// A field by its values at places.
+    type Values = dyn Fn(DVec3) -> f64;
+
     /// Voxels along an edge of the fields whose gradients are looked at.
     const EDGE: u32 = 64;
 
@@ -502,9 +505,9 @@ mod tests {
     #[test]
     fn gradients_point_where_they_should() {
         let centre = DVec3::new(30.2, 31.7, 29.9);
-        let sphere = |p: DVec3| (p - centre).length() * 4.0;
+        let sphere = move |p: DVec3| (p - centre).length() * 4.0;
         let signal = marschner_lobb(f64::from(EDGE));
-        let errors = |look: &dyn Fn(&dyn Fn(DVec3) -> f64) -> f64| (look(&sphere), look(&signal));
+        let errors = |look: &dyn Fn(&Values) -> f64| (look(&sphere), look(&signal));
         for (gradient, filter, of_sphere, of_signal) in [
             (Gradient::Central, Filter::Trilinear, 0.2, 15.0),
             (Gradient::Sobel, Filter::Trilinear, 0.3, 20.0),

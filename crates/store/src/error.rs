@@ -4,12 +4,6 @@ use crate::downsample::{Downsample, Reductions};
 use brickyard_volume::BrickId;
 use std::path::{Path, PathBuf};
 
-/// The name of a store beside a file, as users would give it: the file's without what follows the first dot.
-fn beside(path: &Path) -> String {
-    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    format!("{}.zarr", name.split('.').find(|part| !part.is_empty()).unwrap_or("volume"))
-}
-
 /// Something was to be written inside of a store, by somebody who is not at work on it.
 #[derive(Debug, thiserror::Error)]
 #[error("{path}: lies inside of the store {store}, which is left alone; choose a place outside of it", path = path.display(), store = store.display())]
@@ -25,9 +19,8 @@ pub struct InsideStore {
 pub enum OpenError {
     /// The path holds nothing that could be a store.
     #[error(
-        "{path}: not a brick store (no zarr.json in it); 'brickyard pack {path} {store}' makes one of it",
-        path = path.display(),
-        store = beside(path)
+        "{path}: not a brick store (no zarr.json in it); 'brickyard pack INPUT STORE' makes one",
+        path = path.display()
     )]
     NotAStore {
         /// The path that was to be opened.

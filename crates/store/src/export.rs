@@ -8,6 +8,7 @@
 use crate::error::ExportError;
 use crate::inside::check_outside;
 use crate::store::Store;
+use brickyard_import::without_path;
 use brickyard_volume::{Extent, Level, VoxelBox, VoxelType};
 use rayon::prelude::*;
 use std::fs::File;
@@ -250,7 +251,11 @@ fn npy_header(voxel_type: VoxelType, extent: Extent, time: ExportTime) -> Vec<u8
 fn temporary_in(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
     use std::os::unix::fs::PermissionsExt;
     let permissions = std::fs::Permissions::from_mode(0o666);
-    tempfile::Builder::new().prefix(".brickyard-export").permissions(permissions).tempfile_in(folder)
+    tempfile::Builder::new()
+        .prefix(".brickyard-export")
+        .permissions(permissions)
+        .tempfile_in(folder)
+        .map_err(without_path)
 }
 
 #[cfg(test)]

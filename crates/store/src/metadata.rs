@@ -8,6 +8,7 @@ use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
 use crate::error::OpenError;
 use crate::layout::{Layout, check_edges, check_shard_bricks, check_size};
+use crate::side::not_json;
 use crate::time;
 pub use crate::version::FORMAT_VERSION;
 use brickyard_volume::channel;
@@ -541,7 +542,7 @@ pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenErr
         }
     }
     serde_json::from_value(ours.clone())
-        .map_err(|e| OpenError::invalid(path, "attributes.brickyard", "the settings of a store", e))
+        .map_err(|error| OpenError::invalid(path, "attributes.brickyard", "the settings of a store", not_json(&error)))
 }
 
 /// Derives a store's layout from level 0's shape and the settings, and checks both.

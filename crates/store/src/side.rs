@@ -319,8 +319,14 @@ pub(crate) fn parse_json(path: &Path, text: &[u8]) -> Result<Value, OpenError> {
     if has_more_values(text, MOST_VALUES) {
         return Err(OpenError::invalid(path, "document", format!("at most {MOST_VALUES} values"), "more"));
     }
-    serde_json::from_slice(text).map_err(|e| OpenError::invalid(path, "document", "JSON", e))
+    serde_json::from_slice(text).map_err(|error| OpenError::invalid(path, "document", "JSON", not_json(&error)))
 }
+
+/// A text that is not JSON, or not of the kind that was expected, in words that go behind "found".
+pub(crate) fn not_json(error: &serde_json::Error) -> String {
+    format!("what cannot be read ({}); put the file back, or pack again", error.to_string().replace('`', "'"))
+}
+
 /// Whether a JSON text has more values than so many: each is preceded by one of these characters, outside of strings.
 fn has_more_values(text: &[u8], most: usize) -> bool {
     let (mut values, mut is_text, mut is_escaped) = (0, false, false);

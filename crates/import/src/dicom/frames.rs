@@ -202,7 +202,7 @@ fn packing_of(header: &Header) -> Result<Packing, ImportError> {
         uids::JPEG2000_LOSSLESS | uids::JPEG2000 => Packing::Encapsulated(Codec::Jpeg2000),
         _ => {
             let name = header.syntax_name();
-            let advice = format!("decompress it, as gdcmconv --raw does; read are {READ}");
+            let advice = format!("decompress it, as gdcmconv --raw does; {READ} are read");
             return Err(ImportError::unsupported_but(&header.path, format!("transfer syntax {name}"), &advice));
         }
     })

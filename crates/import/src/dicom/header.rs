@@ -239,7 +239,7 @@ impl Header {
 
     /// Name and UID of the transfer syntax, for messages.
     pub(super) fn syntax_name(&self) -> String {
-        let name = TransferSyntaxRegistry.get(&self.syntax).map_or("an unknown transfer syntax", |s| s.name());
+        let name = TransferSyntaxRegistry.get(&self.syntax).map_or("unknown", |s| s.name());
         format!("{name} ({})", self.syntax)
     }
 

@@ -39,7 +39,8 @@ impl PixelFormat {
             let feature = format!(
                 "a colour image ({photometric}, {samples} samples a pixel; expected MONOCHROME1 or MONOCHROME2 with 1)"
             );
-            return Err(ImportError::unsupported(path, feature));
+            let advice = "export one gray image of it to TIFF or .npy, and pack that";
+            return Err(ImportError::unsupported_but(path, feature, advice));
         }
         let [rows, columns] = [need(tags::ROWS, "Rows")?, need(tags::COLUMNS, "Columns")?];
         let allocated = need(tags::BITS_ALLOCATED, "BitsAllocated")?;

@@ -159,6 +159,10 @@ fn ply_is_read_binary_and_as_text() {
 #[test]
 fn obj_is_read() {
     assert_eq!(soup(&read("a.obj", obj()).unwrap()), expected());
+    // A byte order mark is none of its words, nor of the other texts'.
+    let marked = |text: String| format!("\u{feff}{text}");
+    assert_eq!(soup(&read("a.obj", marked(obj())).unwrap()), expected());
+    assert_eq!(soup(&read("a.ply", marked(ply_text())).unwrap()), expected());
     let quad =
         "v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 1 1 0 0 1 0\nv 0 1 0 0 0 1\nvn 0 0 1\nf 1//1 2//1 3//1 4//1\nf -4 -3 -2\n";
     let mesh = read("a.obj", quad).unwrap();

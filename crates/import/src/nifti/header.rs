@@ -71,7 +71,10 @@ impl Header {
         let raw = if two { fields.version_2() } else { fields.version_1() };
         raw.checked(fields.endian, single_file, needed as u64).map_err(|refusal| match refusal {
             Refusal::Invalid(problem) => ImportError::invalid(path, problem),
-            Refusal::Unsupported(feature) => ImportError::unsupported(path, feature),
+            Refusal::Unsupported(feature) => {
+                let advice = "write it as volumes of plain numbers in up to five dimensions (nibabel, fslsplit)";
+                ImportError::unsupported_but(path, feature, advice)
+            }
         })
     }
 

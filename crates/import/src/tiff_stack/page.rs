@@ -204,7 +204,8 @@ impl OpenTiff {
         let color = self.decoder.colortype().map_err(refuse)?;
         let layout = self.decoder.image_chunk_buffer_layout(0).map_err(refuse)?;
         let unsupported = || {
-            let feature = format!("numbers of {} bits ({color:?}, {:?})", color.bit_depth(), layout.sample_format);
+            let feature =
+                format!("a page of {}-bit numbers ({color:?}, {:?})", color.bit_depth(), layout.sample_format);
             ImportError::unsupported_but(&path, feature, AS_NUMBERS)
         };
         let bits = color.bit_depth() as usize;
@@ -261,7 +262,7 @@ impl OpenTiff {
     /// keeps, and the lists of offsets and lengths.
     pub(super) fn reader_bytes(&mut self, format: &PageFormat) -> Result<u64, ImportError> {
         let path = self.path.clone();
-        let refuse = |e| refusal(&path, "unsupported page", e);
+        let refuse = |e| refusal(&path, "a page", e);
         let decoded = self.decoder.image_chunk_buffer_layout(0).map_err(refuse)?.len as u64;
         let kept = match self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(refuse)? {
             // Both of it and of what it is made from.

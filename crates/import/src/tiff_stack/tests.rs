@@ -360,7 +360,9 @@ fn white_is_zero_keeps_the_stored_values() {
     let field = Field { sizes: [7, 5, 2, 1, 1], voxel_type: VoxelType::U16 };
     let layout = Layout { photometric: 0, ..Layout::default() };
     let (_folder, path) = temp_file("a.tif", &written(field, "z", &layout));
-    assert_boxes(&*opened(&path).unwrap(), field);
+    let source = opened(&path).unwrap();
+    assert_boxes(&*source, field);
+    assert!(said(&source.info().notes).starts_with("note: Small values are meant to be shown bright"));
 }
 
 #[test]

@@ -76,6 +76,10 @@ impl OpenTiff {
                 "Pixels are indices into a palette of colours: the indices are read, and the colours are left out.";
             description.notes.push(Note::new(note));
         }
+        if format.white_is_zero {
+            let note = "Small values are meant to be shown bright (white is zero); they are kept as they are.";
+            description.notes.push(Note::new(note));
+        }
         if !format.turn.is_none() {
             let note = "Rows and columns are put in order as the file's Orientation says.";
             description.notes.push(Note::new(note));
