@@ -44,6 +44,7 @@ mod raw;
 mod series;
 mod source;
 mod stamp;
+mod step_time;
 #[cfg(test)]
 mod steps_tests;
 mod strided;
@@ -70,6 +71,7 @@ pub use open::{open, order_steps};
 pub use options::{FileOrder, Gaps, HeldAs, NoData, OpenOptions};
 pub use raw::{RawLayout, RawSource};
 pub use source::{Access, Lent, Source, SourceInfo};
+pub use step_time::{StepTime, TimeSpan};
 pub use strided::Strided;
 pub use synth::{CONSTANT_UNITS, SPARSE_LAST_UNITS, SynthKind, SynthSource, uniform};
 pub use write_raw::write_raw;

@@ -18,6 +18,7 @@ use crate::raw::{ArrayLayout, RawSource, identity};
 use crate::series::StepFile;
 use crate::source::{Access, SourceInfo};
 use crate::stamp::Stamp;
+use crate::step_time::StepTime;
 use brickyard_volume::VoxelType;
 use header::Header;
 use std::fs::File;
@@ -58,7 +59,8 @@ pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, Impo
     let is_seen = found.is_compressed && Losses::may_occur(path, found.array.decode, None, options).is_none();
     if is_seen && inflated_bytes(&found.body_path)? == Some(expected as u32) {
         let info = found.info(0)?;
-        return Ok(StepFile { info, access: Access::Box, reader_bytes: 0, held_bytes: 0, scratch_bytes: expected });
+        let (access, step_time) = (Access::Box, StepTime::default());
+        return Ok(StepFile { info, access, reader_bytes: 0, held_bytes: 0, scratch_bytes: expected, step_time });
     }
     Ok(StepFile::of(&open(path, options)?))
 }

@@ -12,6 +12,7 @@ use crate::error::ImportError;
 use crate::options::OpenOptions;
 use crate::source::{Access, Lent, Source, SourceInfo};
 use crate::stamp::Stamp;
+use crate::step_time::StepTime;
 use brickyard_volume::{ChannelLook, VoxelBox, counted};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -28,6 +29,7 @@ pub(crate) struct StepFile {
     pub(crate) reader_bytes: u64,
     pub(crate) held_bytes: u64,
     pub(crate) scratch_bytes: u64,
+    pub(crate) step_time: StepTime,
 }
 
 impl StepFile {
@@ -39,6 +41,7 @@ impl StepFile {
             reader_bytes: source.reader_bytes(),
             held_bytes: source.held_bytes(),
             scratch_bytes: source.scratch_bytes(),
+            step_time: source.step_time(),
         }
     }
 }
@@ -90,7 +93,7 @@ impl Series {
         let mut named: Option<(Vec<ChannelLook>, &Path)> = None;
         let (mut identity, mut notes) = (String::new(), Vec::new());
         let (mut reader_bytes, mut held_bytes, mut scratch_bytes) = (0, 0, 0);
-        let mut steps = Vec::with_capacity(paths.len());
+        let (mut steps, mut step_times) = (Vec::with_capacity(paths.len()), Vec::with_capacity(paths.len()));
         for path in paths {
             let stamp = Stamp::of(path)?;
             let found = check(path);
@@ -119,12 +122,16 @@ impl Series {
                     notes.push(note.clone());
                 }
             }
+            step_times.push(std::mem::take(&mut file.step_time));
             first.get_or_insert(file);
         }
         let Some(StepFile { info, access, .. }) = first else {
             return Err(ImportError::options(Path::new("input"), "none given"));
         };
-        let info = SourceInfo { times: steps.len() as u32, identity, notes, ..info };
+        let is_told = options.time_step.is_some() || options.time_stamps.is_some();
+        let (time, note) = if is_told { (None, None) } else { StepTime::axis(&step_times) };
+        notes.extend(note);
+        let info = SourceInfo { times: steps.len() as u32, time: info.time.or(time), identity, notes, ..info };
         let open_steps = OPEN_STEPS.min(steps.len()) as u64;
         let scratch_bytes = scratch_bytes.saturating_mul(open_steps);
         let paths: usize = steps.iter().map(|step| step.path.as_os_str().len()).sum();

@@ -3,6 +3,7 @@
 use crate::axes::Sizes;
 use crate::error::ImportError;
 use crate::note::Note;
+use crate::step_time::StepTime;
 use brickyard_volume::{ChannelLook, Extent, Geometry, Orientation, TimeAxis, VoxelBox, VoxelType};
 
 /// What a source says of itself before any voxel is read.
@@ -144,6 +145,11 @@ pub trait Source: Send + Sync {
     /// Most bytes of scratch files that the source keeps at a time.
     fn scratch_bytes(&self) -> u64 {
         0
+    }
+
+    /// What a source of one time step says of when it was taken.
+    fn step_time(&self) -> StepTime {
+        StepTime::default()
     }
 
     /// Fills `out` with the box's voxels, little-endian, x fastest.

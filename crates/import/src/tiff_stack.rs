@@ -47,6 +47,7 @@ use crate::options::OpenOptions;
 use crate::raw::identity;
 use crate::source::{Access, Source, SourceInfo};
 use crate::stamp::Stamp;
+use crate::step_time::StepTime;
 use brickyard_volume::{ChannelLook, VoxelBox};
 use description::Description;
 use page::{OpenTiff, PageFormat};
@@ -69,6 +70,7 @@ struct TiffStack {
     reader_bytes: u64,
     /// Decoders at rest, each with the number of its file.
     idle: Mutex<Vec<(u32, OpenTiff)>>,
+    step_time: StepTime,
 }
 
 struct TiffFile {
@@ -123,7 +125,8 @@ impl TiffStack {
             let note = format!("Each page holds {} samples a pixel; they are read as channels.", format.samples);
             info.notes.push(Note::new(note));
         }
-        let mut stack = Self { info, format, decode, files, map, reader_bytes, idle: Mutex::new(idle) };
+        let (idle, step_time) = (Mutex::new(idle), description.step_time.clone());
+        let mut stack = Self { info, format, decode, files, map, reader_bytes, idle, step_time };
         stack.count_losses(description.nodata_value(scale), options)?;
         description.mark(&mut stack.info, scale, options.nodata);
         Ok(stack)
@@ -190,6 +193,10 @@ impl TiffStack {
 }
 
 impl Source for TiffStack {
+    fn step_time(&self) -> StepTime {
+        self.step_time.clone()
+    }
+
     fn info(&self) -> &SourceInfo {
         &self.info
     }

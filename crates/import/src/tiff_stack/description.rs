@@ -14,6 +14,7 @@ use crate::element::{Element, Scale};
 use crate::note::Note;
 use crate::options::NoData;
 use crate::source::SourceInfo;
+use crate::step_time::StepTime;
 use brickyard_volume::{ChannelLook, Extent, TimeAxis, VoxelType, time_unit};
 use glam::DVec3;
 
@@ -32,6 +33,8 @@ pub(super) struct Description {
     pub(super) unit: Option<&'static str>,
     /// When the time steps were taken.
     pub(super) time: Option<TimeAxis>,
+    /// When the one step was taken, where there is one.
+    pub(super) step_time: StepTime,
     /// How stored numbers become values; `None` if they are the values.
     pub(super) calibration: Option<Calibration>,
     /// The stored number of pixels without data, which GDAL keeps in a tag of its own.

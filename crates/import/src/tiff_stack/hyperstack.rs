@@ -5,6 +5,7 @@ use super::description::{Declared, Description, Spacing};
 use super::units::unit_of;
 use crate::axes::Axis;
 use crate::note::Note;
+use crate::step_time::TimeSpan;
 use brickyard_volume::{ChannelLook, TimeAxis};
 
 /// How ImageJ's description begins.
@@ -42,10 +43,11 @@ pub(super) fn read(text: &str, resolution: Option<[f64; 2]>, samples: u16) -> De
     description.spacing = spacing(unit.is_some(), depth, resolution);
     in_unit_of_x(&mut description, unit, [value("yunit"), value("zunit")]);
     let interval = value("finterval").and_then(|v| v.parse::<f64>().ok()).filter(|step| *step != 0.0);
-    if let Some(step) = interval.filter(|_| frames > 1) {
-        let unit = value("tunit").unwrap_or("s");
-        let axis = TimeAxis { step, ..TimeAxis::default() };
-        description.set_time(axis, unit, frames);
+    let unit = value("tunit").unwrap_or("s");
+    match interval {
+        Some(step) if frames > 1 => description.set_time(TimeAxis { step, ..TimeAxis::default() }, unit, frames),
+        Some(step) => description.step_time.increment = TimeSpan::of(step, unit),
+        None => {}
     }
     description
 }

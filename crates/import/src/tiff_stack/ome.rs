@@ -11,6 +11,7 @@ use super::hyperstack::is_length;
 use super::xml::{self, Failure, LONGEST_NAME, attribute, decoded, meaning, next_piece, number};
 use crate::axes::Axis;
 use crate::note::Note;
+use crate::step_time::{StepTime, TimeSpan};
 use brickyard_volume::{ChannelLook, TimeAxis};
 use quick_xml::events::{BytesStart, Event};
 use std::collections::HashMap;
@@ -372,8 +373,15 @@ impl Walk {
             ..Description::default()
         };
         description.set_physical_sizes(std::mem::take(&mut self.physical_sizes));
-        if times > 1 {
-            self.set_time(&mut description, times);
+        match times {
+            1 => {
+                let stamp = self.stamps.iter().find(|(step, _)| *step == 0);
+                description.step_time = StepTime {
+                    increment: self.time_step.take().and_then(|(step, unit)| TimeSpan::of(step, &unit)),
+                    stamp: stamp.and_then(|(_, stamp)| TimeSpan::of(*stamp, &self.stamp_unit)),
+                };
+            }
+            _ => self.set_time(&mut description, times),
         }
         if self.splits_axes {
             let note = "The OME-XML description splits an axis once more (Modulo); it is kept as one.";

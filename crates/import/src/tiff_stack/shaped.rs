@@ -10,6 +10,7 @@ use super::page::PageFormat;
 use super::tag_scale::ScaleTags;
 use crate::axes::Axis;
 use crate::note::Note;
+use crate::step_time::TimeSpan;
 use brickyard_volume::TimeAxis;
 use serde_json::Value;
 
@@ -43,8 +44,12 @@ pub(super) fn read(text: &str, format: &PageFormat, tags: &ScaleTags) -> Descrip
     let step = [("finterval", "tunit"), ("TimeIncrement", "TimeIncrementUnit")]
         .iter()
         .find_map(|(step, unit)| Some((number(&values, step).filter(|step| *step != 0.0)?, text_of(&values, unit))));
-    if let Some((step, unit)) = step.filter(|_| declared.times > 1) {
-        description.set_time(TimeAxis { step, ..TimeAxis::default() }, unit.unwrap_or("s"), declared.times);
+    match step.map(|(step, unit)| (step, unit.unwrap_or("s"))) {
+        Some((step, unit)) if declared.times > 1 => {
+            description.set_time(TimeAxis { step, ..TimeAxis::default() }, unit, declared.times);
+        }
+        Some((step, unit)) => description.step_time.increment = TimeSpan::of(step, unit),
+        None => {}
     }
     Description { declared: Some(declared), ..description }
 }

@@ -255,6 +255,43 @@ fn planes_of_another_scale_or_unit_are_refused() {
     assert_eq!(opened([geo(30.0), geo(30.000_01)], &options()).unwrap().spacing.x, 30.0);
 }
 
+/// By increments that agree, or else by the times of the files' first planes; by what the user says before both.
+#[test]
+fn files_of_one_step_each_say_when_they_were_taken() {
+    let field = Field { sizes: [7, 5, 2, 1, 1], voxel_type: VoxelType::U8 };
+    let ome = |increment: &str, stamp: f64| {
+        format!(
+            r#"<OME><Image ID="i"><Pixels DimensionOrder="XYZCT" Type="uint8" SizeX="7" SizeY="5" SizeZ="2" SizeC="1" SizeT="1" {increment}>
+               <TiffData/><Plane TheT="0" TheZ="0" TheC="0" DeltaT="{stamp}" DeltaTUnit="ms"/></Pixels></Image></OME>"#
+        )
+    };
+    let imagej = |step: &str| format!("ImageJ=1.53t\nimages=2\nslices=2\nfinterval={step}\n");
+    let time = |descriptions: [String; 3], options: &OpenOptions| {
+        let folder = tempfile::tempdir().unwrap();
+        let paths: Vec<_> = descriptions
+            .iter()
+            .enumerate()
+            .map(|(i, text)| {
+                let path = folder.path().join(format!("s{i}.tif"));
+                std::fs::write(&path, written(field, "z", &described(text))).unwrap();
+                path
+            })
+            .collect();
+        let source = open(&paths, options).unwrap();
+        assert_eq!(source.info().times, 3);
+        source.info().time.clone().map(|axis| (axis.step, axis.stamps, axis.unit.unwrap_or_default()))
+    };
+    let (none, told) = (OpenOptions::default(), OpenOptions { time_step: Some(2.0), ..OpenOptions::default() });
+    let stamps = |increment: &str| [1.0, 2.0, 9.0].map(|stamp| ome(increment, stamp));
+    let every = r#"TimeIncrement="0.5" TimeIncrementUnit="s""#;
+    assert_eq!(time(stamps(every), &none), Some((0.5, vec![], "second".into())));
+    assert_eq!(time(stamps(""), &none), Some((7.0, vec![1.0, 2.0, 9.0], "millisecond".into())));
+    assert_eq!(time(stamps(every), &told).unwrap().0, 2.0);
+    assert_eq!(time([0.0; 3].map(|stamp| ome("", stamp)), &none), None);
+    assert_eq!(time(["0.25"; 3].map(imagej), &none), Some((0.25, vec![], "second".into())));
+    assert_eq!(time(["0.25", "0.25", "0.5"].map(imagej), &none), None);
+}
+
 #[test]
 fn descriptions_of_other_programs_are_named() {
     let text = |text: &str| (270, 2, text.bytes().chain([0]).map(u64::from).collect::<Vec<u64>>());
