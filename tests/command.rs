@@ -98,6 +98,8 @@ fn damage_is_summed_up_in_a_line() {
         stderr,
         format!("error: a.zarr: {count} of 288 bricks are damaged, in level 0, time step 0, channel 0\n")
     );
+    let (code, _, stderr) = sandbox.run("probe a.zarr 1,1,1");
+    assert!(code == 3 && stderr.matches("level 0 brick").count() == 1, "exit {code}: {stderr}");
     let (code, _, stderr) = sandbox.run(&format!("render a.zarr -o a.png {VIEW}"));
     assert_eq!(code, 0, "{stderr}");
     assert_eq!(stderr.lines().filter(|line| line.contains("a coarser brick stands in")).count(), 3, "{stderr}");

@@ -178,7 +178,8 @@ impl Settings {
         let seconds = started.elapsed().as_secs_f64();
         say!("{}: step {step} of {store} in {seconds:.1} s", file.display());
         if let Some(voxels) = report.map(|report| report.non_finite).filter(|voxels| *voxels > 0) {
-            say!("note: {voxels} voxels are NaN or infinite: they are not drawn and not counted");
+            let voxels = counted(voxels, "voxel");
+            say!("note: {voxels} without a number (no data, NaN or infinite): not drawn and not counted");
         }
         Ok(appender)
     }

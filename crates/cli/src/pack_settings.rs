@@ -230,10 +230,11 @@ impl PackSettings {
             values::human_bytes(report.written_bytes),
         );
         if let Some(nodata) = info.nodata.filter(|_| report.nodata > 0) {
-            say!("note: {} voxels are {nodata}, no data: they are not drawn and not counted", report.nodata);
+            say!("note: {} of {nodata}, no data: not drawn and not counted", counted(report.nodata, "voxel"));
         }
         if report.non_finite > 0 {
-            say!("note: {} voxels are NaN or infinite: they are not drawn and not counted", report.non_finite);
+            let voxels = counted(report.non_finite, "voxel");
+            say!("note: {voxels} without a number (no data, NaN or infinite): not drawn and not counted");
         }
         Ok(())
     }

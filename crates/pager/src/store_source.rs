@@ -103,5 +103,12 @@ fn page_error(store: &Store, page: PageId, error: &ReadError) -> BrickError {
 }
 
 fn brick_error(id: BrickId, error: &ReadError) -> BrickError {
-    BrickError { id, reason: error.to_string(), is_passing: error.is_passing() }
+    let reason = match &error {
+        // Which brick it is, is said already.
+        ReadError::CorruptBrick { path, id: damaged, error } if *damaged == id => {
+            format!("{}: {error}", path.display())
+        }
+        error => error.to_string(),
+    };
+    BrickError { id, reason, is_passing: error.is_passing() }
 }
