@@ -36,13 +36,18 @@ pub(crate) fn open_failure(error: &OpenError) -> Failure {
     }
 }
 
-/// The failure for a file that the system does not open or read: its limits and permissions are no fault of the file.
+/// The failure for a file that the system does not open or read.
 pub(crate) fn io_failure(error: &std::io::Error, message: impl Display) -> Failure {
     match limit_behind(error) {
         Some(limit) => Failure::failed(format!("{message}: {limit}; nothing is wrong with the file")),
-        None if error.kind() == ErrorKind::PermissionDenied => Failure::failed(message),
+        None if is_of_the_process(error) => Failure::failed(message),
         None => Failure::bad_input(message),
     }
+}
+
+/// Whether an error tells of what the process may do, and not of the file.
+fn is_of_the_process(error: &std::io::Error) -> bool {
+    error.kind() == ErrorKind::PermissionDenied || limit_behind(error).is_some()
 }
 
 /// The failure for a store that was not verified.
@@ -51,7 +56,7 @@ pub(crate) fn verify_failure(error: VerifyError, store: &Path) -> Failure {
         // What contradicts itself is what was looked for, and so is what is missing inside of a store.
         VerifyError::Open(error @ OpenError::Invalid { .. }) => Failure::new(ExitKind::VerificationFailed, error),
         VerifyError::Open(OpenError::Io { path, error })
-            if error.kind() == ErrorKind::NotFound && path != store && path.starts_with(store) =>
+            if !is_of_the_process(&error) && path != store && path.starts_with(store) =>
         {
             Failure::new(ExitKind::VerificationFailed, OpenError::Io { path, error })
         }

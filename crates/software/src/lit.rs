@@ -1,4 +1,4 @@
-//! Direct volume rendering of the plain method,, lit: what a window draws most.
+//! Direct volume rendering of the plain method, lit: what a window draws most.
 //!
 //! A chunk's samples are classified as unlit ones are. Then light goes through its packets, and only those are lit that show something and
 //! that light comes to.
