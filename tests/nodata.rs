@@ -140,7 +140,7 @@ fn the_command_says_what_holds_no_data() {
     let voxels = padded_ct(&sandbox);
     let missing = 24u64.pow(3) - 18u64.pow(3) + 1;
     let (code, _, stderr) = sandbox.run(&format!("{PACK} --nodata -2000"));
-    assert!(code == 0 && stderr.contains(&format!("{missing} voxels are -2000, no data")), "{code}: {stderr}");
+    assert!(code == 0 && stderr.contains(&format!("{missing} voxels of -2000, no data")), "{code}: {stderr}");
     sandbox.run_ok("verify ct.zarr --progress none");
     let text = sandbox.run_ok("info ct.zarr");
     assert!(text.contains(&format!("no data: -2000, {missing} voxels (57.8 %)")), "{text}");
