@@ -590,7 +590,7 @@ fn requests_that_a_store_cannot_meet() {
             ("render good.zarr --movie o.gif --time all --rate fast", USAGE, &["--rate", "'fast'", "29.97"]),
             ("render good.zarr --movie o.gif --time all --rate 60", USAGE, &["o.gif", "at most 50", "60", ".y4m"]),
             ("render good.zarr --movie o.gif --time all --stats o.gif", USAGE, &["o.gif", "hold the statistics"]),
-            // The same file by another name.
+            // One file by two spellings of its path.
             ("render good.zarr -o o.png --stats ./o.png", USAGE, &["o.png", "hold the statistics"]),
             ("render good.zarr -o o.png --stats good.zarr/../o.png", USAGE, &["o.png", "hold the statistics"]),
             ("render good.zarr -o o.png --max-wait 0", USAGE, &["positive"]),

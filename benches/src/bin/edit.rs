@@ -109,7 +109,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// What an edit took that shows what was hidden.
+/// Bricks and times of an edit that shows hidden values.
 #[derive(Serialize)]
 struct Reveal {
     bricks_before: u64,

@@ -147,7 +147,7 @@ pub trait Source: Send + Sync {
         0
     }
 
-    /// What a source of one time step says of when it was taken.
+    /// Times that a source of one time step has in it; none unless its format keeps them.
     fn step_time(&self) -> StepTime {
         StepTime::default()
     }

@@ -1,9 +1,9 @@
-//! What files of one time step each say of when they were taken, and the time axis that follows of all of them. Costs a few numbers for each file.
+//! Times in files of one time step each, and the time axis of a series of them. Costs a few numbers for each file.
 
 use crate::note::Note;
 use brickyard_volume::{TimeAxis, time_unit};
 
-/// What a file of one time step says of when it was taken.
+/// Times in a file of one time step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StepTime {
     /// Time from one step to the next.
@@ -29,7 +29,7 @@ impl TimeSpan {
 }
 
 impl StepTime {
-    /// The time axis of steps in order: by the increment, if all say the same; else by their times, if each has one and they ascend. Says so if they do not.
+    /// Time axis of steps in order: by their increment if all have the same, else by their stamps if all have one and these ascend. A warning if they do not ascend.
     pub(crate) fn axis(steps: &[Self]) -> (Option<TimeAxis>, Option<Note>) {
         let increment = steps.first().and_then(|first| first.increment.as_ref()).filter(|it| it.number > 0.0);
         if let Some(TimeSpan { number, unit }) =

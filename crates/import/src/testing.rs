@@ -146,7 +146,7 @@ pub(crate) fn assert_takes_what_it_says(open: impl FnOnce() -> Box<dyn Source>, 
     assert!(said >= plane_bytes as u64, "a plane is decoded at once");
 }
 
-/// What is said of a source, one remark after the other, each behind its kind.
+/// Remarks on a source in one text, each behind its kind.
 pub(crate) fn said(notes: &[Note]) -> String {
     let kind = |is_warning| if is_warning { "warning" } else { "note" };
     notes.iter().map(|note| format!("{}: {} ", kind(note.is_warning()), &**note)).collect()
