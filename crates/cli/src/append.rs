@@ -10,7 +10,7 @@ use super::progress::Progress;
 use super::say::say;
 use super::store_errors;
 use brickyard::import::{self, HeldAs, NoData, OpenOptions, Source};
-use brickyard::store::{self, AppendError, Appender, Kind, OpenError, Store};
+use brickyard::store::{self, AppendError, Appender, Kind, OpenError, PackError, Store};
 use brickyard::volume::counted;
 use clap::Args;
 use std::collections::HashMap;
@@ -153,8 +153,17 @@ impl Settings {
             if let AppendError::Cancelled { times, .. } = error {
                 return self.stopped(times, file);
             }
+            let is_of_store = match &error {
+                AppendError::Pack(error) => !matches!(error, PackError::Unfit { .. }),
+                AppendError::Open(_) | AppendError::Read(_) | AppendError::Begun { .. } => true,
+                _ => false,
+            };
             let Failure { kind, message } = store_errors::append_failure(error);
-            Failure::new(kind, format!("{}: {message}", file.display()))
+            if is_of_store {
+                Failure::new(kind, message)
+            } else {
+                Failure::new(kind, format!("{}: {message}", file.display()))
+            }
         };
         let appender = match appender {
             Some(appender) => Some(appender),

@@ -22,15 +22,17 @@ pub(crate) fn is_stdout(path: &Path) -> bool {
 /// Whether a file may be written here.
 ///
 /// # Errors
-/// Exit code 2 if something is there and may not be replaced, which a folder never is, or if a store would hold it.
+/// Exit code 2 if something is there and may not be replaced, which a folder or device never is, or if a store would hold it.
 pub(crate) fn may_write(path: &Path, overwrite: bool) -> Result<(), Failure> {
     check_outside(path).map_err(Failure::usage)?;
     // A link that leads nowhere is something too.
     let Ok(found) = path.symlink_metadata() else { return Ok(()) };
-    let (what, advice) = match (found.is_dir(), overwrite) {
-        (true, _) => ("is a folder, and is left alone", "choose another name"),
-        (false, false) => ("exists already", "choose another name, or pass --overwrite to replace it"),
-        (false, true) => return Ok(()),
+    let is_no_file = path.metadata().is_ok_and(|found| !found.is_file());
+    let (what, advice) = match (found.is_dir(), is_no_file, overwrite) {
+        (true, ..) => ("is a folder, and is left alone", "choose another name"),
+        (_, true, _) => ("is no file, and is not replaced by one", "choose another name"),
+        (_, _, false) => ("exists already", "choose another name, or pass --overwrite to replace it"),
+        (_, _, true) => return Ok(()),
     };
     Err(Failure::usage(format!("{}: {what}; {advice}", path.display())))
 }
@@ -171,9 +173,14 @@ mod tests {
         std::fs::write(path("file"), "").unwrap();
         std::fs::create_dir(path("folder")).unwrap();
         std::os::unix::fs::symlink("nowhere", path("link")).unwrap();
-        for (name, without, with) in
-            [("new", true, true), ("file", false, true), ("link", false, true), ("folder", false, false)]
-        {
+        std::os::unix::fs::symlink("/dev/full", path("device")).unwrap();
+        for (name, without, with) in [
+            ("new", true, true),
+            ("file", false, true),
+            ("link", false, true),
+            ("folder", false, false),
+            ("device", false, false),
+        ] {
             assert_eq!(may_write(&path(name), false).is_ok(), without, "{name}");
             assert_eq!(may_write(&path(name), true).is_ok(), with, "{name}, --overwrite");
         }

@@ -1,11 +1,10 @@
 //! Errors of stores and packing, sorted into exit codes.
 
 use super::failure::{ExitKind, Failure};
-use brickyard::import::{ImportError, limit_behind};
+use brickyard::import::{ImportError, is_of_process, limit_behind};
 use brickyard::session::VolumeSource;
 use brickyard::store::{AppendError, ExportError, OpenError, PackError, ReadError, Store, VerifyError};
 use std::fmt::Display;
-use std::io::ErrorKind;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -27,10 +26,8 @@ pub(crate) fn open_volumes<P: AsRef<Path>>(paths: &[P]) -> Result<Vec<VolumeSour
 
 /// The failure for a store that cannot be opened.
 pub(crate) fn open_failure(error: &OpenError) -> Failure {
-    let command = |store: &Path, flag: &str| format!("{error}: 'brickyard pack INPUT {} {flag}'", store.display());
     match error {
-        OpenError::Incomplete { path, .. } => Failure::new(ExitKind::Incomplete, command(path, "--resume")),
-        OpenError::OldFormat { store, .. } => Failure::bad_input(command(store, "--overwrite")),
+        OpenError::Incomplete { .. } => Failure::new(ExitKind::Incomplete, error),
         OpenError::Io { error: io, .. } => io_failure(io, error),
         _ => Failure::bad_input(error),
     }
@@ -40,14 +37,9 @@ pub(crate) fn open_failure(error: &OpenError) -> Failure {
 pub(crate) fn io_failure(error: &std::io::Error, message: impl Display) -> Failure {
     match limit_behind(error) {
         Some(limit) => Failure::failed(format!("{message}: {limit}; nothing is wrong with the file")),
-        None if is_of_the_process(error) => Failure::failed(message),
+        None if is_of_process(error) => Failure::failed(message),
         None => Failure::bad_input(message),
     }
-}
-
-/// Whether an error tells of what the process may do, and not of the file.
-fn is_of_the_process(error: &std::io::Error) -> bool {
-    error.kind() == ErrorKind::PermissionDenied || limit_behind(error).is_some()
 }
 
 /// The failure for a store that was not verified.
@@ -56,11 +48,12 @@ pub(crate) fn verify_failure(error: VerifyError, store: &Path) -> Failure {
         // What contradicts itself is what was looked for, and so is what is missing inside of a store.
         VerifyError::Open(error @ OpenError::Invalid { .. }) => Failure::new(ExitKind::VerificationFailed, error),
         VerifyError::Open(OpenError::Io { path, error })
-            if !is_of_the_process(&error) && path != store && path.starts_with(store) =>
+            if !is_of_process(&error) && path != store && path.starts_with(store) =>
         {
             Failure::new(ExitKind::VerificationFailed, OpenError::Io { path, error })
         }
         VerifyError::Open(error) => open_failure(&error),
+        VerifyError::Barred(error) => read_failure(&error),
         VerifyError::Memory { .. } => Failure::usage(error),
         VerifyError::Threads(_) => Failure::failed(error),
     }
@@ -92,8 +85,8 @@ pub(crate) fn pack_failure(error: PackError) -> Failure {
 fn pack_kind(error: &PackError) -> ExitKind {
     match error {
         PackError::Incomplete { .. } | PackError::Cancelled { .. } => ExitKind::Incomplete,
-        PackError::Source { error: ImportError::Limit { .. } | ImportError::Scratch { .. }, .. } => ExitKind::Failed,
-        PackError::Source { .. } | PackError::Unfit { .. } => ExitKind::BadInput,
+        PackError::Source { error, .. } => import_failure(error).kind,
+        PackError::Unfit { .. } => ExitKind::BadInput,
         PackError::Options(_)
         | PackError::Memory { .. }
         | PackError::Exists { .. }
@@ -118,13 +111,12 @@ pub(crate) fn append_failure(error: AppendError) -> Failure {
         AppendError::Open(error) => return open_failure(error),
         AppendError::Read(error) => return read_failure(error),
         AppendError::Pack(error) => pack_kind(error),
-        AppendError::Time { .. } => ExitKind::Usage,
-        AppendError::Source { error: ImportError::Limit { .. }, .. } => ExitKind::Failed,
+        AppendError::Time { .. } | AppendError::Begun { .. } => ExitKind::Usage,
+        AppendError::Source { error, .. } => import_failure(error).kind,
         AppendError::Mismatch { .. }
         | AppendError::Several { .. }
         | AppendError::NoTime { .. }
-        | AppendError::Grouped { .. }
-        | AppendError::Source { .. } => ExitKind::BadInput,
+        | AppendError::Grouped { .. } => ExitKind::BadInput,
         AppendError::Unfinished { .. } | AppendError::Cancelled { .. } | AppendError::Incomplete { .. } => {
             ExitKind::Incomplete
         }

@@ -103,6 +103,11 @@ pub fn without_path(error: std::io::Error) -> std::io::Error {
     inner.and_then(std::io::Error::raw_os_error).map_or(error, std::io::Error::from_raw_os_error)
 }
 
+/// Whether an error tells of what the process may do, and nothing of the file.
+pub fn is_of_process(error: &std::io::Error) -> bool {
+    error.kind() == std::io::ErrorKind::PermissionDenied || limit_behind(error).is_some()
+}
+
 /// The limit of process or system that an error tells of, and what raises it; `None` if it tells of none.
 pub fn limit_behind(error: &std::io::Error) -> Option<&'static str> {
     use rustix::io::Errno;

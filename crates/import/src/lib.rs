@@ -63,7 +63,7 @@ use absent::tiff_stack;
 pub use axes::AxisOrder;
 pub use described::Described;
 pub use element::Endian;
-pub use error::{ImportError, limit_behind, without_path};
+pub use error::{ImportError, is_of_process, limit_behind, without_path};
 #[cfg(feature = "mesh")]
 pub use mesh::read_mesh;
 pub use note::Note;

@@ -20,6 +20,11 @@ impl Note {
         Self { text: text.into(), is_warning: true }
     }
 
+    /// The same remark after the words that say what it is about.
+    pub(crate) fn about(self, subject: &str) -> Self {
+        Self { text: format!("{subject}{}", self.text), ..self }
+    }
+
     /// Whether something may be wrong.
     pub fn is_warning(&self) -> bool {
         self.is_warning

@@ -9,6 +9,7 @@
 mod tests;
 
 use crate::error::ImportError;
+use crate::note::Note;
 use crate::options::OpenOptions;
 use crate::source::{Access, Lent, Source, SourceInfo};
 use crate::stamp::Stamp;
@@ -91,7 +92,7 @@ impl Series {
     ) -> Result<Self, ImportError> {
         let mut first: Option<StepFile> = None;
         let mut named: Option<(Vec<ChannelLook>, &Path)> = None;
-        let (mut identity, mut notes) = (String::new(), Vec::new());
+        let (mut identity, mut remarks) = (String::new(), Remarks::default());
         let (mut reader_bytes, mut held_bytes, mut scratch_bytes) = (0, 0, 0);
         let (mut steps, mut step_times) = (Vec::with_capacity(paths.len()), Vec::with_capacity(paths.len()));
         for path in paths {
@@ -117,11 +118,7 @@ impl Series {
             identity += &file.info.identity;
             steps.push(Step { path: path.clone(), stamp, identity: start..identity.len() });
             identity += "\n";
-            for note in &file.info.notes {
-                if !notes.contains(note) {
-                    notes.push(note.clone());
-                }
-            }
+            remarks.add(&file.info.notes, path);
             step_times.push(std::mem::take(&mut file.step_time));
             first.get_or_insert(file);
         }
@@ -130,6 +127,7 @@ impl Series {
         };
         let is_told = options.time_step.is_some() || options.time_stamps.is_some();
         let (time, note) = if is_told { (None, None) } else { StepTime::axis(&step_times) };
+        let mut notes = remarks.of_files(steps.len());
         notes.extend(note);
         let info = SourceInfo { times: steps.len() as u32, time: info.time.or(time), identity, notes, ..info };
         let open_steps = OPEN_STEPS.min(steps.len()) as u64;
@@ -189,6 +187,37 @@ impl Series {
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     // A list of steps, and one that is open or not, are whole whatever a thread that panicked was about.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Remarks on the files of a series, each once.
+#[derive(Default)]
+struct Remarks<'a>(Vec<Remark<'a>>);
+
+struct Remark<'a> {
+    note: Note,
+    first: &'a Path,
+    files: usize,
+}
+
+impl<'a> Remarks<'a> {
+    fn add(&mut self, notes: &[Note], path: &'a Path) {
+        for note in notes {
+            match self.0.iter_mut().find(|remark| remark.note == *note) {
+                Some(remark) => remark.files += 1,
+                None => self.0.push(Remark { note: note.clone(), first: path, files: 1 }),
+            }
+        }
+    }
+
+    /// The remarks; one that not all of so many files have names the first that has it.
+    fn of_files(self, count: usize) -> Vec<Note> {
+        let named = |Remark { note, first, files }| match files {
+            _ if files == count => note,
+            1 => note.about(&format!("{}: ", first.display())),
+            _ => note.about(&format!("{} and {} more of {count} files: ", first.display(), files - 1)),
+        };
+        self.0.into_iter().map(named).collect()
+    }
 }
 
 /// Steps must agree in all that a series has once.

@@ -2,7 +2,7 @@
 
 use crate::open::{open, order_steps};
 use crate::options::{FileOrder, OpenOptions};
-use crate::testing::{Field, assert_boxes};
+use crate::testing::{Field, assert_boxes, said};
 use brickyard_volume::{Extent, VoxelType};
 use std::path::{Path, PathBuf};
 
@@ -208,4 +208,26 @@ fn folders_that_are_steps_are_read_in_the_order_of_the_steps() {
     let both = [folder.path().to_owned(), folder.path().join("s_2.npy")];
     let message = order_steps(&both, &OpenOptions::default()).unwrap_err().to_string();
     assert!(message.contains("s_2.npy: lies in ") && message.contains("name one of the two"), "{message}");
+}
+
+/// A remark on some of the files names them; one on all does not.
+#[test]
+fn remarks_say_which_files_they_are_about() {
+    let said_of = |behind: [usize; 3]| {
+        let bytes = FIELD.bytes("tczyx", false);
+        let folder = tempfile::tempdir().unwrap();
+        let paths: Vec<_> = (behind.iter().zip(bytes.chunks(bytes.len() / 3)).enumerate())
+            .map(|(i, (&more, step))| {
+                let path = folder.path().join(format!("s{i}.nii"));
+                std::fs::write(&path, [nifti(&[7, 5, 4], 1.0, step), vec![1; more]].concat()).unwrap();
+                path
+            })
+            .collect();
+        let source = open(&paths, &OpenOptions::default()).unwrap();
+        said(&source.info().notes).replace(&format!("{}/", folder.path().display()), "")
+    };
+    assert!(!said_of([0; 3]).contains("bytes"), "{}", said_of([0; 3]));
+    assert!(said_of([0, 6, 0]).contains("warning: s1.nii: 6 bytes"), "{}", said_of([0, 6, 0]));
+    assert!(said_of([0, 6, 6]).contains("warning: s1.nii and 1 more of 3 files: 6 bytes"), "{}", said_of([0, 6, 6]));
+    assert!(said_of([6; 3]).contains("warning: 6 bytes"), "{}", said_of([6; 3]));
 }

@@ -26,12 +26,13 @@ use crate::shard::ShardIndex;
 use crate::side::{SideArray, core_hash, level_arrays};
 use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use crate::store::{Store, bricks_of};
+use brickyard_import::is_of_process;
 use brickyard_volume::{Apron, BrickId, BrickIndex, Extent, Level, PageId, Pyramid, VoxelBox, with_voxel_type};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Mutex, OnceLock};
 
 /// One thing that is wrong with a store.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -89,6 +90,9 @@ pub enum VerifyError {
         /// The memory that was allowed, in bytes.
         given_bytes: u64,
     },
+    /// The process may not read some of it, or not so much at once, which is no fault of the store.
+    #[error("{0}: not verified")]
+    Barred(#[source] ReadError),
     /// The worker threads could not be started.
     #[error("cannot start worker threads: {0}")]
     Threads(String),
@@ -104,8 +108,8 @@ pub const VERIFY_MEMORY_BYTES: u64 = 2 << 30;
 /// memory is short. Calls `progress` with the bytes of voxels checked so far and the bytes in all.
 ///
 /// # Errors
-/// If the store cannot be opened, the memory is too little for one thread, or no threads can be started. All else that
-/// is wrong is in the report.
+/// If the store cannot be opened, the process may not read all of it, the memory is too little for one thread, or no threads can be started.
+/// All else that is wrong is in the report.
 pub fn verify(path: &Path, progress: impl Fn(u64, u64) + Sync) -> Result<VerifyReport, VerifyError> {
     verify_within(path, VERIFY_MEMORY_BYTES, progress)
 }
@@ -114,7 +118,7 @@ pub fn verify(path: &Path, progress: impl Fn(u64, u64) + Sync) -> Result<VerifyR
 /// store takes.
 ///
 /// # Errors
-/// If the store cannot be opened, `memory_bytes` is too little for one thread, or no threads can be started.
+/// If the store cannot be opened, the process may not read all of it, `memory_bytes` is too little for one thread, or no threads can be started.
 pub fn verify_within(
     path: &Path,
     memory_bytes: u64,
@@ -128,7 +132,7 @@ pub fn verify_within(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|error| VerifyError::Threads(error.to_string()))?;
     let verifier = Verifier::new(&views, &progress, block_edge);
-    let report = pool.install(|| with_voxel_type!(views[0].voxel_type(), T => verifier.run::<T>()));
+    let report = pool.install(|| with_voxel_type!(views[0].voxel_type(), T => verifier.run::<T>()))?;
     // Of a store whose files go while they are read, each would be a problem.
     if !report.problems.is_empty() && views[0].is_replaced() { Err(views[0].replaced().into()) } else { Ok(report) }
 }
@@ -177,6 +181,8 @@ struct Verifier<'a> {
     block_edge: u32,
     bricks_done: AtomicU64,
     problems: AtomicUsize,
+    /// Why the process may not read some of the store.
+    barred: OnceLock<ReadError>,
     /// Whether some brick of level 0 could not be read, so that the volume's statistics cannot be known.
     level_0_unread: AtomicBool,
     /// Level-0 statistics, per channel.
@@ -234,22 +240,23 @@ impl HashPage {
 impl<'a> Verifier<'a> {
     fn new(views: &'a [Store], progress: &'a (dyn Fn(u64, u64) + Sync), block_edge: u32) -> Self {
         let totals = (0..views[0].channels()).map(|_| ChannelTotals::new(views[0].voxel_type())).collect();
-        let (unread, level_0_unread, bricks_done, problems) = Default::default();
-        Self { views, progress, block_edge, bricks_done, problems, level_0_unread, totals: Mutex::new(totals), unread }
+        let (unread, barred, level_0_unread, bricks_done, problems) = Default::default();
+        let totals = Mutex::new(totals);
+        Self { views, progress, block_edge, bricks_done, problems, barred, level_0_unread, totals, unread }
     }
 
-    fn run<T: Measure>(&self) -> VerifyReport {
-        let mut report = self.check_shards();
+    fn run<T: Measure>(self) -> Result<VerifyReport, VerifyError> {
+        let mut report = self.check_shards()?;
         if !self.has_enough() {
             self.check_bricks::<T>(&mut report);
         }
         report.is_cut_short = self.has_enough();
-        report
+        self.barred.into_inner().map_or(Ok(report), |error| Err(VerifyError::Barred(error)))
     }
 
-    /// Whether there are so many problems that no more are looked for.
+    /// Whether no more is looked for: there are many problems, or something may not be read.
     fn has_enough(&self) -> bool {
-        self.problems.load(Ordering::Relaxed) >= MOST_PROBLEMS
+        self.problems.load(Ordering::Relaxed) >= MOST_PROBLEMS || self.barred.get().is_some()
     }
 
     /// Problems as they are found, until there are enough.
@@ -258,8 +265,8 @@ impl<'a> Verifier<'a> {
     }
 
     /// Documents, and every shard's file and index.
-    fn check_shards(&self) -> VerifyReport {
-        let documents::Found { problems, edits } = documents::check(&self.views[0], self.levels());
+    fn check_shards(&self) -> Result<VerifyReport, OpenError> {
+        let documents::Found { problems, edits } = documents::check(&self.views[0], self.levels())?;
         let mut report = VerifyReport { bricks: self.brick_count(), problems, edits, ..VerifyReport::default() };
         for (store, level) in self.levels() {
             report.problems.par_extend(self.some(self.check_pages(store, level)));
@@ -283,7 +290,7 @@ impl<'a> Verifier<'a> {
                 report.problems.par_extend(self.some(shards.filter_map(|id| self.check_shard(chunks, id))));
             }
         }
-        report
+        Ok(report)
     }
 
     fn check_bricks<T: Measure>(&self, report: &mut VerifyReport) {
@@ -341,8 +348,13 @@ impl<'a> Verifier<'a> {
         })
     }
 
-    /// The problem of what cannot be read, unless it is known: a brick that does not decode, or else its shard.
+    /// The problem of what cannot be read, unless it is known: a brick that does not decode, or else its shard. None is what the process may not read.
     fn unread(&self, error: ReadError) -> Option<VerifyProblem> {
+        if matches!(&error, ReadError::Io { error, .. } if is_of_process(error)) {
+            // Only the first is told.
+            let _ = self.barred.set(error);
+            return None;
+        }
         let message = error.to_string();
         let (brick, path, what) = match error {
             ReadError::CorruptBrick { path, id, error } => (Some(id), path, error.to_string()),
@@ -420,6 +432,9 @@ impl<'a> Verifier<'a> {
 
     fn check_block<T: Measure>(&self, buffers: &mut Buffers<T>, block: Block<'a>) -> Vec<VerifyProblem> {
         let mut problems = Vec::new();
+        if self.has_enough() {
+            return problems;
+        }
         if !self.check_empty_block::<T>(buffers, block, &mut problems) {
             let unread = self.read_block(buffers, block, &mut problems);
             let mut tally = Tally::default();

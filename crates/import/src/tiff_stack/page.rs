@@ -3,7 +3,7 @@
 use super::indices::{self, PageBytes};
 use super::jpeg;
 use super::lzw::{self, Predictor, Rows};
-use super::refusal::{AS_NUMBERS, not_decoded, refusal};
+use super::refusal::{AS_NUMBERS, kind_of, not_decoded, refusal};
 use super::told::is_damage;
 use super::turn::Turn;
 use crate::element::{Decode, Element, Endian};
@@ -204,8 +204,7 @@ impl OpenTiff {
         let color = self.decoder.colortype().map_err(refuse)?;
         let layout = self.decoder.image_chunk_buffer_layout(0).map_err(refuse)?;
         let unsupported = || {
-            let feature =
-                format!("a page of {}-bit numbers ({color:?}, {:?})", color.bit_depth(), layout.sample_format);
+            let feature = format!("a page of {}-bit {}", color.bit_depth(), kind_of(color, layout.sample_format));
             ImportError::unsupported_but(&path, feature, AS_NUMBERS)
         };
         let bits = color.bit_depth() as usize;

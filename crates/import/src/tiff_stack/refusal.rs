@@ -3,7 +3,7 @@
 use crate::error::ImportError;
 use std::path::Path;
 use tiff::tags::{PhotometricInterpretation, SampleFormat};
-use tiff::{TiffError, TiffFormatError, TiffUnsupportedError};
+use tiff::{ColorType, TiffError, TiffFormatError, TiffUnsupportedError};
 
 /// The way on where pixels are of a kind that is not read.
 pub(super) const AS_NUMBERS: &str = "write its pixels again as numbers of 8, 16, 32 or 64 bits: one a pixel, or red, \
@@ -57,6 +57,29 @@ pub(super) fn not_decoded(path: &Path, index: u32, error: TiffError) -> ImportEr
     }
 }
 
+/// What samples of a page are, in words after their number of bits.
+pub(super) fn kind_of(color: ColorType, format: SampleFormat) -> String {
+    let number = match format {
+        SampleFormat::Uint => "unsigned integers",
+        SampleFormat::Int => "signed integers",
+        SampleFormat::IEEEFP => "floats",
+        _ => "samples of an unknown format",
+    };
+    let of = match color {
+        ColorType::Gray(_) => "one a pixel".into(),
+        ColorType::GrayA(_) => "grey and transparency".into(),
+        ColorType::RGB(_) => "red, green and blue".into(),
+        ColorType::RGBA(_) => "red, green, blue and transparency".into(),
+        ColorType::Palette(_) => "indices of a palette".into(),
+        ColorType::CMYK(_) | ColorType::CMYKA(_) => "CMYK".into(),
+        ColorType::YCbCr(_) => "YCbCr".into(),
+        ColorType::Lab(_) => "CIE L*a*b*".into(),
+        ColorType::Multiband { num_samples, .. } => format!("{num_samples} a pixel"),
+        _ => "colours of an unknown kind".into(),
+    };
+    format!("{number} ({of})")
+}
+
 /// A feature that the library does not read, in words of its own.
 fn feature_of(error: TiffUnsupportedError) -> String {
     use PhotometricInterpretation as P;
@@ -73,7 +96,8 @@ fn feature_of(error: TiffUnsupportedError) -> String {
         TiffUnsupportedError::UnsupportedSampleDepth(bits) => format!("numbers of {bits} bits"),
         TiffUnsupportedError::UnsupportedSampleFormat(formats) => match formats[..] {
             [SampleFormat::Unknown(5 | 6), ..] => "complex numbers".into(),
-            _ => format!("samples of the formats {formats:?}"),
+            [SampleFormat::Unknown(format), ..] => format!("samples of a format ({format}) that is not the standard's"),
+            _ => "samples of unlike formats".into(),
         },
         TiffUnsupportedError::InconsistentBitsPerSample(bits) => format!("samples of unlike widths ({bits:?} bits)"),
         TiffUnsupportedError::ChromaSubsampling => "YCbCr with fewer samples of colour than of brightness".into(),

@@ -26,6 +26,17 @@ pub enum AppendError {
         /// ends it; where the store was made by [`Appender::create`](crate::Appender::create), the same call does.
         replaces: bool,
     },
+    /// The first step of a store was begun from another input, or with other settings.
+    #[error(
+        "{store}: its first step was begun otherwise: {difference}; append that one again to end it, or remove {store} to start over",
+        store = store.display()
+    )]
+    Begun {
+        /// The store.
+        store: PathBuf,
+        /// What differs, in words, such as a setting's values then and now.
+        difference: String,
+    },
     /// The store has a single volume, and no axis of time along which there could be more.
     #[error(
         "{store}: has no axis of time, so no step can be appended; pack its first step anew, with `time_step`", store = store.display()
@@ -131,7 +142,7 @@ pub enum AppendError {
     /// The step is part of the store, and whoever opens the store sees it: it must not be appended again. What comes after failed. A power failure
     /// may still take the step, until an [`Appender`](crate::Appender) opens the store without an error.
     #[error(
-        "step {step} is in {store}: do not append it again; only a power failure may take it, until this is seen to: {error}",
+        "step {step} is in {store}: do not append it again; a power failure may still take it: {error}",
         store = store.display()
     )]
     Appended {
@@ -153,6 +164,7 @@ impl AppendError {
             PackError::Source { error, store, .. } => Self::Source { error, store, times: 0 },
             PackError::Cancelled { store, .. } => Self::Cancelled { store, times: 0 },
             PackError::Panic { words, store, .. } => Self::Panic { words, store, times: 0 },
+            PackError::Mismatch { store, difference } => Self::Begun { store, difference },
             error => error.into(),
         }
     }

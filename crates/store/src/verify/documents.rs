@@ -11,6 +11,7 @@ use crate::shard_file::IoMode;
 use crate::side::{SideArray, level_arrays, parse_json, read_json};
 use crate::store::Store;
 use crate::verify::VerifyProblem;
+use brickyard_import::is_of_process;
 use brickyard_volume::{Level, channel};
 use serde_json::Value;
 use std::ops::RangeInclusive;
@@ -24,7 +25,10 @@ pub(crate) struct Found {
 }
 
 /// Checks the root document of the main pyramid, and the documents of these levels, each with the store of its pyramid.
-pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, Level)>) -> Found {
+///
+/// # Errors
+/// If the process may not read one of them.
+pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, Level)>) -> Result<Found, OpenError> {
     let mut documents = Vec::new();
     for (store, level) in levels {
         let (layout, info) = (store.layout(), store.info());
@@ -38,9 +42,11 @@ pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, L
             documents.extend(side_documents(store, level));
         }
     }
-    let found: Vec<_> = documents.iter().map(|(path, _)| read_json(main.folder(), path)).collect();
+    let found = documents.iter().map(|(path, _)| unless_barred(read_json(main.folder(), path)));
+    let found = found.collect::<Result<Vec<_>, _>>()?;
     // Read after the arrays: so they have at most one step more, of a commit that was cut off or is under way.
-    let (expected, mut root) = root_now(main);
+    let (expected, root) = root_now(main);
+    let mut root = unless_barred(root)?;
     let times = main.info().times.map(|times| times..=count_of(&root).unwrap_or(times).saturating_add(1));
     let path = main.path().join("zarr.json");
     let edits = root.as_mut().map_or_else(|_| Vec::new(), |root| take_edits(&expected, root));
@@ -50,7 +56,15 @@ pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, L
         let found = found.map(|found| with_committed_times(&expected, found, times.as_ref()));
         check_one(path, &expected, found)
     });
-    Found { problems: of_root.into_iter().chain(checked.flatten()).chain(foreign(main)).collect(), edits }
+    Ok(Found { problems: of_root.into_iter().chain(checked.flatten()).chain(foreign(main)).collect(), edits })
+}
+
+/// What was read of a document, or why not, unless the process may not read it.
+fn unless_barred<T>(read: Result<T, OpenError>) -> Result<Result<T, OpenError>, OpenError> {
+    match read {
+        Err(OpenError::Io { path, error }) if is_of_process(&error) => Err(OpenError::Io { path, error }),
+        read => Ok(read),
+    }
 }
 
 /// Puts what was packed in the place of names, colours and windows that others have edited, where theirs can be used; those that are gone stand in as they
