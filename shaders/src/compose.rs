@@ -1,26 +1,43 @@
 //! Composition: a shader is some files and all that those import.
 //!
-//! A line `//!import a b` of a file, behind its head comment, names what it needs: a file beside it, or a *part* that the variant
-//! chooses (a file too, or text made for the variant). Each is taken once; what is not imported is not there.
+//! A line `//!import a b` of a file, behind its head comment, names what it needs: a file, in whatever folder, or a *part* that the variant
+//! chooses (a file of the part's folder, or text made for the variant). Each is taken once; what is not imported is not there.
 
 use crate::bindings;
 use std::collections::{HashMap, HashSet};
 
 macro_rules! files {
-    ($($name:literal)*) => { &[$(($name, include_str!(concat!("../wgsl/", $name, ".wgsl")))),*] };
+    ($($folder:literal: $($name:literal)*;)*) => {
+        &[$($((concat!($folder, "/", $name), include_str!(concat!("../wgsl/", $folder, "/", $name, ".wgsl")))),*),*]
+    };
 }
 
-/// All WGSL files: the name, without `.wgsl`, and the text of each.
+/// All WGSL files by their paths, without `.wgsl`, and the text of each.
 pub(crate) const FILES: &[(&str, &str)] = files! {
-    "anything" "average" "axes" "axes_own" "blit" "box_extremes" "box_none" "bricks" "caps" "cast_joint" "classify" "colors" "combine" "composite" "counted" "cut_face" "differences" "dither" "extreme" "eyes_anaglyph"
-    "eyes_interlaced" "eyes_one" "eyes_side_by_side" "eyes_top_bottom" "field" "find_cell" "find_leaf" "frame" "fullscreen" "gathered"
-    "gradient_central" "gradient_sobel" "gradient_stored" "grid" "hidden" "jitter" "kept" "lattice" "layer_medium" "light" "lighting" "limits_none"
-    "limits_slab" "macrocells" "march_joint" "march_medium" "march_samples" "march_surface" "mark" "mark_none" "medium" "neighbour" "no_value"
-    "opaque" "part_media" "part_value" "peel" "pictures" "project" "project_labels" "projected" "ranks" "ray" "raycast_compute" "raycast_fragment"
-    "raycast_medium" "raycast_samples" "raycast_surface" "resolve_average" "resolve_composite" "resolve_join" "resolve_joined" "resolve_over"
-    "resolve_picture" "resolve_project" "resolve_slab" "runs" "sample" "sample_cubic" "sample_cubic_voxels"
-    "sample_label" "sample_nearest" "sample_nearest_voxel" "sample_voxels" "sampler" "search" "see_media" "sees_average" "sees_composite" "sees_project" "sees_surface" "sees_surfaces" "shade" "sight"
-    "sorted" "spline" "surface" "surfaces" "surfaces_none" "table" "through" "joint_medium" "tree" "value_lit" "value_unlit" "voxel" "way" "written_codes" "written_light"
+    "passes":
+        "blit" "march_joint" "march_medium" "march_samples" "march_surface" "peel" "raycast_compute" "raycast_fragment" "resolve_join" "resolve_over"
+        "resolve_picture" "resolve_slab";
+    "shared":
+        "anything" "bricks" "caps" "classify" "colors" "counted" "cut_face" "differences" "dither" "extreme" "field" "frame" "fullscreen" "gathered" "grid"
+        "hidden" "jitter" "joint_medium" "kept" "lattice" "light" "lighting" "macrocells" "medium" "neighbour" "no_value" "opaque" "pictures" "projected"
+        "ranks" "ray" "runs" "sampler" "search" "shade" "sight" "sorted" "spline" "table" "tree" "voxel" "way";
+    "parts/atlas": "sample" "sample_cubic" "sample_cubic_voxels" "sample_label" "sample_nearest" "sample_nearest_voxel" "sample_voxels";
+    "parts/boxes": "box_extremes" "box_none";
+    "parts/cast": "cast_joint" "raycast_medium" "raycast_samples" "raycast_surface";
+    "parts/eyes": "eyes_anaglyph" "eyes_interlaced" "eyes_one" "eyes_side_by_side" "eyes_top_bottom";
+    "parts/feedback": "mark" "mark_none";
+    "parts/find": "find_cell" "find_leaf";
+    "parts/gradient": "gradient_central" "gradient_sobel" "gradient_stored";
+    "parts/limits": "limits_none" "limits_slab";
+    "parts/part": "part_media" "part_value";
+    "parts/pixel": "average" "composite" "layer_medium" "project" "project_labels" "surface" "through";
+    "parts/see": "combine" "see_media";
+    "parts/seen": "resolve_average" "resolve_composite" "resolve_joined" "resolve_project";
+    "parts/sees": "sees_average" "sees_composite" "sees_project" "sees_surface" "sees_surfaces";
+    "parts/take": "surfaces" "surfaces_none";
+    "parts/value": "value_lit" "value_unlit";
+    "parts/world": "axes" "axes_own";
+    "parts/written": "written_codes" "written_light";
 };
 
 const IMPORT: &str = "//!import";
@@ -35,8 +52,12 @@ impl Parts {
         Self::default().text("bindings", bindings::wgsl())
     }
 
-    /// Lets a file stand for a part. No file may have the part's name.
+    /// Lets a file of the part's folder stand for it. No file may have the part's name.
+    ///
+    /// # Panics
+    /// If the folder has no such file.
     pub(crate) fn file(self, part: &'static str, file: &str) -> Self {
+        assert!(FILES.iter().any(|(path, _)| *path == format!("parts/{part}/{file}")), "{part} has no {file}");
         self.text(part, format!("{IMPORT} {file}\n"))
     }
 
@@ -73,9 +94,14 @@ impl Parts {
     }
 
     fn find(&self, name: &str) -> Option<&str> {
-        let file = || FILES.iter().find(|(file, _)| *file == name).map(|(_, text)| *text);
+        let file = || FILES.iter().find(|(path, _)| name_of(path) == name).map(|(_, text)| *text);
         self.0.get(name).map(String::as_str).or_else(file)
     }
+}
+
+/// The name by which a file is imported.
+pub(crate) fn name_of(path: &str) -> &str {
+    path.rsplit('/').next().unwrap_or(path)
 }
 
 /// The names of the files and parts that a text imports.
@@ -89,21 +115,33 @@ mod tests {
 
     #[test]
     fn files_are_taken_once_and_parts_stand_for_files() {
-        let parts =
-            Parts::default().text("context", "// C".into()).text("a", "//!import b b\nA".into()).file("b", "dither");
-        let source = parts.compose(&["a", "b", "context"]);
-        assert_eq!(source.matches("fn dither").count(), 1);
+        let parts = Parts::default()
+            .text("context", "// C".into())
+            .text("a", "//!import limits dither dither\nA".into())
+            .file("limits", "limits_none");
+        let source = parts.compose(&["a", "limits", "context"]);
+        assert_eq!((source.matches("fn dither").count(), source.matches("fn limited").count()), (1, 1), "{source}");
         assert!(source.contains("// C") && source.contains("\nA"), "{source}");
     }
 
     #[test]
-    fn the_table_names_all_files() {
-        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/wgsl");
-        let mut found: Vec<String> =
-            std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    fn the_table_names_all_files_and_each_name_is_one_file() {
+        let root = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/wgsl"));
+        let (mut found, mut folders) = (Vec::new(), vec![root.to_path_buf()]);
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                match path.is_dir() {
+                    true => folders.push(path),
+                    false => found.push(path.strip_prefix(root).unwrap().to_str().unwrap().to_owned()),
+                }
+            }
+        }
         found.sort();
-        let mut named: Vec<String> = FILES.iter().map(|(name, _)| format!("{name}.wgsl")).collect();
+        let mut named: Vec<String> = FILES.iter().map(|(path, _)| format!("{path}.wgsl")).collect();
         named.sort();
         assert_eq!(found, named);
+        let names: HashSet<&str> = FILES.iter().map(|(path, _)| name_of(path)).collect();
+        assert_eq!(names.len(), FILES.len());
     }
 }

@@ -1,37 +1,43 @@
 //! The WGSL of the renderer, by concern, composed by imports (`compose`). A variant holds just what it uses, so what is off costs
-//! nothing. Which binding has which number is in [`bindings`]. Shared code is about one layer at a time, which it finds in its
+//! nothing. The numbers of bindings are in [`bindings`]. Shared code is about one layer at a time, which it finds in its
 //! *context*. The context of a single layer is all constants; for several layers see `joint`.
 //!
-//! # Parts
+//! # Files and parts
 //!
-//! Most names that WGSL files import are files. The others are *parts*: the variant chooses a file, or a text made for it, that stands
-//! for the part. What stands for a part declares what the files that import it call. All files are in `shaders/wgsl`.
+//! | folder of `shaders/wgsl` | holds |
+//! | --- | --- |
+//! | `passes` | the files that a pipeline begins with: entry points |
+//! | `shared` | what they have in common, one noun a file |
+//! | `parts/PART` | the files of which the variant chooses one to stand for a part |
 //!
-//! | part | what it is | what stands for it |
-//! | --- | --- | --- |
-//! | `bindings` | the numbers of all bindings | text of the table in [`bindings`] |
-//! | `context` | what is special about the variant, and about the layer that shared code is about | text: constants of one layer; with several layers, also variables that are set for each in turn |
-//! | `atlas` | the atlases and stored gradients, and how they are sampled: `sample_atlas`, `smooth_atlas` for gradients, `sample_gradients` | text that imports `sample` or `sample_cubic`; `sample_voxels` or `sample_cubic_voxels` of 32-bit floats, in narrow windows, and where voxels may have no value; `sample_nearest` or `sample_nearest_voxel` besides, where fields have steps |
-//! | `world` | the map from voxels to the scene's world: `to_world`, `gradient_to_world` | `axes_own` with a single layer in its own world, else `axes` |
-//! | `limits` | what meshes leave of a ray's stretch: `limited` | `limits_none`, `limits_slab` |
-//! | `gradient` | how gradients are found: `differences` | `gradient_central`, `gradient_sobel`, `gradient_stored` |
-//! | `pixel` | what samples add up to: `Pixel` | `composite`, `through`, `project`, `average`, `surface`; `layer_medium` with several layers |
-//! | `boxes` | how bricks are read by the boxes of segments, if they are: `take_box` | `box_none`; `box_extremes` where coarse levels hold extremes |
-//! | `take` | what a ray takes of a segment of one layer: `take` | `surfaces_none`, `surfaces` |
-//! | `sees` | whether samples with codes in a range can change a ray's pixel: `sees` | `sees_composite`, `sees_surfaces`, `sees_project`, `sees_average`, `sees_surface` |
-//! | `cast` | a ray from its start to its end: `cast_ray` | `raycast_samples`, `raycast_medium`, `raycast_surface`; `cast_joint` with several layers |
-//! | `feedback` | the marks of bricks that rays enter: `mark` | `mark`, `mark_none` |
-//! | `texels` | the type of the texture that a compute shader writes: `Texels` | text with the texture's format |
-//! | `layers` | the variables of several layers, and what is done for all of them: `take_all` and others | text: each function names the layers one after the other, or loops over what is `kept` of them |
-//! | `asking` | what a ray asks of all layers: `is_any_due` and others | text: the same |
-//! | `find` | how the brick of a layer is found: `find` | `find_leaf` for rays through octrees, `find_cell` for cells drawn as boxes |
-//! | `part` | what one of several layers shows of a segment: `show_part` | `part_media`; `part_value` under an expression |
-//! | `see` | what is seen of all layers together: `see_all` | `see_media`; `combine` under an expression |
-//! | `value` | the colour of an expression's value: `value_color` | `value_unlit`, `value_lit` |
-//! | `expression` | the expression over what is read of the layers: `result_of` | text around the function that the expression itself gives |
-//! | `seen` | what a resolving pass makes its colours of: `seen` | `resolve_composite`, `resolve_project`, `resolve_average`, `resolve_joined` |
-//! | `eyes` | how the pictures of eyes share one: `color_of_eyes` | `eyes_one`, `eyes_side_by_side`, `eyes_top_bottom`, `eyes_anaglyph`, `eyes_interlaced` |
-//! | `written` | what is written to an application's texture: `written` | `written_codes`, `written_light` |
+//! Files import files and parts by name. Some parts are text made for the variant; those have no folder. Whatever stands for a part declares
+//! what the files that import it call.
+//!
+//! | part | role |
+//! | --- | --- |
+//! | `bindings` | the numbers of all bindings: text of the table in [`bindings`] |
+//! | `context` | constants of the variant and of the layer that shared code is about: text; with several layers, also variables that are set for each in turn |
+//! | `atlas` | the atlases and stored gradients, and their samples (`sample_atlas`, `smooth_atlas` for gradients, `sample_gradients`): text that imports `sample` or `sample_cubic`; `sample_voxels` or `sample_cubic_voxels` of 32-bit floats, in narrow windows, and where voxels may have no value; `sample_nearest` or `sample_nearest_voxel` besides, where fields have steps |
+//! | `world` | the map from voxels to the scene's world: `to_world`, `gradient_to_world` |
+//! | `limits` | what meshes leave of a ray's stretch: `limited` |
+//! | `gradient` | differences of values about a place: `differences` |
+//! | `pixel` | the sum of a ray's samples: `Pixel` |
+//! | `boxes` | reading bricks by the boxes of segments, where coarse levels hold extremes: `take_box` |
+//! | `take` | a segment of one layer: `take` |
+//! | `sees` | whether samples with codes in a range can change a ray's pixel: `sees` |
+//! | `cast` | a ray from its start to its end: `cast_ray` |
+//! | `feedback` | the marks of bricks that rays enter: `mark` |
+//! | `texels` | the type of the texture that a compute shader writes, `Texels`: text with the texture's format |
+//! | `layers` | the variables of several layers, and what is done for all of them (`take_all` and others): text; each function names the layers one after the other, or loops over those that are `kept` |
+//! | `asking` | questions of a ray to all layers (`is_any_due` and others): text, likewise |
+//! | `find` | the brick of a layer, `find`: of rays through octrees, or of cells drawn as boxes |
+//! | `part` | one of several layers in a segment: `show_part` |
+//! | `see` | all layers together: `see_all` |
+//! | `value` | the colour of an expression's value: `value_color` |
+//! | `expression` | the expression over what is read of the layers, `result_of`: text around the function that the expression gives |
+//! | `seen` | the colours of a resolving pass: `seen` |
+//! | `eyes` | the pictures of eyes in one: `color_of_eyes` |
+//! | `written` | the colour as an application's texture takes it: `written` |
 
 pub mod bindings;
 mod compose;
@@ -727,7 +733,7 @@ mod tests {
             let joint = JointVariant { medium: Medium { light, ..Medium::PLAIN }, expression, ..joint.clone() };
             companies.push(joint.casting(COMPUTE, true));
         }
-        for (name, _) in compose::FILES {
+        for name in compose::FILES.iter().map(|(path, _)| compose::name_of(path)) {
             let check = |parts: &Parts| -> Result<(), String> {
                 let source = parts.gather(&[name])?;
                 let module = naga::front::wgsl::parse_str(&source).map_err(|e| e.emit_to_string(&source))?;

@@ -3,7 +3,7 @@
 //! All renderers shorten a ray's stretch by box and planes before they cut it into segments (see [`lattice`](crate::lattice)). The
 //! first and the last segment end just there, so an oblique cut is as smooth as the volume's own faces, and of what a
 //! renderer does only the light of [cut faces](crate::CutFace) knows of clipping. The pager leaves out bricks that lie wholly outside. Clipping costs a few products per ray and plane. On a
-//! GPU `shaders/wgsl/ray.wgsl` (`shown`) does the same.
+//! GPU `shaders/wgsl/shared/ray.wgsl` (`shown`) does the same.
 
 use crate::geometry::Geometry;
 use crate::lattice::Lattice;

@@ -1,7 +1,7 @@
 //! Cut faces: what a ray meets where it enters a volume through a clip plane or a side of a clip box. The gradient there is that of whatever the
 //! cut lays open, of noise too, which is no surface: lit by it, a cut through a scan is salt and pepper. So the cut's own normal lights
 //! the first voxel behind it, and gives way to the gradient over the next one. A volume's own faces are no cuts, and isosurfaces keep
-//! their gradients. Costs a few products per ray and plane. On a GPU `shaders/wgsl/cut_face.wgsl` does the same.
+//! their gradients. Costs a few products per ray and plane. On a GPU `shaders/wgsl/shared/cut_face.wgsl` does the same.
 //!
 //! A cut opens isosurfaces; *caps* close them where rays enter. Where the first place behind the cut is past surfaces, the innermost of
 //! them stands on the cut, lit by the cut's normal. So caps are as sharp as the field on the cut, and cost a sample a ray. A renderer does

@@ -1,5 +1,0 @@
-// One eye.
-//!import pictures
-fn color_of_eyes(at: vec2f) -> vec3f {
-    return left_eye(at);
-}

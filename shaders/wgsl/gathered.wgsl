@@ -1,3 +1,0 @@
-// The gathered picture.
-//!import bindings
-@group(0) @binding(GATHERED) var gathered: texture_2d<f32>;

@@ -1,0 +1,31 @@
+// A ray's pixel: what is behind is seen through what is in front.
+//!import classify frame
+
+struct Pixel {
+    color: vec3f,
+    transmittance: f32,
+    // How many surfaces the ray is past; negative where that is not known.
+    rank: i32,
+}
+
+fn pixel_start() -> Pixel {
+    return Pixel(vec3f(0.0), 1.0, -1);
+}
+
+fn add(pixel: Pixel, medium: Medium, color: vec3f, length: f32) -> Pixel {
+    let left = exp2(-medium.depth * length * frame.per_unit_distance);
+    return Pixel(pixel.color + pixel.transmittance * (1.0 - left) * color, pixel.transmittance * left, pixel.rank);
+}
+
+fn light_left(pixel: Pixel) -> f32 {
+    return pixel.transmittance;
+}
+
+// Whatever lies behind adds less than a sixteenth of an 8-bit code.
+fn is_final(pixel: Pixel) -> bool {
+    return pixel.transmittance < 1.0 / 4096.0;
+}
+
+fn pixel_end(pixel: Pixel) -> vec4f {
+    return vec4f(pixel.color, 1.0 - pixel.transmittance);
+}

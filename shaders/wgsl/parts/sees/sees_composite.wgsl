@@ -1,0 +1,6 @@
+// Whether anything of fog can be seen where codes are in a range.
+//!import opaque pixel
+
+fn sees(pixel: Pixel, range: u32) -> bool {
+    return has_codes(range) && has_opacity(range);
+}

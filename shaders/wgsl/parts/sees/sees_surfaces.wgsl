@@ -1,0 +1,6 @@
+// Whether anything of fog and surfaces can be seen where codes are in a range.
+//!import opaque pixel ranks
+
+fn sees(pixel: Pixel, range: u32) -> bool {
+    return has_codes(range) && ((HAS_FOG && has_opacity(range)) || is_passed(pixel.rank, range));
+}

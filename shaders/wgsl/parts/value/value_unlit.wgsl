@@ -1,0 +1,6 @@
+// The colour of an expression's value, as it is.
+//!import expression
+
+fn value_color(color: vec3f, result: Result) -> vec3f {
+    return color;
+}

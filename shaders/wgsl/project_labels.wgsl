@@ -1,8 +1,0 @@
-// The greatest of the labels that are shown. Labels that are hidden hide nothing.
-//!import colors extreme
-fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {
-    if (!is_shown(value)) {
-        return pixel;
-    }
-    return Pixel(max(pixel.value, value), 1.0);
-}

@@ -1,0 +1,4 @@
+// The gathered picture.
+//!import bindings
+
+@group(0) @binding(GATHERED) var gathered: texture_2d<f32>;

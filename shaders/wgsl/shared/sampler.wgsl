@@ -1,0 +1,4 @@
+// How atlases are sampled.
+//!import bindings
+
+@group(0) @binding(ATLAS_SAMPLER) var atlas_sampler: sampler;
