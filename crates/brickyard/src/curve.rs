@@ -1,16 +1,10 @@
 //! Values at one place over time: the exact values of all of a volume's channels in one voxel, step by step. It reads one brick for each channel and
 //! step.
 
-#[cfg(feature = "survey")]
-mod plot;
-
 use crate::probe::{Probe, probe_voxel};
 use crate::volume_source::VolumeSource;
 use brickyard_pager::BrickError;
 use glam::DVec3;
-
-#[cfg(feature = "survey")]
-pub use plot::write as write_plot;
 
 /// Colours of the lines of channels on white, sRGB, told apart by all eyes (Okabe and Ito's), again and again.
 pub const LINE_COLORS: [[u8; 3]; 6] =

@@ -64,12 +64,10 @@
 //! | `lettering` | writing on pictures: which side of a patient is where, scale bars, colour bars, axes, a line of text |
 //! | `movie` | movies: GIF, YUV4MPEG2, and MP4 by ffmpeg |
 //! | `reference` | the oracle, which draws whole levels in 64-bit floats |
-//! | `survey` | comparing ways to sample, with plots |
 //!
 //! # Where to find more
 //!
-//! [`session`] joins volumes, their pagers and a rendering backend; [`offline`] renders settled pictures with it, [`flight`] measures it along
-//! scripted paths, `survey` compares ways to sample. [`volume`] has the words: scenes, layers, cameras, transfer functions.
+//! [`session`] joins volumes, their pagers and a rendering backend; [`offline`] renders settled pictures with it. [`volume`] has the words: scenes, layers, cameras, transfer functions.
 //! [`pager::BrickSource`] is what a program's own bricks take to be shown. Foreign files become stores by [`import::open`] and [`store::pack()`], and grow by [`store::Appender`];
 //! [`openable`] says of a path whether it is a store or such a file, [`preview`] shows the file before it is packed, [`background`] packs beside that, and an [`opening`] does one after
 //! the other for a window.
@@ -88,7 +86,6 @@ mod embedding;
 pub mod exact;
 pub mod first_look;
 mod fit;
-pub mod flight;
 pub mod following;
 pub mod frame_governor;
 #[cfg(feature = "gpu")]
@@ -106,15 +103,12 @@ mod options;
 pub mod oracle;
 #[cfg(feature = "lettering")]
 pub mod overlay;
-mod paced_drawing;
 pub mod pick;
 pub mod picture_file;
 mod player;
-pub mod playing;
 pub mod preview;
 pub mod probe;
 mod resolve;
-pub mod scenario;
 pub mod scene_file;
 pub mod session;
 mod session_error;
@@ -122,8 +116,6 @@ mod shown_picture;
 mod slot_change;
 pub mod stats;
 pub mod store_place;
-#[cfg(feature = "survey")]
-pub mod survey;
 mod table_cache;
 pub mod text_file;
 pub mod tiles;

@@ -269,7 +269,8 @@ impl VolumeSource {
         Timeline::new(volumes.iter().map(time).collect(), (0..scene.layers.len()).map(|layer| scene.store(layer)))
     }
 
-    pub(crate) fn extent(&self) -> Extent {
+    /// The voxels of level 0 along x, y, z.
+    pub fn extent(&self) -> Extent {
         self.source.pyramid().levels()[0].extent
     }
 

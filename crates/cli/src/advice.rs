@@ -9,7 +9,7 @@ use brickyard::pager::{ExactError, PagerError};
 use brickyard::render::GpuError;
 use brickyard::session::SessionError;
 use brickyard::software::SoftwareError;
-use brickyard::survey::SurveyError;
+use brickyard_measure::survey::SurveyError;
 use std::error::Error;
 
 /// The error's message, and what to do about it where a flag helps.

@@ -2,7 +2,7 @@
 
 use super::{heading, values};
 use brickyard::pager::{Ending, Playback, Policy};
-use brickyard::playing::PlayReport;
+use brickyard_measure::playing::PlayReport;
 use clap::{Args, ValueEnum};
 
 /// The flags of playbacks.

@@ -7,12 +7,13 @@ use super::say::say;
 use super::step_range::StepRange;
 use super::values::{self, short};
 use super::{print_json, print_line, store_errors};
-use brickyard::curve::{Curve, curve, write_plot};
+use brickyard::curve::{Curve, curve};
 use brickyard::probe::{Probe, probe, probe_voxel};
 use brickyard::session::VolumeSource;
 use brickyard::store::Store;
 use brickyard::volume::numbers::{exact, significant};
 use brickyard::volume::{VoxelType, counted};
+use brickyard_measure::curve_plot;
 use clap::Args;
 use glam::DVec3;
 use serde::Serialize;
@@ -106,7 +107,7 @@ pub(crate) fn run(arguments: &ProbeArguments) -> Result<(), Failure> {
     let voxel = look(arguments, &store, steps[0])?.voxel;
     let curve = curve(&VolumeSource::of_store(&store), &steps, voxel).map_err(Failure::bad_input)?;
     if let Some(path) = &arguments.plot {
-        write_plot(path, &curve, store.time_axis(), &channel_names(&store)).map_err(Failure::failed)?;
+        curve_plot::write(path, &curve, store.time_axis(), &channel_names(&store)).map_err(Failure::failed)?;
         say!("{}: {} of voxel {}", path.display(), counted(steps.len() as u64, "step"), triple(voxel));
     }
     if arguments.json {

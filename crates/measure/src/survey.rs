@@ -1,7 +1,7 @@
 //! A survey of sampling methods: how good their pictures are and how long they take, by the method of Gavrilov, Turlapov and
 //! others, "Measuring the quality of volume rendering" (2013).
 //!
-//! Each way to sample draws one view some times over, each time with other [jitter](brickyard_volume::jitter); [`noise`] makes
+//! Each way to sample draws one view some times over, each time with other [jitter](brickyard::volume::jitter); [`noise`] makes
 //! an error of that. A second figure is the distance from what is taken for the truth: the mean of a series that is
 //! pre-integrated at twice the highest rate, or where there is no pre-integration plain at eight times that. The volume is
 //! drawn from level 0, on the CPU, and is wholly resident while frames are timed. [`findings`] holds the figures against what
@@ -11,11 +11,12 @@ pub mod findings;
 pub mod noise;
 pub mod plot;
 
-use crate::offline::{OfflineError, render_settled};
-use crate::session::{ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
-use crate::stats::{Percentiles, RenderStats, ms, processor_ms};
-use brickyard_volume::sampling::VIRTUAL_SAMPLES;
-use brickyard_volume::{Filter, Jitter, LevelPolicy, LightingModel, Method, Picture, Sampling, Scene};
+use crate::processor_time::processor_ms;
+use brickyard::offline::{OfflineError, render_settled};
+use brickyard::session::{ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
+use brickyard::stats::{Percentiles, RenderStats, ms};
+use brickyard::volume::sampling::VIRTUAL_SAMPLES;
+use brickyard::volume::{Filter, Jitter, LevelPolicy, LightingModel, Method, Picture, Sampling, Scene};
 use noise::{ColorSpace, Series, Truth};
 use serde::Serialize;
 use std::sync::Arc;

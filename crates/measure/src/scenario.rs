@@ -1,7 +1,7 @@
 //! Scripted flights: what a camera (or the transfer function) does frame by frame. The same frame of the same scenario
 //! always shows the same, so that runs can be compared.
 
-use brickyard_volume::{Camera, Scene, TransferChoice, TransferFunction};
+use brickyard::volume::{Camera, Scene, TransferChoice, TransferFunction};
 use glam::DVec3;
 use serde::Serialize;
 use std::f64::consts::TAU;

@@ -1,8 +1,8 @@
 //! A curve as an SVG picture: a line for each channel, over time where the steps have times, else over steps.
 
-use super::{Curve, LINE_COLORS};
-use crate::text_file::write_text;
-use brickyard_volume::{TimeAxis, time_symbol};
+use brickyard::curve::{Curve, LINE_COLORS};
+use brickyard::text_file::write_text;
+use brickyard::volume::{TimeAxis, time_symbol};
 use plotters::prelude::*;
 use std::path::Path;
 

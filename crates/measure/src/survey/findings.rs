@@ -5,8 +5,8 @@
 //! measured.
 
 use super::Row;
-use brickyard_volume::sampling::VIRTUAL_SAMPLES;
-use brickyard_volume::{Filter, LightingModel, Method};
+use brickyard::volume::sampling::VIRTUAL_SAMPLES;
+use brickyard::volume::{Filter, LightingModel, Method};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;

@@ -1,7 +1,7 @@
 //! Drawing the frames of a measurement as well as a time goal lets them be drawn, as a window does while its picture changes.
 
-use crate::frame_governor::{Change, Quality, QualityControl};
-use crate::session::{Frame, Session, SessionError};
+use brickyard::frame_governor::{Change, Quality, QualityControl};
+use brickyard::session::{Frame, Session, SessionError};
 use std::time::{Duration, Instant};
 
 /// Draws frames whose picture changes each time.

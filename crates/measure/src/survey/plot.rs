@@ -2,8 +2,8 @@
 
 use super::Row;
 use super::findings::{Estimator, name};
-use crate::text_file::write_text;
-use brickyard_volume::{Filter, LightingModel, Method};
+use brickyard::text_file::write_text;
+use brickyard::volume::{Filter, LightingModel, Method};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use std::path::Path;

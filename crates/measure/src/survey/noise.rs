@@ -5,8 +5,8 @@
 //! show the background in every picture are left out: with them, the figure would depend on how far away the camera is.
 //! Pictures have 8 bits a channel, so that rounding alone makes an error of up to 1/4, which is 54 dB; more is not told apart.
 
-use brickyard_volume::Picture;
-use brickyard_volume::transfer::lab;
+use brickyard::volume::Picture;
+use brickyard::volume::transfer::lab;
 
 /// The colour space in whose components an error is counted, on the scale of 8-bit codes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

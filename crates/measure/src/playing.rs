@@ -1,14 +1,15 @@
 //! A measured playback: opens stores, waits for the first view, plays their time steps or jumps among them, and says how many steps were shown, at
 //! which levels, and what each took.
 
-use crate::backend::Renderer;
 use crate::flight::FlightError;
-use crate::memory::ProcessMemory;
 use crate::paced_drawing::PacedDrawing;
-use crate::session::{Frame, ResolvedScene, Session, SessionOptions, VolumeSource};
-use crate::stats::{ByteCounts, Percentiles, ms, processor_ms};
-use brickyard_pager::{Counters, Playback, Tally};
-use brickyard_volume::Scene;
+use crate::processor_time::processor_ms;
+use brickyard::backend::Renderer;
+use brickyard::memory::ProcessMemory;
+use brickyard::pager::{Counters, Playback, Tally};
+use brickyard::session::{Frame, ResolvedScene, Session, SessionOptions, VolumeSource};
+use brickyard::stats::{ByteCounts, Percentiles, ms};
+use brickyard::volume::Scene;
 use serde::Serialize;
 use std::path::Path;
 use std::time::{Duration, Instant};

@@ -1,15 +1,15 @@
 //! A measured flight: opens a store, waits for the first view, flies a scenario frame by frame as fast as frames can be
 //! drawn, and says what it took. Every frame is checked against the budgets and for completeness.
 
-use crate::backend::Renderer;
-use crate::memory::ProcessMemory;
 use crate::paced_drawing::PacedDrawing;
 use crate::scenario::{Scenario, Setting};
-use crate::session::{Frame, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
-use crate::stats::{BrickCounts, ByteCounts, Percentiles, ms};
-use brickyard_pager::Status;
-use brickyard_store::OpenError;
-use brickyard_volume::Scene;
+use brickyard::backend::Renderer;
+use brickyard::memory::ProcessMemory;
+use brickyard::pager::Status;
+use brickyard::session::{Frame, ResolvedScene, Session, SessionError, SessionOptions, VolumeSource};
+use brickyard::stats::{BrickCounts, ByteCounts, Percentiles, ms};
+use brickyard::store::OpenError;
+use brickyard::volume::Scene;
 use serde::Serialize;
 use std::path::Path;
 use std::time::{Duration, Instant};

@@ -1,0 +1,10 @@
+//! Measurements of the engine, above the library: [flights](flight) along scripted paths, [playbacks](playing) of time steps, [surveys](survey) of
+//! sampling methods, and plots of what was measured. The command's `bench` and `quality` are this crate.
+
+pub mod curve_plot;
+pub mod flight;
+mod paced_drawing;
+pub mod playing;
+mod processor_time;
+pub mod scenario;
+pub mod survey;
