@@ -1,8 +1,7 @@
 //! The device that a session's backends are made on, one after the other: an application's, or one that the first of them has opened.
 
-use crate::backend::Renderer;
 #[cfg(feature = "gpu")]
-use brickyard_render::{Compiled, Gpu};
+use brickyard_render::{Compiled, Gpu, GpuError};
 
 /// The device on which a session makes its backends: an application's, or one that the first backend has opened.
 #[derive(Default)]
@@ -36,17 +35,13 @@ impl Device {
         self.left.take().or_else(|| self.lent.clone().map(Compiled::from))
     }
 
-    /// Ends a backend, and keeps its device for the next one with what has been compiled for it; with the picture that was shown last, too,
-    /// if `keeps_picture`.
-    pub(crate) fn take_back(&mut self, backend: Box<dyn Renderer>, keeps_picture: bool) {
-        #[cfg(feature = "gpu")]
-        match backend.into_compiled(keeps_picture) {
-            Some(Ok(compiled)) => self.left = Some(compiled),
+    /// Keeps what a backend has left for the next one.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn take_back(&mut self, left: Result<Compiled, GpuError>) {
+        match left {
+            Ok(compiled) => self.left = Some(compiled),
             // The next backend opens another one, or says that it is lost.
-            Some(Err(error)) => tracing::warn!("giving memory back to the GPU: {error}"),
-            None => {}
+            Err(error) => tracing::warn!("giving memory back to the GPU: {error}"),
         }
-        #[cfg(not(feature = "gpu"))]
-        drop((backend, keeps_picture));
     }
 }

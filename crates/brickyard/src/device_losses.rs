@@ -1,6 +1,6 @@
 //! How often a GPU's device was lost, and when starting it anew is given up.
 
-use crate::backend::BackendError;
+use crate::renderer::BackendError;
 use crate::session_error::SessionError;
 
 /// Losses without a picture between them after which making the device anew is given up.

@@ -4,26 +4,16 @@
 //! drawing are submitted by the session, before, on the same queue: into a texture of the session's own, from which `draw_to` records a
 //! single pass. What rays have seen comes back by itself, some frames later, and says of which frame it is.
 
-use crate::backend::BackendError;
 use crate::device::Device;
-use crate::session::{Frame, Session, SessionError, SessionOptions, VolumeSource};
+use crate::frame::{Drawn, Frame};
+use crate::renderer::BackendError;
+use crate::session::{Session, SessionError, SessionOptions, VolumeSource};
 use crate::shown_picture::ShownPicture;
 use brickyard_render::wgpu::CommandEncoder;
 use brickyard_render::{Gpu, GpuRenderer, Target};
 use brickyard_volume::Picture;
 use std::ops::Range;
 use std::time::Duration;
-
-/// Parts of a frame that have been drawn.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Drawn {
-    /// Nothing: shaders are compiled meanwhile, or [`Session::shows_before`] says so.
-    Nothing,
-    /// Some rows, or a picture that may lack layers of translucent meshes.
-    Partly,
-    /// All of it.
-    Whole,
-}
 
 impl Session {
     /// A session of several volumes that draws on an application's device, whichever backend the options choose. Nothing is read or made

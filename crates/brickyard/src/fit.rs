@@ -158,7 +158,7 @@ impl Fit {
         let pools = match pools_of(&needs, (&sources, &contents), &*backend, options, kept) {
             Ok(pools) => pools,
             Err(error) => {
-                device.take_back(backend, false);
+                backend::end(backend, device, false);
                 return Err(error);
             }
         };
@@ -197,7 +197,7 @@ impl Fit {
     /// Ends the fit: returns the decoded cores, and gives the device back, both for the next fit. The device keeps the picture that was
     /// shown last if `keeps_picture`.
     pub(crate) fn into_cores(self, device: &mut Device, keeps_picture: bool) -> Vec<KeptCores> {
-        device.take_back(self.backend, keeps_picture);
+        backend::end(self.backend, device, keeps_picture);
         self.pools.into_iter().flat_map(|pool| pool.pager.into_cores()).collect()
     }
 

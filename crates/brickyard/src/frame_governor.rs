@@ -8,7 +8,8 @@
 //! frame is exact, after one of a sixteenth of its work if it takes long and somebody looks on: once more for everything that still arrives, and then none until something changes. The first picture is
 //! the fastest there is: nothing is known of the scene, and somebody waits. Pure: it neither measures nor draws.
 
-use crate::session::Frame;
+use crate::frame::Frame;
+use crate::resolve::MAX_STEP;
 use brickyard_volume::FrameSettings;
 use std::sync::Arc;
 use std::time::Duration;
@@ -82,8 +83,7 @@ const MIN_SCALE: f64 = 1.0 / 12.0;
 /// What the picture between a coarse one and the exact one takes of this one's work, and up to which share a picture is so coarse.
 const REFINED_SHARE: f64 = 1.0 / 16.0;
 const REFINED_FROM: f64 = 0.4 * REFINED_SHARE;
-/// Longer steps jump over what the eye follows.
-pub(crate) const MAX_STEP: f64 = 4.0;
+
 /// How much of a frame's message is believed: more makes the picture flicker between qualities, less lags behind.
 const TRUST: f64 = 0.5;
 /// Differences below a tenth are not worth a change of resolution.

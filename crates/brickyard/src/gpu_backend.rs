@@ -1,8 +1,8 @@
 //! The GPU renderer as a backend.
 
-use crate::backend::{BackendError, Pictures, Renderer};
 use crate::device::Device;
 use crate::options::{CompositorChoice, SessionOptions};
+use crate::renderer::{BackendError, Pictures, Renderer};
 use brickyard_pager::{Layer, Upload, VolumeNeeds};
 use brickyard_render::{Compiled, Compositor, GpuError, GpuOptions, GpuPreference, GpuRenderer};
 use brickyard_volume::{Combination, Picture};

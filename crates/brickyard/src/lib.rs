@@ -87,6 +87,7 @@ pub mod exact;
 pub mod first_look;
 mod fit;
 pub mod following;
+mod frame;
 pub mod frame_governor;
 #[cfg(feature = "gpu")]
 mod gpu_backend;
@@ -108,6 +109,7 @@ pub mod picture_file;
 mod player;
 pub mod preview;
 pub mod probe;
+mod renderer;
 mod resolve;
 pub mod scene_file;
 pub mod session;

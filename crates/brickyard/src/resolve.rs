@@ -1,7 +1,6 @@
 //! Scenes resolved for stores and a picture size: each layer that is shown gets the view that its bricks are streamed for, and the
 //! frames that are drawn. Costs a transfer table for each function of which none is kept.
 
-use crate::frame_governor::MAX_STEP;
 use crate::session_error::SessionError;
 use crate::volume_source::VolumeSource;
 use brickyard_pager::{Caps, SlotContents, View};
@@ -16,6 +15,9 @@ use glam::DVec3;
 use std::borrow::Cow;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
+
+/// The longest step that a view which moves is drawn with, in steps of the exact frame: longer ones jump over what the eye follows.
+pub(crate) const MAX_STEP: f64 = 4.0;
 
 /// A scene resolved for volumes and a picture size: what pagers and renderers need.
 #[derive(Clone, Debug)]

@@ -7,19 +7,20 @@
 //! the disk. Calls come from one thread; threads of the session's own decode bricks, plan the cuts of live sessions, compile shaders, make
 //! transfer tables and draw on the CPU.
 
-use crate::backend::{BackendError, Renderer};
 use crate::channels::default_layers;
 use crate::device::Device;
 use crate::device_losses::Losses;
-#[cfg(feature = "gpu")]
-pub use crate::embedding::Drawn;
 use crate::first_look::set_first_look;
 use crate::fit::{Demand, Fit};
+#[cfg(feature = "gpu")]
+pub use crate::frame::Drawn;
+pub use crate::frame::Frame;
 use crate::frame_governor::drawing_time;
 use crate::options::CompositorChoice;
 pub use crate::options::SessionOptions;
 pub use crate::player::ComingStep;
 use crate::player::Player;
+use crate::renderer::{BackendError, Renderer};
 use crate::resolve::resolve_with;
 pub use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, check, resolve};
 pub use crate::session_error::SessionError;
@@ -30,54 +31,11 @@ pub use crate::volume_source::VolumeSource;
 use brickyard_pager::{Counters, DrawList, KeptCores, Playback, Policy, Readiness, ShownStep, Status, Tally, View};
 pub use brickyard_software::{KeptTiles, Painting};
 use brickyard_volume::{
-    FloatSlots, FrameSettings, KeptSlots, Mode, Picture, PixelSample, Scene, SceneError, SlotEncoding, TransferFunction,
+    FloatSlots, FrameSettings, KeptSlots, Mode, Picture, Scene, SceneError, SlotEncoding, TransferFunction,
 };
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-
-/// The result of a step, which can be drawn. Its bricks keep their slots until the next step.
-#[derive(Clone, Debug)]
-pub struct Frame {
-    /// The resolved scene. Anything that needs no other bricks may be changed before drawing: jitter, step length,
-    /// resolution ([`Quality::frame`](crate::frame_governor::Quality::frame)).
-    pub scene: Arc<ResolvedScene>,
-    /// How far the view is: how many bricks it wants, how many are resident, and whether it has settled. A view has not settled while another
-    /// time step than its own is shown.
-    pub status: Status,
-    /// The time steps that come next, the nearest first: of a live session that plays, or that has jumped to a step.
-    pub coming: Vec<ComingStep>,
-    /// By how many levels its bricks may be coarser than the scene asks for: see [`Session::step_coarse`].
-    pub level_bias: f64,
-    /// The number of the step.
-    step: u64,
-}
-
-impl Frame {
-    /// This frame with one sample of each of its pixels, to be drawn in its place: the mean of the pictures of all samples is [supersampled](brickyard_volume::supersampling).
-    pub fn of_sample(&self, sample: PixelSample) -> Self {
-        Self { scene: Arc::new(self.scene.of_sample(sample)), ..self.clone() }
-    }
-
-    /// Whether a picture of this frame has all that one of a later frame of the same scene has.
-    pub fn shows_as_much_as(&self, later: &Self) -> bool {
-        let what = |frame: &Self| (frame.scene.time, frame.status.resident, frame.status.wanted);
-        what(self) == what(later)
-    }
-
-    /// Whether this frame is a copy of another one, so that both have the same picture.
-    pub fn is_copy_of(&self, other: &Self) -> bool {
-        self.step == other.step && Arc::ptr_eq(&self.scene, &other.scene)
-    }
-}
-
-#[cfg(feature = "gpu")]
-impl Frame {
-    /// Whether this frame is of the step with this number.
-    pub(crate) fn is_of(&self, step: u64) -> bool {
-        self.step == step
-    }
-}
 
 /// What was counted before the backend and its pagers were last made anew.
 #[derive(Clone, Copy, Debug, Default)]

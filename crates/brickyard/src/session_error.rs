@@ -1,6 +1,6 @@
 //! Why a session cannot open or go on.
 
-use crate::backend::BackendError;
+use crate::renderer::BackendError;
 use brickyard_pager::{BrickError, PagerError};
 use brickyard_store::OpenError;
 use brickyard_volume::camera::CameraError;

@@ -1,7 +1,7 @@
 //! The picture that a live session has shown last. It stays until there is something of the next one in every place, so no picture has a hole,
 //! whatever becomes of slots, pagers and volumes meanwhile. Costs a copy of each picture whose pixels are on the CPU.
 
-use crate::session::Frame;
+use crate::frame::Frame;
 use brickyard_volume::Picture;
 
 /// The picture that was shown last.

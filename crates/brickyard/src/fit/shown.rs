@@ -1,8 +1,8 @@
 //! Pictures that a fit's GPU renderer shows without anybody waiting for them, and what is answered about them later: what rays saw goes to the
 //! pagers, as of the frame that it was seen in.
 
-use crate::backend::BackendError;
 use crate::fit::{Fit, Pool, drawn};
+use crate::renderer::BackendError;
 use crate::resolve::ResolvedScene;
 use brickyard_pager::DrawnCells;
 use brickyard_render::Answer;
