@@ -4,12 +4,22 @@
 //! the split is in whole buffers and the limit holds by construction; the meter shows what is in use and its peak, and asserts the limit
 //! in debug builds. GPU memory is `slots * padded bytes`, taken once.
 
-use crate::planner::Planning;
 use crate::slot_contents::SlotContents;
 use crate::upload_budget::UploadLimits;
 use brickyard_volume::sampling::MAX_REACH;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
+
+/// Where cuts are made, and from what.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Planning {
+    /// Cuts are made within the frame, each anew: for pictures that are waited for. The same view always has the same cut,
+    /// whatever was seen before it.
+    #[default]
+    Inline,
+    /// Cuts are made on a thread of their own, each from the last one: for a moving camera. A frame may draw the cut of an earlier view.
+    Thread,
+}
 
 /// What a pager may use, and how it works.
 #[derive(Clone, Debug, PartialEq)]

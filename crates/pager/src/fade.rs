@@ -74,7 +74,8 @@ impl Fades {
 mod tests {
     use super::*;
     use crate::cut::{Cut, View, roots};
-    use crate::residency::{Arrival, Arrived, Goal, Residency, Wants};
+    use crate::goal::Goal;
+    use crate::residency::{Arrival, Arrived, Residency, Wants};
     use crate::source::BrickSource;
     use crate::test_source::{TestSource, box_view};
     use crate::visible_cells::VisibleCells;

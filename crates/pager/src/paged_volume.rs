@@ -1,13 +1,13 @@
 //! A volume that is paged: its RAM cache and the workers that fill it, what its view has been told is seen, and what its last frame drew.
 
-use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, split_host};
+use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, Planning, split_host};
 use crate::cut::{Cut, NodeId, View, roots};
 use crate::draw_list::DrawList;
+use crate::goal::Goal;
 use crate::layout::Layout;
 use crate::paged_occupancy::{PageReader, PagedOccupancy, kept_bytes};
-use crate::planner::Planning;
 use crate::ram_cache::{KeptCores, RamCache};
-use crate::residency::{Goal, Residency, Wants};
+use crate::residency::{Residency, Wants};
 use crate::sameness::{SlotsByContent, kept_hash_bytes};
 use crate::slot_contents::{SlotContents, scratch_bytes};
 use crate::source::{BrickError, BrickSource};

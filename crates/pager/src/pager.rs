@@ -4,17 +4,18 @@
 //! the draw lists and the next plans follow from what is resident. The calling thread never reads or decodes. Several volumes whose
 //! bricks fit the same slots share them: the worst cell of any volume is split first, and what is most urgent is read first.
 
-use crate::budget::{BufferSizes, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, least_host};
+use crate::budget::{BufferSizes, Meter, PagerConfig, PagerError, Planning, TABLE_BYTES_PER_SLOT, least_host};
 use crate::clock::MOST_COMING;
 use crate::cut::{Cut, View, roots};
 use crate::draw_list::DrawList;
+use crate::goal::Goal;
 use crate::layers::{BudgetRequest, share};
 use crate::layout::Layout;
 use crate::motion::Motion;
 use crate::paged_volume::{DrawnCells, PagedVolume, Seen, buffer_sizes};
-use crate::planner::{Job, Outlook, Planner, Planning};
+use crate::planner::{Job, Outlook, Planner};
 use crate::ram_cache::{KeptCores, layout_of};
-use crate::residency::{Ahead, Goal, Residency, Step, Upload, UploadLimit, VolumeStep};
+use crate::residency::{Ahead, Residency, Step, Upload, UploadLimit, VolumeStep};
 use crate::sameness::SlotsByContent;
 use crate::slot_contents::SlotContents;
 use crate::source::BrickSource;

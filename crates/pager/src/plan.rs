@@ -16,7 +16,7 @@
 //! neighbours, whose voxels make each other's aprons, are decoded soon after one another.
 
 use crate::cut::{Cut, NodeId};
-use crate::slots::VolumeBrick;
+use crate::goal::VolumeBrick;
 use crate::tier::Tier;
 use crate::visibility;
 use brickyard_volume::{BrickId, BrickIndex, Pyramid};

@@ -11,10 +11,11 @@
 //! draws the newest finished one, whichever view that was made for. Only where volumes come to stand on one grid does it wait
 //! for theirs. At once, the cut is always the view's own, and the same views give the same cuts.
 
+use crate::budget::Planning;
 use crate::cut::{Cut, Node, View, cut_capacity};
+use crate::goal::VolumeBrick;
 use crate::leave::leave;
 use crate::plan::{self, Key};
-use crate::slots::VolumeBrick;
 use crate::source::BrickSource;
 use crate::split::{self, Subject};
 use crate::tier::Tier;
@@ -26,17 +27,6 @@ use rustc_hash::FxHashSet;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
-
-/// Where cuts are made, and from what.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Planning {
-    /// Cuts are made within the frame, each anew: for pictures that are waited for. The same view always has the same cut,
-    /// whatever was seen before it.
-    #[default]
-    Inline,
-    /// Cuts are made on a thread of their own, each from the last one: for a moving camera. A frame may draw the cut of an earlier view.
-    Thread,
-}
 
 /// How long a frame waits for its own view's cut.
 const PATIENCE: Duration = Duration::from_millis(1);

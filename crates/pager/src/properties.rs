@@ -1,15 +1,14 @@
 //! Property tests of the whole pager without threads or a GPU: random volumes, cameras, occupancies, budgets, failures and
 //! orders of arrival against what must always hold.
 
-use crate::budget::{PagerConfig, TABLE_BYTES_PER_SLOT};
+use crate::budget::{PagerConfig, Planning, TABLE_BYTES_PER_SLOT};
 use crate::cut::{Cut, View, cut_capacity, roots, world_box};
 use crate::dither::PixelShare;
 use crate::draw_list::DrawList;
+use crate::goal::{Goal, VolumeBrick};
 use crate::pager::Pager;
-use crate::planner::Planning;
-use crate::residency::{Ahead, Arrival, Arrived, Goal, Residency, Step, Upload, UploadLimit, VolumeStep, Wants};
+use crate::residency::{Ahead, Arrival, Arrived, Residency, Step, Upload, UploadLimit, VolumeStep, Wants};
 use crate::retry::Failure;
-use crate::slots::VolumeBrick;
 use crate::source::{BrickError, BrickSource};
 use crate::split::{KEEP, Subject, cuts};
 use crate::test_source::TestSource;

@@ -15,19 +15,20 @@
 //! is kept, and what it lacks is requested, so that the step is whole when its time comes.
 
 use crate::budget::MAX_STAGED;
-use crate::cut::{Cut, NodeId};
+use crate::cut::NodeId;
 use crate::draw_list::{DrawList, Slot, StandIns};
 use crate::fade::{Fades, Fading};
+use crate::goal::{Goal, VolumeBrick};
 use crate::plan::{self, Key, State};
 use crate::retry::Failure;
 use crate::sameness::{Content, SlotsByContent};
-use crate::slots::{SlotTable, VolumeBrick};
+use crate::slots::SlotTable;
 use crate::source::BrickError;
 use crate::status::Readiness;
 use crate::step_ahead::StepAhead;
 use crate::tier::Tier;
 use crate::visible_cells::{Ranked, VisibleCells};
-use brickyard_volume::{BrickId, Pyramid};
+use brickyard_volume::BrickId;
 use rustc_hash::{FxHashMap, FxHashSet};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -84,15 +85,6 @@ pub(crate) struct VolumeStep {
     pub(crate) requests: Vec<(Tier, BrickId)>,
     /// The codes of arrived bricks that this view does not want.
     pub(crate) stale: Vec<Arc<[u8]>>,
-}
-
-/// The bricks of a volume that a view wants.
-#[derive(Clone, Copy)]
-pub(crate) struct Goal<'a> {
-    pub(crate) pyramid: &'a Pyramid,
-    pub(crate) cut: &'a Cut,
-    /// The volume's coarsest bricks, without which nothing is drawn.
-    pub(crate) roots: &'a [BrickId],
 }
 
 /// What a frame wants of a volume.

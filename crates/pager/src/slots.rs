@@ -6,20 +6,14 @@
 //! are claimed first, so that the first brick met from the old end that may not go ends the search, and equal histories give
 //! equal tables.
 
+use crate::changes::Changes;
 use crate::draw_list::Slot;
+use crate::goal::VolumeBrick;
 use crate::sameness::{Content, SlotsByContent};
-use crate::step_ahead::Changes;
 use crate::tier::Tier;
 use brickyard_volume::BrickId;
 use lru::LruCache;
 use std::sync::Arc;
-
-/// A brick of one of the volumes that share the slots, with the volume's index among them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub(crate) struct VolumeBrick {
-    pub(crate) volume: usize,
-    pub(crate) id: BrickId,
-}
 
 struct Entry {
     slot: Slot,

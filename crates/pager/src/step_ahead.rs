@@ -3,39 +3,10 @@
 //! Finding that out takes a look-up for each node of the step's cuts, in every frame for all steps that come. So it is kept, until a brick of the step
 //! comes, goes or fails: [`Changes`] counts that. Cost: some 64 bytes for each brick that a step wants.
 
+use crate::changes::Changes;
 use crate::cut::Cut;
-use crate::residency::Goal;
-use crate::slots::VolumeBrick;
+use crate::goal::{Goal, VolumeBrick};
 use crate::status::Readiness;
-use rustc_hash::FxHashMap;
-
-/// When a brick of a volume's time step last came, went or failed.
-#[derive(Default)]
-pub(crate) struct Changes {
-    /// The number of changes so far.
-    count: u64,
-    /// Which of them was the last one, by volume and time step.
-    last: FxHashMap<(usize, u32), u64>,
-}
-
-impl Changes {
-    /// Takes note that a brick has come, gone or failed.
-    pub(crate) fn note(&mut self, VolumeBrick { volume, id }: VolumeBrick) {
-        self.count += 1;
-        self.last.insert((volume, id.time), self.count);
-    }
-
-    /// The last change of what these goals are about: another number means another state.
-    pub(crate) fn last_of(&self, goals: &[Goal<'_>]) -> u64 {
-        let times = goals.iter().map(|goal| goal.cut.view.time).enumerate();
-        times.filter_map(|of_volume| self.last.get(&of_volume)).max().copied().unwrap_or_default()
-    }
-
-    /// Forgets the time steps of which `is_kept` is not true.
-    pub(crate) fn keep(&mut self, is_kept: impl Fn(u32) -> bool) {
-        self.last.retain(|(_, time), _| is_kept(*time));
-    }
-}
 
 /// What is known of a time step that comes next.
 pub(crate) struct StepAhead {

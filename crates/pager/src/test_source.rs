@@ -1,8 +1,7 @@
 //! A volume made of arithmetic, for the tests: any pyramid, any type, any occupancy, bricks that fail on demand.
 
-use crate::budget::PagerConfig;
+use crate::budget::{PagerConfig, Planning};
 use crate::cut::View;
-use crate::planner::Planning;
 use crate::source::{BrickError, BrickSource};
 use brickyard_volume::{
     Apron, BrickId, Camera, Extent, Filter, Geometry, LevelPolicy, Occupancy, OccupancyBins, PageId, Placement,

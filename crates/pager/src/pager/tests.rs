@@ -1,9 +1,9 @@
 //! The pager through its frames, with sources made for it: what is loaded, drawn and let go, and what fails.
 
 use super::*;
+use crate::budget::Planning;
 use crate::dither::PixelShare;
 use crate::draw_list::DrawCell;
-use crate::planner::Planning;
 use crate::slot_contents::encoding_of;
 use crate::test_source::{TestSource, box_view, config};
 use crate::upload_budget::UploadLimits;
