@@ -11,7 +11,7 @@ use crate::draw_list::Slot;
 use crate::goal::VolumeBrick;
 use crate::sameness::{Content, SlotsByContent};
 use crate::tier::Tier;
-use brickyard_volume::BrickId;
+
 use lru::LruCache;
 use std::sync::Arc;
 

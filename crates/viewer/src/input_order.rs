@@ -1,9 +1,11 @@
-//! Order of what a hand does, also within one slow frame. A frame sees a press and a release of a button at once, and forgets the drag between them; and it does
-//! what keys say before what the pointer does. So each frame gets one press or release at most, and no keys behind it; the rest waits for the next frame.
+//! Order of a hand's input, also within one slow frame. egui sees a frame's events at once: it takes motion in the frame of a press or a release for no
+//! drag, keys for earlier than buttons, and text for the field that Tab moves on to. So a frame gets the first part of what waits that is told in order,
+//! and the rest waits for the next frame.
 
-use eframe::egui::{Event, RawInput};
+use eframe::egui::{Event, Key, Modifiers, RawInput};
 
-/// How much may wait. A hand is not as fast as that: where programs are, input that waited ever longer would be worse than input whose order is lost.
+/// How many presses and keys may wait. A hand is not as fast as that: where programs are, input that waited ever longer would be worse than input whose
+/// order is lost.
 const MOST: usize = 64;
 
 /// Input that waits for its frame.
@@ -13,11 +15,11 @@ pub(crate) struct InputOrder {
 }
 
 impl InputOrder {
-    /// Leaves to a frame the part of its input, and of what waited for it, that it can tell the order of.
+    /// Leaves to a frame the first part of its input, and of what waited for it.
     pub(crate) fn split(&mut self, input: &mut RawInput) {
         let mut events = std::mem::take(&mut self.waiting);
         events.append(&mut input.events);
-        if events.len() <= MOST {
+        if events.iter().filter(|event| !is_motion(event)).count() <= MOST {
             self.waiting = events.split_off(first_part(&events));
         }
         input.events = events;
@@ -29,40 +31,76 @@ impl InputOrder {
     }
 }
 
-/// How many of these events a frame can tell the order of.
+fn is_motion(event: &Event) -> bool {
+    matches!(event, Event::PointerMoved(_) | Event::MouseMoved(_) | Event::PointerGone)
+}
+
+fn is_typed(event: &Event) -> bool {
+    matches!(event, Event::Key { pressed: true, .. } | Event::Text(_) | Event::Paste(_) | Event::Ime(_))
+}
+
+/// The events of a part.
+#[derive(Default)]
+struct Part {
+    has_motion: bool,
+    has_typed: bool,
+    has_tab: bool,
+    /// The modifiers of its press or release.
+    button: Option<Modifiers>,
+}
+
+impl Part {
+    /// Whether an event is told in order behind those of the part.
+    fn takes(&self, event: &Event) -> bool {
+        match event {
+            Event::PointerButton { pressed, .. } => {
+                self.button.is_none() && !self.has_typed && (*pressed || !self.has_motion)
+            }
+            Event::ModifiersChanged(modifiers) => self.button.is_none_or(|of_button| of_button == *modifiers),
+            Event::Key { key: Key::Tab, pressed: true, .. } => self.button.is_none() && !self.has_typed,
+            event if is_typed(event) => self.button.is_none() && !self.has_tab,
+            event if is_motion(event) => self.button.is_none(),
+            _ => true,
+        }
+    }
+
+    fn take(&mut self, event: &Event) {
+        self.has_motion |= is_motion(event);
+        self.has_typed |= is_typed(event);
+        match event {
+            Event::PointerButton { modifiers, .. } => self.button = Some(*modifiers),
+            Event::Key { key: Key::Tab, pressed: true, .. } => self.has_tab = true,
+            _ => {}
+        }
+    }
+}
+
+/// The number of events in the first part.
 fn first_part(events: &[Event]) -> usize {
-    let (mut has_button, mut has_key) = (false, false);
-    let goes_behind = |event: &Event| {
-        let (is_button, is_key) = match event {
-            Event::PointerButton { .. } => (true, false),
-            Event::Key { pressed, .. } => (false, *pressed),
-            _ => (false, false),
-        };
-        let is_behind = has_button && (is_button || is_key) || has_key && is_button;
-        (has_button, has_key) = (has_button || is_button, has_key || is_key);
+    let mut part = Part::default();
+    let is_behind = |event: &Event| {
+        let is_behind = !part.takes(event);
+        part.take(event);
         is_behind
     };
-    events.iter().position(goes_behind).unwrap_or(events.len())
+    events.iter().position(is_behind).unwrap_or(events.len())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use eframe::egui::{Key, Modifiers, PointerButton, Pos2};
+    use eframe::egui::{PointerButton, Pos2};
 
-    fn key() -> Event {
-        Event::Key { key: Key::Comma, physical_key: None, pressed: true, repeat: false, modifiers: Modifiers::NONE }
+    fn key(key: Key) -> Event {
+        Event::Key { key, physical_key: None, pressed: true, repeat: false, modifiers: Modifiers::NONE }
     }
 
-    fn button(pressed: bool) -> Event {
-        Event::PointerButton { pos: Pos2::ZERO, button: PointerButton::Primary, pressed, modifiers: Modifiers::NONE }
+    fn button(pressed: bool, modifiers: Modifiers) -> Event {
+        Event::PointerButton { pos: Pos2::ZERO, button: PointerButton::Primary, pressed, modifiers }
     }
 
-    #[test]
-    fn a_frame_has_one_press_or_release_and_no_key_behind_it() {
-        let moved = || Event::PointerMoved(Pos2::ZERO);
-        let hand =
-            [key(), key(), moved(), button(true), moved(), moved(), button(false), key(), button(true), button(false)];
+    /// The number of events in each frame that a hand's input takes.
+    fn parts(hand: &[Event]) -> Vec<usize> {
         let mut order = InputOrder::default();
         let mut parts = Vec::new();
         let mut input = RawInput { events: hand.to_vec(), ..RawInput::default() };
@@ -74,16 +112,51 @@ mod tests {
             }
             input = RawInput::default();
         }
-        assert_eq!(parts.iter().map(Vec::len).collect::<Vec<_>>(), [3, 3, 1, 1, 1, 1]);
         assert_eq!(parts.concat(), hand, "nothing is lost");
+        parts.iter().map(Vec::len).collect()
+    }
+
+    #[test]
+    fn motion_comes_between_a_press_and_its_release_and_keys_behind_them() {
+        let moved = || Event::PointerMoved(Pos2::ZERO);
+        let [press, release] = [true, false].map(|pressed| button(pressed, Modifiers::NONE));
+        let comma = || key(Key::Comma);
+        let hand = [comma(), comma(), moved(), press.clone(), moved(), moved(), release.clone(), comma()];
+        assert_eq!(parts(&hand), [3, 1, 2, 1, 1]);
+        let twice = [press.clone(), release.clone(), press.clone(), release.clone()];
+        assert_eq!(parts(&twice), [1; 4]);
         // What comes meanwhile comes after what waits.
-        input.events = vec![button(true), button(false)];
+        let (mut order, mut input) = (InputOrder::default(), RawInput::default());
+        input.events = vec![press.clone(), release.clone()];
         order.split(&mut input);
-        input.events = vec![key()];
+        input.events = vec![comma()];
         order.split(&mut input);
-        assert!(input.events == [button(false)] && order.is_waiting());
-        input.events = vec![button(true); MOST];
+        assert!(input.events == [release] && order.is_waiting());
+        input.events = vec![press; MOST];
         order.split(&mut input);
         assert!(input.events.len() == MOST + 1 && !order.is_waiting(), "no hand is as fast");
+    }
+
+    /// A mouse tells of its motion a thousand times a second.
+    #[test]
+    fn motion_alone_is_never_too_much() {
+        let motion = vec![Event::PointerMoved(Pos2::ZERO); 10 * MOST];
+        let hand = [vec![button(true, Modifiers::NONE)], motion, vec![button(false, Modifiers::NONE)]].concat();
+        assert_eq!(parts(&hand), [1, 10 * MOST, 1]);
+    }
+
+    #[test]
+    fn modifiers_are_those_of_the_click() {
+        let (alt, none) = (Modifiers::ALT, Modifiers::NONE);
+        let changed = Event::ModifiersChanged;
+        let hand = [changed(alt), button(true, alt), changed(alt), button(false, alt), changed(alt), changed(none)];
+        assert_eq!(parts(&hand), [3, 2, 1]);
+    }
+
+    #[test]
+    fn text_goes_to_the_field_that_it_was_typed_into() {
+        let text = |text: &str| Event::Text(text.into());
+        assert_eq!(parts(&[key(Key::Num3), text("3"), key(Key::Tab), text("4"), key(Key::Enter)]), [2, 1, 2]);
+        assert_eq!(parts(&[button(false, Modifiers::NONE), text("3")]), [1, 1]);
     }
 }

@@ -6,6 +6,7 @@ mod clicks;
 mod clip_handles;
 mod command;
 mod device;
+mod drag;
 mod edits;
 mod exporting;
 mod fields;

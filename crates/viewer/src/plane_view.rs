@@ -2,6 +2,7 @@
 
 use crate::canvas::Canvas;
 use crate::command::Command;
+use crate::drag::drag_by;
 use crate::measuring::{Measuring, lying_in};
 use crate::navigation::{panned, point_at_target, zoomed};
 use crate::overlay::{self, AXIS_COLORS, Lens};
@@ -146,7 +147,7 @@ fn drag(
     held: &Held,
     commands: &mut Vec<Command>,
 ) {
-    let by = response.drag_delta() / lens.area.height().max(1.0);
+    let by = drag_by(response) / lens.area.height().max(1.0);
     let (right, down) = (f64::from(by.x), f64::from(by.y));
     let modifiers = response.ctx.input(|input| input.modifiers);
     let (is_shifted, picks_label) = (modifiers.shift, modifiers.alt);

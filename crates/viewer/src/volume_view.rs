@@ -3,6 +3,7 @@
 use crate::canvas::Canvas;
 use crate::clip_handles::{self, Face};
 use crate::command::Command;
+use crate::drag::drag_by;
 use crate::measuring::{self, Measuring};
 use crate::overlay::{self, Lens, bricks};
 use crate::picking::{Picked, Picking};
@@ -169,7 +170,7 @@ impl VolumeView {
             let from = from.or_else(|| response.interact_pointer_pos()).unwrap_or(lens.area.center());
             self.hold = Some(self.grasp(lens, seen, response, from));
         }
-        let by = response.drag_delta();
+        let by = drag_by(response);
         if let Some(hold) = self.hold.filter(|_| response.dragged() && by != egui::Vec2::ZERO) {
             let parts = by / lens.area.height().max(1.0);
             let (right, down) = (f64::from(parts.x), f64::from(parts.y));

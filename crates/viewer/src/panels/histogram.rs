@@ -1,6 +1,7 @@
 //! A channel's histogram, with a window that is dragged on it: by one of its ends, or whole by its middle. Counts are on a logarithmic scale, or on a
 //! linear one once a right click says so. Its axis and its bars serve the editor of transfer functions, too.
 
+use crate::drag::drag_by;
 use brickyard::store::Histogram;
 use brickyard::volume::numbers::within_span;
 use eframe::egui::{Color32, CursorIcon, Id, Rect, Response, Sense, Stroke, Ui, pos2, vec2};
@@ -39,7 +40,7 @@ pub(crate) fn show(ui: &mut Ui, histogram: &Histogram, window: [f64; 2]) -> Opti
         let handle = grasped(window.map(|value| axis.x(value)), from.x);
         ui.data_mut(|data| data.insert_temp(held, handle));
     }
-    let by = f64::from(response.drag_delta().x) / axis.points_per_value();
+    let by = f64::from(drag_by(&response).x) / axis.points_per_value();
     let handle = ui.data(|data| data.get_temp(held))?;
     (response.dragged() && by != 0.0).then(|| dragged(window, handle, by, histogram.width / 16.0))
 }
