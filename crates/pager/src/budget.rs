@@ -6,6 +6,7 @@
 
 use crate::slot_contents::SlotContents;
 use crate::upload_budget::UploadLimits;
+use brickyard_volume::numbers::mebibytes;
 use brickyard_volume::sampling::MAX_REACH;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -61,7 +62,7 @@ impl PagerConfig {
 #[derive(Debug, thiserror::Error)]
 pub enum PagerError {
     /// The host budget cannot hold what it takes to decode one brick.
-    #[error("{given} bytes of host memory are too few: at least {least} are needed to decode one brick")]
+    #[error("{} of host memory are too few: at least {} are needed to decode one brick", mebibytes(*given), mebibytes(*least))]
     HostMemory {
         /// The budget given, in bytes.
         given: u64,
@@ -69,7 +70,7 @@ pub enum PagerError {
         least: u64,
     },
     /// There are fewer slots than bricks that must always be resident.
-    #[error("there are slots for {given} bricks: at least {least} ({least_bytes} bytes) are needed")]
+    #[error("there are slots for {given} bricks: at least {least} ({}) are needed", mebibytes(*least_bytes))]
     Slots {
         /// The number of slots given.
         given: u32,

@@ -1,4 +1,5 @@
 //! What can go wrong on the GPU, by what the caller can do about it.
+use brickyard_volume::numbers::mebibytes;
 
 /// An error of the GPU backend.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
@@ -21,8 +22,8 @@ pub enum GpuError {
     },
     /// The budget cannot hold the picture and a few bricks.
     #[error(
-        "{given_bytes} bytes of GPU memory are too few: pictures of {width_px}x{height_px} pixels with bricks of {slot_edge}^3 texels \
-         need at least {least_bytes}"
+        "{} of GPU memory are too few: pictures of {width_px}x{height_px} pixels with bricks of {slot_edge}^3 texels need at least {}",
+        mebibytes(*given_bytes), mebibytes(*least_bytes)
     )]
     Budget {
         /// The budget that was given, bytes.
@@ -77,7 +78,7 @@ pub enum GpuError {
         limit_height_px: u32,
     },
     /// The driver ran out of memory below the budget: lower the budget.
-    #[error("the GPU has no room for {label} ({requested_bytes} bytes)")]
+    #[error("the GPU has no room for {label} ({})", mebibytes(*requested_bytes))]
     OutOfMemory {
         /// What was being allocated.
         label: String,

@@ -9,6 +9,7 @@ use crate::slots::{Slots, bytes_per_slot, fixed_bytes};
 use crate::tile::Scene;
 use crate::tiles::{self, Tile, TilePixels};
 use brickyard_pager::{BudgetRequest, Layer, Slot, VolumeNeeds, pools, share};
+use brickyard_volume::numbers::mebibytes;
 use brickyard_volume::{Clip, Combination, FrameSettings, Geometry, Method, Mode, Picture, Placement, Pyramid};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -20,7 +21,7 @@ use std::time::Instant;
 pub enum SoftwareError {
     /// The budget does not hold one slot, or not the least number of slots that the layers need.
     #[error(
-        "{given_bytes} bytes for the renderer hold no brick: the one on the CPU needs at least {least_bytes} bytes here"
+        "{} of memory for slots hold no brick: the CPU needs at least {} here", mebibytes(*given_bytes), mebibytes(*least_bytes)
     )]
     Budget {
         /// The budget given, in bytes.

@@ -307,6 +307,11 @@ impl Canvas {
         self.gpu.as_ref().is_some_and(|device| device.lost().is_some())
     }
 
+    /// Whether the picture that was asked for last cannot be drawn: what is shown is one from before.
+    pub(crate) fn is_failing(&self) -> bool {
+        self.failed.is_some()
+    }
+
     /// Whether the CPU draws the picture.
     pub(crate) fn draws_on_cpu(&self) -> bool {
         self.gpu.is_none()
@@ -345,9 +350,11 @@ impl Canvas {
         let wanted = Wanted { scene: scene.clone(), size_px, is_paced: false, change: self.change };
         let is_exact =
             |shown: &Shown| shown.is_of(&wanted) && shown.quality == Quality::EXACT && shown.frame.status.settled;
-        let rests = self.is_playing()
-            || self.shown.as_ref().is_some_and(is_exact)
-            || self.failed.as_ref().is_some_and(|failed| failed.is_as(&wanted));
+        let is_exact = self.shown.as_ref().is_some_and(is_exact);
+        if is_exact {
+            self.failed = None;
+        }
+        let rests = self.is_playing() || is_exact || self.failed.as_ref().is_some_and(|failed| failed.is_as(&wanted));
         let gives_way = !(self.is_capturing() && rests);
         let gave_way = std::mem::replace(&mut self.gives_way, gives_way);
         if !self.gives_way {

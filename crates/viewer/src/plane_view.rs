@@ -10,7 +10,7 @@ use crate::panels::slices::{dragged, shown_window};
 use crate::picking::{Picked, Picking};
 use crate::planes::{Grid, filter, slice_scene};
 use crate::state::Tool;
-use crate::volume_view::{Seen, isolation, whole_pixels};
+use crate::volume_view::{Seen, dim_failed, isolation, whole_pixels};
 use brickyard::session::SessionError;
 use brickyard::volume::numbers::within_span;
 use brickyard::volume::{Camera, ClipPlane, Slice};
@@ -55,6 +55,7 @@ impl PlaneView {
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         ui.painter().rect_filled(area, 0.0, Color32::BLACK);
         canvas.paint(ui.painter(), area);
+        dim_failed(ui.painter(), canvas, area);
         // Marks lie on the picture, which may be of the camera before.
         let shown = canvas.camera().unwrap_or(camera);
         let Some(lens) = Lens::new(ui.painter(), area, &shown, size_px) else { return drawn };

@@ -73,6 +73,11 @@ impl Script {
         self.lines.is_empty()
     }
 
+    /// The line that waits for the picture to be final, if that is the next one.
+    pub(crate) fn waiting(&self) -> Option<&Line> {
+        self.lines.front().filter(|(when, _)| *when == When::Settled).map(|(_, line)| line)
+    }
+
     /// Adds a command that is played once the picture is final.
     pub(crate) fn then(&mut self, command: Command) {
         self.lines.push_back((When::Settled, Line { number: 0, command }));

@@ -153,6 +153,11 @@ impl Views {
         open.map(Canvas::look_after).min().unwrap_or(STREAMING_STEP)
     }
 
+    /// Whether one of the pictures cannot be drawn.
+    pub(crate) fn are_failing(&self) -> bool {
+        self.all().any(Canvas::is_failing)
+    }
+
     /// Whether all pictures are as they will stay until something changes.
     pub(crate) fn are_final(&self) -> bool {
         self.all().all(Canvas::is_final) && !self.main.is_capturing()

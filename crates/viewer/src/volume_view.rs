@@ -12,7 +12,7 @@ use crate::state::{State, Tool};
 use brickyard::overlay::World;
 use brickyard::session::{SessionError, VolumeSource};
 use brickyard::volume::{Camera, ClipPlane, Scene};
-use eframe::egui::{self, Key, PointerButton, Pos2, Response, Sense, Ui, vec2};
+use eframe::egui::{self, Color32, Key, Painter, PointerButton, Pos2, Rect, Response, Sense, Ui, vec2};
 use glam::DVec3;
 use serde_json::json;
 
@@ -92,6 +92,7 @@ impl VolumeView {
         let drawn = canvas.show(&seen.state.scene, size_px, ui.ctx());
         let (area, response) = ui.allocate_exact_size(shown, Sense::click_and_drag());
         canvas.paint(ui.painter(), area);
+        dim_failed(ui.painter(), canvas, area);
         let Some(camera) = seen.state.scene.camera else { return drawn };
         // The picture may be of the camera before: marks lie on the picture, and the pointer touches it.
         let shown = canvas.camera().unwrap_or(camera);
@@ -228,6 +229,13 @@ impl VolumeView {
             // The mark of the first click is drawn in the next frame, for which nothing else may ask.
             response.ctx.request_repaint();
         }
+    }
+}
+
+/// Dims a picture from before one that cannot be drawn.
+pub(crate) fn dim_failed(painter: &Painter, canvas: &Canvas, area: Rect) {
+    if canvas.is_failing() {
+        painter.rect_filled(area, 0.0, Color32::from_black_alpha(160));
     }
 }
 

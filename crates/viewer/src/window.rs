@@ -55,6 +55,9 @@ const FOLLOWING_STEP: Duration = Duration::from_secs(1);
 /// How often the window tries again what has failed: a disk may come back.
 const FAILING_STEP: Duration = Duration::from_secs(1);
 
+/// How long a script waits for a picture that cannot be drawn.
+const HOPELESS: Duration = Duration::from_secs(5);
+
 /// Where what is being read or written is shown, from the middle of the window's lower end, and how wide, in points.
 const ABOVE_STATUS: [f32; 2] = [0.0, -32.0];
 const WORK_WIDTH: f32 = 420.0;
@@ -94,8 +97,8 @@ pub(crate) struct Window {
     told: Option<Problem>,
     /// What has been done last, which the next command takes away.
     note: Option<String>,
-    /// Whether a picture could not be brought on in the last frame.
-    is_failing: bool,
+    /// Since when a picture cannot be drawn.
+    failing_since: Option<Instant>,
     /// Whether the window was told to fill the screen.
     is_fullscreen: bool,
     /// The time of the first frame; `None` before it.
@@ -146,7 +149,7 @@ impl Window {
             problem,
             told: None,
             note: None,
-            is_failing: false,
+            failing_since: None,
             is_fullscreen: false,
             started: None,
             screenshots: Screenshots::new(),
@@ -205,6 +208,26 @@ impl Window {
     /// Says what has gone wrong.
     fn say(&mut self, about: About, text: impl Into<String>) {
         self.problem = Some(Problem::new(about, text));
+    }
+
+    /// Says why a picture cannot be drawn, until one is. A script that waits for it fails.
+    fn take_failure(&mut self, drawn: Result<(), SessionError>) {
+        match drawn {
+            Ok(()) if self.views.are_failing() => {}
+            Ok(()) => {
+                self.failing_since = None;
+                self.end_problem(About::Picture);
+                return;
+            }
+            Err(error) => self.say(About::Picture, error.to_string()),
+        }
+        let since = *self.failing_since.get_or_insert_with(Instant::now);
+        if since.elapsed() > HOPELESS
+            && let Some(line) = self.script.waiting().cloned()
+        {
+            let problem = self.problem.as_ref().map_or_else(String::new, |problem| problem.text.clone());
+            self.fail(&line, &problem);
+        }
     }
 
     /// Says no more of what has gone wrong with this.
@@ -507,7 +530,8 @@ impl Window {
         let mut saved = Vec::new();
         egui::Panel::left("scene").default_size(324.0).show(ui, |ui| {
             panels::widgets::within(ui, |ui| {
-                panels::view::show(ui, &mut state.scene, self.views.volumes(), commands);
+                let is_playing = state.window.play.on;
+                panels::view::show(ui, &mut state.scene, (self.views.volumes(), is_playing), commands);
                 ui.separator();
                 if state.window.layout == Layout::Planes {
                     panels::slices::show(ui, &mut state.window.planes, &state.scene, self.views.volumes());
@@ -696,11 +720,7 @@ impl Window {
                 Err(problem) => self.say(About::Scene, problem),
             }
         }
-        self.is_failing = drawn.is_err();
-        match drawn {
-            Ok(()) => self.end_problem(About::Picture),
-            Err(error) => self.say(About::Picture, error.to_string()),
-        }
+        self.take_failure(drawn);
         commands.iter().for_each(|command| self.perform(command, &egui));
         if !egui.input(|input| input.pointer.any_down()) {
             self.history.close();
@@ -709,7 +729,7 @@ impl Window {
         // A command shows in the next frame.
         if is_busy || !commands.is_empty() || self.order.is_waiting() {
             egui.request_repaint();
-        } else if self.is_failing {
+        } else if self.failing_since.is_some() {
             egui.request_repaint_after(FAILING_STEP);
         } else if self.screenshots.are_awaited() || !self.clicks.are_done() {
             egui.request_repaint_after(STREAMING_STEP);
@@ -731,6 +751,9 @@ impl Window {
 
     /// Keeps what it is to begin with the next time. Doing it twice is doing it once.
     pub(crate) fn end(&mut self) {
+        while let Some(path) = self.views.main.give_up_capture() {
+            tracing::warn!("{} was not written: the window was closed", path.display());
+        }
         if let Err(problem) = self.keeper.write() {
             tracing::warn!("the window's state cannot be kept: {problem}");
         }

@@ -33,6 +33,13 @@ pub fn exact(number: f64, is_f32: bool) -> String {
     }
 }
 
+/// Bytes in MiB, to a tenth and never less than they are; as KiB where they are few.
+pub fn mebibytes(bytes: u64) -> String {
+    let (unit_bytes, unit) = if bytes < 1 << 20 { (1 << 10, "KiB") } else { (1 << 20, "MiB") };
+    let tenths = (u128::from(bytes) * 10).div_ceil(unit_bytes) as f64;
+    format!("{} {unit}", tenths / 10.0)
+}
+
 /// The power of ten of a number's first digit.
 fn place_of(number: f64) -> i32 {
     let power = number.abs().log10().floor();
@@ -52,6 +59,12 @@ fn written(plain: String, by_power: String, number: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bytes_are_never_less_than_they_are() {
+        let found = [0, 1, 1024, (1 << 20) - 1, 1 << 20, 4_419_072, 3 << 30].map(mebibytes);
+        assert_eq!(found, ["0 KiB", "0.1 KiB", "1 KiB", "1024 KiB", "1 MiB", "4.3 MiB", "3072 MiB"]);
+    }
 
     #[test]
     fn numbers_have_few_digits() {

@@ -121,6 +121,11 @@ impl Canvas {
         !self.captures.is_empty()
     }
 
+    /// Whether a picture is drawn that was asked for, while the view rests.
+    pub(crate) fn saves(&self) -> bool {
+        self.is_capturing() && !self.gives_way
+    }
+
     /// Begins pictures anew of which volumes have changed.
     pub(super) fn forget_captures(&mut self) {
         self.captures.iter_mut().for_each(|capture| capture.made = Arc::default());

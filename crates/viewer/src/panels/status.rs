@@ -99,8 +99,12 @@ fn progress(ui: &mut Ui, views: &Views) {
 
 /// How far a picture is, in words.
 fn state(canvas: &Canvas) -> String {
+    if canvas.is_failing() {
+        return "not drawn".into();
+    }
     let Some(status) = canvas.status() else { return "opening".into() };
     let mut words = match (canvas.is_final(), canvas.progress()) {
+        _ if canvas.saves() => "saving a picture".to_string(),
         (true, _) => "final".to_string(),
         (false, Some(drawn)) => format!("drawing {:.0} %", 100.0 * drawn),
         (false, None) if status.completeness < 1.0 => format!("loading {:.0} %", 100.0 * status.completeness),

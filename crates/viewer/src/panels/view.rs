@@ -63,12 +63,18 @@ impl<'a> World<'a> {
     }
 }
 
-/// Shows the mode, side and time step of a scene of these volumes. What moves the camera is added to `commands`.
-pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], commands: &mut Vec<Command>) {
+/// Shows the mode, side and time step of a scene of these volumes. What moves the camera is added to `commands`. While steps are played the row below the
+/// pictures alone names the step: it is shown once they are drawn.
+pub(crate) fn show(
+    ui: &mut Ui,
+    scene: &mut Scene,
+    (volumes, is_playing): (&[VolumeSource], bool),
+    commands: &mut Vec<Command>,
+) {
     let world = World::new(scene, volumes);
     modes(ui, scene, volumes);
     sides(ui, scene, &world, commands);
-    time(ui, scene, volumes);
+    time(ui, scene, (volumes, is_playing));
 }
 
 /// Shows what else there is to how a scene is looked at, in groups.
@@ -126,10 +132,12 @@ fn sides(ui: &mut Ui, scene: &Scene, world: &World<'_>, commands: &mut Vec<Comma
     });
 }
 
-fn time(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
+fn time(ui: &mut Ui, scene: &mut Scene, (volumes, is_playing): (&[VolumeSource], bool)) {
     let times = volumes.iter().map(|volume| volume.source.times()).max().unwrap_or(1);
-    if times > 1 {
-        let hint = format!("the time step of all layers, 0 to {}", times - 1);
+    let hint = format!("the time step of all layers, 0 to {}", times - 1);
+    if times > 1 && is_playing {
+        row(ui, "time step", &hint, |ui, _| ui.weak("playing"));
+    } else if times > 1 {
         count(ui, "time step", &hint, &mut scene.time, 0..=times - 1);
     }
 }
