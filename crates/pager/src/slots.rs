@@ -11,7 +11,6 @@ use crate::draw_list::Slot;
 use crate::goal::VolumeBrick;
 use crate::sameness::{Content, SlotsByContent};
 use crate::tier::Tier;
-
 use lru::LruCache;
 use std::sync::Arc;
 
@@ -181,7 +180,7 @@ impl SlotTable {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use brickyard_volume::{BrickIndex, Level};
+    use brickyard_volume::{BrickId, BrickIndex, Level};
 
     fn brick(x: u32) -> VolumeBrick {
         let id = BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) };
