@@ -5,6 +5,7 @@
 mod beside;
 mod capture;
 mod drawing;
+mod meeting;
 mod on_gpu;
 mod picture;
 mod row_drawing;

@@ -3,6 +3,7 @@
 //! copy of the draw lists for each step of streaming.
 
 use super::FrameTimes;
+use super::meeting::Meeting;
 use super::picture::Shown;
 use brickyard::doubtful_extremes::DoubtfulExtremes;
 use brickyard::frame_governor::{Quality, QualityControl};
@@ -11,7 +12,7 @@ use brickyard::session::{Frame, Painting, ResolvedScene, Session, SessionError, 
 use brickyard::volume::Picture;
 use eframe::egui;
 use std::io;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -72,17 +73,7 @@ pub(super) struct Stage {
     pub(super) painting: Arc<Painting>,
     /// The last step of streaming of which the window has not heard.
     news: Mutex<Option<News>>,
-    end: Mutex<End>,
-    ended: Condvar,
-}
-
-/// How a session that draws beside the window meets it again.
-#[derive(Default)]
-struct End {
-    /// Whether the session waits to be taken home. Its thread may still be about to end.
-    is_done: bool,
-    /// Whether the window waits for that, and need not be told to look.
-    is_awaited: bool,
+    meeting: Meeting,
 }
 
 impl Stage {
@@ -91,10 +82,6 @@ impl Stage {
         let known = Known::of(session, Some(&frame.scene));
         let news = News { known, frame: frame.clone(), begun };
         *self.news.lock().unwrap_or_else(PoisonError::into_inner) = Some(news);
-    }
-
-    fn lock_end(&self) -> MutexGuard<'_, End> {
-        self.end.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -136,19 +123,13 @@ impl Drawing {
         egui: egui::Context,
         draw: impl FnOnce(&mut Engine, &Stage) -> Result<Done, SessionError> + Send + 'static,
     ) -> io::Result<Self> {
-        let (news, end, ended) = Default::default();
-        let stage = Arc::new(Stage { painting: Arc::new(painting), news, end, ended });
+        let (news, meeting) = Default::default();
+        let stage = Arc::new(Stage { painting: Arc::new(painting), news, meeting });
         let of_thread = stage.clone();
         let work = move || {
             let home = Home { done: draw(&mut engine, &of_thread), engine };
-            let is_awaited = {
-                let mut end = of_thread.lock_end();
-                end.is_done = true;
-                end.is_awaited
-            };
-            match is_awaited {
-                true => of_thread.ended.notify_one(),
-                false => egui.request_repaint_after(AT_ONCE),
+            if !of_thread.meeting.arrive() {
+                egui.request_repaint_after(AT_ONCE);
             }
             home
         };
@@ -176,17 +157,12 @@ impl Drawing {
     /// Whether the session waits to be taken home.
     pub(super) fn is_over(&self) -> bool {
         // A thread that panicked has only ended.
-        self.stage.lock_end().is_done || self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+        self.stage.meeting.is_due() || self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
     /// Waits until the session is to be taken home, for so long at most. Returns whether it is.
     pub(super) fn wait(&self, at_most: Duration) -> bool {
-        let mut end = self.stage.lock_end();
-        end.is_awaited = true;
-        let ended = self.stage.ended.wait_timeout_while(end, at_most, |end| !end.is_done);
-        let (mut end, _) = ended.unwrap_or_else(PoisonError::into_inner);
-        end.is_awaited = false;
-        end.is_done
+        self.stage.meeting.wait(at_most)
     }
 
     /// Since when the session is away.

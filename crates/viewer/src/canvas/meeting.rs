@@ -1,0 +1,63 @@
+//! The meeting of the window and a session that comes home from drawing beside it: the session is waited for, or tells the window to look. Costs a lock.
+//! `tests/loom` checks every order in which the two threads can take their turns.
+
+#[cfg(loom)]
+use loom::sync::{Condvar, Mutex, MutexGuard};
+#[cfg(not(loom))]
+use std::sync::{Condvar, Mutex, MutexGuard};
+
+use std::sync::PoisonError;
+use std::time::{Duration, Instant};
+
+#[derive(Default)]
+pub(crate) struct Meeting {
+    end: Mutex<End>,
+    arrived: Condvar,
+}
+
+#[derive(Default)]
+struct End {
+    /// Whether the session waits to be taken home. Its thread may still be about to end.
+    is_due: bool,
+    /// Whether the window waits for that, and need not be told to look.
+    is_awaited: bool,
+}
+
+impl Meeting {
+    /// The session has come. Returns whether the window waits for it; if not, it has to be told.
+    pub(crate) fn arrive(&self) -> bool {
+        let is_awaited = {
+            let mut end = self.lock();
+            end.is_due = true;
+            end.is_awaited
+        };
+        if is_awaited {
+            self.arrived.notify_one();
+        }
+        is_awaited
+    }
+
+    /// Whether the session has come.
+    pub(crate) fn is_due(&self) -> bool {
+        self.lock().is_due
+    }
+
+    /// Waits for the session, for so long at most. Returns whether it has come.
+    pub(crate) fn wait(&self, at_most: Duration) -> bool {
+        let begun = Instant::now();
+        let mut end = self.lock();
+        end.is_awaited = true;
+        while !end.is_due
+            && let Some(left) = at_most.checked_sub(begun.elapsed()).filter(|left| !left.is_zero())
+        {
+            let woken = self.arrived.wait_timeout(end, left);
+            (end, _) = woken.unwrap_or_else(PoisonError::into_inner);
+        }
+        end.is_awaited = false;
+        end.is_due
+    }
+
+    fn lock(&self) -> MutexGuard<'_, End> {
+        self.end.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
