@@ -4,6 +4,7 @@
 //! `STORE/0/.brickyard/counts/N/C` is about the first N steps of channel C: what [`ChannelTotals`] knows, as 64-bit little-endian words in one
 //! Zstandard frame, and its crc32c. The files of N + 1 steps are there before the root document counts that many, and those of N steps go after.
 
+use crate::data_file::read_at_most;
 use crate::error::ReadError;
 use crate::folder::Folder;
 use crate::layout::{COUNTS_NAME, Layout};
@@ -11,7 +12,7 @@ use crate::pack::brick::Workspace;
 use crate::pack::cascade::shape;
 use crate::pack::disk::{Disk, DiskError};
 use crate::pack::ours;
-use crate::side_file::{encode, read_at_most};
+use crate::side_file::encode;
 use crate::stats::{ChannelTotals, Measure, Range, Tally};
 use crate::store::{Store, bricks_of};
 use crate::value_counts::MOST_CLASSES;

@@ -7,7 +7,7 @@
 //! Loops run over whole rows with plain arithmetic, so the compiler vectorises them for whatever target feature set the
 //! caller was compiled with; everything is `#[inline(always)]` for that reason. Mean of 64^3 u8: about 10 us with AVX2.
 
-use crate::metadata::Kind;
+use crate::kind::Kind;
 use brickyard_volume::Voxel;
 use serde::{Deserialize, Serialize};
 

@@ -1,12 +1,12 @@
 //! The open folder of a store: files are opened by their names inside of it, through one descriptor, so that all of them are of one store,
 //! whatever comes to stand under its path meanwhile. Costs a descriptor for each open store.
 
+use crate::data_file::{open_at, read_at_most};
 use crate::error::{OpenError, ReadError};
-use crate::side_file::read_at_most;
 use rustix::fs::{CWD, Mode, OFlags, openat};
 use std::fs::File;
 use std::io::{Error, ErrorKind};
-use std::os::fd::{AsFd, AsRawFd, OwnedFd};
+use std::os::fd::{AsRawFd, OwnedFd};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
@@ -18,19 +18,6 @@ const MOST_DOCUMENT_BYTES: u64 = 64 << 20;
 const PLACE: OFlags = OFlags::PATH;
 #[cfg(not(target_os = "linux"))]
 const PLACE: OFlags = OFlags::RDONLY;
-
-/// Opens a file by its path to read it, as [`Folder::file`].
-pub(crate) fn open_file(path: &Path) -> std::io::Result<File> {
-    open_at(CWD, path)
-}
-
-fn open_at(dir: impl AsFd, path: &Path) -> std::io::Result<File> {
-    // Else the open would wait for somebody to write into a pipe.
-    let flags = OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK;
-    let file = File::from(rustix::io::retry_on_intr(|| openat(&dir, path, flags, Mode::empty()))?);
-    let kind = file.metadata()?.file_type();
-    if kind.is_file() || kind.is_dir() { Ok(file) } else { Err(Error::other("is no file of data")) }
-}
 
 /// The folder of a store that is read.
 pub(crate) struct Folder {

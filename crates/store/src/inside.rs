@@ -2,8 +2,8 @@
 
 use crate::error::{InsideStore, OpenError};
 use crate::folder::Folder;
+use crate::json::read_json;
 use crate::metadata::parse_info;
-use crate::side::read_json;
 use std::path::{Component, Path, PathBuf};
 
 /// The error for a path that does not open: if it is inside of a store, the one that names the store in place of this one.

@@ -13,8 +13,8 @@
 //! STORE/K/.brickyard/METHOD/           level K >= 1 of a second pyramid, which shares level 0: all that K has above
 //! ```
 
+use crate::data_file::open_file;
 use crate::downsample::Downsample;
-use crate::folder::open_file;
 use brickyard_volume::{BrickId, BrickIndex, Extent, Level, Pyramid};
 use std::io::{BufRead, BufReader, Read};
 use std::ops::Range;

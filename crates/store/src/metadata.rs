@@ -7,8 +7,9 @@
 use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
 use crate::error::OpenError;
+use crate::json::not_json;
+pub use crate::kind::Kind;
 use crate::layout::{Layout, check_edges, check_shard_bricks, check_size};
-use crate::side::not_json;
 use crate::time;
 pub use crate::version::FORMAT_VERSION;
 use brickyard_volume::channel;
@@ -24,17 +25,6 @@ use std::path::Path;
 
 /// Number of bins of a [`Histogram`].
 pub const HISTOGRAM_BINS: usize = 256;
-
-/// What a store's values mean.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Kind {
-    /// The values are intensities, and may be interpolated.
-    #[default]
-    Image,
-    /// The values are identifiers, and must never be mixed.
-    Labels,
-}
 
 /// Percentiles of a channel's valid voxels: for each share, the value that this share of them does not exceed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -319,8 +309,8 @@ impl StoreInfo {
 pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> Value {
     let multiscale = |layout: &Layout, method: Downsample| {
         json!([{
-            "axes": axes(layout, geometry, time::unit(info)),
-            "datasets": datasets(layout, geometry, time::step_and_start(info)),
+            "axes": axes(layout, geometry, time::unit(info.time.as_ref())),
+            "datasets": datasets(layout, geometry, time::step_and_start(info.time.as_ref())),
             "type": method.name(),
         }])
     };

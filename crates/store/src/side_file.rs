@@ -3,13 +3,12 @@
 //! A page is encoded by Zstandard and followed by its crc32c. In a shard the pages lie back to back, those of the same content once, and the
 //! index is at the end, as in shards of bricks. Cost: a page of a shard is read in two pieces, of which the first is the index: 16 bytes a step.
 
+use crate::data_file::read_at_most;
 use crate::error::ReadError;
 use crate::folder::Folder;
 use crate::scratch::Scratch;
 use crate::shard::{BrickRange, ShardIndex, encode_index, index_bytes};
 use std::collections::HashMap;
-use std::fs::File;
-use std::io::Read;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
@@ -81,16 +80,6 @@ fn decode(encoded: &[u8], expected_bytes: usize) -> Result<Vec<u8>, String> {
     let mut page = vec![0; expected_bytes];
     Scratch::with(|scratch| scratch.decompress(frame, &mut page)).map_err(|error| error.to_string())?;
     Ok(page)
-}
-
-/// A file's bytes; an error where there are more.
-pub(crate) fn read_at_most(file: std::io::Result<File>, most: u64) -> std::io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    file?.take(most + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > most {
-        return Err(std::io::Error::other(format!("larger than the {most} bytes that it can have")));
-    }
-    Ok(bytes)
 }
 
 #[cfg(test)]

@@ -10,13 +10,14 @@ use crate::downsample::Downsample;
 use crate::error::{OpenError, ReadError};
 use crate::folder::Folder;
 use crate::inside;
+use crate::json::{parse_json, read_json};
 use crate::layout::{JOURNAL_NAME, Layout, journal_percent};
 use crate::metadata::{
     ChannelDisplay, ChannelStatistics, OTHERS_STORE, Steps, StoreInfo, apron_document, check_array, level_document,
     parse_displays, parse_geometry, parse_info, parse_label_colors, parse_layout, parse_placement,
 };
 use crate::shard_file::IoMode;
-use crate::side::{RangePage, SideArray, SidePages, level_arrays, parse_json, read_json};
+use crate::side::{RangePage, SideArray, SidePages, level_arrays};
 use crate::time::parse_time;
 use brickyard_volume::{
     Apron, BrickId, BrickIndex, Geometry, LabelColor, Level, Occupancy, OccupancyBins, PageId, Placement, Pyramid,
@@ -135,7 +136,7 @@ impl Store {
         }
         let geometry = parse_geometry(&root_path, &root, &layout)?;
         let placement = parse_placement(&root_path, &info, &geometry)?;
-        let time = parse_time(&root_path, &root, &layout, &info)?;
+        let time = parse_time(&root_path, &root, &layout, info.time.as_ref())?;
         let steps = Steps::of(&info);
         for k in 0..layout.pyramid.levels().len() {
             let level = Level(k as u8);

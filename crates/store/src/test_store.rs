@@ -9,7 +9,7 @@ use crate::layout::{Layout, ShardId};
 use crate::metadata::{ChannelStatistics, Kind, StoreInfo, document_bytes, level_document, root_document};
 use crate::scratch::Scratch;
 use crate::shard::{BrickRange, Fingerprint, encode_index};
-use crate::side::{self, PageFiles, SideArray, core_hash, level_arrays};
+use crate::side::{PageFiles, SideArray, core_hash, level_arrays};
 use crate::stats::{ChannelTotals, Counter, Measure, Tally};
 use crate::version::FORMAT_VERSION;
 use brickyard_volume::{
@@ -307,7 +307,7 @@ pub(crate) fn bumps(t: u32, c: u32, [x, y, z]: [u32; 3]) -> f64 {
 
 /// Reads a document.
 pub(crate) fn read_json(path: &Path) -> Result<Value, OpenError> {
-    side::read_json(&Folder::open(path.parent().unwrap()).unwrap(), path)
+    crate::json::read_json(&Folder::open(path.parent().unwrap()).unwrap(), path)
 }
 
 /// Changes the decoded bytes of a page of side data.

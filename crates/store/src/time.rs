@@ -4,7 +4,6 @@
 
 use crate::error::OpenError;
 use crate::layout::Layout;
-use crate::metadata::StoreInfo;
 use brickyard_volume::TimeAxis;
 use serde_json::Value;
 use std::path::Path;
@@ -16,13 +15,13 @@ const TOLERANCE: f64 = 1e-5;
 const UNKNOWN: (f64, f64) = (1.0, 0.0);
 
 /// The step and start that OME-Zarr's metadata say of a store.
-pub(crate) fn step_and_start(info: &StoreInfo) -> (f64, f64) {
-    info.time.as_ref().map_or(UNKNOWN, |axis| (axis.step, axis.start))
+pub(crate) fn step_and_start(time: Option<&TimeAxis>) -> (f64, f64) {
+    time.map_or(UNKNOWN, |axis| (axis.step, axis.start))
 }
 
 /// The unit that OME-Zarr's metadata say of axis t.
-pub(crate) fn unit(info: &StoreInfo) -> Option<&str> {
-    info.time.as_ref()?.unit.as_deref()
+pub(crate) fn unit(time: Option<&TimeAxis>) -> Option<&str> {
+    time?.unit.as_deref()
 }
 
 /// Reads the time axis from the pyramid's multiscale and the settings, and checks it; `None` where nothing is said of time.
@@ -30,14 +29,14 @@ pub(crate) fn parse_time(
     path: &Path,
     root: &Value,
     layout: &Layout,
-    info: &StoreInfo,
+    said: Option<&TimeAxis>,
 ) -> Result<Option<TimeAxis>, OpenError> {
-    if let Some(Err(problem)) = info.time.as_ref().map(|axis| axis.check(layout.times)) {
+    if let Some(Err(problem)) = said.map(|axis| axis.check(layout.times)) {
         let field = format!("attributes.brickyard.time.{}", problem.field);
         return Err(OpenError::invalid(path, field, problem.expected, problem.found));
     }
     if layout.axes()[0] != "t" {
-        return Ok(info.time.clone());
+        return Ok(said.cloned());
     }
     let owner = if layout.second().is_some() { "brickyard" } else { "ome" };
     let multiscale = &root["attributes"][owner]["multiscales"][0];
@@ -65,10 +64,10 @@ pub(crate) fn parse_time(
     }
     let (step, start) = first.unwrap_or(UNKNOWN);
     let unit = multiscale["axes"][0]["unit"].as_str().map(str::to_owned);
-    if let Some(irregular) = info.time.clone().filter(|axis| !axis.stamps.is_empty()) {
+    if let Some(irregular) = said.cloned().filter(|axis| !axis.stamps.is_empty()) {
         return Ok(Some(TimeAxis { unit, ..irregular }));
     }
-    if info.time.is_none() && unit.is_none() && (step, start) == UNKNOWN {
+    if said.is_none() && unit.is_none() && (step, start) == UNKNOWN {
         return Ok(None);
     }
     let axis = TimeAxis { start, step, stamps: Vec::new(), unit };

@@ -3,9 +3,10 @@
 use crate::counts::Counts;
 use crate::error::OpenError;
 use crate::folder::Folder;
+use crate::json::read_json;
 use crate::layout::Layout;
 use crate::pack::disk::temporary;
-use crate::side::{SideArray, level_arrays, read_json};
+use crate::side::{SideArray, level_arrays};
 use crate::store::Store;
 use brickyard_volume::Level;
 use serde_json::{Value, json};

@@ -13,12 +13,12 @@
 //!
 //! `replaces` is the settings' fingerprint of the finished store whose place the pack is to take, if there is one.
 
-use crate::folder::open_file;
+use crate::data_file::open_file;
+use crate::data_file::read_at_most;
 use crate::layout::{JOURNAL_NAME, Layout, ShardId};
 use crate::pack::PackError;
 use crate::pack::disk::{Disk, DiskError};
 use crate::shard::Fingerprint;
-use crate::side_file::read_at_most;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::HashMap;

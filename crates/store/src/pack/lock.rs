@@ -9,11 +9,11 @@
 //! the name. Such a file is known by its number, and by a mark: clients of NFS remember names for a while, but read a file's
 //! bytes anew once they have its lock.
 
-use crate::folder::open_file;
+use crate::data_file::open_file;
+use crate::data_file::read_at_most;
 use crate::layout::LOCK_NAME;
 use crate::pack::PackError;
 use crate::pack::disk::{Disk, DiskError};
-use crate::side_file::read_at_most;
 use rustix::fs::OFlags;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io;

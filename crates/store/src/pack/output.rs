@@ -15,12 +15,12 @@
 use crate::error::OpenError;
 use crate::folder::Folder;
 use crate::inside::{check_outside, named};
+use crate::json::read_json;
 use crate::layout::{JOURNAL_NAME, LOCK_NAME};
 use crate::pack::disk::{Disk, temporary};
 use crate::pack::journal::{Head, Journal};
 use crate::pack::lock::DirLock;
 use crate::pack::{Exists, PackError, fingerprint, ours};
-use crate::side::read_json;
 use serde_json::Value;
 use std::ffi::OsString;
 use std::io;

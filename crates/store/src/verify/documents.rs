@@ -6,9 +6,10 @@
 
 use crate::append::{FOREIGN_STEPS, foreign_steps};
 use crate::error::OpenError;
+use crate::json::{parse_json, read_json};
 use crate::metadata::{apron_document, level_document, root_document};
 use crate::shard_file::IoMode;
-use crate::side::{SideArray, level_arrays, parse_json, read_json};
+use crate::side::{SideArray, level_arrays};
 use crate::store::Store;
 use crate::verify::VerifyProblem;
 use brickyard_import::is_of_process;

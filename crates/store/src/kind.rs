@@ -1,0 +1,14 @@
+//! The kind of a store's values.
+
+use serde::{Deserialize, Serialize};
+
+/// What a store's values mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// The values are intensities, and may be interpolated.
+    #[default]
+    Image,
+    /// The values are identifiers, and must never be mixed.
+    Labels,
+}
