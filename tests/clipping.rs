@@ -3,7 +3,7 @@
 
 use brickyard::session::VolumeSource;
 use brickyard::store::Store;
-use brickyard::volume::surface::headlight;
+use brickyard::volume::lighting::headlight;
 use brickyard::volume::{
     Camera, ClipPlane, Extent, Geometry, Isosurface, LevelPolicy, Mode, Picture, Projection, Ray, Scene, SceneLayer,
     Slice, TransferFunction, Voxel,

@@ -7,7 +7,6 @@
 
 use crate::gradients::Gradients;
 use crate::packet::{LANES, Packet};
-use crate::pieces::Crossing;
 use crate::ray::Ray;
 use crate::reading::Reading;
 use crate::row::{Passed, Row};
@@ -16,6 +15,7 @@ use crate::sample::Avx2;
 use crate::sample::{Code, Portable, Unit};
 use crate::shade::{Shade, Shaded};
 use crate::stretch::{March, Stretch};
+use crate::surface::Crossing;
 use crate::transfer_table::Entries;
 use brickyard_volume::lighting::SMOOTH;
 use brickyard_volume::sampling::{Curve, catmull_rom, cubic};

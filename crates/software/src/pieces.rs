@@ -12,7 +12,7 @@ use crate::ray::{NO_RANK, Ray};
 use crate::sample::Avx2;
 use crate::sample::{Code, Portable, Unit};
 use crate::stretch::{March, Stretch};
-use crate::surface::Line;
+use crate::surface::{Crossing, Line};
 use brickyard_volume::Mode;
 use std::ops::Range;
 
@@ -36,17 +36,6 @@ pub(crate) struct Piece<'a> {
     pub(crate) segments: Range<i32>,
     /// The surface at the piece's end, if there is one.
     pub(crate) surface: Option<Crossing>,
-}
-
-/// Where a path passes a surface.
-#[derive(Clone, Copy)]
-pub(crate) struct Crossing {
-    /// The index of the surface.
-    pub(crate) surface: usize,
-    /// The place along the path.
-    pub(crate) along: f32,
-    /// Whether it is a cap, which stands on the cut by which the ray enters.
-    pub(crate) is_cap: bool,
 }
 
 impl<'a> Pieces<'a> {

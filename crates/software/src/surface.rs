@@ -13,9 +13,21 @@ use crate::packet::{LANES, Packet};
 use crate::ray::Ray;
 use crate::sample::{Code, SampleChunk, Unit};
 use crate::stretch::{March, Stretch};
-use brickyard_volume::surface::{FLAT_SHARE, PARTS, ROUNDS, headlight};
+use brickyard_volume::lighting::headlight;
+use brickyard_volume::surface::{FLAT_SHARE, PARTS, ROUNDS};
 use glam::{Vec3, Vec4};
 use std::ops::Range;
+
+/// Where a path passes a surface.
+#[derive(Clone, Copy)]
+pub(crate) struct Crossing {
+    /// The index of the surface.
+    pub(crate) surface: usize,
+    /// The place along the path.
+    pub(crate) along: f32,
+    /// Whether it is a cap, which stands on the cut by which the ray enters.
+    pub(crate) is_cap: bool,
+}
 
 /// Packets of ends that are sampled together: more wait less for one another, but more of them lie behind the surface.
 const TOGETHER: usize = 2;

@@ -18,9 +18,6 @@ pub const MOST_STEP: f64 = 16.0;
 /// All steps that there may be.
 pub const STEPS: RangeInclusive<f64> = LEAST_STEP..=MOST_STEP;
 
-/// The least opening angle of a perspective camera, degrees.
-pub const LEAST_FOV_DEG: f64 = 0.001;
-
 /// The least height of a picture of parallel rays, in voxels.
 const LEAST_HEIGHT: f64 = 0.001;
 

@@ -1,12 +1,14 @@
 //! The camera: where it stands, the ray of every pixel, the size of a pixel in the world, and the frustum.
 
-use crate::bounds::LEAST_FOV_DEG;
 use crate::geometry::box_corners;
 use crate::numbers::exact;
 use crate::placement::Placement;
 use crate::ray::Ray;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
+
+/// The least opening angle of a perspective camera, degrees.
+pub const LEAST_FOV_DEG: f64 = 0.001;
 
 /// How rays leave the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -140,6 +140,17 @@ fn tone(color: DVec3, cosine: f64) -> DVec3 {
     (cool + color * TONE_KEPT[0]).lerp(warm + color * TONE_KEPT[1], warmth)
 }
 
+/// What a surface shows if it is lit from the eye: the share of its own colour, and the share of white. `cosine` is that of the angle
+/// between its normal and the ray, of either sign. `None` is a field so flat that there is no normal: the surface shows its colour as if
+/// it faced the eye.
+pub fn headlight(cosine: Option<f64>) -> (f64, f64) {
+    match cosine.map(f64::abs) {
+        // The light is at the eye, so the half-way vector of Blinn and Phong is the ray itself.
+        Some(cosine) => (AMBIENT + DIFFUSE * cosine, SPECULAR * cosine.powi(SPECULAR_POWER)),
+        None => (AMBIENT + DIFFUSE, 0.0),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -184,5 +195,13 @@ mod tests {
         let (warm, cool) = (toned(DVec3::NEG_Z), toned(DVec3::Z));
         assert!((warm - DVec3::new(0.65, 0.65, 0.35)).length() < 1e-12);
         assert!((cool - DVec3::new(0.15, 0.15, 0.55)).length() < 1e-12);
+    }
+
+    #[test]
+    fn both_sides_of_a_surface_are_lit() {
+        assert_eq!(headlight(Some(1.0)), headlight(Some(-1.0)));
+        let (own, white) = headlight(Some(0.5));
+        assert!((own - 0.45).abs() < 1e-12 && (white - 0.2 / 1024.0).abs() < 1e-12);
+        assert_eq!(headlight(None).1, 0.0);
     }
 }

@@ -7,8 +7,8 @@
 //!
 //! Nothing clips a mesh: box, planes and slices are cuts of the volume. Both sides of a triangle are shown, lit from the eye.
 
+use crate::lighting::headlight;
 use crate::ray::Ray;
-use crate::surface::headlight;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;

@@ -18,7 +18,7 @@
 //! to another a ray crosses all surfaces between them, one after the other, each looked for behind the one before. A crossing cuts its
 //! segment: the fog in front of it and the fog behind it are segments of their own, with the surface between them.
 
-use crate::lighting::{AMBIENT, DIFFUSE, Lighting, LightingModel, SPECULAR, SPECULAR_POWER};
+use crate::lighting::{Lighting, LightingModel};
 use crate::slot_encoding::{ANYTHING, SlotEncoding, SlotFormat};
 use crate::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
@@ -153,17 +153,6 @@ pub fn straddles(range: [u16; 2], threshold: f32) -> bool {
     range == ANYTHING || low < threshold && threshold <= high
 }
 
-/// What a surface shows if it is lit from the eye: the share of its own colour, and the share of white. `cosine` is that of the angle
-/// between its normal and the ray, of either sign. `None` is a field so flat that there is no normal: the surface shows its colour as if
-/// it faced the eye.
-pub fn headlight(cosine: Option<f64>) -> (f64, f64) {
-    match cosine.map(f64::abs) {
-        // The light is at the eye, so the half-way vector of Blinn and Phong is the ray itself.
-        Some(cosine) => (AMBIENT + DIFFUSE * cosine, SPECULAR * cosine.powi(SPECULAR_POWER)),
-        None => (AMBIENT + DIFFUSE, 0.0),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -231,13 +220,5 @@ mod tests {
         // Less by a 64th of a code.
         assert!((all[1].color[0] - 0.2).abs() < 1e-4);
         assert_eq!([39.0, 40.0, 50.9, 51.0, 99.0].map(|value| rank(&all, value)), [0, 1, 1, 2, 2]);
-    }
-
-    #[test]
-    fn both_sides_of_a_surface_are_lit() {
-        assert_eq!(headlight(Some(1.0)), headlight(Some(-1.0)));
-        let (own, white) = headlight(Some(0.5));
-        assert!((own - 0.45).abs() < 1e-12 && (white - 0.2 / 1024.0).abs() < 1e-12);
-        assert_eq!(headlight(None).1, 0.0);
     }
 }
