@@ -1,6 +1,7 @@
 //! The crates depend on one another in one direction only: source, store, pager, renderers, facade, window, command.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// What each crate may know of the others, at most; "" is the facade. The facade, the tests and the benchmarks may know all.
@@ -114,4 +115,74 @@ fn the_library_knows_of_no_command_line() {
         }
     }
     assert!(seen > 150, "{seen} files");
+}
+
+/// A file by its path in the crate, as Rust names it.
+type Module = Vec<String>;
+
+/// The files of a crate, each with the other files that it names, but for the folder that it is in and those inside of its own. Tests are left out.
+fn modules(source: &Path) -> BTreeMap<Module, BTreeSet<Module>> {
+    let (mut texts, mut folders) = (BTreeMap::<Module, String>::new(), vec![source.to_path_buf()]);
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).expect("a folder of the crate") {
+            let path = entry.expect("an entry").path();
+            let inside = path.strip_prefix(source).expect("inside").with_extension("");
+            let module: Module = inside.iter().map(|name| name.to_string_lossy().into_owned()).collect();
+            if module.iter().any(|name| name.ends_with("tests")) || ["lib", "main"].contains(&&*module[0]) {
+                continue;
+            }
+            match path.is_dir() {
+                true => folders.push(path),
+                false => drop(texts.insert(module, std::fs::read_to_string(&path).expect("text"))),
+            }
+        }
+    }
+    let named = |module: &Module, text: &str| -> BTreeSet<Module> {
+        let code = text.split("#[cfg(test)]\nmod ").next().unwrap_or_default();
+        let lines = code.lines().map(|line| line.split("//").next().unwrap_or_default());
+        let found = lines.flat_map(|line| {
+            let from_root = line.split("crate::").skip(1).map(|rest| (Module::new(), rest));
+            let beside = line.split("super::").skip(1).map(|rest| (module[..module.len() - 1].to_vec(), rest));
+            from_root.chain(beside).collect::<Vec<_>>()
+        });
+        let file = |(mut path, rest): (Module, &str)| {
+            let is_name = |name: &&str| name.chars().all(|c| c.is_alphanumeric() || c == '_');
+            let names = rest.split(|c: char| c != ':' && c != '_' && !c.is_alphanumeric()).next().unwrap_or_default();
+            path.extend(names.split("::").take_while(is_name).map(str::to_owned));
+            while !path.is_empty() && !texts.contains_key(&path) {
+                path.pop();
+            }
+            path
+        };
+        let is_other = |file: &Module| !file.is_empty() && !module.starts_with(file) && !file.starts_with(module);
+        found.map(file).filter(is_other).collect()
+    };
+    texts.iter().map(|(module, text)| (module.clone(), named(module, text))).collect()
+}
+
+/// Takes away modules that name none of the others, again and again: those that are left name each other in circles, or lead to one.
+fn in_circles(mut modules: BTreeMap<Module, BTreeSet<Module>>) -> Vec<String> {
+    loop {
+        let names: BTreeSet<Module> = modules.keys().cloned().collect();
+        modules.retain(|_, named| named.iter().any(|other| names.contains(other)));
+        if modules.len() == names.len() {
+            return names.iter().map(|name| name.join("::")).collect();
+        }
+    }
+}
+
+#[test]
+fn no_files_name_each_other_in_circles() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let crates = std::fs::read_dir(root.join("crates")).expect("the crates");
+    let crates: Vec<PathBuf> = crates.map(|entry| entry.expect("an entry").path().join("src")).collect();
+    assert!(crates.len() > 10);
+    for source in crates {
+        let found = modules(&source);
+        assert!(!found.is_empty(), "{}", source.display());
+        assert_eq!(in_circles(found), Vec::<String>::new(), "{}", source.display());
+    }
+    let pair = |a: &str, b: &str| (vec![a.to_owned()], BTreeSet::from([vec![b.to_owned()]]));
+    let found = in_circles(BTreeMap::from([pair("a", "b"), pair("b", "a"), pair("c", "d"), pair("d", "e")]));
+    assert_eq!(found, ["a", "b"]);
 }

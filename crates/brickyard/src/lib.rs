@@ -73,58 +73,27 @@
 //! the other for a window.
 //! The parts are re-exported under their own names. `examples` has whole programs.
 
-pub mod backend;
-pub mod background;
-pub mod channels;
-pub mod curve;
-mod device;
-mod device_losses;
-pub mod doubtful_extremes;
-#[cfg(feature = "gpu")]
-mod embedding;
-#[cfg(feature = "gpu")]
-pub mod exact;
-pub mod first_look;
-mod fit;
-pub mod following;
-mod frame;
-pub mod frame_governor;
-#[cfg(feature = "gpu")]
-mod gpu_backend;
-#[cfg(feature = "lettering")]
-pub mod lettering;
+mod files;
 pub mod memory;
-#[cfg(feature = "movie")]
-pub mod movie_file;
-pub mod offline;
-pub mod openable;
-pub mod opening;
-mod options;
-#[cfg(feature = "reference")]
-pub mod oracle;
-#[cfg(feature = "lettering")]
-pub mod overlay;
-pub mod pick;
-pub mod picture_file;
-mod player;
-pub mod preview;
-pub mod probe;
-mod renderer;
-mod resolve;
-pub mod scene_file;
+mod pictures;
 pub mod session;
-mod session_error;
-mod shown_picture;
-mod slot_change;
 pub mod stats;
-pub mod store_place;
-mod table_cache;
-pub mod text_file;
-pub mod tiles;
-mod unfinished_rays;
-pub mod unlike_sizes;
-mod volume_source;
-mod whole_file;
+mod window;
+
+#[cfg(feature = "movie")]
+pub use files::movie_file;
+pub use files::{openable, picture_file, scene_file, store_place, text_file};
+#[cfg(feature = "gpu")]
+pub use pictures::exact;
+#[cfg(feature = "lettering")]
+pub use pictures::lettering;
+#[cfg(feature = "reference")]
+pub use pictures::oracle;
+#[cfg(feature = "lettering")]
+pub use pictures::overlay;
+pub use pictures::{offline, tiles};
+pub use session::{backend, channels, doubtful_extremes, first_look, frame_governor, unlike_sizes};
+pub use window::{background, curve, following, opening, pick, preview, probe};
 
 pub use brickyard_import as import;
 pub use brickyard_pager as pager;

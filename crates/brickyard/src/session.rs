@@ -7,27 +7,52 @@
 //! the disk. Calls come from one thread; threads of the session's own decode bricks, plan the cuts of live sessions, compile shaders, make
 //! transfer tables and draw on the CPU.
 
-use crate::channels::default_layers;
-use crate::device::Device;
-use crate::device_losses::Losses;
-use crate::first_look::set_first_look;
-use crate::fit::{Demand, Fit};
+pub mod backend;
+pub mod channels;
+pub(crate) mod device;
+pub(crate) mod device_losses;
+pub mod doubtful_extremes;
 #[cfg(feature = "gpu")]
-pub use crate::frame::Drawn;
-pub use crate::frame::Frame;
-use crate::frame_governor::drawing_time;
-use crate::options::CompositorChoice;
-pub use crate::options::SessionOptions;
-pub use crate::player::ComingStep;
-use crate::player::Player;
-use crate::renderer::{BackendError, Renderer};
-use crate::resolve::resolve_with;
-pub use crate::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, check, resolve};
-pub use crate::session_error::SessionError;
-use crate::shown_picture::ShownPicture;
-use crate::slot_change::{Shot, SlotChange};
-use crate::table_cache::VolumeTables;
-pub use crate::volume_source::VolumeSource;
+pub(crate) mod embedding;
+pub mod first_look;
+pub(crate) mod fit;
+pub(crate) mod frame;
+pub mod frame_governor;
+#[cfg(feature = "gpu")]
+pub(crate) mod gpu_backend;
+pub(crate) mod options;
+pub(crate) mod player;
+pub(crate) mod renderer;
+pub(crate) mod resolve;
+pub(crate) mod session_error;
+pub(crate) mod shown_picture;
+pub(crate) mod slot_change;
+pub(crate) mod table_cache;
+pub(crate) mod unfinished_rays;
+pub mod unlike_sizes;
+pub(crate) mod volume_source;
+
+use crate::session::channels::default_layers;
+use crate::session::device::Device;
+use crate::session::device_losses::Losses;
+use crate::session::first_look::set_first_look;
+use crate::session::fit::{Demand, Fit};
+#[cfg(feature = "gpu")]
+pub use crate::session::frame::Drawn;
+pub use crate::session::frame::Frame;
+use crate::session::frame_governor::drawing_time;
+use crate::session::options::CompositorChoice;
+pub use crate::session::options::SessionOptions;
+pub use crate::session::player::ComingStep;
+use crate::session::player::Player;
+use crate::session::renderer::{BackendError, Renderer};
+use crate::session::resolve::resolve_with;
+pub use crate::session::resolve::{HiddenLayer, ResolvedLayer, ResolvedScene, check, resolve};
+pub use crate::session::session_error::SessionError;
+use crate::session::shown_picture::ShownPicture;
+use crate::session::slot_change::{Shot, SlotChange};
+use crate::session::table_cache::VolumeTables;
+pub use crate::session::volume_source::VolumeSource;
 use brickyard_pager::{Counters, DrawList, KeptCores, Playback, Policy, Readiness, ShownStep, Status, Tally, View};
 pub use brickyard_software::{KeptTiles, Painting};
 use brickyard_volume::{
@@ -131,7 +156,7 @@ impl Session {
         }
     }
 
-    /// The scene that shows every visible channel of every volume in a mode, each in its own window and colour, as it is [shown first](crate::first_look).
+    /// The scene that shows every visible channel of every volume in a mode, each in its own window and colour, as it is [shown first](crate::session::first_look).
     pub fn default_scene(&self, mode: Mode) -> Scene {
         let mut scene = Scene { mode, layers: default_layers(&self.volumes), ..Scene::default() };
         set_first_look(&mut scene, &self.volumes);

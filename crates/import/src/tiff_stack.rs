@@ -32,6 +32,7 @@ mod thumbnails;
 mod told;
 mod turn;
 mod units;
+mod walk;
 mod xml;
 
 pub(crate) use ome_opening::is_whole_set;

@@ -430,7 +430,7 @@ pub(crate) fn pack_on(
     let Some(mut output) = start? else { return Ok(report(shards, 0, [0; 2], true)) };
     tell(source.info(), progress);
     warn_of_space(&output.dir, &plan, progress);
-    if lock::may_be_local(&output.dir) {
+    if disk::may_be_local(&output.dir) {
         let what = "its file system may keep locks on this machine only: see that no other machine packs into it";
         progress.warn(&format!("{}: {what}", output.dir.display()));
     }

@@ -5,6 +5,7 @@
 mod beside;
 mod capture;
 mod drawing;
+mod made;
 mod meeting;
 mod on_gpu;
 mod picture;

@@ -12,6 +12,7 @@ mod exporting;
 mod fields;
 mod file_browser;
 mod guard;
+mod handover;
 mod history;
 mod input_order;
 mod keeping;

@@ -7,14 +7,14 @@
 //!            └──────────────────┘
 //! ```
 
+use crate::WindowError;
 use crate::device::{self, Device};
 use crate::guard::{guarded, own};
+use crate::handover::{Handover, viewport};
 use crate::window::Window;
-use crate::{WindowError, title};
-use eframe::egui::{self, Memory, Ui, ViewportBuilder};
+use eframe::egui::{self, Ui, ViewportBuilder};
 use eframe::egui_wgpu::{WgpuConfiguration, WgpuError};
 use eframe::{CreationContext, NativeOptions};
-use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// The least width and height of a window in points, unless it is smaller from the beginning.
@@ -58,30 +58,6 @@ impl Losses {
     }
 }
 
-/// What a window leaves when its device is lost, and takes up on the next one.
-pub(crate) struct Left {
-    /// Why the device was lost.
-    reason: String,
-    /// What was open, and where it was scrolled to.
-    memory: Memory,
-    /// Where the window was.
-    viewport: ViewportBuilder,
-}
-
-impl Left {
-    /// What the window on these paths leaves now.
-    pub(crate) fn of(reason: String, egui: &egui::Context, paths: &[PathBuf]) -> Self {
-        let mut viewport = viewport(paths);
-        egui.input(|input| {
-            let now = input.viewport();
-            viewport.inner_size = now.inner_rect.map(|area| area.size());
-            viewport.position = now.outer_rect.map(|area| area.min);
-            (viewport.maximized, viewport.fullscreen) = (now.maximized, now.fullscreen);
-        });
-        Self { reason, memory: egui.memory(Memory::clone), viewport }
-    }
-}
-
 /// A window on the display, as long as its device is there.
 struct Shown<'a>(&'a mut Window);
 
@@ -109,7 +85,7 @@ pub(crate) fn run(window: &mut Window, size: [f32; 2]) -> Result<(), WindowError
     let mut viewport = viewport(&window.paths()).with_inner_size(size).with_min_inner_size(least);
     let (mut losses, mut next, mut lost) = (Losses::default(), Next::Again, None);
     loop {
-        let reason = lost.as_ref().map(|left: &Left| left.reason.clone());
+        let reason = lost.as_ref().map(|left: &Handover| left.reason.clone());
         let ended = show(window, viewport, lost.take(), next == Next::OnCpu);
         let Some(left) = window.leave() else {
             // Where it ended by itself, nobody has told it.
@@ -134,15 +110,11 @@ pub(crate) fn run(window: &mut Window, size: [f32; 2]) -> Result<(), WindowError
     }
 }
 
-fn viewport(paths: &[PathBuf]) -> ViewportBuilder {
-    ViewportBuilder::default().with_title(title(paths)).with_app_id("brickyard")
-}
-
 /// Shows a window until it is closed, or its device is lost. `lost` is what it left when that of before was.
 ///
 /// # Errors
 /// If it cannot be opened, or the display fails: what to tell the user.
-fn show(window: &mut Window, viewport: ViewportBuilder, lost: Option<Left>, is_on_cpu: bool) -> Result<(), String> {
+fn show(window: &mut Window, viewport: ViewportBuilder, lost: Option<Handover>, is_on_cpu: bool) -> Result<(), String> {
     let wgpu_options = WgpuConfiguration { wgpu_setup: device::setup(is_on_cpu), ..WgpuConfiguration::default() };
     // Pixels of the picture are shown as they are.
     let native = NativeOptions { viewport, wgpu_options, dithering: false, ..NativeOptions::default() };

@@ -8,6 +8,7 @@ use crate::command::{Command, Placing};
 use crate::device::Device;
 use crate::edits::{changes, edited};
 use crate::exporting::Exporting;
+use crate::handover::Handover;
 use crate::history::History;
 use crate::input_order::InputOrder;
 use crate::keeping::{self, Keeper};
@@ -25,7 +26,6 @@ use crate::planes::Grid;
 use crate::play::Play;
 use crate::problem::{About, Problem};
 use crate::recent::Recent;
-use crate::running::Left;
 use crate::saving::Saving;
 use crate::screenshots::Screenshots;
 use crate::script::{Line, Script};
@@ -110,7 +110,7 @@ pub(crate) struct Window {
     /// A file for what the frames took; `None` writes none.
     stats: Option<PathBuf>,
     /// What it leaves, once its device is lost.
-    left: Option<Left>,
+    left: Option<Handover>,
 }
 
 impl Window {
@@ -644,7 +644,7 @@ impl Window {
     }
 
     /// What it leaves if its device is lost.
-    pub(crate) fn leave(&mut self) -> Option<Left> {
+    pub(crate) fn leave(&mut self) -> Option<Handover> {
         self.left.take()
     }
 
@@ -669,7 +669,7 @@ impl Window {
         let Some(reason) = self.views.device().and_then(Device::lost) else { return false };
         let is_closing = egui.input(|input| input.viewport().close_requested());
         if self.left.is_none() && !is_closing {
-            self.left = Some(Left::of(reason, egui, &self.state.window.volumes));
+            self.left = Some(Handover::of(reason, egui, &self.state.window.volumes));
         }
         egui.graphics_mut(|graphics| *graphics = GraphicLayers::default());
         egui.send_viewport_cmd(ViewportCommand::Close);

@@ -4,9 +4,9 @@ use super::description::{Declared, Description, OmeSays, Spacing};
 use super::ome_opening::{Opening, open_companion};
 use super::ome_set::is_companion;
 use super::page::{OpenTiff, PageFormat};
-use super::page_map::{Misfit, arrange};
-use super::page_tags::PageTags;
+use super::page_map::arrange;
 use super::thumbnails::Thumbnails;
+use super::walk::{self, open_pages, refuse_problem};
 use super::{Parts, TiffFile, TiffStack};
 use crate::axes::{Axis, AxisOrder};
 use crate::element::Decode;
@@ -155,7 +155,7 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
     // What a single plane's file says of a stack's shape is about the stack it was cut from.
     description.declared = None;
     let (map, note) =
-        arrange(1, paths.len() as u32, options, None, &format).map_err(|misfit| refusal(&paths[0], misfit))?;
+        arrange(1, paths.len() as u32, options, None, &format).map_err(|misfit| walk::misfit(&paths[0], misfit))?;
     description.notes.extend(note);
     let parts = Parts { files, format, map, reader_bytes, idle: Vec::new() };
     Ok(Box::new(TiffStack::new(parts, &description, options)?))
@@ -201,131 +201,6 @@ fn check_scale(
         describe(first)
     );
     Err(ImportError::options(path, problem))
-}
-
-/// Opens the pages of one file, as they are described. `tiff` stands at the first.
-pub(super) fn open_pages(
-    tiff: OpenTiff,
-    format: PageFormat,
-    description: &Description,
-    options: &OpenOptions,
-) -> Result<Box<dyn Source>, ImportError> {
-    // Who says what the pages are says it of all.
-    let of = if options.axes.is_some() { Pages::All } else { Pages::WithoutCopies };
-    let Walked { file, tiff, reader_bytes, odd, left_out, thumbnails } = Walked::of(tiff, &format, of, Some(options))?;
-    if let Some(problem) = thumbnails.problem(file.pages - left_out.len() as u32) {
-        return Err(ImportError::invalid(&file.path, problem));
-    }
-    if let Some(odd) = odd {
-        return Err(odd);
-    }
-    let declared = description.declared.as_ref();
-    let planes = file.pages - left_out.len() as u32;
-    let (map, note) = arrange(planes, 1, options, declared, &format).map_err(|misfit| refusal(&file.path, misfit))?;
-    let copies = (!left_out.is_empty()).then(|| {
-        let are = match left_out.len() {
-            1 => "is a smaller copy or a mask of another",
-            _ => "are smaller copies or masks of others",
-        };
-        let pages = counted(left_out.len() as u64, "page");
-        // Pages of several sizes are no stack.
-        let all = if thumbnails.is_empty() { "; `axes` zyx takes all pages" } else { "" };
-        format!("{pages} {are} (by NewSubfileType, or half as large), and left out{all}.")
-    });
-    let map = map.without(&left_out);
-    let parts = Parts { files: vec![file], format, map, reader_bytes, idle: vec![(0, tiff)] };
-    let mut stack = TiffStack::new(parts, description, options)?;
-    stack.info.notes.extend(note);
-    stack.info.notes.extend(copies.map(Note::new));
-    Ok(Box::new(stack))
-}
-
-fn refusal(path: &Path, misfit: Misfit) -> ImportError {
-    match misfit {
-        Misfit::OfOptions(problem) => ImportError::options(path, problem),
-        Misfit::OfFile(problem) => ImportError::invalid(path, problem),
-    }
-}
-
-pub(super) fn refuse_problem(path: &Path, description: &Description) -> Result<(), ImportError> {
-    description.problem.as_ref().map_or(Ok(()), |problem| Err(ImportError::invalid(path, problem)))
-}
-
-pub(super) fn odd_page(path: &Path, number: u32, format: &PageFormat, expected: &PageFormat) -> ImportError {
-    let problem =
-        format!("page {number} is {format}, but page 1 is {expected}; tiffcp IN,N OUT writes single pages, from 0");
-    ImportError::invalid(path, problem)
-}
-
-/// A file whose directories were all looked at.
-pub(super) struct Walked {
-    pub(super) file: TiffFile,
-    pub(super) tiff: OpenTiff,
-    pub(super) reader_bytes: u64,
-    /// What is wrong with the first page that differs from the others, or whose data are not there.
-    pub(super) odd: Option<ImportError>,
-    /// Pages that are left out, counted from 0, ascending.
-    pub(super) left_out: Vec<u32>,
-    /// Pages among those left out which are small, and say nothing of it.
-    pub(super) thumbnails: Thumbnails,
-}
-
-/// Which pages of a file are looked at.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum Pages {
-    All,
-    /// All but smaller copies and masks of others, unless the first page is one: then all are of that kind, or it is the one that is meant. A page half as large as
-    /// the first, or smaller, is a copy.
-    WithoutCopies,
-}
-
-impl Walked {
-    /// Walks the directories of a file from its first page on. `format` is what its pages should be. With `options`, the tags of pages say what
-    /// pixels are, as far as the options do not.
-    pub(super) fn of(
-        mut tiff: OpenTiff,
-        format: &PageFormat,
-        of: Pages,
-        options: Option<&OpenOptions>,
-    ) -> Result<Self, ImportError> {
-        let path = tiff.path.clone();
-        let first = options.map(|options| PageTags::of(&mut tiff, format, options)).transpose()?;
-        let leaves_out = of == Pages::WithoutCopies && !tiff.is_copy_or_mask()?;
-        let (mut pages, mut reader_bytes, mut odd) = (1u32, 0, None);
-        let (mut left_out, mut thumbnails) = (Vec::new(), Thumbnails::default());
-        loop {
-            let is_copy = leaves_out && tiff.is_copy_or_mask()?;
-            let small = if leaves_out && !is_copy { tiff.small_size(format)? } else { None };
-            if let Some(size) = small {
-                thumbnails.add(size, pages);
-            }
-            if is_copy || small.is_some() {
-                left_out.push(pages - 1);
-            } else {
-                let checked = tiff.format().and_then(|other| {
-                    if other != *format {
-                        return Err(odd_page(&path, pages, &other, format));
-                    }
-                    tiff.check_data(&path, pages)?;
-                    if let (Some(first), Some(options)) = (&first, options) {
-                        PageTags::of(&mut tiff, format, options)?.check(&path, pages, first)?;
-                    }
-                    tiff.reader_bytes(format)
-                });
-                match checked {
-                    Ok(bytes) => reader_bytes = reader_bytes.max(bytes),
-                    Err(error) => odd = odd.or(Some(error)),
-                }
-            }
-            if !tiff.has_more_pages() {
-                break;
-            }
-            tiff.next_page(pages + 1)?;
-            pages += 1;
-        }
-        let file = TiffFile { path, stamp: tiff.stamp, pages };
-        Ok(Self { file, tiff, reader_bytes, odd, left_out, thumbnails })
-    }
 }
 
 /// ImageJ's form for stacks past 4 GiB, tifffile's where it is told so, and MetaMorph's: one directory, then all planes without a gap.

@@ -3,8 +3,7 @@
 use super::indices::{self, PageBytes};
 use super::jpeg;
 use super::lzw::{self, Predictor, Rows};
-use super::refusal::{AS_NUMBERS, kind_of, not_decoded, refusal};
-use super::told::is_damage;
+use super::refusal::{AS_NUMBERS, is_damage, kind_of, not_decoded, refusal};
 use super::turn::Turn;
 use crate::element::{Decode, Element, Endian};
 use crate::error::ImportError;

@@ -13,6 +13,12 @@ pub(super) const AS_NUMBERS: &str = "write its pixels again as numbers of 8, 16,
 const AS_INDICES: &str = "write its indices as plain numbers: in Fiji choose the lookup table Grays and save it again, in Python \
                           tifffile.imwrite(OUT, tifffile.imread(IN))";
 
+/// Whether an error of reading is the file's own: it names a place that it does not have.
+pub(super) fn is_damage(error: &std::io::Error) -> bool {
+    use std::io::ErrorKind::{InvalidInput, UnexpectedEof};
+    matches!(error.kind(), UnexpectedEof | InvalidInput)
+}
+
 /// The library's error as this crate's, after `what` could not be done.
 pub(super) fn refusal(path: &Path, what: &str, error: TiffError) -> ImportError {
     let invalid = |problem: &str| ImportError::invalid(path, format!("{what}: {problem}"));

@@ -5,6 +5,7 @@
 use super::description::{Description, nearest};
 use super::ome;
 use super::page::{OpenTiff, PageFormat, said};
+use super::refusal::is_damage;
 use super::tag_scale::ScaleTags;
 use super::xml::Failure;
 use super::{hyperstack, imagej, shaped, stk};
@@ -284,12 +285,6 @@ impl Read for TagText<'_> {
             Err(_) => Ok(0),
         }
     }
-}
-
-/// Whether an error of reading is the file's own: it names a place that it does not have.
-pub(super) fn is_damage(error: &std::io::Error) -> bool {
-    use std::io::ErrorKind::{InvalidInput, UnexpectedEof};
-    matches!(error.kind(), UnexpectedEof | InvalidInput)
 }
 
 /// The path of a file, for messages about another.

@@ -3,11 +3,18 @@
 
 use crate::folder::Folder;
 use crate::inside::named;
-use crate::pack::lock;
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
+
+/// Whether other machines may use a directory without learning of its lock: true on FUSE, 9P, AFS and Coda. The servers
+/// of NFS and SMB keep locks.
+pub(crate) fn may_be_local(dir: &Path) -> bool {
+    // FUSE (sshfs and others), 9P, AFS, Coda.
+    const KINDS: [u64; 4] = [0x6573_5546, 0x0102_1997, 0x5346_414f, 0x7375_7245];
+    cfg!(target_os = "linux") && rustix::fs::statfs(dir).is_ok_and(|fs| KINDS.contains(&(fs.f_type as u64)))
+}
 
 /// A change to the file system that failed, and its path.
 #[derive(Debug)]
@@ -62,7 +69,7 @@ impl Disk {
         let folder = store.parent().unwrap_or(Path::new(""));
         let made = folder.ancestors().map(named).find(|folder| folder.exists());
         // A server's own disks learn of single files at most.
-        let syncs_as_one = tells_of_lost_writes() && made.is_some_and(|folder| !lock::may_be_local(folder));
+        let syncs_as_one = tells_of_lost_writes() && made.is_some_and(|folder| !may_be_local(folder));
         #[cfg(test)]
         let syncs_as_one = syncs_as_one && !self.syncs_each;
         let _ = self.home.set(Home { folder: folder.into(), syncs_as_one });

@@ -9,8 +9,7 @@
 //! the name. Such a file is known by its number, and by a mark: clients of NFS remember names for a while, but read a file's
 //! bytes anew once they have its lock.
 
-use crate::data_file::open_file;
-use crate::data_file::read_at_most;
+use crate::data_file::{open_file, read_at_most};
 use crate::layout::LOCK_NAME;
 use crate::pack::PackError;
 use crate::pack::disk::{Disk, DiskError};
@@ -187,14 +186,6 @@ impl Drop for DirLock {
             let _ = std::fs::remove_dir(&self.dir);
         }
     }
-}
-
-/// Whether other machines may use a directory without learning of its lock: true on FUSE, 9P, AFS and Coda. The servers
-/// of NFS and SMB keep locks.
-pub(crate) fn may_be_local(dir: &Path) -> bool {
-    // FUSE (sshfs and others), 9P, AFS, Coda.
-    const KINDS: [u64; 4] = [0x6573_5546, 0x0102_1997, 0x5346_414f, 0x7375_7245];
-    cfg!(target_os = "linux") && rustix::fs::statfs(dir).is_ok_and(|fs| KINDS.contains(&(fs.f_type as u64)))
 }
 
 /// Whether this is the file that has the name.

@@ -1,7 +1,8 @@
 //! The CPU's pictures, which are drawn [beside the window](super::drawing): sent for, looked on, given up when nobody waits for them any more, and taken in.
 
-use super::capture::{self, Made};
+use super::capture;
 use super::drawing::{Begun, Done, Drawing, Engine, Home, News, Stage};
+use super::made::Made;
 use super::picture::{Choice, Shown, Wanted};
 use super::{Canvas, Change, FrameTimes, LOOK, STREAMING_STEP};
 use brickyard::frame_governor::{Quality, QualityControl};
@@ -9,7 +10,7 @@ use brickyard::pager::Status;
 use brickyard::session::{Drawn, Frame, Painting, Session, SessionError};
 use brickyard::volume::{Picture, Scene};
 use eframe::egui;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// How long a coarse picture may be drawn that is not of the view any more: while a hand moves, no picture would ever be done in less than a frame of it.
@@ -107,7 +108,7 @@ impl Order {
 /// Streams until a scene's picture is final, and draws what is left of it.
 fn capture(
     session: &mut Session,
-    (scene, made): (&Scene, &Mutex<Made>),
+    (scene, made): (&Scene, &Made),
     size_px: (u32, u32),
     painting: &Arc<Painting>,
 ) -> Result<Done, SessionError> {
@@ -180,7 +181,7 @@ impl Canvas {
     /// If there is no thread for it.
     pub(super) fn capture_beside(
         &mut self,
-        (scene, made): (Scene, Arc<Mutex<Made>>),
+        (scene, made): (Scene, Arc<Made>),
         size_px: (u32, u32),
         egui: &egui::Context,
     ) -> Result<(), SessionError> {

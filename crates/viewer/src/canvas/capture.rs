@@ -1,15 +1,16 @@
 //! Pictures that are saved: asked for, drawn one after the other while the view rests, and handed over once they are final. A view that changes comes first: a
 //! picture keeps the samples that it has by then, and on the CPU its tiles.
 
+use super::made::Made;
 use super::row_drawing::{CapturePart, GpuCapture};
 use super::{Canvas, Change, LOOK};
 use crate::marks::Over;
-use brickyard::session::{Frame, KeptTiles, Painting, Session, SessionError};
+use brickyard::session::{Frame, Painting, Session, SessionError};
 use brickyard::stats::RenderStats;
-use brickyard::volume::{Picture, PictureSum, PixelSamples, Scene};
+use brickyard::volume::{Picture, PixelSamples, Scene};
 use eframe::egui;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// A picture that is to be written once it is final.
@@ -20,78 +21,29 @@ pub(super) struct Capture {
     path: PathBuf,
     over: Over,
     asked: Instant,
-    made: Arc<Mutex<Made>>,
-}
-
-/// Parts of a picture that are drawn already. Its lock is held for a moment only, and not while samples are added.
-#[derive(Default)]
-pub(super) struct Made {
-    /// The coarseness of the bricks that they are drawn from.
-    pixel_error: f64,
-    sum: PictureSum,
-    /// Samples that are in the sum.
-    pub(super) samples: usize,
-    /// Tiles of the sample that comes next.
-    tiles: Arc<KeptTiles>,
-}
-
-impl Made {
-    /// What goes on with this frame: nothing if it is drawn from other bricks.
-    pub(super) fn of(&mut self, frame: &Frame) {
-        let pixel_error = frame.status.pixel_error;
-        if self.pixel_error != pixel_error {
-            *self = Self { pixel_error, ..Self::default() };
-        }
-    }
-}
-
-pub(super) fn lock(made: &Mutex<Made>) -> MutexGuard<'_, Made> {
-    made.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Adds the next sample.
-pub(super) fn add(made: &Mutex<Made>, picture: &Picture) {
-    let mut sum = std::mem::take(&mut lock(made).sum);
-    sum.add(picture);
-    let mut made = lock(made);
-    (made.sum, made.tiles) = (sum, Arc::default());
-    made.samples += 1;
-}
-
-/// The picture if it has all its samples.
-pub(super) fn whole(made: &Mutex<Made>, samples: PixelSamples) -> Option<Picture> {
-    let sum = {
-        let mut made = lock(made);
-        (made.samples == samples.count()).then(|| std::mem::take(&mut made.sum))?
-    };
-    let picture = sum.mean();
-    lock(made).sum = sum;
-    Some(picture)
+    made: Arc<Made>,
 }
 
 /// Draws what is left of a picture whose frame has all its bricks.
 pub(super) fn go_on(
     session: &mut Session,
     frame: &Frame,
-    (scene, made): (&Scene, &Mutex<Made>),
+    (scene, made): (&Scene, &Made),
     painting: &Arc<Painting>,
 ) -> Result<Picture, SessionError> {
     let samples = scene.pixel_samples;
-    lock(made).of(frame);
+    made.keep_for(frame);
     loop {
-        if let Some(picture) = whole(made, samples) {
+        if let Some(picture) = made.whole(samples) {
             return Ok(picture);
         }
-        let (at, tiles) = {
-            let made = lock(made);
-            (made.samples, made.tiles.clone())
-        };
+        let (at, tiles) = made.drawn();
         // Two eyes have two pictures.
         painting.go_on_with(scene.stereo.is_none().then_some(tiles));
         let sample = samples.samples().nth(at).filter(|_| samples != PixelSamples::ONE);
         let picture =
             session.paint(&sample.map_or_else(|| frame.clone(), |sample| frame.of_sample(sample)), painting)?;
-        add(made, &picture);
+        made.add(&picture);
     }
 }
 
@@ -185,10 +137,10 @@ impl Canvas {
     /// was asked for.
     pub(crate) fn capturing(&self) -> Option<(&Path, f64)> {
         let capture = self.captures.front().filter(|capture| capture.asked.elapsed() > LOOK)?;
-        let made = lock(&capture.made);
+        let (samples, tiles) = capture.made.drawn();
         let of_sample = self.gpu_capture.as_ref().map(GpuCapture::share_of_sample);
-        let of_sample = of_sample.unwrap_or_else(|| capture.size_px.map_or(0.0, |size_px| made.tiles.share(size_px)));
-        Some((&capture.path, (made.samples as f64 + of_sample) / capture.scene.pixel_samples.count() as f64))
+        let of_sample = of_sample.unwrap_or_else(|| capture.size_px.map_or(0.0, |size_px| tiles.share(size_px)));
+        Some((&capture.path, (samples as f64 + of_sample) / capture.scene.pixel_samples.count() as f64))
     }
 
     /// Gives up the picture that was asked for first.

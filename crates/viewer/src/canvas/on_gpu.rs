@@ -1,7 +1,7 @@
 //! A GPU's pictures: those of a moving view are submitted whole, exact ones and those that are saved [in parts](super::row_drawing) where they take longer than a
 //! frame of the window. All is submitted by the window's thread.
 
-use super::capture::Made;
+use super::made::Made;
 use super::picture::{Choice, Shown, Wanted};
 use super::row_drawing::{CapturePart, GpuCapture, RowDrawing};
 use super::{Canvas, FrameTimes};
@@ -12,7 +12,7 @@ use brickyard::render::Target;
 use brickyard::session::{Drawn, Frame, SessionError};
 use brickyard::volume::{Picture, PixelSamples, Scene};
 use eframe::egui;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A picture in the making that is drawn in parts.
@@ -170,7 +170,7 @@ impl Canvas {
     /// If it cannot be drawn.
     pub(super) fn step_to_capture(
         &mut self,
-        (scene, made): (&Scene, Arc<Mutex<Made>>),
+        (scene, made): (&Scene, Arc<Made>),
         size_px: (u32, u32),
     ) -> Result<Option<(Picture, Frame)>, SessionError> {
         let Some(engine) = &mut self.engine else { return Ok(None) };

@@ -1,13 +1,13 @@
 //! A frame that a GPU draws in parts, paced so that the window waits for none of them long; and a picture that is saved, whose samples are such
 //! frames. Costs a frame of the window for each part.
 
-use super::capture::{self, Made};
+use super::made::Made;
 use super::row_pace::RowPace;
 use crate::device::Device;
 use brickyard::session::{Drawn, Frame, Session, SessionError};
 use brickyard::volume::{Picture, PixelSamples};
 use eframe::egui::Context;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// A frame that is being drawn in parts. There must be no other step of its session meanwhile.
@@ -70,7 +70,7 @@ pub(super) struct GpuCapture {
     /// The share of a sample that is fit for a part, and how long frames of the window take between parts.
     fitting: f64,
     between: Duration,
-    made: Arc<Mutex<Made>>,
+    made: Arc<Made>,
     /// The sample that is being drawn; `None` while it is on its way to the CPU.
     drawing: Option<RowDrawing>,
 }
@@ -88,14 +88,9 @@ pub(super) enum CapturePart {
 impl GpuCapture {
     /// The samples of a frame's picture still to be drawn, of so many a pixel. A `share` of a sample is taken to be fit for a part, if frames of the window take so
     /// long `between` parts.
-    pub(super) fn new(
-        frame: Frame,
-        (samples, made): (PixelSamples, Arc<Mutex<Made>>),
-        share: f64,
-        between: Duration,
-    ) -> Self {
+    pub(super) fn new(frame: Frame, (samples, made): (PixelSamples, Arc<Made>), share: f64, between: Duration) -> Self {
         if frame.status.settled {
-            capture::lock(&made).of(&frame);
+            made.keep_for(&frame);
         }
         let mut capture = Self { frame, samples, fitting: share, between, made, drawing: None };
         capture.begin_sample();
@@ -103,7 +98,7 @@ impl GpuCapture {
     }
 
     fn begin_sample(&mut self) {
-        let done = capture::lock(&self.made).samples;
+        let (done, _) = self.made.drawn();
         let sample = self.samples.samples().nth(done).filter(|_| self.frame.status.settled);
         let frame = match sample.filter(|_| self.samples != PixelSamples::ONE) {
             Some(sample) => self.frame.of_sample(sample),
@@ -136,8 +131,8 @@ impl GpuCapture {
             return Ok(CapturePart::Partly);
         }
         let Some(picture) = session.picture()? else { return Ok(CapturePart::Partly) };
-        capture::add(&self.made, &picture);
-        if let Some(picture) = capture::whole(&self.made, self.samples) {
+        self.made.add(&picture);
+        if let Some(picture) = self.made.whole(self.samples) {
             return Ok(CapturePart::Whole(picture, Box::new(self.frame.clone())));
         }
         self.begin_sample();

@@ -1,0 +1,137 @@
+//! What a path is that somebody wants to see: a brick store, which opens at once, or files that can be packed, which are shown as a preview meanwhile.
+
+use crate::session::volume_source::VolumeSource;
+use brickyard_import::{self as import, ImportError, OpenOptions, Source};
+use brickyard_store::layout::JOURNAL_NAME;
+use brickyard_store::{Kind, OpenError, PackOptions, Reductions};
+use brickyard_volume::VoxelType;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// What can be shown.
+pub enum Openable {
+    /// A finished store, open.
+    Store(Box<VolumeSource>),
+    /// Files of a format that is read: see [`Preview`](crate::window::preview::Preview) and [`background::pack`](crate::window::background::pack).
+    Source(Arc<dyn Source>),
+}
+
+/// Why there is nothing to show.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenableError {
+    /// It is a store, or was to become one, and does not open.
+    #[error(transparent)]
+    Store(#[from] OpenError),
+    /// It is no store, and cannot be read as anything else either. The error says what is read, or which option is missing.
+    #[error(transparent)]
+    Source(#[from] ImportError),
+}
+
+/// Whether a path is a store, or an unfinished pack of one, by the files in it.
+pub fn is_store(path: &Path) -> bool {
+    path.join("zarr.json").is_file() || path.join(JOURNAL_NAME).exists()
+}
+
+/// Whether a path is a mesh, which is shown beside volumes, by its name.
+pub fn is_mesh(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    ["stl", "ply", "obj", "gltf", "glb"].contains(&extension.as_str())
+}
+
+/// Whether a file has the name of one that is opened: a volume, a mesh or a scene. Slices of DICOM may have no extension, or a number.
+pub fn has_known_name(path: &Path) -> bool {
+    const KNOWN: [&str; 18] = [
+        "raw", "bin", "dat", "npy", "nii", "hdr", "img", "tif", "tiff", "btf", "tf8", "ome", "stk", "lsm", "dcm",
+        "dicom", "ima", "json",
+    ];
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    let plain = [".nii.gz", ".hdr.gz", ".img.gz"].iter().any(|end| name.ends_with(end));
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+    let is_known =
+        |extension: &String| KNOWN.contains(&extension.as_str()) || extension.bytes().all(|byte| byte.is_ascii_digit());
+    plain || is_mesh(path) || extension.is_none_or(|extension| is_known(&extension))
+}
+
+/// Opens a store, or else files: one, a folder of planes or slices, or several that are time steps or planes. `options` are for files alone. A compressed file that
+/// cannot be sought in is inflated first, which takes as long as that does; all others take milliseconds.
+///
+/// # Errors
+/// If the store does not open, or the files are of no format that is read.
+pub fn open(paths: &[PathBuf], options: &OpenOptions) -> Result<Openable, OpenableError> {
+    match paths {
+        [path] if is_store(path) => Ok(Openable::Store(Box::new(VolumeSource::open(path)?))),
+        files => match (import::open(files, options), files) {
+            (Ok(source), _) => Ok(Openable::Source(Arc::from(source))),
+            // A part of a store is none of the files that are read: the store is what was meant.
+            (Err(error), [path]) => match VolumeSource::open(path) {
+                Err(inside @ OpenError::Inside { .. }) => Err(inside.into()),
+                _ => Err(error.into()),
+            },
+            (Err(error), _) => Err(error.into()),
+        },
+    }
+}
+
+/// The options to pack what is already shown: one processor is left to what shows it. Labels are never averaged.
+pub fn pack_options(voxel_type: VoxelType, kind: Kind) -> PackOptions {
+    let defaults = PackOptions::new(voxel_type);
+    let threads = defaults.threads.saturating_sub(1).max(1);
+    PackOptions { kind, downsample: Reductions::default_for(kind), threads, ..defaults }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard_store::pack;
+    use brickyard_volume::Extent;
+
+    fn problem(path: &Path) -> String {
+        open(&[path.to_owned()], &OpenOptions::default()).err().expect("nothing to show").to_string()
+    }
+
+    #[test]
+    fn names_tell_what_may_be_opened() {
+        for name in ["a.nii.gz", "A.TIF", "set.companion.ome", "IM0001", "slice.12", "bone.stl", "look.json", "a.b.raw"]
+        {
+            assert!(has_known_name(Path::new(name)), "{name}");
+        }
+        for name in ["notes.txt", "a.tar.gz", "report.pdf", "a.zarr.packing"] {
+            assert!(!has_known_name(Path::new(name)), "{name}");
+        }
+    }
+
+    #[test]
+    fn stores_and_files_are_told_apart() {
+        let folder = tempfile::tempdir().unwrap();
+        let raw = folder.path().join("a.raw");
+        std::fs::write(&raw, [7; 24]).unwrap();
+        let options = OpenOptions {
+            shape: Some(Extent::new(2, 3, 4)),
+            voxel_type: Some(VoxelType::U8),
+            ..OpenOptions::default()
+        };
+        let Openable::Source(source) = open(std::slice::from_ref(&raw), &options).unwrap() else { panic!("a store") };
+        let store = folder.path().join("a.zarr");
+        pack(&*source, &store, &pack_options(VoxelType::U8, Kind::Image), &()).unwrap();
+        let Openable::Store(volume) = open(std::slice::from_ref(&store), &options).unwrap() else { panic!("a file") };
+        assert_eq!(volume.source.value_range(), (7.0, 7.0));
+        for (part, words) in [("0", "level 0"), ("zarr.json", "a part")] {
+            let expected = format!("this is {words} of {}: give", store.display());
+            assert!(problem(&store.join(part)).contains(&expected), "{}", problem(&store.join(part)));
+        }
+        assert!(problem(&raw).contains("pass `shape`"), "{}", problem(&raw));
+        let text = folder.path().join("notes.txt");
+        std::fs::write(&text, "not a volume").unwrap();
+        assert!(problem(&text).contains("not a format that is read"), "{}", problem(&text));
+        // A folder's raw files are its time steps.
+        assert!(problem(folder.path()).contains("pass `shape`"), "{}", problem(folder.path()));
+        std::fs::remove_file(&raw).unwrap();
+        assert!(problem(folder.path()).contains("a.zarr: pass that"), "{}", problem(folder.path()));
+        let empty = tempfile::tempdir().unwrap();
+        assert!(problem(empty.path()).contains("without files that are read"), "{}", problem(empty.path()));
+        assert!(problem(&folder.path().join("gone")).contains("No such file"));
+        // A pack that was killed has a journal and no root document.
+        std::fs::rename(store.join("zarr.json"), store.join(JOURNAL_NAME)).unwrap();
+        assert!(matches!(open(&[store], &options), Err(OpenableError::Store(_))));
+    }
+}

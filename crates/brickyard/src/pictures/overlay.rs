@@ -1,0 +1,160 @@
+//! Overlays: what is drawn over what a picture shows: a scale bar, what value has which colour, the box around all with ticks, a line of text. All but the text follows from
+//! the scene, its camera and the volumes. The same drawing goes on windows and on finished pictures, through a [`Canvas`](canvas::Canvas); on a picture, each part takes the place where
+//! it hides least.
+
+pub mod box_axes;
+pub mod canvas;
+pub mod color_bar;
+mod picture_canvas;
+pub mod round;
+pub mod scale_bar;
+
+use crate::session::volume_source::VolumeSource;
+use brickyard_volume::camera::CameraError;
+use brickyard_volume::{Picture, Scene};
+use canvas::{Lens, Pen, settle};
+use glam::{DVec3, vec2};
+pub use picture_canvas::LEAST_PX;
+pub(crate) use picture_canvas::PictureCanvas;
+use picture_canvas::first_unknown;
+
+/// Height of the line of text, in points.
+const LABEL: f32 = 15.0;
+
+/// The world that is seen.
+#[derive(Clone, Copy, Debug)]
+pub struct World<'a> {
+    /// Its least and greatest corner.
+    pub corners: (DVec3, DVec3),
+    /// Whether it is a patient's.
+    pub is_anatomical: bool,
+    /// The unit of its distances; empty if that is not known.
+    pub unit: &'a str,
+}
+
+/// The unit of the world that these volumes stand in, as it is written behind a number; empty if that is not known. `is_anatomical` says whether the world is a
+/// patient's.
+pub fn unit(volumes: &[VolumeSource], is_anatomical: bool) -> &str {
+    match volumes.first().and_then(|volume| volume.source.geometry().unit.as_deref()) {
+        _ if is_anatomical => "mm",
+        Some("micrometer") => "\u{b5}m",
+        Some("nanometer") => "nm",
+        Some("millimeter") => "mm",
+        Some("meter") => "m",
+        Some(other) => other,
+        None => "",
+    }
+}
+
+/// The names of the axes x, y and z of a world, which may be a patient's: there they point to the right, the front and the head.
+pub fn axis_names(is_anatomical: bool) -> [&'static str; 3] {
+    if is_anatomical { ["R", "A", "S"] } else { ["x", "y", "z"] }
+}
+
+/// The name of a layer: its channel's, else its volume's, else one with its number.
+pub fn layer_name(scene: &Scene, volumes: &[VolumeSource], layer: usize) -> String {
+    let volume = volumes.get(scene.store(layer));
+    let channel = volume.and_then(|volume| volume.displays().get(scene.layers[layer].channel as usize));
+    let channel = channel.and_then(|display| display.name.clone()).filter(|name| !name.is_empty());
+    channel.or_else(|| volume?.name()).unwrap_or_else(|| format!("layer {layer}"))
+}
+
+/// The overlays that a picture gets.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Overlays {
+    /// A scale bar.
+    pub scale_bar: bool,
+    /// What value has which colour.
+    pub color_bar: bool,
+    /// The box around all volumes, with ticks.
+    pub axes: bool,
+    /// A line of text.
+    pub label: Option<String>,
+}
+
+/// Overlays that cannot be drawn.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum OverlayError {
+    /// The picture is too small for letters.
+    #[error("a picture of {width}x{height} is too small to write on: {LEAST_PX}x{LEAST_PX} pixels are enough")]
+    TooSmall {
+        /// Width of the picture in pixels.
+        width: u32,
+        /// Height of the picture in pixels.
+        height: u32,
+    },
+    /// The text has a character that the fonts do not have.
+    #[error(
+        "there is no letter for '{0}' in the fonts that come with the program, which are for Latin, Greek and Cyrillic"
+    )]
+    Letter(char),
+    /// Overlays hold for one eye alone.
+    #[error("scale bar, colour bar, axes and label are for pictures of one eye: leave stereo out")]
+    Stereo,
+    /// The camera cannot be used.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+}
+
+impl Overlays {
+    /// Whether nothing is drawn.
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Checks that these can be drawn on the picture of a scene, which has this size.
+    ///
+    /// # Errors
+    /// If not: why.
+    pub fn check(&self, scene: &Scene, (width, height): (u32, u32)) -> Result<(), OverlayError> {
+        let unknown = self.label.as_deref().and_then(first_unknown);
+        match unknown {
+            _ if self.is_empty() => Ok(()),
+            _ if width.min(height) < LEAST_PX => Err(OverlayError::TooSmall { width, height }),
+            _ if scene.stereo.is_some() => Err(OverlayError::Stereo),
+            Some(letter) => Err(OverlayError::Letter(letter)),
+            None => Ok(()),
+        }
+    }
+
+    /// Draws these on the picture of a scene that has a camera: of a [shown](crate::session::ResolvedScene::shown) one.
+    ///
+    /// # Errors
+    /// As [`Overlays::check`]; and if the camera cannot be used. The picture is as before then.
+    pub fn draw(&self, picture: &mut Picture, scene: &Scene, volumes: &[VolumeSource]) -> Result<(), OverlayError> {
+        let size_px = (picture.width, picture.height);
+        self.check(scene, size_px)?;
+        let Some(camera) = scene.camera.filter(|_| !self.is_empty()) else { return Ok(()) };
+        let rays = camera.rays(size_px.0, size_px.1)?;
+        let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
+        let is_anatomical = scene.is_anatomical(&places);
+        let unit = unit(volumes, is_anatomical);
+        let mut canvas = PictureCanvas::new(picture, scene.background);
+        let mut taken = Vec::new();
+        let mut lens = Lens { canvas: &mut canvas, rays };
+        if let Some(corners) = scene.world_box(&places).ok().filter(|_| self.axes) {
+            let world = World { corners, is_anatomical, unit };
+            box_axes::draw_edges(&mut lens, &world);
+            box_axes::draw_ticks(&mut lens, &world, &mut taken);
+        }
+        if self.color_bar {
+            color_bar::draw(lens.canvas, &color_bar::bars(scene, volumes), &mut taken);
+        }
+        if self.scale_bar {
+            scale_bar::draw(&mut lens, &camera, unit, &mut taken);
+        }
+        if let Some(label) = &self.label {
+            let all = lens.canvas.size();
+            let size = vec2(lens.canvas.text_width(label, LABEL), LABEL);
+            let (far, middle) = (all - size - 14.0, (all.x - size.x) / 2.0);
+            let corners = [14.0, far.y].into_iter().flat_map(|y| [14.0, middle, far.x].map(|x| vec2(x, y)));
+            if let Some(area) = settle(lens.canvas, size, &corners.collect::<Vec<_>>(), &mut taken) {
+                lens.canvas.text(area.min, vec2(0.0, 0.0), label, LABEL, Pen::Strong);
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,55 @@
+//! Which projections may lose extremes: those of coarse bricks whose voxels are not the extremes of the finer ones in them, and those of volumes that have only some of the
+//! voxels, as previews do. A mean of eight voxels hides the greatest of them, and one of 512 nearly all of it. And which may show what is cut away: a coarse voxel
+//! through which a cut goes is the extreme of what is on both sides.
+
+use crate::session::Session;
+use crate::session::resolve::{ResolvedLayer, ResolvedScene};
+use crate::session::volume_source::VolumeSource;
+use brickyard_pager::{Cut, DrawList};
+use brickyard_volume::{Level, Mode};
+
+/// Layers, by their indices in the scene, of whose projections something is to be said.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct DoubtfulExtremes {
+    /// Those that may lose extremes.
+    pub lost: Vec<usize>,
+    /// Those that may show extremes up to a coarse voxel behind a clip plane, a side of the clip box or of a crop.
+    pub past_cuts: Vec<usize>,
+}
+
+impl ResolvedScene {
+    /// Layers of doubtful extremes at the levels that the view wants. `volumes` are those of the resolved scene. Costs a cut of each projected layer:
+    /// milliseconds.
+    pub fn doubtful_extremes(&self, volumes: &[VolumeSource]) -> DoubtfulExtremes {
+        self.doubtful(volumes, |layer| {
+            let cut = Cut::new(&*volumes[layer.volume].source, &layer.view, usize::MAX);
+            cut.cells().any(|cell| cell.level > Level(0))
+        })
+    }
+
+    /// The same, where `is_coarse` says which layers are drawn coarser than at level 0.
+    fn doubtful(&self, volumes: &[VolumeSource], is_coarse: impl Fn(&ResolvedLayer) -> bool) -> DoubtfulExtremes {
+        let mut found = DoubtfulExtremes::default();
+        for layer in &self.layers {
+            let settings = &layer.frames[0].settings;
+            if !matches!(settings.mode, Mode::Mip | Mode::MinIp) || settings.encoding.is_labels {
+                continue;
+            }
+            let has_all = volumes[layer.volume].stride() == [1; 3];
+            match settings.keeps_extremes {
+                false if !has_all || is_coarse(layer) => found.lost.push(layer.place),
+                true if settings.clip.is_some() && is_coarse(layer) => found.past_cuts.push(layer.place),
+                _ => {}
+            }
+        }
+        found
+    }
+}
+
+impl Session {
+    /// Layers of doubtful extremes at the levels drawn now. `scene` is the one of the last [frame](crate::Frame).
+    pub fn doubtful_extremes(&self, scene: &ResolvedScene) -> DoubtfulExtremes {
+        let is_coarse = |list: &DrawList| list.cells.iter().any(|cell| cell.brick.level > Level(0));
+        scene.doubtful(self.volumes(), |layer| self.lists_of(layer.place).iter().any(is_coarse))
+    }
+}

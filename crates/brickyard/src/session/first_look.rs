@@ -1,0 +1,50 @@
+//! How volumes look of which nobody has said how: fog of what is worth showing, in the light. From metadata alone.
+
+use crate::session::volume_source::VolumeSource;
+use brickyard_volume::{LightingModel, Mode, PixelSamples, Scene, SceneLayer, TransferChoice};
+
+/// Sets how a scene looks, as far as it leaves that open, for somebody who sees the volumes for the first time. Edges are smooth: pixels have four samples. In [`Mode::Dvr`] fog
+/// is lit, and layers have the transfer function that [shows what is not background](brickyard_volume::Foreground). A surface alone is light. In projections and slices, which show values as they
+/// are, nothing is set.
+pub fn set_first_look(scene: &mut Scene, volumes: &[VolumeSource]) {
+    if scene.mode.is_projection() || scene.slice.is_some() {
+        return;
+    }
+    if scene.pixel_samples == PixelSamples::ONE {
+        scene.pixel_samples = PixelSamples::FOUR;
+    }
+    if scene.mode != Mode::Dvr {
+        scene.layers.iter_mut().for_each(lighten_surface);
+        return;
+    }
+    if scene.lighting.model == LightingModel::None {
+        scene.lighting.model = LightingModel::Phong;
+    }
+    if scene.expression.is_none() {
+        choose_foregrounds(scene, 0, volumes);
+    }
+}
+
+/// Gives the only surface of a layer a light colour, if nobody has said which it has. Several are told apart by the transfer function's colours.
+fn lighten_surface(layer: &mut SceneLayer) {
+    let is_plain = layer.transfer.is_none() && layer.color.is_none();
+    if let ([surface], true) = (&mut layer.isosurfaces[..], is_plain) {
+        surface.color.get_or_insert(LIGHT);
+    }
+}
+
+/// The colour of surfaces that have none: a warm white, on which shades are seen.
+const LIGHT: [f64; 3] = [0.93, 0.89, 0.82];
+
+/// Chooses the transfer function that shows what is not background for the layers from the number `first` on, where they have no function, window or gamma. Labels have
+/// colours of their own.
+pub fn choose_foregrounds(scene: &mut Scene, first: usize, volumes: &[VolumeSource]) {
+    for i in first..scene.layers.len() {
+        let is_measured = volumes.get(scene.store(i)).is_some_and(|volume| !volume.source.is_labels());
+        let layer = &mut scene.layers[i];
+        let SceneLayer { transfer, window, gamma, .. } = layer;
+        if is_measured && transfer.is_none() && window.is_none() && *gamma == 1.0 {
+            *transfer = Some(TransferChoice::automatic());
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! Pictures that a fit's GPU renderer shows without anybody waiting for them, and what is answered about them later: what rays saw goes to the
+//! pagers, as of the frame that it was seen in.
+
+use crate::session::fit::{Fit, Pool, drawn};
+use crate::session::renderer::BackendError;
+use crate::session::resolve::ResolvedScene;
+use brickyard_pager::DrawnCells;
+use brickyard_render::Answer;
+use std::collections::VecDeque;
+use std::ops::Range;
+
+/// The GPU's answers about the pictures that a fit has shown.
+#[derive(Default)]
+pub(crate) struct Shown {
+    /// How many there were.
+    pictures: u64,
+    /// Pictures whose answers the pagers are to be told, the oldest first.
+    asked: VecDeque<Asked>,
+    /// Milliseconds that a picture took on the GPU, by the last answer that says so; `None` before there is one.
+    pub(crate) gpu_ms: Option<f64>,
+    /// Answers held back, the oldest first: for tests.
+    held_back: VecDeque<Vec<Answer>>,
+    /// Number of steps for which answers are held back: for tests.
+    pub(crate) late_steps: usize,
+}
+
+/// What was asked about the picture of a scene, or its two.
+struct Asked {
+    pictures: Range<u64>,
+    /// Layer by layer what was drawn, and what was seen of it in the pictures answered about.
+    drawn: Vec<Option<DrawnCells>>,
+    seen: Vec<Vec<f32>>,
+}
+
+impl Fit {
+    /// Draws a scene from the bricks in the slots into the GPU renderer's own texture, without waiting. A scene of two
+    /// eyes is drawn twice. If `tells`, the pagers are told later what was seen. Of `rows` of a scene of one eye without meshes only these are drawn.
+    /// Returns whether the picture is whole.
+    pub(crate) fn show(
+        &mut self,
+        scene: &ResolvedScene,
+        rows: Option<Range<u32>>,
+        tells: bool,
+    ) -> Result<bool, BackendError> {
+        let Self { layers: own, pools, backend, shown, .. } = self;
+        let Some(gpu) = backend.as_gpu() else { return Ok(false) };
+        let eyes = 1 + scene.stereo.is_some() as usize;
+        let mut is_asked = tells && own.iter().all(|layer| layer.draws.len() == eyes);
+        let first = shown.pictures;
+        for eye in 0..eyes {
+            if eye == 1 {
+                gpu.keep_left()?;
+            }
+            let (layers, combination) = (drawn(own, scene, eye), scene.combination.as_ref());
+            is_asked &= match &rows {
+                None => gpu.show(&layers, combination, shown.pictures)?,
+                Some(rows) => match gpu.show_rows(&layers, combination, (shown.pictures, rows.clone()))? {
+                    Some(is_asked) => is_asked,
+                    None => return Ok(false),
+                },
+            };
+            shown.pictures += 1;
+        }
+        if is_asked {
+            let mut drawn = vec![None; own.len()];
+            for Pool { layers, pager, .. } in pools {
+                layers.iter().enumerate().for_each(|(volume, &layer)| drawn[layer] = pager.drawn(volume));
+            }
+            let seen = vec![Vec::new(); own.len()];
+            shown.asked.push_back(Asked { pictures: first..shown.pictures, drawn, seen });
+        }
+        Ok(true)
+    }
+
+    /// Whether the picture shown last lacks layers of translucent meshes; `None` while that is not known.
+    pub(crate) fn lacks_layers(&mut self) -> Option<bool> {
+        self.backend.as_gpu().map_or(Some(false), |gpu| gpu.lacks_layers())
+    }
+
+    /// Takes the GPU's answers about pictures shown before, and tells the pagers what was seen.
+    pub(crate) fn hear(&mut self) -> Result<(), BackendError> {
+        let Self { backend, shown, .. } = self;
+        let Some(gpu) = backend.as_gpu() else { return Ok(()) };
+        shown.held_back.push_back(gpu.answers()?);
+        while self.shown.held_back.len() > self.shown.late_steps
+            && let Some(answers) = self.shown.held_back.pop_front()
+        {
+            for answer in answers {
+                self.shown.gpu_ms = answer.gpu_ms.or(self.shown.gpu_ms);
+                if let Some(visibility) = &answer.visibility {
+                    self.tell(answer.picture, visibility);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes in what was seen in a picture, layer by layer; with the last picture of a scene the pagers are told.
+    fn tell(&mut self, picture: u64, visibility: &[Vec<f32>]) {
+        let Self { pools, shown: Shown { asked, .. }, .. } = self;
+        // Answers come in the order of pictures: of those before there will be none any more.
+        while asked.pop_front_if(|asked| asked.pictures.end <= picture).is_some() {}
+        let Some(Asked { seen, pictures, .. }) = asked.front_mut().filter(|asked| asked.pictures.contains(&picture))
+        else {
+            return;
+        };
+        seen.iter_mut().zip(visibility).for_each(|(seen, by_eye)| seen.extend(by_eye));
+        if picture + 1 < pictures.end {
+            return;
+        }
+        let Some(Asked { drawn, seen, .. }) = asked.pop_front() else { return };
+        for Pool { layers, pager, .. } in pools {
+            for (volume, &layer) in layers.iter().enumerate() {
+                // A scene that hides what the last step showed tells nothing of it.
+                let drawn = drawn[layer].as_ref().filter(|drawn| drawn.entries() == seen[layer].len());
+                drawn.iter().for_each(|drawn| pager.feedback(volume, drawn, &seen[layer]));
+            }
+        }
+    }
+}

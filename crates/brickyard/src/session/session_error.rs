@@ -1,0 +1,64 @@
+//! Why a session cannot open or go on.
+
+use crate::session::renderer::BackendError;
+use brickyard_pager::{BrickError, PagerError};
+use brickyard_store::OpenError;
+use brickyard_volume::camera::CameraError;
+use brickyard_volume::{PrecisionError, SceneError, StereoError};
+
+/// Why a session cannot open or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// There is no backend, too little memory for it, or its device was lost.
+    #[error(transparent)]
+    Backend(#[from] BackendError),
+    /// A budget is too small for the fewest bricks, or aprons or gradients do not fit the bricks.
+    #[error(transparent)]
+    Pager(#[from] PagerError),
+    /// Part of the view can be drawn from no level at all.
+    #[error("nothing can stand in for a part of the picture: {0}")]
+    Unreadable(BrickError),
+    /// The device was lost again and again, without a picture in between.
+    #[error("no picture came through before the GPU was lost {times} times: {last}")]
+    LostAgain {
+        /// How many times in a row.
+        times: u32,
+        /// The last loss.
+        last: BackendError,
+    },
+    /// The camera is invalid.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// The stereo settings are invalid, or do not fit the size of the picture.
+    #[error(transparent)]
+    Stereo(#[from] StereoError),
+    /// The scene is invalid.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// The store does not open.
+    #[error(transparent)]
+    Open(#[from] OpenError),
+    /// The backend's numbers are too few bits for the scene's expression.
+    #[error("the expression needs more than {backend} has: {error}")]
+    Precision {
+        /// The backend, as it is called.
+        backend: &'static str,
+        /// What is not told apart.
+        error: PrecisionError,
+    },
+    /// The frame is not the last step's: its bricks may have given their slots to others.
+    #[error("the frame was superseded by a later step: draw what the last step returned")]
+    Superseded,
+    /// The session does not draw on an application's device, so it cannot put pictures on the application's textures.
+    #[error("the session does not draw on a device of the application's: make it with `Session::on_gpu`")]
+    NoDevice,
+    /// The operating system gave no thread to draw on.
+    #[error("cannot start a thread to draw on: {0}")]
+    NoThread(#[source] std::io::Error),
+    /// The compositor is `sorted`, and the layers differ in grid, place or voxel size, so that their cells have no
+    /// common order from back to front.
+    #[error(
+        "the sorted compositor has no order for the cells of layers that differ in grid, place or voxel size; raycast and compute have"
+    )]
+    NoOrder,
+}

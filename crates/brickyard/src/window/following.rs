@@ -1,0 +1,128 @@
+//! Following a store to which another program appends time steps: a thread looks once a second whether there are more, and opens the store anew when there are.
+//! Costs a read of the store's root document each time, and nothing of what is shown.
+
+use crate::session::volume_source::VolumeSource;
+use brickyard_store::Store;
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How long a store is left alone before it is looked at again.
+const INTERVAL: Duration = Duration::from_secs(1);
+
+/// Follows a store. Dropping it ends that, and does not wait for a look that is under way.
+pub struct Follower {
+    grown: Receiver<VolumeSource>,
+    /// Closed, it ends the thread, which may still be looking for a moment.
+    _stop: Sender<()>,
+}
+
+impl Follower {
+    /// Begins to follow a store; `None` if nothing can be appended to it, since it has no axis of time.
+    ///
+    /// # Errors
+    /// If there is no thread for it.
+    pub fn start(store: &Arc<Store>) -> std::io::Result<Option<Self>> {
+        Self::every(INTERVAL, store)
+    }
+
+    fn every(interval: Duration, store: &Arc<Store>) -> std::io::Result<Option<Self>> {
+        if !store.can_grow() {
+            return Ok(None);
+        }
+        let (send, grown) = bounded(0);
+        let (stop, is_over) = bounded(0);
+        let store = store.clone();
+        let follow = move || look(store, interval, &send, &is_over);
+        std::thread::Builder::new().name("brickyard-follow".into()).spawn(follow)?;
+        Ok(Some(Self { grown, _stop: stop }))
+    }
+
+    /// The store with the time steps that were appended since it was last opened, without waiting; `None` if there are none.
+    pub fn poll(&self) -> Option<VolumeSource> {
+        self.grown.try_recv().ok()
+    }
+}
+
+/// Looks at a store until it is told to stop, or nobody wants to know any more.
+fn look(mut store: Arc<Store>, interval: Duration, grown: &Sender<VolumeSource>, is_over: &Receiver<()>) {
+    let mut problem = String::new();
+    while is_over.recv_timeout(interval) == Err(RecvTimeoutError::Timeout) {
+        match store.newer() {
+            Ok(Some(newer)) => {
+                store = Arc::new(newer);
+                if grown.send(VolumeSource::of_store(&store)).is_err() {
+                    return;
+                }
+            }
+            Ok(None) => {}
+            // The open store stays as it is; a disk that fails now may be back for the next look.
+            Err(error) => {
+                let said = error.to_string();
+                if said != problem {
+                    tracing::warn!("the store is not followed: {said}");
+                    problem = said;
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use brickyard_import::{OpenOptions, Source};
+    use brickyard_store::{Appender, PackOptions, pack};
+    use brickyard_volume::{Extent, VoxelType};
+    use std::path::Path;
+    use std::time::Instant;
+
+    /// A volume of one value.
+    fn volume(folder: &Path, value: u8) -> Box<dyn Source> {
+        let path = folder.join(format!("{value}.raw"));
+        std::fs::write(&path, vec![value; 20 * 10 * 5]).unwrap();
+        let (shape, voxel_type) = (Some(Extent::new(20, 10, 5)), Some(VoxelType::U8));
+        brickyard_import::open(&[path], &OpenOptions { shape, voxel_type, ..OpenOptions::default() }).unwrap()
+    }
+
+    fn next(follower: &Follower) -> VolumeSource {
+        let begun = Instant::now();
+        loop {
+            if let Some(volume) = follower.poll() {
+                return volume;
+            }
+            assert!(begun.elapsed() < Duration::from_secs(60), "nothing came");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    #[test]
+    fn steps_that_are_appended_come() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("s.zarr");
+        let first = volume(folder.path(), 1);
+        let mut appender = Appender::create(&path, &*first, None, &PackOptions::new(VoxelType::U8), &()).unwrap();
+        let store = Arc::new(Store::open(&path).unwrap());
+        let follower = Follower::every(Duration::from_millis(5), &store).unwrap().expect("it can grow");
+        assert!(follower.poll().is_none());
+        for steps in 2..5 {
+            appender.append(&*volume(folder.path(), steps), None, &()).unwrap();
+            let grown = next(&follower);
+            assert_eq!(grown.source.times(), u32::from(steps));
+            assert_eq!(grown.source.channel_range(0), (1.0, f64::from(steps)));
+        }
+        // One that waits to be asked ends as well.
+        appender.append(&*volume(folder.path(), 9), None, &()).unwrap();
+        std::thread::sleep(Duration::from_millis(50));
+        drop(follower);
+    }
+
+    #[test]
+    fn what_cannot_grow_is_not_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("s.zarr");
+        pack(&*volume(folder.path(), 1), &path, &PackOptions::new(VoxelType::U8), &()).unwrap();
+        let store = Arc::new(Store::open(&path).unwrap());
+        assert!(Follower::start(&store).unwrap().is_none());
+    }
+}

@@ -1,0 +1,73 @@
+//! The cores of bricks that picks read: the last used ones are kept, up to so many bytes, since the next pick is most often beside this one.
+
+use crate::session::volume_source::VolumeSource;
+use brickyard_pager::{BrickError, BrickSource};
+use brickyard_volume::BrickId;
+use lru::LruCache;
+use std::sync::{Arc, Weak};
+
+/// Decoded cores of the bricks of some volumes in one time step.
+pub(super) struct Cores {
+    most_bytes: u64,
+    bytes: u64,
+    /// By the volume's place and the brick; the volumes' voxels as they are.
+    held: LruCache<(usize, BrickId), Arc<[u8]>>,
+    /// Whose cores they are.
+    volumes: Vec<Weak<dyn BrickSource>>,
+    time: u32,
+    /// Bricks decoded so far.
+    decoded: u64,
+}
+
+impl Cores {
+    pub(super) fn new(most_bytes: u64) -> Self {
+        let (held, volumes) = (LruCache::unbounded(), Vec::new());
+        Self { most_bytes, bytes: 0, held, volumes, time: 0, decoded: 0 }
+    }
+
+    /// Goes on with these volumes and this time step. Cores of others are let go.
+    pub(super) fn turn_to(&mut self, volumes: &[VolumeSource], time: u32) {
+        let is_same = |(held, volume): (&Weak<dyn BrickSource>, &VolumeSource)| {
+            held.upgrade().is_some_and(|held| Arc::ptr_eq(&held, &volume.source))
+        };
+        let are_same = self.volumes.len() == volumes.len() && self.volumes.iter().zip(volumes).all(is_same);
+        if !are_same || self.time != time {
+            self.held.clear();
+            self.bytes = 0;
+            self.volumes = volumes.iter().map(|volume| Arc::downgrade(&volume.source)).collect();
+            self.time = time;
+        }
+    }
+
+    /// A brick's core: one that is held, or else decoded now.
+    pub(super) fn read(
+        &mut self,
+        volume: usize,
+        source: &dyn BrickSource,
+        id: BrickId,
+    ) -> Result<Arc<[u8]>, BrickError> {
+        if let Some(core) = self.held.get(&(volume, id)) {
+            return Ok(core.clone());
+        }
+        let bytes = (source.pyramid().edge() as usize).pow(3) * source.voxel_type().bytes();
+        let mut core: Arc<[u8]> = std::iter::repeat_n(0, bytes).collect();
+        source.read_core(id, Arc::get_mut(&mut core).expect("nobody else holds it yet"))?;
+        self.decoded += 1;
+        self.bytes += bytes as u64;
+        self.held.put((volume, id), core.clone());
+        // The one that was just read stays, however large it is.
+        while self.bytes > self.most_bytes && self.held.len() > 1 {
+            let (_, oldest) = self.held.pop_lru().expect("there are several");
+            self.bytes -= oldest.len() as u64;
+        }
+        Ok(core)
+    }
+
+    pub(super) fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    pub(super) fn decoded(&self) -> u64 {
+        self.decoded
+    }
+}

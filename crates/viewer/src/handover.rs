@@ -1,0 +1,34 @@
+//! A window handed over from one device to the next: its place on the display, and all that egui remembers.
+
+use crate::title;
+use eframe::egui::{self, Memory, ViewportBuilder};
+use std::path::PathBuf;
+
+/// A window whose device is lost, as the next device takes it up.
+pub(crate) struct Handover {
+    /// Why the device was lost.
+    pub(crate) reason: String,
+    /// What was open, and where it was scrolled to.
+    pub(crate) memory: Memory,
+    /// Where the window was.
+    pub(crate) viewport: ViewportBuilder,
+}
+
+impl Handover {
+    /// What the window on these paths leaves now.
+    pub(crate) fn of(reason: String, egui: &egui::Context, paths: &[PathBuf]) -> Self {
+        let mut viewport = viewport(paths);
+        egui.input(|input| {
+            let now = input.viewport();
+            viewport.inner_size = now.inner_rect.map(|area| area.size());
+            viewport.position = now.outer_rect.map(|area| area.min);
+            (viewport.maximized, viewport.fullscreen) = (now.maximized, now.fullscreen);
+        });
+        Self { reason, memory: egui.memory(Memory::clone), viewport }
+    }
+}
+
+/// A window of these paths, anywhere on the display.
+pub(crate) fn viewport(paths: &[PathBuf]) -> ViewportBuilder {
+    ViewportBuilder::default().with_title(title(paths)).with_app_id("brickyard")
+}
