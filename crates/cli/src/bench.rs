@@ -3,18 +3,19 @@
 use super::bench_play::{self, PlayArguments};
 use super::failure::Failure;
 use super::heading;
+use super::named::Named;
 use super::output::{is_stdout, may_write_data, write_json};
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
-use super::session_args::{BackendArgument, threads};
+use super::session_args::{BACKENDS, COMPOSITORS, threads};
 use super::session_errors::session_failure;
 use super::{print_json, print_line, store_errors, values};
-use brickyard::backend::CompositorChoice;
+use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::session::SessionOptions;
 use brickyard_measure::flight::{FlightError, FlightPlan, FlightReport, fly, forget_pages};
 use brickyard_measure::playing::{PlayPlan, PlayReport, play};
 use brickyard_measure::scenario::Scenario;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde::Serialize;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -30,8 +31,8 @@ pub(crate) struct BenchArguments {
     #[arg(help_heading = heading::MEASURED, long)]
     together: bool,
     /// What to fly, or `play` or `scrub` for time steps
-    #[arg(help_heading = heading::MEASURED, long, value_delimiter = ',', default_value = "orbit,fly,zoom,sweep")]
-    scenario: Vec<ScenarioArgument>,
+    #[arg(help_heading = heading::MEASURED, long, value_parser = SCENARIOS, value_delimiter = ',', default_value = "orbit,fly,zoom,sweep")]
+    scenario: Vec<Played>,
     #[command(flatten)]
     play: PlayArguments,
     /// Frames of a flight
@@ -58,11 +59,11 @@ pub(crate) struct BenchArguments {
     #[command(flatten)]
     sampling: SamplingArguments,
     /// Where to render; auto takes a hardware GPU if there is one, else the CPU
-    #[arg(help_heading = heading::DRAWING, long, value_enum, default_value_t = BackendArgument::Auto)]
-    backend: BackendArgument,
+    #[arg(help_heading = heading::DRAWING, long, value_parser = BACKENDS, default_value = "auto")]
+    backend: BackendChoice,
     /// How to render; auto takes what measured faster here
-    #[arg(help_heading = heading::DRAWING, long, value_enum, default_value_t = CompositorArgument::Auto)]
-    compositor: CompositorArgument,
+    #[arg(help_heading = heading::DRAWING, long, value_parser = COMPOSITORS, default_value = "auto")]
+    compositor: CompositorChoice,
     /// Hard limit of brick slots, tables, targets and staging
     #[arg(help_heading = heading::DRAWING, long, visible_alias = "cpu-memory", value_name = "BYTES", default_value = "256MiB", value_parser = values::bytes)]
     gpu_memory: u64,
@@ -83,27 +84,33 @@ pub(crate) struct BenchArguments {
     overwrite: bool,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum CompositorArgument {
-    Auto,
-    Sorted,
-    Raycast,
-    Compute,
+/// A measured course of frames.
+#[derive(Clone, Copy)]
+enum Played {
+    Flight(Scenario),
+    /// Time steps that follow one another.
+    Steps,
+    /// Jumps from time step to time step.
+    Jumps,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum ScenarioArgument {
-    Still,
-    Orbit,
-    Fly,
-    Zoom,
-    Sweep,
-    Random,
-    /// Play the time steps
-    Play,
-    /// Jump from time step to time step
-    Scrub,
+impl Played {
+    fn flight(self) -> Option<Scenario> {
+        if let Self::Flight(scenario) = self { Some(scenario) } else { None }
+    }
 }
+
+/// The scenarios by their names.
+const SCENARIOS: Named<Played> = Named(&[
+    ("still", Played::Flight(Scenario::Still), ""),
+    ("orbit", Played::Flight(Scenario::Orbit), ""),
+    ("fly", Played::Flight(Scenario::Fly), ""),
+    ("zoom", Played::Flight(Scenario::Zoom), ""),
+    ("sweep", Played::Flight(Scenario::Sweep), ""),
+    ("random", Played::Flight(Scenario::Random), ""),
+    ("play", Played::Steps, "Play the time steps"),
+    ("scrub", Played::Jumps, "Jump from time step to time step"),
+]);
 
 #[derive(Serialize)]
 struct Row<'a> {
@@ -166,11 +173,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Failure> {
     if arguments.json && !to_stdout { print_json(&rows) } else { Ok(()) }
 }
 
-fn measured(
-    arguments: &BenchArguments,
-    paths: &[&Path],
-    scenario: ScenarioArgument,
-) -> Result<(Vec<[u32; 3]>, Report), Failure> {
+fn measured(arguments: &BenchArguments, paths: &[&Path], scenario: Played) -> Result<(Vec<[u32; 3]>, Report), Failure> {
     // Opened once before the clock starts: for the scene, and so that a store that does not open says so as elsewhere.
     let volumes = store_errors::open_volumes(paths)?;
     let extents = volumes.iter().map(|volume| volume.source.pyramid().levels()[0].extent.to_array()).collect();
@@ -184,13 +187,8 @@ fn measured(
         forget_pages(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
     }
     let options = SessionOptions {
-        backend: arguments.backend.into(),
-        compositor: match arguments.compositor {
-            CompositorArgument::Auto => CompositorChoice::Auto,
-            CompositorArgument::Sorted => CompositorChoice::Sorted,
-            CompositorArgument::Raycast => CompositorChoice::Raycast,
-            CompositorArgument::Compute => CompositorChoice::Compute,
-        },
+        backend: arguments.backend,
+        compositor: arguments.compositor,
         gpu_memory_bytes: arguments.gpu_memory,
         cpu_memory_bytes: arguments.gpu_memory,
         host_memory_bytes: arguments.host_memory,
@@ -208,7 +206,7 @@ fn measured(
         }
         None => {
             let PlayArguments { steps, no_drawing, .. } = arguments.play;
-            let playback = matches!(scenario, ScenarioArgument::Play).then(|| arguments.play.playback());
+            let playback = matches!(scenario, Played::Steps).then(|| arguments.play.playback());
             let plan = PlayPlan { scene, playback, steps, size_px, draws: !no_drawing, frame_goal };
             let rate = playback.map(|playback| playback.steps_per_second);
             let name = if playback.is_some() { "play" } else { "scrub" };
@@ -264,19 +262,4 @@ fn line(row: &Row<'_>) -> String {
         r.uncovered_frames,
         r.frames_over_budget,
     )
-}
-
-impl ScenarioArgument {
-    /// The flight that it is; `None` for what is played.
-    fn flight(self) -> Option<Scenario> {
-        match self {
-            Self::Still => Some(Scenario::Still),
-            Self::Orbit => Some(Scenario::Orbit),
-            Self::Fly => Some(Scenario::Fly),
-            Self::Zoom => Some(Scenario::Zoom),
-            Self::Sweep => Some(Scenario::Sweep),
-            Self::Random => Some(Scenario::Random),
-            Self::Play | Self::Scrub => None,
-        }
-    }
 }

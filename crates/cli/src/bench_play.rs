@@ -1,9 +1,10 @@
 //! `brickyard bench --scenario play,scrub`: measured playbacks of time steps, as a table.
 
+use super::named::Named;
 use super::{heading, values};
 use brickyard::pager::{Ending, Playback, Policy};
 use brickyard_measure::playing::PlayReport;
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 /// The flags of playbacks.
 #[derive(Args)]
@@ -12,8 +13,8 @@ pub(super) struct PlayArguments {
     #[arg(help_heading = heading::MEASURED, long, value_name = "R", default_value = "20", value_parser = values::positive, allow_negative_numbers = true)]
     rate: f64,
     /// What gives way where `play` cannot hold the rate
-    #[arg(help_heading = heading::MEASURED, long, value_enum, default_value_t = PolicyArgument::HoldRate)]
-    policy: PolicyArgument,
+    #[arg(help_heading = heading::MEASURED, long, value_parser = POLICIES, default_value = "hold-rate")]
+    policy: Policy,
     /// Time steps that `play` passes and `scrub` jumps to, again and again if the stores have fewer
     #[arg(help_heading = heading::MEASURED, long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) steps: u32,
@@ -22,25 +23,20 @@ pub(super) struct PlayArguments {
     pub(super) no_drawing: bool,
 }
 
-/// [`Policy`] on the command line.
-#[derive(Clone, Copy, ValueEnum)]
-enum PolicyArgument {
-    /// Steps come when they are due, as coarse as that takes
-    HoldRate,
-    /// Steps that are shown are whole at the level that the view wants; others are left out
-    HoldQuality,
-    /// Every step is shown, whole, however long that takes
-    EveryStep,
-}
+/// The policies by their names.
+const POLICIES: Named<Policy> = Named(&[
+    ("hold-rate", Policy::HoldRate, "Steps come when they are due, as coarse as that takes"),
+    (
+        "hold-quality",
+        Policy::HoldQuality,
+        "Steps that are shown are whole at the level that the view wants; others are left out",
+    ),
+    ("every-step", Policy::EveryStep, "Every step is shown, whole, however long that takes"),
+]);
 
 impl PlayArguments {
     pub(super) fn playback(&self) -> Playback {
-        let policy = match self.policy {
-            PolicyArgument::HoldRate => Policy::HoldRate,
-            PolicyArgument::HoldQuality => Policy::HoldQuality,
-            PolicyArgument::EveryStep => Policy::EveryStep,
-        };
-        Playback { steps_per_second: self.rate, is_backward: false, ending: Ending::Loop, policy }
+        Playback { steps_per_second: self.rate, is_backward: false, ending: Ending::Loop, policy: self.policy }
     }
 }
 

@@ -1,10 +1,11 @@
 //! What the user knows better than foreign files, or what these do not say: flags shared by the commands that read them.
 
 use super::heading;
+use super::named::Named;
 use super::values;
 use brickyard::import::{AxisOrder, Endian, FileOrder, Gaps, NoData, OpenOptions};
 use brickyard::volume::{Extent, VoxelType};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use glam::DVec3;
 use std::path::PathBuf;
 
@@ -18,8 +19,8 @@ pub(crate) struct InputArguments {
     #[arg(help_heading = heading::RAW, long)]
     dtype: Option<VoxelType>,
     /// Byte order, for raw input
-    #[arg(help_heading = heading::RAW, long, value_enum, default_value_t = EndianArgument::Little)]
-    endian: EndianArgument,
+    #[arg(help_heading = heading::RAW, long, value_parser = ENDIANS, default_value = "little")]
+    endian: Endian,
     /// Bytes to skip at the start, for raw input
     #[arg(help_heading = heading::RAW, long, value_name = "BYTES", default_value_t = 0)]
     offset: u64,
@@ -34,11 +35,11 @@ pub(crate) struct InputArguments {
     channels: Option<u32>,
     /// Order of several files: as given, or by the numbers in their names whatever these count [default: that of a list, unless a shell
     /// made it of a pattern; otherwise by their numbers, where these have no gaps and count one thing]
-    #[arg(help_heading = heading::INPUT, long, value_enum)]
-    order: Option<OrderArgument>,
+    #[arg(help_heading = heading::INPUT, long, value_parser = ORDERS)]
+    order: Option<FileOrder>,
     /// Missing slices of a DICOM series: refuse them, or leave their places blank, without data
-    #[arg(help_heading = heading::INPUT, long, value_enum, default_value_t = GapsArgument::Refuse)]
-    gaps: GapsArgument,
+    #[arg(help_heading = heading::INPUT, long, value_parser = GAPS, default_value = "refuse")]
+    gaps: Gaps,
     /// World distance between voxel centres; DICOM slices are taken as evenly spaced [default: the file's, or 1,1,1]
     #[arg(help_heading = heading::INPUT, long, value_name = "X,Y,Z", value_parser = values::spacing)]
     spacing: Option<DVec3>,
@@ -71,23 +72,9 @@ pub(crate) struct InputArguments {
     scratch: Option<PathBuf>,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum EndianArgument {
-    Little,
-    Big,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum OrderArgument {
-    Given,
-    Natural,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum GapsArgument {
-    Refuse,
-    Blank,
-}
+const ENDIANS: Named<Endian> = Named(&[("little", Endian::Little, ""), ("big", Endian::Big, "")]);
+const ORDERS: Named<FileOrder> = Named(&[("given", FileOrder::Given, ""), ("natural", FileOrder::Natural, "")]);
+const GAPS: Named<Gaps> = Named(&[("refuse", Gaps::Refuse, ""), ("blank", Gaps::Blank, "")]);
 
 impl InputArguments {
     /// The options for opening files.
@@ -95,22 +82,13 @@ impl InputArguments {
         OpenOptions {
             shape: self.shape,
             voxel_type: self.dtype,
-            endian: match self.endian {
-                EndianArgument::Little => Endian::Little,
-                EndianArgument::Big => Endian::Big,
-            },
+            endian: self.endian,
             offset: self.offset,
             axes: self.axes,
             times: self.times,
             channels: self.channels,
-            order: self.order.map(|order| match order {
-                OrderArgument::Given => FileOrder::Given,
-                OrderArgument::Natural => FileOrder::Natural,
-            }),
-            gaps: match self.gaps {
-                GapsArgument::Refuse => Gaps::Refuse,
-                GapsArgument::Blank => Gaps::Blank,
-            },
+            order: self.order,
+            gaps: self.gaps,
             spacing: self.spacing,
             origin: self.origin,
             unit: self.unit.as_deref().map(unit_name),

@@ -21,6 +21,7 @@ mod info;
 mod input_args;
 mod interrupt;
 mod man;
+mod named;
 mod output;
 mod pack;
 mod pack_settings;

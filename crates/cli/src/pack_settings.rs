@@ -4,6 +4,7 @@ use super::advice::with_flags;
 use super::failure::{ExitKind, Failure};
 use super::heading;
 use super::interrupt::Interrupt;
+use super::named::Named;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::say::say;
 use super::{store_errors, values};
@@ -12,7 +13,7 @@ use brickyard::store::{
     self, AppendOptions, Codec, Downsample, Exists, Kind, PackError, PackOptions, PackPlan, Reductions, Store,
 };
 use brickyard::volume::{MAX_APRON, VoxelType, counted};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::OnceLock;
@@ -22,8 +23,8 @@ use std::time::Instant;
 #[derive(Args, Clone, Debug)]
 pub(crate) struct StoreSettings {
     /// What the voxels mean; labels are never averaged [default: image]
-    #[arg(help_heading = heading::INPUT, long, value_enum)]
-    kind: Option<KindArgument>,
+    #[arg(help_heading = heading::INPUT, long, value_parser = KINDS)]
+    kind: Option<Kind>,
     /// Voxels along a brick's edge; a power of two [default: 64]
     #[arg(help_heading = heading::STORE, long)]
     brick: Option<u32>,
@@ -90,26 +91,13 @@ pub(crate) struct PackSettings {
     overwrite: bool,
 }
 
-/// What voxels mean.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum KindArgument {
-    Image,
-    Labels,
-}
-
-impl From<KindArgument> for Kind {
-    fn from(kind: KindArgument) -> Self {
-        match kind {
-            KindArgument::Image => Self::Image,
-            KindArgument::Labels => Self::Labels,
-        }
-    }
-}
+/// The kinds of voxels by their names.
+pub(crate) const KINDS: Named<Kind> = Named(&[("image", Kind::Image, ""), ("labels", Kind::Labels, "")]);
 
 impl StoreSettings {
     /// Whether the voxels are said to be labels.
     pub(crate) fn are_labels(&self) -> bool {
-        matches!(self.kind, Some(KindArgument::Labels))
+        self.kind == Some(Kind::Labels)
     }
 
     /// The options of a new store of voxels of this type.
@@ -117,7 +105,7 @@ impl StoreSettings {
     /// # Errors
     /// Exit code 2 if they contradict each other.
     pub(crate) fn options(&self, voxel_type: VoxelType) -> Result<PackOptions, Failure> {
-        let kind = self.kind.map_or(Kind::Image, Kind::from);
+        let kind = self.kind.unwrap_or(Kind::Image);
         let downsample = self.downsample.unwrap_or(Reductions::default_for(kind));
         let averages = [Some(downsample.main()), downsample.second()].contains(&Some(Downsample::Mean));
         if kind == Kind::Labels && averages {
@@ -148,7 +136,7 @@ impl StoreSettings {
         let codec = self.codec.map(|codec| codec.for_voxel_type(info.voxel_type));
         let in_words = |kind: Kind| if kind == Kind::Labels { "labels" } else { "image" };
         let flags = [
-            ("--kind", self.kind.map(|kind| in_words(kind.into()).to_owned()), in_words(info.kind).to_owned()),
+            ("--kind", self.kind.map(|kind| in_words(kind).to_owned()), in_words(info.kind).to_owned()),
             ("--brick", self.brick.map(|edge| edge.to_string()), info.edge.to_string()),
             ("--shard", self.shard.map(|edge| edge.to_string()), info.shard.to_string()),
             ("--codec", codec.map(|codec| codec.to_string()), info.codec.to_string()),

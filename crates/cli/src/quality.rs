@@ -4,7 +4,7 @@ use super::advice::advised;
 use super::failure::Failure;
 use super::heading;
 use super::output::{make_folder, write_json};
-use super::sampling_args::{FilterArgument, LightingArgument, MethodArgument};
+use super::sampling_args::{FILTERS, LIGHTINGS, METHODS};
 use super::scene_args::SceneArguments;
 use super::session_args::threads;
 use super::session_errors::session_failure;
@@ -42,18 +42,18 @@ pub(crate) struct QualityArguments {
     #[arg(help_heading = heading::MEASURED, long, value_name = "N,...", value_delimiter = ',', default_value = "1,2,4,8", value_parser = values::positive)]
     samples_per_voxel: Vec<f64>,
     /// Sampling methods [default: all; where the transfer function is one of value and gradient, those that are not pre-integrated]
-    #[arg(help_heading = heading::MEASURED, long, value_enum, value_delimiter = ',', value_name = "METHOD,...")]
-    methods: Vec<MethodArgument>,
+    #[arg(help_heading = heading::MEASURED, long, value_parser = METHODS, value_delimiter = ',', value_name = "METHOD,...")]
+    methods: Vec<Method>,
     /// Virtual samples of a segment, of methods that have some
     #[arg(help_heading = heading::MEASURED, long, value_name = "N,...", value_delimiter = ',', default_values_t = [VIRTUAL_SAMPLES],
           value_parser = clap::value_parser!(u8).range(1..=MOST_VIRTUAL_SAMPLES as i64))]
     virtual_samples: Vec<u8>,
     /// Filters [default: trilinear,tricubic]
-    #[arg(help_heading = heading::MEASURED, long, value_enum, value_delimiter = ',', value_name = "FILTER,...")]
-    filters: Vec<FilterArgument>,
+    #[arg(help_heading = heading::MEASURED, long, value_parser = FILTERS, value_delimiter = ',', value_name = "FILTER,...")]
+    filters: Vec<Filter>,
     /// Lightings
-    #[arg(help_heading = heading::MEASURED, long, value_enum, value_delimiter = ',', value_name = "LIGHTING,...", default_value = "none,blinn-phong")]
-    lightings: Vec<LightingArgument>,
+    #[arg(help_heading = heading::MEASURED, long, value_parser = LIGHTINGS, value_delimiter = ',', value_name = "LIGHTING,...", default_value = "none,blinn-phong")]
+    lightings: Vec<LightingModel>,
     /// Pictures of each series, with other jitter each
     #[arg(help_heading = heading::MEASURED, long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(2..=1024))]
     frames: u32,
@@ -141,7 +141,7 @@ fn check(arguments: &QualityArguments, scene: &Scene) -> Result<(), Failure> {
             "a survey is about jittered layers, and expressions are not jittered: leave --expr out",
         ));
     }
-    let mut methods = arguments.methods.iter().map(|&method| Method::from(method));
+    let mut methods = arguments.methods.iter().copied();
     if let Some(method) = methods.find(|&method| !scene.takes(method)) {
         let problem = "is pre-integrated over values, and the transfer function is one of value and gradient";
         return Err(Failure::usage(format!("--methods: {} {problem}", findings::name(method))));
@@ -154,11 +154,11 @@ fn check(arguments: &QualityArguments, scene: &Scene) -> Result<(), Failure> {
 
 impl QualityArguments {
     fn plan<'a>(&self, scene: &'a Scene) -> SurveyPlan<'a> {
-        fn listed<A: Copy, T: From<A> + PartialEq + Copy>(arguments: &[A], all: &[T]) -> Vec<T> {
+        fn listed<T: PartialEq + Copy>(arguments: &[T], all: &[T]) -> Vec<T> {
             let mut list: Vec<T> = Vec::new();
-            for item in arguments.iter().map(|&argument| T::from(argument)) {
-                if !list.contains(&item) {
-                    list.push(item);
+            for item in arguments {
+                if !list.contains(item) {
+                    list.push(*item);
                 }
             }
             if list.is_empty() { all.to_vec() } else { list }
@@ -171,7 +171,7 @@ impl QualityArguments {
             virtual_samples: self.virtual_samples.clone(),
             // Those of the paper; steps have nothing between samples for methods to find.
             filters: listed(&self.filters, &[Filter::Trilinear, Filter::Tricubic]),
-            lightings: listed::<_, LightingModel>(&self.lightings, &[]),
+            lightings: listed(&self.lightings, &[]),
             samples_per_voxel: self.samples_per_voxel.clone(),
             frames: self.frames,
             max_wait: Duration::from_secs_f64(self.max_wait.min(1e9)),

@@ -5,9 +5,9 @@ use super::heading;
 use super::output::write_json;
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
-use super::session_args::{BackendArgument, backend_memory, threads};
+use super::session_args::{BACKENDS, backend_memory, threads};
 use super::values;
-use brickyard::backend::CompositorChoice;
+use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::movie_file::PictureRate;
 use brickyard::overlay::Overlays;
 use brickyard::session::SessionOptions;
@@ -56,8 +56,8 @@ pub(crate) struct RenderArguments {
     #[arg(help_heading = heading::CAMERA, long, value_name = "N", requires = "path")]
     pub(super) frames: Option<u32>,
     /// Where to render; auto takes a hardware GPU if there is one, else the CPU
-    #[arg(help_heading = heading::DRAWING, long, value_enum, default_value_t = BackendArgument::Auto)]
-    pub(super) backend: BackendArgument,
+    #[arg(help_heading = heading::DRAWING, long, value_parser = BACKENDS, default_value = "auto")]
+    pub(super) backend: BackendChoice,
     /// How to render: sorted composites bricks back to front (GPU only), raycast follows each ray front to back, compute does so by
     /// compute shaders (GPU only); auto is raycast; reference holds whole levels in memory, in f64
     #[arg(help_heading = heading::DRAWING, long, value_enum, default_value_t = CompositorArgument::Auto)]
@@ -136,7 +136,7 @@ impl RenderArguments {
     pub(super) fn session_options(&self, compositor: CompositorChoice, pictures: usize) -> SessionOptions {
         let (gpu_memory_bytes, cpu_memory_bytes) = backend_memory(self.gpu_memory);
         SessionOptions {
-            backend: self.backend.into(),
+            backend: self.backend,
             compositor,
             gpu_memory_bytes,
             cpu_memory_bytes,

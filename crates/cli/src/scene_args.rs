@@ -3,6 +3,7 @@
 use super::channel_args::{ChannelArguments, layers_of_kind};
 use super::failure::Failure;
 use super::heading;
+use super::named::Named;
 use super::say::say;
 use super::slice_argument::{self, SliceArgument};
 use super::step_range::StepRange;
@@ -16,7 +17,7 @@ use brickyard::volume::{
     Camera, ClipPlane, Gradient, Isosurface, MeshLook, Mode, Projection, Scene, SceneExpression, SceneLayer, Stereo,
     StereoLayout, TransferFunction, Viewpoint,
 };
-use clap::{Args, ValueEnum};
+use clap::Args;
 use glam::DVec3;
 #[cfg(feature = "viewer")]
 use std::path::Path;
@@ -44,8 +45,8 @@ pub(crate) struct SceneArguments {
     #[arg(help_heading = heading::CAMERA, long, value_name = "HEIGHT")]
     ortho: Option<f64>,
     /// Two eyes, as one picture of the size asked for
-    #[arg(help_heading = heading::CAMERA, long, value_enum, value_name = "LAYOUT")]
-    stereo: Option<StereoArgument>,
+    #[arg(help_heading = heading::CAMERA, long, value_parser = STEREO_LAYOUTS, value_name = "LAYOUT")]
+    stereo: Option<StereoLayout>,
     /// Distance between the eyes, world units [default: 1/30 of the convergence distance]
     #[arg(help_heading = heading::CAMERA, long, value_name = "W", allow_hyphen_values = true)]
     eye_separation: Option<f64>,
@@ -53,8 +54,8 @@ pub(crate) struct SceneArguments {
     #[arg(help_heading = heading::CAMERA, long, value_name = "W", allow_hyphen_values = true)]
     convergence: Option<f64>,
     /// How samples become a pixel [default: dvr; average for slices]
-    #[arg(help_heading = heading::LOOK, long, value_enum)]
-    mode: Option<ModeArgument>,
+    #[arg(help_heading = heading::LOOK, long, value_parser = MODES)]
+    mode: Option<Mode>,
     /// A surface of this value, in stored units: of `--mode isosurface`, or in the fog of `--mode dvr`; of every layer; repeatable
     #[arg(help_heading = heading::LOOK, long, value_name = "VALUE[,opacity=A][,color=R:G:B]", value_parser = values::isosurface, allow_hyphen_values = true)]
     isovalue: Vec<Isosurface>,
@@ -76,8 +77,8 @@ pub(crate) struct SceneArguments {
     #[arg(help_heading = heading::LOOK, long, value_name = "EXPRESSION", allow_hyphen_values = true)]
     expr: Option<String>,
     /// How the gradients that `--lighting` and transfer functions by gradient need are found [default: central]
-    #[arg(help_heading = heading::LOOK, long, value_enum)]
-    gradient: Option<GradientArgument>,
+    #[arg(help_heading = heading::LOOK, long, value_parser = GRADIENTS)]
+    gradient: Option<Gradient>,
     /// Where a light stands, world units; up to four times [default: one at the eye]
     #[arg(help_heading = heading::LOOK, long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     light: Vec<DVec3>,
@@ -118,77 +119,33 @@ pub(crate) struct SceneArguments {
     mesh: Vec<MeshLook>,
 }
 
-/// [`Mode`] on the command line.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum ModeArgument {
-    /// Direct volume rendering
-    Dvr,
-    /// Maximum intensity projection
-    Mip,
-    /// Minimum intensity projection
-    Minip,
-    /// Mean along the ray
-    Average,
-    /// The surface of one value, opaque, lit from the eye
-    Isosurface,
-}
+/// The modes by their names.
+const MODES: Named<Mode> = Named(&[
+    ("dvr", Mode::Dvr, "Direct volume rendering"),
+    ("mip", Mode::Mip, "Maximum intensity projection"),
+    ("minip", Mode::MinIp, "Minimum intensity projection"),
+    ("average", Mode::Average, "Mean along the ray"),
+    ("isosurface", Mode::Isosurface, "The surface of one value, opaque, lit from the eye"),
+]);
 
-impl From<ModeArgument> for Mode {
-    fn from(mode: ModeArgument) -> Self {
-        match mode {
-            ModeArgument::Dvr => Self::Dvr,
-            ModeArgument::Mip => Self::Mip,
-            ModeArgument::Minip => Self::MinIp,
-            ModeArgument::Average => Self::Average,
-            ModeArgument::Isosurface => Self::Isosurface,
-        }
-    }
-}
+/// The gradients by their names.
+const GRADIENTS: Named<Gradient> = Named(&[
+    ("central", Gradient::Central, "Differences of two samples along each axis"),
+    ("sobel", Gradient::Sobel, "The 3D Sobel operator on 26 samples"),
+    (
+        "stored",
+        Gradient::Stored,
+        "Kept beside each brick, one for eight voxels: fewer samples, more memory, coarser normals",
+    ),
+]);
 
-/// [`Gradient`] on the command line.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum GradientArgument {
-    /// Differences of two samples along each axis
-    Central,
-    /// The 3D Sobel operator on 26 samples
-    Sobel,
-    /// Kept beside each brick, one for eight voxels: fewer samples, more memory, coarser normals
-    Stored,
-}
-
-impl From<GradientArgument> for Gradient {
-    fn from(gradient: GradientArgument) -> Self {
-        match gradient {
-            GradientArgument::Central => Self::Central,
-            GradientArgument::Sobel => Self::Sobel,
-            GradientArgument::Stored => Self::Stored,
-        }
-    }
-}
-
-/// [`StereoLayout`] on the command line.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum StereoArgument {
-    /// Left eye's picture left, right eye's right, each half as wide
-    SideBySide,
-    /// Left eye's picture above, right eye's below, each half as high
-    TopBottom,
-    /// For red-cyan glasses
-    Anaglyph,
-    /// Rows by turns, the left eye's first
-    Interlaced,
-}
-
-impl From<StereoArgument> for StereoLayout {
-    fn from(layout: StereoArgument) -> Self {
-        match layout {
-            StereoArgument::SideBySide => Self::SideBySide,
-            StereoArgument::TopBottom => Self::TopBottom,
-            StereoArgument::Anaglyph => Self::Anaglyph,
-            StereoArgument::Interlaced => Self::Interlaced,
-        }
-    }
-}
+/// The stereo layouts by their names.
+const STEREO_LAYOUTS: Named<StereoLayout> = Named(&[
+    ("side-by-side", StereoLayout::SideBySide, "Left eye's picture left, right eye's right, each half as wide"),
+    ("top-bottom", StereoLayout::TopBottom, "Left eye's picture above, right eye's below, each half as high"),
+    ("anaglyph", StereoLayout::Anaglyph, "For red-cyan glasses"),
+    ("interlaced", StereoLayout::Interlaced, "Rows by turns, the left eye's first"),
+]);
 
 impl SceneArguments {
     /// Gives a scene that no file describes the look that volumes are shown with first.
@@ -269,8 +226,8 @@ impl SceneArguments {
         if self.slice.is_some() && matches!(scene.mode, Mode::Dvr | Mode::Isosurface) {
             scene.mode = Mode::Average;
         }
-        scene.mode = self.mode.map_or(scene.mode, Mode::from);
-        scene.lighting.gradient = self.gradient.map_or(scene.lighting.gradient, Gradient::from);
+        scene.mode = self.mode.unwrap_or(scene.mode);
+        scene.lighting.gradient = self.gradient.unwrap_or(scene.lighting.gradient);
         if !self.light.is_empty() {
             scene.lighting.lights = self.light.clone();
         }
@@ -340,7 +297,7 @@ impl SceneArguments {
 
     fn stereo(&self, from_file: Option<Stereo>) -> Result<Option<Stereo>, Failure> {
         let mut stereo = from_file;
-        if let Some(layout) = self.stereo.map(StereoLayout::from) {
+        if let Some(layout) = self.stereo {
             stereo = Some(Stereo { layout, ..stereo.unwrap_or(Stereo::new(layout)) });
         }
         if let Some(stereo) = &mut stereo {
@@ -393,20 +350,20 @@ fn transfer_help() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling_args::{FilterArgument, LightingArgument, MethodArgument};
+    use crate::sampling_args::{FILTERS, LIGHTINGS, METHODS};
     use brickyard::volume::{Filter, LightingModel, Method};
 
-    fn all<A: ValueEnum + Copy, T: From<A>>() -> Vec<T> {
-        A::value_variants().iter().map(|&argument| argument.into()).collect()
+    fn all<T: Copy>(named: Named<T>) -> Vec<T> {
+        named.0.iter().map(|(_, value, _)| *value).collect()
     }
 
     #[test]
     fn flags_name_everything_there_is() {
-        assert_eq!(all::<ModeArgument, Mode>(), Mode::ALL);
-        assert_eq!(all::<MethodArgument, Method>(), Method::ALL);
-        assert_eq!(all::<FilterArgument, Filter>(), Filter::ALL);
-        assert_eq!(all::<LightingArgument, LightingModel>(), LightingModel::ALL);
-        assert_eq!(all::<GradientArgument, Gradient>(), Gradient::ALL);
-        assert_eq!(all::<StereoArgument, StereoLayout>(), StereoLayout::ALL);
+        assert_eq!(all(MODES), Mode::ALL);
+        assert_eq!(all(METHODS), Method::ALL);
+        assert_eq!(all(FILTERS), Filter::ALL);
+        assert_eq!(all(LIGHTINGS), LightingModel::ALL);
+        assert_eq!(all(GRADIENTS), Gradient::ALL);
+        assert_eq!(all(STEREO_LAYOUTS), StereoLayout::ALL);
     }
 }

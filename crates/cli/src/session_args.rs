@@ -1,27 +1,21 @@
 //! What the commands that open a session have in common: which backend, and how many threads.
 
-use brickyard::backend::BackendChoice;
+use super::named::Named;
+use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::session::SessionOptions;
-use clap::ValueEnum;
 use std::num::NonZeroUsize;
 
-/// [`BackendChoice`] on the command line.
-#[derive(Clone, Copy, ValueEnum)]
-pub(crate) enum BackendArgument {
-    Auto,
-    Gpu,
-    Cpu,
-}
+/// The backends by their names.
+pub(crate) const BACKENDS: Named<BackendChoice> =
+    Named(&[("auto", BackendChoice::Auto, ""), ("gpu", BackendChoice::Gpu, ""), ("cpu", BackendChoice::Cpu, "")]);
 
-impl From<BackendArgument> for BackendChoice {
-    fn from(backend: BackendArgument) -> Self {
-        match backend {
-            BackendArgument::Auto => Self::Auto,
-            BackendArgument::Gpu => Self::Gpu,
-            BackendArgument::Cpu => Self::Cpu,
-        }
-    }
-}
+/// The compositors by their names.
+pub(crate) const COMPOSITORS: Named<CompositorChoice> = Named(&[
+    ("auto", CompositorChoice::Auto, ""),
+    ("sorted", CompositorChoice::Sorted, ""),
+    ("raycast", CompositorChoice::Raycast, ""),
+    ("compute", CompositorChoice::Compute, ""),
+]);
 
 /// The threads asked for; all processors unless told.
 pub(crate) fn threads(asked: Option<NonZeroUsize>) -> usize {

@@ -4,19 +4,21 @@ use super::failure::Failure;
 use super::heading;
 use super::input_args::InputArguments;
 use super::output::may_write_file;
-use super::pack_settings::KindArgument;
+use super::pack_settings::KINDS;
 use super::progress::{Progress, ProgressStyleArgument};
 use super::sampling_args::SamplingArguments;
 use super::scene_args::SceneArguments;
-use super::session_args::{BackendArgument, backend_memory, threads};
+use super::session_args::{BACKENDS, backend_memory, threads};
 use super::session_errors::session_failure;
 use super::store_errors;
 use super::values;
+use brickyard::backend::BackendChoice;
 use brickyard::background;
 use brickyard::openable::OpenableError;
 use brickyard::opening::{OpeningError, OpeningOptions};
 use brickyard::preview::PreviewError;
 use brickyard::session::{SessionOptions, check};
+use brickyard::store::Kind;
 use brickyard::text_file::read_text;
 use brickyard_viewer::{Openings, Script, WindowOptions};
 use clap::parser::ValueSource;
@@ -37,8 +39,8 @@ pub(crate) struct ViewArguments {
     #[command(flatten)]
     input: InputArguments,
     /// What the voxels of files mean; labels are never averaged
-    #[arg(help_heading = heading::INPUT, long, value_enum, default_value_t = KindArgument::Image)]
-    kind: KindArgument,
+    #[arg(help_heading = heading::INPUT, long, value_parser = KINDS, default_value = "image")]
+    kind: Kind,
     /// The store to pack a file into [default: one of its own in the user's cache, which is found there the next time]
     #[arg(help_heading = heading::WORK, long, value_name = "STORE")]
     store: Option<PathBuf>,
@@ -50,8 +52,8 @@ pub(crate) struct ViewArguments {
     #[arg(help_heading = heading::WINDOW, long, value_name = "WxH", default_value = "1280x800", value_parser = values::size_px)]
     size: (u32, u32),
     /// Where to render; auto takes a hardware GPU if the window is on one, else the CPU
-    #[arg(help_heading = heading::DRAWING, long, value_enum, default_value_t = BackendArgument::Auto)]
-    backend: BackendArgument,
+    #[arg(help_heading = heading::DRAWING, long, value_parser = BACKENDS, default_value = "auto")]
+    backend: BackendChoice,
     /// Hard limit of brick slots, tables, targets and staging, wherever they are [default: 1GiB of a GPU's memory, or a quarter of the machine's if
     /// the CPU draws]
     #[arg(help_heading = heading::DRAWING, long, visible_alias = "cpu-memory", value_name = "BYTES", value_parser = values::bytes)]
@@ -170,7 +172,7 @@ pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(
         OpeningOptions::default().preview_bytes.min(arguments.host_memory / 4 / paths.len().max(1) as u64);
     let options = OpeningOptions {
         files: arguments.input.options(),
-        kind: arguments.kind.into(),
+        kind: arguments.kind,
         store: arguments.store,
         preview_bytes,
     };
@@ -181,7 +183,7 @@ pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(
     let scene = arguments.sampling.of(scene);
     let (gpu_memory_bytes, cpu_memory_bytes) = backend_memory(arguments.gpu_memory);
     let session = SessionOptions {
-        backend: arguments.backend.into(),
+        backend: arguments.backend,
         gpu_memory_bytes,
         cpu_memory_bytes,
         host_memory_bytes: arguments.host_memory,
