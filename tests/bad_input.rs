@@ -225,15 +225,17 @@ fn what_is_not_a_finished_store() {
             ("file.zarr", BAD_INPUT, &["file.zarr", "not a brick store"]),
             ("folder", BAD_INPUT, &["folder", "not a brick store", "brickyard pack"]),
             ("unmarked.zarr", BAD_INPUT, &["unmarked.zarr", "not a brick store"]),
-            ("unfinished.zarr", INCOMPLETE, &["unfinished.zarr", "incomplete", "12 %", "--resume"]),
-            ("future.zarr", BAD_INPUT, &["future.zarr", "999", "not supported"]),
-            ("garbled.zarr", BAD_INPUT, &["garbled.zarr", "zarr.json"]),
+            ("unfinished.zarr", INCOMPLETE, &["unfinished.zarr", "incomplete", "12 %", "--resume to finish it"]),
+            ("future.zarr", BAD_INPUT, &["future.zarr", "999", "not supported", "a later version of brickyard"]),
+            ("garbled.zarr", BAD_INPUT, &["garbled.zarr", "zarr.json", "put the file back"]),
             ("reshaped.zarr", BAD_INPUT, &["reshaped.zarr", "expected", "found"]),
             ("foreign.zarr", BAD_INPUT, &["foreign.zarr", "not supported"]),
         ] {
             // To damage in a store's documents, verifying has an answer of its own.
             let is_damaged = ["garbled.zarr", "reshaped.zarr"].contains(&store) && command.starts_with("verify");
             check(&sandbox, &[(&line(store), if is_damaged { VERIFICATION_FAILED } else { code }, words)]);
+            let (_, _, said) = sandbox.run(&line(store));
+            assert!(said.matches("--resume").count() <= 1, "told twice: {said}");
         }
     }
 }
@@ -903,7 +905,12 @@ fn what_is_not_finite_is_packed_counted_and_left_out() {
     };
     let voxels: Vec<u8> = (0..20 * 30 * 40).flat_map(|i| special(i).to_le_bytes()).collect();
     sandbox.write("a.raw", &voxels);
-    sandbox.run_ok("pack a.raw o.zarr --shape 20,30,40 --dtype f32 --brick 16 --progress none");
+    let line = "a.raw --shape 20,30,40 --dtype f32 --brick 16 --progress none";
+    let (code, _, said) = sandbox.run(&format!("pack {line} o.zarr"));
+    assert!(code == 0 && said.contains("1920 voxels without a number"), "exit {code}: {said}");
+    sandbox.run_ok(&format!("append s.zarr {line}"));
+    let (code, _, said) = sandbox.run("append s.zarr a.raw --shape 20,30,40 --dtype f32 --progress none");
+    assert!(code == 0 && said.contains("1920 voxels without a number"), "exit {code}: {said}");
     sandbox.run_ok("verify o.zarr --progress none");
     let info = sandbox.json("info o.zarr --json");
     let channel = &info["store"]["channels"][0];

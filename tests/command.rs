@@ -82,7 +82,46 @@ fn edited_looks_are_noted_and_sound() {
         std::fs::write(&root, edited).expect("it is ours");
         let (code, stdout, stderr) = sandbox.run("verify a.zarr --progress none");
         assert!(code == expected && stderr.starts_with(said), "exit {code}: {stdout}{stderr}");
+        let (_, json, _) = sandbox.run("verify a.zarr --progress none --json");
+        let report: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+        let count = |name: &str| report[name].as_array().expect("a list").len();
+        assert_eq!([count("edits"), count("problems")], if expected == 0 { [1, 0] } else { [0, 1] });
     }
+}
+
+/// Remarks on a file are routine, and warnings are not.
+#[test]
+fn packing_and_appending_say_what_is_routine() {
+    let sandbox = Sandbox::default();
+    let mut header = vec![0u8; 352];
+    header[..4].copy_from_slice(&348i32.to_le_bytes());
+    for (at, number) in [(40, 3u16), (42, 4), (44, 4), (46, 4), (70, 2), (72, 8)] {
+        header[at..at + 2].copy_from_slice(&number.to_le_bytes());
+    }
+    for at in [76, 80, 84, 88] {
+        header[at..at + 4].copy_from_slice(&1f32.to_le_bytes());
+    }
+    header[108..112].copy_from_slice(&352f32.to_le_bytes());
+    header[344..348].copy_from_slice(b"n+1\0");
+    let more = [header, vec![7; 64], vec![1; 3]].concat();
+    sandbox.write("a.nii", &more);
+    for line in ["pack a.nii o.zarr", "append s.zarr a.nii", "append s.zarr a.nii"] {
+        let (code, _, said) = sandbox.run(&format!("{line} --progress none"));
+        assert!(code == 0 && said.contains("warning: 3 bytes after the voxels are ignored"), "{line}: {code}: {said}");
+        assert_eq!(said.matches("warning:").count(), 1, "{line}: {said}");
+    }
+    assert!(sandbox.run_ok("verify o.zarr --progress none").contains("1 brick in 1 shard is sound"));
+}
+
+/// Where what was asked for goes is named, if it cannot go there.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_standard_output_is_named() {
+    let sandbox = with_store();
+    let full = std::fs::File::options().write(true).open("/dev/full").expect("Linux has it");
+    let output = sandbox.command().args(["info", "a.zarr"]).stdout(full).output().expect("it runs");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(1) && said.contains("standard output:"), "{:?}: {said}", output.status);
 }
 
 /// However many bricks are damaged: a few are named where a picture is drawn, all of them by `verify`, and the last line has their number.

@@ -166,6 +166,34 @@ mod tests {
         }
     }
 
+    /// Permissions and limits are the process's, wherever they are met: the input may be sound.
+    #[test]
+    fn what_the_process_may_not_do_is_no_fault_of_a_file() {
+        let path = || std::path::PathBuf::from("a.raw");
+        let errors = || [13, 24, 12].map(Error::from_raw_os_error);
+        let input = |error| ImportError::Io { path: path(), error };
+        for error in errors() {
+            assert_eq!(import_failure(&input(error)).kind, ExitKind::Failed);
+        }
+        for error in errors() {
+            let error = PackError::Source { error: input(error), store: path(), done: 1, total: 2 };
+            assert_eq!(pack_failure(error).kind, ExitKind::Failed);
+        }
+        for error in errors() {
+            let error = AppendError::Source { error: input(error), store: path(), times: 1 };
+            assert_eq!(append_failure(error).kind, ExitKind::Failed);
+        }
+        let scratch = || ImportError::Scratch { directory: path(), error: Error::other("full") };
+        assert_eq!(import_failure(&scratch()).kind, ExitKind::Failed);
+        let appended = AppendError::Source { error: scratch(), store: path(), times: 1 };
+        assert_eq!(append_failure(appended).kind, ExitKind::Failed);
+        let failure = io_failure(&Error::from_raw_os_error(24), "a.zarr/0");
+        assert!(failure.kind == ExitKind::Failed && failure.message.contains("`ulimit -n`"), "{}", failure.message);
+        assert_eq!(io_failure(&Error::other("told to"), "a.zarr/0").kind, ExitKind::BadInput);
+        let begun = AppendError::Begun { store: path(), difference: "brick".into() };
+        assert_eq!(append_failure(begun).kind, ExitKind::Usage);
+    }
+
     #[test]
     fn what_verify_cannot_open_is_told_apart() {
         let path = || std::path::PathBuf::from("a.zarr/zarr.json");
@@ -173,6 +201,9 @@ mod tests {
         let invalid = OpenError::Invalid { path: path(), field: "a".into(), expected: "b".into(), found: "c".into() };
         assert_eq!(kind(invalid), ExitKind::VerificationFailed);
         assert_eq!(kind(OpenError::NotAStore { path: path() }), ExitKind::BadInput);
+        let io = |code| kind(OpenError::Io { path: path(), error: Error::from_raw_os_error(code) });
+        // No directory, and no permission.
+        assert_eq!([20, 13].map(io), [ExitKind::VerificationFailed, ExitKind::Failed]);
         assert_eq!(kind(OpenError::Incomplete { path: path(), percent: 4 }), ExitKind::Incomplete);
         let (feature, advice) = ("something new".into(), "wait");
         assert_eq!(kind(OpenError::Unsupported { path: path(), feature, advice }), ExitKind::BadInput);

@@ -106,7 +106,7 @@ mod tests {
         assert_eq!(told(None, &both), Ok(Some(milliseconds.clone())));
         let unit = OpenOptions { time_unit: Some("ms".into()), ..none.clone() };
         assert_eq!(told(None, &unit), Ok(Some(TimeAxis { step: 1.0, ..milliseconds })));
-        let (_folder, path) = temp_file("stamps", b"0\n0.5\r\n\n 2\n9e0\n");
+        let (_folder, path) = temp_file("stamps", b"\xef\xbb\xbf0\n0.5\r\n\n 2\n9e0\n");
         let stamps = OpenOptions { time_stamps: Some(path), ..none };
         let found = told(Some(seconds(2.0)), &stamps).unwrap().unwrap();
         assert_eq!((found.start, found.stamps, found.unit.as_deref()), (0.0, vec![0.0, 0.5, 2.0, 9.0], Some("second")));

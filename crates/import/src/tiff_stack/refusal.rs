@@ -110,3 +110,20 @@ fn feature_of(error: TiffUnsupportedError) -> String {
         other => other.to_string().trim_end_matches(" is unsupported").to_owned(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_of_pixels_are_in_words() {
+        let kinds = [
+            (ColorType::Gray(12), SampleFormat::Uint, "unsigned integers (one a pixel)"),
+            (ColorType::CMYK(8), SampleFormat::Int, "signed integers (CMYK)"),
+            (ColorType::Multiband { bit_depth: 24, num_samples: 5 }, SampleFormat::IEEEFP, "floats (5 a pixel)"),
+        ];
+        for (color, format, words) in kinds {
+            assert_eq!(kind_of(color, format), words);
+        }
+    }
+}

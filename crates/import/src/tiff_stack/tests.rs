@@ -363,6 +363,10 @@ fn white_is_zero_keeps_the_stored_values() {
     let source = opened(&path).unwrap();
     assert_boxes(&*source, field);
     assert!(said(&source.info().notes).starts_with("note: Small values are meant to be shown bright"));
+    // Floats are not undone.
+    let floats = Field { voxel_type: VoxelType::F32, ..field };
+    let message = refusal(&written(floats, "z", &layout), &options());
+    assert!(message.contains("MINISBLACK"), "{message}");
 }
 
 #[test]
@@ -499,6 +503,7 @@ fn pixels_and_directories_that_are_not_read_are_named() {
         (258, 24, "write its pixels again as numbers of 8, 16, 32 or 64 bits"),
         (262, 77, "PhotometricInterpretation"),
         (339, 5, "complex numbers"),
+        (339, 9, "samples of a format (9) that is not the standard's"),
         (278, 2, "another number of strips, tiles or samples than follows from its sizes (a page of several slices"),
     ] {
         let message = refusal(&with_tag(tag, number).1, &options());

@@ -644,6 +644,50 @@ fn a_first_step_whose_pack_was_cut_off_at_its_end_is_followed() {
     assert!(found > 0);
 }
 
+/// Notes first, then warnings, in packing and appending alike.
+#[test]
+fn what_a_source_says_is_told_by_its_weight() {
+    #[derive(Default)]
+    struct Heard(std::sync::Mutex<Vec<String>>);
+    impl Progress for Heard {
+        fn note(&self, message: &str) {
+            self.0.lock().unwrap().push(format!("note: {message}"));
+        }
+        fn warn(&self, message: &str) {
+            self.0.lock().unwrap().push(format!("warning: {message}"));
+        }
+    }
+    let said = |behind: usize| {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("a.nii.gz");
+        let mut header = vec![0u8; 352];
+        header[..4].copy_from_slice(&348i32.to_le_bytes());
+        for (at, number) in [(40, 3u16), (42, 4), (44, 4), (46, 4), (70, 2), (72, 8)] {
+            header[at..at + 2].copy_from_slice(&number.to_le_bytes());
+        }
+        [76, 80, 84, 88].iter().for_each(|at| header[*at..at + 4].copy_from_slice(&1f32.to_le_bytes()));
+        header[108..112].copy_from_slice(&352f32.to_le_bytes());
+        header[344..348].copy_from_slice(b"n+1\0");
+        let voxels = [header, vec![7; 64], vec![1; behind]].concat();
+        let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        std::io::Write::write_all(&mut gzip, &voxels).unwrap();
+        std::fs::write(&file, gzip.finish().unwrap()).unwrap();
+        let source = brickyard_import::open(&[file], &brickyard_import::OpenOptions::default()).unwrap();
+        let (packed, appended) = (Heard::default(), Heard::default());
+        let store = dir.path().join("s.zarr");
+        let mut appender = Appender::create(&store, &*source, None, &byte_options(), &packed).unwrap();
+        appender.append(&*source, None, &appended).unwrap();
+        [packed, appended].map(|heard| heard.0.into_inner().unwrap())
+    };
+    for told in said(3) {
+        let [note, warning] = &told[..] else { panic!("{told:?}") };
+        assert!(
+            note.starts_with("note: The file is compressed") && warning.starts_with("warning: 3 bytes"),
+            "{told:?}"
+        );
+    }
+}
+
 #[test]
 fn groups_that_gathered_the_metadata_are_named() {
     #[derive(Default)]

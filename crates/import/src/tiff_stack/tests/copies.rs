@@ -82,3 +82,25 @@ fn files_of_a_page_and_its_copies_are_planes() {
     let message = open(&[folder.path().to_owned()], &all_pages()).err().unwrap().to_string();
     assert!(message.contains("several planes"), "{message}");
 }
+
+/// Copies may not say that they are copies.
+#[test]
+fn files_of_a_page_and_a_silent_thumbnail_are_planes() {
+    let of = |pages: u16, thumbnails: std::ops::Range<usize>| {
+        let field = Field { sizes: [7, 5, u32::from(pages), 1, 1], voxel_type: VoxelType::U8 };
+        let mut bytes = written(field, "z", &Layout { chunk: Err(5), ..Layout::default() });
+        for page in thumbnails {
+            put(&mut bytes, page, WIDTH, 3);
+            put(&mut bytes, page, HEIGHT, 2);
+        }
+        bytes
+    };
+    let (folder, _) = temp_file("s1.tif", &of(2, 1..2));
+    std::fs::write(folder.path().join("s2.tif"), of(1, 0..0)).unwrap();
+    let source = opened(folder.path()).unwrap();
+    assert_eq!((source.info().extent.to_array(), source.info().times), ([7, 5, 2], 1));
+    // Two of one size may be planes.
+    std::fs::write(folder.path().join("s1.tif"), of(3, 1..3)).unwrap();
+    let message = opened(folder.path()).err().unwrap().to_string();
+    assert!(message.contains("several planes"), "{message}");
+}

@@ -281,12 +281,14 @@ fn files_of_one_step_each_say_when_they_were_taken() {
         assert_eq!(source.info().times, 3);
         source.info().time.clone().map(|axis| (axis.step, axis.stamps, axis.unit.unwrap_or_default()))
     };
+    let tifffile = |step: f64| format!(r#"{{"shape": [2, 5, 7], "finterval": {step}}}"#);
     let (none, told) = (OpenOptions::default(), OpenOptions { time_step: Some(2.0), ..OpenOptions::default() });
     let stamps = |increment: &str| [1.0, 2.0, 9.0].map(|stamp| ome(increment, stamp));
     let every = r#"TimeIncrement="0.5" TimeIncrementUnit="s""#;
     assert_eq!(time(stamps(every), &none), Some((0.5, vec![], "second".into())));
     assert_eq!(time(stamps(""), &none), Some((7.0, vec![1.0, 2.0, 9.0], "millisecond".into())));
     assert_eq!(time(stamps(every), &told).unwrap().0, 2.0);
+    assert_eq!(time([0.25; 3].map(tifffile), &none), Some((0.25, vec![], "second".into())));
     assert_eq!(time([0.0; 3].map(|stamp| ome("", stamp)), &none), None);
     assert_eq!(time(["0.25"; 3].map(imagej), &none), Some((0.25, vec![], "second".into())));
     assert_eq!(time(["0.25", "0.25", "0.5"].map(imagej), &none), None);
