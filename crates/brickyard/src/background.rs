@@ -2,7 +2,7 @@
 //! waiting. A panic inside of the work is an error of the work.
 
 use crate::volume_source::VolumeSource;
-use brickyard_import::Source;
+use brickyard_import::{self as import, ImportError, Source};
 use brickyard_store::{self as store, Exists, ExportError, ExportRequest, OpenError, PackError, PackOptions, Store};
 use brickyard_volume::Extent;
 use std::any::Any;
@@ -212,6 +212,11 @@ pub fn pack(source: Arc<dyn Source>, place: PathBuf, options: PackOptions) -> Ba
         }
         Ok(VolumeSource::open(&place)?)
     })
+}
+
+/// Looks in the background whether a folder can be opened as it is: see [`import::check_folder`].
+pub fn check_folder(folder: PathBuf) -> Background<(), ImportError> {
+    Background::start(move |_| import::check_folder(&folder))
 }
 
 /// How long to wait until it is asked again whether another pack into the same store is over.

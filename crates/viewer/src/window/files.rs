@@ -72,10 +72,10 @@ impl Window {
     }
 
     /// Says why a file cannot be opened; others that were to be opened with it still are. If that is for want of something that the file does not say, or of
-    /// what was said of it, a form asks for it.
+    /// what was said of it, a form asks for it. Of a folder there is none: it is about one file.
     fn ask_about(&mut self, path: &Path, error: &OpeningError) -> String {
         if let Some(next) = &self.next
-            && (error.wants_options() || next.said != Description::default() && !error.is_cancelled())
+            && is_asked_about(path, error, &next.said)
         {
             let (placing, said) = (next.placing, next.said.clone());
             self.show_dialog(DialogKind::Describe(placing));
@@ -245,6 +245,12 @@ impl Window {
     }
 }
 
+/// Whether a form asks for what a path does not say that does not open, or for what was said of it.
+fn is_asked_about(path: &Path, error: &OpeningError, said: &Description) -> bool {
+    let may_be_told = error.wants_options() || *said != Description::default() && !error.is_cancelled();
+    may_be_told && !path.is_dir()
+}
+
 /// A problem with what it is about before it, unless it names that by itself, as errors of files do.
 pub(super) fn about(what: &str, problem: &str) -> String {
     if problem.contains(what) { problem.into() } else { format!("{what}: {problem}") }
@@ -277,6 +283,20 @@ mod tests {
     fn what_a_problem_is_about_is_said_once() {
         assert_eq!(about("/a.nii", "/a.nii: no such file"), "/a.nii: no such file");
         assert_eq!(about("/a.nii", "cancelled"), "/a.nii: cancelled");
+    }
+
+    #[test]
+    fn a_form_is_about_a_file_and_never_about_a_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let raw = folder.path().join("a.raw");
+        for name in ["a.raw", "b.npy", "c.tif"] {
+            std::fs::write(folder.path().join(name), [0; 24]).unwrap();
+        }
+        let is_asked = |path: &Path| {
+            let error = Openings::start(vec![path.into()], OpeningOptions::default()).wait(|_, _| ()).unwrap_err();
+            is_asked_about(path, &error, &Description::default())
+        };
+        assert!(is_asked(&raw) && !is_asked(folder.path()));
     }
 
     #[test]
