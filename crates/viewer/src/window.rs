@@ -509,10 +509,8 @@ impl Window {
             panels::widgets::within(ui, |ui| {
                 panels::view::show(ui, &mut state.scene, self.views.volumes(), commands);
                 ui.separator();
-                if state.window.layout == Layout::Planes {
-                    panels::slices::show(ui, &mut state.window.planes, &state.scene, self.views.volumes());
-                }
                 panels::layers::show(ui, &mut state.scene, self.views.volumes(), self.picked_label(), &mut saved);
+                panels::slices::show(ui, &mut state.window, &state.scene, self.views.volumes());
                 panels::view::groups(ui, &mut state.scene, self.views.volumes());
             });
         });
