@@ -7,6 +7,7 @@ use crate::edits::with_more;
 use crate::exporting::{Exporting, Part};
 use crate::keeping::{self, Keeper};
 use crate::marks::Marks;
+use crate::note::Note;
 use crate::opening::Openings;
 use crate::panels::description::Description;
 use crate::panels::dialogs::{Dialog, DialogKind};
@@ -102,11 +103,15 @@ impl Window {
     /// Shows what has been opened meanwhile, and says what has come of an export.
     pub(super) fn follow_files(&mut self, egui: &egui::Context) -> Result<(), String> {
         if let Some(ended) = self.exporting.as_mut().and_then(Exporting::poll) {
-            self.exporting = None;
-            self.say_ended(|command| matches!(command, Command::Export(_)), ended);
+            let is_stopped = self.exporting.take().is_some_and(|exporting| exporting.is_stopped());
+            let is_it = |command: &Command| matches!(command, Command::Export(_));
+            match ended {
+                Err(words) if is_stopped => self.say_stopped(is_it, words),
+                ended => self.say_ended(is_it, ended),
+            }
         }
         let changes = self.openings.poll();
-        self.note = changes.messages.into_iter().last().or(self.note.take());
+        self.note = changes.messages.into_iter().last().map(Note::new).or(self.note.take());
         if changes.has_volumes {
             let volumes = self.openings.volumes();
             if scale_crops(&mut self.state.scene, self.views.volumes(), &volumes) {
@@ -118,14 +123,21 @@ impl Window {
             self.views.follow_volumes(self.openings.volumes());
         }
         if let Some((path, error)) = changes.stopped {
-            return Err(about(&path.display().to_string(), &error.to_string()));
+            let words = about(&path.display().to_string(), &error.to_string());
+            if !error.is_cancelled() {
+                return Err(words);
+            }
+            self.remark(words);
         }
         let Some(next) = &mut self.next else { return Ok(()) };
         let changes = next.openings.poll();
-        self.note = changes.messages.into_iter().last().or(self.note.take());
+        self.note = changes.messages.into_iter().last().map(Note::new).or(self.note.take());
         if let Some((path, error)) = changes.stopped {
             let problem = self.ask_about(&path, &error);
-            self.say_ended(Command::opens, Err(problem));
+            match error.is_cancelled() {
+                true => self.say_stopped(Command::opens, problem),
+                false => self.say_ended(Command::opens, Err(problem)),
+            }
             return Ok(());
         }
         let Some(next) = self.next.take_if(|next| next.openings.are_shown()) else { return Ok(()) };
