@@ -55,7 +55,7 @@ pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Resu
         [first @ .., last] => {
             let list = format!("{} and {last}", first.join(", "));
             let problem =
-                format!("holds {list} files: name the files that you mean, or a pattern of their names in quotes");
+                format!("holds {list} files: choose one of them, or those of one format by a pattern of their names");
             Err(ImportError::options(folder, problem))
         }
     }

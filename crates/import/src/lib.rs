@@ -67,7 +67,7 @@ pub use error::{ImportError, is_of_process, limit_behind, without_path};
 #[cfg(feature = "mesh")]
 pub use mesh::read_mesh;
 pub use note::Note;
-pub use open::{open, order_steps};
+pub use open::{check_folder, open, order_steps};
 pub use options::{FileOrder, Gaps, HeldAs, NoData, OpenOptions};
 pub use raw::{RawLayout, RawSource};
 pub use source::{Access, Lent, Source, SourceInfo};

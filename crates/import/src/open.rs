@@ -122,6 +122,14 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     Ok(Box::new(Described { info, source, first: 0 }))
 }
 
+/// Whether a folder can be opened as it is: it holds files of one format. Costs a read of the first bytes of each file.
+///
+/// # Errors
+/// If not, as [`open`] says it.
+pub fn check_folder(folder: &Path) -> Result<(), ImportError> {
+    files_of(folder, &OpenOptions::default(), READ).map(|_| ())
+}
+
 /// Puts files and folders that each hold a time step in order, as [`open`] does with a list; returns them, and a sentence that says which
 /// order that is. Each is then opened with the same options, and [`OpenOptions::is_step`].
 ///

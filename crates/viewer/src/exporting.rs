@@ -99,6 +99,11 @@ impl Exporting {
         })
     }
 
+    /// Whether somebody has stopped it.
+    pub(crate) fn is_stopped(&self) -> bool {
+        self.work.meter().is_cancelled()
+    }
+
     /// Shows how far it is, and a button to stop it.
     pub(crate) fn show(&self, ui: &mut Ui) {
         if work_row::show(ui, ("exporting", &self.path), self.work.meter().progress(), true) {

@@ -2,9 +2,15 @@
 //! that nothing opens, by their names, are left out unless they are asked for.
 
 use crate::keys::SCENE_FILE;
+use brickyard::background::{Background, check_folder};
+use brickyard::import::ImportError;
 use brickyard::openable::{has_known_name, is_store};
-use eframe::egui::{self, Ui};
+use eframe::egui::{self, Button, Key, Label, Modifiers, RichText, Ui};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// How often it is looked whether it is known if a folder can be opened.
+const CHECK_STEP: Duration = Duration::from_millis(50);
 
 /// A folder, and what is in it.
 pub(crate) struct FileBrowser {
@@ -17,6 +23,14 @@ pub(crate) struct FileBrowser {
     sought: String,
     /// Whether files are listed, too, that nothing opens by their names.
     has_all: bool,
+    /// The entry that Enter opens, among those that are listed.
+    marked: usize,
+    /// Whether the field for names is to have the focus.
+    wants_focus: bool,
+    /// The look whether the folder can be opened as it is, as long as it takes.
+    check: Option<Background<(), ImportError>>,
+    /// Why it cannot.
+    refusal: Option<String>,
 }
 
 #[derive(Debug, PartialEq)]
@@ -42,6 +56,10 @@ impl FileBrowser {
             typed: String::new(),
             sought: String::new(),
             has_all: false,
+            marked: 0,
+            wants_focus: true,
+            check: None,
+            refusal: None,
         };
         browser.enter(folder);
         browser
@@ -54,6 +72,21 @@ impl FileBrowser {
         self.entries = entries(&self.folder).map_err(|error| format!("{}: {error}", self.folder.display()));
         self.typed = self.folder.display().to_string();
         self.sought.clear();
+        (self.marked, self.wants_focus) = (0, true);
+        (self.check, self.refusal) = (Some(check_folder(self.folder.clone())), None);
+    }
+
+    /// Takes note of whether the folder can be opened as it is, once that is known.
+    fn follow_check(&mut self, ui: &Ui) {
+        match self.check.as_mut().map(Background::poll) {
+            None => {}
+            Some(None) => ui.ctx().request_repaint_after(CHECK_STEP),
+            Some(Some(checked)) => {
+                let before = format!("{}: ", self.folder.display());
+                self.refusal = checked.err().map(|error| error.to_string().replacen(&before, "", 1));
+                self.check = None;
+            }
+        }
     }
 
     /// Goes to what was clicked or typed: into a folder, else it is chosen.
@@ -80,47 +113,97 @@ impl FileBrowser {
                 target = self.folder.parent().map(Path::to_path_buf);
             }
             let field = ui.add(egui::TextEdit::singleline(&mut self.typed).desired_width(f32::INFINITY));
+            let field = field.accessible_name("folder");
             if field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter)) {
                 target = Some(self.folder.join(&self.typed));
             }
         });
-        ui.horizontal(|ui| {
-            let field = egui::TextEdit::singleline(&mut self.sought).hint_text("find a name").desired_width(200.0);
-            ui.add(field);
-            let hint = "also those whose names are of no format that is read; a file of numbers may have any name";
-            ui.checkbox(&mut self.has_all, "all files").on_hover_text(hint);
-        });
+        let shown = self.search(ui, &mut target);
         ui.separator();
         egui::ScrollArea::vertical().auto_shrink(false).max_height(360.0).show(ui, |ui| match &self.entries {
             Err(problem) => {
                 ui.colored_label(ui.visuals().error_fg_color, problem);
             }
             Ok(entries) => {
-                let shown: Vec<_> = entries.iter().filter(|entry| self.lists(entry)).collect();
-                if shown.is_empty() {
+                if shown.indices.is_empty() {
                     ui.weak(if entries.is_empty() {
                         "an empty folder"
                     } else {
                         "none of such a name; see \"all files\""
                     });
                 }
-                for entry in shown {
-                    let words = match entry.kind {
-                        EntryKind::Folder => format!("{}/", entry.name),
-                        EntryKind::Store => format!("{} (store)", entry.name),
-                        EntryKind::File => entry.name.clone(),
-                    };
-                    if ui.selectable_label(false, words).clicked() {
+                for (place, entry) in shown.indices.iter().map(|&i| &entries[i]).enumerate() {
+                    let line = ui.selectable_label(place == self.marked, entry.words());
+                    if place == self.marked && shown.is_moved {
+                        line.scroll_to_me(None);
+                    }
+                    if line.clicked() {
                         target = Some(entry.path.clone());
                     }
                 }
             }
         });
         ui.separator();
-        if ui.button("Open this folder").on_hover_text("a folder of TIFF planes or DICOM slices").clicked() {
-            chosen = Some(self.folder.clone());
-        }
+        self.follow_check(ui);
+        ui.horizontal(|ui| {
+            let button = ui.add_enabled(self.refusal.is_none(), Button::new("Open this folder"));
+            let refusal = self.refusal.as_deref().unwrap_or_default();
+            let button = button.on_hover_text("a folder of TIFF planes or DICOM slices");
+            if button.on_disabled_hover_text(refusal).clicked() {
+                chosen = Some(self.folder.clone());
+            }
+            ui.add(Label::new(RichText::new(refusal).weak()).truncate());
+        });
         chosen.or_else(|| self.go(target?))
+    }
+
+    /// The field for a part of names, which has the focus at first: arrows mark one of the entries, Enter opens it. Returns the entries that are listed.
+    fn search(&mut self, ui: &mut Ui, target: &mut Option<PathBuf>) -> Listed {
+        let id = ui.scope_id().with("sought");
+        let mut steps = 0;
+        if ui.memory(|memory| memory.has_focus(id)) {
+            let count = |key| ui.input_mut(|input| input.count_and_consume_key(Modifiers::NONE, key)) as isize;
+            steps = count(Key::ArrowDown) - count(Key::ArrowUp);
+        }
+        let mut is_entered = false;
+        ui.horizontal(|ui| {
+            let field = egui::TextEdit::singleline(&mut self.sought).hint_text("find a name").desired_width(200.0);
+            let field = ui.add(field.id(id));
+            is_entered = field.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
+            if std::mem::take(&mut self.wants_focus) {
+                field.request_focus();
+            }
+            if field.changed() {
+                self.marked = 0;
+            }
+            let hint = "also those whose names are of no format that is read; a file of numbers may have any name";
+            ui.checkbox(&mut self.has_all, "all files").on_hover_text(hint);
+        });
+        let entries = self.entries.as_deref().unwrap_or_default();
+        let indices: Vec<_> = (0..entries.len()).filter(|&i| self.lists(&entries[i])).collect();
+        self.marked = self.marked.saturating_add_signed(steps).min(indices.len().saturating_sub(1));
+        if is_entered {
+            *target = indices.get(self.marked).map(|&i| entries[i].path.clone());
+        }
+        Listed { indices, is_moved: steps != 0 }
+    }
+}
+
+/// The entries that are listed.
+struct Listed {
+    indices: Vec<usize>,
+    /// Whether another one of them is marked than before.
+    is_moved: bool,
+}
+
+impl Entry {
+    /// How it is listed.
+    fn words(&self) -> String {
+        match self.kind {
+            EntryKind::Folder => format!("{}/", self.name),
+            EntryKind::Store => format!("{} (store)", self.name),
+            EntryKind::File => self.name.clone(),
+        }
     }
 }
 
@@ -148,6 +231,8 @@ fn entries(folder: &Path) -> std::io::Result<Vec<Entry>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use egui_kittest::Harness;
+    use egui_kittest::kittest::Queryable;
 
     #[test]
     fn folders_come_before_stores_before_files() {
@@ -183,5 +268,51 @@ mod tests {
         assert_eq!(browser.folder, std::env::current_dir().unwrap());
         browser.enter(&root.join("gone"));
         assert!(browser.entries.unwrap_err().contains("gone: No such file"));
+    }
+
+    /// A list of a folder of these files, and what was chosen.
+    fn harness<'a>(folder: &Path, names: &[&str]) -> Harness<'a, (FileBrowser, Option<PathBuf>)> {
+        names.iter().for_each(|name| std::fs::write(folder.join(name), "x").unwrap());
+        let show = |ui: &mut Ui, (browser, chosen): &mut (FileBrowser, Option<PathBuf>)| {
+            *chosen = chosen.take().or(browser.show(ui));
+        };
+        Harness::new_ui_state(show, (FileBrowser::new(folder), None))
+    }
+
+    #[test]
+    fn names_are_found_and_opened_by_keys() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut harness = harness(folder.path(), &["a1.npy", "b1.npy", "b2.npy", "b3.npy"]);
+        harness.run();
+        // As typed: into what has the focus.
+        harness.event(egui::Event::Text("b".into()));
+        harness.run();
+        for key in [Key::ArrowDown, Key::ArrowDown, Key::ArrowDown, Key::ArrowUp, Key::Enter] {
+            harness.key_press(key);
+            harness.run();
+        }
+        assert_eq!(harness.state().1, Some(folder.path().join("b2.npy")));
+    }
+
+    #[test]
+    fn a_folder_of_several_formats_is_not_opened_as_it_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut harness = harness(folder.path(), &["a.npy", "b.npy", "c.tif"]);
+        while harness.state().0.check.is_some() {
+            harness.run();
+        }
+        harness.run();
+        let refusal =
+            "holds 1 TIFF and 2 .npy files: choose one of them, or those of one format by a pattern of their names";
+        assert!(harness.query_by_label(refusal).is_some());
+        harness.get_by_label("Open this folder").click();
+        harness.run();
+        assert_eq!(harness.state().1, None);
+        std::fs::remove_file(folder.path().join("c.tif")).unwrap();
+        harness.state_mut().0.enter(folder.path());
+        harness.run();
+        harness.get_by_label("Open this folder").click();
+        harness.run();
+        assert_eq!(harness.state().1, Some(folder.path().to_owned()));
     }
 }

@@ -158,10 +158,8 @@ pub(crate) fn shown(egui: &egui::Context, effect: &str) -> String {
 
 /// The keys that were pressed since the last frame, in their order. Each acts on what those before it have made of the state.
 pub(crate) fn pressed(egui: &egui::Context, state: &State) -> Vec<Shortcut> {
-    // A field that is typed into has the keys; what else has the focus, such as a slider, has those that move it.
-    if egui.text_edit_focused() {
-        return Vec::new();
-    }
+    // A field that is typed into has the keys, but for the one that quits; what else has the focus, such as a slider, has those that move it.
+    let is_typing = egui.text_edit_focused();
     let has_focus = egui.egui_wants_keyboard_input();
     let is_flying = state.window.tool == Tool::Fly;
     let mut hits = Vec::new();
@@ -176,6 +174,7 @@ pub(crate) fn pressed(egui: &egui::Context, state: &State) -> Vec<Shortcut> {
                 shortcut.keys.logical_key == *key && modifiers.matches_logically(shortcut.keys.modifiers)
             };
             let known = all().into_iter().find(is_it);
+            let known = known.filter(|shortcut| !is_typing || shortcut.command(state) == Some(Command::Quit));
             let is_known = known.is_some();
             hits.extend(known);
             !is_known
@@ -248,11 +247,12 @@ mod tests {
             ui.text_edit_singleline(text).accessible_name("text");
         };
         let mut harness = Harness::new_ui_state(show, (50.0, String::new(), 0));
-        for (name, expected) in [("slider", 3), ("text", 0)] {
+        for (name, expected) in [("slider", 4), ("text", 1)] {
             harness.get_by_label(name).focus();
             harness.run();
             harness.state_mut().2 = 0;
             harness.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+            harness.key_press_modifiers(Modifiers::COMMAND, Key::Q);
             harness.key_press(Key::B);
             harness.key_press(Key::Space);
             harness.key_press(Key::ArrowRight);

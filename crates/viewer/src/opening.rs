@@ -143,12 +143,14 @@ impl Openings {
     /// Shows what is being done, and a button to stop each.
     pub(crate) fn show(&self, ui: &mut Ui) {
         for item in &self.items {
-            let (what, can_cancel) = match item.opening.activity() {
-                Activity::Reading => ("reading", item.volume.is_none()),
-                Activity::Packing => ("packing", true),
-                Activity::Nothing => continue,
+            let (path, progress) = (item.path.as_path(), item.opening.progress());
+            let is_stopped = match item.opening.activity() {
+                Activity::Reading => work_row::show(ui, ("reading", path), progress, item.volume.is_none()),
+                Activity::Packing => work_row::show(ui, ("packing", path), progress, true),
+                Activity::Waiting => work_row::show_waiting(ui, path),
+                Activity::Nothing => false,
             };
-            if work_row::show(ui, (what, &item.path), item.opening.progress(), can_cancel) {
+            if is_stopped {
                 item.opening.cancel();
             }
         }

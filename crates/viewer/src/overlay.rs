@@ -21,6 +21,9 @@ const LEAST_BARRED: f32 = 420.0;
 /// The least size of a picture that has letters at its edges, in points: in a smaller one they would hide too much.
 const LEAST_LETTERED: f32 = 96.0;
 
+/// How far the middle of a letter is from a line at least, in points.
+const CLEARANCE: f32 = 16.0;
+
 /// The colours of the axes x, y and z, as on finished pictures.
 pub(crate) const AXIS_COLORS: [Color32; 3] = {
     const fn color([r, g, b]: [u8; 3]) -> Color32 {
@@ -116,7 +119,7 @@ pub(crate) fn show(
         lens.overlay(|over| color_bar::draw(over.canvas, &bars, &mut Vec::new()));
     }
     if overlays.letters && world.is_anatomical && scene.slice.is_some() && scene.stereo.is_none() {
-        letters(lens);
+        letters(lens, None);
     }
 }
 
@@ -143,20 +146,30 @@ pub(crate) fn beginning(lens: &Lens, point: DVec3) {
     }
 }
 
-/// Writes at the edges of a picture which sides of a patient are there.
-pub(crate) fn letters(lens: &Lens) {
+/// Writes at the edges of a picture which sides of a patient are there, beside the lines that cross it at a point.
+pub(crate) fn letters(lens: &Lens, crossing: Option<DVec3>) {
     let area = lens.area.shrink(8.0);
     if lens.area.size().min_elem() < LEAST_LETTERED {
         return;
     }
+    let lines = crossing.and_then(|point| lens.place(point));
+    let [x, y] = [0, 1].map(|axis| beside(area.center()[axis], lines.map(|lines| lines[axis])));
     let places = [
-        (area.left_center(), Align2::LEFT_CENTER),
-        (area.right_center(), Align2::RIGHT_CENTER),
-        (area.center_top(), Align2::CENTER_TOP),
-        (area.center_bottom(), Align2::CENTER_BOTTOM),
+        (pos2(area.left(), y), Align2::LEFT_CENTER),
+        (pos2(area.right(), y), Align2::RIGHT_CENTER),
+        (pos2(x, area.top()), Align2::CENTER_TOP),
+        (pos2(x, area.bottom()), Align2::CENTER_BOTTOM),
     ];
     for (letters, (place, align)) in edge_letters(&lens.rays).iter().zip(places) {
         lens.text(place, align, letters, 18.0, Color32::WHITE);
+    }
+}
+
+/// The place along an edge that is nearest to one, and far enough from a line for a letter.
+fn beside(place: f32, line: Option<f32>) -> f32 {
+    match line {
+        Some(line) if (place - line).abs() < CLEARANCE => line + CLEARANCE.copysign(place - line),
+        _ => place,
     }
 }
 
@@ -227,12 +240,25 @@ mod tests {
         // An axial slice, seen from the feet: the patient's left is on the right.
         let camera =
             Camera::looking_from(Side::Inferior.direction(), Side::Anterior.direction(), (DVec3::ZERO, DVec3::ONE));
-        let texts = texts(&camera, letters);
+        let texts = texts(&camera, |lens| letters(lens, None));
         for (letter, near) in
             [("R", pos2(110.0, 100.0)), ("L", pos2(290.0, 100.0)), ("A", pos2(200.0, 62.0)), ("P", pos2(200.0, 138.0))]
         {
             let found = texts.iter().filter(|(text, _)| text == letter).map(|(_, place)| place.distance(near));
             assert!(found.clone().count() > 0 && found.clone().all(|distance| distance < 12.0), "{letter}: {texts:?}");
         }
+    }
+
+    #[test]
+    fn letters_stand_beside_the_lines_of_slices() {
+        let camera =
+            Camera::looking_from(Side::Inferior.direction(), Side::Anterior.direction(), (DVec3::ZERO, DVec3::ONE));
+        let texts = texts(&camera, |lens| letters(lens, Some(camera.target)));
+        for (letter, axis) in [("R", 1), ("L", 1), ("A", 0), ("P", 0)] {
+            let line = pos2(200.0, 100.0)[axis];
+            let found = texts.iter().filter(|(text, _)| text == letter).map(|(_, place)| (place[axis] - line).abs());
+            assert!(found.clone().all(|distance| (10.0..22.0).contains(&distance)), "{letter}: {texts:?}");
+        }
+        assert_eq!([beside(50.0, None), beside(50.0, Some(10.0)), beside(50.0, Some(52.0))], [50.0, 50.0, 36.0]);
     }
 }

@@ -1,13 +1,13 @@
 //! What is under the pointer: the point of the world that is seen there, and the exact values of the voxel that it is in. A thread of its own looks, so
 //! that a slow disk does not hold up the window; it answers about the newest place alone. Costs up to 64 MiB of decoded bricks for each picture.
 
-use brickyard::overlay::unit;
+use crate::read_out::ReadOut;
+use brickyard::overlay::{short_name, unit};
 use brickyard::pick::{Pick, Picker};
 use brickyard::session::{ResolvedScene, VolumeSource};
 use brickyard::volume::numbers::{exact, within_span};
 use eframe::egui;
 use glam::DVec3;
-use std::fmt::Write;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
@@ -19,8 +19,11 @@ pub(crate) struct Picked {
     /// The label that is there, if the layer that is seen there has labels.
     pub(crate) label: Option<i64>,
     /// Its voxel and values, in words.
-    pub(crate) words: String,
+    pub(crate) words: ReadOut,
 }
+
+/// The most characters of a name.
+const LONGEST: usize = 16;
 
 /// A place of a picture.
 #[derive(Clone)]
@@ -110,35 +113,32 @@ fn look(picker: &mut Picker, place: &Place, volumes: &[VolumeSource]) -> Option<
 }
 
 /// A pick in words: the place in the world, and of each volume, in their order, the voxel and the values there. A voxel that is that of the volume before is not said again.
-fn words(pick: &Pick, volumes: &[VolumeSource], ((low, high), is_anatomical): ((DVec3, DVec3), bool)) -> String {
+fn words(pick: &Pick, volumes: &[VolumeSource], ((low, high), is_anatomical): ((DVec3, DVec3), bool)) -> ReadOut {
     let size = (high - low).max_element();
     let [x, y, z] = pick.point.to_array().map(|at| within_span(at, size));
-    // Writing to a string cannot fail.
-    let mut words = format!("at {x}, {y}, {z} {}", unit(volumes, is_anatomical)).trim_end().to_string();
+    let place = format!("at {x}, {y}, {z} {}", unit(volumes, is_anatomical)).trim_end().to_string();
     let mut in_order: Vec<_> = pick.values.iter().collect();
     in_order.sort_by_key(|values| values.volume);
-    let mut said = String::new();
+    let (mut said, mut words) = (String::new(), Vec::new());
     for values in in_order {
         let Some(volume) = volumes.get(values.volume) else { continue };
         let stride = volume.stride();
         let [i, j, k] = std::array::from_fn(|axis| values.probe.voxel[axis] * stride[axis] + stride[axis] / 2);
         let near = if stride == [1; 3] { "voxel" } else { "about voxel" };
         let voxel = format!("{near} {i}, {j}, {k}:");
-        let _ = if voxel == said { write!(words, " ") } else { write!(words, "  {voxel}") };
+        let mut lead = if voxel == said { " ".into() } else { format!("  {voxel}") };
         said = voxel;
         let is_float = volume.source.voxel_type().is_float();
         for (channel, value) in values.probe.values.iter().enumerate() {
             let text = if value.is_nan() { "no data".to_string() } else { exact(*value, is_float) };
             let name = volume.displays().get(channel).and_then(|display| display.name.clone());
             // The volume's own name stands for that of its first channel.
-            let name = name.or_else(|| volume.name().filter(|_| channel == 0));
-            let _ = match name.filter(|name| !name.is_empty()) {
-                Some(name) => write!(words, " {name} {text}"),
-                None => write!(words, " {text}"),
-            };
+            let name = name.or_else(|| volume.name().filter(|_| channel == 0)).unwrap_or_default();
+            let name = if name.is_empty() { name } else { format!("{} ", short_name(&name, LONGEST)) };
+            words.push(format!("{} {name}{text}", std::mem::take(&mut lead)));
         }
     }
-    words
+    ReadOut { place, values: words }
 }
 
 #[cfg(test)]
@@ -150,7 +150,11 @@ mod tests {
 
     #[test]
     fn values_are_named_and_a_voxel_is_said_once() {
-        let volumes: Vec<_> = fixture::volumes().into_iter().zip(["scan", "nuclei"]).map(|(v, n)| v.named(n)).collect();
+        let volumes: Vec<_> = fixture::volumes()
+            .into_iter()
+            .zip(["scan", "a_very_long_name_of_nuclei"])
+            .map(|(v, n)| v.named(n))
+            .collect();
         let values = |volume: usize, values: &[f64]| {
             let probe = Probe { voxel: [3, 4, 5], world: DVec3::ZERO, values: values.into() };
             PickedValues { layer: volume, volume, probe }
@@ -159,6 +163,6 @@ mod tests {
         let pick =
             Pick { point, distance: 1.0, layer: 1, values: vec![values(1, &[7.0]), values(0, &[21.0, f64::NAN])] };
         let words = words(&pick, &volumes, ((DVec3::ZERO, DVec3::splat(30.0)), false));
-        assert_eq!(words, "at 3.12, 4, -5.5 mm  voxel 3, 4, 5: scan 21 no data  nuclei 7");
+        assert_eq!(words.all(), "at 3.12, 4, -5.5 mm  voxel 3, 4, 5: scan 21 no data  a_very_l\u{2026}_nuclei 7");
     }
 }

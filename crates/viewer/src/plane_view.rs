@@ -240,7 +240,7 @@ fn decorate(lens: &Lens, grid: &Grid, (axis, point): (usize, DVec3), camera: &Ca
         }
     }
     if seen.state.window.overlays.letters && world.is_anatomical {
-        overlay::letters(lens);
+        overlay::letters(lens, Some(point));
     }
     if seen.state.window.overlays.scale_bar {
         overlay::scale_bar(lens, camera, world.unit);

@@ -15,11 +15,12 @@ use crate::keeping::{self, Keeper};
 use crate::marks::{self, Marks, Over};
 use crate::measuring::Measuring;
 use crate::navigation::moved;
+use crate::note::Note;
 use crate::opening::Openings;
 use crate::pacing::Pacing;
 use crate::panels;
 use crate::panels::dialogs::{Dialog, DialogKind};
-use crate::panels::status::Said;
+use crate::panels::status::{Outcome, Said};
 use crate::picking::Picked;
 use crate::plane_view::PlaneView;
 use crate::planes::Grid;
@@ -58,9 +59,12 @@ const FAILING_STEP: Duration = Duration::from_secs(1);
 /// How long a script waits for a picture that cannot be drawn.
 const HOPELESS: Duration = Duration::from_secs(5);
 
-/// Where what is being read or written is shown, from the middle of the window's lower end, and how wide, in points.
-const ABOVE_STATUS: [f32; 2] = [0.0, -32.0];
+/// How far above the lower end of the pictures, where scale bars are, it is shown what is being read or written, and how wide at most, in points.
+const WORK_ABOVE: f32 = 44.0;
 const WORK_WIDTH: f32 = 420.0;
+
+/// The part of the window's width that the panel beside the pictures takes at most.
+const MOST_OF_WIDTH: f32 = 2.0 / 3.0;
 
 /// Space between the pictures of a window, in points.
 const GAP: f32 = 3.0;
@@ -95,8 +99,8 @@ pub(crate) struct Window {
     problem: Option<Problem>,
     /// What was told of that last, in the log, too.
     told: Option<Problem>,
-    /// What has been done last, which the next command takes away.
-    note: Option<String>,
+    /// What has been done last, or is to be remarked on it.
+    note: Option<Note>,
     /// Since when a picture cannot be drawn.
     failing_since: Option<Instant>,
     /// Whether the window was told to fill the screen.
@@ -174,6 +178,9 @@ impl Window {
         tracing::debug!("{command}");
         self.note = None;
         if let Err(problem) = self.try_perform(command, egui) {
+            if matches!(command, Command::Undo | Command::Redo) {
+                return self.remark(problem);
+            }
             let about = if command.names_file() { About::Work } else { About::Scene };
             self.say(about, command.failure(&problem));
         }
@@ -202,7 +209,20 @@ impl Window {
 
     /// Says what has been done.
     fn note(&mut self, note: String) {
-        (self.note, self.problem) = (Some(note), None);
+        (self.note, self.problem) = (Some(Note::new(note)), None);
+    }
+
+    /// Says in passing what asks for nothing.
+    fn remark(&mut self, text: impl Into<String>) {
+        self.note = Some(Note::passing(text));
+    }
+
+    /// Says a remark no more once its time is over; the window is drawn again then.
+    fn end_note(&mut self, egui: &egui::Context) {
+        match self.note.as_ref().and_then(Note::left) {
+            Some(Duration::ZERO) => self.note = None,
+            left => left.into_iter().for_each(|left| egui.request_repaint_after(left)),
+        }
     }
 
     /// Says what has gone wrong.
@@ -241,6 +261,14 @@ impl Window {
             (_, Ok(done)) => self.note(done),
             (Some(line), Err(problem)) => self.fail(&line, &problem),
             (None, Err(problem)) => self.say(About::Work, problem),
+        }
+    }
+
+    /// Says that something which a command began was stopped by hand.
+    fn say_stopped(&mut self, is_it: impl Fn(&Command) -> bool, text: String) {
+        match self.script.ended(is_it) {
+            Some(line) => self.fail(&line, &text),
+            None => self.remark(text),
         }
     }
 
@@ -440,13 +468,11 @@ impl Window {
     fn panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) -> Option<Rect> {
         let budgets = self.views.budgets_bytes(&self.state.window);
         let budgets = Budgets { gpu: (budgets.0 >> 20) as u32, host: (budgets.1 >> 20) as u32 };
-        let (mut wanted, mut is_put_away, has_volumes) = (None, false, !self.openings.are_none());
-        let help = egui::Window::new("Help").open(&mut state.window.help).default_size(vec2(420.0, 520.0));
-        help.show(ui.ctx(), panels::help::show);
+        let (mut wanted, has_volumes) = (None, !self.openings.are_none());
         // An empty window has nothing else to show.
-        let is_bare = has_volumes && !self.state.window.panels;
-        self.over_pictures(ui.ctx(), is_bare);
-        if is_bare {
+        if has_volumes && !self.state.window.panels {
+            self.over_pictures(ui, true);
+            panels::help::show(ui, &mut state.window.help, ui.available_rect_before_wrap());
             return None;
         }
         egui::Panel::top("menu").show(ui, |ui| {
@@ -463,22 +489,25 @@ impl Window {
         if let Some(kind) = wanted {
             self.show_dialog(kind);
         }
-        egui::Panel::bottom("status").show(ui, |ui| {
+        let below_menu = ui.available_rect_before_wrap();
+        let status = egui::Panel::bottom("status").show(ui, |ui| {
             let views = Some(&self.views).filter(|_| has_volumes);
             let said = Said {
                 problem: self.problem.as_ref().map(|problem| problem.text.as_str()),
-                note: self.note.as_deref(),
-                picked: self.picked().map(|picked| picked.words.as_str()),
+                note: self.note.as_ref().map(|note| note.text.as_str()),
+                picked: self.picked().map(|picked| &picked.words),
             };
-            is_put_away = panels::status::show(ui, views, &said);
+            panels::status::show(ui, views, &said)
         });
-        self.problem.take_if(|_| is_put_away);
+        self.problem.take_if(|_| status.inner == Outcome::PutAway);
         let has_steps = has_volumes && VolumeSource::timeline(self.views.volumes(), &state.scene).steps() > 1;
         let room = has_steps
             .then(|| egui::Panel::bottom("playing").show(ui, |ui| panels::playing::room(ui, &state.window.play)).inner);
         if has_volumes {
             self.side_panels(ui, state, commands);
         }
+        self.over_pictures(ui, status.inner == Outcome::TooLong);
+        panels::help::show(ui, &mut state.window.help, below_menu);
         room
     }
 
@@ -493,19 +522,22 @@ impl Window {
         panels::playing::show(&mut row, (&mut state.scene.time, &mut state.window.play), &steps);
     }
 
-    /// What lies over the lower end of the pictures: files that are being read or written, and without panels what has gone wrong. It takes no room from the
-    /// pictures: by another height they would have to be drawn again.
-    fn over_pictures(&mut self, egui: &egui::Context, is_bare: bool) {
-        let problem = self.problem.as_ref().filter(|_| is_bare).map(|problem| problem.text.clone());
+    /// What lies over the lower end of the pictures, for which `ui` has room left: files that are being read or written, and what has gone wrong, where no line says it. It
+    /// takes no room from the pictures: by another height they would have to be drawn again.
+    fn over_pictures(&mut self, ui: &Ui, has_problem: bool) {
+        let problem = self.problem.as_ref().filter(|_| has_problem).map(|problem| problem.text.clone());
         let capturing = self.views.main.capturing();
         if problem.is_none() && !self.is_busy() && capturing.is_none() {
             return;
         }
         let (mut is_given_up, mut is_put_away) = (false, false);
-        let area = egui::Area::new(egui::Id::unique("work")).anchor(Align2::CENTER_BOTTOM, ABOVE_STATUS);
-        area.show(egui, |ui| {
-            egui::Frame::popup(ui.style()).show(ui, |ui| {
-                ui.set_width(WORK_WIDTH);
+        let frame = egui::Frame::popup(ui.style());
+        let room = ui.available_rect_before_wrap();
+        let width = WORK_WIDTH.min(room.width() - frame.total_margin().sum().x);
+        let area = egui::Area::new(egui::Id::unique("work")).pivot(Align2::CENTER_BOTTOM);
+        area.fixed_pos(room.center_bottom() - vec2(0.0, WORK_ABOVE)).show(ui.ctx(), |ui| {
+            frame.show(ui, |ui| {
+                ui.set_width(width);
                 self.openings.show(ui);
                 self.next.iter().for_each(|next| next.show(ui));
                 self.exporting.iter().for_each(|exporting| exporting.show(ui));
@@ -521,22 +553,21 @@ impl Window {
         self.problem.take_if(|_| is_put_away);
         if is_given_up && let Some(path) = self.views.main.give_up_capture() {
             let is_it = |command: &Command| matches!(command, Command::SavePicture(file, _) if *file == path);
-            self.say_ended(is_it, Err(format!("{} was not written: it was stopped", path.display())));
+            self.say_stopped(is_it, format!("{} was not written: it was stopped", path.display()));
         }
     }
 
     /// The panels beside the pictures, which are about volumes.
     fn side_panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) {
         let mut saved = Vec::new();
-        egui::Panel::left("scene").default_size(324.0).show(ui, |ui| {
+        let most = MOST_OF_WIDTH * ui.available_width();
+        egui::Panel::left("scene").default_size(324.0).max_size(most).show(ui, |ui| {
             panels::widgets::within(ui, |ui| {
                 let is_playing = state.window.play.on;
                 panels::view::show(ui, &mut state.scene, (self.views.volumes(), is_playing), commands);
                 ui.separator();
-                if state.window.layout == Layout::Planes {
-                    panels::slices::show(ui, &mut state.window.planes, &state.scene, self.views.volumes());
-                }
                 panels::layers::show(ui, &mut state.scene, self.views.volumes(), self.picked_label(), &mut saved);
+                panels::slices::show(ui, &mut state.window, &state.scene, self.views.volumes());
                 panels::view::groups(ui, &mut state.scene, self.views.volumes());
             });
         });
@@ -702,6 +733,7 @@ impl Window {
                 is_busy = true;
             }
         }
+        self.end_note(&egui);
         let mut panel_state = self.state.clone();
         let row = self.panels(ui, &mut panel_state, &mut commands);
         self.choose_files(&egui, &mut commands);

@@ -1,8 +1,11 @@
 //! A line about work in the background: what is done to which file, how far that is, and a button to stop it.
 
-use eframe::egui::{ProgressBar, Ui};
-use std::borrow::Cow;
+use brickyard::overlay::short_name;
+use eframe::egui::{Label, ProgressBar, Ui};
 use std::path::Path;
+
+/// The most characters of a name.
+const LONGEST: usize = 32;
 
 /// Shows how many bytes of how many are done of a file. Returns whether the work is to stop.
 pub(crate) fn show(ui: &mut Ui, (what, path): (&str, &Path), (done, total): (u64, u64), can_stop: bool) -> bool {
@@ -15,13 +18,23 @@ pub(crate) fn show_share(ui: &mut Ui, (what, path): (&str, &Path), share: f64) -
     row(ui, share as f32, format!("{what} {}: {:.0} %", name(path), 100.0 * share), true)
 }
 
+/// Shows that the store of a file is waited for, which another program packs. Returns whether that is to stop.
+pub(crate) fn show_waiting(ui: &mut Ui, path: &Path) -> bool {
+    ui.horizontal(|ui| {
+        let is_stopped = ui.button("Stop").clicked();
+        ui.add(Label::new(format!("another program packs {}", name(path))).truncate());
+        is_stopped
+    })
+    .inner
+}
+
 /// Shows that a file is being written, which takes a moment.
 pub(crate) fn show_writing(ui: &mut Ui, path: &Path) {
     ui.label(format!("writing {}", name(path)));
 }
 
-fn name(path: &Path) -> Cow<'_, str> {
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy()
+fn name(path: &Path) -> String {
+    short_name(&path.file_name().unwrap_or(path.as_os_str()).to_string_lossy(), LONGEST)
 }
 
 fn row(ui: &mut Ui, share: f32, text: String, can_stop: bool) -> bool {

@@ -59,6 +59,17 @@ pub fn layer_name(scene: &Scene, volumes: &[VolumeSource], layer: usize) -> Stri
     channel.or_else(|| volume?.name()).unwrap_or_else(|| format!("layer {layer}"))
 }
 
+/// A name of at most so many characters: a longer one lacks its middle, as names of one kind often differ at their ends.
+pub fn short_name(name: &str, most: usize) -> String {
+    let count = name.chars().count();
+    if count <= most {
+        return name.into();
+    }
+    let end = most.saturating_sub(1) / 2;
+    let start = name.chars().take(most.saturating_sub(1) - end);
+    start.chain(['\u{2026}']).chain(name.chars().skip(count - end)).collect()
+}
+
 /// The overlays that a picture gets.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Overlays {

@@ -2,7 +2,7 @@
 //! waiting. A panic inside of the work is an error of the work.
 
 use crate::session::volume_source::VolumeSource;
-use brickyard_import::Source;
+use brickyard_import::{self as import, ImportError, Source};
 use brickyard_store::{self as store, Exists, ExportError, ExportRequest, OpenError, PackError, PackOptions, Store};
 use brickyard_volume::Extent;
 use std::any::Any;
@@ -20,6 +20,7 @@ pub struct Meter {
     done_bytes: AtomicU64,
     total_bytes: AtomicU64,
     is_cancelled: AtomicBool,
+    is_waiting: AtomicBool,
     said: Mutex<Vec<String>>,
 }
 
@@ -29,8 +30,9 @@ impl Meter {
         (self.done_bytes.load(Ordering::Relaxed), self.total_bytes.load(Ordering::Relaxed))
     }
 
-    /// Sets the bytes that are done, and the bytes in all.
+    /// Sets the bytes that are done, and the bytes in all. The work waits no more.
     pub fn set(&self, done_bytes: u64, total_bytes: u64) {
+        self.is_waiting.store(false, Ordering::Relaxed);
         self.total_bytes.store(total_bytes, Ordering::Relaxed);
         self.done_bytes.store(done_bytes, Ordering::Relaxed);
     }
@@ -38,6 +40,16 @@ impl Meter {
     /// Counts bytes that were done just now.
     pub fn advance(&self, bytes: u64) {
         self.done_bytes.fetch_add(bytes, Ordering::Relaxed);
+    }
+
+    /// Notes that the work waits for another program, which does the same.
+    pub fn wait(&self) {
+        self.is_waiting.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether the work waits for another program.
+    pub fn is_waiting(&self) -> bool {
+        self.is_waiting.load(Ordering::Relaxed)
     }
 
     /// Tells the work to stop.
@@ -199,19 +211,20 @@ pub fn pack(source: Arc<dyn Source>, place: PathBuf, options: PackOptions) -> Ba
         }
         let voxel_bytes = source.info().voxel_type.bytes() as u64;
         let options = PackOptions { exists: Exists::Resume, ..options };
-        let mut is_waiting = false;
         while let Err(error) = store::pack(&*source, &place, &options, &PackMeter { meter, voxel_bytes }) {
             if !matches!(error, PackError::Busy { .. }) || meter.is_cancelled() {
                 return Err(error.into());
             }
-            if !is_waiting {
-                meter.say("another program packs these files: their store is waited for");
-                is_waiting = true;
-            }
+            meter.wait();
             std::thread::sleep(BUSY_STEP);
         }
         Ok(VolumeSource::open(&place)?)
     })
+}
+
+/// Looks in the background whether a folder can be opened as it is: see [`import::check_folder`].
+pub fn check_folder(folder: PathBuf) -> Background<(), ImportError> {
+    Background::start(move |_| import::check_folder(&folder))
 }
 
 /// How long to wait until it is asked again whether another pack into the same store is over.
@@ -353,15 +366,11 @@ mod tests {
                 std::thread::yield_now();
             }
             let mut work = pack(source.clone(), place.clone(), options.clone());
-            let said = loop {
+            while !work.meter().is_waiting() {
                 assert!(work.poll().is_none(), "it is over before the other is");
-                if let Some(said) = work.meter().take_said().pop() {
-                    break said;
-                }
                 std::thread::yield_now();
-            };
+            }
             other.goes_on.store(true, Ordering::Relaxed);
-            assert!(said.contains("another program packs"), "{said}");
             assert!(!first.join().unwrap().unwrap().was_complete);
             work.wait().expect("a result").unwrap()
         });

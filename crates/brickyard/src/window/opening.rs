@@ -104,6 +104,8 @@ pub enum Activity {
     Reading,
     /// It packs the files into a store.
     Packing,
+    /// It waits for the store that another program packs from the same files.
+    Waiting,
     /// Nothing: the store is open, and may be followed, or the opening has stopped.
     Nothing,
 }
@@ -226,8 +228,9 @@ impl Opening {
 
     /// What the opening is doing.
     pub fn activity(&self) -> Activity {
-        match self.work {
+        match &self.work {
             Work::Reading(_) => Activity::Reading,
+            Work::Packing(packing) if packing.meter().is_waiting() => Activity::Waiting,
             Work::Packing(_) => Activity::Packing,
             Work::Nothing => Activity::Nothing,
         }

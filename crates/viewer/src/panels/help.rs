@@ -1,7 +1,10 @@
 //! The help: what keys and pointer do.
 
 use crate::keys;
-use eframe::egui::{Grid, ScrollArea, Ui};
+use eframe::egui::{Grid, Rect, ScrollArea, Ui, Window, vec2};
+
+/// Space around the window, in points: its edges are taken hold of a little outside of it, too.
+const MARGIN: f32 = 8.0;
 
 /// What the pointer does over the scene's picture.
 const POINTER: [(&str, &str); 9] = [
@@ -17,17 +20,25 @@ const POINTER: [(&str, &str); 9] = [
 ];
 
 /// What the pointer does over a slice.
-const PLANES: [(&str, &str); 5] = [
+const PLANES: [(&str, &str); 6] = [
     ("drag", "move the point in which the slices meet"),
     ("wheel", "next slice"),
     ("shift + drag, or middle button", "move"),
     ("right button, ctrl + wheel, or pinch", "nearer, farther"),
     ("double click", "all of the slice"),
+    ("alt + click on a label", "show it alone, or all again"),
 ];
 
-/// Shows what keys and pointer do.
-pub(crate) fn show(ui: &mut Ui) {
-    ScrollArea::vertical().show(ui, |ui| {
+/// Shows the help, if it is open: at first over the pictures, for which `ui` has room left, and always below the menu.
+pub(crate) fn show(ui: &Ui, is_open: &mut bool, below_menu: Rect) {
+    let within = below_menu.shrink(MARGIN);
+    let size = vec2(560.0, 520.0).min(within.size());
+    let help = Window::new("Help").open(is_open).constrain_to(within).default_size(size);
+    help.default_pos(ui.available_rect_before_wrap().min + vec2(MARGIN, MARGIN)).show(ui.ctx(), words);
+}
+
+fn words(ui: &mut Ui) {
+    ScrollArea::both().show(ui, |ui| {
         table(ui, "Pointer", POINTER.map(|(gesture, effect)| (gesture.to_string(), effect.to_string())).into());
         table(
             ui,
@@ -54,12 +65,30 @@ fn table(ui: &mut Ui, title: &str, rows: Vec<(String, String)>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use eframe::egui::accesskit::Role;
+    use eframe::egui::{UiBuilder, pos2};
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable;
 
     #[test]
+    fn the_help_lies_over_the_pictures_below_the_menu() {
+        for (size, expected) in [(vec2(1000.0, 800.0), pos2(308.0, 38.0)), (vec2(300.0, 200.0), pos2(8.0, 38.0))] {
+            let show = |ui: &mut Ui| {
+                let below_menu = Rect::from_min_max(pos2(0.0, 30.0), ui.max_rect().max);
+                let pictures = below_menu.with_min_x(300.0f32.min(0.6 * ui.max_rect().width()));
+                let room = ui.new_child(UiBuilder::new().max_rect(pictures));
+                super::show(&room, &mut true, below_menu);
+            };
+            let mut harness = Harness::builder().with_size(size).build_ui(show);
+            harness.run();
+            let help = harness.get_by_role_and_label(Role::Window, "Help").rect();
+            assert!(help.min.distance(expected) < 2.0 && help.max.x < size.x && help.max.y < size.y, "{help:?}");
+        }
+    }
+
+    #[test]
     fn the_help_lists_every_key() {
-        let harness = Harness::new_ui(show);
+        let harness = Harness::new_ui(words);
         for shortcut in keys::all() {
             assert!(harness.query_all_by_label(&shortcut.effect).next().is_some(), "{}", shortcut.effect);
         }

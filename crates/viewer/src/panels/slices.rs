@@ -1,9 +1,9 @@
 //! The window of the three slices: which values are black and white there, whatever the layer shows in the volume's picture.
 
 use crate::panels::layers::style::shown;
-use crate::panels::widgets::{number, row};
+use crate::panels::widgets::{group, number, row};
 use crate::planes::first_shown;
-use crate::state::Planes;
+use crate::state::{Layout, Planes, WindowState};
 use brickyard::session::VolumeSource;
 use brickyard::volume::Scene;
 use eframe::egui::Ui;
@@ -27,12 +27,23 @@ pub(crate) fn dragged([low, high]: [f64; 2], right: f64, down: f64) -> [f64; 2] 
     [middle - 0.5 * width, middle + 0.5 * width]
 }
 
-/// Shows the window of the slices.
-pub(crate) fn show(ui: &mut Ui, planes: &mut Planes, scene: &Scene, volumes: &[VolumeSource]) {
-    let Some(window) = shown_window(planes, scene, volumes) else { return };
+/// Shows the window of the slices, barred while there are none: nothing moves when they come and go.
+pub(crate) fn show(ui: &mut Ui, window: &mut WindowState, scene: &Scene, volumes: &[VolumeSource]) {
+    group(ui, "three slices", "which values are black and white in the slices beside the volume", |ui| {
+        let are_shown = window.layout == Layout::Planes;
+        let slices = ui.add_enabled_ui(are_shown, |ui| window_of(ui, &mut window.planes, scene, volumes));
+        slices.response.on_disabled_hover_text("three slices are not shown (P)");
+    });
+}
+
+fn window_of(ui: &mut Ui, planes: &mut Planes, scene: &Scene, volumes: &[VolumeSource]) {
+    let Some(window) = shown_window(planes, scene, volumes) else {
+        ui.weak("The first layer that is shown has no window.");
+        return;
+    };
     let [low, high] = window;
     let hint = "the values that are black and white in the slices, of the first layer that is shown; dragged there with the right button, too";
-    let typed = row(ui, "slices", hint, |ui, label| {
+    let typed = row(ui, "window", hint, |ui, label| {
         let width = 0.5 * (ui.available_width() - ui.spacing().item_spacing.x);
         let (mut typed, any) = (window, f64::NEG_INFINITY..=f64::INFINITY);
         for value in &mut typed {
@@ -76,29 +87,46 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable;
 
-    fn harness<'a>(planes: Planes, scene: Scene) -> Harness<'a, Planes> {
+    fn harness<'a>(layout: Layout, scene: Scene) -> Harness<'a, WindowState> {
         let volumes = fixture::volumes();
-        let show = move |ui: &mut Ui, planes: &mut Planes| super::show(ui, planes, &scene, &volumes);
-        Harness::new_ui_state(show, planes)
+        let show = move |ui: &mut Ui, window: &mut WindowState| {
+            super::show(ui, window, &scene, &volumes);
+            ui.label("below");
+        };
+        let mut harness = Harness::new_ui_state(show, WindowState { layout, ..WindowState::default() });
+        harness.get_by_label("three slices").click();
+        harness.run();
+        harness
+    }
+
+    #[test]
+    fn nothing_moves_when_slices_come_and_go() {
+        let mut harness = harness(Layout::Single, fixture::scene());
+        let below = harness.get_by_label("below").rect();
+        harness.get_by_label("as the layer").click();
+        harness.run();
+        harness.state_mut().layout = Layout::Planes;
+        harness.run();
+        assert_eq!(harness.get_by_label("below").rect(), below);
     }
 
     #[test]
     fn slices_have_a_window_of_their_own_until_they_follow_the_layer() {
-        let mut harness = harness(Planes::default(), fixture::scene());
+        let mut harness = harness(Layout::Planes, fixture::scene());
         harness.run();
-        assert_eq!(harness.state().window, None, "looking changes nothing");
+        assert_eq!(harness.state().planes.window, None, "looking changes nothing");
         harness.get_all_by_role(Role::SpinButton).next().expect("black").focus();
         harness.run();
         harness.get_all_by_role(Role::SpinButton).next().expect("black").type_text("40");
         harness.run();
         harness.key_press(eframe::egui::Key::Enter);
         harness.run();
-        let [low, high] = harness.state().window.expect("a window");
+        let [low, high] = harness.state().planes.window.expect("a window");
         assert!(low == 40.0 && high > 40.0, "{low} {high}");
         assert!(harness.query_by_label("brain").is_none(), "values from 0 to 255 are no Hounsfield units");
         harness.get_by_label("as the layer").click();
         harness.run();
-        assert_eq!(harness.state().window, None);
+        assert_eq!(harness.state().planes.window, None);
     }
 
     #[test]

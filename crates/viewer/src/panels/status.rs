@@ -2,12 +2,20 @@
 
 use crate::canvas::Canvas;
 use crate::panels::widgets::problem_color;
+use crate::read_out::ReadOut;
 use crate::views::Views;
 use brickyard::session::VolumeSource;
-use eframe::egui::{Align, Label, Layout, RichText, Ui, vec2};
+use eframe::egui::{Align, Color32, Label, Layout, RichText, TextStyle, Ui, vec2};
 
 /// The line's height, in points.
 const HEIGHT: f32 = 20.0;
+
+/// The part of the line's left that a problem takes at most, with its button's width in points. The rest is for what is under the pointer.
+const MOST_OF_PROBLEM: f32 = 0.5;
+const DISMISS: f32 = 70.0;
+
+/// Space behind a note, in points.
+const GAP: f32 = 16.0;
 
 /// What is said of projections that may lose extremes.
 const LOST: &str = "This projection is drawn at a coarse level, whose voxels are not the extremes of those in them: specks may be fainter than they are, or missing. \
@@ -19,32 +27,48 @@ const PAST_CUTS: &str = "This projection is drawn at a coarse level. Its voxels 
 /// What the line says on its left.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Said<'a> {
-    /// What has gone wrong: nothing else is said until that is over.
+    /// What has gone wrong.
     pub(crate) problem: Option<&'a str>,
     /// What has been done.
     pub(crate) note: Option<&'a str>,
     /// What is under the pointer.
-    pub(crate) picked: Option<&'a str>,
+    pub(crate) picked: Option<&'a ReadOut>,
+}
+
+/// What has become of a problem in the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Outcome {
+    /// It is said, if there is one.
+    Said,
+    /// It is too long: it is to be said elsewhere.
+    TooLong,
+    /// It is to be said no more.
+    PutAway,
 }
 
 /// Shows how far the pictures are; `None` of an empty window. It is one line, whatever it says: if its height changed, so would the picture's size, and the picture
-/// would have to be drawn again. Returns whether the problem is to be said no more.
-pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, said: &Said<'_>) -> bool {
+/// would have to be drawn again. Returns what has become of the problem.
+pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, said: &Said<'_>) -> Outcome {
     let line =
         ui.allocate_ui_with_layout(vec2(ui.available_width(), HEIGHT), Layout::right_to_left(Align::Center), |ui| {
             if let Some(views) = views {
                 progress(ui, views);
             }
-            ui.with_layout(Layout::left_to_right(Align::Center), |ui| match said.problem {
-                Some(text) => problem(ui, text),
-                None => {
-                    words(ui, said);
-                    false
-                }
-            })
-            .inner
+            ui.with_layout(Layout::left_to_right(Align::Center), |ui| left(ui, said)).inner
         });
     line.inner
+}
+
+/// What the line says on its left. Where a problem is said is the same wherever the pointer is.
+fn left(ui: &mut Ui, said: &Said<'_>) -> Outcome {
+    let has_room = |text: &str| width(ui, text, TextStyle::Body) + DISMISS < MOST_OF_PROBLEM * ui.available_width();
+    let outcome = match said.problem {
+        Some(text) if !has_room(&one_line(text)) => Outcome::TooLong,
+        Some(text) if problem(ui, text) => Outcome::PutAway,
+        _ => Outcome::Said,
+    };
+    words(ui, said);
+    outcome
 }
 
 /// Shows what has gone wrong, in one line. Returns whether it is to be said no more.
@@ -58,17 +82,26 @@ pub(crate) fn problem(ui: &mut Ui, problem: &str) -> bool {
     .inner
 }
 
+/// A note, as far as it has room before what is under the pointer.
 fn words(ui: &mut Ui, said: &Said<'_>) {
-    let note = said.note.map(one_line);
-    let text = match (&note, said.picked) {
-        (Some(note), Some(picked)) => format!("{note}    {picked}"),
-        (Some(text), None) => text.clone(),
-        (None, Some(picked)) => picked.into(),
-        (None, None) => return,
-    };
-    let text = if said.picked.is_some() { RichText::new(&text).monospace() } else { RichText::new(&text) };
-    let hint = text.text().to_string();
-    ui.add(Label::new(text).truncate()).on_hover_text(hint);
+    let room = ui.available_width();
+    let note = said.note.map(|note| (one_line(note), width(ui, &one_line(note), TextStyle::Body) + GAP));
+    let of_note = note.as_ref().map_or(0.0, |(_, width)| width.min(0.5 * room));
+    let has_room = |text: &str| width(ui, text, TextStyle::Monospace) < room - of_note;
+    let values = said.picked.map(|picked| (picked.fitting(has_room), picked.all()));
+    if let Some((note, wanted)) = note {
+        let of_values = values.as_ref().map_or(0.0, |(text, _)| width(ui, text, TextStyle::Monospace) + GAP);
+        let size = vec2(wanted.min(room - of_values).max(0.0), HEIGHT);
+        ui.allocate_ui(size, |ui| ui.add(Label::new(&note).truncate()).on_hover_text(&note));
+    }
+    if let Some((text, all)) = values {
+        ui.add(Label::new(RichText::new(text).monospace()).truncate()).on_hover_text(all);
+    }
+}
+
+/// The width of a text in one line, in points.
+fn width(ui: &Ui, text: &str, style: TextStyle) -> f32 {
+    ui.painter().layout_no_wrap(text.into(), style.resolve(ui.style()), Color32::WHITE).size().x
 }
 
 /// A text without breaks.
@@ -129,22 +162,42 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable;
 
-    #[test]
-    fn what_is_done_stands_beside_values_and_a_problem_alone() {
-        let show = |ui: &mut Ui, said: &mut Said<'static>| {
-            if show(ui, None, said) {
-                said.problem = None;
-            }
+    /// The line in a window of some width, and the problem's outcome so far.
+    fn harness<'a>(width: f32, said: (Option<&'a str>, Option<&'a str>, &'a ReadOut)) -> Harness<'a, Outcome> {
+        let (problem, note, picked) = said;
+        let show = move |ui: &mut Ui, outcome: &mut Outcome| {
+            let problem = problem.filter(|_| *outcome != Outcome::PutAway);
+            let shown = show(ui, None, &Said { problem, note, picked: Some(picked) });
+            *outcome = if *outcome == Outcome::PutAway { Outcome::PutAway } else { shown };
         };
-        let said = Said { note: Some("wrote a.png"), picked: Some("at 1, 2, 3 mm"), problem: None };
-        let mut harness = Harness::new_ui_state(show, said);
-        assert!(harness.query_by_label_contains("wrote a.png    at 1, 2, 3 mm").is_some());
-        harness.state_mut().problem = Some("the disk\nis full");
+        Harness::builder().with_size(vec2(width, 40.0)).build_ui_state(show, Outcome::Said)
+    }
+
+    fn read_out(count: u32) -> ReadOut {
+        let value = |i| format!("  layer{i} {i}");
+        ReadOut { place: "at 1, 2, 3 mm".into(), values: (1..=count).map(value).collect() }
+    }
+
+    #[test]
+    fn a_problem_and_what_is_done_stand_beside_values() {
+        let picked = read_out(1);
+        let mut harness = harness(900.0, (Some("the disk\nis full"), Some("wrote a.png"), &picked));
         harness.run();
-        assert!(harness.query_by_label_contains("the disk is full").is_some());
-        assert!(harness.query_by_label_contains("wrote").is_none());
+        for text in ["the disk is full", "wrote a.png", "at 1, 2, 3 mm  layer1 1"] {
+            assert!(harness.query_by_label(text).is_some(), "{text}");
+        }
         harness.get_by_label("dismiss").click();
         harness.run();
-        assert!(harness.query_by_label_contains("the disk is full").is_none());
+        assert!(harness.query_by_label("the disk is full").is_none());
+        assert_eq!(*harness.state(), Outcome::PutAway);
+    }
+
+    #[test]
+    fn what_has_no_room_is_counted_or_said_elsewhere() {
+        let (picked, long) = (read_out(30), "the disk is full ".repeat(9));
+        let harness = harness(400.0, (Some(&long), None, &picked));
+        assert_eq!(*harness.state(), Outcome::TooLong);
+        assert!(harness.query_by_label("dismiss").is_none());
+        assert!(harness.query_by_label_contains("at 1, 2, 3 mm  layer1 1  layer2 2  layer3 3  +27").is_some());
     }
 }

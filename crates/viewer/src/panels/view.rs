@@ -51,6 +51,12 @@ impl<'a> World<'a> {
         0.5 * (self.low + self.high)
     }
 
+    /// Its sides with their names: a patient's, or the directions of the axes.
+    fn sides(&self) -> impl Iterator<Item = (&'static str, Viewpoint)> {
+        let is_anatomical = self.is_anatomical;
+        Viewpoint::all().filter(move |(_, side)| matches!(side, Viewpoint::Patient(_)) == is_anatomical)
+    }
+
     /// The length of its diagonal.
     fn size(&self) -> f64 {
         self.low.distance(self.high)
@@ -115,8 +121,8 @@ fn sides(ui: &mut Ui, scene: &Scene, world: &World<'_>, commands: &mut Vec<Comma
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
         ui.label("from").on_hover_text("the side from which the scene is looked at");
-        for (name, view) in Viewpoint::all() {
-            if matches!(view, Viewpoint::Patient(_)) == world.is_anatomical && ui.small_button(name).clicked() {
+        for (name, view) in world.sides() {
+            if ui.small_button(name).clicked() {
                 commands.push(Command::View(view));
             }
         }

@@ -7,6 +7,7 @@ use crate::edits::with_more;
 use crate::exporting::{Exporting, Part};
 use crate::keeping::{self, Keeper};
 use crate::marks::Marks;
+use crate::note::Note;
 use crate::opening::Openings;
 use crate::panels::description::Description;
 use crate::panels::dialogs::{Dialog, DialogKind};
@@ -72,10 +73,10 @@ impl Window {
     }
 
     /// Says why a file cannot be opened; others that were to be opened with it still are. If that is for want of something that the file does not say, or of
-    /// what was said of it, a form asks for it.
+    /// what was said of it, a form asks for it. Of a folder there is none: it is about one file.
     fn ask_about(&mut self, path: &Path, error: &OpeningError) -> String {
         if let Some(next) = &self.next
-            && (error.wants_options() || next.said != Description::default() && !error.is_cancelled())
+            && is_asked_about(path, error, &next.said)
         {
             let (placing, said) = (next.placing, next.said.clone());
             self.show_dialog(DialogKind::Describe(placing));
@@ -102,11 +103,15 @@ impl Window {
     /// Shows what has been opened meanwhile, and says what has come of an export.
     pub(super) fn follow_files(&mut self, egui: &egui::Context) -> Result<(), String> {
         if let Some(ended) = self.exporting.as_mut().and_then(Exporting::poll) {
-            self.exporting = None;
-            self.say_ended(|command| matches!(command, Command::Export(_)), ended);
+            let is_stopped = self.exporting.take().is_some_and(|exporting| exporting.is_stopped());
+            let is_it = |command: &Command| matches!(command, Command::Export(_));
+            match ended {
+                Err(words) if is_stopped => self.say_stopped(is_it, words),
+                ended => self.say_ended(is_it, ended),
+            }
         }
         let changes = self.openings.poll();
-        self.note = changes.messages.into_iter().last().or(self.note.take());
+        self.note = changes.messages.into_iter().last().map(Note::new).or(self.note.take());
         if changes.has_volumes {
             let volumes = self.openings.volumes();
             if scale_crops(&mut self.state.scene, self.views.volumes(), &volumes) {
@@ -118,14 +123,21 @@ impl Window {
             self.views.follow_volumes(self.openings.volumes());
         }
         if let Some((path, error)) = changes.stopped {
-            return Err(about(&path.display().to_string(), &error.to_string()));
+            let words = about(&path.display().to_string(), &error.to_string());
+            if !error.is_cancelled() {
+                return Err(words);
+            }
+            self.remark(words);
         }
         let Some(next) = &mut self.next else { return Ok(()) };
         let changes = next.openings.poll();
-        self.note = changes.messages.into_iter().last().or(self.note.take());
+        self.note = changes.messages.into_iter().last().map(Note::new).or(self.note.take());
         if let Some((path, error)) = changes.stopped {
             let problem = self.ask_about(&path, &error);
-            self.say_ended(Command::opens, Err(problem));
+            match error.is_cancelled() {
+                true => self.say_stopped(Command::opens, problem),
+                false => self.say_ended(Command::opens, Err(problem)),
+            }
             return Ok(());
         }
         let Some(next) = self.next.take_if(|next| next.openings.are_shown()) else { return Ok(()) };
@@ -245,6 +257,12 @@ impl Window {
     }
 }
 
+/// Whether a form asks for what a path does not say that does not open, or for what was said of it.
+fn is_asked_about(path: &Path, error: &OpeningError, said: &Description) -> bool {
+    let may_be_told = error.wants_options() || *said != Description::default() && !error.is_cancelled();
+    may_be_told && !path.is_dir()
+}
+
 /// A problem with what it is about before it, unless it names that by itself, as errors of files do.
 pub(super) fn about(what: &str, problem: &str) -> String {
     if problem.contains(what) { problem.into() } else { format!("{what}: {problem}") }
@@ -277,6 +295,20 @@ mod tests {
     fn what_a_problem_is_about_is_said_once() {
         assert_eq!(about("/a.nii", "/a.nii: no such file"), "/a.nii: no such file");
         assert_eq!(about("/a.nii", "cancelled"), "/a.nii: cancelled");
+    }
+
+    #[test]
+    fn a_form_is_about_a_file_and_never_about_a_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let raw = folder.path().join("a.raw");
+        for name in ["a.raw", "b.npy", "c.tif"] {
+            std::fs::write(folder.path().join(name), [0; 24]).unwrap();
+        }
+        let is_asked = |path: &Path| {
+            let error = Openings::start(vec![path.into()], OpeningOptions::default()).wait(|_, _| ()).unwrap_err();
+            is_asked_about(path, &error, &Description::default())
+        };
+        assert!(is_asked(&raw) && !is_asked(folder.path()));
     }
 
     #[test]

@@ -1,8 +1,9 @@
-//! Colour bars: what value has which colour, for each layer that is shown and has colours for values, or for the expression over them, with its name above.
+//! Colour bars: what value has which colour, for the layers that are shown and have colours for values, or for the expression over them, with the name above. Layers
+//! with the same colours over the same values have one bar.
 
 use super::canvas::{Area, Canvas, Pen, settle};
-use super::layer_name;
 use super::round::ticks;
+use super::{layer_name, short_name};
 use crate::session::resolve::expression_look;
 use crate::session::volume_source::VolumeSource;
 use brickyard_volume::numbers::within_span;
@@ -29,21 +30,26 @@ const TEXT: f32 = 11.0;
 /// Height of a name with the space below it, in points.
 const HEAD: f32 = TEXT + 8.0;
 
+/// How far the lower end of a name is above its bar, in points.
+const NAME_ABOVE: f32 = 7.0;
+
 /// The most characters of a name.
 const LONGEST: usize = 16;
 
 /// The part of the picture's width that bars take at most, but for the first, which is always there.
 const MOST_OF_WIDTH: f32 = 0.4;
 
-/// A layer's bar.
+/// The bar of a layer, and of others with the same colours.
 pub struct Bar {
     name: String,
+    /// How many others there are.
+    others: usize,
     function: TransferFunction,
     /// Round values, and how they are written.
     ticks: Vec<(f64, String)>,
 }
 
-/// The bars of the layers that are shown, in their order, or of the expression over them, each of the function that is drawn. Labels have none, and neither have surfaces that were given a colour.
+/// The bars of the layers that are shown, in the order of the first layer of each, or of the expression over them, each of the function that is drawn. Labels have none, and neither have surfaces that were given a colour.
 pub fn bars(scene: &Scene, volumes: &[VolumeSource]) -> Vec<Bar> {
     if let Some(expression) = &scene.expression {
         let has_all = (0..scene.layers.len()).all(|layer| scene.store(layer) < volumes.len());
@@ -59,10 +65,17 @@ pub fn bars(scene: &Scene, volumes: &[VolumeSource]) -> Vec<Bar> {
         }
         Bar::new(&layer_name(scene, volumes, layer), volume.function(&scene.look(layer)).ok()?)
     };
-    shown.filter_map(bar).collect()
+    let mut bars: Vec<Bar> = Vec::new();
+    for bar in shown.filter_map(bar) {
+        match bars.iter_mut().find(|other| other.is_like(&bar)) {
+            Some(other) => other.others += 1,
+            None => bars.push(bar),
+        }
+    }
+    bars
 }
 
-/// Draws colour bars side by side, the first one at the right, where they hide least.
+/// Draws colour bars side by side, the first one at the right, where they hide least, and how many more there are of which the picture has no room.
 pub fn draw(canvas: &mut dyn Canvas, bars: &[Bar], taken: &mut Vec<Area>) {
     let all = canvas.size();
     let height = HEIGHT.min(MOST_OF_HEIGHT * all.y - HEAD);
@@ -73,6 +86,11 @@ pub fn draw(canvas: &mut dyn Canvas, bars: &[Bar], taken: &mut Vec<Area>) {
             widths.push(more);
             width += more;
         }
+    }
+    let left_out = bars.len() - widths.len();
+    let note = format!("+{left_out} more");
+    if left_out > 0 {
+        width += GAP + canvas.text_width(&note, TEXT);
     }
     if height < LEAST_HEIGHT || width > all.x || widths.is_empty() {
         return;
@@ -87,6 +105,9 @@ pub fn draw(canvas: &mut dyn Canvas, bars: &[Bar], taken: &mut Vec<Area>) {
         bar.draw(canvas, vec2(right - WIDTH - GAP, area.min.y + HEAD), height);
         right -= width;
     }
+    if left_out > 0 {
+        canvas.text(vec2(right - GAP, area.min.y + HEAD - NAME_ABOVE), vec2(1.0, 1.0), &note, TEXT, Pen::Pale);
+    }
 }
 
 impl Bar {
@@ -94,9 +115,17 @@ impl Bar {
     fn new(name: &str, function: TransferFunction) -> Option<Self> {
         let (low, high) = function.span();
         let ticks = ticks(low, high, 4.0).into_iter().map(|tick| (tick, within_span(tick, high - low))).collect();
-        let short = name.chars().take(LONGEST - 1).collect::<String>() + "\u{2026}";
-        let name = if name.chars().count() > LONGEST { short } else { name.into() };
-        (low < high).then_some(Self { name, function, ticks })
+        (low < high).then_some(Self { name: short_name(name, LONGEST), others: 0, function, ticks })
+    }
+
+    /// Whether another bar has the same colours for the same values.
+    fn is_like(&self, other: &Self) -> bool {
+        self.function.color == other.function.color && self.function.span() == other.function.span()
+    }
+
+    /// What stands above the bar.
+    pub(super) fn title(&self) -> String {
+        if self.others == 0 { self.name.clone() } else { format!("{} +{}", self.name, self.others) }
     }
 
     #[cfg(test)]
@@ -112,7 +141,7 @@ impl Bar {
     /// The width that the bar takes with its texts, in points.
     fn width(&self, canvas: &dyn Canvas) -> f32 {
         let ticks = self.ticks.iter().map(|(_, text)| canvas.text_width(text, TEXT)).fold(0.0, f32::max);
-        GAP + (WIDTH + 5.0 + ticks).max(canvas.text_width(&self.name, TEXT))
+        GAP + (WIDTH + 5.0 + ticks).max(canvas.text_width(&self.title(), TEXT))
     }
 
     /// Draws the bar with this upper left corner, and its name above.
@@ -124,7 +153,7 @@ impl Bar {
             self.function.rgb(value).map(|c| (255.0 * c.clamp(0.0, 1.0)).round() as u8)
         };
         canvas.bands(bar, &(0..COLORS).map(color).collect::<Vec<_>>());
-        canvas.text(vec2(bar.max.x, bar.min.y - 7.0), vec2(1.0, 1.0), &self.name, TEXT, Pen::Pale);
+        canvas.text(vec2(bar.max.x, bar.min.y - NAME_ABOVE), vec2(1.0, 1.0), &self.title(), TEXT, Pen::Pale);
         for (tick, text) in &self.ticks {
             let at = vec2(bar.min.x - 3.0, bar.max.y - ((tick - low) / (high - low)) as f32 * height);
             canvas.line([at, at + vec2(3.0, 0.0)], 1.0, Pen::Pale, false);

@@ -178,9 +178,11 @@ fn each_layer_of_values_has_a_bar_whose_ticks_differ() {
         let layer = SceneLayer { source: Some(0), window, ..SceneLayer::default() };
         let hidden = SceneLayer { visible: false, ..layer.clone() };
         let of_labels = SceneLayer { source: Some(1), ..SceneLayer::default() };
-        let scene = Scene { layers: vec![layer.clone(), hidden, layer, of_labels], ..Scene::default() };
+        let brighter = SceneLayer { window: Some([offset - scale, offset]), ..layer.clone() };
+        let layers = vec![layer.clone(), hidden, layer, brighter, of_labels];
+        let scene = Scene { layers, ..Scene::default() };
         let bars = color_bar::bars(&scene, &[volume((0.0, 255.0), false), volume((0.0, 255.0), true)]);
-        assert_eq!(bars.len(), 2);
+        assert_eq!(bars.iter().map(|bar| bar.title()).collect::<Vec<_>>(), ["layer 0 +1", "layer 3"]);
         let mut texts = bars[0].tick_texts();
         assert!(texts.len() > 2, "{texts:?}");
         texts.dedup();
@@ -201,6 +203,13 @@ fn an_expression_has_one_bar_and_surfaces_with_colours_none() {
         let scene = Scene { mode: Mode::Isosurface, layers, ..Scene::default() };
         assert_eq!(color_bar::bars(&scene, &volumes).len(), count);
     }
+}
+
+#[test]
+fn long_names_lack_their_middle() {
+    assert_eq!(short_name("sub-01_ses-02_T1w", 17), "sub-01_ses-02_T1w");
+    assert_eq!(short_name("sub-01_ses-02_T1w", 16), "sub-01_s\u{2026}02_T1w");
+    assert_eq!(short_name("\u{e9}\u{e8}\u{ea}\u{eb}", 3), "\u{e9}\u{2026}\u{eb}");
 }
 
 /// Whether it is given with the scene, or left open as in a window, the bar's function is the one that draws.

@@ -3,18 +3,11 @@
 use super::World;
 use crate::panels::widgets::{group, range, row, slider, switch, vector};
 use brickyard::volume::{ClipPlane, MAX_CLIP_PLANES, Scene};
-use eframe::egui::Ui;
+use eframe::egui::{Button, Ui};
 use glam::DVec3;
 
-/// The planes that can be added: the side that stays is the one that the axis points to.
-const SIDES: [(&str, DVec3); 6] = [
-    ("+x", DVec3::X),
-    ("-x", DVec3::NEG_X),
-    ("+y", DVec3::Y),
-    ("-y", DVec3::NEG_Y),
-    ("+z", DVec3::Z),
-    ("-z", DVec3::NEG_Z),
-];
+/// Why no plane can be added.
+const FULL: &str = "a scene has at most 6 clip planes";
 
 /// Shows clip box and clip planes of a scene.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
@@ -52,6 +45,7 @@ fn clip_box(ui: &mut Ui, clip: &mut Option<[DVec3; 2]>, world: &World<'_>) {
 }
 
 fn planes(ui: &mut Ui, planes: &mut Vec<ClipPlane>, world: &World<'_>) {
+    adding(ui, planes, world);
     let mut removed = None;
     for (i, plane) in planes.iter_mut().enumerate() {
         ui.push_id(i, |ui| {
@@ -76,13 +70,17 @@ fn planes(ui: &mut Ui, planes: &mut Vec<ClipPlane>, world: &World<'_>) {
     if let Some(i) = removed {
         planes.remove(i);
     }
+}
+
+/// The planes that can be added, by the side that stays. They are above those that there are, and stay where they are.
+fn adding(ui: &mut Ui, planes: &mut Vec<ClipPlane>, world: &World<'_>) {
     let can_add = planes.len() < MAX_CLIP_PLANES;
-    ui.horizontal(|ui| {
+    ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 3.0;
         ui.label("add").on_hover_text("a plane across the middle; the side that its name points to stays");
-        for (name, normal) in SIDES {
-            let add = ui.add_enabled(can_add, eframe::egui::Button::new(name).small());
-            if add.on_disabled_hover_text("a scene has at most 6 clip planes").clicked() {
+        for (name, side) in world.sides() {
+            let add = ui.add_enabled(can_add, Button::new(name).small()).on_disabled_hover_text(FULL);
+            if let Some((normal, _)) = side.direction(world.is_anatomical).filter(|_| add.clicked()) {
                 planes.push(ClipPlane { point: world.middle(), normal });
             }
         }

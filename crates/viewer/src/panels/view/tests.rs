@@ -204,6 +204,33 @@ fn planes_are_added_moved_turned_and_removed() {
 }
 
 #[test]
+fn planes_are_added_by_buttons_that_stay() {
+    let mut harness = clicked(Scene { camera: None, ..seen() }, &["clip planes"]);
+    for count in 1..=2 {
+        let button = harness.get_all_by_label("+z").last().expect("a button of the group");
+        let place = button.rect();
+        button.click();
+        harness.run();
+        assert_eq!(harness.state().0.clip_planes.len(), count);
+        assert_eq!(harness.get_all_by_label("+z").last().map(|button| button.rect()), Some(place));
+    }
+}
+
+#[test]
+fn planes_of_a_patient_are_named_by_its_sides() {
+    let world = World { low: DVec3::ZERO, high: DVec3::splat(2.0), is_anatomical: true, unit: "mm" };
+    let show = move |ui: &mut Ui, scene: &mut Scene| clipping::show(ui, scene, &world);
+    let mut harness = Harness::new_ui_state(show, Scene::default());
+    for name in ["clip planes", "left", "superior"] {
+        harness.get_by_label(name).click();
+        harness.run();
+    }
+    let normals: Vec<_> = harness.state().clip_planes.iter().map(|plane| plane.normal).collect();
+    assert_eq!(normals, [Side::Left.direction(), Side::Superior.direction()]);
+    assert!(harness.query_by_label("+x").is_none());
+}
+
+#[test]
 fn a_slice_is_looked_at_straight_and_moved_by_voxels() {
     let mut harness = chosen(seen(), "slice", "cut", "z");
     let scene = harness.state().0.clone();

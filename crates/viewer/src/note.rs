@@ -1,0 +1,45 @@
+//! What the window says that nobody has to answer: what has been done, until the next command, and remarks, which pass by themselves.
+
+use std::time::{Duration, Instant};
+
+/// How long a remark is said.
+const PASSING: Duration = Duration::from_secs(5);
+
+/// What the window says, until the next command at most.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Note {
+    pub(crate) text: String,
+    /// When it is said no more; `None` if it stays until the next command.
+    end: Option<Instant>,
+}
+
+impl Note {
+    /// What has been done, or is to be known.
+    pub(crate) fn new(text: impl Into<String>) -> Self {
+        Self { text: text.into(), end: None }
+    }
+
+    /// A remark on what has just been asked for.
+    pub(crate) fn passing(text: impl Into<String>) -> Self {
+        Self { text: text.into(), end: Some(Instant::now() + PASSING) }
+    }
+
+    /// How long it is still said; `None` if that is until the next command.
+    pub(crate) fn left(&self) -> Option<Duration> {
+        self.end.map(|end| end.saturating_duration_since(Instant::now()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn remarks_pass_and_what_is_done_stays() {
+        assert_eq!(Note::new("wrote a.png").left(), None);
+        let mut remark = Note::passing("there is nothing to undo");
+        assert!(remark.left().is_some_and(|left| left > Duration::ZERO && left <= PASSING));
+        remark.end = remark.end.map(|end| end - PASSING);
+        assert_eq!(remark.left(), Some(Duration::ZERO));
+    }
+}
