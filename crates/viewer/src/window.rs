@@ -43,7 +43,7 @@ use brickyard::unlike_sizes::unlike_sizes;
 use brickyard::volume::Scene;
 use brickyard::volume::scene::VolumePlace;
 use eframe::egui::layers::GraphicLayers;
-use eframe::egui::{self, Align2, Rect, Ui, UiBuilder, ViewportCommand, vec2};
+use eframe::egui::{self, Align2, Rect, TextWrapMode, Ui, UiBuilder, ViewportCommand, vec2};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -546,7 +546,7 @@ impl Window {
                     is_given_up = work_row::show_share(ui, ("drawing", path), share);
                 }
                 if let Some(problem) = &problem {
-                    is_put_away = panels::status::problem(ui, problem);
+                    is_put_away = panels::status::problem(ui, problem, TextWrapMode::Wrap);
                 }
             });
         });

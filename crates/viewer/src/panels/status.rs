@@ -5,7 +5,7 @@ use crate::panels::widgets::problem_color;
 use crate::read_out::ReadOut;
 use crate::views::Views;
 use brickyard::session::VolumeSource;
-use eframe::egui::{Align, Color32, Label, Layout, RichText, TextStyle, Ui, vec2};
+use eframe::egui::{Align, Color32, Label, Layout, RichText, TextStyle, TextWrapMode, Ui, vec2};
 
 /// The line's height, in points.
 const HEIGHT: f32 = 20.0;
@@ -64,19 +64,19 @@ fn left(ui: &mut Ui, said: &Said<'_>) -> Outcome {
     let has_room = |text: &str| width(ui, text, TextStyle::Body) + DISMISS < MOST_OF_PROBLEM * ui.available_width();
     let outcome = match said.problem {
         Some(text) if !has_room(&one_line(text)) => Outcome::TooLong,
-        Some(text) if problem(ui, text) => Outcome::PutAway,
+        Some(text) if problem(ui, text, TextWrapMode::Truncate) => Outcome::PutAway,
         _ => Outcome::Said,
     };
     words(ui, said);
     outcome
 }
 
-/// Shows what has gone wrong, in one line. Returns whether it is to be said no more.
-pub(crate) fn problem(ui: &mut Ui, problem: &str) -> bool {
+/// Shows what has gone wrong, as far as one line has room, or in several. Returns whether it is to be said no more.
+pub(crate) fn problem(ui: &mut Ui, problem: &str, wrap: TextWrapMode) -> bool {
     ui.horizontal(|ui| {
         let is_put_away = ui.small_button("dismiss").on_hover_text("says this no more").clicked();
         let text = RichText::new(one_line(problem)).color(problem_color(ui.visuals()));
-        ui.add(Label::new(text).truncate()).on_hover_text(problem);
+        ui.add(Label::new(text).wrap_mode(wrap)).on_hover_text(problem);
         is_put_away
     })
     .inner
