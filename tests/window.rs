@@ -660,7 +660,7 @@ fn a_view_turns_while_a_picture_is_saved() {
     let screens = ["before7.png", "after7.png", "last.png"].map(|name| read_png(&sandbox.path(name)));
     // The panel at the left, and the row that says how far the picture is, differ.
     let part = |screen: &Picture| -> Vec<[u8; 3]> {
-        (120..380).flat_map(|y| (400..690).map(move |x| (x, y))).map(|(x, y)| screen.rgb[y * 700 + x]).collect()
+        (120..350).flat_map(|y| (400..690).map(move |x| (x, y))).map(|(x, y)| screen.rgb[y * 700 + x]).collect()
     };
     let [before, after, last] = screens.each_ref().map(part);
     let off = |a: &[[u8; 3]], b: &[[u8; 3]]| a.iter().zip(b).filter(|(a, b)| a[0].abs_diff(b[0]) > 24).count();

@@ -208,7 +208,7 @@ fn an_expression_has_one_bar_and_surfaces_with_colours_none() {
 #[test]
 fn long_names_lack_their_middle() {
     assert_eq!(short_name("sub-01_ses-02_T1w", 17), "sub-01_ses-02_T1w");
-    assert_eq!(short_name("sub-01_ses-02_T1w", 16), "sub-01_s\u{2026}02_T1w");
+    assert_eq!(short_name("sub-01_ses-02_T1w", 16), "sub-01_s\u{2026}-02_T1w");
     assert_eq!(short_name("\u{e9}\u{e8}\u{ea}\u{eb}", 3), "\u{e9}\u{2026}\u{eb}");
 }
 
