@@ -54,6 +54,18 @@ fn volumes_of_one_value_are_shown_alike_by_all() {
     }
 }
 
+/// The value is told without what 32 bits make of it.
+#[test]
+fn the_one_value_has_few_digits() {
+    let sandbox = Sandbox::default();
+    sandbox.write("a.raw", [0.1f32; 512].iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>());
+    sandbox.run_ok("pack a.raw a.zarr --shape 8,8,8 --dtype f32 --spacing 0.1,0.1,0.1 --progress none");
+    let (code, _, said) = sandbox.run("render a.zarr -o o.png --size 20x20 --backend cpu");
+    assert!(code == 0 && said.contains("every value of channel 0 is 0.1:"), "exit {code}: {said}");
+    let (_, _, said) = sandbox.run("render a.zarr -o p.png --size 20x20 --backend cpu --slice z=2.3");
+    assert!(said.contains("it is at z = 2.3, and that reaches from -0.05 to 0.75"), "{said}");
+}
+
 #[test]
 fn a_volume_without_any_value_is_empty_and_says_so() {
     let sandbox = Sandbox::default();

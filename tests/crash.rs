@@ -277,4 +277,19 @@ fn a_limit_of_file_sizes_ends_with_exit_4_and_resumes_without_it() {
     assert!(["File too large", "`ulimit -f`", "--resume"].iter().all(|words| said.contains(words)), "{said}");
     sandbox.run_ok(&format!("{PACK} --resume"));
     assert_eq!(tree_difference(&tree(&sandbox.path("out.zarr")), &expected), [""; 0]);
+    // Before anything is packed, and in a step that is appended.
+    remove_store(&sandbox);
+    sandbox.write("s.raw", vec![7; 64 * 64 * 64]);
+    let raw = "--shape 64,64,64 --dtype u8 --brick 16 --shard 16 --progress none";
+    sandbox.run_ok(&format!("append s.zarr s.raw {raw}"));
+    sandbox
+        .write("s.raw", (0..64 * 64 * 64u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect::<Vec<u8>>());
+    for (limit, line) in
+        [(0, PACK.to_owned()), (2, "append s.zarr s.raw --shape 64,64,64 --dtype u8 --progress none".into())]
+    {
+        let line = format!("ulimit -f {limit}; exec '{}' {line}", command().get_program().to_string_lossy());
+        let ended = Command::new("bash").args(["-c", &line]).current_dir(sandbox.path("")).output().expect("bash runs");
+        let said = String::from_utf8_lossy(&ended.stderr);
+        assert!(ended.status.code() == Some(4) && said.contains("`ulimit -f`"), "{line}: {:?}: {said}", ended.status);
+    }
 }

@@ -274,7 +274,7 @@ fn human_bytes(bytes: u64) -> String {
 mod tests {
     use super::*;
     use crate::source::Source;
-    use crate::testing::{Field, assert_boxes, said, temp_file};
+    use crate::testing::{Field, assert_boxes, is_warned, said, temp_file};
     use brickyard_volume::VoxelType;
     use glam::DVec3;
 
@@ -425,6 +425,7 @@ mod tests {
         source.read_box(0, 0, source.info().extent.full_box(), &mut out).unwrap();
         assert_eq!(out, [0.1f32.to_le_bytes(), f32::INFINITY.to_le_bytes()].concat()[..]);
         assert!(source.info().notes[0].contains("1 infinite, 1 rounded"), "{:?}", source.info().notes);
+        assert!(is_warned(&said(&source.info().notes), "1 infinite, 1 rounded"));
     }
 
     #[test]
@@ -502,6 +503,7 @@ mod tests {
             let info = open(&path, &options()).unwrap().info().clone();
             assert_eq!(info.orientation, None);
             assert!(info.notes.len() == 1 && info.notes[0].contains("shown along its own axes"), "{:?}", info.notes);
+            assert!(is_warned(&said(&info.notes), "shown along its own axes"));
         }
 
         let (_folder, path) = write(Written { pixdim: [1.0, 0.0, 1.0, 1.0], ..plain() });

@@ -151,3 +151,9 @@ pub(crate) fn said(notes: &[Note]) -> String {
     let kind = |is_warning| if is_warning { "warning" } else { "note" };
     notes.iter().map(|note| format!("{}: {} ", kind(note.is_warning()), &**note)).collect()
 }
+
+/// Whether of what was [`said`] these words are a warning's.
+pub(crate) fn is_warned(said: &str, words: &str) -> bool {
+    let Some((before, _)) = said.split_once(words) else { return false };
+    before.rfind("warning: ") > before.rfind("note: ")
+}

@@ -2,7 +2,7 @@
 
 use super::tests::{Folder, Written, at_texts, open_with, shuffled, voxels};
 use crate::options::{Gaps, HeldAs, NoData, OpenOptions};
-use crate::testing::said;
+use crate::testing::{is_warned, said};
 use brickyard_volume::VoxelType;
 use dicom_core::VR;
 use dicom_dictionary_std::tags;
@@ -34,6 +34,7 @@ fn the_places_of_missing_slices_are_left_and_hold_no_data() {
         }
         let notes = said(&info.notes);
         assert!(notes.contains("4 slices of 9 are missing"), "{notes}");
+        assert!(is_warned(&notes, "4 slices of 9 are missing"), "{notes}");
     };
     // 12 bits, and one value that none of them is; shifted; all 16 bits, of which few are used; padding has its own; fractions have NaN.
     check(&slices(&|s| s), VoxelType::I16, &|n| n, -1.0);

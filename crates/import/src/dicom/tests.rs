@@ -4,7 +4,7 @@ use crate::error::ImportError;
 use crate::open::{open, order_steps};
 use crate::options::{FileOrder, NoData, OpenOptions};
 use crate::source::Source;
-use crate::testing::{alone_with, assert_takes_what_it_says, peak_bytes, said};
+use crate::testing::{alone_with, assert_takes_what_it_says, is_warned, peak_bytes, said};
 use brickyard_volume::VoxelType;
 use dicom_core::value::{DataSetSequence, PixelFragmentSequence};
 use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
@@ -420,6 +420,7 @@ fn numbers_of_32_bits_are_not_rounded_without_a_word() {
         let options = OpenOptions { allow_lossy: true, ..OpenOptions::default() };
         let source = open(&[folder.0.path().to_owned()], &options).unwrap();
         assert!(source.info().notes.iter().any(|note| note.contains("rounded to 24 bits")));
+        assert!(is_warned(&said(&source.info().notes), "rounded to 24 bits"));
     }
     // What is scaled by a fraction is no whole number anyway, and it is said.
     let mut scaled = slice(0.0, 0, 16_777_217);
@@ -611,8 +612,10 @@ fn told_spacings_settle_gaps_and_missing_pixel_sizes() {
     assert_eq!([0, 12, 24, 36].map(|i| found[i]), [0.0, 20.0, 80.0, 100.0]);
     let notes = said(&source.info().notes);
     assert!(notes.contains("2.0000 to 6.0000 mm apart by their positions, and taken as 2 mm apart"), "{notes}");
+    assert!(is_warned(&notes, "taken as 2 mm apart"), "{notes}");
     // The third and the fourth, 2 and 3 steps up, are 8 and 10 mm up.
     assert!(notes.contains("4.0000 mm from where its position says") && notes.contains("`gaps` blank"), "{notes}");
+    assert!(is_warned(&notes, "4.0000 mm from where its position says"), "{notes}");
     // Nothing is said where positions are even, whatever the spacing is said to be.
     let even = open_with(&Folder::of(shuffled()), &told);
     assert!(!said(&even.unwrap().info().notes).contains("apart"));
@@ -907,6 +910,7 @@ fn enhanced_files_place_and_rescale_every_frame() {
     let source = open(&[several.file(0)], &OpenOptions::default()).unwrap();
     let notes = said(&source.info().notes);
     assert!(source.info().extent.z == 2 && notes.contains("1 file more of its series"), "{notes}");
+    assert!(is_warned(&notes, "1 file more of its series"), "{notes}");
     let mut unplaced = enhanced();
     unplaced.text(tags::NUMBER_OF_FRAMES, VR::IS, "1");
     Folder::of([unplaced]).refused(&["declares 1 frame, but places 2"]);
@@ -982,12 +986,17 @@ fn files_without_a_preamble_are_read() {
     let whole = |i: u16| (100 * i..100 * i + 12).map(f64::from);
     let expected: Vec<f64> = (0..3).flat_map(whole).collect();
     for syntax in [uids::EXPLICIT_VR_LITTLE_ENDIAN, uids::IMPLICIT_VR_LITTLE_ENDIAN] {
-        for first in [tags::SPECIFIC_CHARACTER_SET, tags::IMAGE_TYPE, tags::SOP_CLASS_UID] {
+        for (first, charset) in [
+            (tags::SPECIFIC_CHARACTER_SET, "ISO_IR 100"),
+            (tags::SPECIFIC_CHARACTER_SET, ""),
+            (tags::IMAGE_TYPE, "ISO_IR 100"),
+            (tags::SOP_CLASS_UID, ""),
+        ] {
             for has_group in [true, false] {
                 let folder = Folder::of([]);
                 for i in 0..3 {
                     let mut slice = Written::slice(5.0 * f64::from(i), 100 * i as u16);
-                    let text = if first == tags::SOP_CLASS_UID { uids::CT_IMAGE_STORAGE } else { "ISO_IR 100" };
+                    let text = if first == tags::SOP_CLASS_UID { uids::CT_IMAGE_STORAGE } else { charset };
                     slice.text(first, if first == tags::SOP_CLASS_UID { VR::UI } else { VR::CS }, text);
                     let path = folder.file(i as usize);
                     slice.save(&path, syntax);

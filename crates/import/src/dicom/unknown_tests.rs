@@ -3,7 +3,7 @@
 use super::tests::{Folder, Written, enhanced, shuffled, voxels};
 use crate::open::open;
 use crate::options::OpenOptions;
-use crate::testing::said;
+use crate::testing::{is_warned, said};
 use brickyard_volume::VoxelType;
 use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
 use dicom_dictionary_std::{tags, uids};
@@ -103,6 +103,7 @@ fn damaged_files_beside_one_file_matter_only_where_they_may_be_of_its_series() {
     assert_eq!(source.info().extent.z, 5);
     let notes = said(&source.info().notes);
     assert!(notes.contains("1 DICOM file beside it") && notes.contains("IM9: cut short"), "{notes}");
+    assert!(is_warned(&notes, "1 DICOM file beside it"), "{notes}");
     let message = damaged("1.2.3").err().unwrap().to_string();
     assert!(message.contains("IM9: cut short"), "{message}");
     // A folder is taken as it is.

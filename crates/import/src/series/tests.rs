@@ -3,7 +3,7 @@
 use crate::open::open;
 use crate::options::OpenOptions;
 use crate::source::Source;
-use crate::testing::{Field, alone_with, assert_boxes};
+use crate::testing::{Field, alone_with, assert_boxes, is_warned, said};
 use brickyard_volume::{Extent, VoxelType};
 use flate2::Compression;
 use flate2::write::GzEncoder;
@@ -144,6 +144,7 @@ fn compressed_steps_that_are_damaged_are_named_in_time() {
     write(&gzip(&nifti([10, 10, 10], [2, 8], &[&noise[..], &[1; 9]].concat())));
     let source = open(&paths, &options).unwrap();
     assert!(source.info().notes.iter().any(|note| note.contains("s_2.nii.gz: 9 bytes")), "{:?}", source.info().notes);
+    assert!(is_warned(&said(&source.info().notes), "s_2.nii.gz: 9 bytes"));
     assert_eq!(value(&*source, 1), f64::from(noise[0]));
     // What only the checksum tells: when the step is read.
     let mut flipped = whole.clone();

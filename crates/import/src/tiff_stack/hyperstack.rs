@@ -99,6 +99,7 @@ fn display_range<'a>(value: impl Fn(&str) -> Option<&'a str>) -> Option<ChannelL
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::{is_warned, said};
 
     fn spacing_of(description: &Description) -> Option<[f64; 3]> {
         description.spacing.map(|s| [s.x, s.y, s.z.unwrap()])
@@ -134,6 +135,7 @@ mod tests {
         }
         let odd = read("ImageJ=1.4\nimages=5\nunit=furlong\n", None, 1);
         assert!(odd.notes[0].contains("furlong"));
+        assert!(is_warned(&said(&odd.notes), "furlong"));
     }
 
     #[test]
@@ -147,6 +149,7 @@ mod tests {
         assert_eq!(spacing_of(&of("unit=micron\nyunit=micron\nzunit=micron\n")), Some([0.5, 500.0, 500.0]));
         let odd = of("unit=micron\nzunit=ell\n");
         assert!(odd.spacing.unwrap().z.is_none() && odd.notes[0].contains("along z are in 'ell'"), "{:?}", odd.notes);
+        assert!(is_warned(&said(&odd.notes), "along z are in 'ell'"));
         let odd = of("unit=ell\nyunit=nm\n");
         assert!(odd.spacing.is_none() && odd.notes[1].contains("along y are in 'nm'"), "{:?}", odd.notes);
     }
@@ -162,8 +165,10 @@ mod tests {
         assert_eq!(of("ImageJ=1.53\nimages=6\nfinterval=0.25\n").time, None);
         let bad = of(&format!("{imagej}finterval=-2\n"));
         assert!(bad.time.is_none() && bad.notes[0].contains("found -2"), "{:?}", bad.notes);
+        assert!(is_warned(&said(&bad.notes), "found -2"));
         let odd = of(&format!("{imagej}finterval=2\ntunit=moon\n"));
         assert!(odd.time.is_some_and(|axis| axis.unit.is_none()) && odd.notes[0].contains("'moon'"), "{:?}", odd.notes);
+        assert!(is_warned(&said(&odd.notes), "'moon'"));
     }
 
     #[test]

@@ -225,6 +225,7 @@ impl Array {
 mod tests {
     use super::*;
     use crate::element::Element;
+    use crate::testing::{is_warned, said};
     use brickyard_volume::VoxelType;
 
     fn format(samples: u16, planar: bool) -> PageFormat {
@@ -335,6 +336,7 @@ mod tests {
         let tags = ScaleTags { resolution: Some([2e4, 2e4]), unit: Some(3), ..ScaleTags::default() };
         let mixed = read(r#"{"shape": [4, 7, 9], "axes": "ZYX", "spacing": 3e-4}"#, &format(1, false), &tags);
         assert!(mixed.spacing.is_none() && mixed.notes[0].contains("has no unit"), "{:?}", mixed.notes);
+        assert!(is_warned(&said(&mixed.notes), "has no unit"));
         // What stands in files whose writer was told nothing.
         assert_eq!(place(r#""unit": "um""#, Some([1.0, 1.0])).0, None);
         for odd in [r#""spacing": -0.0"#, r#""spacing": [1]"#, r#""PhysicalSizeX": "NaN""#, r#""finterval": "x""#] {

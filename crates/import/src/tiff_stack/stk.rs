@@ -182,6 +182,7 @@ impl<R: Read + Seek> Tags<'_, R> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::{is_warned, said};
     use std::io::Cursor;
 
     /// A directory with UIC2 of planes (distance in halves, milliseconds), and UIC1 of a calibration.
@@ -226,6 +227,7 @@ mod tests {
         assert!(d.notes[0].contains("no distances"));
         let d = described(&stack(&[(1, 5), (2, 6), (3, 9)], &[])).unwrap();
         assert!(d.spacing.is_none() && d.notes[0].contains("not evenly"), "{:?}", d.notes);
+        assert!(is_warned(&said(&d.notes), "not evenly"));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use crate::error::ImportError;
 use crate::open::open;
 use crate::options::{NoData, OpenOptions};
 use crate::source::{Access, Source};
-use crate::testing::{Field, alone_with, assert_boxes, assert_takes_what_it_says, said, temp_file};
+use crate::testing::{Field, alone_with, assert_boxes, assert_takes_what_it_says, is_warned, said, temp_file};
 use brickyard_volume::{VoxelBox, VoxelType};
 use glam::DVec3;
 use proptest::prelude::*;
@@ -637,6 +637,7 @@ fn halves_are_widened_and_doubles_kept_where_they_fit() {
     let source = open(&[path], &OpenOptions { allow_lossy: true, ..options() }).unwrap();
     assert_eq!(values(&*source)[1], f64::INFINITY);
     assert!(said(&source.info().notes).contains("of 4 values in a.tif, 1 infinite, 1 rounded"));
+    assert!(is_warned(&said(&source.info().notes), "of 4 values in a.tif, 1 infinite, 1 rounded"));
 }
 
 /// An entry holds up to four characters itself, which is what [`with_tag`] writes: of 16 bits, so two of them.

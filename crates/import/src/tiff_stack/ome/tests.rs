@@ -1,6 +1,7 @@
 //! OME-XML, whole and damaged, and what is made of it.
 
 use super::*;
+use crate::testing::{is_warned, said};
 
 const OME: &str = r#"<?xml version="1.0"?><!-- <OME/> a > b --><OME xmlns="x"><Image ID="Image:0"><ome:Pixels ID="Pixels:0 > 1"
     DimensionOrder="XYZCT" SizeX = "7" SizeY="5" SizeZ="4" SizeC="2" SizeT='3' Type="uint16" PhysicalSizeX="0.5"
@@ -91,6 +92,7 @@ fn times_are_increments_or_stamps() {
     assert_eq!((irregular.stamps, irregular.unit.as_deref()), (vec![1.0, 1.5, 9.0], Some("second")));
     let back = planes([1.0, 0.5, 9.0]);
     assert!(back.time.is_none() && back.notes[0].contains("0.5 of step 1 after 1 of step 0"), "{:?}", back.notes);
+    assert!(is_warned(&said(&back.notes), "0.5 of step 1 after 1 of step 0"));
     assert_eq!(described("").time, None);
 }
 
