@@ -783,8 +783,11 @@ impl Window {
 
     /// Keeps what it is to begin with the next time. Doing it twice is doing it once.
     pub(crate) fn end(&mut self) {
-        while let Some(path) = self.views.main.give_up_capture() {
-            tracing::warn!("{} was not written: the window was closed", path.display());
+        // On another device it goes on with them.
+        if self.left.is_none() {
+            while let Some(path) = self.views.main.give_up_capture() {
+                tracing::warn!("{} was not written: the window was closed", path.display());
+            }
         }
         if let Err(problem) = self.keeper.write() {
             tracing::warn!("the window's state cannot be kept: {problem}");
