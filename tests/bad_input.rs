@@ -98,7 +98,7 @@ fn raw_files_that_do_not_fit_their_flags() {
 }
 
 /// A NIfTI-1 header of a volume of these dimensions, with `datatype` and `bitpix` as the standard numbers them.
-fn nifti_header(dims: &[i16], datatype: i16, bitpix: i16) -> Vec<u8> {
+pub(crate) fn nifti_header(dims: &[i16], datatype: i16, bitpix: i16) -> Vec<u8> {
     let mut header = vec![0u8; 352];
     let mut put = |at: usize, bytes: &[u8]| header[at..at + bytes.len()].copy_from_slice(bytes);
     put(0, &348i32.to_le_bytes());

@@ -1,5 +1,6 @@
 //! The command among other programs: pipes that its results go into, and hands that stop it.
 
+use crate::bad_input::nifti_header;
 use brickyard_tests::{Sandbox, tree, tree_difference};
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -93,17 +94,7 @@ fn edited_looks_are_noted_and_sound() {
 #[test]
 fn packing_and_appending_say_what_is_routine() {
     let sandbox = Sandbox::default();
-    let mut header = vec![0u8; 352];
-    header[..4].copy_from_slice(&348i32.to_le_bytes());
-    for (at, number) in [(40, 3u16), (42, 4), (44, 4), (46, 4), (70, 2), (72, 8)] {
-        header[at..at + 2].copy_from_slice(&number.to_le_bytes());
-    }
-    for at in [76, 80, 84, 88] {
-        header[at..at + 4].copy_from_slice(&1f32.to_le_bytes());
-    }
-    header[108..112].copy_from_slice(&352f32.to_le_bytes());
-    header[344..348].copy_from_slice(b"n+1\0");
-    let more = [header, vec![7; 64], vec![1; 3]].concat();
+    let more = [nifti_header(&[4, 4, 4], 2, 8), vec![7; 64], vec![1; 3]].concat();
     sandbox.write("a.nii", &more);
     for line in ["pack a.nii o.zarr", "append s.zarr a.nii", "append s.zarr a.nii"] {
         let (code, _, said) = sandbox.run(&format!("{line} --progress none"));

@@ -20,7 +20,7 @@ impl Note {
         Self { text: text.into(), is_warning: true }
     }
 
-    /// The same remark after the words that say what it is about.
+    /// The same remark behind its subject.
     pub(crate) fn about(self, subject: &str) -> Self {
         Self { text: format!("{subject}{}", self.text), ..self }
     }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What a store's values mean.
+/// Meaning of a store's values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {

@@ -15,7 +15,7 @@ pub(crate) struct Handover {
 }
 
 impl Handover {
-    /// What the window on these paths leaves now.
+    /// The handover of a window of these paths, as it stands on the display.
     pub(crate) fn of(reason: String, egui: &egui::Context, paths: &[PathBuf]) -> Self {
         let mut viewport = viewport(paths);
         egui.input(|input| {

@@ -1,4 +1,4 @@
-//! What the window says that nobody has to answer: what has been done, until the next command, and remarks, which pass by themselves.
+//! Notes of the window, which nobody has to answer: of work done, until the next command, and remarks, which pass by themselves.
 
 use std::time::{Duration, Instant};
 

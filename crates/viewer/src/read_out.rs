@@ -1,4 +1,4 @@
-//! What is under the pointer, in words: as much of it as a line has room for, by whole values, for a number that is cut is another number.
+//! The read-out under the pointer: the whole values for which a line has room. A number cut short is another number.
 
 /// The place under the pointer, and the values there.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -15,7 +15,7 @@ impl ReadOut {
         self.place.clone() + &self.values.concat()
     }
 
-    /// As many values as have room, and how many more there are. The place goes before the first value does.
+    /// The place and the values for which there is room, and the count of the others. The place goes before the first value.
     pub(crate) fn fitting(&self, has_room: impl Fn(&str) -> bool) -> String {
         let count = self.values.len();
         let values = |shown: usize| {

@@ -140,7 +140,7 @@ fn tone(color: DVec3, cosine: f64) -> DVec3 {
     (cool + color * TONE_KEPT[0]).lerp(warm + color * TONE_KEPT[1], warmth)
 }
 
-/// What a surface shows if it is lit from the eye: the share of its own colour, and the share of white. `cosine` is that of the angle
+/// Light from the eye on a surface: the share of its own colour, and the share of white. `cosine` is the cosine of the angle
 /// between its normal and the ray, of either sign. `None` is a field so flat that there is no normal: the surface shows its colour as if
 /// it faced the eye.
 pub fn headlight(cosine: Option<f64>) -> (f64, f64) {

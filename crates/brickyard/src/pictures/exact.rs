@@ -2,8 +2,7 @@
 //! into the same target. `sorted` can blend what comes later over what came before; so this is for GPUs, software ones too.
 
 use crate::memory::ProcessMemory;
-use crate::session::backend::Pictures;
-use crate::session::backend::{BackendChoice, BackendError, CompositorChoice, layer_needs};
+use crate::session::backend::{BackendChoice, BackendError, CompositorChoice, Pictures, layer_needs};
 use crate::session::device::Device;
 use crate::session::gpu_backend::open_gpu;
 use crate::session::resolve::slot_contents;

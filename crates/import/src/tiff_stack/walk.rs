@@ -74,7 +74,7 @@ pub(super) struct Walked {
     pub(super) file: TiffFile,
     pub(super) tiff: OpenTiff,
     pub(super) reader_bytes: u64,
-    /// What is wrong with the first page that differs from the others, or whose data are not there.
+    /// The refusal of the first page unlike the others, or without its data.
     pub(super) odd: Option<ImportError>,
     /// Pages that are left out, counted from 0, ascending.
     pub(super) left_out: Vec<u32>,
