@@ -243,16 +243,20 @@ fn rows_one_after_the_other_are_the_picture() {
     let layers = vec![layer(0.3), SceneLayer { opacity: 0.5, ..layer(0.6) }];
     let several = Scene { layers, ..fog.clone() };
     let projected = Scene { mode: Mode::Mip, ..several.clone() };
+    let two_eyes = Scene { stereo: Some(Stereo::new(StereoLayout::SideBySide)), ..fog.clone() };
     for compositor in [CompositorChoice::Sorted, CompositorChoice::Raycast, CompositorChoice::Compute] {
-        for (name, scene) in [("fog", &fog), ("two layers", &several), ("maxima of two layers", &projected)] {
+        for (name, scene) in
+            [("fog", &fog), ("two layers", &several), ("maxima of two layers", &projected), ("two eyes", &two_eyes)]
+        {
             let mut session = app.session_by(&store, true, compositor);
             let texture = app.texture(FORMAT, SIZE);
             let view = texture.create_view(&Default::default());
             let frame = app.settle(&mut session, scene, SIZE, &whole(&view));
             // Another frame of the same picture.
             let frame = Quality::EXACT.frame(&frame);
-            for rows in [0..8, 8..41, 41..96] {
-                let is_last = rows.end == SIZE.1;
+            let all = frame.scene.rows();
+            for rows in [0..8, 8..all * 3 / 5, all * 3 / 5..all] {
+                let is_last = rows.end == all;
                 let drawn = session.draw_rows(&frame, rows).expect("drawn");
                 assert_eq!(drawn, if is_last { Drawn::Whole } else { Drawn::Partly }, "{compositor:?}, {name}");
                 assert_eq!(session.shown().is_some_and(|shown| shown.is_copy_of(&frame)), is_last);

@@ -2,11 +2,17 @@
 //! drag, keys for earlier than buttons, and text for the field that Tab moves on to. So a frame gets the first part of what waits that is told in order,
 //! and the rest waits for the next frame.
 
-use eframe::egui::{Event, Key, Modifiers, RawInput};
+use eframe::egui::{Context, Event, Key, Modifiers, RawInput};
 
 /// How many presses and keys may wait. A hand is not as fast as that: where programs are, input that waited ever longer would be worse than input whose
 /// order is lost.
 const MOST: usize = 64;
+
+/// Seconds between two clicks that are one double click, as in egui.
+const DOUBLE_CLICK_S: f64 = 0.3;
+
+/// The slowest frame, in seconds, that double clicks allow for.
+const SLOWEST_S: f64 = 0.5;
 
 /// Input that waits for its frame.
 #[derive(Default)]
@@ -23,6 +29,12 @@ impl InputOrder {
             self.waiting = events.split_off(first_part(&events));
         }
         input.events = events;
+    }
+
+    /// Lets double clicks take two frames longer. egui times a click by its frame, and a press and a release take a frame each.
+    pub(crate) fn allow_slow_clicks(egui: &Context, input: &RawInput) {
+        let frame_s = input.time.map_or(0.0, |now_s| now_s - egui.input(|last| last.time)).clamp(0.0, SLOWEST_S);
+        egui.options_mut(|options| options.input_options.max_double_click_delay = DOUBLE_CLICK_S + 2.0 * frame_s);
     }
 
     /// Whether some input waits for the next frame.
@@ -143,6 +155,32 @@ mod tests {
         let motion = vec![Event::PointerMoved(Pos2::ZERO); 10 * MOST];
         let hand = [vec![button(true, Modifiers::NONE)], motion, vec![button(false, Modifiers::NONE)]].concat();
         assert_eq!(parts(&hand), [1, 10 * MOST, 1]);
+    }
+
+    /// Whether two clicks are one double click where frames take so long.
+    fn is_double_click(frame_s: f64, hand: &[Event], later: &[Event]) -> bool {
+        let (egui, mut order, mut is_double) = (Context::default(), InputOrder::default(), false);
+        for frame in 0..8 {
+            let mut input = RawInput { time: Some(10.0 + frame_s * f64::from(frame)), ..RawInput::default() };
+            input.events = [hand, later].get(frame as usize).map_or(Vec::new(), |events| events.to_vec());
+            InputOrder::allow_slow_clicks(&egui, &input);
+            order.split(&mut input);
+            let mut output = egui.run_ui(input, |ui| {
+                is_double |= ui.input(|input| input.pointer.button_double_clicked(PointerButton::Primary));
+            });
+            output.textures_delta.clear();
+        }
+        is_double
+    }
+
+    #[test]
+    fn double_clicks_are_seen_in_slow_frames() {
+        let click = [true, false].map(|pressed| button(pressed, Modifiers::NONE));
+        for frame_s in [0.016, 0.15, 0.4] {
+            assert!(is_double_click(frame_s, &[click.clone(), click.clone()].concat(), &[]), "{frame_s}");
+            assert!(is_double_click(frame_s, &click, &click), "{frame_s}: a frame between");
+        }
+        assert!(!is_double_click(2.0, &click, &click), "2 s are two clicks");
     }
 
     #[test]

@@ -62,8 +62,8 @@ impl Losses {
 struct Shown<'a>(&'a mut Window);
 
 impl eframe::App for Shown<'_> {
-    fn raw_input_hook(&mut self, _egui: &egui::Context, input: &mut egui::RawInput) {
-        own(|| self.0.take_input(input));
+    fn raw_input_hook(&mut self, egui: &egui::Context, input: &mut egui::RawInput) {
+        own(|| self.0.take_input(egui, input));
     }
 
     fn ui(&mut self, ui: &mut Ui, _frame: &mut eframe::Frame) {

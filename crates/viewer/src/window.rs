@@ -633,8 +633,9 @@ fn quarters(area: Rect) -> [Rect; 4] {
 /// What the display asks of a window.
 impl Window {
     /// Adds the script's clicks to a frame's input, and leaves for the next frame what comes later.
-    pub(crate) fn take_input(&mut self, input: &mut egui::RawInput) {
+    pub(crate) fn take_input(&mut self, egui: &egui::Context, input: &mut egui::RawInput) {
         self.clicks.play(input);
+        InputOrder::allow_slow_clicks(egui, input);
         self.order.split(input);
     }
 

@@ -80,20 +80,19 @@ impl Session {
         Ok(is_this)
     }
 
-    /// Draws some rows of a frame into the session's own texture, from row 0 on, and nothing on an application's: for devices that take long for a
-    /// whole picture, on whose queue an application's own work waits meanwhile. Once the last row is drawn, [`Session::draw_to`] finds the frame there.
-    /// There must be no other step before that. A picture of two eyes or with meshes is drawn as a whole with its last row.
+    /// Draws some of a frame's [rows](crate::session::resolve::ResolvedScene::rows) into the session's own texture, from row 0 on, and nothing on an
+    /// application's: for devices that take long for a whole picture, on whose queue an application's own work waits meanwhile. The right eye's rows
+    /// follow the left eye's. Once the last row is drawn, [`Session::draw_to`] finds the frame there. There must be no other step before it. A picture
+    /// with meshes is drawn as a whole with its last row.
     ///
     /// # Errors
     /// As [`Session::draw_to`].
     pub fn draw_rows(&mut self, frame: &Frame, rows: Range<u32>) -> Result<Drawn, SessionError> {
-        let settings = &frame.scene.layers[0].frames[0].settings;
-        let height = settings.rays.height;
-        let is_in_parts = frame.scene.stereo.is_none() && settings.meshes.is_empty();
-        match (is_in_parts, rows.end >= height) {
-            (true, _) => self.show(frame, Some(rows)),
-            (false, true) => self.show(frame, None),
-            (false, false) => Ok(Drawn::Partly),
+        let has_meshes = !frame.scene.layers[0].frames[0].settings.meshes.is_empty();
+        match (has_meshes, rows.end >= frame.scene.rows()) {
+            (false, _) => self.show(frame, Some(rows)),
+            (true, true) => self.show(frame, None),
+            (true, false) => Ok(Drawn::Partly),
         }
     }
 

@@ -287,7 +287,7 @@ impl Fit {
     /// Renders a scene from the bricks in the slots. If `tells`, the pagers are told what was seen.
     pub(crate) fn draw(&mut self, scene: &ResolvedScene, tells: bool) -> Result<Picture, BackendError> {
         let Self { layers: own, pools, backend, .. } = self;
-        let eyes = 1 + scene.stereo.is_some() as usize;
+        let eyes = scene.eyes();
         let is_told = tells && own.iter().all(|layer| layer.draws.len() == eyes);
         let mut seen: Vec<Option<Vec<f32>>> = vec![is_told.then(Vec::new); own.len()];
         let picture = scene.picture(|eye| {

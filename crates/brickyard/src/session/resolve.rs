@@ -112,6 +112,16 @@ impl ResolvedScene {
         self.time = time;
     }
 
+    /// Number of eyes whose pictures the scene's picture is made of.
+    pub fn eyes(&self) -> usize {
+        1 + usize::from(self.stereo.is_some())
+    }
+
+    /// Rows of the pictures of all eyes.
+    pub fn rows(&self) -> u32 {
+        self.layers[0].frames.iter().map(|frame| frame.settings.rays.height).sum()
+    }
+
     /// Makes the picture of the scene. `draw` draws an eye's picture, given its number: 0 for the only or left eye, 1
     /// for the right one.
     ///

@@ -19,8 +19,8 @@ pub(super) struct RowDrawing {
 impl RowDrawing {
     /// A frame of which nothing is drawn yet, a `share` of which is taken to be fit for a part, if frames of the window take so long `between` parts.
     pub(super) fn new(frame: Frame, share: f64, between: Duration) -> Self {
-        let height = frame.scene.layers[0].frames[0].settings.rays.height;
-        Self { frame, pace: RowPace::new(height, share, between) }
+        let pace = RowPace::new(frame.scene.rows(), share, between);
+        Self { frame, pace }
     }
 
     /// Submits a part, unless the one before is under way or shaders are compiled. Returns the frame once all of it is submitted, so that it can be

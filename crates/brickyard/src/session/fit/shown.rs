@@ -14,6 +14,8 @@ use std::ops::Range;
 pub(crate) struct Shown {
     /// How many there were.
     pictures: u64,
+    /// Whether the eyes drawn so far of the present scene will be answered about.
+    is_asked: bool,
     /// Pictures whose answers the pagers are to be told, the oldest first.
     asked: VecDeque<Asked>,
     /// Milliseconds that a picture took on the GPU, by the last answer that says so; `None` before there is one.
@@ -33,9 +35,9 @@ struct Asked {
 }
 
 impl Fit {
-    /// Draws a scene from the bricks in the slots into the GPU renderer's own texture, without waiting. A scene of two
-    /// eyes is drawn twice. If `tells`, the pagers are told later what was seen. Of `rows` of a scene of one eye without meshes only these are drawn.
-    /// Returns whether the picture is whole.
+    /// Draws a scene from the bricks in the slots into the GPU renderer's own texture, without waiting. If `tells`, the pagers are told later what was
+    /// seen. Of `rows` of a scene without meshes only these are drawn, where the right eye's follow the left eye's. Returns whether the picture is
+    /// whole.
     pub(crate) fn show(
         &mut self,
         scene: &ResolvedScene,
@@ -44,30 +46,40 @@ impl Fit {
     ) -> Result<bool, BackendError> {
         let Self { layers: own, pools, backend, shown, .. } = self;
         let Some(gpu) = backend.as_gpu() else { return Ok(false) };
-        let eyes = 1 + scene.stereo.is_some() as usize;
-        let mut is_asked = tells && own.iter().all(|layer| layer.draws.len() == eyes);
-        let first = shown.pictures;
+        let (eyes, height) = (scene.eyes(), scene.rows() / scene.eyes() as u32);
         for eye in 0..eyes {
-            if eye == 1 {
+            let of_eye = rows.as_ref().map(|rows| {
+                let above = eye as u32 * height;
+                rows.start.saturating_sub(above).min(height)..rows.end.saturating_sub(above).min(height)
+            });
+            if of_eye.as_ref().is_some_and(Range::is_empty) {
+                continue;
+            }
+            if eye == 1 && of_eye.as_ref().is_none_or(|rows| rows.start == 0) {
                 gpu.keep_left()?;
             }
             let (layers, combination) = (drawn(own, scene, eye), scene.combination.as_ref());
-            is_asked &= match &rows {
+            let is_asked = match of_eye {
                 None => gpu.show(&layers, combination, shown.pictures)?,
-                Some(rows) => match gpu.show_rows(&layers, combination, (shown.pictures, rows.clone()))? {
+                Some(rows) => match gpu.show_rows(&layers, combination, (shown.pictures, rows))? {
                     Some(is_asked) => is_asked,
                     None => return Ok(false),
                 },
             };
+            shown.is_asked = is_asked && (eye == 0 || shown.is_asked);
             shown.pictures += 1;
         }
-        if is_asked {
+        if rows.is_some_and(|rows| rows.end < scene.rows()) {
+            return Ok(false);
+        }
+        if shown.is_asked && tells && own.iter().all(|layer| layer.draws.len() == eyes) {
             let mut drawn = vec![None; own.len()];
             for Pool { layers, pager, .. } in pools {
                 layers.iter().enumerate().for_each(|(volume, &layer)| drawn[layer] = pager.drawn(volume));
             }
             let seen = vec![Vec::new(); own.len()];
-            shown.asked.push_back(Asked { pictures: first..shown.pictures, drawn, seen });
+            let pictures = shown.pictures - eyes as u64..shown.pictures;
+            shown.asked.push_back(Asked { pictures, drawn, seen });
         }
         Ok(true)
     }
