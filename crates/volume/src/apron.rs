@@ -6,14 +6,13 @@
 //! low x, high x    width x edge x edge         its x faces between the z and y slabs
 //! ```
 //!
-//! Six slabs follow one another, each a box with x fastest. Every voxel of the padded brick lies in the core or in exactly one
-//! slab. Slabs compress and copy better than rows with a hole would. A voxel outside the level has the value of the nearest voxel
-//! inside.
+//! Six consecutive slabs, each a box with x fastest. Every voxel of the padded brick lies in the core or in exactly one slab.
+//! Slabs compress and copy better than rows with a hole. A voxel outside the level has the value of the nearest one inside.
 
 use crate::space::VoxelBox;
 
-/// Widest stored apron, in voxels: 1 suffices for trilinear samples, 2 for gradients or tricubic ones. The rarer wider aprons are
-/// assembled from neighbouring bricks.
+/// Widest stored apron, in voxels: 1 for trilinear samples, 2 for gradients or tricubic ones. Rarer wider aprons are assembled
+/// from neighbouring bricks.
 pub const MAX_APRON: u32 = 2;
 
 /// The shape of an apron around a brick's core.

@@ -1,6 +1,5 @@
-//! Bounds of a scene's numbers. Beyond them single precision, in which GPUs draw, or the steps of rays no longer separate places, and a picture would
-//! be wrong, or black without a warning. Every scene beyond them is therefore refused. They were found by comparing all renderers with the oracle
-//! (`tests/bounds.rs`); within them pictures agree.
+//! Bounds of a scene's numbers. Beyond them single precision (as on GPUs) or the steps of rays no longer separate places, and pictures are silently
+//! wrong or black; such scenes are refused. Found by comparing all renderers with the oracle (`tests/bounds.rs`); within them pictures agree.
 
 use crate::camera::ViewRays;
 use crate::geometry::{Geometry, box_corners};
@@ -21,7 +20,7 @@ pub const STEPS: RangeInclusive<f64> = LEAST_STEP..=MOST_STEP;
 /// The least height of an orthographic picture, in voxels.
 const LEAST_HEIGHT: f64 = 0.001;
 
-/// Greatest distance of an eye from a volume's middle: in voxels, or in longest sides of the volume if that is farther.
+/// Greatest distance of an eye from a volume's middle: in voxels, or in longest sides of the volume, whichever is farther.
 const FARTHEST_VOXELS: f64 = 1e5;
 const FARTHEST_SIDES: f64 = 8.0;
 
@@ -74,12 +73,12 @@ pub enum ReachError {
     Steps(f64),
 }
 
-/// A volume as it stands in a scene's world.
+/// A volume placed in a scene's world.
 #[derive(Clone, Copy, Debug)]
 pub struct Standing<'a> {
-    /// Places of its voxels in its own world.
+    /// Positions of its voxels in its own world.
     pub geometry: &'a Geometry,
-    /// Numbers of voxels.
+    /// Number of voxels along each axis.
     pub extent: Extent,
     /// Placement of its own world in the scene's.
     pub placement: &'a Placement,
@@ -89,7 +88,7 @@ impl Standing<'_> {
     /// Checks that these rays, with steps of `step` world units, can draw the volume.
     ///
     /// # Errors
-    /// The number that is out of bounds.
+    /// The first number out of bounds.
     pub fn check(&self, rays: &ViewRays, step: f64) -> Result<(), ReachError> {
         let Self { geometry, extent, placement } = *self;
         let voxel = placement.voxel_size(geometry, extent);

@@ -32,7 +32,7 @@ pub enum Projection {
 pub struct Camera {
     /// World position of the eye.
     pub eye: DVec3,
-    /// World position in the middle of the view.
+    /// World position the camera looks at.
     pub target: DVec3,
     /// The picture's up direction, as far as possible: any non-zero vector not along the view direction.
     pub up: DVec3,
@@ -89,11 +89,11 @@ impl Camera {
         Self { eye: centre + from * distance, target: centre, up, projection: Projection::Perspective { fov_y_deg } }
     }
 
-    /// Moves a perspective camera towards or away from its target until the box just fits into a picture of this size, with a margin; other cameras
-    /// are unchanged. A box off the target's centre fits too, but leaves more of the picture empty. A picture wider than high counts as square, so
-    /// windows and pictures of equal height show the same.
+    /// Moves a perspective camera along its view until the box just fits into a picture of this size, with a margin; other cameras are unchanged. A
+    /// box off the target's centre fits too, but leaves more of the picture empty. A picture wider than high counts as square, so windows and
+    /// pictures of equal height show the same.
     pub fn fitted(&self, world_box: (DVec3, DVec3), size_px: (u32, u32)) -> Self {
-        /// The share of the picture that the box may fill, along each side.
+        /// Share of the picture for the box, along each side.
         const FILLED: f64 = 0.94;
         let (width, height) = size_px;
         let (Projection::Perspective { .. }, Ok(rays)) = (self.projection, self.rays(width.min(height), height)) else {
@@ -115,8 +115,8 @@ impl Camera {
         Self { eye: self.target + turn * (self.eye - self.target), ..*self }
     }
 
-    /// Interpolates between two cameras, `t` from 0 to 1, turning about the target the shorter way round: between two cameras of an orbit the way is
-    /// the orbit. Targets move straight; distances, opening angles and heights change at a constant ratio.
+    /// Interpolates between two cameras, `t` from 0 to 1, turning about the target the shorter way round, so two cameras of an orbit stay on it.
+    /// Targets move straight; distances, opening angles and heights change at a constant ratio.
     ///
     /// # Errors
     /// If either camera cannot be used, or one is perspective and the other orthographic.
@@ -150,7 +150,8 @@ impl Camera {
     /// Returns the rays of a picture of `width` x `height` square pixels.
     ///
     /// # Errors
-    /// If the picture has no pixel, eye and target give no direction, up is zero or along the view, or the projection's angle or height is out of range.
+    /// If the picture has no pixel, eye and target give no direction, up is zero or along the view, or the projection's angle or height is out of
+    /// range.
     pub fn rays(&self, width: u32, height: u32) -> Result<ViewRays, CameraError> {
         if width == 0 || height == 0 {
             return Err(CameraError::Size(width, height));
@@ -205,8 +206,8 @@ pub struct ViewRays {
     pub right: DVec3,
     /// World vector from the picture's centre to its top edge: at distance 1 in perspective, on the eye plane in orthographic views.
     pub up: DVec3,
-    /// Lean of the rays to the right and up, in units of `right` and `up` per unit forward: 0 except for the eyes of a stereo pair and for rays off
-    /// the centres of pixels.
+    /// Lean of the rays to the right and up, in units of `right` and `up` per unit forward: 0 except for stereo eyes and rays off the centres of
+    /// pixels.
     pub lean: DVec2,
     /// Whether rays are parallel.
     pub orthographic: bool,
@@ -229,8 +230,7 @@ impl ViewRays {
         }
     }
 
-    /// Projects a world point to its place in the picture, in pixels: the ray through there passes the point. `None` if the point is not in front of
-    /// a perspective eye.
+    /// Projects a world point to its pixel: the ray through there passes the point. `None` if the point is not in front of a perspective eye.
     pub fn pixel(&self, point: DVec3) -> Option<[f64; 2]> {
         let from_eye = point - self.eye;
         let depth = from_eye.dot(self.forward);
@@ -255,7 +255,7 @@ impl ViewRays {
         Self { eye: self.eye + self.right * by, lean: self.lean - DVec2::X * (by / distance), ..*self }
     }
 
-    /// Returns the rays moved in the picture by this many pixels to the right and down.
+    /// Returns the rays shifted by this many pixels to the right and down in the picture.
     pub fn moved_by_px(&self, [right_px, down_px]: [f64; 2]) -> Self {
         let (right, up) = (2.0 * right_px / self.width as f64, -2.0 * down_px / self.height as f64);
         if self.orthographic {

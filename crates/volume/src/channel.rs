@@ -1,8 +1,8 @@
-//! The default look of a channel: its name, colour and window, taken from a file by readers and kept in stores.
+//! The default look of a channel: name, colour and window, read from a file and kept in stores.
 
 use serde::{Deserialize, Serialize};
 
-/// Default colours of an image's channels, if several, as red, green and blue; they repeat after the last.
+/// Default colours of an image's several channels, as red, green and blue; they repeat after the last.
 pub const PALETTE: [[u8; 3]; 6] = [[0, 255, 0], [255, 0, 255], [0, 255, 255], [255, 255, 0], [255, 0, 0], [0, 0, 255]];
 
 /// A channel's name, colour and window, as far as its source gives them.
@@ -19,7 +19,7 @@ pub struct ChannelLook {
     pub window: Option<[f64; 2]>,
 }
 
-/// The default colour of a channel in an image with this many: one of [`PALETTE`]; white if it is the only one.
+/// The default colour of a channel of `channels`: one of [`PALETTE`]; white for a single channel.
 pub fn default_color(channel: usize, channels: usize) -> [u8; 3] {
     if channels > 1 { PALETTE[channel % PALETTE.len()] } else { [255; 3] }
 }
@@ -29,7 +29,7 @@ pub fn hex(color: [u8; 3]) -> String {
     color.map(|part| format!("{part:02X}")).concat()
 }
 
-/// Parses a colour of six hexadecimal digits; `None` if the text is anything else.
+/// Parses a colour of six hexadecimal digits; `None` for anything else.
 pub fn from_hex(text: &str) -> Option<[u8; 3]> {
     let is_hex = text.len() == 6 && text.bytes().all(|digit| digit.is_ascii_hexdigit());
     let part = |i: usize| u8::from_str_radix(text.get(2 * i..2 * i + 2)?, 16).ok();

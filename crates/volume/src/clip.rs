@@ -1,7 +1,7 @@
 //! Clipping: the shown part of a volume, inside a box and on the inner sides of planes, all in the world.
 //!
-//! All renderers shorten a ray's stretch by box and planes before they cut it into segments (see [`lattice`](crate::lattice)). The first and the last
-//! segment end just there, so an oblique cut is as smooth as the volume's own faces; elsewhere, only the lighting of [cut faces](crate::CutFace)
+//! Renderers shorten a ray's stretch by box and planes before cutting it into segments (see [`lattice`](crate::lattice)). The first and the last
+//! segment end just there, so oblique cuts are as smooth as the volume's own faces; beyond this, only the lighting of [cut faces](crate::CutFace)
 //! depends on clipping. The pager leaves out bricks wholly outside. Clipping costs a few products per ray and plane. On a GPU
 //! `shaders/wgsl/shared/ray.wgsl` (`shown`) does the same.
 
@@ -16,8 +16,8 @@ use serde::{Deserialize, Serialize};
 /// The most clip planes of a scene.
 pub const MAX_CLIP_PLANES: usize = 6;
 
-/// The most clip planes of a layer in a picture: the scene's own, the two sides of its slice, and the six sides of its box for a volume askew to the
-/// scene's world.
+/// The most clip planes of a layer in a picture: the scene's own, two sides of its slice, and six sides of its box for a volume askew to the scene's
+/// world.
 pub const MAX_PLANES: usize = MAX_CLIP_PLANES + 2 + 6;
 
 /// A clip plane in the world. The half-space in front of it, plane included, is shown.
@@ -68,7 +68,7 @@ pub enum ClipError {
     /// The slice's thickness is negative or not finite.
     #[error("the slice's thickness is {0}: expected a positive number, or 0 for as thin as can be")]
     Thickness(f64),
-    /// The mode does not give one value per pixel, so it cannot show a slice; the text is the mode's name.
+    /// The mode, named by the text, cannot show a slice, as it does not give one value per pixel.
     #[error("a slice shows one value per pixel, which mode {0} does not have: expected average, mip or minip")]
     SliceMode(&'static str),
 }
@@ -104,8 +104,8 @@ impl Clip {
         Ok(Self { low, high, planes })
     }
 
-    /// Intersects `clip`, in the scene's world, with `crop`, two corners of a box in the volume's own world, and returns the result in the volume's
-    /// own world. `None` shows everything.
+    /// Intersects `clip`, of the scene's world, with `crop`, two corners of a box in the volume's own world. The result is in the volume's own world;
+    /// `None` shows everything.
     ///
     /// # Errors
     /// If the crop box is empty or not finite.
@@ -137,8 +137,8 @@ impl Clip {
     }
 
     /// Shrinks this clip of a volume's own world by a hair where it cuts through the volume. A cut on a face of voxels then lies in the shown voxels
-    /// even though rounding moves the points of rays: with the nearest filter none of the voxels behind the cut shows. The hair is single precision's
-    /// error of a point on a ray from `eye`, but at most a hundredth of a voxel and of the distance between two sides, so that it stays invisible.
+    /// although rounding moves the points of rays: with the nearest filter no voxel behind the cut shows. The hair is single precision's error of a
+    /// point on a ray from `eye`, but at most a hundredth of a voxel and of the distance between two sides, so it stays invisible.
     pub fn inside_voxels(self, geometry: &Geometry, extent: Extent, eye: DVec3) -> Self {
         const MOST_SHARE: f64 = 0.01;
         let hair = geometry.spacing * (0.4 * geometry.rounding_voxels(eye, extent)).min(MOST_SHARE);
@@ -161,7 +161,7 @@ impl Clip {
         Self { low, high, planes: self.planes.iter().map(inward).collect() }
     }
 
-    /// Adds two planes of the scene's world to a clip of a volume's own world. `None` stands for a clip that shows everything.
+    /// Adds two planes of the scene's world to a clip of a volume's own world; `None` is a clip without bounds.
     ///
     /// # Errors
     /// If a plane cannot be normalised.
@@ -205,8 +205,8 @@ impl Clip {
         side(self.low) || side(self.high) || self.planes.iter().any(is_cut)
     }
 
-    /// Whether the clip may cut a segment of a ray from the scene's `eye` with its middle in the box from `low` to `high`. Such a segment belongs to
-    /// the box even where the clip misses the box itself. `placement` belongs to the clip's world.
+    /// Whether the clip may cut a segment of a ray from the scene's `eye` with its middle in the box from `low` to `high`. The segment belongs to the
+    /// box even if the clip misses the box itself. `placement` belongs to the clip's world.
     pub fn cuts_segments(
         &self,
         (low, high): (DVec3, DVec3),
@@ -220,7 +220,8 @@ impl Clip {
         self.cuts_box(low - reach, high + reach)
     }
 
-    /// Shortens a ray's stretch `(from, to)` to the inner sides of all planes, ignoring the clip box; empty unless its end lies behind its beginning.
+    /// Shortens a ray's stretch `(from, to)` to the inner sides of all planes, ignoring the clip box; an empty stretch ends where it begins, or
+    /// before.
     pub fn shorten(&self, ray: &Ray, (mut from, mut to): (f64, f64)) -> (f64, f64) {
         for plane in &self.planes {
             let (height, rise) = (plane.height(ray.origin), plane.normal.dot(ray.direction));
@@ -307,7 +308,7 @@ mod tests {
             prop_assert!(least < 0.0 || clip.meets_box(point - size, point + 1e-6));
         }
 
-        /// A box with points on both sides of a plane, or of the clip box, is cut; a box wholly before or behind it is not.
+        /// A box with points on both sides of a plane, or of the clip box, is cut.
         #[test]
         fn boxes_are_cut_that_have_both_sides(
             at in vector(), normal in vector(), low in vector(), size in prop::array::uniform3(0.01f64..1.5),

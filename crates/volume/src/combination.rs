@@ -1,10 +1,9 @@
 //! An expression over several volumes as one picture: its value in each segment goes through one transfer function.
 //!
-//! In each segment every volume is read in the middle of its own part of the segment, as when it is shown alone. A volume without a part or
-//! a value there has no value for the expression. Where the expression has a value, the segment has the medium of this value, over the
-//! longest of the parts with a value. In a lit scene the medium is lit in the middle of the segment, by the expression's gradient. The chain
-//! rule gives this gradient from the volumes' own in the scene's world, each taken where its volume is read. A volume with a flat field
-//! there counts as constant.
+//! Every volume is read in the middle of its own part of each segment, as when shown alone. A volume without a part or a value there has no
+//! value for the expression. Where the expression has a value, the segment has this value's medium, over the longest of the parts with a
+//! value. In a lit scene the medium is lit in the middle of the segment, by the expression's gradient: by the chain rule from the volumes'
+//! own gradients in the scene's world, each taken where its volume is read. A volume with a flat field there counts as constant.
 
 use crate::expression::{Expression, Range};
 use crate::slot_encoding::{SlotEncoding, SlotFormat};
@@ -56,7 +55,7 @@ impl Combination {
     }
 
     /// Returns lit colour and opacity, `[r, g, b, alpha]`, for these values and gradients of the volumes. `None` where nothing is shown.
-    /// `shade` lights a straight colour, given the unit vector along the expression's gradient, or `None` where it has no gradient.
+    /// `shade` lights a straight colour, with the unit vector along the expression's gradient or `None` without one.
     pub fn look_lit(
         &self,
         values: &[f64],
@@ -74,9 +73,9 @@ impl Combination {
         (!value.is_nan()).then(look).filter(|look| look[3] > 0.0)
     }
 
-    /// Returns the transfer function of one volume for pagers and renderers: opaque where the expression may show something, and clear
-    /// elsewhere, so bricks of clear values are neither read nor sampled. Each volume has values in its window of `windows`, or none. A
-    /// clear value is as good as none: the expression shows nothing there with it or without.
+    /// Returns one volume's transfer function for pagers and renderers: opaque where the expression may show something, clear elsewhere, so
+    /// bricks of clear values are neither read nor sampled. Each volume has values in its window of `windows`, or none. A clear value is as
+    /// good as none: with either, the expression shows nothing there.
     pub fn of_volume(&self, volume: usize, windows: &[[f64; 2]]) -> TransferFunction {
         let [low, high] = windows[volume];
         let width = (high - low) / PARTS as f64;
@@ -95,8 +94,8 @@ impl Combination {
         }
     }
 
-    /// Whether the expression may show anything where a volume has values in one part of its window. The part is widened by one to each
-    /// side: by more than rounding moves a value.
+    /// Whether the expression may show anything with a volume's values in one part of its window, widened by one part to each side: by more
+    /// than rounding moves a value.
     fn may_show(&self, volume: usize, part: f64, windows: &[[f64; 2]]) -> bool {
         let [low, high] = windows[volume];
         let width = (high - low) / PARTS as f64;

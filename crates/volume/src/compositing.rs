@@ -1,21 +1,20 @@
 //! Compositing of layers: the joint look of a picture's layers in one place.
 //!
 //! **Fog and surfaces** ([`Mode::Dvr`](crate::Mode::Dvr), [`Mode::Isosurface`](crate::Mode::Isosurface)). All layers share one lattice. In each
-//! segment a layer has the part inside its volume, its crop and the clip. It renders this part as if alone, by the scene's method: its surfaces cut
-//! the part, and each *piece* between them shows a colour and absorbs some light ([`LayerMedium`]). Together, all layers' surfaces cut the segment,
-//! in the order of their distances; in each interval between two cuts every layer has its pieces' share of the interval, as a medium of the piece's
-//! colour spread evenly over it ([`JointMedium`]). So a list of one layer gives the layer's own picture, nothing depends on the order of layers, and
-//! constant media are exact at any step.
+//! segment a layer renders its part, inside its volume, its crop and the clip, as if alone and by the scene's method: its surfaces cut the part, and
+//! each *piece* between them shows a colour and absorbs some light ([`LayerMedium`]). Together, all layers' surfaces cut the segment, in the order
+//! of their distances; in each interval between two cuts every layer has its pieces' share, as a medium of the piece's colour spread evenly
+//! ([`JointMedium`]). So a single layer gives its own picture, the order of layers does not matter, and constant media are exact at any step.
 //!
-//! Layers that *mix* are media in the same place: their extinctions add, and their colours mix by extinction. A layer that *adds* emits light: it
-//! gives its colour, times its opacity, per unit distance, and hides nothing. Its light is dimmed by the mixing layers in the same interval. Colours
-//! of mixing layers are lit before they are mixed, by the gradient of the layer's own field in the scene's world: its placement is affine, so
-//! gradients transform by the inverse transpose. Adding layers are not lit. Surfaces are lit, whatever their layer's fog does.
+//! Layers that *mix* are media in the same place: their extinctions add, and their colours mix by extinction. A layer that *adds* emits its colour
+//! times its opacity per unit distance, and hides nothing; the mixing layers in the same interval dim its light. Mixing layers' colours are lit
+//! before they are mixed, by the gradient of the layer's own field in the scene's world: placements are affine, so gradients transform by the
+//! inverse transpose. Adding layers are not lit. Surfaces are lit, whatever their layer's fog does.
 //!
 //! **Projections.** Each layer is projected and classified on its own, along its own part of the ray. Mixing layers are joined as media of the
-//! layers' opacities ([`JointMedium::put`] over length 1): opaque ones show their mean colour and hide everything behind. Adding layers give their
-//! colour times their opacity on top ([`JointMedium::flat`]). Layers *over* the others, such as labels over an image, are put on top of the result
-//! with their opacities, the last of them uppermost ([`JointMedium::put_over`]). In fog they mix.
+//! layers' opacities ([`JointMedium::put`] over length 1): opaque ones show their mean colour and hide everything behind. Adding layers put their
+//! colour times their opacity on top ([`JointMedium::flat`]). Layers *over* the others, such as labels over an image, lie above this with their
+//! opacities, the last uppermost ([`JointMedium::put_over`]). In fog they mix.
 
 use crate::enum_all::every;
 use crate::lighting::LightingModel;
@@ -134,7 +133,7 @@ impl JointMedium {
     /// Returns the interval's premultiplied colour, and the share of light it lets through.
     pub fn seen(&self) -> (DVec3, f64) {
         let (mixed, left) = self.mixed();
-        // The mean transmission to the interval's front, over its length.
+        // The mean, over the interval, of the transmission to its front.
         let nats = self.depth * std::f64::consts::LN_2;
         let dimmed = if self.depth > 0.0 { ((1.0 - left) / nats).min(1.0) } else { 1.0 };
         (mixed + self.emission * dimmed, left)

@@ -1,5 +1,5 @@
-//! Cut faces: where a ray enters a volume through a clip plane or a side of a clip box. The gradient there belongs to the exposed field, noise
-//! included, and not to a surface: lit by it, a cut through a scan is salt and pepper. So the cut's own normal lights the first voxel behind it,
+//! Cut faces: where a ray enters a volume through a clip plane or a side of a clip box. The gradient there is the exposed field's, noise
+//! included, and not a surface's: lit by it, a cut through a scan is salt and pepper. So the cut's own normal lights the first voxel behind it,
 //! and gives way to the gradient over the next one. A volume's own faces are no cuts, and isosurfaces keep their gradients. Costs a few products
 //! per ray and plane. On a GPU `shaders/wgsl/shared/cut_face.wgsl` does the same.
 //!
@@ -39,8 +39,8 @@ impl CutFace {
         ((gone - depth_voxels) / (gone - alone)).clamp(0.0, 1.0)
     }
 
-    /// Mixes the cut's normal, by a share, into a place's own unit normal of either sign. A place without a normal counts as turned to the eye.
-    /// `view` is the ray's unit direction.
+    /// Mixes the cut's normal, by a share, into a place's own unit normal of either sign. A place without one counts as turned to the eye. `view`
+    /// is the ray's unit direction.
     pub fn mixed(&self, own: Option<DVec3>, view: DVec3, share: f64) -> Option<DVec3> {
         if share <= 0.0 {
             return own;
@@ -51,20 +51,19 @@ impl CutFace {
 }
 
 impl FrameSettings {
-    /// Returns the cut carrying a cap if the place at distance `start`, the beginning of a segment of the ray, is past surfaces; `None` if
-    /// surfaces are not capped, or the ray does not enter by a cut there.
+    /// Returns the cut with a cap if the place at distance `start`, where a segment of the ray begins, is past surfaces; `None` without caps, or
+    /// if the ray does not enter by a cut there.
     pub fn cap(&self, extent: Extent, ray: (DVec3, DVec3), eye: f64, start: f64) -> Option<CutFace> {
         if !self.caps {
             return None;
         }
-        // The tolerance covers rounding of the distance; behind the cut, a layer of meshes bounds the segments.
+        // Equal up to rounding; behind the cut, the segments begin at layers of meshes.
         let is_here = |cut: &CutFace| (start - cut.entry).abs() <= 1e-6 * self.lattice.step;
         self.cut_face(extent, ray, eye).filter(is_here)
     }
 
-    /// Returns the cut through which a ray enters the shown part of a volume of this extent; `None` if it enters by the volume's own face, or its
-    /// eye is inside. The ray is an origin and a direction in voxel space, with the eye at a distance: 0, unless the origin was moved behind the
-    /// eye.
+    /// Returns the cut by which a ray enters the shown part of a volume of this extent; `None` if it enters by the volume's own face, or its eye
+    /// is inside. The ray is an origin and a direction in voxel space, with the eye at a distance: 0, unless the origin was moved behind the eye.
     pub fn cut_face(&self, extent: Extent, (origin, direction): (DVec3, DVec3), eye: f64) -> Option<CutFace> {
         let clip = self.clip.as_ref()?;
         let (low, high) = self.shown_box(extent);

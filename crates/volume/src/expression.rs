@@ -4,9 +4,8 @@
 //! shader can list them line by line. The language has no loops, storage or calls: an expression costs the sum of its operations,
 //! at most [`MAX_OPERATIONS`].
 //!
-//! A volume may have no value at a place: outside its box, or at voxels that are not finite. An operation on no value has no value,
-//! except `default(x, y)`, `valid(x)`, and the untaken side of `c ? x : y`. `1 / 0` has no value either, nor has any other result
-//! that is not a finite number.
+//! A volume may have no value at a place: outside its box, or at non-finite voxels. An operation on no value has no value, except
+//! `default(x, y)`, `valid(x)`, and the untaken side of `c ? x : y`. `1 / 0` and other non-finite results are no values either.
 
 mod parse;
 mod precision;
@@ -24,7 +23,7 @@ pub const MAX_VOLUMES: usize = 32;
 /// The most operations in an expression.
 pub const MAX_OPERATIONS: usize = 128;
 
-/// A gradient shorter than this share of its terms' summed lengths counts as none: it is the rounding error of cancelling terms.
+/// A gradient shorter than this share of its terms' summed lengths counts as none, being the rounding error of cancelling terms.
 /// 32-bit renderers have the terms to about a ten-thousandth.
 pub const FLAT_SHARE: f64 = 1e-3;
 

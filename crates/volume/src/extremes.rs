@@ -1,10 +1,10 @@
 //! Maximum and minimum projections of coarse levels whose voxels are the extremes of the finer voxels in them.
 //!
-//! A filter would lose those extremes: between two voxels it gives a value between both. So a brick of a coarse level is not sampled in the middle of
-//! a segment; instead the extreme of all voxels touched by the segment's *box* counts. The box has the segment's ends in opposite corners, and
-//! reaches on each side as far as a sample of level 0 takes voxels: half a voxel of level 0 with the linear filter. It touches the coarse voxels of
-//! every level-0 sample on the segment, so the projection shows nothing less extreme. All touched voxels lie within a coarse voxel of the ray, so no
-//! extreme is invented; but a voxel with a cut through it has the extreme of both sides, as documented for users.
+//! A filter would lose those extremes, giving a value between two voxels'. So a brick of a coarse level is not sampled in the middle of a segment;
+//! the extreme of all voxels touched by the segment's *box* counts. The box has the segment's ends in opposite corners, and reaches on each side as
+//! far as a sample of level 0 takes voxels: half a voxel of level 0 with the linear filter. It touches the coarse voxels of every level-0 sample on
+//! the segment, so the projection shows nothing less extreme. All touched voxels lie within a coarse voxel of the ray, so no extreme is invented; but
+//! a voxel with a cut through it has the extreme of both sides, as documented for users.
 //!
 //! Boxes of short segments stray the least from the ray, and stay in a brick's apron: the lattices of such projections have steps of half a voxel at
 //! coarse levels. Only while a camera moves are segments longer than a voxel; then only a voxel's length of each is read.

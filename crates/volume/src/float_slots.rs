@@ -1,9 +1,9 @@
-//! Slots and transfer tables for the window of a look: f32 slots, for channels of 32-bit types with so narrow a part shown that 16-bit codes over the
-//! whole channel are too coarse; and tables over few codes.
+//! Slots and transfer tables for the window of a look: f32 slots, for so narrow a part of a 32-bit channel that 16-bit codes over the whole channel
+//! are too coarse; and tables over few codes.
 //!
 //! The rule: a layer has 16-bit codes if a code is under a 510th of its look's *window*, so that rounding moves a value by less than a 1020th of it,
-//! a quarter of a display code. Otherwise it has f32 slots, as always where gradients are classified, since they may be slight in any window. The
-//! window is the range of values outside of which the look is constant: colours, opacities, and isovalues all lie in it.
+//! a quarter of a display code. Otherwise it has f32 slots, as always where gradients are classified, since they may be slight in any window. Outside
+//! the window, the look is constant: colours, opacities, and isovalues all lie in it.
 //!
 //! F32 slots depend on the window's rough position only, so a window is dragged or stretched without uploading a brick again: a slot holds the value
 //! less a *base*, as an f32. The base is 0 for floats, so nothing is lost. For integers it is near the window, and f32 rounding affects only values
@@ -46,10 +46,10 @@ const LEAST_CODE: f64 = 1e-36;
 const LEAST_UNIT: f64 = 1e-35;
 
 /// Greatest unit of stored gradients, in windows: a thousandth of the window is then still a normal half float. In data spread over more than some
-/// 130,000 windows, the steepest gradients are stored less steep.
+/// 130,000 windows, the steepest gradients are flattened.
 const MOST_WIDTHS: f64 = 1024.0;
 
-/// Greatest distance of an f32-slot sample from the transfer table's first code, in codes: neither products of two overflow nor squares of the
+/// Greatest distance of an f32-slot sample from the transfer table's first code, in codes: products of two do not overflow, nor do squares of the
 /// results of a Sobel operator or a step of many voxels.
 pub const FARTHEST_CODES: f32 = 1e16;
 
@@ -117,7 +117,7 @@ impl KeptSlots {
 pub struct Window {
     /// Least and greatest value with a change of the look's transfer function, or with an isosurface.
     pub values: [f64; 2],
-    /// Least and greatest change of the transfer function alone; `None` if it is constant.
+    /// The same for the transfer function alone; `None` if it is constant.
     pub of_function: Option<[f64; 2]>,
     /// The least distance between two bends of the function.
     pub thinnest: f64,
@@ -200,8 +200,8 @@ impl SlotEncoding {
         }
     }
 
-    /// Encodes a channel for an expression, which may transform values in any way: f32 slots for 32-bit types. Integers more than 24 bits from 0 are
-    /// held as distances from the one nearest to it. Stored gradients fit a window of values.
+    /// Encodes a channel for an expression, which may transform values in any way: f32 slots for 32-bit types. If all of a channel's integers are
+    /// over 24 bits from 0, slots hold distances from the nearest to 0. Stored gradients fit a window of values.
     pub fn for_values(self, window: [f64; 2], kept: KeptSlots) -> Self {
         if !self.can_be_float() {
             return self.with_table_over_codes(Window::of(window));
@@ -254,8 +254,8 @@ impl SlotEncoding {
         if high > low { [low, high] } else { [low - 0.5 * least, low + 0.5 * least] }
     }
 
-    /// Returns the encoding by f32 slots with a transfer table over a window. Code widths are powers of two, and multiples of the width have codes of
-    /// their own: among them all integers, unless the window is too wide.
+    /// Returns the encoding by f32 slots with a transfer table over a window. Code widths are powers of two, and their multiples have codes of their
+    /// own: among them all integers, unless the window is too wide.
     fn with_table(self, floats: FloatSlots, window: [f64; 2]) -> Self {
         let margin = MARGIN * (window[1] - window[0]);
         let low = at_most(window[0] - margin - floats.base);
@@ -280,7 +280,7 @@ impl SlotEncoding {
         })
     }
 
-    /// Returns this encoding without its transfer table's range: equal results mean that one encoding can read the other's slots.
+    /// Returns this encoding without its transfer table's range: if two are equal then, one can read the other's slots.
     pub fn of_slots(self) -> Self {
         self.in_slots(self.floats)
     }
@@ -323,7 +323,7 @@ fn power_of_two(number: f64) -> f64 {
     number.log2().ceil().exp2()
 }
 
-/// The width of a code, with all codes but one covering a range.
+/// Code width at which all codes but one cover a range.
 fn code_width(range: f64) -> f64 {
     power_of_two((range / (SlotFormat::F32.max_code() - 1) as f64).max(LEAST_CODE))
 }

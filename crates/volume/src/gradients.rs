@@ -20,7 +20,8 @@ use std::ops::Range;
 /// Bytes of a gradient node: three half floats, and a fourth to fill up the texel.
 pub const NODE_BYTES: usize = 8;
 
-/// Stored number of a difference of one unit, for codes their whole range. With it a difference of one code of 65,536 is no subnormal half float.
+/// Stored number of a difference of one unit; for codes the unit is their whole range, and a difference of one code of 65,536 is no subnormal half
+/// float.
 pub const SCALE: f32 = 256.0;
 
 /// The steepest stored gradient: differences of codes stay below, those of f32 slots may not.
@@ -171,8 +172,8 @@ fn valid_differences(block: &[f32; 8], least: f32) -> Vec3 {
     }))
 }
 
-/// Decodes nodes to differences of codes across two voxels along x, y and z, as shares of the unit. The fourth number of each node has no meaning and
-/// only fills up the vector.
+/// Decodes nodes to differences of codes across two voxels along x, y and z, as shares of the unit. The fourth number of each node is meaningless and
+/// fills up the vector.
 #[inline(always)]
 pub fn decode<const N: usize>(nodes: [[u8; NODE_BYTES]; N]) -> [[f32; 4]; N] {
     let mut numbers = [[0.0; 4]; N];

@@ -1,10 +1,10 @@
 //! Jitter: moves each ray's lattice towards the eye by a share of its first segment, different for each pixel. Without it all rays
-//! are sampled at the same distances, and a pattern of rings shows; with it the rings become noise. The spread of pictures with
-//! different noise measures the sampling error without an exact picture.
+//! are sampled at the same distances, which shows as rings; with it the rings become noise. The spread of pictures with different
+//! noise measures the sampling error without an exact picture.
 //!
 //! The ticks of a ray are then at `(k - share * 2^z) * step`, where `z` is the zone of the first tick without jitter: still a
-//! partition of the ray. Renderers get the same result by moving the ray's origin back by as much and counting distances from
-//! there. Shares are multiples of 1/256 computed from integers, so they are the same everywhere.
+//! partition of the ray. Renderers equivalently move the ray's origin back and count distances from there. Shares are multiples of
+//! 1/256 computed from integers, and so the same everywhere.
 
 use serde::{Deserialize, Serialize};
 use std::sync::LazyLock;

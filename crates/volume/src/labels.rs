@@ -1,8 +1,8 @@
-//! Look of labels: visibility and colours. A label is a number naming a thing, such as an organ or a cell; nothing lies between two labels,
-//! so they are never interpolated.
+//! The look of labels: visibility and colours. A label is a number naming a thing, such as an organ or a cell; nothing lies between two
+//! labels, so they are never interpolated.
 //!
-//! Colours are hashed from the labels: a label has the same colour in every picture, of every store, without a table of all labels. Label 0
-//! is the background, which is hidden.
+//! Colours are hashed from the labels: a label has the same colour in every picture of every store, without a table of all labels. Label 0
+//! is the hidden background.
 
 use crate::slot_encoding::SlotEncoding;
 use serde::{Deserialize, Serialize};
@@ -79,8 +79,8 @@ impl LabelLook {
     }
 }
 
-/// 16-bit codes of labels further apart than 16 bits reach. A label named by its look has a code of its own; the others have the codes of
-/// their hashed colours, which suffice because they are shown or hidden together.
+/// 16-bit codes of labels further apart than 16 bits reach. A label named by its look has its own code; the others share the codes of their
+/// hashed colours, which suffice because they are shown or hidden together.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct LabelCodes {
     /// The labels with codes of their own, from 1 on; sorted.
@@ -115,8 +115,8 @@ impl LabelCodes {
         }
     }
 
-    /// Encodes little-endian voxels of labels, with `encoding`'s type and no-data value, into codes of 16 bits. Costs a search among the
-    /// named labels for each voxel unlike its predecessor.
+    /// Encodes little-endian voxels of labels, with `encoding`'s type and no-data value, into 16-bit codes. Costs a search among the named
+    /// labels for each voxel unlike its predecessor.
     ///
     /// # Panics
     /// If the two lengths do not hold the same number of voxels.

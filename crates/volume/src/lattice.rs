@@ -1,11 +1,11 @@
-//! The sampling lattice: the sampling places of every ray, for all renderers and any cut of space into bricks.
+//! The sampling lattice: the samples of every ray, the same for all renderers and any cut of space into bricks.
 //!
 //! A ray's stretch `[t_in, t_out)` inside the volume's box is cut at the multiples of a step anchored at the eye (`t = 0`). Each piece, a *segment*,
 //! is sampled once, at its midpoint, and weighted by its true length; it belongs to the brick whose half-open box holds the midpoint. The step
 //! doubles with distance: in *zone* `z` it is `2^z` finest steps. A zone starts where a pixel has grown to the voxel size of level `z` (times the
-//! requested pixel error), rounded up to a multiple of its step, so the lattices nest. Zones depend on the distance alone, and neither on resident
-//! bricks nor on their cut, so the segments partition every ray exactly: a constant medium has the same opacity under any cut, and all renderers can
-//! be compared bit for bit but for rounding. [Jitter](crate::jitter) moves a ray's whole lattice.
+//! requested pixel error), rounded up to a multiple of its step, so the lattices nest. Zones depend on the distance alone, not on resident bricks or
+//! the cut, so segments partition every ray exactly: a constant medium has the same opacity under any cut, and all renderers agree bit for bit but
+//! for rounding. [Jitter](crate::jitter) moves a ray's whole lattice.
 
 use crate::camera::ViewRays;
 use crate::jitter::STEPS;
@@ -20,8 +20,8 @@ pub struct Lattice {
     pub step: f64,
     /// First tick (in finest steps from the eye) of each zone, ascending; zone `z`'s is a multiple of `2^z`.
     pub zone_starts: [u32; MAX_ZONES],
-    /// Shift of every ray's ticks towards the eye, in units of `1 / STEPS` of its first segment ([`STEPS`]). Pictures of a view with `n` phases that
-    /// divide a segment evenly are together as good as one with steps `n` times shorter.
+    /// Shift of every ray's ticks towards the eye, in units of `1 / STEPS` of its first segment ([`STEPS`]). Pictures of a view with `n` phases at
+    /// even parts of a segment are together as good as one with steps `n` times shorter.
     pub phase: u8,
 }
 
@@ -90,8 +90,8 @@ impl Lattice {
         (1..MAX_ZONES).take_while(|&z| self.zone_starts[z] <= tick).last().unwrap_or(0)
     }
 
-    /// World shift of a ray's ticks towards the eye, by a [share](crate::Jitter::share) of a segment and the lattice's phase, for a ray that enters
-    /// the volume at distance `t_in`.
+    /// World shift of a ray's ticks towards the eye by a [share](crate::Jitter::share) of a segment and the lattice's phase; the ray enters the
+    /// volume at distance `t_in`.
     pub fn shift(&self, share: f64, t_in: f64) -> f64 {
         let share = (share + f64::from(self.phase) / f64::from(STEPS)).fract();
         if share == 0.0 {
@@ -100,7 +100,7 @@ impl Lattice {
         share * self.step * (1u32 << self.zone(self.tick_at(t_in))) as f64
     }
 
-    /// Greatest distance from the middle to an end of a segment that begins before the world distance `t` from the eye.
+    /// Greatest half length of a segment beginning before the world distance `t` from the eye.
     pub fn reach(&self, t: f64) -> f64 {
         0.5 * self.step * (1u32 << self.zone(self.tick_at(t))) as f64
     }

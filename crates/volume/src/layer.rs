@@ -23,23 +23,23 @@ pub struct SceneLayer {
     pub world_from_volume: Placement,
     /// The transfer function; `None` is a gray ramp over the window, for plain values. A new volume's first look is [`TransferChoice::automatic`].
     pub transfer: Option<TransferChoice>,
-    /// The least and the greatest value of the window. A preset spans the window; the points of a function with values of its own are moved to it.
-    /// `None` is the default window of the store's channel, and moves nothing.
+    /// Least and greatest value of the window. Presets span it; functions with values of their own are stretched to it. `None` is the default window
+    /// of the store's channel, and stretches nothing.
     pub window: Option<[f64; 2]>,
     /// A colour replacing the transfer function's: colours go from black to this one over the window. `None` leaves the function's.
     pub color: Option<[f64; 3]>,
-    /// Exponent for colours and opacities over the window; less than 1 brings out the lesser values.
+    /// Exponent for colours and opacities over the window; below 1 it brings out the lesser values.
     pub gamma: f64,
     /// The shown labels of a volume of labels; `None` shows all but the background.
     pub show_labels: Option<Vec<i64>>,
-    /// Factor of the transfer function's opacities, in 0..=1. In projections it is the opacity of the whole layer.
+    /// Factor of the transfer function's opacities, in 0..=1; in projections the opacity of the whole layer.
     pub opacity: f64,
     /// Blending with others in the same place; `None` follows from the mode: see [`Scene::blend`](crate::Scene::blend).
     pub blend: Option<Blend>,
     /// The layer's isosurfaces, at most [`MAX_SURFACES`](crate::surface::MAX_SURFACES). [`Mode::Isosurface`](crate::Mode::Isosurface) shows nothing
     /// else of it; in [`Mode::Dvr`](crate::Mode::Dvr) they stand in the fog, among the surfaces of all layers.
     pub isosurfaces: Vec<Isosurface>,
-    /// Two corners of a box in voxels, the lesser first, where voxel `i` is from `i` to `i + 1` along each axis: the volume is neither shown nor read
+    /// Two corners of a box in voxels, the lesser first, with voxel `i` from `i` to `i + 1` along each axis: the volume is neither shown nor read
     /// outside it.
     pub crop: Option<[DVec3; 2]>,
     /// Whether the layer is shown.
@@ -76,7 +76,7 @@ impl SceneLayer {
     /// The transfer function of the layer's style for a subject, without the layer's `opacity`.
     ///
     /// # Errors
-    /// If there is no such preset, the transfer function's file has not been read, the function is not valid, or it has no width to stretch to a
+    /// If there is no such preset, the transfer function's file has not been read, the function is invalid, or it has no width to stretch to a
     /// window.
     pub fn function(&self, subject: &Subject) -> Result<TransferFunction, LayerError> {
         let subject = self.window.map_or(*subject, |window| subject.in_window(window.into()));
@@ -122,13 +122,13 @@ impl SceneLayer {
         function
     }
 
-    /// Returns this layer with its transfer function written out, in place of choice, window, colour, gamma and labels.
+    /// Returns this layer with its transfer function written out, replacing choice, window, colour, gamma and labels.
     pub fn written_out(&self, function: TransferFunction) -> Self {
         let transfer = Some(function.into());
         Self { transfer, window: None, color: None, gamma: 1.0, show_labels: None, ..self.clone() }
     }
 
-    /// Checks that the layer's style suits labels, if it shows labels, or measurements if not.
+    /// Checks that the layer's style suits its values: labels or measurements.
     ///
     /// # Errors
     /// The first unsuitable part of the style.

@@ -86,13 +86,12 @@ pub struct Lighting {
     pub lights: Vec<DVec3>,
 }
 
-/// Cosine between a gradient and a ray up to which the gradient counts as sideways and is not turned: which side faces the eye would be decided by
-/// rounding there.
+/// Cosine between a gradient and a ray up to which the gradient is sideways and not turned, as rounding would decide which side faces the eye.
 pub const SIDEWAYS: f64 = 1e-4;
 
 impl Lighting {
-    /// Lights a colour at a place of the world. `normal` is a unit vector along the gradient, either way, or `None` where the field is flat: a flat
-    /// place shows its colour as if facing a light at the eye, without reflection. `view` is the ray's unit direction there.
+    /// Lights a colour at a place of the world. `normal` is a unit vector along the gradient, either way, or `None` in a flat field: a flat place
+    /// shows its colour as if facing a light at the eye, without reflection. `view` is the ray's unit direction there.
     pub fn shade(&self, color: DVec3, normal: Option<DVec3>, view: DVec3, place: DVec3) -> DVec3 {
         let Some(normal) = normal else {
             return match self.model {
@@ -137,8 +136,8 @@ fn tone(color: DVec3, cosine: f64) -> DVec3 {
     (cool + color * TONE_KEPT[0]).lerp(warm + color * TONE_KEPT[1], warmth)
 }
 
-/// Light from the eye on a surface: the share of its own colour, and the share of white. `cosine` is the cosine of the angle between its normal and
-/// the ray, of either sign. With `None`, in a flat field without a normal, the surface shows its colour as if facing the eye.
+/// Light from the eye on a surface: the shares of its own colour and of white. `cosine` is the cosine of the angle between its normal and the ray,
+/// of either sign; with `None`, in a flat field, the surface shows its colour as if facing the eye.
 pub fn headlight(cosine: Option<f64>) -> (f64, f64) {
     match cosine.map(f64::abs) {
         // The light is at the eye, so the half-way vector of Blinn and Phong is the ray itself.

@@ -41,7 +41,7 @@ pub const fn bytes(edge: usize) -> usize {
 
 impl MacroCells {
     /// Builds the macro-cells of a padded brick: `(edge + 2 * apron)^3` codes, with the apron in `needs`, at least as wide as its filter's
-    /// [taps](crate::Filter::taps). Code 0 is no value if `has_invalid`. For f32 slots all ranges are unknown.
+    /// [taps](crate::Filter::taps). Code 0 is no value if `has_invalid`. Ranges of f32 slots are unknown.
     pub fn new(codes: &[u8], format: SlotFormat, has_invalid: bool, edge: usize, needs: Needs) -> Self {
         match format {
             SlotFormat::U8 => Self::of::<u8>(codes, has_invalid, edge, needs),
@@ -189,8 +189,8 @@ impl<C: Code> Row<'_, C> {
         }
     }
 
-    /// Fills the row by `N` columns at a time, the last ones overlapping if its length is no multiple: `fold` gets the place of the first column
-    /// and the row's length.
+    /// Fills the row by `N` columns at a time; the last ones overlap if its length is no multiple. `fold` gets the place of the first column and
+    /// the row's length.
     #[inline(always)]
     fn fold<const N: usize>(&mut self, fold: impl Fn(&mut Columns<C, N>, usize, usize)) {
         let length = self.low.len();
@@ -235,7 +235,7 @@ impl<C: Code, const N: usize> Columns<C, N> {
 }
 
 /// Prefix counts of a transfer table's places with opacity: two look-ups decide about a range of codes. A place is a code, or all the entries
-/// between two codes in a table with entries there.
+/// between two codes.
 #[derive(Clone, Debug)]
 pub struct OpaqueCodes {
     before: Vec<u32>,

@@ -1,9 +1,9 @@
 //! Triangle meshes in one picture with the volume, and the rule for them shared by all renderers.
 //!
 //! A ray meets a mesh in a *layer*: a distance, a colour and an opacity. Layers cut a ray's stretch in the volume into *slabs*;
-//! slabs and layers follow one another from the eye, each dimmed by everything in front of it, up to the first opaque layer. Each
-//! slab is a stretch of its own: it is cut into segments (see [`lattice`](crate::lattice)), the first and last of which end just at
-//! the layers. So an opaque mesh has its exact place in every mode, and fog in front of a translucent one has exactly its length.
+//! slabs and layers follow one another from the eye, each dimmed by everything in front, up to the first opaque layer. Each slab is
+//! a stretch of its own, cut into segments (see [`lattice`](crate::lattice)) that begin and end just at the layers. So an opaque
+//! mesh has its exact place in every mode, and fog in front of a translucent one its exact length.
 //!
 //! Nothing clips a mesh: box, planes and slices are cuts of the volume. Both sides of a triangle are shown, lit from the eye.
 
@@ -63,7 +63,7 @@ pub enum MeshError {
         /// Number of vertices.
         vertices: usize,
     },
-    /// There are too many vertices and triangles for numbers of 32 bits; the number is their total.
+    /// The vertices and triangles, of this total number, are too many for 32 bits.
     #[error("{0} vertices and triangles: expected fewer than 2^31 in all")]
     TooLarge(usize),
 }
@@ -73,7 +73,7 @@ impl Mesh {
     ///
     /// # Errors
     /// If there is no triangle, a triangle's vertex does not exist, a number is not finite, there are too many vertices and
-    /// triangles, or normals or colours are not one for each vertex.
+    /// triangles, or normals or colours do not match the vertices.
     pub fn new(
         positions: Vec<[f32; 3]>,
         triangles: Vec<[u32; 3]>,
@@ -224,7 +224,7 @@ pub enum MeshLookError {
         /// The mesh's opacity.
         opacity: f64,
     },
-    /// A scene's meshes have too many vertices and triangles for numbers of 32 bits; the number is their total.
+    /// A scene's vertices and triangles, of this total number, are too many for 32 bits.
     #[error("the meshes have {0} vertices and triangles in all: expected fewer than 2^31")]
     TooLarge(u64),
 }
@@ -283,7 +283,7 @@ pub struct Layer {
 }
 
 /// Intersects a ray with a triangle: the distance, and each corner's weight there. `None` without a hit in front of its origin. A
-/// ray through the edge of two triangles meets just one of them, if they lie on two sides of that edge.
+/// ray through the common edge of two triangles, on two sides of it, meets just one of them.
 pub fn hit(corners: [DVec3; 3], ray: &Ray) -> Option<(f64, [f64; 3])> {
     let [a, b, c] = corners.map(|corner| corner - ray.origin);
     let [of_a, of_b, of_c] = [(b, c), (c, a), (a, b)].map(|(from, to)| side(from, to, ray.direction));
@@ -304,7 +304,7 @@ struct Side {
     is_positive: bool,
 }
 
-/// Computed in the same order for both directions of an edge, so that both of its triangles get the same number but for the sign.
+/// Computed in the same order for both directions of an edge, so both of its triangles get the same number but for the sign.
 fn side(from: DVec3, to: DVec3, direction: DVec3) -> Side {
     let is_turned = from.to_array() > to.to_array();
     let (low, high) = if is_turned { (to, from) } else { (from, to) };

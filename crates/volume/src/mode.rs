@@ -3,7 +3,7 @@
 use crate::enum_all::every;
 use serde::{Deserialize, Serialize};
 
-/// The way from samples along a ray to a pixel.
+/// How samples along a ray become a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Mode {

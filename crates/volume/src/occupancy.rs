@@ -2,8 +2,8 @@
 //! function?" is one AND.
 //!
 //! A mask is safe under interpolation: for every 2x2x2 neighbourhood of voxels within reach of a trilinear sample in the
-//! brick (apron included), all bins between the neighbourhood's least and greatest value are set. Bins 0 and 63 are open
-//! ended, so any value has a bin whatever their range.
+//! brick (apron included), all bins between its least and greatest value are set. Bins 0 and 63 are open ended, so any
+//! value has a bin.
 
 use crate::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};

@@ -1,6 +1,6 @@
 //! Orientation of a volume in a patient: the affine map from voxel indices to a world of x to the patient's right, y to the front and z to the head
-//! (RAS), in the unit of the volume's spacing. Readers of NIfTI and DICOM fill it, stores keep it, and scenes use it as their world: so volumes of
-//! one patient meet, and left is left. It is made once for a volume, and costs nothing per picture.
+//! (RAS), in the unit of the volume's spacing. Readers of NIfTI and DICOM fill it, stores keep it, and scenes use this world, so volumes of one
+//! patient meet, and left is left. Made once for a volume; costs nothing per picture.
 
 use crate::geometry::Geometry;
 use crate::placement::{Placement, PlacementError};
@@ -21,7 +21,7 @@ impl Orientation {
     /// Creates the map with these rows; the last column is the centre of voxel (0, 0, 0).
     ///
     /// # Errors
-    /// If the map is not finite, or so nearly singular that voxels have no volume.
+    /// If the map is not finite, or practically singular: voxels would have no volume.
     pub fn new(rows: [[f64; 4]; 3]) -> Result<Self, PlacementError> {
         Placement::from_rows(&rows).map(Self)
     }
@@ -87,8 +87,8 @@ impl Orientation {
         })
     }
 
-    /// Returns the volume's placement, from its own world of spacing and origin, in a world of millimetres. An unknown unit counts as millimetres. A
-    /// volume whose own world is this one, but for noise, is not moved.
+    /// Places the volume, from its own world of spacing and origin, in a world of millimetres, also assumed for unknown units. A volume already in
+    /// this world, but for noise, is not moved.
     ///
     /// # Errors
     /// If the map combined with the spacing is not usable.
@@ -102,7 +102,7 @@ impl Orientation {
         if is_noise { Ok(Placement::default()) } else { Placement::new(world_from_own) }
     }
 
-    /// Side of the patient at the end of each axis of the volume, as in `LPS`: the best-fitting assignment of sides to axes.
+    /// Letters of the patient's sides at the ends of the volume's axes, as in `LPS`: the best-fitting assignment.
     pub fn code(&self) -> String {
         let steps: [DVec3; 3] = std::array::from_fn(|axis| self.step(axis).normalize_or_zero());
         const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];

@@ -1,7 +1,7 @@
 //! A page: the bricks of one time step, channel and level whose side data are stored, read and forgotten together.
 //!
-//! A page holds a box of up to 16³ bricks. So side data are read on demand, cost the same memory whatever the
-//! volume's size, and grow by whole pages as time steps are added. Arithmetic only.
+//! A page holds a box of up to 16³ bricks. So side data are read on demand, take the same memory for any volume,
+//! and grow by whole pages as time steps are added. Arithmetic only.
 
 use crate::pyramid::Pyramid;
 use crate::space::{BrickId, BrickIndex, Extent, Level, VoxelBox};

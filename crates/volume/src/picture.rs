@@ -54,13 +54,13 @@ pub struct FrameSettings {
 }
 
 impl FrameSettings {
-    /// Reach of segments' [boxes](extremes) beyond their ends in a level's bricks, in voxels of the level, with `factor` level-0 voxels along each
-    /// axis; `None` if the scene's filter samples it.
+    /// Reach of segments' [boxes](extremes) in a level's bricks, in voxels of the level, with `factor` level-0 voxels along each axis; `None` if the
+    /// scene's filter reads it.
     pub fn box_reach(&self, factor: [u32; 3]) -> Option<[f64; 3]> {
         (self.keeps_extremes && factor != [1; 3]).then(|| extremes::reach(self.sampling.filter, factor))
     }
 
-    /// The picture's needs of bricks and of the tables beside them.
+    /// The picture's requirements on bricks and the tables beside them.
     pub fn needs(&self) -> Needs {
         let meshes = MeshCapacity::of(self.meshes.iter().map(|shown| &*shown.mesh));
         let (has_surfaces, has_grid) = (!self.surfaces.is_empty(), self.grid().is_some());
@@ -78,7 +78,7 @@ impl FrameSettings {
         self.encoding.is_labels || is_nearest && !self.encoding.voxel_type.is_float()
     }
 
-    /// The table of value and gradient magnitude for classifying fog. `None` if fog is classified by value alone, or the mode is not [`Mode::Dvr`].
+    /// The table of value and gradient magnitude for classifying fog; `None` for classification by value alone, or outside [`Mode::Dvr`].
     pub fn grid(&self) -> Option<&TransferGrid> {
         self.table.grid.as_deref().filter(|_| self.mode == Mode::Dvr)
     }
@@ -90,8 +90,8 @@ impl FrameSettings {
         self.mode == Mode::Isosurface && is_opaque && is_lit_from_the_eye
     }
 
-    /// The shown box of a volume of this extent: its lower and upper corner in level-0 voxels. Low is not below high where nothing is shown. Clip
-    /// planes may take more away.
+    /// The shown box of a volume of this extent: its lower and upper corner in level-0 voxels; if nothing is shown, low is not below high. Clip
+    /// planes may cut away more.
     pub fn shown_box(&self, extent: Extent) -> (DVec3, DVec3) {
         let (low, high) = (DVec3::ZERO, DVec3::from_array(extent.to_array().map(f64::from)));
         let Some(clip) = &self.clip else { return (low, high) };

@@ -2,7 +2,7 @@
 //! scene.
 //!
 //! Renderers and the pager work in the volume's own world, and transform rays into it. A ray keeps its parameter: `t` stays the distance
-//! from the eye in the scene's world, and its direction no longer has length 1. So all volumes of a scene share one sampling lattice,
+//! from the eye in the scene's world, and the direction loses its unit length. So all volumes of a scene share one sampling lattice,
 //! whatever their maps, and boxes of voxels stay boxes.
 
 use crate::geometry::{Geometry, box_corners};
@@ -47,8 +47,7 @@ pub enum PlacementError {
         /// The matrix's determinant.
         determinant: f64,
     },
-    /// The matrix is nearly singular: volumes would become nearly planes or lines. The number is the ratio of its greatest to its least
-    /// stretch.
+    /// The matrix is nearly singular: volumes would become almost flat. The number is the ratio of its greatest to its least stretch.
     #[error(
         "the matrix stretches one direction {0:.1e} times as much as another: expected at most {MAX_CONDITION:.0e}"
     )]
@@ -59,7 +58,7 @@ pub enum PlacementError {
 }
 
 impl Default for Placement {
-    /// The identity: the volume keeps its store's place.
+    /// The identity: the volume stays where its store puts it.
     fn default() -> Self {
         let map = DAffine3::IDENTITY;
         Self { world_from_volume: map, volume_from_world: map, least_stretch: 1.0, greatest_stretch: 1.0 }
@@ -144,7 +143,7 @@ impl Placement {
         if first.is_identity() { Ok(*self) } else { Self::new(self.world_from_volume * first.world_from_volume) }
     }
 
-    /// Whether the volume keeps its store's place.
+    /// Whether the volume stays where its store puts it.
     pub fn is_identity(&self) -> bool {
         self.world_from_volume == DAffine3::IDENTITY
     }
@@ -169,7 +168,7 @@ impl Placement {
         self.world_from_volume.transform_vector3(vector)
     }
 
-    /// Maps a ray of the scene's world to the volume's own: points keep their `t`, so its direction may no longer have length 1.
+    /// Maps a ray of the scene's world to the volume's own: points keep their `t`, so its direction may lose its unit length.
     pub fn volume_ray(&self, ray: &Ray) -> Ray {
         Ray { origin: self.volume_from_world(ray.origin), direction: self.volume_vector(ray.direction) }
     }

@@ -1,14 +1,12 @@
 //! Pre-integration: the transfer function's mean over an interval of values, from its running integrals.
 //!
-//! Along a straight line from one value to another, the passing light depends on the integral of the extinction over the values in
+//! Along a straight line from one value to another, the transmitted light depends on the integral of the extinction over the values in
 //! between: a difference of two entries of a running integral (Engel, Kraus and Ertl, High-Quality Pre-Integrated Volume Rendering,
-//! 2001, section 4.1). So a table has one entry for each code, not for each pair: it is made instantly when the transfer function
-//! changes, and suits 65,536 codes and steps of any length. Opacity is exact, as with infinitely many plain samples. Colour is the mean
-//! weighted by extinction, without the effect of absorption within one part of a segment on the order of colours; for a constant colour
-//! it is exact, too.
+//! 2001, section 4.1). So a table has one entry per code, not per pair: it is made instantly when the transfer function changes, for
+//! 65,536 codes and steps of any length. Opacity is exact, as with infinitely many plain samples. Colour is the mean weighted by
+//! extinction, ignoring how absorption within one part of a segment orders colours; a constant colour is exact, too.
 
-/// The greatest extinction, in halvings of the light over a unit distance. It stands for an opacity of 1, whose extinction would be
-/// infinite.
+/// The greatest extinction, in halvings of the light over a unit distance; replaces the infinite extinction of an opacity of 1.
 pub const MAX_DEPTH: f64 = 4096.0;
 
 /// Distance of two codes below which the transfer function is not integrated, but read in their middle.

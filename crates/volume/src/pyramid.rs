@@ -1,8 +1,8 @@
 //! The pyramid: the extents and factors of all levels, their brick grids, and the octree over the grids.
 //!
 //! Level `k + 1` halves an axis of level `k` only while its spacing is within sqrt(2) of the finest, so anisotropic data tend to isotropic;
-//! an axis of one voxel is neither halved nor counted. Levels continue until one brick holds everything. Extents round up. Everything here
-//! is arithmetic on a short list: no per-brick memory.
+//! an axis of one voxel is neither halved nor counted. The coarsest level is a single brick. Extents round up. All of this is arithmetic on
+//! a short list: no per-brick memory.
 
 use crate::space::{BrickIndex, Extent, Level, VoxelBox};
 
@@ -85,8 +85,8 @@ impl Pyramid {
         Level((self.levels.len() - 1) as u8)
     }
 
-    /// Levels of the octree over the pyramid's bricks: the pyramid's own levels, and, where the coarsest has several bricks, those above it
-    /// up to a single cell.
+    /// Levels of the octree over the pyramid's bricks: the pyramid's own, and those above a coarsest level of several bricks, up to a single
+    /// cell.
     pub fn octree_levels(&self) -> u32 {
         let widest = self.level(self.coarsest()).bricks.to_array().into_iter().fold(1, u32::max);
         self.levels.len() as u32 + widest.next_power_of_two().trailing_zeros()
@@ -125,8 +125,8 @@ impl Pyramid {
         BrickIndex::from_array(std::array::from_fn(|a| i[a] / (coarse[a] / fine[a])))
     }
 
-    /// Iterates over the next finer level's bricks inside brick `index` of `level`, in memory order: 8, or fewer where the level halves only
-    /// some axes or the volume ends; none at level 0.
+    /// Iterates over the next finer level's bricks inside brick `index` of `level`, in memory order: 8, or fewer where only some axes are
+    /// halved or the volume ends; none at level 0.
     pub fn children(&self, level: Level, index: BrickIndex) -> impl Iterator<Item = BrickIndex> + use<> {
         let finer = level.0.checked_sub(1).map(Level);
         let (halved, bricks) = match finer {
@@ -144,8 +144,8 @@ impl Pyramid {
         })
     }
 
-    /// Iterates over the positions of a brick's core voxels in its level, `[x, y, z]`, in the order of a core's bytes: x fastest. The core
-    /// is whole: positions past the level's end are included.
+    /// Iterates over the positions of a brick's core voxels in its level, `[x, y, z]`, in the order of a core's bytes: x fastest, including
+    /// positions past the level's end.
     pub fn core_voxels(&self, index: BrickIndex) -> impl Iterator<Item = [u32; 3]> + use<> {
         let (edge, first) = (self.edge, index.to_array().map(|i| i * self.edge));
         let axis = move |a: usize| first[a]..first[a] + edge;

@@ -1,12 +1,12 @@
 //! Sampling and classification of rays' segments in direct volume rendering, and filters of the field: the methods compared by Gavrilov, Turlapov and
 //! others in "Measuring the quality of volume rendering" (2013).
 //!
-//! A method reads the field in the middle of a segment, at its ends, or at its ends and those of its neighbours, and takes the *curve* through these
-//! values for the field in between. A segment is cut into equal *parts*; each part is classified either by the value in its middle, or by the mean of
-//! the transfer function over the values between its ends ([pre-integrated](crate::preintegration)). Parts follow one another from front to back.
+//! A method reads the field in the middle of a segment, at its ends, or also at its neighbours' ends, and takes the *curve* through these values for
+//! the field in between. A segment is cut into equal *parts*; each is classified by the value in its middle, or by the mean of the transfer function
+//! over the values between its ends ([pre-integrated](crate::preintegration)). Parts follow one another from front to back.
 //!
-//! Every place is read in the brick with the segment. So [`Needs::apron`] covers the methods' reach out of it; steps longer than a voxel reach
-//! further, and read the nearest voxels of the brick.
+//! Every place is read in the segment's own brick. So [`Needs::apron`] covers the methods' reach out of it; steps longer than a voxel reach further,
+//! and read the nearest voxels of the brick.
 
 use crate::enum_all::every;
 use crate::gradients::GradientNodes;
@@ -31,7 +31,7 @@ pub const MOST_PARTS: usize = 8;
 /// Adaptive sampling ([`Method::Asm`]): the largest difference between a part's ends, as a share of the codes over which a transfer function changes.
 pub const ADAPTIVE_SHARE: f64 = 1.0 / 64.0;
 
-/// A sampling method: the way from a segment to a medium.
+/// A sampling method: how a segment becomes a medium.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
@@ -99,12 +99,12 @@ impl Method {
     }
 }
 
-/// A filter: the way from voxels to a field.
+/// A filter: how voxels become a field.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Filter {
-    /// The value of the voxel around a place: a field of steps, with unmixed voxels. A voxel's box is half-open, so its lower faces are its own.
-    /// Steps have no gradient; lighting, and classification by gradient, use the [`Filter::Trilinear`] field.
+    /// The value of the voxel around a place: a field of steps, with unmixed voxels. A voxel's box is half-open, and includes its lower faces. Steps
+    /// have no gradient; lighting, and classification by gradient, use the [`Filter::Trilinear`] field.
     Nearest,
     /// Linear between the eight voxels around a place.
     #[default]
@@ -116,8 +116,8 @@ pub enum Filter {
 every!(Filter: Nearest Trilinear Tricubic);
 
 impl Filter {
-    /// The filter's voxels on each side of a place, along each axis. The nearest voxel is one of the linear filter's, so bricks are the same for
-    /// both, and a change from one to the other uploads nothing.
+    /// The filter's voxels on each side of a place, along each axis. The nearest voxel is one of the linear filter's, so both share bricks, and a
+    /// change from one to the other uploads nothing.
     pub const fn taps(self) -> u32 {
         match self {
             Self::Nearest | Self::Trilinear => 1,
@@ -125,8 +125,8 @@ impl Filter {
         }
     }
 
-    /// Greatest distance, in voxels, from a place to the centres of its outermost voxels, less the distance of those inside the brick: half a voxel
-    /// less than [`Filter::taps`].
+    /// Greatest distance from a place to the filter's outermost voxel centres, less the half voxel from a brick's face to its own: half a voxel less
+    /// than [`Filter::taps`].
     const fn reach(self) -> f64 {
         self.taps() as f64 - 0.5
     }
@@ -155,8 +155,8 @@ pub fn b_spline(t: f64) -> [f64; 4] {
     [s * s * s, 4.0 - 6.0 * t * t + 3.0 * t * t * t, 4.0 - 6.0 * s * s + 3.0 * s * s * s, t * t * t].map(|w| w / 6.0)
 }
 
-/// The cubic curve of Catmull and Rom through four values, at `t` in 0..=1 from the second to the third, clamped between those two: it has no value
-/// beyond the samples, so clear ranges stay clear.
+/// The cubic curve of Catmull and Rom through four values, at `t` in 0..=1 from the second to the third, clamped between those two, so clear ranges
+/// stay clear.
 pub fn cubic([a, b, c, d]: [f64; 4], t: f64) -> f64 {
     let value = catmull_rom([a, b, c, d], t);
     value.clamp(b.min(c), b.max(c))
@@ -200,7 +200,7 @@ impl Sampling {
     }
 }
 
-/// A picture's needs of bricks and of the tables beside them.
+/// A picture's requirements on bricks and the tables beside them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Needs {
     /// Width of the apron around a brick's core, in voxels.
@@ -218,7 +218,7 @@ pub struct Needs {
 }
 
 impl Needs {
-    /// The needs of a picture of plain samples: trilinear, unlit, not pre-integrated, without meshes.
+    /// The needs of plain samples: trilinear, unlit, not pre-integrated, without meshes.
     pub const PLAIN: Self = Self {
         apron: 1,
         gradient_layers: 0,

@@ -44,8 +44,8 @@ pub struct Scene {
     pub mode: Mode,
     /// The field's filter, and the sampling of [`Mode::Dvr`]'s segments.
     pub sampling: Sampling,
-    /// Lighting of surfaces and of [`Mode::Dvr`]'s fog. Surfaces are lit even without a lighting model, as they would look flat otherwise. Each layer
-    /// is lit by its own gradients; the fog of [adding](crate::Blend::Add) layers is not lit.
+    /// Lighting of surfaces and of [`Mode::Dvr`]'s fog. Surfaces are lit even without a lighting model, since they would look flat. Each layer is lit
+    /// by its own gradients; the fog of [adding](crate::Blend::Add) layers is not lit.
     pub lighting: Lighting,
     /// Sampling step in units of the voxel size of the finest visible layer; positive.
     pub step: f64,
@@ -63,12 +63,12 @@ pub struct Scene {
     pub clip: Option<[DVec3; 2]>,
     /// Clip planes, at most [`MAX_CLIP_PLANES`](crate::MAX_CLIP_PLANES): nothing on the outer side of any of them is shown, or read.
     pub clip_planes: Vec<ClipPlane>,
-    /// Whether isosurfaces opened by clip box, clip planes or crops are capped, in the colour of the innermost of them; `None` caps them in
-    /// [`Mode::Isosurface`], and not in fog, which has a visible cut face.
+    /// Whether isosurfaces opened by clip box, clip planes or crops are capped, in the colour of the innermost; `None` caps them in
+    /// [`Mode::Isosurface`], and not in fog with its visible cut face.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub caps: Option<bool>,
-    /// Restricts the shown part of the volumes to a plane, or to a slab about it. The mode selects the shown value across it: the mean, greatest or
-    /// least. `None` shows the whole volumes.
+    /// Restricts the volumes to a plane, or to a slab about it. The mode selects the value across it: the mean, greatest or least. `None` shows the
+    /// whole volumes.
     pub slice: Option<Slice>,
     /// Triangle meshes, in the scene's world.
     pub meshes: Vec<MeshLook>,
@@ -183,7 +183,7 @@ impl Scene {
     }
 
     /// The layer's blending with the others. Unless chosen, labels lie over other layers, channels of one image add in projections, like light, and
-    /// everything else mixes, like media. `are_labels` is whether the layer's volume has labels.
+    /// everything else mixes, like media. `are_labels` is for a volume of labels.
     ///
     /// # Panics
     /// If there is no such layer.
@@ -260,7 +260,7 @@ impl Scene {
 }
 
 impl Scene {
-    /// The picture's needs of bricks and of the tables beside them. Unread meshes do not count.
+    /// The picture's requirements on bricks and the tables beside them, without unread meshes.
     pub fn needs(&self) -> Needs {
         let meshes = MeshCapacity::of(self.meshes.iter().filter_map(|look| look.mesh.as_deref()));
         let has_surfaces = self.layers.iter().any(|layer| !layer.isosurfaces.is_empty());
@@ -281,7 +281,7 @@ impl Scene {
     ///
     /// # Errors
     /// If a mesh has not been read, has a colour or an opacity outside 0..=1, or is translucent in a projection, or if there are too many vertices
-    /// and triangles in all.
+    /// and triangles.
     pub fn shown_meshes(&self) -> Result<Vec<ShownMesh>, MeshLookError> {
         let mut shown = Vec::new();
         for look in &self.meshes {

@@ -1,8 +1,8 @@
-//! The check of scenes, where all invalid scenes are refused. It reads the scene and the stores' counts, never data, so it costs
-//! microseconds and precedes any reading.
+//! The check of scenes, where invalid ones are refused. It uses the scene and the stores' counts, never data, so it costs microseconds
+//! and precedes any reading.
 //!
-//! Types themselves refuse some errors as a scene is read: unknown fields, and singular places ([`Placement`](crate::Placement)). Cameras
-//! and stereo have errors of their own, as they depend on the picture's size.
+//! Some errors are refused by types as a scene is parsed: unknown fields, and singular places ([`Placement`](crate::Placement)). Cameras
+//! and stereo, which depend on the picture's size, have errors of their own.
 
 use crate::bounds::STEPS;
 use crate::clip::{Clip, ClipError, MAX_CLIP_PLANES};

@@ -1,5 +1,5 @@
-//! Errors of scenes: the found and expected values, and the place. One variant per reason, for callers to distinguish; they depend only on the
-//! stores' counts, not on their data.
+//! Errors of scenes, with found and expected values and the place. One variant per reason, for callers to distinguish; none depends on data,
+//! only on the stores' counts.
 
 use crate::bounds::{LEAST_STEP, MOST_STEP, ReachError};
 use crate::clip::ClipError;
@@ -52,10 +52,10 @@ pub enum SceneError {
     /// The background's colour is not in 0..=1.
     #[error("the background is {0:?}: expected red, green and blue in 0..1")]
     Background([f64; 3]),
-    /// A clip box, planes or a slice that cannot be shown.
+    /// An invalid clip box, plane or slice.
     #[error(transparent)]
     Clip(#[from] ClipError),
-    /// A mesh that cannot be shown.
+    /// An invalid mesh.
     #[error(transparent)]
     Mesh(#[from] MeshLookError),
     /// The sampling method is for [`Mode::Dvr`] alone, and the scene has another mode.
@@ -177,13 +177,13 @@ pub enum LayerError {
     /// The layer has a style part, named here, unfit for labels: they have no order, and nothing lies between two of them.
     #[error("labels have no {0}: leave it out; they have a color, an opacity, and a choice of those that are shown")]
     OfLabels(&'static str),
-    /// The layer's labels have codes by their looks, being further apart than 16 bits reach, but a transfer function of their numbers or an
+    /// The layer's labels are further apart than 16 bits reach and have codes by their looks, but a transfer function of their numbers or an
     /// expression reads them.
     #[error(
         "its labels are too far apart for a picture that computes with their numbers: leave the transfer function or expression out"
     )]
     HashedLabels,
-    /// The layer's labels have codes by their looks, being further apart than 16 bits reach, and too many have looks of their own.
+    /// The layer's labels are further apart than 16 bits reach and have codes by their looks, and too many have looks of their own.
     #[error("more than {most} labels have looks of their own: show fewer, or give fewer colors", most = LabelCodes::MOST)]
     ManyLabels,
     /// The sampling method pre-integrates over values, and the layer has a transfer function of value and gradient.

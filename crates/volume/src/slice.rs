@@ -1,12 +1,12 @@
 //! Slices: a plane through the volume, or a slab about it, looked at straight on.
 //!
-//! A slice is no mode of its own, but the part of the volume between two parallel clip planes, drawn with a projection: the mean, the greatest or
-//! the least value between them. Without thickness it is as thin as single precision can resolve, a small part of a voxel: there the mean is the
-//! value where the ray meets the plane. So slices are paged, sampled and classified like everything else, touch only the bricks that they meet,
-//! and may be looked at with any camera.
+//! A slice is no mode of its own, but the volume between two parallel clip planes, drawn with a projection: the mean, the greatest or the least
+//! value between them. Without thickness it is as thin as single precision can resolve, a small part of a voxel: there the mean is the value
+//! where the ray meets the plane. So slices are paged, sampled and classified like everything else, touch only the bricks they meet, and work
+//! with any camera.
 //!
-//! With the nearest filter, a thin slab about a face of voxels would be in the voxels on both of its sides. It lies just above the plane there,
-//! inside the voxels with the plane in their half-open boxes.
+//! With the nearest filter, a thin slab about a face of voxels would show the voxels on both sides. It lies just above the plane there, in the
+//! voxels with the plane in their half-open boxes.
 
 use crate::camera::{Camera, Projection, ViewRays};
 use crate::clip::{ClipError, ClipPlane};
@@ -75,12 +75,12 @@ impl Slice {
         placement: Option<&Placement>,
     ) -> [ClipPlane; 2] {
         let normal = self.normal.normalize_or_zero();
-        // Rounding moves a ray's sample point, possibly across a brick's border. The slab is twice as thick to each side, so that it meets every
-        // brick with possible samples.
+        // Rounding moves a ray's sample point, possibly across a brick's border. The doubled thickness makes the slab meet every brick with
+        // possible samples.
         let thinnest_voxels = thinnest_voxels(rays, geometry, extent);
         let thinnest = self.thinnest(rays, geometry, extent);
         let half = 0.5 * self.thickness.max(thinnest);
-        // By as much again, so that all of it is further above the plane than rounding moves a point.
+        // As much again, so all of it is further above the plane than rounding moves a point.
         let above = match placement.filter(|_| self.thickness <= thinnest) {
             Some(placement) => normal * normal.dot(placement.world_vector(geometry.spacing * thinnest_voxels)),
             None => DVec3::ZERO,

@@ -6,7 +6,7 @@
 //! left out of interpolation.
 //!
 //! Where an integer value marks missing measurements, code 0 stands for it. The other values of 8- and 16-bit types are kept exactly, from
-//! code 1 for the channel's least value on: in 16 bits where 8 have no code to spare. Only a 16-bit channel with both ends of its type is
+//! code 1 for the channel's least value on: in 16 bits where 8 have no code to spare. Only a 16-bit channel using both ends of its type is
 //! quantised.
 
 use crate::voxel_type::{Voxel, VoxelType};
@@ -114,7 +114,7 @@ const PLAIN: SlotEncoding = SlotEncoding {
 };
 
 impl SlotEncoding {
-    /// Returns the encoding for a store of `voxel_type` with its valid values in `range`, some others not finite if `has_non_finite`.
+    /// Returns the encoding for a store of `voxel_type` with valid values in `range`, and others not finite if `has_non_finite`.
     pub fn new(voxel_type: VoxelType, range: (f64, f64), has_non_finite: bool) -> Self {
         let format = if voxel_type.bytes() == 1 { SlotFormat::U8 } else { SlotFormat::U16 };
         if voxel_type.bytes() <= 2 {
@@ -122,15 +122,14 @@ impl SlotEncoding {
             let spread_codes = (range.1 - range.0).clamp(0.0, high - low);
             return Self { voxel_type, format, low, high, spread_codes, ..PLAIN }.with_whole_table();
         }
-        // A single value gets a range that separates it from its neighbours, however large it is.
+        // A single value gets a range, whatever its size, in which its neighbours differ from it.
         let (low, high) = if range.1 > range.0 { range } else { (range.0, range.0 + range.0.abs().max(1.0)) };
         // With code 0 taken, `range.0` is code 1.
         let low = if has_non_finite { low - (high - low) / 65534.0 } else { low };
         Self { voxel_type, format, low, high, has_invalid: has_non_finite, ..PLAIN }.with_whole_spread()
     }
 
-    /// Returns the encoding for a store of integers of `voxel_type` with its valid values in `range`; voxels of the value `nodata` hold no
-    /// data.
+    /// Returns the encoding for a store of integers of `voxel_type` with valid values in `range`, and `nodata` for voxels without data.
     pub fn without(voxel_type: VoxelType, range: (f64, f64), nodata: f64) -> Self {
         let codes = range.1 - range.0 + 1.0;
         let format = if voxel_type.bytes() == 1 && codes <= 255.0 { SlotFormat::U8 } else { SlotFormat::U16 };
@@ -142,14 +141,14 @@ impl SlotEncoding {
             return Self { voxel_type, format, low, high, has_invalid, nodata: Some(nodata), spread_codes, ..PLAIN }
                 .with_whole_table();
         }
-        // A single value gets a range that separates it from its neighbours.
+        // A single value gets a range in which its neighbours differ from it.
         let (low, high) = if codes > 1.0 { range } else { (range.0, range.0 + range.0.abs().max(1.0)) };
         let low = low - (high - low) / 65534.0;
         Self { voxel_type, format, low, high, has_invalid: true, nodata: Some(nodata), ..PLAIN }.with_whole_spread()
     }
 
-    /// Returns the encoding of labels in `range`: a code for each label if 65,536 codes suffice from the least to the greatest, else
-    /// [`LabelCodes`](crate::LabelCodes). Voxels of the value `nodata` have no label, nor have some others if `has_non_finite`.
+    /// Returns the encoding of labels in `range`: a code for each if 65,536 codes suffice from the least to the greatest, else
+    /// [`LabelCodes`](crate::LabelCodes). Voxels of the value `nodata` have no label, nor have others if `has_non_finite`.
     pub fn of_labels(voxel_type: VoxelType, range: (f64, f64), has_non_finite: bool, nodata: Option<f64>) -> Self {
         let has_invalid = has_non_finite || nodata.is_some();
         let plain = Self { is_labels: true, ..Self::new(voxel_type, range, false) };
@@ -298,7 +297,7 @@ impl SlotEncoding {
 }
 
 /// The code nearest to a number from 0 to 65535, rounding ties to even: the last bits of the number added to 2^52, where neighbours are 1
-/// apart. Several times as fast as rounding and conversion, which are function calls for an unspecified instruction set.
+/// apart. Several times as fast as rounding and conversion, which are calls for unknown instruction sets.
 fn nearest_code(number: f64) -> u16 {
     const TWO_TO_52: f64 = (1u64 << 52) as f64;
     (number + TWO_TO_52).to_bits() as u16

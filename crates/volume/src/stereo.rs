@@ -1,9 +1,9 @@
 //! Stereo: the rays of two eyes, and the composition of their pictures.
 //!
 //! The eyes stand half the separation to the left and to the right of the camera's eye and look in the same direction; the
-//! picture's plane is shifted so that points at the convergence distance have the same pixel for both
-//! ([`ViewRays::from_aside`]). Nearer points seem to be in front of the screen, farther ones behind it. Turning the eyes
-//! towards each other instead (toe-in) distorts each picture to a trapezium, with vertical disparities that cannot be fused.
+//! picture's plane is shifted so that both see points at the convergence distance in the same pixel
+//! ([`ViewRays::from_aside`]). Nearer points appear in front of the screen, farther ones behind it. Turning the eyes towards
+//! each other instead (toe-in) distorts each picture to a trapezium, and its vertical disparities cannot be fused.
 //!
 //! Orthographic views follow the same rule: each eye's parallel rays lean to meet the other eye's at the convergence distance,
 //! and the disparity grows evenly with the distance from there. VTK and ParaView do the same: they shear space about the focal
@@ -152,9 +152,9 @@ const DUBOIS: [[f32; 6]; 3] = [
     [-0.015_216_1, -0.020_597_1, -0.005_468_56, -0.072_152_7, -0.112_961, 1.226_4],
 ];
 
-/// Composes an anaglyph by [`DUBOIS`]'s matrices. Taking red from the left and the rest from the right picture would show red
-/// things to one eye only, which hurts; turning both gray first cures this, but loses the transfer function's colours. The
-/// matrices keep most colours, and subtract each glass's leakage. Gray pictures stay gray, and need no method of their own.
+/// Composes an anaglyph by [`DUBOIS`]'s matrices. Red from the left and the rest from the right picture would show red things
+/// to one eye only, which hurts; turning both gray first cures this, but loses the transfer function's colours. The matrices
+/// keep most colours, and subtract each glass's leakage. Gray pictures stay gray, and need no method of their own.
 fn anaglyph(left: &Picture, right: &Picture) -> Picture {
     // The matrices apply to light, pictures hold sRGB codes. Between neighbours of 65,536 steps the code changes by 1/20 at
     // most.

@@ -1,5 +1,5 @@
-//! Supersampling: a pixel's colour is the mean of several rays' colours, for smooth edges. Each ray passes the pixel at another place and is sampled
-//! at other distances, so the mean has no rings either.
+//! Supersampling: a pixel's colour is the mean of several rays' colours, for smooth edges. The rays pass the pixel at different places and are
+//! sampled at different distances, so the mean has no rings either.
 //!
 //! A picture with `n` samples per pixel is the mean of `n` pictures of the whole view, each with all rays moved by the same part of a pixel, and the
 //! lattice's ticks by the same part of a segment. It costs as many frames, and no more memory. Places are Hammersley's points: no two are in the same

@@ -10,18 +10,18 @@
 //! boundary; at a clip's there are [caps](crate::CutFace), if requested.
 //!
 //! The crossing is located in the segment's own brick: the first of [`PARTS`] equal parts with its ends on two sides, the same once more
-//! within it, then a straight line between its ends. A 64th of a segment holds the crossing before the last step, and the line is far better.
+//! within it, then a straight line between its ends. The last step far improves on the 64th of a segment before it.
 //!
-//! Among several surfaces, the *rank* of a place is the number of isovalues up to its value. From one rank to another a ray crosses all
-//! surfaces between them, one after the other, each searched behind the one before. A crossing cuts its segment: the fog in front of it and
-//! the fog behind it are segments of their own, with the surface between them.
+//! Among several surfaces, the *rank* of a place is the number of isovalues up to its value. Between two ranks a ray crosses all surfaces in
+//! between, one after the other, each searched behind the one before. A crossing cuts its segment: the fog in front of it and behind it are
+//! segments of their own, with the surface between.
 
 use crate::lighting::{Lighting, LightingModel};
 use crate::slot_encoding::{ANYTHING, SlotEncoding, SlotFormat};
 use crate::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
 
-/// Greatest rounding distance between things of several layers that begin on one cut, as a share of the step.
+/// Rounding tolerance between things of several layers beginning on one cut, as a share of the step.
 pub const CAP_TIE: f64 = 0.01;
 
 /// A ray's crossing of a surface, among those of several layers in one segment.
@@ -130,7 +130,7 @@ pub const ROUNDS: usize = 2;
 pub const FLAT_CODES: f64 = 1.0 / 64.0;
 
 /// The same as a share of the value's distance from the transfer table's first, for the greater rounding error of an even field far from
-/// there: of 16 bits, and of f32 slots in a narrow window. Stored gradients do not have it.
+/// there, in 16 bits and in f32 slots of a narrow window. Stored gradients are free of it.
 pub const FLAT_SHARE: f64 = 1.0 / (1 << 20) as f64;
 
 /// Depth of surfaces below their isovalue, as a share of a code: where many voxels have exactly this value, rounding does not decide their

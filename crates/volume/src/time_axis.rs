@@ -68,7 +68,7 @@ impl TimeAxis {
         if !is_even {
             return Ok(axis);
         }
-        // Prefer the difference of two stamps to a division's rounded result if both are equal.
+        // Prefer the difference of two stamps, without a division's rounding, if both fit.
         let is_same =
             (0..).zip(&axis.stamps).all(|(i, stamp)| (first + step * f64::from(i) - stamp).abs() <= EVEN * step);
         Ok(if is_same { Self { step, ..even } } else { even })
@@ -150,7 +150,7 @@ impl TimeAxis {
     }
 
     /// The step, of `times` steps, shown at a moment: the last one not after it, or step 0 before all of them. A moment within a
-    /// millionth of a step before the next one counts as that.
+    /// millionth of a step before the next one already shows the next.
     pub fn step_at(&self, time: f64, times: u32) -> u32 {
         let last = times.saturating_sub(1);
         if self.stamps.is_empty() {

@@ -41,8 +41,8 @@ impl Timeline {
         self.volumes.get(self.leader)?.axis.as_deref()
     }
 
-    /// A volume's step at a step of the timeline: its last one taken by then. If times are unknown, or in units that cannot be compared, the step
-    /// of the same number, or the last one.
+    /// A volume's step at a step of the timeline: its last one taken by then. With unknown times or incomparable units, the step of the same
+    /// number, or the last one.
     pub fn step_of(&self, volume: usize, step: u32) -> u32 {
         let Some(time) = self.volumes.get(volume).filter(|_| volume != self.leader) else { return step };
         let moment = self.axis().zip(time.axis.as_deref()).and_then(|(own, other)| {

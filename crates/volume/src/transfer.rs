@@ -81,10 +81,10 @@ fn some_points<'de, D: Deserializer<'de>>(list: D) -> Result<Vec<[f64; 2]>, D::E
 /// Why a transfer function cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum TransferError {
-    /// The text is not JSON, or not that of a [`TransferFunction`].
+    /// The text is not JSON, or not a [`TransferFunction`]'s.
     #[error("not a transfer function: {0}")]
     Json(#[from] serde_json::Error),
-    /// The file has a word, such as `NaN`, in place of a number; JSON cannot express it.
+    /// The file has a word, such as `NaN`, in place of a number, against JSON's rules.
     #[error("line {line}, column {column}: found {word}, expected a finite number")]
     NotFinite {
         /// Line of the word, from 1.
@@ -111,7 +111,7 @@ pub enum TransferError {
     /// A list, named here, has no points.
     #[error("'{0}' has no points")]
     Empty(&'static str),
-    /// A point of a list has a number that is out of range, not finite, or out of order.
+    /// A list's point has a number out of range, not finite, or out of order.
     #[error("'{list}' point {index}: {problem}")]
     Point {
         /// The list's name in the file.
@@ -234,8 +234,8 @@ impl TransferFunction {
         interpolate(&self.opacity, value)[1]
     }
 
-    /// The greatest opacity over the closed interval `[low, high]` (which may be infinite), whatever the gradient. Regions that meet
-    /// the interval count with all of their opacity, as if in one place, so with regions it is an upper bound.
+    /// The greatest opacity over the closed interval `[low, high]` (which may be infinite), whatever the gradient. Regions in the
+    /// interval count with all of their opacity, as if in one place, so with regions it is an upper bound.
     pub fn max_alpha(&self, low: f64, high: f64) -> f64 {
         if self.labels.as_ref().is_some_and(|labels| !labels.shows_between(low.round(), high.round())) {
             return 0.0;

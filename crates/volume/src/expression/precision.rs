@@ -51,7 +51,7 @@ pub enum PrecisionError {
 }
 
 impl Expression {
-    /// Checks that this expression, over volumes with these values, is evaluated faithfully with results in f32 if `is_single`, else f64.
+    /// Checks that this expression is evaluated faithfully over these values of volumes, with results in f32 if `is_single`, else f64.
     ///
     /// # Errors
     /// The reason if not.

@@ -9,8 +9,8 @@ pub type Range = Option<[f64; 2]>;
 const ALL: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
 impl Expression {
-    /// A range around every possible value of the expression, where each volume has a value in its range, or none. `None`
-    /// means no value at all.
+    /// A range around every possible value of the expression, with each volume's value in its range, or missing. `None` means
+    /// no value at all.
     ///
     /// # Panics
     /// If `volumes` lacks a volume of the expression.

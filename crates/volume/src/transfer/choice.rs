@@ -1,5 +1,5 @@
-//! Choice of a scene's transfer function: written out, a preset by name, or a file. In JSON an object each: the function's own,
-//! `{"preset": "viridis"}`, or `{"file": "ct.json"}`. A scene's files are read with the scene; afterwards a choice becomes a
+//! Choice of a scene's transfer function: written out, a preset by name, or a file. In JSON each is an object: the function's
+//! own, `{"preset": "viridis"}`, or `{"file": "ct.json"}`. Files are read with the scene; afterwards a choice becomes a
 //! function without any I/O, at the cost of copying its points.
 
 use super::{Subject, TransferError, TransferFunction, automatic};

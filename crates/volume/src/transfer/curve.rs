@@ -73,8 +73,8 @@ fn cubic<const N: usize>(node: &Node<N>, next: [f64; N], t: f64) -> [f64; N] {
     point
 }
 
-/// Adds points of a curve over `t` in 0..1, without its ends, so that straight lines between all of them are within the
-/// tolerance. The curve may have one sharp bend, at `turn`.
+/// Adds points of a curve over `t` in 0..1, without its ends, dense enough for straight lines within the tolerance. The curve
+/// may have one sharp bend, at `turn`.
 pub(super) fn follow<const N: usize>(curve: &dyn Fn(f64) -> [f64; N], turn: f64, points: &mut Vec<[f64; N]>) {
     let (start, middle, end) = (curve(0.0), curve(turn), curve(1.0));
     halve(curve, (0.0, start), (turn, middle), MAX_HALVINGS, points);

@@ -4,11 +4,11 @@
 //! Its rows are values: one or more for each code between the function's first and last change, so every possible value of a voxel has its own row.
 //! With more such codes than [`TransferGrid::MOST_ROWS`], this many rows lie at equal distances. Its columns are gradient magnitudes, at equal
 //! distances from 0 to the function's greatest; beyond, the last column holds. 1,024 rows over a CT's 3,000 Hounsfield units are 3 units apart, a
-//! tenth of such data's noise; 256 columns are 1/255 of the steepest boundary apart, and gradients of 8-bit data have a resolution of half a code per
-//! voxel, coarser than that. Details narrower than an entry are drawn as wide as one, and a jump from one entry to the next is a ramp between them.
+//! tenth of such data's noise; 256 columns are 1/255 of the steepest boundary apart, finer than the half code per voxel of 8-bit data's gradients.
+//! Details narrower than an entry are drawn as wide as one, and a jump from one entry to the next is a ramp.
 //!
-//! Opacities are interpolated directly, and colours by opacity, so that a region does not take on invisible colours. Made anew with each edit, in
-//! some milliseconds at most; 16 bytes an entry.
+//! Opacities are interpolated directly, and colours by opacity, so regions do not take on invisible colours. Made anew with each edit, in some
+//! milliseconds at most; 16 bytes an entry.
 
 use super::table::entries_per_code;
 use super::{Region, Shape, TransferFunction, mix};
@@ -144,7 +144,7 @@ impl<'a> Axes<'a> {
                 (first, step, ((last - first) / step) as usize + 1)
             }
         };
-        // Behind the last bend the factor is constant. Regions end at their box: the last column is behind them.
+        // Behind its last bend the factor is constant. Regions end with their boxes: the last column is behind them.
         let bends = transfer.gradient_opacity.windows(2).rposition(|pair| pair[0][1] != pair[1][1]);
         let factors = bends.map_or(0.0, |last| transfer.gradient_opacity[last + 1][0]);
         let behind = (COLUMNS - 1) as f64 / (COLUMNS - 2) as f64;
@@ -157,7 +157,7 @@ impl<'a> Axes<'a> {
         self.encoding.value_of_code(self.first_code + row as f64 * self.codes_per_row)
     }
 
-    /// Sampled values of the rows: the row's own, but a peak of opacity between two rows moves the nearer one.
+    /// Sampled values of the rows: the row's own, but the nearer row takes a peak of opacity between two.
     fn values(&self, transfer: &TransferFunction) -> Vec<f64> {
         let mut values: Vec<f64> = (0..self.rows).map(|row| self.value(row)).collect();
         for &[value, _] in &transfer.opacity {
@@ -178,8 +178,8 @@ impl<'a> Axes<'a> {
         column as f64 * self.gradient_per_column
     }
 
-    /// Fits a region so that the entries do not miss it: a rectangle's edges are at entries, and other shapes at least two steps wide. `None` if none
-    /// of its values has a code.
+    /// Fits a region to the entries: a rectangle's edges are at entries, and other shapes at least two steps wide. `None` if none of its values has a
+    /// code.
     fn fit(&self, region: &Region) -> Option<Fitted> {
         let [low, high] = region.value.map(|value| self.encoding.place(value));
         if high < 0.0 || low > 1.0 {
@@ -208,8 +208,8 @@ impl<'a> Axes<'a> {
     }
 }
 
-/// Fewest sufficient rows per code, a power of two and at most `most`: as many as the value table has entries, and enough to keep colours mixed by
-/// opacity within a display code of straight ones, midway between rows.
+/// Fewest sufficient rows per code, a power of two and at most `most`: as many as the value table has entries, with colours mixed by opacity within a
+/// display code of straight ones, midway between rows.
 fn rows_per_code(transfer: &TransferFunction, encoding: &SlotEncoding, [low, high]: [f64; 2], most: f64) -> f64 {
     if encoding.is_labels {
         return 1.0;

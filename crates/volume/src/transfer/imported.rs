@@ -35,8 +35,8 @@ impl Subject {
         foreground: None,
     };
 
-    /// Creates the subject of a volume and its requested window, turned into the [`shown_window`]: so a volume of one value has the middle
-    /// of the colours and of the opacity, instead of being black. The presets' distance is a hundredth of the volume's longest side.
+    /// Creates the subject of a volume and its requested window, made a [`shown_window`]: a volume of one value thus has the middle of the
+    /// colours and of the opacity, instead of being black. The presets' distance is a hundredth of the volume's longest side.
     pub fn new(geometry: &Geometry, extent: Extent, window: (f64, f64)) -> Self {
         let (low, high) = geometry.world_box(extent);
         let size = high - low;

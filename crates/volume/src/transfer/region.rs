@@ -1,5 +1,5 @@
-//! Regions of the plane of values and gradient magnitudes, each with a colour and an opacity of its own: they separate a boundary
-//! from the inside of a thing of the same value.
+//! Regions of the plane of values and gradient magnitudes, each with its own colour and opacity: they separate a boundary from
+//! the inside of a thing of the same value.
 //!
 //! A gradient magnitude is in data units per world unit. A region lies wholly in a box of the plane:
 //!
@@ -78,7 +78,7 @@ impl Region {
         }
     }
 
-    /// Checks that the box has no end before its beginning, nor a negative magnitude, and that colour and opacity are in range.
+    /// Checks that the box does not end before its beginning, has no negative magnitude, and that colour and opacity are in range.
     ///
     /// # Errors
     /// The problem of the `index`-th region of its list.

@@ -5,14 +5,14 @@
 //!
 //! Gradient opacity becomes the function's, except a constant 1, which is dropped. VTK's mappers measure gradients in units of
 //! the data over the mean of the three voxel spacings (`vtkVolumeShaderComposer`, `computeGradientDeclaration`: central
-//! differences by `2 * spacing / mean`), so magnitudes are divided by this mean here. Two things of VTK's are left out: all
-//! magnitudes beyond a quarter of the data's range count as that quarter, and the factor applies to the opacity of one of its
-//! steps, so pictures change with the step. Here it applies to the opacity over the unit distance, with the same result for VTK
-//! steps of this length.
+//! differences by `2 * spacing / mean`), so magnitudes are divided by this mean here. Two of VTK's habits are dropped: it
+//! limits all magnitudes to a quarter of the data's range, and applies the factor to the opacity of one of its steps, so
+//! pictures change with the step. Here it applies to the opacity over the unit distance, with the same result for VTK steps of
+//! this length.
 //!
 //! The text has nine lines: interpolation, shade, diffuse, ambient, specular, specular power, then scalar opacity, gradient
-//! opacity and colours, each as a count of numbers and the numbers themselves (sequences of `value alpha` or `value r g b`). As
-//! in Slicer, points are sorted by value, and those at one value are a step.
+//! opacity and colours, each as a count of numbers and the numbers themselves (`value alpha` or `value r g b`, repeated). As in
+//! Slicer, points are sorted by value, and those at one value are a step.
 
 use super::curve::{self, Node};
 use super::imported::{Imported, Subject};

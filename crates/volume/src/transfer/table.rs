@@ -135,7 +135,7 @@ impl TransferTable {
     }
 }
 
-/// Fewest entries per code, a power of two, that match the function at all its bends, or the most possible.
+/// Fewest entries per code, a power of two, for a match at all the function's bends, or else the most possible.
 pub(super) fn entries_per_code(transfer: &TransferFunction, encoding: &SlotEncoding) -> usize {
     let most = (TransferTable::most_entries(encoding.format) - 1) / encoding.span_codes() as usize;
     let steps = || successors(Some(1), |step| Some(2 * step)).take_while(|step| *step <= most);

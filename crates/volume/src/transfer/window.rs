@@ -36,7 +36,7 @@ impl TransferFunction {
         self.regions.iter().map(|region| region.value).chain(fog).reduce(join).filter(|[low, high]| low <= high)
     }
 
-    /// The least distance between two neighbouring points of colour or opacity within a window: no detail in it is thinner.
+    /// The least distance between two neighbouring points of colour or opacity within a window, the limit of its detail.
     pub(crate) fn thinnest(&self, [low, high]: [f64; 2]) -> f64 {
         fn of<const N: usize>(points: &[[f64; N]]) -> impl Iterator<Item = [f64; 2]> {
             points.windows(2).map(|pair| [pair[0][0], pair[1][0]])
@@ -63,8 +63,8 @@ impl TransferFunction {
         self
     }
 
-    /// Bends the function's colours and opacities over a window: at a share `t` of the window it gets its former look at the share `t` to
-    /// the power of `gamma`. Outside the window it is unchanged, and so are factors and regions by gradient.
+    /// Bends the function's colours and opacities over a window: its new look at a share `t` of the window is the old one at `t` to the
+    /// power of `gamma`. Outside the window it is unchanged, and so are factors and regions by gradient.
     pub fn bent(mut self, window: (f64, f64), gamma: f64) -> Self {
         if gamma != 1.0 {
             self.color = bent(&self.color, window, gamma);
@@ -82,7 +82,7 @@ impl TransferFunction {
     }
 }
 
-/// Points bent over a window, with more between them, so that straight lines stay near the curve.
+/// Bends points over a window, with more between them, so that straight lines stay near the curve.
 fn bent<const N: usize>(points: &[[f64; N]], (low, high): (f64, f64), gamma: f64) -> Vec<[f64; N]> {
     let power = |value: f64, power: f64| {
         let share = (value - low) / (high - low);
