@@ -1,4 +1,4 @@
-//! An apron as one array: the voxels around a brick's core, in the order in which stores keep them.
+//! The apron of a brick as one array: the voxels around its core, in stored order.
 //!
 //! ```text
 //! low z, high z    padded x padded x width     the padded brick's whole z faces
@@ -6,14 +6,13 @@
 //! low x, high x    width x edge x edge         its x faces between the z and y slabs
 //! ```
 //!
-//! The apron is six slabs, one after another, each a box with x fastest. Every voxel of the padded brick lies in the core or in
-//! exactly one slab. Slabs compress and copy better than rows with a hole would. A voxel outside of the level has the value of the
-//! nearest voxel inside.
+//! Six consecutive slabs, each a box with x fastest. Every voxel of the padded brick lies in the core or in exactly one slab.
+//! Slabs compress and copy better than rows with a hole. A voxel outside the level has the value of the nearest one inside.
 
 use crate::space::VoxelBox;
 
-/// The widest apron that stores keep, in voxels: 1 for trilinear samples, 2 for gradients or tricubic ones. Pictures that need a
-/// wider apron, which are rarer, have it put together from neighbouring bricks.
+/// Widest stored apron, in voxels: 1 for trilinear samples, 2 for gradients or tricubic ones. Rarer wider aprons are assembled
+/// from neighbouring bricks.
 pub const MAX_APRON: u32 = 2;
 
 /// The shape of an apron around a brick's core.
@@ -31,12 +30,12 @@ impl Apron {
         self.edge + 2 * self.width
     }
 
-    /// Number of voxels in the apron; those of the core do not count.
+    /// Number of voxels in the apron, without the core.
     pub const fn voxels(self) -> usize {
         (self.padded() as usize).pow(3) - (self.edge as usize).pow(3)
     }
 
-    /// The apron's six slabs in their stored order, as boxes of the padded brick, whose first voxel is (0, 0, 0).
+    /// The six slabs in stored order, as boxes of the padded brick, whose first voxel is (0, 0, 0).
     pub const fn slabs(self) -> [VoxelBox; 6] {
         let (low, high, end) = (self.width, self.width + self.edge, self.padded());
         [

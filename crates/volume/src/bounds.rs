@@ -1,6 +1,5 @@
-//! The bounds of a scene's numbers. Beyond them single precision, in which GPUs draw, or the steps of rays no longer tell places apart: a picture would be
-//! wrong, or black without a word. So a scene beyond them is refused, whoever gives it. They were found by comparing every renderer with the oracle
-//! (`tests/bounds.rs`); within them pictures agree.
+//! Bounds of a scene's numbers. Beyond them single precision (as on GPUs) or the steps of rays no longer separate places, and pictures are silently
+//! wrong or black; such scenes are refused. Found by comparing all renderers with the oracle (`tests/bounds.rs`); within them pictures agree.
 
 use crate::camera::ViewRays;
 use crate::geometry::{Geometry, box_corners};
@@ -10,31 +9,31 @@ use crate::space::Extent;
 use glam::DVec3;
 use std::ops::RangeInclusive;
 
-/// The least step, in voxels of the finest layer that is shown.
+/// The least step, in voxels of the finest visible layer.
 pub const LEAST_STEP: f64 = 0.005;
-/// The greatest step, in the same.
+/// The greatest step, in voxels of the finest visible layer.
 pub const MOST_STEP: f64 = 16.0;
 
-/// All steps that there may be.
+/// The permitted steps.
 pub const STEPS: RangeInclusive<f64> = LEAST_STEP..=MOST_STEP;
 
-/// The least height of a picture of parallel rays, in voxels.
+/// The least height of an orthographic picture, in voxels.
 const LEAST_HEIGHT: f64 = 0.001;
 
-/// How far an eye may be from a volume's middle, in voxels; or in longest sides of the volume, where these are more.
+/// Greatest distance of an eye from a volume's middle: in voxels, or in longest sides of the volume, whichever is farther.
 const FARTHEST_VOXELS: f64 = 1e5;
 const FARTHEST_SIDES: f64 = 8.0;
 
 /// The most steps from an eye to the far end of a volume.
 const MOST_STEPS: f64 = (1 << 25) as f64;
 
-/// World units of a voxel.
+/// Permitted voxel sizes in world units.
 const VOXEL_SIZES: RangeInclusive<f64> = 1e-15..=1e15;
 
-/// How far a volume may be from the world's origin, in voxels: doubles hold a thousandth of one there.
+/// Greatest distance of a volume from the world's origin, in voxels: doubles resolve a thousandth of one there.
 const FARTHEST_FROM_ORIGIN: f64 = 1e12;
 
-/// Why a volume cannot be drawn by a camera's rays.
+/// Why a camera's rays cannot draw a volume.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ReachError {
     /// A voxel is too large or too small; the number is its size in world units.
@@ -43,7 +42,7 @@ pub enum ReachError {
         significant(*.0, 3), VOXEL_SIZES.start(), VOXEL_SIZES.end()
     )]
     VoxelSize(f64),
-    /// The volume is too far from the world's origin; the number is how many of its voxels.
+    /// The volume is too far from the world's origin; the number is its distance in its own voxels.
     #[error(
         "the volume is {} of its voxels away from the world's origin: expected at most {FARTHEST_FROM_ORIGIN:e}; move it nearer by its \
          matrix", significant(*.0, 3)
@@ -55,9 +54,9 @@ pub enum ReachError {
         significant(*.voxels, 3), significant(*.most, 3)
     )]
     Eye {
-        /// How many voxels it is away from the volume's middle, along the axis along which that is most.
+        /// Distance from the volume's middle in voxels, along the axis where it is greatest.
         voxels: f64,
-        /// How many it may be.
+        /// The greatest permitted distance.
         most: f64,
     },
     /// Parallel rays show too small a part of the volume; the number is the picture's height in voxels.
@@ -66,7 +65,7 @@ pub enum ReachError {
         significant(*.0, 3)
     )]
     Height(f64),
-    /// A ray takes too many steps; the number is how many.
+    /// A ray takes too many steps; the number is their count.
     #[error(
         "rays take {} steps from the camera's eye to the volume's far end: expected at most {MOST_STEPS}; take longer steps, or bring the \
          eye nearer", significant(*.0, 3)
@@ -74,22 +73,22 @@ pub enum ReachError {
     Steps(f64),
 }
 
-/// A volume as it stands in a scene's world.
+/// A volume placed in a scene's world.
 #[derive(Clone, Copy, Debug)]
 pub struct Standing<'a> {
-    /// Where its voxels are in its own world.
+    /// Positions of its voxels in its own world.
     pub geometry: &'a Geometry,
-    /// How many voxels it has.
+    /// Number of voxels along each axis.
     pub extent: Extent,
-    /// Where its own world is in the scene's.
+    /// Placement of its own world in the scene's.
     pub placement: &'a Placement,
 }
 
 impl Standing<'_> {
-    /// Checks that the volume can be drawn by these rays, whose steps are `step` world units long.
+    /// Checks that these rays, with steps of `step` world units, can draw the volume.
     ///
     /// # Errors
-    /// If not: what is out of bounds.
+    /// The first number out of bounds.
     pub fn check(&self, rays: &ViewRays, step: f64) -> Result<(), ReachError> {
         let Self { geometry, extent, placement } = *self;
         let voxel = placement.voxel_size(geometry, extent);

@@ -1,4 +1,4 @@
-//! The camera: where it stands, the ray of every pixel, the size of a pixel in the world, and the frustum.
+//! The camera: its place, the ray of every pixel, the world size of a pixel, and the frustum.
 
 use crate::geometry::box_corners;
 use crate::numbers::exact;
@@ -32,11 +32,11 @@ pub enum Projection {
 pub struct Camera {
     /// World position of the eye.
     pub eye: DVec3,
-    /// World position that the camera looks at.
+    /// World position the camera looks at.
     pub target: DVec3,
-    /// The picture's up direction, as far as possible: any vector that is not zero and not along the view direction.
+    /// The picture's up direction, as far as possible: any non-zero vector not along the view direction.
     pub up: DVec3,
-    /// How rays leave the camera: perspective or orthographic.
+    /// Perspective or orthographic projection.
     pub projection: Projection,
 }
 
@@ -54,7 +54,7 @@ pub enum CameraError {
     /// The up vector is zero or along the view direction.
     #[error("the camera's up vector {0} is zero or along the view direction")]
     Up(DVec3),
-    /// The projection's opening angle or height is out of range; the text says which.
+    /// The projection's opening angle or height is out of range; the text names it.
     #[error("{0}")]
     Projection(String),
     /// The picture has no pixel; the numbers are its width and height.
@@ -62,25 +62,25 @@ pub enum CameraError {
     Size(u32, u32),
 }
 
-/// Where the default camera looks from: turned by 30 degrees from -y to +x, and raised by 20; of length 1.
+/// Unit vector towards the default camera: 30 degrees from -y to +x, and raised by 20.
 fn oblique() -> DVec3 {
     let (azimuth, elevation) = (30f64.to_radians(), 20f64.to_radians());
     DVec3::new(azimuth.sin() * elevation.cos(), -azimuth.cos() * elevation.cos(), elevation.sin())
 }
 
 impl Camera {
-    /// A perspective camera that sees the whole box from -y, a little from the right and from above, z up.
+    /// Returns a perspective camera with the whole box in view from -y, a little from the right and from above, z up.
     pub fn looking_at_box(world_box: (DVec3, DVec3)) -> Self {
         Self::looking_from(oblique(), DVec3::Z, world_box)
     }
 
-    /// A perspective camera that sees the whole box of a patient: from the front, a little from the patient's left and from above.
+    /// Returns a perspective camera with a patient's whole box in view: from the front, a little from the patient's left and from above.
     pub fn looking_at_patient(world_box: (DVec3, DVec3)) -> Self {
         let DVec3 { x, y, z } = oblique();
         Self::looking_from(DVec3::new(-x, -y, z), DVec3::Z, world_box)
     }
 
-    /// A perspective camera that sees the whole box from the direction `from`, which points to the viewer.
+    /// Returns a perspective camera with the whole box in view; `from` points to the viewer.
     pub fn looking_from(from: DVec3, up: DVec3, (low, high): (DVec3, DVec3)) -> Self {
         let centre = (low + high) * 0.5;
         let radius = (high - low).length() * 0.5;
@@ -89,10 +89,11 @@ impl Camera {
         Self { eye: centre + from * distance, target: centre, up, projection: Projection::Perspective { fov_y_deg } }
     }
 
-    /// This perspective camera so near to its target that the box just fits into a picture of this size, with a margin; others are as they were. A box that the target is not
-    /// in the middle of fits, too, but leaves more of the picture empty. What is wider than high counts as square, so that windows and pictures of the same height show the same.
+    /// Moves a perspective camera along its view until the box just fits into a picture of this size, with a margin; other cameras are unchanged. A
+    /// box off the target's centre fits too, but leaves more of the picture empty. A picture wider than high counts as square, so windows and
+    /// pictures of equal height show the same.
     pub fn fitted(&self, world_box: (DVec3, DVec3), size_px: (u32, u32)) -> Self {
-        /// The part of the picture that the box may fill, along each side.
+        /// Share of the picture for the box, along each side.
         const FILLED: f64 = 0.94;
         let (width, height) = size_px;
         let (Projection::Perspective { .. }, Ok(rays)) = (self.projection, self.rays(width.min(height), height)) else {
@@ -100,7 +101,7 @@ impl Camera {
         };
         let needed = box_corners(world_box).into_iter().map(|corner| {
             let by = corner - self.target;
-            // How far aside it is where the picture's edge is one away, at distance 1.
+            // Sideways offset, where the picture's edge is at 1, at distance 1.
             let aside = [rays.right, rays.up].map(|edge| (by.dot(edge) / edge.length_squared()).abs());
             aside[0].max(aside[1]) / FILLED - by.dot(rays.forward)
         });
@@ -108,14 +109,14 @@ impl Camera {
         if distance > 0.0 { Self { eye: self.target - rays.forward * distance, ..*self } } else { *self }
     }
 
-    /// This camera turned by `angle_deg` degrees around its target, about the axis of its up vector.
+    /// Returns this camera turned by `angle_deg` degrees around its target, about its up vector.
     pub fn orbited(&self, angle_deg: f64) -> Self {
         let turn = DQuat::from_axis_angle(self.up.normalize_or_zero(), angle_deg.to_radians());
         Self { eye: self.target + turn * (self.eye - self.target), ..*self }
     }
 
-    /// The camera at a part `t` (0..1) of the way to another one, which turns about its target the shorter way round: what lies between two
-    /// cameras of an orbit is on that orbit. Targets go straight; distances, opening angles and heights change by the same ratio all the way.
+    /// Interpolates between two cameras, `t` from 0 to 1, turning about the target the shorter way round, so two cameras of an orbit stay on it.
+    /// Targets move straight; distances, opening angles and heights change at a constant ratio.
     ///
     /// # Errors
     /// If either camera cannot be used, or one is perspective and the other orthographic.
@@ -140,16 +141,17 @@ impl Camera {
         Ok(Self { eye: target + turn * DVec3::Z * distance, target, up: turn * DVec3::Y, projection })
     }
 
-    /// What turns the axes x, y and z to the picture's right, its up, and the viewer.
+    /// The rotation from the axes x, y and z to the picture's right, its up, and the viewer.
     fn turn(&self) -> Result<DQuat, CameraError> {
         let ViewRays { right, up, forward, .. } = self.rays(1, 1)?;
         Ok(DQuat::from_mat3(&DMat3::from_cols(right.normalize(), up.normalize(), -forward)))
     }
 
-    /// The rays of a picture of `width` x `height` square pixels.
+    /// Returns the rays of a picture of `width` x `height` square pixels.
     ///
     /// # Errors
-    /// If the picture has no pixel, eye and target give no direction, up is zero or along the view, or the projection's angle or height is out of range.
+    /// If the picture has no pixel, eye and target give no direction, up is zero or along the view, or the projection's angle or height is out of
+    /// range.
     pub fn rays(&self, width: u32, height: u32) -> Result<ViewRays, CameraError> {
         if width == 0 || height == 0 {
             return Err(CameraError::Size(width, height));
@@ -200,14 +202,12 @@ pub struct ViewRays {
     pub eye: DVec3,
     /// Unit view direction, at right angles to the picture's plane.
     pub forward: DVec3,
-    /// World vector from the picture's centre to its right edge: at distance 1 in perspective, on the eye plane in orthographic
-    /// views.
+    /// World vector from the picture's centre to its right edge: at distance 1 in perspective, on the eye plane in orthographic views.
     pub right: DVec3,
-    /// World vector from the picture's centre to its top edge: at distance 1 in perspective, on the eye plane in orthographic
-    /// views.
+    /// World vector from the picture's centre to its top edge: at distance 1 in perspective, on the eye plane in orthographic views.
     pub up: DVec3,
-    /// How far rays lean to the right and up, in units of `right` and `up` for each unit forward: 0 but for the eyes of a stereo pair, and for
-    /// rays that do not pass through the centres of pixels.
+    /// Lean of the rays to the right and up, in units of `right` and `up` per unit forward: 0 except for stereo eyes and rays off the centres of
+    /// pixels.
     pub lean: DVec2,
     /// Whether rays are parallel.
     pub orthographic: bool,
@@ -218,8 +218,7 @@ pub struct ViewRays {
 }
 
 impl ViewRays {
-    /// The ray through a point of the picture in pixels (pixel `(i, j)` has its centre at `(i + 0.5, j + 0.5)`; row 0 is the
-    /// top).
+    /// Returns the ray through a point of the picture in pixels: pixel `(i, j)` has its centre at `(i + 0.5, j + 0.5)`, row 0 is the top.
     pub fn ray(&self, x_px: f64, y_px: f64) -> Ray {
         let u = 2.0 * x_px / self.width as f64 - 1.0;
         let v = 1.0 - 2.0 * y_px / self.height as f64;
@@ -231,8 +230,7 @@ impl ViewRays {
         }
     }
 
-    /// The place in the picture, in pixels, where a point of the world is seen: the ray through that place passes the point. `None`
-    /// if the point is not in front of the eye of a perspective view.
+    /// Projects a world point to its pixel: the ray through there passes the point. `None` if the point is not in front of a perspective eye.
     pub fn pixel(&self, point: DVec3) -> Option<[f64; 2]> {
         let from_eye = point - self.eye;
         let depth = from_eye.dot(self.forward);
@@ -245,19 +243,19 @@ impl ViewRays {
         Some([(1.0 + u) * 0.5 * self.width as f64, (1.0 - v) * 0.5 * self.height as f64])
     }
 
-    /// Unit direction of the ray through the picture's centre. In orthographic views all rays have this direction.
+    /// Unit direction of the ray through the picture's centre; all rays of an orthographic view have it.
     pub fn middle(&self) -> DVec3 {
         self.straight().normalize()
     }
 
-    /// The rays of an eye that stands `by` world units farther to the right and sees all points of the plane at `distance`
-    /// ahead in the same pixels as this one: off-axis in perspective, oblique in orthographic views.
+    /// Returns the rays of an eye `by` world units farther to the right, with all points of the plane at `distance` ahead in the same pixels:
+    /// off-axis in perspective, oblique in orthographic views.
     pub fn from_aside(&self, by: f64, distance: f64) -> Self {
         let by = by / self.right.length();
         Self { eye: self.eye + self.right * by, lean: self.lean - DVec2::X * (by / distance), ..*self }
     }
 
-    /// The rays that pass the picture this many pixels to the right of and below where these do.
+    /// Returns the rays shifted by this many pixels to the right and down in the picture.
     pub fn moved_by_px(&self, [right_px, down_px]: [f64; 2]) -> Self {
         let (right, up) = (2.0 * right_px / self.width as f64, -2.0 * down_px / self.height as f64);
         if self.orthographic {
@@ -283,12 +281,12 @@ impl ViewRays {
         PixelRect { x0: 0, x1: self.width, y0: 0, y1: self.height }
     }
 
-    /// The planes that bound what the picture shows.
+    /// The view frustum of the picture.
     pub fn frustum(&self) -> Frustum {
         self.frustum_of(self.whole())
     }
 
-    /// The planes that bound what a rectangle of pixels shows.
+    /// The view frustum of a rectangle of pixels.
     pub fn frustum_of(&self, PixelRect { x0, x1, y0, y1 }: PixelRect) -> Frustum {
         let middle = self.middle();
         let [left, right] = [x0, x1].map(|x| self.right * (2.0 * x as f64 / self.width as f64 - 1.0));
@@ -325,15 +323,15 @@ pub struct PixelRect {
     pub y1: u32,
 }
 
-/// A view frustum of five planes `(normal, offset)`: left, right, top, bottom, and the one through the eye. Normals point inward: a
-/// point `p` is inside where `normal . p + offset >= 0` for all planes.
+/// A view frustum of five planes `(normal, offset)`: left, right, top, bottom, and the one through the eye. Normals point inward: a point `p` is
+/// inside where `normal . p + offset >= 0` for all planes.
 #[derive(Clone, Copy, Debug)]
 pub struct Frustum {
     planes: [(DVec3, f64); 5],
 }
 
 impl Frustum {
-    /// This frustum of the scene's world, brought to a volume's own world.
+    /// Transforms this frustum from the scene's world to a volume's own.
     pub fn in_volume(&self, placement: &Placement) -> Self {
         let origin = placement.world_from_volume(DVec3::ZERO);
         let plane = |(normal, offset): (DVec3, f64)| (placement.volume_normal(normal), offset + normal.dot(origin));
@@ -370,7 +368,7 @@ mod tests {
         assert_eq!(ortho.pixel_size(123.0), 0.04);
     }
 
-    /// What a frustum of some pixels keeps is what their rays hit; and boxes that only other pixels see are outside.
+    /// The frustum of some pixels keeps their rays' hits, and excludes boxes seen by other pixels only.
     #[test]
     fn the_frustum_of_some_pixels_is_theirs() {
         let projections = [Projection::Perspective { fov_y_deg: 40.0 }, Projection::Orthographic { height: 6.0 }];
@@ -401,7 +399,7 @@ mod tests {
                 let ray = rays.ray(x, y);
                 let p = ray.origin + ray.direction * 7.0;
                 assert!(frustum.meets_box(p - 0.01, p + 0.01), "{projection:?} {by} {x} {y}");
-                // Out of the picture by a pixel and a half to the other side.
+                // Outside the picture by a pixel and a half.
                 let past = rays.ray(if x < 32.0 { x - 2.0 } else { x + 2.0 }, y);
                 let p = past.origin + past.direction * 7.0;
                 assert!(x == 32.0 || !frustum.meets_box(p - 0.01, p + 0.01), "{projection:?} {by} {x} {y}");

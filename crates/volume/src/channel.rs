@@ -1,8 +1,8 @@
-//! How a channel looks unless somebody says otherwise: its name, colour and window, which readers take from a file and stores keep.
+//! The default look of a channel: name, colour and window, read from a file and kept in stores.
 
 use serde::{Deserialize, Serialize};
 
-/// The colours of the channels of an image that has several and gives them none, as red, green and blue; they begin anew after the last.
+/// Default colours of an image's several channels, as red, green and blue; they repeat after the last.
 pub const PALETTE: [[u8; 3]; 6] = [[0, 255, 0], [255, 0, 255], [0, 255, 255], [255, 255, 0], [255, 0, 0], [0, 0, 255]];
 
 /// A channel's name, colour and window, as far as its source gives them.
@@ -14,22 +14,22 @@ pub struct ChannelLook {
     /// The channel's colour: red, green and blue.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub color: Option<[u8; 3]>,
-    /// The values that are shown as black and as the full colour, in stored units.
+    /// The values shown as black and as the full colour, in stored units.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub window: Option<[f64; 2]>,
 }
 
-/// The colour of a channel that has none of its own, of an image with this many: one of [`PALETTE`]; white if it is the only one.
+/// The default colour of a channel of `channels`: one of [`PALETTE`]; white for a single channel.
 pub fn default_color(channel: usize, channels: usize) -> [u8; 3] {
     if channels > 1 { PALETTE[channel % PALETTE.len()] } else { [255; 3] }
 }
 
-/// A colour as six hexadecimal digits: red, green and blue.
+/// Formats a colour as six hexadecimal digits: red, green and blue.
 pub fn hex(color: [u8; 3]) -> String {
     color.map(|part| format!("{part:02X}")).concat()
 }
 
-/// The colour that six hexadecimal digits say; `None` if they are anything else.
+/// Parses a colour of six hexadecimal digits; `None` for anything else.
 pub fn from_hex(text: &str) -> Option<[u8; 3]> {
     let is_hex = text.len() == 6 && text.bytes().all(|digit| digit.is_ascii_hexdigit());
     let part = |i: usize| u8::from_str_radix(text.get(2 * i..2 * i + 2)?, 16).ok();

@@ -1,9 +1,9 @@
-//! Clipping: what of a volume is shown. It is the part inside a box and on the inner sides of planes, all in the world.
+//! Clipping: the shown part of a volume, inside a box and on the inner sides of planes, all in the world.
 //!
-//! All renderers shorten a ray's stretch by box and planes before they cut it into segments (see [`lattice`](crate::lattice)). The
-//! first and the last segment end just there, so an oblique cut is as smooth as the volume's own faces, and of what a
-//! renderer does only the light of [cut faces](crate::CutFace) knows of clipping. The pager leaves out bricks that lie wholly outside. Clipping costs a few products per ray and plane. On a
-//! GPU `shaders/wgsl/shared/ray.wgsl` (`shown`) does the same.
+//! Renderers shorten a ray's stretch by box and planes before cutting it into segments (see [`lattice`](crate::lattice)). The first and the last
+//! segment end just there, so oblique cuts are as smooth as the volume's own faces; beyond this, only the lighting of [cut faces](crate::CutFace)
+//! depends on clipping. The pager leaves out bricks wholly outside. Clipping costs a few products per ray and plane. On a GPU
+//! `shaders/wgsl/shared/ray.wgsl` (`shown`) does the same.
 
 use crate::geometry::Geometry;
 use crate::lattice::Lattice;
@@ -13,30 +13,30 @@ use crate::space::Extent;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// The most clip planes that a scene may have.
+/// The most clip planes of a scene.
 pub const MAX_CLIP_PLANES: usize = 6;
 
-/// The most clip planes of a layer in a picture: the scene's own, the two sides of its slice, and the six sides of its box as a volume sees them
-/// that stands askew to the scene's world.
+/// The most clip planes of a layer in a picture: the scene's own, two sides of its slice, and six sides of its box for a volume askew to the scene's
+/// world.
 pub const MAX_PLANES: usize = MAX_CLIP_PLANES + 2 + 6;
 
-/// A clip plane in the world. What is on the side that its normal points to is shown, the plane itself included.
+/// A clip plane in the world. The half-space in front of it, plane included, is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClipPlane {
     /// A world point on the plane.
     pub point: DVec3,
-    /// Normal of the plane, towards what is shown; of any length but zero.
+    /// Normal of the plane, towards the shown side; of any length but zero.
     pub normal: DVec3,
 }
 
 impl ClipPlane {
-    /// The signed distance of a point from the plane, times the length of the normal; not negative where things are shown.
+    /// Signed distance of a point from the plane, times the normal's length; not negative on the shown side.
     pub fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point - self.point)
     }
 
-    /// This plane with a normal of length 1.
+    /// Returns this plane with a normal of length 1.
     ///
     /// # Errors
     /// If a number is not finite or the normal has no length.
@@ -62,18 +62,18 @@ pub enum ClipError {
         "the plane through {} with normal {}: expected finite numbers, and a normal that is not zero", .0.point, .0.normal
     )]
     Plane(ClipPlane),
-    /// There are too many clip planes; the number is how many there are.
+    /// There are too many clip planes; the number is their count.
     #[error("{0} clip planes: expected at most {MAX_CLIP_PLANES}")]
     Planes(usize),
     /// The slice's thickness is negative or not finite.
     #[error("the slice's thickness is {0}: expected a positive number, or 0 for as thin as can be")]
     Thickness(f64),
-    /// The mode does not give one value per pixel, so it cannot show a slice; the text is the mode's name.
+    /// The mode, named by the text, cannot show a slice, as it does not give one value per pixel.
     #[error("a slice shows one value per pixel, which mode {0} does not have: expected average, mip or minip")]
     SliceMode(&'static str),
 }
 
-/// The part of space that is shown: the inside of a box, on the inner sides of all planes.
+/// The shown part of space: the inside of a box, on the inner sides of all planes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clip {
     low: DVec3,
@@ -86,8 +86,7 @@ impl Clip {
     /// A box without bounds, and no planes.
     const EVERYTHING: Self = Self { low: DVec3::NEG_INFINITY, high: DVec3::INFINITY, planes: Vec::new() };
 
-    /// Clips to the box between two world corners, the lower one first, and to the inner sides of planes. Without corners (`None`)
-    /// the box has no bounds.
+    /// Clips to the box between two world corners, the lower one first, and to the inner sides of planes. Without corners the box has no bounds.
     ///
     /// # Errors
     /// If the box is empty or not finite, a plane cannot be normalised, or there are more than [`MAX_PLANES`] planes.
@@ -105,8 +104,8 @@ impl Clip {
         Ok(Self { low, high, planes })
     }
 
-    /// What is shown of a placed volume, in the volume's own world: `clip`, which is in the scene's world, and `crop`, which is two
-    /// corners of a box in the volume's own. `None` shows everything.
+    /// Intersects `clip`, of the scene's world, with `crop`, two corners of a box in the volume's own world. The result is in the volume's own world;
+    /// `None` shows everything.
     ///
     /// # Errors
     /// If the crop box is empty or not finite.
@@ -119,7 +118,7 @@ impl Clip {
         let Some(clip) = clip else { return Ok(cropped) };
         let mut own = cropped.unwrap_or(Self::EVERYTHING);
         if placement.is_identity() {
-            // A box that is empty shows nothing, as it should.
+            // An empty box shows nothing, as it should.
             own = Self { low: own.low.max(clip.low), high: own.high.min(clip.high), planes: clip.planes.clone() };
             return Ok(Some(own));
         }
@@ -137,9 +136,9 @@ impl Clip {
         Ok(Some(own))
     }
 
-    /// This clip of a volume's own world, a hair smaller where it cuts through the volume. A cut on a face of voxels is in the voxels that are shown then, though
-    /// rounding moves the points of rays: where the nearest voxel is read, none is seen of those behind the cut. The hair is as much as single precision moves
-    /// a point of a ray from `eye`, but at most a hundredth of a voxel, and of what the clip leaves between two sides: nobody is to see it.
+    /// Shrinks this clip of a volume's own world by a hair where it cuts through the volume. A cut on a face of voxels then lies in the shown voxels
+    /// although rounding moves the points of rays: with the nearest filter no voxel behind the cut shows. The hair is single precision's error of a
+    /// point on a ray from `eye`, but at most a hundredth of a voxel and of the distance between two sides, so it stays invisible.
     pub fn inside_voxels(self, geometry: &Geometry, extent: Extent, eye: DVec3) -> Self {
         const MOST_SHARE: f64 = 0.01;
         let hair = geometry.spacing * (0.4 * geometry.rounding_voxels(eye, extent)).min(MOST_SHARE);
@@ -149,7 +148,7 @@ impl Clip {
         let high = DVec3::select(self.high.cmplt(volume.1), self.high - of_box, self.high);
         let inward = |plane: &ClipPlane| {
             let length = plane.normal.length();
-            // Planes that face each other leave a slab; of others a hair takes nothing that is seen.
+            // Planes that face each other leave a slab; on others a hair makes no visible difference.
             let faces = |other: &&ClipPlane| plane.normal.dot(other.normal) < -0.999 * length * other.normal.length();
             let slabs = self.planes.iter().filter(faces).map(|other| plane.height(other.point) / length);
             let thinnest = slabs.fold(f64::INFINITY, f64::min).max(0.0);
@@ -162,7 +161,7 @@ impl Clip {
         Self { low, high, planes: self.planes.iter().map(inward).collect() }
     }
 
-    /// A clip of a volume's own world between two planes of the scene's world, too. `None` as yet shows everything.
+    /// Adds two planes of the scene's world to a clip of a volume's own world; `None` is a clip without bounds.
     ///
     /// # Errors
     /// If a plane cannot be normalised.
@@ -183,15 +182,15 @@ impl Clip {
         &self.planes
     }
 
-    /// Whether a part of the box from `low` to `high` may be shown. It is false only if the box misses the clip box, or if what they
-    /// have in common lies wholly outside one plane.
+    /// Whether a part of the box from `low` to `high` may be shown. False only if the box misses the clip box, or if their intersection lies wholly
+    /// outside one plane.
     pub fn meets_box(&self, low: DVec3, high: DVec3) -> bool {
         let (low, high) = (low.max(self.low), high.min(self.high));
         let farthest = |plane: &ClipPlane| DVec3::select(plane.normal.cmpge(DVec3::ZERO), high, low);
         low.cmplt(high).all() && self.planes.iter().all(|plane| plane.height(farthest(plane)) >= 0.0)
     }
 
-    /// Whether the clip may cut through the box from `low` to `high`: whether a side of the clip box or a plane meets it.
+    /// Whether a side of the clip box or a plane meets the box from `low` to `high`.
     pub fn cuts_box(&self, low: DVec3, high: DVec3) -> bool {
         let corner = |plane: &ClipPlane, is_far: bool| {
             DVec3::select(
@@ -206,8 +205,8 @@ impl Clip {
         side(self.low) || side(self.high) || self.planes.iter().any(is_cut)
     }
 
-    /// Whether the clip may cut a segment that has its middle in the box from `low` to `high`, on a ray from the scene's `eye`: such a segment belongs to that box
-    /// where the clip does not meet it, too. `placement` is the one of the clip's world.
+    /// Whether the clip may cut a segment of a ray from the scene's `eye` with its middle in the box from `low` to `high`. The segment belongs to the
+    /// box even if the clip misses the box itself. `placement` belongs to the clip's world.
     pub fn cuts_segments(
         &self,
         (low, high): (DVec3, DVec3),
@@ -221,8 +220,8 @@ impl Clip {
         self.cuts_box(low - reach, high + reach)
     }
 
-    /// The part of a ray's stretch `(from, to)` that is on the inner sides of all planes; empty if it does not end after it begins.
-    /// The clip box plays no part.
+    /// Shortens a ray's stretch `(from, to)` to the inner sides of all planes, ignoring the clip box; an empty stretch ends where it begins, or
+    /// before.
     pub fn shorten(&self, ray: &Ray, (mut from, mut to): (f64, f64)) -> (f64, f64) {
         for plane in &self.planes {
             let (height, rise) = (plane.height(ray.origin), plane.normal.dot(ray.direction));
@@ -277,7 +276,7 @@ mod tests {
 
     #[test]
     fn a_plane_that_the_clip_box_keeps_away_hides_the_box() {
-        // The plane has a corner of the box, but not of what the clip box leaves of it.
+        // The plane has a corner of the box, but not of its intersection with the clip box.
         let clip =
             Clip::new(Some([DVec3::ZERO, DVec3::splat(0.5)]), &[plane([1.6, 0.0, 0.0], [1.0, 1.0, 0.0])]).unwrap();
         assert!(!clip.meets_box(DVec3::ZERO, DVec3::ONE));
@@ -290,7 +289,7 @@ mod tests {
     }
 
     proptest! {
-        /// A point of a ray is inside of all planes just where the stretch left says so, and its box is then met.
+        /// A point of a ray is inside all planes exactly where it is on the shortened stretch, and its box is then met.
         #[test]
         fn stretches_hold_what_is_inside(
             planes in prop::collection::vec((vector(), vector()), 0..MAX_PLANES), origin in vector(), direction in vector(),
@@ -309,7 +308,7 @@ mod tests {
             prop_assert!(least < 0.0 || clip.meets_box(point - size, point + 1e-6));
         }
 
-        /// A box is cut where it has points on both sides of a plane, or of the clip box; one that is not cut has none.
+        /// A box with points on both sides of a plane, or of the clip box, is cut.
         #[test]
         fn boxes_are_cut_that_have_both_sides(
             at in vector(), normal in vector(), low in vector(), size in prop::array::uniform3(0.01f64..1.5),

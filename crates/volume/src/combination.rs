@@ -1,10 +1,9 @@
 //! An expression over several volumes as one picture: its value in each segment goes through one transfer function.
 //!
-//! In each segment every volume is read in the middle of its own part of the segment, as when it is shown by itself. A volume that has no
-//! part there, or no value, has none for the expression. Where the expression has a value, the segment has the medium of that value, over
-//! the longest of the parts with a value. In a lit scene that medium is lit in the middle of the segment, by the expression's gradient. The
-//! chain rule makes this gradient of the volumes' own gradients in the scene's world, each found where its volume is read. A volume whose
-//! field is flat there counts as constant.
+//! Every volume is read in the middle of its own part of each segment, as when shown alone. A volume without a part or a value there has no
+//! value for the expression. Where the expression has a value, the segment has this value's medium, over the longest of the parts with a
+//! value. In a lit scene the medium is lit in the middle of the segment, by the expression's gradient: by the chain rule from the volumes'
+//! own gradients in the scene's world, each taken where its volume is read. A volume with a flat field there counts as constant.
 
 use crate::expression::{Expression, Range};
 use crate::slot_encoding::{SlotEncoding, SlotFormat};
@@ -12,7 +11,7 @@ use crate::transfer::{TransferFunction, TransferTable};
 use crate::voxel_type::VoxelType;
 use glam::{DVec3, Vec3};
 
-/// An expression over the volumes of a frame, and how its values look.
+/// An expression over the volumes of a frame, and the look of its values.
 #[derive(Clone, Debug)]
 pub struct Combination {
     /// The expression. It names volumes by their places in the frame.
@@ -21,15 +20,15 @@ pub struct Combination {
     pub transfer: TransferFunction,
     /// The transfer function as a table, over the values from its first point to its last.
     pub table: TransferTable,
-    /// How the codes that index the table stand for the expression's values.
+    /// Mapping between the table's codes and the expression's values.
     pub encoding: SlotEncoding,
 }
 
 impl Combination {
-    /// Combines an expression over the volumes that it reads with a transfer function that has been found valid.
+    /// Combines an expression over its volumes with a validated transfer function.
     pub fn new(expression: Expression, transfer: TransferFunction) -> Self {
         let (low, high) = transfer.span();
-        // Of one point, or of none, all is alike.
+        // With one point or none, all values look alike.
         let (low, high) = if low < high { (low, high) } else { (low.min(0.0), low.min(0.0) + 1.0) };
         let encoding = SlotEncoding {
             voxel_type: VoxelType::F32,
@@ -49,14 +48,14 @@ impl Combination {
         Self { expression, transfer, table, encoding }
     }
 
-    /// Straight colour and opacity, `[r, g, b, alpha]`, where the volumes have these values (NaN is no value). `None` where nothing is
+    /// Returns straight colour and opacity, `[r, g, b, alpha]`, for these values of the volumes (NaN is no value). `None` where nothing is
     /// shown.
     pub fn look(&self, values: &[f64]) -> Option<[f32; 4]> {
         self.look_of(self.expression.value(values))
     }
 
-    /// Lit colour and opacity, `[r, g, b, alpha]`, where the volumes have these values and gradients. `None` where nothing is shown. `shade`
-    /// lights a straight colour, given the unit vector along the expression's gradient, or `None` where it has no gradient.
+    /// Returns lit colour and opacity, `[r, g, b, alpha]`, for these values and gradients of the volumes. `None` where nothing is shown.
+    /// `shade` lights a straight colour, with the unit vector along the expression's gradient or `None` without one.
     pub fn look_lit(
         &self,
         values: &[f64],
@@ -74,9 +73,9 @@ impl Combination {
         (!value.is_nan()).then(look).filter(|look| look[3] > 0.0)
     }
 
-    /// The transfer function that pagers and renderers take for one of the volumes: opaque where the expression may show something, and
-    /// clear elsewhere, so that bricks of clear values are neither read nor sampled. Each volume has values in its window of `windows`, or
-    /// none. A clear value is as good as none, for the expression shows nothing there with it or without.
+    /// Returns one volume's transfer function for pagers and renderers: opaque where the expression may show something, clear elsewhere, so
+    /// bricks of clear values are neither read nor sampled. Each volume has values in its window of `windows`, or none. A clear value is as
+    /// good as none: with either, the expression shows nothing there.
     pub fn of_volume(&self, volume: usize, windows: &[[f64; 2]]) -> TransferFunction {
         let [low, high] = windows[volume];
         let width = (high - low) / PARTS as f64;
@@ -95,8 +94,8 @@ impl Combination {
         }
     }
 
-    /// Whether anything may be shown where a volume has values in one of its window's parts. It is taken for wider by one to each side: by
-    /// more than rounding moves a value.
+    /// Whether the expression may show anything with a volume's values in one part of its window, widened by one part to each side: by more
+    /// than rounding moves a value.
     fn may_show(&self, volume: usize, part: f64, windows: &[[f64; 2]]) -> bool {
         let [low, high] = windows[volume];
         let width = (high - low) / PARTS as f64;
@@ -107,7 +106,7 @@ impl Combination {
     }
 }
 
-/// Parts of a volume's window, of each of which it is known whether it may show something.
+/// Number of parts of a volume's window, each of which is shown or clear as a whole.
 const PARTS: usize = 256;
 
 #[cfg(test)]

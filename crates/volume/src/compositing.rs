@@ -1,21 +1,20 @@
-//! Compositing of layers: what the layers of a picture show together in one place.
+//! Compositing of layers: the joint look of a picture's layers in one place.
 //!
 //! **Fog and surfaces** ([`Mode::Dvr`](crate::Mode::Dvr), [`Mode::Isosurface`](crate::Mode::Isosurface)). All layers share one lattice. In each
-//! segment a layer has the part that is inside of its volume, of its crop and of what is shown. It takes that part as if it were alone, by the
-//! scene's method: its surfaces cut the part, and each *piece* between them shows a colour and takes some light ([`LayerMedium`]). Together, all
-//! layers' surfaces cut the segment, in the order of their distances; in each interval between two cuts every layer has the share of its
-//! pieces that lies there, as a medium of the piece's colour spread evenly over it ([`JointMedium`]). So a list of one layer is that layer's own
-//! picture, nothing depends on the order of layers, and media that do not change are exact at any step.
+//! segment a layer renders its part, inside its volume, its crop and the clip, as if alone and by the scene's method: its surfaces cut the part, and
+//! each *piece* between them shows a colour and absorbs some light ([`LayerMedium`]). Together, all layers' surfaces cut the segment, in the order
+//! of their distances; in each interval between two cuts every layer has its pieces' share, as a medium of the piece's colour spread evenly
+//! ([`JointMedium`]). So a single layer gives its own picture, the order of layers does not matter, and constant media are exact at any step.
 //!
-//! Layers that *mix* are media in the same place: their extinctions add, and their colours mix by extinction. A layer that *adds* emits light: it
-//! gives its colour, times its opacity, for every unit distance, and hides nothing. Its light is dimmed by what mixes in the same interval. The
-//! colour of a layer that mixes is lit before it is mixed, by the gradient of its own field in the scene's world: its placement is affine, so
-//! gradients go by the inverse transpose. A layer that adds is not lit. Surfaces are lit, whatever their layer's fog does.
+//! Layers that *mix* are media in the same place: their extinctions add, and their colours mix by extinction. A layer that *adds* emits its colour
+//! times its opacity per unit distance, and hides nothing; the mixing layers in the same interval dim its light. Mixing layers' colours are lit
+//! before they are mixed, by the gradient of the layer's own field in the scene's world: placements are affine, so gradients transform by the
+//! inverse transpose. Adding layers are not lit. Surfaces are lit, whatever their layer's fog does.
 //!
-//! **Projections.** Each layer is projected and classified by itself, along its own part of the ray. Layers that mix are joined as media of the
-//! layers' opacities ([`JointMedium::put`] over length 1): opaque ones show their mean colour and hide what is behind. Layers that add give their
-//! colour times their opacity on top ([`JointMedium::flat`]). Layers that lie *over* the others, as labels do over an image, are put on top of all that
-//! with their opacities, the last of them on top ([`JointMedium::put_over`]). In fog they mix.
+//! **Projections.** Each layer is projected and classified on its own, along its own part of the ray. Mixing layers are joined as media of the
+//! layers' opacities ([`JointMedium::put`] over length 1): opaque ones show their mean colour and hide everything behind. Adding layers put their
+//! colour times their opacity on top ([`JointMedium::flat`]). Layers *over* the others, such as labels over an image, lie above this with their
+//! opacities, the last uppermost ([`JointMedium::put_over`]). In fog they mix.
 
 use crate::enum_all::every;
 use crate::lighting::LightingModel;
@@ -27,7 +26,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Blend {
-    /// As a medium: the volume takes light from what is behind, and its share of the mixed colour is its share of the extinction.
+    /// As a medium: the volume absorbs light from behind, and its share of the mixed colour is its share of the extinction.
     #[default]
     Mix,
     /// As light alone: the volume's colour is added, and it hides nothing.
@@ -41,21 +40,21 @@ every!(Blend: Mix Add Over);
 /// The settings of one volume in a frame of several volumes.
 #[derive(Clone, Debug)]
 pub struct VolumeFrame {
-    /// The settings of a frame of this volume alone. Rays, lattice, mode, sampling, meshes and background are the same for all volumes of a frame.
+    /// Settings of a frame of this volume alone. Rays, lattice, mode, sampling, meshes and background are the same for all volumes of a frame.
     pub settings: FrameSettings,
-    /// How the volume joins others in the same place.
+    /// Blending with others in the same place.
     pub blend: Blend,
     /// Opacity of the volume in a projection, 0 to 1. Projections do not use the transfer function's opacity.
     pub opacity: f64,
 }
 
 impl VolumeFrame {
-    /// The frame of a volume that stands alone: it mixes, with opacity 1.
+    /// Returns the frame of a single volume: it mixes, with opacity 1.
     pub fn alone(settings: FrameSettings) -> Self {
         Self { settings, blend: Blend::Mix, opacity: 1.0 }
     }
 
-    /// Whether this volume, as the only one of a frame, makes the picture of its settings: neither blend nor opacity changes it.
+    /// Whether this volume alone makes the picture of its settings, unchanged by blend and opacity.
     pub fn is_plain(&self) -> bool {
         self.blend != Blend::Add && (self.opacity >= 1.0 || !self.settings.mode.is_projection())
     }
@@ -66,23 +65,23 @@ impl VolumeFrame {
     }
 }
 
-/// What one layer shows of a piece of a segment by itself, part by part from front to back.
+/// The medium of one layer in a piece of a segment, accumulated part by part from front to back.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LayerMedium {
-    /// Premultiplied colour of a layer that mixes, and its depth: halvings of the light on the way through.
+    /// Premultiplied colour of a mixing layer, and its depth: halvings of the light on the way through.
     color: DVec3,
     depth: f64,
-    /// What a layer that adds gives.
+    /// Light of an adding layer.
     emission: DVec3,
 }
 
-/// The depth of what lets no light through, in halvings of the light. It is finite, so that sums and shares of it are numbers; after a billionth of
-/// a unit distance no picture can tell it from opaque.
+/// The depth of an opaque medium, in halvings of the light. It is finite, so sums and shares of it are numbers; after a billionth of a unit distance
+/// it looks opaque.
 pub const OPAQUE: f64 = 1e30;
 
 impl LayerMedium {
-    /// Adds the next part, behind those so far: `rgb` is its straight colour, `depth` its halvings of the light over a unit distance, and `length`
-    /// its length in unit distances.
+    /// Adds the next part, behind the previous ones: `rgb` is its straight colour, `depth` its halvings of the light over a unit distance, and
+    /// `length` its length in unit distances.
     pub fn add(&mut self, blend: Blend, rgb: DVec3, depth: f64, length: f64) {
         let depth = depth.min(OPAQUE);
         match blend {
@@ -96,15 +95,15 @@ impl LayerMedium {
     }
 }
 
-/// What several media are together in one interval of a ray.
+/// Several media together in one interval of a ray.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointMedium {
-    /// Of those that mix: colour times depth, and depth, in halvings of the light over the interval.
+    /// Of the mixing layers: colour times depth, and depth, in halvings of the light over the interval.
     color: DVec3,
     depth: f64,
-    /// Emission of the layers that add.
+    /// Emission of the adding layers.
     emission: DVec3,
-    /// Premultiplied colour and opacity of the projections that lie over the others.
+    /// Premultiplied colour and opacity of the projections over the others.
     over: DVec4,
 }
 
@@ -121,7 +120,7 @@ impl JointMedium {
         self.over = self.over * (1.0 - alpha) + (DVec3::from_array(rgb) * alpha).extend(alpha);
     }
 
-    /// Adds a share, 0 to 1, of what a layer shows of a piece.
+    /// Adds a share, 0 to 1, of a layer's medium in a piece.
     pub fn put_share(&mut self, alone: &LayerMedium, share: f64) {
         let hidden = 1.0 - (-alone.depth).exp2();
         if hidden > 0.0 {
@@ -131,24 +130,24 @@ impl JointMedium {
         self.emission += alone.emission * share;
     }
 
-    /// The premultiplied colour that the interval shows, and the share of the light that passes it.
+    /// Returns the interval's premultiplied colour, and the share of light it lets through.
     pub fn seen(&self) -> (DVec3, f64) {
         let (mixed, left) = self.mixed();
-        // The mean, from the interval's front to its back, of the light that passes from there.
+        // The mean, over the interval, of the transmission to its front.
         let nats = self.depth * std::f64::consts::LN_2;
         let dimmed = if self.depth > 0.0 { ((1.0 - left) / nats).min(1.0) } else { 1.0 };
         (mixed + self.emission * dimmed, left)
     }
 
-    /// The premultiplied colour that projections show together, and the share of the light that passes them. The light of layers that add is not
-    /// dimmed but by those that lie over them.
+    /// Returns the premultiplied colour of the joined projections, and the share of light they let through. Only the layers over them dim the light
+    /// of adding layers.
     pub fn flat(&self) -> (DVec3, f64) {
         let (mixed, left) = self.mixed();
         let below = 1.0 - self.over.w;
         (self.over.truncate() + (mixed + self.emission) * below, left * below)
     }
 
-    /// What those that mix show.
+    /// Premultiplied colour and transmission of the mixing layers.
     fn mixed(&self) -> (DVec3, f64) {
         let left = (-self.depth).exp2();
         (if self.depth > 0.0 { self.color * ((1.0 - left) / self.depth) } else { DVec3::ZERO }, left)

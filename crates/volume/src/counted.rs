@@ -1,6 +1,6 @@
 //! Numbers with their nouns, for messages.
 
-/// A number and its noun: `1 step`, `2 steps`, `0 steps`.
+/// Formats a number and its noun: `1 step`, `2 steps`, `0 steps`.
 pub fn counted(n: u64, noun: &str) -> String {
     if n == 1 { format!("1 {noun}") } else { format!("{n} {noun}s") }
 }

@@ -1,46 +1,46 @@
-//! Cut faces: what a ray meets where it enters a volume through a clip plane or a side of a clip box. The gradient there is that of whatever the
-//! cut lays open, of noise too, which is no surface: lit by it, a cut through a scan is salt and pepper. So the cut's own normal lights
-//! the first voxel behind it, and gives way to the gradient over the next one. A volume's own faces are no cuts, and isosurfaces keep
-//! their gradients. Costs a few products per ray and plane. On a GPU `shaders/wgsl/shared/cut_face.wgsl` does the same.
+//! Cut faces: where a ray enters a volume through a clip plane or a side of a clip box. The gradient there is the exposed field's, noise
+//! included, and not a surface's: lit by it, a cut through a scan is salt and pepper. So the cut's own normal lights the first voxel behind it,
+//! and gives way to the gradient over the next one. A volume's own faces are no cuts, and isosurfaces keep their gradients. Costs a few products
+//! per ray and plane. On a GPU `shaders/wgsl/shared/cut_face.wgsl` does the same.
 //!
-//! A cut opens isosurfaces; *caps* close them where rays enter. Where the first place behind the cut is past surfaces, the innermost of
-//! them stands on the cut, lit by the cut's normal. So caps are as sharp as the field on the cut, and cost a sample a ray. A renderer does
-//! not skip the insides of surfaces next to a cut.
+//! A cut opens isosurfaces; *caps* close them where rays enter. Where the first place behind the cut is past surfaces, the innermost of them
+//! stands on the cut, lit by the cut's normal. So caps are as sharp as the field on the cut, and cost one sample per ray. Renderers do not skip
+//! the insides of surfaces next to a cut.
 
 use crate::lighting::SIDEWAYS;
 use crate::picture::FrameSettings;
 use crate::space::Extent;
 use glam::DVec3;
 
-/// From how deep below a cut, in voxels, the cut's normal gives way, and how deep it has: where it lights alone, and where no more.
+/// Depths below a cut, in voxels, between which the cut's normal gives way to the gradient.
 const DEPTHS: [f64; 2] = [0.5, 1.5];
 
-/// Where a ray enters what is shown through a cut.
+/// A ray's entry through a cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CutFace {
-    /// The distance along the ray at which it enters.
+    /// Distance along the ray of the entry.
     pub entry: f64,
-    /// The gradient, in voxel space, of the height above the cut: positive on the shown side.
+    /// Gradient, in voxel space, of the height above the cut: positive on the shown side.
     pub slope: DVec3,
     /// The cut's unit normal in the scene's world, turned to the eye.
     pub normal: DVec3,
 }
 
 impl CutFace {
-    /// How deep below the cut a ray is at a distance, in voxels of `factor` level-0 voxels, for each unit of distance from the entry on. The ray
-    /// moves by `direction` level-0 voxels.
+    /// Depth below the cut, in voxels of `factor` level-0 voxels, gained per unit of distance from the entry on. The ray moves by `direction`
+    /// level-0 voxels.
     pub fn voxels_per_distance(&self, direction: DVec3, factor: DVec3) -> f64 {
         self.slope.dot(direction) / (self.slope * factor).length()
     }
 
-    /// The share of the cut's normal in that of a place so many voxels below it: 1 next to the cut, 0 deep below.
+    /// The cut's share in the normal at this depth below it: 1 next to the cut, 0 deep below.
     pub fn share(depth_voxels: f64) -> f64 {
         let [alone, gone] = DEPTHS;
         ((gone - depth_voxels) / (gone - alone)).clamp(0.0, 1.0)
     }
 
-    /// The normal of a place, along which it has a unit normal of its own, either way, or none: mixed with the cut's by a share. A place without
-    /// one counts as turned to the eye. `view` is the ray's unit direction.
+    /// Mixes the cut's normal, by a share, into a place's own unit normal of either sign. A place without one counts as turned to the eye. `view`
+    /// is the ray's unit direction.
     pub fn mixed(&self, own: Option<DVec3>, view: DVec3, share: f64) -> Option<DVec3> {
         if share <= 0.0 {
             return own;
@@ -51,19 +51,19 @@ impl CutFace {
 }
 
 impl FrameSettings {
-    /// The cut on which a cap stands if the place at the distance `start`, where a segment of the ray begins, is past surfaces; `None` if surfaces
-    /// are not capped, or the ray does not enter by a cut there.
+    /// Returns the cut with a cap if the place at distance `start`, where a segment of the ray begins, is past surfaces; `None` without caps, or
+    /// if the ray does not enter by a cut there.
     pub fn cap(&self, extent: Extent, ray: (DVec3, DVec3), eye: f64, start: f64) -> Option<CutFace> {
         if !self.caps {
             return None;
         }
-        // What rounding leaves of a distance; behind it, a layer of meshes bounds what is drawn.
+        // Equal up to rounding; behind the cut, the segments begin at layers of meshes.
         let is_here = |cut: &CutFace| (start - cut.entry).abs() <= 1e-6 * self.lattice.step;
         self.cut_face(extent, ray, eye).filter(is_here)
     }
 
-    /// The cut through which a ray enters what is shown of a volume of this extent; `None` if it enters by the volume's own face, or its eye is
-    /// inside. The ray is an origin and a direction in voxel space, with the eye at a distance: 0, unless the origin was moved behind the eye.
+    /// Returns the cut by which a ray enters the shown part of a volume of this extent; `None` if it enters by the volume's own face, or its eye
+    /// is inside. The ray is an origin and a direction in voxel space, with the eye at a distance: 0, unless the origin was moved behind the eye.
     pub fn cut_face(&self, extent: Extent, (origin, direction): (DVec3, DVec3), eye: f64) -> Option<CutFace> {
         let clip = self.clip.as_ref()?;
         let (low, high) = self.shown_box(extent);

@@ -1,6 +1,6 @@
-//! Lists of all variants of an enum that cannot leave one out: what loops over "every mode" is right by construction.
+//! Complete lists of an enum's variants, so loops over "every mode" are right by construction.
 
-/// Gives a fieldless enum its `ALL`: one that is not named here does not compile.
+/// Gives a fieldless enum its `ALL`; a variant missing from the list does not compile.
 macro_rules! every {
     ($enum:ident: $($variant:ident)*) => {
         impl $enum {

@@ -1,12 +1,11 @@
 //! Expressions over the values of several volumes at one place: `max(a, b * 0.5)`.
 //!
-//! A text is parsed into a straight list of operations, each on results of earlier ones, so that it can be worked
-//! out without recursion and written down in a shader line by line. There is nothing in the language that loops, stores or
-//! calls out: an expression costs what its operations do, and of those there are at most [`MAX_OPERATIONS`].
+//! A text is parsed into a straight list of operations, each on results of earlier ones, so evaluation needs no recursion and a
+//! shader can list them line by line. The language has no loops, storage or calls: an expression costs the sum of its operations,
+//! at most [`MAX_OPERATIONS`].
 //!
-//! A volume may have no value at a place: its box does not reach there, or its voxels are not finite. An operation on no value has
-//! no value, except `default(x, y)`, `valid(x)`, and `c ? x : y` if it is the side that is not taken. `1 / 0` has no value either,
-//! nor has any other result that is not a finite number.
+//! A volume may have no value at a place: outside its box, or at non-finite voxels. An operation on no value has no value, except
+//! `default(x, y)`, `valid(x)`, and the untaken side of `c ? x : y`. `1 / 0` and other non-finite results are no values either.
 
 mod parse;
 mod precision;
@@ -18,14 +17,14 @@ pub use range::Range;
 
 use glam::DVec3;
 
-/// The most volumes that a picture or an expression may have.
+/// The most volumes in a picture or an expression.
 pub const MAX_VOLUMES: usize = 32;
 
-/// The most operations that an expression may have.
+/// The most operations in an expression.
 pub const MAX_OPERATIONS: usize = 128;
 
-/// A gradient counts as none if it is shorter than this share of the summed lengths of its terms: it is then what rounding leaves
-/// where terms cancel each other. 32-bit renderers have the terms to about a ten-thousandth.
+/// A gradient shorter than this share of its terms' summed lengths counts as none, being the rounding error of cancelling terms.
+/// 32-bit renderers have the terms to about a ten-thousandth.
 pub const FLAT_SHARE: f64 = 1e-3;
 
 /// An operation on one value, `x`.
@@ -37,11 +36,11 @@ pub enum Unary {
     Not,
     /// `abs(x)`: the absolute value.
     Abs,
-    /// `sign(x)`: -1, 0 or 1, for a negative `x`, for 0 and for a positive `x`.
+    /// `sign(x)`: -1, 0 or 1 by the sign of `x`.
     Sign,
-    /// `floor(x)`: the greatest whole number that is not greater than `x`.
+    /// `floor(x)`: the greatest whole number up to `x`.
     Floor,
-    /// `ceil(x)`: the least whole number that is not less than `x`.
+    /// `ceil(x)`: the least whole number from `x` on.
     Ceil,
     /// `round(x)`: the nearest whole number; halves go to the even one.
     Round,
@@ -70,7 +69,7 @@ pub enum Binary {
     Multiply,
     /// `x / y`: the quotient; no value where `y` is 0.
     Divide,
-    /// `x ^ y`: the power; a negative `x` has one only for a whole `y`.
+    /// `x ^ y`: the power; for a negative `x` only with a whole `y`.
     Power,
     /// `min(x, y)`: the lesser value.
     Min,
@@ -90,7 +89,7 @@ pub enum Binary {
     Default,
 }
 
-/// One operation of an expression. Each operand is the position of an earlier operation, whose result it stands for.
+/// One operation of an expression. Each operand is the position of an earlier operation and stands for its result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Operation {
     /// A constant.
@@ -112,23 +111,23 @@ pub struct Expression {
     operations: Vec<Operation>,
 }
 
-/// Why a text is no expression.
+/// Why a text is not an expression.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{problem}\n  {text}\n  {caret:>column$}", caret = '^', column = position + 1)]
 pub struct ExpressionError {
-    /// What was expected and what was found.
+    /// Expected and found text.
     pub problem: String,
-    /// The expression's text, on one line; only its first 40 characters if it is too long to be read.
+    /// The expression's text, on one line; only its first 40 characters if it is too long to read.
     pub text: String,
     /// Position of the problem in `text`, in characters from 0.
     pub position: usize,
 }
 
 impl Expression {
-    /// Parses an expression over `volumes` volumes: `a` is the first, `b` the second, and `v0`, `v1` are the same by number.
+    /// Parses an expression over `volumes` volumes: `a` or `v0` is the first, `b` or `v1` the second.
     ///
     /// # Errors
-    /// If the text is no expression over these volumes; the message has a caret under the place of the problem.
+    /// If the text is no expression over these volumes; the message has a caret under the problem.
     pub fn parse(text: &str, volumes: usize) -> Result<Self, ExpressionError> {
         // Carets stand under characters of one line.
         let text: String = text.chars().map(|c| if c.is_whitespace() { ' ' } else { c }).collect();
@@ -136,23 +135,23 @@ impl Expression {
         Ok(Self { text, operations })
     }
 
-    /// The text that was parsed, on one line.
+    /// The parsed text, on one line.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// The operations in their order, at least one; the last one's result is the expression's.
+    /// The operations in order, at least one; the last result is the expression's.
     pub fn operations(&self) -> &[Operation] {
         &self.operations
     }
 
-    /// Positions of the volumes that the expression reads, ascending.
+    /// Positions of the volumes read by the expression, ascending.
     pub fn volumes(&self) -> Vec<usize> {
         let reads = |volume: &usize| self.operations.contains(&Operation::Volume(*volume));
         (0..MAX_VOLUMES).filter(reads).collect()
     }
 
-    /// This expression over only the volumes that it reads, which are renumbered from 0 in their order.
+    /// Renumbers the expression's volumes from 0, in their order, without unread ones.
     pub fn of_its_own(&self) -> Self {
         let volumes = self.volumes();
         let place = |volume: usize| volumes.iter().position(|v| *v == volume).unwrap_or(volume);
@@ -163,33 +162,32 @@ impl Expression {
         Self { text: self.text.clone(), operations: operations.collect() }
     }
 
-    /// The least and the greatest value that the expression can have where volumes have values in these windows. Where only the
-    /// greatest is infinite, or the range is too wide for an `f64`, both are the least value; where the least is infinite, or there
-    /// is no value, they are 0 and 1.
+    /// The expression's least and greatest value over these windows of the volumes. If only the greatest is infinite, or the range
+    /// is too wide for an `f64`, both are the least value; if the least is infinite, or there is no value, they are 0 and 1.
     pub fn window(&self, windows: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
         let windows: Vec<Range> = windows.map(|(low, high)| Some([low, high])).collect();
         match self.range(&windows) {
             Some([low, high]) if low < high && (high - low).is_finite() => (low, high),
-            // Shown as a volume of one value is.
+            // Shown like a volume of one value.
             Some([low, high]) if low == high && low.is_finite() => (low, low),
             _ => (0.0, 1.0),
         }
     }
 
-    /// The expression's value where the volumes have these values; NaN is no value.
+    /// Evaluates the expression at these values of the volumes; NaN is no value.
     ///
     /// # Panics
-    /// If `volumes` lacks a volume that the expression reads.
+    /// If `volumes` lacks a volume of the expression.
     pub fn value(&self, volumes: &[f64]) -> f64 {
         self.work_out(volumes, |_, _, _| {})
     }
 
-    /// The expression's value, and its gradient by the chain rule, where the volumes have these values and gradients. The gradient
-    /// is `None` where its terms cancel each other to less than [`FLAT_SHARE`] of what they add up to, where the value has steps,
-    /// and where the gradient would be infinite.
+    /// Evaluates the expression, and its gradient by the chain rule, at these values and gradients of the volumes. The gradient is
+    /// `None` where its terms cancel to less than [`FLAT_SHARE`] of their sum, where the value has steps, and where the gradient
+    /// would be infinite.
     ///
     /// # Panics
-    /// If `volumes` or `gradients` lacks a volume that the expression reads.
+    /// If `volumes` or `gradients` lacks a volume of the expression.
     pub fn value_and_gradient(&self, volumes: &[f64], gradients: &[DVec3]) -> (f64, Option<DVec3>) {
         let mut slopes = [Slope::FLAT; MAX_OPERATIONS];
         let value = self.work_out(volumes, |i, operation, results| {
@@ -209,7 +207,7 @@ impl Expression {
         (value, is_steep.then_some(gradient))
     }
 
-    /// The value where volumes have these; `see` gets each operation by its position, and all results so far.
+    /// Evaluates the operations at these values; `see` gets each operation, its position, and all results so far.
     fn work_out(&self, volumes: &[f64], mut see: impl FnMut(usize, &Operation, &[f64; MAX_OPERATIONS])) -> f64 {
         let mut results = [0.0; MAX_OPERATIONS];
         for (i, operation) in self.operations.iter().enumerate() {
@@ -231,7 +229,7 @@ impl Expression {
     }
 }
 
-/// A gradient, and the sum of the lengths of the terms that it is made of.
+/// A gradient, and the summed lengths of its terms.
 #[derive(Clone, Copy)]
 struct Slope {
     gradient: DVec3,
@@ -242,7 +240,7 @@ impl Slope {
     const FLAT: Self = Self { gradient: DVec3::ZERO, terms: 0.0 };
 
     fn times(self, factor: f64) -> Self {
-        // What is flat is so however steep what is made of it would be.
+        // A flat term stays flat even under an infinite slope.
         if self.terms == 0.0 || factor == 0.0 {
             return Self::FLAT;
         }
@@ -278,7 +276,7 @@ impl Unary {
         }
     }
 
-    /// The derivative; of steps 0.
+    /// The derivative; 0 for steps.
     fn slope(self, x: f64) -> f64 {
         match self {
             Self::Negate => -1.0,
@@ -314,7 +312,7 @@ impl Binary {
         }
     }
 
-    /// The derivatives by both; of steps 0, and where two are equal that of the first.
+    /// The derivatives by both operands; 0 for steps, and the first operand's where both are equal.
     fn slopes(self, x: f64, y: f64) -> [f64; 2] {
         let first = |is_first: bool| [truth(is_first), truth(!is_first)];
         match self {
@@ -322,7 +320,7 @@ impl Binary {
             Self::Subtract => [1.0, -1.0],
             Self::Multiply => [y, x],
             Self::Divide => [1.0 / y, -x / (y * y)],
-            // Of what is not positive, whole powers alone are numbers: beside them there are none.
+            // A base that is not positive has a power only for whole exponents, so there is no slope along the exponent.
             Self::Power => [y * x.powf(y - 1.0), if x > 0.0 { x.powf(y) * x.ln() } else { 0.0 }],
             Self::Min => first(x <= y),
             Self::Max => first(x >= y),

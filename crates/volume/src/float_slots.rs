@@ -1,19 +1,19 @@
-//! Slots and transfer tables for the window of a look: f32 slots, for channels of 32-bit types of which a look shows a part so narrow that
-//! 16-bit codes over the whole channel are too coarse; and tables over few codes.
+//! Slots and transfer tables for the window of a look: f32 slots, for so narrow a part of a 32-bit channel that 16-bit codes over the whole channel
+//! are too coarse; and tables over few codes.
 //!
-//! The rule: a layer has 16-bit codes where a code is under a 510th of its look's *window*, so that rounding moves a value by less than a
-//! 1020th of it, a quarter of a display code; else it has f32 slots, as it has wherever gradients are classified, which may be slight whatever the window. The window is the range of values outside of which the look changes
-//! nothing any more: colours, opacities, and isovalues all lie in it.
+//! The rule: a layer has 16-bit codes if a code is under a 510th of its look's *window*, so that rounding moves a value by less than a 1020th of it,
+//! a quarter of a display code. Otherwise it has f32 slots, as always where gradients are classified, since they may be slight in any window. Outside
+//! the window, the look is constant: colours, opacities, and isovalues all lie in it.
 //!
-//! The contents of f32 slots do not depend on the window but for where it roughly is, so a window is dragged or stretched without uploading
-//! a brick again: a slot holds the value less a *base*, as an f32. The base is 0 for floats, so nothing is lost. For integers it is one near
-//! the window: what an f32 rounds away is far from there. The transfer table covers the window, with a margin; renderers map slots to
-//! codes of that table as they read them, and codes past its ends are as good as those at the ends.
+//! F32 slots depend on the window's rough position only, so a window is dragged or stretched without uploading a brick again: a slot holds the value
+//! less a *base*, as an f32. The base is 0 for floats, so nothing is lost. For integers it is near the window, and f32 rounding affects only values
+//! far from there. The transfer table covers the window, with a margin; renderers map slots to its codes as they read them, and codes past its ends
+//! are as good as those at the ends.
 //!
-//! Of slots with codes the table lies over all codes, or over those of a *narrow* window: then it has many entries a code, for between two codes
-//! anything may be shown, and renderers read voxel by voxel, as hardware filters weigh by 8 bits of fraction and may round to whole
-//! 16-bit codes. A window is narrow that has less than 128 codes of 8 bits or 512 of 16, or less than half of the channel's values: of one
-//! voxel of 255 in a mask of 0 and 1 those 8 bits are a code. A window is dragged or stretched without uploading a brick here, too.
+//! Slots with codes have a table over all codes, or over those of a *narrow* window. The latter has many entries per code, for anything may be shown
+//! between two codes, and renderers read voxel by voxel, as hardware filters weigh by 8 bits of fraction and may round to whole 16-bit codes. A
+//! narrow window has less than 128 codes of 8 bits or 512 of 16, or less than half of the channel's values: beside a voxel of 255 in a mask of 0 and
+//! 1, those 8 bits are a code. Here, too, a window is dragged or stretched without uploading a brick.
 
 use crate::expression::{GREATEST_WHOLE, Operand};
 use crate::gradients::STEEPEST_UNITS;
@@ -23,46 +23,45 @@ use crate::surface::{FLAT_CODES, Isosurface};
 use crate::transfer::TransferFunction;
 use crate::voxel_type::VoxelType;
 
-/// The most that a 16-bit code may be of the window.
+/// Greatest width of a 16-bit code, as a share of the window.
 const SHARE: f64 = 1.0 / 510.0;
 
-/// How much more than enough 16-bit codes have to be before they take the place of f32 slots that there are: a window that is dragged or
-/// stretched does not go back and forth.
+/// How many times finer than needed 16-bit codes must be to replace present f32 slots; prevents going back and forth as a window is dragged or
+/// stretched.
 const SURPLUS: f64 = 4.0;
 
-/// The part of the window that the transfer table has beyond it on each side.
+/// Margin of the transfer table on each side of the window, as a share of the window.
 const MARGIN: f64 = 1.0 / 64.0;
 
-/// The codes that a window has at least which is not narrow, of 8 bits and of 16.
+/// Fewest codes of a window that is not narrow, for 8 bits and for 16.
 const FEW_8: f64 = 128.0;
 const FEW_16: f64 = 512.0;
 
-/// How many windows an isovalue may be away from the function's window: some part of what slots about that hold.
+/// Greatest distance of an isovalue from the function's window, in windows: a fraction of the range of slots about it.
 const FARTHEST_SURFACE: f64 = 1e7;
 
-/// The narrowest code, below which numbers in slots are none that all GPUs tell from 0, and the least unit, a multiple of whose inverse is an
-/// f32. Windows of less than 65,536 such codes have fewer.
+/// Narrowest code, since some GPUs read smaller slots as 0; and least unit, with multiples of its inverse still in an f32. Windows of less than
+/// 65,536 such codes have fewer codes.
 const LEAST_CODE: f64 = 1e-36;
 const LEAST_UNIT: f64 = 1e-35;
 
-/// How many windows the unit of stored gradients is at most: then a thousandth of the window is still a normal half float. Of
-/// data that are spread over more than some 130,000 windows, steeper gradients are stored as less steep ones.
+/// Greatest unit of stored gradients, in windows: a thousandth of the window is then still a normal half float. In data spread over more than some
+/// 130,000 windows, the steepest gradients are flattened.
 const MOST_WIDTHS: f64 = 1024.0;
 
-/// How many codes a sample of f32 slots can be away from the transfer table's first code, so that neither products of two overflow nor squares
-/// of what a Sobel operator or a step of many voxels makes of them.
+/// Greatest distance of an f32-slot sample from the transfer table's first code, in codes: products of two do not overflow, nor do squares of the
+/// results of a Sobel operator or a step of many voxels.
 pub const FARTHEST_CODES: f32 = 1e16;
 
-/// The limits of slots that hold every value as it is.
+/// The limits of slots without clamping.
 const ALL: [f64; 2] = [-MOST, MOST];
 
-/// Distance from the window, in units, at which slots clamp what is farther. They do so voxel by voxel, so that samples beside an outlier rise as
-/// evenly as elsewhere, which samples that are clamped themselves do not: no more than [`FARTHEST_CODES`], as a unit is at most 64 times
-/// [`MOST_WIDTHS`] windows and a window at most 65,536 codes.
+/// Clamping distance of slots from the window, in units. Voxels are clamped rather than samples, so samples beside an outlier rise as evenly as
+/// elsewhere. It is at most [`FARTHEST_CODES`], as a unit is at most 64 times [`MOST_WIDTHS`] windows and a window at most 65,536 codes.
 const FARTHEST_UNITS: f64 = FARTHEST_CODES as f64 / (64.0 * MOST_WIDTHS * 65536.0);
 
 impl FloatSlots {
-    /// The slots for a window of a channel of this type, whose values are `spread` apart at most.
+    /// The slots for a window of a channel of this type; `spread` is the greatest difference of its values.
     fn about(voxel_type: VoxelType, window: [f64; 2], spread: f64) -> Self {
         let [least, greatest] = window.map(|value| within(voxel_type, value));
         let base = if voxel_type == VoxelType::F32 { 0.0 } else { (0.5 * (least + greatest)).round() };
@@ -73,7 +72,7 @@ impl FloatSlots {
         Self { base, unit, limits: limits.map(|limit| limit.clamp(-MOST, MOST)) }
     }
 
-    /// Whether all that is held is near enough to a window, and all that is near is held as it is.
+    /// Whether all held values are near enough to a window, and all near values are held unclamped.
     fn is_about(&self, window: [f64; 2], spread: f64) -> bool {
         let reach = FARTHEST_UNITS * self.unit;
         let [low, high] = self.limits;
@@ -81,7 +80,7 @@ impl FloatSlots {
         if self.limits == ALL { spread <= reach } else { is_amid() }
     }
 
-    /// Whether the slots are exact enough in a window, and of their gradients none too steep to be stored, and those in the window not too coarse.
+    /// Whether the slots are exact enough in a window, and store its gradients neither clamped nor too coarsely.
     fn suffice(&self, voxel_type: VoxelType, window: [f64; 2], spread: f64) -> bool {
         let width = window[1] - window[0];
         let farthest = window.iter().map(|value| (within(voxel_type, *value) - self.base).abs()).fold(0.0, f64::max);
@@ -92,22 +91,22 @@ impl FloatSlots {
     }
 }
 
-/// The slots that a layer has already.
+/// The present slots of a layer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct KeptSlots {
-    /// What they hold, if they are f32 slots.
+    /// Present f32 slots; `None` for codes.
     floats: Option<FloatSlots>,
-    /// Whether they stay, however coarse they are for the layer's look.
+    /// Whether they stay, however coarse for the layer's look.
     stay: bool,
 }
 
 impl KeptSlots {
-    /// Slots with codes, or f32 slots, that stay as long as they are fit for the look.
+    /// Codes or f32 slots to be kept only while they fit the look.
     pub fn replaceable(floats: Option<FloatSlots>) -> Self {
         Self { floats, stay: false }
     }
 
-    /// Slots with codes, or f32 slots, that stay.
+    /// Codes or f32 slots to be kept in any case.
     pub fn fixed(floats: Option<FloatSlots>) -> Self {
         Self { floats, stay: true }
     }
@@ -116,23 +115,23 @@ impl KeptSlots {
 /// The window of a look.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Window {
-    /// The least and the greatest value at which the look's transfer function changes, or of which it has an isosurface.
+    /// Least and greatest value with a change of the look's transfer function, or with an isosurface.
     pub values: [f64; 2],
-    /// Least and greatest value at which the transfer function alone changes; `None` if it changes nowhere.
+    /// The same for the transfer function alone; `None` if it is constant.
     pub of_function: Option<[f64; 2]>,
-    /// The least distance between two values between which the function bends.
+    /// The least distance between two bends of the function.
     pub thinnest: f64,
-    /// Whether the function depends on gradients, of which no window says how slight they are: codes of values of 32 bits are always too coarse then.
+    /// Whether the function depends on gradients, which may be slight in any window: codes of 32-bit values are then always too coarse.
     pub is_by_gradient: bool,
 }
 
 impl Window {
-    /// A window of these values, in which the function bends nowhere.
+    /// Returns a window of these values, without a bend of the function inside.
     pub fn of(values: [f64; 2]) -> Self {
         Self { values, of_function: Some(values), thinnest: f64::INFINITY, is_by_gradient: false }
     }
 
-    /// The window of a look in this mode; `None` if it tells no values apart.
+    /// Returns the window of a look in this mode; `None` if all values look alike.
     pub fn new(transfer: &TransferFunction, isosurfaces: &[Isosurface], mode: Mode) -> Option<Self> {
         let changes = if mode.is_projection() { transfer.changes() } else { transfer.visible_changes() };
         let isovalues = isosurfaces.iter().map(|surface| surface.value);
@@ -148,8 +147,8 @@ impl Window {
 }
 
 impl Window {
-    /// Values of an f32 slots' transfer table: the function's, as surfaces are found in the field itself, unless isovalues are farther from them
-    /// than slots about them hold.
+    /// Values of an f32 slots' transfer table: the function's, since surfaces are found in the field itself, unless isovalues lie beyond the slots
+    /// about them.
     fn of_table(&self) -> [f64; 2] {
         let [low, high] = self.values;
         let Some(of_function) = self.of_function else { return [low, high] };
@@ -160,8 +159,8 @@ impl Window {
 }
 
 impl SlotEncoding {
-    /// This encoding of a channel for a look with this window: its codes, or f32 slots if these are too coarse. `None` is a look that
-    /// tells no values apart. Slots that are `kept` stay as long as they can.
+    /// Encodes a channel for a look with this window: by its codes, or by f32 slots if these are too coarse. `None` is a look with all values alike.
+    /// `kept` slots stay as long as they can.
     pub fn for_window(self, window: Option<Window>, kept: KeptSlots) -> Self {
         let Some(window) = window else { return if kept.stay { self.in_slots(kept.floats) } else { self } };
         let [low, high] = window.of_table();
@@ -184,8 +183,8 @@ impl SlotEncoding {
         Self { enough_width, ..self.with_table(floats, window) }
     }
 
-    /// This encoding by codes, with a transfer table for a window: over all codes, or over those of a narrow window and one to each side, where
-    /// the look is what it is from there on.
+    /// Returns this encoding by codes, with a transfer table over all codes, or over those of a narrow window and one to each side, beyond which the
+    /// look is constant.
     fn with_table_over_codes(self, Window { values, thinnest, .. }: Window) -> Self {
         let most = f64::from(self.format.max_code());
         let [low, high] = values.map(|value| self.unorm(value) * most);
@@ -201,8 +200,8 @@ impl SlotEncoding {
         }
     }
 
-    /// This encoding of a channel for an expression, which may do anything with a value: f32 slots if the type has 32 bits. Integers of which none is within 24 bits
-    /// of 0 are held as their distance from the one that is nearest to it. Stored gradients are fit for a window of values.
+    /// Encodes a channel for an expression, which may transform values in any way: f32 slots for 32-bit types. If all of a channel's integers are
+    /// over 24 bits from 0, slots hold distances from the nearest to 0. Stored gradients fit a window of values.
     pub fn for_values(self, window: [f64; 2], kept: KeptSlots) -> Self {
         if !self.can_be_float() {
             return self.with_table_over_codes(Window::of(window));
@@ -217,13 +216,13 @@ impl SlotEncoding {
         self.over(floats, 0.0, width)
     }
 
-    /// The base of slots that hold all values of a channel.
+    /// The base of slots for all values of a channel.
     fn base_of_all(&self) -> f64 {
         let nearest = 0.0f64.clamp(self.low, self.high).round();
         if nearest.abs() > GREATEST_WHOLE && self.voxel_type != VoxelType::F32 { nearest } else { 0.0 }
     }
 
-    /// The values of a channel, which these slots hold for an expression, as renderers have them: as f32 if `are_single`, or as distances from a base.
+    /// The channel's values as renderers read them from these slots for an expression: as f32 if `are_single`, or as distances from a base.
     pub fn operand(&self, range: (f64, f64), are_single: bool) -> Operand {
         let range = range.into();
         let is_whole = self.voxel_type.bytes() == 4 && self.voxel_type != VoxelType::F32;
@@ -238,41 +237,41 @@ impl SlotEncoding {
         Operand { range, exact, error: farthest / GREATEST_WHOLE }
     }
 
-    /// How far the channel's values are apart.
+    /// The greatest difference of the channel's values.
     fn spread(&self) -> f64 {
         self.high - self.low
     }
 
-    /// Whether the channel's values need more than 16 bits. Labels do not: what is between two of them is nothing.
+    /// Whether the channel's values need more than 16 bits. Labels do not, as nothing lies between two of them.
     fn can_be_float(&self) -> bool {
         self.voxel_type.bytes() == 4 && !self.is_labels
     }
 
-    /// A window of more than one value. A single isovalue, beside which nothing changes, is taken for a 256th of itself.
+    /// Widens a window of a single isovalue, without a change beside it, to a 256th of the value.
     fn widened(&self, [low, high]: [f64; 2]) -> [f64; 2] {
         let [low, high] = [low, high].map(|value| value.clamp(-0.1 * MOST, 0.1 * MOST));
         let least = if low == 0.0 { self.code_width() / 64.0 } else { low.abs() / 256.0 };
         if high > low { [low, high] } else { [low - 0.5 * least, low + 0.5 * least] }
     }
 
-    /// The encoding by f32 slots with a transfer table over a window. A code is a power of two wide, and whole multiples of it have codes of
-    /// their own: among them, where the window is not too wide for that, all integers.
+    /// Returns the encoding by f32 slots with a transfer table over a window. Code widths are powers of two, and their multiples have codes of their
+    /// own: among them all integers, unless the window is too wide.
     fn with_table(self, floats: FloatSlots, window: [f64; 2]) -> Self {
         let margin = MARGIN * (window[1] - window[0]);
         let low = at_most(window[0] - margin - floats.base);
         let width = code_width(window[1] + margin - floats.base - low);
-        // An f32 too: either it is a small multiple of a power of two, or it was a multiple before.
+        // An f32 too: a small multiple of a power of two, or an f32 already before.
         self.over(floats, (low / width).floor() * width, width)
     }
 
-    /// The encoding by f32 slots whose table begins at a slot's number, with codes so wide.
+    /// Returns the encoding by f32 slots with a table from a slot's number on, in codes of this width.
     fn over(self, floats: FloatSlots, first: f64, code_width: f64) -> Self {
         let low = floats.base + first;
         let high = low + SlotFormat::F32.max_code() as f64 * code_width;
         Self { format: SlotFormat::F32, low, high, floats: Some(floats), ..self }
     }
 
-    /// The encoding of the same channel by these slots, or by this one's codes, with no particular table, and whatever values it has.
+    /// Returns the encoding of the same channel by these slots, or by this one's codes, without a particular table, and for any spread of values.
     pub fn in_slots(self, floats: Option<FloatSlots>) -> Self {
         let whole = self.with_whole_spread();
         floats.map_or(whole, |floats| {
@@ -281,56 +280,55 @@ impl SlotEncoding {
         })
     }
 
-    /// This encoding without the range that its transfer table covers: two encodings are equal then if bricks in slots of the one can be
-    /// read by the other.
+    /// Returns this encoding without its transfer table's range: if two are equal then, one can read the other's slots.
     pub fn of_slots(self) -> Self {
         self.in_slots(self.floats)
     }
 
-    /// What a slot of the table's first value holds.
+    /// Slot number of the table's first value.
     pub fn first_slot(&self) -> f32 {
         self.floats.map_or(self.first_code(), |floats| self.low - floats.base) as f32
     }
 
-    /// Codes from a number in slots to the next: 1 where slots hold codes.
+    /// Codes per unit of slot numbers: 1 where slots hold codes.
     pub fn codes_per_slot(&self) -> f64 {
         self.floats.map_or(1.0, |_| 1.0 / self.code_width())
     }
 
-    /// The difference of numbers in slots that is taken for all greater ones: of f32 slots [`FARTHEST_CODES`].
+    /// The difference of slot numbers at which greater ones are clamped: for f32 slots [`FARTHEST_CODES`].
     pub fn farthest_slots(&self) -> f32 {
         let farthest = |_| (FARTHEST_CODES as f64 * self.code_width()).min(2.0 * MOST);
         self.floats.map_or(f64::from(self.format.max_code()), farthest) as f32
     }
 
-    /// The difference of codes below which a field is flat. F32 slots that are kept draw what fresh slots would, though they could tell more.
+    /// Code difference below which a field is flat. Kept f32 slots use the coarser threshold of fresh ones, for equal pictures.
     pub fn flat_codes(&self) -> f64 {
         FLAT_CODES * (self.enough_width / self.code_width()).max(1.0)
     }
 
-    /// What stored gradients have to be multiplied by to be differences of codes.
+    /// Factor from stored gradients to differences of codes.
     pub fn gradient_scale(&self) -> f64 {
         self.floats.map_or(f64::from(self.format.max_code()), |floats| floats.unit / self.code_width())
     }
 }
 
-/// The value that a voxel type has next to a value.
+/// The voxel type's value nearest to a value.
 fn within(voxel_type: VoxelType, value: f64) -> f64 {
     let (least, greatest) = voxel_type.limits();
     value.clamp(least, greatest)
 }
 
-/// The least power of two that is not less than a number above 0.
+/// The least power of two no less than a positive number.
 fn power_of_two(number: f64) -> f64 {
     number.log2().ceil().exp2()
 }
 
-/// The width of a code, so that one code less than all cover a range.
+/// Code width at which all codes but one cover a range.
 fn code_width(range: f64) -> f64 {
     power_of_two((range / (SlotFormat::F32.max_code() - 1) as f64).max(LEAST_CODE))
 }
 
-/// The nearest f32 that is not greater.
+/// The nearest f32 not above a value.
 fn at_most(value: f64) -> f64 {
     let near = value as f32;
     f64::from(if near as f64 > value { near.next_down() } else { near })
@@ -345,7 +343,7 @@ mod tests {
         SlotEncoding::new(voxel_type, range, false).for_window(Some(Window::of(window)), KeptSlots::default())
     }
 
-    /// The values that slots of these voxels stand for, within an encoding's table and outside.
+    /// Encodes and decodes these voxels, within an encoding's table and outside.
     fn round_trip(encoding: &SlotEncoding, voxels: &[f64]) -> Vec<f64> {
         let write = |value: &f64| match encoding.voxel_type {
             VoxelType::U32 => (*value as u32).to_le_bytes(),
@@ -398,7 +396,7 @@ mod tests {
         assert_eq!(window(&plain, &[Isosurface::at(3.0)]), Some([3.0, 3.0]));
         let ramp = TransferFunction { opacity: vec![[0.0, 0.0], [2.0, 0.5]], ..plain };
         assert_eq!(window(&ramp, &[Isosurface::at(3.0), Isosurface::at(1.0)]), Some([0.0, 3.0]));
-        // A surface far away takes no room in the table, unless slots do not hold both.
+        // A distant surface takes no room in the table, unless slots cannot hold both.
         let codes = SlotEncoding::new(VoxelType::F32, (-1e12, 1e12), false);
         for (isovalue, is_near) in [(1e6, true), (-1e6, true), (1e10, false)] {
             let window = Window::new(&ramp, &[Isosurface::at(isovalue)], Mode::Dvr);
@@ -421,7 +419,7 @@ mod tests {
         assert_eq!(Window::new(&clear, &[], Mode::Dvr), None);
     }
 
-    /// Each kind of narrowness, and its bound; labels, and all that is wide, have whole tables.
+    /// Each kind of narrowness, and its bound; labels, and everything wide, have whole tables.
     #[test]
     fn tables_are_laid_over_narrow_windows() {
         let codes = |voxel_type, greatest: f64, window| {
@@ -485,7 +483,7 @@ mod tests {
         }
     }
 
-    /// The steepest gradients there can be are stored as they are, and a thousandth of the window as a normal half float.
+    /// The steepest gradients are stored unclamped, and a thousandth of the window as a normal half float.
     #[test]
     fn gradients_in_narrow_windows_are_neither_clamped_nor_coarse() {
         for voxel_type in [VoxelType::F32, VoxelType::U32] {
@@ -512,7 +510,7 @@ mod tests {
         }
     }
 
-    /// Slots clamp values farther than codes reach, voxel by voxel, and no others; slots of an expression hold all.
+    /// Slots clamp values beyond the reach of codes, voxel by voxel, and no others; slots of an expression hold all.
     #[test]
     fn outliers_are_clamped_in_their_slots() {
         let voxels = [0.3, 1e8, -4e8, 9.96921e36, -1e20].map(|value: f64| f64::from(value as f32));
@@ -527,7 +525,7 @@ mod tests {
         assert!((1e9..farthest).contains(&found[3]) && (1e9..farthest).contains(&-found[4]), "{found:?}, {farthest}");
         let all = round_trip(&codes.for_values([0.0, 1.0], KeptSlots::replaceable(narrow.floats)), &voxels);
         assert!(all.iter().zip(voxels).all(|(found, value)| (found - value).abs() <= 1e-6 * value.abs()), "{all:?}");
-        // Slots of other limits are not taken for a look: neither those of all values nor those about a window far away.
+        // A look rejects slots of other limits: both those of all values and those about a distant window.
         let of_values = codes.for_values([0.0, 1.0], KeptSlots::default()).floats;
         for floats in
             [of_values, codes.for_window(Some(Window::of([1e10, 1e10 + 4096.0])), KeptSlots::default()).floats]

@@ -1,26 +1,27 @@
-//! What of a field is worth showing first: the values of things, and not of the empty space about them, told by a histogram.
+//! Foreground of a field: the values of objects rather than of empty space around them, by a histogram.
 //!
-//! Two classes of values are told apart by Otsu's threshold (A Threshold Selection Method from Gray-Level Histograms, 1979). They count as background and
-//! body where their means are further apart than [`APART`] of their own spreads (Ashman's D, Detecting bimodality in astronomical datasets, 1994): in the halves of a normal
-//! distribution, as turbulence has, they are 2.65 apart, in those of an even one 3.46, and in the scans that this was tried on 3.5 (fluorescence) to 8.8. Cost: a pass over the histogram.
+//! Otsu's threshold (A Threshold Selection Method from Gray-Level Histograms, 1979) splits the values into two classes. They count as background and
+//! body where their means are further apart than [`APART`] of their own spreads (Ashman's D, Detecting bimodality in astronomical datasets, 1994):
+//! the halves of a normal distribution, as of turbulence, are 2.65 apart, those of an even one 3.46, and those of the tested scans 3.5 (fluorescence)
+//! to 8.8. Cost: a pass over the histogram.
 
-/// The values of a field that are worth showing first.
+/// The values of a field to show first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Foreground {
-    /// The value from which the field begins to show.
+    /// The value where the field begins to show.
     pub low: f64,
-    /// The value of the body's surface; of a field without a background the middle of what is shown.
+    /// The value of the body's surface; without a background the middle of the shown values.
     pub surface: f64,
-    /// The mean of the body's values, no less than that of its surface; of a field without a background the greatest value worth showing.
+    /// The mean of the body's values, no less than its surface; without a background the greatest value worth showing.
     pub body: f64,
-    /// Whether what is lower is background: empty space, and not just the lesser half of the field.
+    /// Whether lower values are background: empty space, and not just the lesser half of the field.
     pub has_background: bool,
 }
 
-/// How far the means of two classes of values are apart, in their spreads, that are background and body.
+/// Least distance between the means of background and body, in their spreads.
 const APART: f64 = 3.0;
 
-/// The share of all values at either end of a histogram that says nothing: noise, and metal in a scan.
+/// Ignored share of the values at either end of a histogram: noise, and metal in a scan.
 const ENDS: f64 = 0.001;
 
 /// A class of values: their number, mean and variance, in bins.
@@ -43,8 +44,8 @@ impl Class {
 }
 
 impl Foreground {
-    /// The foreground of a field, of whose values `counts` are in bins of this width, the first of which begins at `low`. `None` if nearly all
-    /// values are in one bin.
+    /// Finds the foreground of a field from a histogram with bins of this width, the first of them at `low`. `None` if nearly all values are in one
+    /// bin.
     pub fn of_histogram(low: f64, width: f64, counts: &[u64]) -> Option<Self> {
         let counts: Vec<f64> = counts.iter().map(|&count| count as f64).collect();
         let total: f64 = counts.iter().sum();
@@ -73,7 +74,7 @@ impl Foreground {
         })
     }
 
-    /// The foreground of a field of which nothing is known but the window that is shown: all of it.
+    /// Returns the foreground of a field known only by its window: all of it.
     pub fn of_window((low, high): (f64, f64)) -> Self {
         Self::of_upper_half(low, high)
     }
@@ -83,8 +84,8 @@ impl Foreground {
     }
 }
 
-/// Where the bins are split into the two classes with the greatest variance between them, in bins from the first one; in the middle of all such places if there are
-/// several, as in a gap. `None` if only one bin has any values.
+/// The split of the bins into the two classes with the greatest variance between them, in bins from the first one; the middle of all equally good
+/// splits, as in a gap. `None` if only one bin has any values.
 fn otsu(bins: &[f64]) -> Option<f64> {
     let all = Class::of(bins, 0);
     let (mut count, mut sum) = (0.0, 0.0);
@@ -124,7 +125,7 @@ mod tests {
         let scan = of(&histogram(&[(1.5, 1.0, 1e6), (55.0, 6.0, 5e5)]));
         assert!(scan.has_background && (-800.0..0.0).contains(&scan.surface), "{scan:?}");
         assert!((scan.body - 100.0).abs() < 10.0 && scan.low < scan.surface && scan.surface < scan.body, "{scan:?}");
-        // A few bright cells on dark ground, whose values reach far.
+        // A few bright cells on dark ground, with a long tail of values.
         let cells = of(&histogram(&[(2.0, 1.5, 1e6), (40.0, 15.0, 5e4)]));
         assert!(cells.has_background && cells.low > -1000.0 + 20.0 * 5.0 && cells.surface < -100.0, "{cells:?}");
         // Two values.

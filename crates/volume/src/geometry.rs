@@ -1,4 +1,4 @@
-//! Where a volume stands in the world: spacing, origin, unit, and the transforms between voxel and world space.
+//! Place of a volume in the world: spacing, origin, unit, and the transforms between voxel and world space.
 
 use crate::space::Extent;
 use glam::{BVec3, DVec3};
@@ -38,15 +38,15 @@ impl Geometry {
         (self.world_from_voxel(DVec3::ZERO), self.world_from_voxel(far))
     }
 
-    /// How far single precision can move a point of a ray from `eye` inside a volume, in voxels. A point is a sum of two
-    /// products, so it is moved by a few units in the last place (2^-24) of its largest term.
+    /// Greatest rounding error in single precision of a point on a ray from `eye` inside a volume, in voxels. A point is a sum of
+    /// two products, so the error is a few units in the last place (2^-24) of its largest term.
     pub fn rounding_voxels(&self, eye: DVec3, extent: Extent) -> f64 {
         let far = extent.to_array().into_iter().max().unwrap_or(0) as f64;
         8e-7 * (self.voxel_from_world(eye).abs().max_element() + far)
     }
 
-    /// The finest voxel size that counts: the smallest spacing among axes with more than one voxel. It is the unit of
-    /// `--step`, and level `k`'s voxel size is this times `2^k`.
+    /// The finest effective voxel size: the smallest spacing among axes with more than one voxel. It is the unit of `--step`, and
+    /// level `k`'s voxel size is this times `2^k`.
     pub fn voxel_size(&self, extent: Extent) -> f64 {
         let n = extent.to_array();
         let s = self.spacing.to_array();

@@ -1,10 +1,8 @@
-//! Stored gradients: one gradient for every eight voxels of a brick, made once when the brick is put together. A lit sample reads these
-//! instead of several voxels.
+//! Stored gradients: one for every eight voxels of a brick, made once as the brick is assembled. A lit sample reads them instead of several voxels.
 //!
-//! *Nodes* lie in the middle of each 2 x 2 x 2 voxels, counted from the level's first, as the voxels of the next coarser level do.
-//! A node has the gradient of the trilinear field there, which is exact: along each axis the mean of the four differences
-//! of neighbours. Voxels outside of the level count for nothing: a node that lies half or wholly outside has the gradient of the
-//! nearest one that is inside. Between nodes gradients are interpolated as they are, not normalised, so that weak ones
+//! *Nodes* lie in the middle of each 2 x 2 x 2 voxels, counted from the level's first, like voxels of the next coarser level. A node has the exact
+//! gradient of the trilinear field there: along each axis the mean of the four differences of neighbours. Voxels outside the level do not count: a
+//! node half or wholly outside has the gradient of the nearest inner one. Between nodes gradients are interpolated unnormalised, so that weak ones
 //! count for little.
 //!
 //! ```text
@@ -19,16 +17,17 @@ use glam::Vec3;
 use half::slice::HalfFloatSliceExt;
 use std::ops::Range;
 
-/// Bytes of a gradient node: three half floats, and a fourth that fills up the texel.
+/// Bytes of a gradient node: three half floats, and a fourth to fill up the texel.
 pub const NODE_BYTES: usize = 8;
 
-/// What a difference of the unit, for codes their whole range, is stored as. With it a difference of one code of 65,536 is no subnormal half float.
+/// Stored number of a difference of one unit; for codes the unit is their whole range, and a difference of one code of 65,536 is no subnormal half
+/// float.
 pub const SCALE: f32 = 256.0;
 
-/// The steepest that is stored: differences of codes are not, those of f32 slots can be steeper.
+/// The steepest stored gradient: differences of codes stay below, those of f32 slots may not.
 const MOST_HALF: f32 = 65000.0;
 
-/// The greatest difference across a voxel that is stored as it is, in units.
+/// The greatest difference across a voxel stored unclamped, in units.
 pub(crate) const STEEPEST_UNITS: f64 = (MOST_HALF / (2.0 * SCALE)) as f64;
 
 /// The layout of a brick's gradient nodes.
@@ -36,18 +35,18 @@ pub(crate) const STEEPEST_UNITS: f64 = (MOST_HALF / (2.0 * SCALE)) as f64;
 pub struct GradientNodes {
     /// Voxels along the edge of the brick's core; even.
     pub edge: u32,
-    /// Layers of nodes on each side outside of the core; 0 means that there are no gradients at all.
+    /// Layers of nodes on each side outside the core; 0 means no gradients at all.
     pub layers: u32,
 }
 
 impl GradientNodes {
-    /// Layers of nodes that it takes outside of the core to read gradients up to `reach` voxels outside of it.
+    /// Layers of nodes needed outside the core to read gradients up to `reach` voxels outside it.
     pub const fn layers(reach: f64) -> u32 {
-        // The outermost node lies a voxel inside of its layer.
+        // The outermost node lies a voxel inside its layer.
         ((reach + 1.0) / 2.0).ceil() as u32
     }
 
-    /// Width of the apron, in voxels, that a brick needs for its gradients to be made.
+    /// Width of the apron, in voxels, needed to make a brick's gradients.
     pub const fn apron(self) -> u32 {
         2 * self.layers
     }
@@ -67,8 +66,8 @@ impl GradientNodes {
         1.0 - 2.0 * self.layers as f32
     }
 
-    /// Fills `nodes` with the gradients of a padded brick. `inside` is, along each axis, the range of the level's voxels, counted from
-    /// the corner of the core.
+    /// Fills `nodes` with the gradients of a padded brick. `inside` is the range of the level's voxels along each axis, counted from the corner of
+    /// the core.
     ///
     /// # Panics
     /// If the brick's apron is narrower than [`GradientNodes::apron`], or the lengths of codes or nodes do not fit.
@@ -110,7 +109,7 @@ pub struct PaddedCodes<'a> {
     pub format: SlotFormat,
     /// Whether some voxels have no value.
     pub has_invalid: bool,
-    /// The difference that is stored as [`SCALE`]: of codes the greatest code, of f32 slots their [unit](crate::FloatSlots::unit).
+    /// The difference stored as [`SCALE`]: for codes the greatest code, for f32 slots their [unit](crate::FloatSlots::unit).
     pub unit: f32,
     /// Width of the apron around the core, in voxels.
     pub apron: u32,
@@ -145,7 +144,7 @@ fn fill<T>(
     }
 }
 
-/// A gradient that half floats can have: one that is too steep keeps its direction.
+/// Limits a gradient to the range of half floats, keeping its direction.
 fn halved(gradient: Vec3) -> Vec3 {
     let steepest = gradient.abs().max_element();
     if steepest > MOST_HALF { gradient * (MOST_HALF / steepest) } else { gradient }
@@ -158,7 +157,7 @@ fn differences(b: &[f32; 8]) -> Vec3 {
     0.25 * Vec3::new(all + x - y - z, all - x + y - z, all - x - y + z)
 }
 
-/// The same where only what is more than `least` is a value: of the pairs that have both.
+/// The mean differences over valid pairs: only codes above `least` are values.
 fn valid_differences(block: &[f32; 8], least: f32) -> Vec3 {
     Vec3::from_array([1, 2, 4].map(|stride| {
         let (mut sum, mut count) = (0.0, 0.0);
@@ -173,8 +172,8 @@ fn valid_differences(block: &[f32; 8], least: f32) -> Vec3 {
     }))
 }
 
-/// Decodes nodes to differences of codes across two voxels along x, y and z, as shares of the unit. The fourth number of each
-/// node has no meaning; it is there so that the work is done in vectors.
+/// Decodes nodes to differences of codes across two voxels along x, y and z, as shares of the unit. The fourth number of each node is meaningless and
+/// fills up the vector.
 #[inline(always)]
 pub fn decode<const N: usize>(nodes: [[u8; NODE_BYTES]; N]) -> [[f32; 4]; N] {
     let mut numbers = [[0.0; 4]; N];
@@ -186,7 +185,7 @@ pub fn decode<const N: usize>(nodes: [[u8; NODE_BYTES]; N]) -> [[f32; 4]; N] {
     numbers
 }
 
-/// A half float, finite, divided by [`SCALE`]: its bits are those of a float that is too small by a power of two.
+/// Converts a half float, finite, divided by [`SCALE`]: its bits are those of a float too small by a power of two.
 #[inline(always)]
 pub fn from_half(bits: u16) -> f32 {
     const POWER: f32 = (1u128 << 112) as f32 / SCALE;
@@ -225,7 +224,7 @@ mod tests {
         assert_eq!(GradientNodes { edge: 64, layers: 0 }.bytes(), 0);
     }
 
-    /// Those of a field that is linear along each axis are exact everywhere, at the level's faces and outside of it too.
+    /// A field linear along each axis has exact gradients everywhere, also at the level's faces and outside it.
     #[test]
     fn a_linear_field_has_one_gradient() {
         for n in [[9, 12, 40], [2, 3, 7]] {
@@ -253,7 +252,7 @@ mod tests {
     }
 
     proptest! {
-        /// Every node is the mean of its block's four differences, of any codes.
+        /// Every node is the mean of its block's four differences, for any codes.
         #[test]
         fn nodes_are_the_trilinear_field_s_gradients(b in prop::array::uniform8(0u16..=65535)) {
             let block = b.map(f32::from);

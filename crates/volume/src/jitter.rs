@@ -1,39 +1,38 @@
-//! Jitter: each ray's lattice is moved towards the eye by a share of its first segment, and each pixel has a share of its own.
-//! Without it all rays are sampled at the same distances, which shows as a pattern of rings; with it the rings become noise. The
-//! spread of pictures with different noise tells the error of sampling without knowing the exact picture.
+//! Jitter: moves each ray's lattice towards the eye by a share of its first segment, different for each pixel. Without it all rays
+//! are sampled at the same distances, which shows as rings; with it the rings become noise. The spread of pictures with different
+//! noise measures the sampling error without an exact picture.
 //!
 //! The ticks of a ray are then at `(k - share * 2^z) * step`, where `z` is the zone of the first tick without jitter: still a
-//! partition of the ray. Renderers do the same by moving the ray's origin back by that much and counting distances from there.
-//! Shares are multiples of 1/256 and come of integers, so they are the same everywhere.
+//! partition of the ray. Renderers equivalently move the ray's origin back and count distances from there. Shares are multiples of
+//! 1/256 computed from integers, and so the same everywhere.
 
 use serde::{Deserialize, Serialize};
 use std::sync::LazyLock;
 
-/// How rays are jittered.
+/// Kinds of jitter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Jitter {
     /// No jitter.
     #[default]
     None,
-    /// Each pixel has a pseudo-random share. The number is the seed: another one gives other shares.
+    /// A pseudo-random share for each pixel. The number is the seed: another one gives other shares.
     White(u32),
-    /// Shares come from a mask in which neighbours differ (blue noise), so that the eye averages them: the best for a single
-    /// picture.
+    /// Shares from a blue-noise mask, with unlike neighbours for the eye to average: the best for a single picture.
     Blue,
 }
 
 /// Pixels along an edge of the mask of [`Jitter::Blue`], which repeats over the picture.
 pub const BLUE_EDGE: usize = 32;
 
-/// How many shares a jitter chooses from: they are multiples of `1 / STEPS`.
+/// Number of a jitter's possible shares: multiples of `1 / STEPS`.
 pub const STEPS: u32 = 256;
 
 /// A jitter mask: the pixels' shares in units of `1 / STEPS`, row by row.
 pub type Mask = [u8; BLUE_EDGE * BLUE_EDGE];
 
 impl Jitter {
-    /// How far the lattice of the ray of pixel `(x, y)` is moved towards the eye, in segments; at least 0 and less than 1.
+    /// Shift of the lattice of pixel `(x, y)`'s ray towards the eye, in segments; at least 0 and less than 1.
     #[inline]
     pub fn share(self, x: u32, y: u32) -> f64 {
         let steps = match self {
@@ -45,7 +44,8 @@ impl Jitter {
     }
 }
 
-/// A permutation of all numbers in which every bit depends on every bit (Wellons, Prospecting for hash functions, 2018: lowbias32).
+/// A permutation of all numbers with every output bit dependent on every input bit (Wellons, Prospecting for hash functions, 2018:
+/// lowbias32).
 fn mix(mut n: u32) -> u32 {
     n = (n ^ n >> 16).wrapping_mul(0x7feb_352d);
     n = (n ^ n >> 15).wrapping_mul(0x846c_a68b);
@@ -60,8 +60,8 @@ pub fn blue_mask() -> &'static Mask {
 
 const PLACES: usize = BLUE_EDGE * BLUE_EDGE;
 
-/// By the method of Ulichney (The void-and-cluster method for dither array generation, 1993): pixels are taken one after the
-/// other, each where those taken before are farthest. Some milliseconds.
+/// Builds the mask by the method of Ulichney (The void-and-cluster method for dither array generation, 1993): takes pixels one by
+/// one, each farthest from those taken before. Some milliseconds.
 fn void_and_cluster() -> Mask {
     let mut pattern = Pattern::new();
     let first: Vec<usize> = (0..PLACES).filter(|&place| mix(place as u32) < u32::MAX / 10).collect();
@@ -92,12 +92,12 @@ fn void_and_cluster() -> Mask {
     ranks.map(|rank| (rank * STEPS as usize / PLACES) as u8)
 }
 
-/// Pixels taken, and how crowded it is at each: in integers, so that no order of sums matters.
+/// Taken pixels, and the crowding at each: in integers, so that the order of sums does not matter.
 #[derive(Clone)]
 struct Pattern {
     is_taken: [bool; PLACES],
     crowd: [u32; PLACES],
-    /// What a pixel adds to one at this distance to the right and below, around the edges.
+    /// Contribution of a pixel to one at this distance to the right and below, around the edges.
     kernel: [u32; PLACES],
 }
 

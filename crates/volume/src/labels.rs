@@ -1,27 +1,27 @@
-//! How labels look: which of them are shown, and in which colours. A label is a number that names a thing, such as an organ or a cell; what
-//! lies between two labels is no label, so they are never interpolated.
+//! The look of labels: visibility and colours. A label is a number naming a thing, such as an organ or a cell; nothing lies between two
+//! labels, so they are never interpolated.
 //!
-//! Colours are hashed from the labels, so that a label has the same colour in every picture, of every store, without a table of all labels.
-//! Label 0 is the background, which is hidden.
+//! Colours are hashed from the labels: a label has the same colour in every picture of every store, without a table of all labels. Label 0
+//! is the hidden background.
 
 use crate::slot_encoding::SlotEncoding;
 use serde::{Deserialize, Serialize};
 
-/// The label of what is nothing in particular: hidden unless it is asked for.
+/// The label of no particular thing: hidden unless requested.
 pub const BACKGROUND: i64 = 0;
 
-/// The number of colours that labels are hashed to.
+/// Number of hashed colours.
 pub const HASHED_COLORS: u32 = 1 << 15;
 
-/// How the labels of a layer look.
+/// The look of a layer's labels.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LabelLook {
-    /// The labels that are shown; `None` shows all but [`BACKGROUND`].
+    /// The shown labels; `None` shows all but [`BACKGROUND`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shown: Option<Vec<i64>>,
-    /// Colours of labels, sorted by label; the other labels have [hashed](hashed_color) ones. `None` leaves all labels the colours that their
-    /// transfer function gives to their numbers.
+    /// Colours of labels, sorted by label; the other labels have [hashed](hashed_color) ones. With `None` the transfer function colours all
+    /// labels by their numbers.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub colors: Option<Vec<LabelColor>>,
 }
@@ -47,7 +47,7 @@ impl LabelLook {
         self.shown.as_ref().map_or(label != BACKGROUND, |shown| shown.contains(&label))
     }
 
-    /// Whether one of the labels from `low` to `high`, which may be infinite, is shown.
+    /// Whether any label from `low` to `high` is shown; both may be infinite.
     pub fn shows_between(&self, low: f64, high: f64) -> bool {
         let is_between = |label: i64| (low..=high).contains(&(label as f64));
         match &self.shown {
@@ -65,7 +65,7 @@ impl LabelLook {
         Some(own.unwrap_or_else(|_| hashed_color(color_index(label))))
     }
 
-    /// The first of the colours that is not in 0..=1, or not sorted by label: its index, and what is wrong with it.
+    /// The first colour outside 0..=1 or out of order: its index, and the problem.
     pub(crate) fn bad_color(&self) -> Option<(usize, String)> {
         let colors = self.colors.as_deref().unwrap_or_default();
         colors.iter().enumerate().find_map(|(index, LabelColor { label, color })| {
@@ -79,22 +79,22 @@ impl LabelLook {
     }
 }
 
-/// The 16-bit codes of labels that are further apart than 16 bits reach. A label that its look names has a code of its own; the others
-/// have the codes of their hashed colours, which is all that there is to know of them, as they are shown or hidden together.
+/// 16-bit codes of labels further apart than 16 bits reach. A label named by its look has its own code; the others share the codes of their
+/// hashed colours, which suffice because they are shown or hidden together.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct LabelCodes {
-    /// The labels that have codes of their own, from 1 on; sorted.
+    /// The labels with codes of their own, from 1 on; sorted.
     named: Vec<i64>,
 }
 
-/// The first code of labels that are not named.
+/// The first code of unnamed labels.
 const FIRST_HASHED: u32 = 1 << 15;
 
 impl LabelCodes {
-    /// The most labels that can have codes of their own.
+    /// The most labels with codes of their own.
     pub const MOST: usize = FIRST_HASHED as usize - 1;
 
-    /// The codes for labels of this look; `None` if it names more than [`LabelCodes::MOST`] labels.
+    /// Returns the codes for labels of this look; `None` if it names more than [`LabelCodes::MOST`] labels.
     pub fn of(look: &LabelLook) -> Option<Self> {
         let shown = look.shown.iter().flatten().copied();
         let colored = look.colors.iter().flatten().map(|entry| entry.label);
@@ -115,8 +115,8 @@ impl LabelCodes {
         }
     }
 
-    /// Encodes little-endian voxels that are labels, of the type and with the value for no data that `encoding` says, into codes of 16
-    /// bits. Costs a search among the labels that are named wherever a voxel and the one before it have unlike labels.
+    /// Encodes little-endian voxels of labels, with `encoding`'s type and no-data value, into 16-bit codes. Costs a search among the named
+    /// labels for each voxel unlike its predecessor.
     ///
     /// # Panics
     /// If the two lengths do not hold the same number of voxels.
@@ -128,14 +128,14 @@ impl LabelCodes {
         for (i, code) in codes.chunks_exact_mut(2).enumerate() {
             let label = voxel_type.read(voxels, i).round() as i64;
             if label != last.0 {
-                // What holds no data is hidden, as the background is.
+                // No data is hidden, like the background.
                 last = (label, self.code(if nodata == Some(label) { BACKGROUND } else { label }));
             }
             code.copy_from_slice(&last.1.to_le_bytes());
         }
     }
 
-    /// What a code stands for.
+    /// Decodes a code.
     pub fn coded(&self, code: u32) -> Coded {
         match code.checked_sub(FIRST_HASHED) {
             Some(color) => Coded::Color(color),
@@ -145,18 +145,18 @@ impl LabelCodes {
     }
 }
 
-/// What one of [`LabelCodes`] stands for.
+/// The meaning of one of [`LabelCodes`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Coded {
     /// One label.
     Label(i64),
-    /// All labels that are not named and have this one of the hashed colours.
+    /// All unnamed labels with this hashed colour.
     Color(u32),
     /// No label has the code.
     Nothing,
 }
 
-/// Which of the [`HASHED_COLORS`] a label has: the upper bits of its lower 32, mixed by the finaliser of MurmurHash3.
+/// Index of a label's colour among the [`HASHED_COLORS`]: the upper bits of its lower 32, mixed by the finaliser of MurmurHash3.
 pub fn color_index(label: i64) -> u32 {
     let mut hash = label as u32;
     hash = (hash ^ (hash >> 16)).wrapping_mul(0x85eb_ca6b);
@@ -164,7 +164,7 @@ pub fn color_index(label: i64) -> u32 {
     (hash ^ (hash >> 16)) >> 17
 }
 
-/// A hashed colour: bright, far from gray, and of any hue, so that it is told from the background and from an image behind it.
+/// A hashed colour: bright, far from gray, and of any hue, to stand out from the background and from an image behind it.
 pub fn hashed_color(index: u32) -> [f64; 3] {
     // Eleven bits of hue, two of saturation, two of brightness.
     let hue = f64::from(index >> 4) / 2048.0 * 6.0;
@@ -185,7 +185,7 @@ mod tests {
 
     #[test]
     fn hashed_colours_stay_and_tell_labels_apart() {
-        // Written down once: these are in users' pictures.
+        // Fixed for good: these are in users' pictures.
         assert_eq!([1, 2, 3, 70_000, 4_000_000_000].map(color_index), [10_407, 6_266, 17_144, 8_630, 30_084]);
         let near: HashSet<u32> = (1..=256).map(color_index).collect();
         assert!(near.len() > 250, "{}", near.len());

@@ -1,63 +1,62 @@
-//! The sampling lattice: where every ray is sampled, whatever renders it and however space is cut into bricks.
+//! The sampling lattice: the samples of every ray, the same for all renderers and any cut of space into bricks.
 //!
-//! A ray's stretch `[t_in, t_out)` inside the volume's box is cut at the multiples of a step anchored at the eye (`t = 0`).
-//! Each piece, a *segment*, is sampled once, at its midpoint, and weighted by its true length; it belongs to the brick whose
-//! half-open box holds the midpoint. The step doubles with distance: in *zone* `z` it is `2^z` finest steps, and a zone
-//! starts where a pixel has grown to the voxel size of level `z` (times the pixel error asked for), rounded up to a
-//! multiple of that zone's step, so the lattices nest. Because zones depend on the distance alone, and not on which bricks
-//! are resident or how they were cut, the segments partition every ray exactly: a constant medium has the same opacity
-//! under any cut, and all renderers can be compared bit for bit but for rounding. [Jitter](crate::jitter) moves a ray's whole lattice.
+//! A ray's stretch `[t_in, t_out)` inside the volume's box is cut at the multiples of a step anchored at the eye (`t = 0`). Each piece, a *segment*,
+//! is sampled once, at its midpoint, and weighted by its true length; it belongs to the brick whose half-open box holds the midpoint. The step
+//! doubles with distance: in *zone* `z` it is `2^z` finest steps. A zone starts where a pixel has grown to the voxel size of level `z` (times the
+//! requested pixel error), rounded up to a multiple of its step, so the lattices nest. Zones depend on the distance alone, not on resident bricks or
+//! the cut, so segments partition every ray exactly: a constant medium has the same opacity under any cut, and all renderers agree bit for bit but
+//! for rounding. [Jitter](crate::jitter) moves a ray's whole lattice.
 
 use crate::camera::ViewRays;
 use crate::jitter::STEPS;
 
-/// The most zones that a lattice has: one for each of the levels 0 to 15.
+/// The most zones of a lattice: one for each of the levels 0 to 15.
 pub const MAX_ZONES: usize = 16;
 
-/// A lattice: the finest step and where each zone starts.
+/// A sampling lattice: the finest step and the start of each zone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lattice {
     /// World length of the finest step.
     pub step: f64,
     /// First tick (in finest steps from the eye) of each zone, ascending; zone `z`'s is a multiple of `2^z`.
     pub zone_starts: [u32; MAX_ZONES],
-    /// How far the ticks of every ray are moved towards the eye, in units of `1 / STEPS` of its first segment ([`STEPS`]). Pictures of the same view with
-    /// phases that divide a segment evenly are together as good as one with so many times shorter steps.
+    /// Shift of every ray's ticks towards the eye, in units of `1 / STEPS` of its first segment ([`STEPS`]). Pictures of a view with `n` phases at
+    /// even parts of a segment are together as good as one with steps `n` times shorter.
     pub phase: u8,
 }
 
 /// One sample's stretch of a ray, in world distance from the eye.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment {
-    /// World distance from the eye at which the segment starts.
+    /// World distance of the segment's start from the eye.
     pub start: f64,
-    /// World distance from the eye at which the segment ends; more than `start`.
+    /// World distance of the segment's end from the eye; more than `start`.
     pub end: f64,
 }
 
 impl Segment {
-    /// World distance from the eye at which the segment is sampled: its middle.
+    /// World distance of the sample from the eye: the segment's middle.
     pub fn middle(&self) -> f64 {
         0.5 * (self.start + self.end)
     }
 
-    /// World length of the segment, which is the weight of its sample.
+    /// World length of the segment, the weight of its sample.
     pub fn length(&self) -> f64 {
         self.end - self.start
     }
 }
 
 impl Lattice {
-    /// The first tick of a zone that no ray reaches.
+    /// The first tick of an unreachable zone.
     pub const NEVER: u32 = 1 << 30;
 
-    /// A lattice that is in one zone everywhere, as for a locked level. `step` is the world length of the finest step.
+    /// Returns a lattice with one zone everywhere, as for a locked level. `step` is the world length of the finest step.
     pub fn uniform(step: f64, zone: usize) -> Self {
         Self { step, zone_starts: std::array::from_fn(|z| if z <= zone { 0 } else { Self::NEVER }), phase: 0 }
     }
 
-    /// A lattice whose zones follow the size of a pixel: at most `levels` zones, where level 0 has voxels of `voxel_size` world units
-    /// and a voxel may cover `pixel_error` pixels. `step` is the world length of the finest step.
+    /// Returns a lattice with zones by the size of a pixel: at most `levels` of them, where level 0 has voxels of `voxel_size` world units and a
+    /// voxel may cover `pixel_error` pixels. `step` is the world length of the finest step.
     pub fn for_view(step: f64, voxel_size: f64, rays: &ViewRays, pixel_error: f64, levels: usize) -> Self {
         let zone_starts = std::array::from_fn(|z| {
             let level_voxel = voxel_size * (1u64 << z) as f64;
@@ -76,7 +75,7 @@ impl Lattice {
         Self { step, zone_starts, phase: 0 }
     }
 
-    /// This lattice with steps `times` as long (1 or more). Zones start where they did, or up to one of their own steps later.
+    /// Returns this lattice with steps `times` as long (1 or more). Zones start at the same place, or up to one of their own steps later.
     pub fn with_longer_steps(&self, times: f64) -> Self {
         let zone_starts = std::array::from_fn(|z| {
             let start = self.zone_starts[z];
@@ -86,13 +85,13 @@ impl Lattice {
         Self { step: self.step * times, zone_starts, phase: self.phase }
     }
 
-    /// The zone that a tick is in; ticks count finest steps from the eye.
+    /// The zone of a tick; ticks count finest steps from the eye.
     pub fn zone(&self, tick: u32) -> usize {
         (1..MAX_ZONES).take_while(|&z| self.zone_starts[z] <= tick).last().unwrap_or(0)
     }
 
-    /// World distance by which a [share](crate::Jitter::share) of a segment, and the lattice's phase, move a ray's ticks towards the eye, if the ray enters
-    /// the volume at distance `t_in`.
+    /// World shift of a ray's ticks towards the eye by a [share](crate::Jitter::share) of a segment and the lattice's phase; the ray enters the
+    /// volume at distance `t_in`.
     pub fn shift(&self, share: f64, t_in: f64) -> f64 {
         let share = (share + f64::from(self.phase) / f64::from(STEPS)).fract();
         if share == 0.0 {
@@ -101,7 +100,7 @@ impl Lattice {
         share * self.step * (1u32 << self.zone(self.tick_at(t_in))) as f64
     }
 
-    /// How far a segment that begins before the world distance `t` from the eye reaches from its middle, at most.
+    /// Greatest half length of a segment beginning before the world distance `t` from the eye.
     pub fn reach(&self, t: f64) -> f64 {
         0.5 * self.step * (1u32 << self.zone(self.tick_at(t))) as f64
     }
@@ -110,7 +109,7 @@ impl Lattice {
         (t / self.step).min(Self::NEVER as f64) as u32
     }
 
-    /// The segments of a ray that is inside the volume's box for `[t_in, t_out)`, near to far.
+    /// Iterates over the segments of a ray inside the volume's box for `[t_in, t_out)`, near to far.
     pub fn segments(&self, t_in: f64, t_out: f64) -> impl Iterator<Item = Segment> {
         let t_in = t_in.max(0.0);
         let first = self.tick_at(t_in);

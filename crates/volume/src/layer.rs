@@ -1,5 +1,5 @@
-//! A layer of a scene: which volume it shows, where, how, and how it joins the others. Its style and the volume that it shows give a transfer
-//! function, at the cost of a copy of the points.
+//! A layer of a scene: its volume, placement, look, and blending with others. Style and volume together give a transfer function, at the cost of a
+//! copy of the points.
 
 use crate::compositing::Blend;
 use crate::labels::{LabelCodes, LabelLook};
@@ -11,36 +11,36 @@ use crate::transfer::{Subject, TransferChoice, TransferFunction};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// A layer of a scene: one volume, and how it looks. Distances are of the volume's own world, which is what its store says.
+/// A layer of a scene: one volume, and its look. Distances are in the volume's own world, given by its store.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SceneLayer {
-    /// Index of the store that the layer shows; `None` is the store with the layer's own index.
+    /// Index of the layer's store; `None` is the store with the layer's own index.
     pub source: Option<usize>,
-    /// Channel of the store that the layer shows, from 0.
+    /// The store's channel, from 0.
     pub channel: u32,
     /// Placement of the volume: the map from its own world to the scene's.
     pub world_from_volume: Placement,
-    /// The transfer function; `None` is a gray ramp over the window, which shows values as they are. What shows a volume first is [`TransferChoice::automatic`].
+    /// The transfer function; `None` is a gray ramp over the window, for plain values. A new volume's first look is [`TransferChoice::automatic`].
     pub transfer: Option<TransferChoice>,
-    /// The least and the greatest value of the window. A preset spans the window; the points of a function with values of its own are moved to
-    /// it. `None` is the default window of the store's channel, to which nothing is moved.
+    /// Least and greatest value of the window. Presets span it; functions with values of their own are stretched to it. `None` is the default window
+    /// of the store's channel, and stretches nothing.
     pub window: Option<[f64; 2]>,
-    /// A colour in the place of the transfer function's: colours go from black to this one over the window. `None` leaves the function's.
+    /// A colour replacing the transfer function's: colours go from black to this one over the window. `None` leaves the function's.
     pub color: Option<[f64; 3]>,
-    /// The power by which colours and opacities are bent over the window; less than 1 shows more of the lesser values.
+    /// Exponent for colours and opacities over the window; below 1 it brings out the lesser values.
     pub gamma: f64,
-    /// The labels that are shown, of a volume of labels; `None` shows all but the background.
+    /// The shown labels of a volume of labels; `None` shows all but the background.
     pub show_labels: Option<Vec<i64>>,
-    /// Factor of the transfer function's opacities, in 0..=1. In projections it is the opacity of the whole layer.
+    /// Factor of the transfer function's opacities, in 0..=1; in projections the opacity of the whole layer.
     pub opacity: f64,
-    /// How the layer joins others in the same place; `None` follows from the mode: see [`Scene::blend`](crate::Scene::blend).
+    /// Blending with others in the same place; `None` follows from the mode: see [`Scene::blend`](crate::Scene::blend).
     pub blend: Option<Blend>,
-    /// The layer's isosurfaces, at most [`MAX_SURFACES`](crate::surface::MAX_SURFACES). [`Mode::Isosurface`](crate::Mode::Isosurface) shows
-    /// nothing else of it; in [`Mode::Dvr`](crate::Mode::Dvr) they stand in the fog, among the surfaces of all layers.
+    /// The layer's isosurfaces, at most [`MAX_SURFACES`](crate::surface::MAX_SURFACES). [`Mode::Isosurface`](crate::Mode::Isosurface) shows nothing
+    /// else of it; in [`Mode::Dvr`](crate::Mode::Dvr) they stand in the fog, among the surfaces of all layers.
     pub isosurfaces: Vec<Isosurface>,
-    /// Two corners of a box in voxels, the lesser first, where voxel `i` is from `i` to `i + 1` along each axis: nothing of the volume outside of it is
-    /// shown, or read.
+    /// Two corners of a box in voxels, the lesser first, with voxel `i` from `i` to `i + 1` along each axis: the volume is neither shown nor read
+    /// outside it.
     pub crop: Option<[DVec3; 2]>,
     /// Whether the layer is shown.
     pub visible: bool,
@@ -73,11 +73,11 @@ impl From<TransferFunction> for SceneLayer {
 }
 
 impl SceneLayer {
-    /// The transfer function that the layer's style gives for a subject; the layer's `opacity` is not applied to it.
+    /// The transfer function of the layer's style for a subject, without the layer's `opacity`.
     ///
     /// # Errors
-    /// If there is no such preset, the transfer function's file has not been read, the function is not valid, or it has no width to be moved to
-    /// a window.
+    /// If there is no such preset, the transfer function's file has not been read, the function is invalid, or it has no width to stretch to a
+    /// window.
     pub fn function(&self, subject: &Subject) -> Result<TransferFunction, LayerError> {
         let subject = self.window.map_or(*subject, |window| subject.in_window(window.into()));
         let window = subject.window;
@@ -110,7 +110,7 @@ impl SceneLayer {
         Ok(function.bent(window, self.gamma))
     }
 
-    /// A transfer function of labels, of which it shows those that the layer does, in the layer's colour if it has one.
+    /// Limits a transfer function of labels to the layer's labels, in the layer's colour if it has one.
     fn of_labels(&self, mut function: TransferFunction) -> TransferFunction {
         if let Some([r, g, b]) = self.color {
             function.color = vec![[0.0, r, g, b]];
@@ -122,16 +122,16 @@ impl SceneLayer {
         function
     }
 
-    /// This layer with its transfer function written out, in the place of choice, window, colour, gamma and labels.
+    /// Returns this layer with its transfer function written out, replacing choice, window, colour, gamma and labels.
     pub fn written_out(&self, function: TransferFunction) -> Self {
         let transfer = Some(function.into());
         Self { transfer, window: None, color: None, gamma: 1.0, show_labels: None, ..self.clone() }
     }
 
-    /// Checks that the layer's style is one for labels, if it shows labels, and one for measurements if not.
+    /// Checks that the layer's style suits its values: labels or measurements.
     ///
     /// # Errors
-    /// The first part of the style that is not.
+    /// The first unsuitable part of the style.
     pub(crate) fn check_kind(&self, is_labels: bool) -> Result<(), LayerError> {
         let has_own = matches!(&self.transfer, Some(TransferChoice::Function(function)) if function.labels.is_some());
         let styles = [
@@ -147,17 +147,17 @@ impl SceneLayer {
         }
     }
 
-    /// Whether an expression's value could take the place of the layer's own: nothing is said of how the layer looks.
+    /// Whether an expression's value could replace the layer's own: it has no style at all.
     pub(crate) fn has_no_style(&self) -> bool {
         let Self { source, channel, world_from_volume, crop, visible, .. } = self.clone();
         *self == Self { source, channel, world_from_volume, crop, visible, ..Self::default() }
     }
 }
 
-/// The codes that a function's look asks of a layer with this encoding; `None` if its labels have the encoding's own codes.
+/// Codes of the labels in a function's look; `None` if the labels have the encoding's own codes.
 ///
 /// # Errors
-/// If the function is one of the labels' numbers, or its look names too many labels.
+/// If the function maps the labels' numbers, or its look names too many labels.
 pub fn label_codes(function: &TransferFunction, encoding: &SlotEncoding) -> Result<Option<LabelCodes>, LayerError> {
     if !encoding.is_hashed {
         return Ok(None);
@@ -191,7 +191,7 @@ mod tests {
         assert_eq!(of(&layer("mr-default")), preset("mr-default", (0.0, 200.0)));
         let window = Some([50.0, 90.0]);
         assert_eq!(of(&SceneLayer { window, ..layer("mr-default") }), preset("mr-default", (50.0, 90.0)));
-        // Functions with values of their own stay where they are, unless a window is given.
+        // Functions with values of their own keep them, unless a window is given.
         assert_eq!(of(&layer("ct-bone")), preset("ct-bone", (0.0, 1.0)));
         assert_eq!(of(&SceneLayer { window, ..layer("ct-bone") }).span(), (50.0, 90.0));
         let given = preset("fire", (-7.0, 1.0));

@@ -108,5 +108,5 @@ pub use transfer::{
 pub use viewpoint::Viewpoint;
 pub use voxel_type::{Voxel, VoxelType};
 
-/// Voxels along the edge of a brick's core, unless a store says otherwise.
+/// Default number of voxels along the edge of a brick's core.
 pub const DEFAULT_BRICK_EDGE: u32 = 64;

@@ -1,30 +1,30 @@
-//! Lighting: how a place of the field shows its colour, with the field's gradient as the normal.
+//! Lighting: the shading of colours, with the field's gradient as the normal.
 //!
-//! Both sides of a surface are lit: a normal is turned to the eye. Colours are as they are written, without gamma.
+//! Both sides of a surface are lit: a normal is turned to the eye. Colours are lit as written, without gamma.
 
 use crate::enum_all::every;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// How colours are lit.
+/// Lighting models.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LightingModel {
-    /// No lighting: colours are shown as they are.
+    /// No lighting: plain colours.
     #[default]
     None,
     /// Phong's model: the reflection falls with the angle between the mirrored light and the eye.
     Phong,
     /// Blinn's model: the reflection falls with the angle between the normal and the half-way vector of light and eye.
     BlinnPhong,
-    /// Tone shading: from warm where a place faces the light to cool where it is turned away (Gooch et al., A Non-Photorealistic
-    /// Lighting Model for Automatic Technical Illustration, 1998).
+    /// Tone shading: from warm where a place faces the light to cool where it is turned away (Gooch et al., A Non-Photorealistic Lighting Model for
+    /// Automatic Technical Illustration, 1998).
     Tone,
 }
 
 every!(LightingModel: None Phong BlinnPhong Tone);
 
-/// How the field's gradient is found.
+/// Methods to find the field's gradient.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Gradient {
@@ -33,15 +33,14 @@ pub enum Gradient {
     Central,
     /// The 3D Sobel operator on the filtered field's 26 neighbours: central differences, smoothed across.
     Sobel,
-    /// Stored gradients, one for every eight voxels, interpolated whatever the filter: see [`gradients`](crate::gradients).
+    /// Stored gradients, one for every eight voxels, interpolated with any filter: see [`gradients`](crate::gradients).
     Stored,
 }
 
 every!(Gradient: Central Sobel Stored);
 
 impl Gradient {
-    /// How far from a place the field is read for its gradient, in voxels; `None` if the gradient is stored, and the field not
-    /// read.
+    /// Radius of the samples for a place's gradient, in voxels; `None` for stored gradients, without samples of the field.
     pub const fn reach(self) -> Option<f64> {
         match self {
             Self::Central | Self::Sobel => Some(1.0),
@@ -50,52 +49,49 @@ impl Gradient {
     }
 }
 
-/// Weights with which the Sobel operator smooths differences across their axis; they add up to 1.
+/// Weights of the Sobel operator's smoothing of differences across their axis; they add up to 1.
 pub const SMOOTH: [f64; 3] = [0.25, 0.5, 0.25];
 
-/// Ambient light: the share of its colour that a place shows however it is turned. It is VTK's default.
+/// Ambient light: the share of its colour shown by a place in any direction. VTK's default.
 pub const AMBIENT: f64 = 0.1;
 
-/// Diffuse reflection: the share of its colour that a place shows where it faces a light. It is VTK's default.
+/// Diffuse reflection: the share of its colour shown by a place facing a light. VTK's default.
 pub const DIFFUSE: f64 = 0.7;
 
-/// Specular reflection: the share of white that a place shows where it mirrors a light to the eye. It is VTK's default.
+/// Specular reflection: the share of white shown by a place mirroring a light to the eye. VTK's default.
 pub const SPECULAR: f64 = 0.2;
 
-/// The power of the cosine in specular reflection: how fast it fades as the mirrored light turns away from the eye. It is VTK's
-/// default.
+/// The power of the cosine in specular reflection: the speed of its fall as the mirrored light turns away from the eye. VTK's default.
 pub const SPECULAR_POWER: i32 = 10;
 
-/// The most lights that a scene may have.
+/// The most lights of a scene.
 pub const MAX_LIGHTS: usize = 4;
 
-/// Tone shading: what is added to a colour where it is coolest.
+/// Tone shading: added to a colour where it is coolest.
 pub const COOL: [f64; 3] = [0.0, 0.0, 0.4];
-/// Tone shading: what is added to a colour where it is warmest.
+/// Tone shading: added to a colour where it is warmest.
 pub const WARM: [f64; 3] = [0.3, 0.3, 0.0];
-/// Tone shading: the shares of a colour that are kept where it is coolest and where it is warmest.
+/// Tone shading: kept shares of a colour where it is coolest and where it is warmest.
 pub const TONE_KEPT: [f64; 2] = [0.3, 0.7];
 
 /// The lighting of a picture.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Lighting {
-    /// How colours are lit.
+    /// The lighting model.
     pub model: LightingModel,
-    /// How the field's gradient is found.
+    /// The method to find the field's gradient.
     pub gradient: Gradient,
     /// World positions of the lights; an empty list is one light at the eye.
     pub lights: Vec<DVec3>,
 }
 
-/// The cosine between a gradient and a ray up to which the gradient counts as sideways, and is a normal as it is: which of both sides is turned to the eye
-/// would be rounding's to say there.
+/// Cosine between a gradient and a ray up to which the gradient is sideways and not turned, as rounding would decide which side faces the eye.
 pub const SIDEWAYS: f64 = 1e-4;
 
 impl Lighting {
-    /// Lights a colour at a place of the world. `normal` is a unit vector along the gradient, either way, or `None` where the
-    /// field is flat: a flat place shows its colour as if it faced a light at the eye, and reflects nothing. `view` is the ray's
-    /// unit direction there.
+    /// Lights a colour at a place of the world. `normal` is a unit vector along the gradient, either way, or `None` in a flat field: a flat place
+    /// shows its colour as if facing a light at the eye, without reflection. `view` is the ray's unit direction there.
     pub fn shade(&self, color: DVec3, normal: Option<DVec3>, view: DVec3, place: DVec3) -> DVec3 {
         let Some(normal) = normal else {
             return match self.model {
@@ -124,7 +120,7 @@ impl Lighting {
         }
     }
 
-    /// The cosine whose power is the reflection.
+    /// The cosine in the specular term.
     fn reflection(&self, normal: DVec3, to_light: DVec3, view: DVec3, cosine: f64) -> f64 {
         match self.model {
             LightingModel::Phong => (normal * (2.0 * cosine) - to_light).dot(-view),
@@ -140,9 +136,8 @@ fn tone(color: DVec3, cosine: f64) -> DVec3 {
     (cool + color * TONE_KEPT[0]).lerp(warm + color * TONE_KEPT[1], warmth)
 }
 
-/// Light from the eye on a surface: the share of its own colour, and the share of white. `cosine` is the cosine of the angle
-/// between its normal and the ray, of either sign. `None` is a field so flat that there is no normal: the surface shows its colour as if
-/// it faced the eye.
+/// Light from the eye on a surface: the shares of its own colour and of white. `cosine` is the cosine of the angle between its normal and the ray,
+/// of either sign; with `None`, in a flat field, the surface shows its colour as if facing the eye.
 pub fn headlight(cosine: Option<f64>) -> (f64, f64) {
     match cosine.map(f64::abs) {
         // The light is at the eye, so the half-way vector of Blinn and Phong is the ray itself.

@@ -1,16 +1,16 @@
-//! Macro-cells: a brick's core in boxes of 8^3 voxels, each with the least and greatest code that a sample in it can have,
-//! so that a ray skips what cannot be seen; and which ranges of codes a transfer table shows.
+//! Macro-cells: a brick's core in boxes of 8^3 voxels, each with the least and greatest code of samples in it, so that rays skip invisible cells;
+//! and the ranges of codes shown by a transfer table.
 //!
-//! Cells are made once when a brick arrives (0.1 to 0.2 ms for 64^3 on one core); what they mean for a picture is asked anew for every
-//! frame, so an edit of the transfer function reloads nothing. A cell's range covers half a voxel more than its box on each
-//! side: rounding in a traversal never hides a sample.
+//! Cells are made once as a brick arrives (0.1 to 0.2 ms for 64^3 on one core), and matched with the transfer table for every frame, so an edit of
+//! the transfer function reloads nothing. A cell's range covers half a voxel more than its box on each side: rounding in a traversal never hides a
+//! sample.
 
 use crate::sampling::Needs;
 use crate::slot_encoding::SlotFormat;
 use crate::transfer::TransferTable;
 use std::ops::Range;
 
-/// Voxels along a macro-cell's edge: smaller ones skip more, but a ray crosses more of them.
+/// Voxels along a macro-cell's edge: smaller cells skip more, but a ray crosses more of them.
 pub const CELL_EDGE: usize = 8;
 
 /// The ranges of one brick's macro-cells.
@@ -18,7 +18,7 @@ pub const CELL_EDGE: usize = 8;
 pub struct MacroCells {
     /// Least and greatest valid code, x fastest; the least past the greatest where no voxel is valid.
     ranges: Box<[[u16; 2]]>,
-    /// The range of all cells together.
+    /// The joint range of all cells.
     whole: [u16; 2],
 }
 
@@ -34,19 +34,19 @@ pub const fn per_axis(edge: usize) -> usize {
     edge.div_ceil(CELL_EDGE)
 }
 
-/// Bytes that the macro-cells of a brick's core of `edge` voxels take.
+/// Bytes of the macro-cells of a brick's core of `edge` voxels.
 pub const fn bytes(edge: usize) -> usize {
     per_axis(edge).pow(3) * size_of::<[u16; 2]>()
 }
 
 impl MacroCells {
-    /// The macro-cells of a padded brick: `(edge + 2 * apron)^3` codes, where `needs` says the apron, which must not be narrower than
-    /// its filter's [taps](crate::Filter::taps). Code 0 is no value if `has_invalid`. Of f32 slots nothing is known.
+    /// Builds the macro-cells of a padded brick: `(edge + 2 * apron)^3` codes, with the apron in `needs`, at least as wide as its filter's
+    /// [taps](crate::Filter::taps). Code 0 is no value if `has_invalid`. Ranges of f32 slots are unknown.
     pub fn new(codes: &[u8], format: SlotFormat, has_invalid: bool, edge: usize, needs: Needs) -> Self {
         match format {
             SlotFormat::U8 => Self::of::<u8>(codes, has_invalid, edge, needs),
             SlotFormat::U16 => Self::of::<u16>(codes.as_chunks().0, has_invalid, edge, needs),
-            // Their codes go with the window that is looked at, which may be another one by the next frame.
+            // Their codes depend on the window, which may change by the next frame.
             SlotFormat::F32 => Self::of_anything(format, edge),
         }
     }
@@ -54,7 +54,7 @@ impl MacroCells {
     fn of<C: Code>(codes: &[C::Bytes], has_invalid: bool, edge: usize, Needs { apron, filter, .. }: Needs) -> Self {
         let (apron, taps) = (apron as usize, filter.taps() as usize);
         let (padded, cells) = (edge + 2 * apron, per_axis(edge));
-        // The voxels that samples of cell `i` touch along an axis: the core's, and one or two more on each side.
+        // The voxels touched by samples of cell `i` along an axis: the core's, and one or two more on each side.
         let reach = |i: usize| i * CELL_EDGE + apron - taps..((i + 1) * CELL_EDGE + apron + taps).min(padded);
         // Joined along y in every slice, then along z, both by whole rows; along x at the end.
         let mut slices = Ranges::<C>::new(padded * cells * padded);
@@ -77,7 +77,7 @@ impl MacroCells {
         Self { ranges: ranges.into(), whole }
     }
 
-    /// The macro-cells of a brick of which nothing is known: a ray skips none of them.
+    /// Returns the macro-cells of a brick with unknown contents: a ray skips none of them.
     pub fn of_anything(format: SlotFormat, edge: usize) -> Self {
         let whole = [0, format.max_code() as u16];
         Self { ranges: vec![whole; per_axis(edge).pow(3)].into(), whole }
@@ -127,7 +127,7 @@ impl Code for u16 {
     }
 }
 
-/// The least and greatest codes at each of a number of places; the least past the greatest where no voxel is valid.
+/// The least and greatest codes at a number of places; the least past the greatest where no voxel is valid.
 struct Ranges<C> {
     low: Vec<C>,
     high: Vec<C>,
@@ -142,7 +142,7 @@ impl<C: Code> Ranges<C> {
         Row { low: &mut self.low[start..][..length], high: &mut self.high[start..][..length] }
     }
 
-    /// The range of some places together.
+    /// The joint range of some places.
     fn range(&self, places: Range<usize>) -> [u16; 2] {
         let low = self.low[places.clone()].iter().fold(C::MAX, |a, &b| a.min(b));
         let high = self.high[places].iter().fold(C::ZERO, |a, &b| a.max(b));
@@ -156,11 +156,11 @@ struct Row<'a, C> {
     high: &'a mut [C],
 }
 
-/// Columns that are folded together, in registers from the first row to the last.
+/// Columns folded together, in registers from the first row to the last.
 const LANES: usize = 16;
 
 impl<C: Code> Row<'_, C> {
-    /// The ranges of the columns of these rows of codes.
+    /// Folds the columns of these rows of codes.
     fn fold_codes(&mut self, codes: &[C::Bytes], has_invalid: bool) {
         match (self.low.len() < LANES, has_invalid) {
             (true, _) => self.fold(|columns: &mut Columns<C, 1>, at, length| {
@@ -176,7 +176,7 @@ impl<C: Code> Row<'_, C> {
         }
     }
 
-    /// The ranges of the columns of those rows of ranges that start at these places.
+    /// Folds the columns of the rows of ranges that start at these places.
     fn fold_rows(&mut self, ranges: &Ranges<C>, starts: impl Iterator<Item = usize> + Clone) {
         let Ranges { low, high } = ranges;
         match self.low.len() < LANES {
@@ -189,8 +189,8 @@ impl<C: Code> Row<'_, C> {
         }
     }
 
-    /// Fills the row by `N` columns at a time, of which the last ones overlap where the row is no multiple: `fold` is given the place of the first
-    /// column and the length of a row.
+    /// Fills the row by `N` columns at a time; the last ones overlap if its length is no multiple. `fold` gets the place of the first column and
+    /// the row's length.
     #[inline(always)]
     fn fold<const N: usize>(&mut self, fold: impl Fn(&mut Columns<C, N>, usize, usize)) {
         let length = self.low.len();
@@ -210,20 +210,20 @@ struct Columns<C, const N: usize> {
 }
 
 impl<C: Code, const N: usize> Columns<C, N> {
-    /// Takes in the first `N` of these codes.
+    /// Adds the first `N` of these codes.
     #[inline(always)]
     fn add(&mut self, codes: &[C::Bytes], has_invalid: bool) {
         let codes = &codes[..N];
         for i in 0..N {
             let code = C::of(codes[i]);
-            // Code 0 then counts as the greatest of the least, and as the least of the greatest anyway.
+            // An invalid code 0 must not count as the least; as the greatest it changes nothing.
             let least = if has_invalid && code == C::ZERO { C::MAX } else { code };
             self.low[i] = self.low[i].min(least);
             self.high[i] = self.high[i].max(code);
         }
     }
 
-    /// Takes in the first `N` of these ranges.
+    /// Adds the first `N` of these ranges.
     #[inline(always)]
     fn join(&mut self, low: &[C], high: &[C]) {
         let (low, high) = (&low[..N], &high[..N]);
@@ -234,8 +234,8 @@ impl<C: Code, const N: usize> Columns<C, N> {
     }
 }
 
-/// How many places of a transfer table before each code have opacity: two look-ups tell what a range of codes can show. A place is a code,
-/// or, where a table has entries between codes, all of these between two.
+/// Prefix counts of a transfer table's places with opacity: two look-ups decide about a range of codes. A place is a code, or all the entries
+/// between two codes.
 #[derive(Clone, Debug)]
 pub struct OpaqueCodes {
     before: Vec<u32>,
@@ -244,7 +244,7 @@ pub struct OpaqueCodes {
 }
 
 impl OpaqueCodes {
-    /// Counts the places of a transfer table that have opacity.
+    /// Counts the places of a transfer table with opacity.
     pub fn new(table: &TransferTable) -> Self {
         let per_code = table.entries_per_code;
         let is_seen = |entries: &[[f32; 4]]| entries.iter().any(|entry| entry[3] > 0.0);
@@ -260,9 +260,9 @@ impl OpaqueCodes {
         Self { before, first_code: table.first_code, places_per_code: per_code.min(2) as u16 }
     }
 
-    /// The most numbers of [`before`](Self::before), for slots of a format.
+    /// The greatest length of [`before`](Self::before), for slots of a format.
     pub const fn most(format: SlotFormat) -> usize {
-        // Between codes of a whole 16-bit table there are no entries, and of less than half of it there may be.
+        // A whole 16-bit table has no entries between codes; one over less than half of the codes may have.
         let codes = format.max_code() as usize + 2;
         if let SlotFormat::U8 = format { 2 * codes } else { codes }
     }
@@ -273,14 +273,14 @@ impl OpaqueCodes {
         low <= high && self.count(range.map(|code| self.place(code))) > 0
     }
 
-    /// Whether there is opacity at all codes from `low` to `high` and between them; false for an empty range.
+    /// Whether all codes from `low` to `high`, and places between them, have opacity; false for an empty range.
     #[inline]
     pub fn all(&self, range @ [low, high]: [u16; 2]) -> bool {
         let places @ [first, last] = range.map(|code| self.place(code));
         low <= high && self.count(places) as usize == last - first + 1
     }
 
-    /// For each place the number of places before it that have opacity, and at the end the number of all.
+    /// The number of places with opacity before each place, and at the end their total.
     pub fn before(&self) -> &[u32] {
         &self.before
     }
@@ -322,7 +322,7 @@ mod tests {
     }
 
     proptest! {
-        /// A cell has the range of the voxels that samples in it touch, one by one.
+        /// A cell has the range of the voxels touched by samples in it, one by one.
         #[test]
         fn a_range_is_that_of_the_cells_voxels_and_those_next_to_it(
             edge in prop::sample::select(vec![1usize, 4, 8, 14, 16, 20, 32]), apron in 1u32..4, has_invalid: bool, is_wide: bool,

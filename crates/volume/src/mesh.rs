@@ -1,9 +1,9 @@
-//! Triangle meshes in one picture with the volume, and the rule by which all renderers agree on them.
+//! Triangle meshes in one picture with the volume, and the rule for them shared by all renderers.
 //!
-//! Where a ray meets a mesh there is a *layer*: a distance, a colour and an opacity. Layers cut a ray's stretch in the volume into
-//! *slabs*; slabs and layers follow one another from the eye, each dimmed by what is in front of it, up to the first opaque layer.
-//! Each slab is a stretch of its own: it is cut into segments (see [`lattice`](crate::lattice)) whose first and last end just where
-//! the layers are. So an opaque mesh is where it is in every mode, and fog in front of a translucent one is fog of just that length.
+//! A ray meets a mesh in a *layer*: a distance, a colour and an opacity. Layers cut a ray's stretch in the volume into *slabs*;
+//! slabs and layers follow one another from the eye, each dimmed by everything in front, up to the first opaque layer. Each slab is
+//! a stretch of its own, cut into segments (see [`lattice`](crate::lattice)) that begin and end just at the layers. So an opaque
+//! mesh has its exact place in every mode, and fog in front of a translucent one its exact length.
 //!
 //! Nothing clips a mesh: box, planes and slices are cuts of the volume. Both sides of a triangle are shown, lit from the eye.
 
@@ -14,11 +14,11 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// The colour of a mesh that has none in its file and none in the scene: a light gray.
+/// Default colour of a mesh with none in its file or the scene: a light gray.
 pub const PLAIN_COLOR: [f64; 3] = [0.8; 3];
 
-/// A triangle mesh: vertices and the triangles between them, in the world. All numbers are finite, and the vertices of every
-/// triangle exist.
+/// A triangle mesh in the world: vertices and the triangles between them. All numbers are finite, and the vertices of every triangle
+/// exist.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     positions: Vec<[f32; 3]>,
@@ -33,20 +33,20 @@ pub enum MeshError {
     /// There is no triangle.
     #[error("there is no triangle in it: expected at least one")]
     Empty,
-    /// A triangle names a vertex that does not exist.
+    /// A triangle refers to a missing vertex.
     #[error("triangle {triangle} names vertex {index}, but there are {vertices}, numbered from 0")]
     Index {
         /// Index of the first such triangle.
         triangle: usize,
-        /// Index of the vertex that it names.
+        /// Index of the missing vertex.
         index: u32,
-        /// Number of vertices that exist.
+        /// Number of vertices.
         vertices: usize,
     },
     /// A position or a normal has a number that is NaN or infinite.
     #[error("the {what} of vertex {vertex} is {found:?}: expected finite numbers")]
     NotFinite {
-        /// What has the number: `position` or `normal`.
+        /// `position` or `normal`.
         what: &'static str,
         /// Index of the first such vertex.
         vertex: usize,
@@ -56,24 +56,24 @@ pub enum MeshError {
     /// There are normals or colours, but not one for each vertex.
     #[error("there are {found} {what} for {vertices} vertices: expected one each, or none")]
     Count {
-        /// What there is a wrong number of: `normals` or `colours`.
+        /// `normals` or `colours`.
         what: &'static str,
         /// Number of normals or colours.
         found: usize,
         /// Number of vertices.
         vertices: usize,
     },
-    /// There are too many vertices and triangles for numbers of 32 bits; the number is how many there are in all.
+    /// The vertices and triangles, of this total number, are too many for 32 bits.
     #[error("{0} vertices and triangles: expected fewer than 2^31 in all")]
     TooLarge(usize),
 }
 
 impl Mesh {
-    /// A mesh of vertices and triangles between them. Normals and colours are one for each vertex, or empty.
+    /// Creates a mesh of vertices and triangles between them. Normals and colours are one for each vertex, or empty.
     ///
     /// # Errors
     /// If there is no triangle, a triangle's vertex does not exist, a number is not finite, there are too many vertices and
-    /// triangles, or normals or colours are not one for each vertex.
+    /// triangles, or normals or colours do not match the vertices.
     pub fn new(
         positions: Vec<[f32; 3]>,
         triangles: Vec<[u32; 3]>,
@@ -133,29 +133,29 @@ impl Mesh {
         self.triangles[triangle].map(|i| DVec3::from_array(self.positions[i as usize].map(f64::from)))
     }
 
-    /// Bytes that the mesh takes in memory.
+    /// Size in memory, in bytes.
     pub fn bytes(&self) -> u64 {
         let vertex = |bytes: usize, len: usize| (bytes * len) as u64;
         vertex(12, self.positions.len() + self.triangles.len() + self.normals.len()) + vertex(3, self.colors.len())
     }
 }
 
-/// A mesh of a scene, and how it looks.
+/// A mesh of a scene, and its look.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshLook {
-    /// The file that holds the mesh.
+    /// The mesh's file.
     pub path: PathBuf,
-    /// Colour of the mesh, display-referred, in 0..=1; `None` is what the file says, or [`PLAIN_COLOR`].
+    /// Colour of the mesh, display-referred, in 0..=1; `None` is the file's, or [`PLAIN_COLOR`].
     #[serde(default)]
     pub color: Option<[f64; 3]>,
     /// Opacity of the mesh, from 0 (not there) to 1 (opaque).
     #[serde(default = "opaque")]
     pub opacity: f64,
-    /// Whether the mesh is lit from the eye; if not, it shows its colour as it is.
+    /// Whether the mesh is lit from the eye; if not, it shows its plain colour.
     #[serde(default = "lit")]
     pub lit: bool,
-    /// The mesh in the file; `None` until somebody has read it. In JSON a scene has the file's name alone.
+    /// The mesh in the file; `None` until it has been read. In JSON a scene has the file's name alone.
     #[serde(skip)]
     pub mesh: Option<Arc<Mesh>>,
 }
@@ -169,12 +169,12 @@ fn lit() -> bool {
 }
 
 impl MeshLook {
-    /// The mesh of a file, opaque and lit, which has not been read yet.
+    /// Returns a mesh of a file, opaque and lit, not yet read.
     pub fn new(path: impl Into<PathBuf>) -> Self {
         Self { path: path.into(), color: None, opacity: opaque(), lit: lit(), mesh: None }
     }
 
-    /// The mesh as renderers take it.
+    /// Returns the mesh in the renderers' form.
     ///
     /// # Errors
     /// If the colour or the opacity is not in 0..=1, or the file has not been read.
@@ -191,7 +191,7 @@ impl MeshLook {
     }
 }
 
-/// Why a mesh cannot be shown as the scene says.
+/// Why a mesh cannot be shown as requested.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MeshLookError {
     /// The mesh's colour is not in 0..=1.
@@ -199,7 +199,7 @@ pub enum MeshLookError {
     Color {
         /// The mesh's file.
         path: PathBuf,
-        /// The colour that was given.
+        /// The given colour.
         color: [f64; 3],
     },
     /// The mesh's opacity is not in 0..=1.
@@ -207,13 +207,13 @@ pub enum MeshLookError {
     Opacity {
         /// The mesh's file.
         path: PathBuf,
-        /// The opacity that was given.
+        /// The given opacity.
         opacity: f64,
     },
-    /// The mesh's file has not been read; the path is the file's.
+    /// The mesh's file, at this path, has not been read.
     #[error("the mesh {} has not been read: put what is in the file into MeshLook::mesh", .0.display())]
     NotRead(PathBuf),
-    /// The mesh is translucent in a projection, which shows one value of the whole ray and not what is in front of what.
+    /// The mesh is translucent in a projection, which shows one value of the whole ray without an order of depth.
     #[error(
         "the mesh {} has opacity {opacity}, and a projection shows one value of the whole ray, not what is in front of what: \
          make the mesh opaque, or choose the mode dvr or isosurface", path.display()
@@ -224,12 +224,12 @@ pub enum MeshLookError {
         /// The mesh's opacity.
         opacity: f64,
     },
-    /// The meshes of a scene have too many vertices and triangles for numbers of 32 bits; the number is how many they have in all.
+    /// A scene's vertices and triangles, of this total number, are too many for 32 bits.
     #[error("the meshes have {0} vertices and triangles in all: expected fewer than 2^31")]
     TooLarge(u64),
 }
 
-/// A mesh as renderers take it, and how it looks.
+/// A mesh in the renderers' form, and its look.
 #[derive(Clone, Debug)]
 pub struct ShownMesh {
     /// Vertices and triangles of the mesh.
@@ -238,13 +238,12 @@ pub struct ShownMesh {
     pub color: Option<[f64; 3]>,
     /// Opacity of the mesh, 0 to 1.
     pub opacity: f64,
-    /// Whether the mesh is lit from the eye; if not, it shows its colour as it is.
+    /// Whether the mesh is lit from the eye; if not, it shows its plain colour.
     pub lit: bool,
 }
 
 impl ShownMesh {
-    /// The straight colour that a ray of this unit direction sees of a triangle. `weights` are those of the triangle's corners at
-    /// the place that is seen.
+    /// The straight colour of a triangle for a ray of this unit direction. `weights` are the corners' weights at the hit.
     pub fn color_at(&self, triangle: usize, weights: [f64; 3], direction: DVec3) -> DVec3 {
         let mesh = &self.mesh;
         let corners = mesh.triangles[triangle];
@@ -270,21 +269,21 @@ impl ShownMesh {
     }
 }
 
-/// A place where a ray meets a mesh, and what it sees there.
+/// A ray's hit on a mesh, with its look there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layer {
     /// World distance from the origin of the ray.
     pub t: f64,
     /// Number of the triangle, counted over all meshes. Of two triangles at one distance the one with the lower number is in front.
     pub number: u32,
-    /// Straight colour that the ray sees of the mesh.
+    /// Straight colour of the mesh along the ray.
     pub color: DVec3,
-    /// Opacity of the mesh: 1 where nothing behind it is seen.
+    /// Opacity of the mesh: 1 hides everything behind.
     pub opacity: f64,
 }
 
-/// Where a ray meets a triangle: the distance, and how much each corner weighs there. `None` if it does not meet it in front of its
-/// origin. A ray through the edge of two triangles meets just one of them, if they lie on two sides of that edge.
+/// Intersects a ray with a triangle: the distance, and each corner's weight there. `None` without a hit in front of its origin. A
+/// ray through the common edge of two triangles, on two sides of it, meets just one of them.
 pub fn hit(corners: [DVec3; 3], ray: &Ray) -> Option<(f64, [f64; 3])> {
     let [a, b, c] = corners.map(|corner| corner - ray.origin);
     let [of_a, of_b, of_c] = [(b, c), (c, a), (a, b)].map(|(from, to)| side(from, to, ray.direction));
@@ -298,14 +297,14 @@ pub fn hit(corners: [DVec3; 3], ray: &Ray) -> Option<(f64, [f64; 3])> {
     (t > 0.0 && t.is_finite()).then_some((t, weights))
 }
 
-/// On which side of an edge a ray from the origin passes, and how far from it, times the triangle's size.
+/// The side of an edge on which a ray from the origin passes, and its distance, times the triangle's size.
 #[derive(Clone, Copy)]
 struct Side {
     height: f64,
     is_positive: bool,
 }
 
-/// Computed in the same order for both directions of an edge, so that both of its triangles have the same number but for the sign.
+/// Computed in the same order for both directions of an edge, so both of its triangles get the same number but for the sign.
 fn side(from: DVec3, to: DVec3, direction: DVec3) -> Side {
     let is_turned = from.to_array() > to.to_array();
     let (low, high) = if is_turned { (to, from) } else { (from, to) };
@@ -313,7 +312,7 @@ fn side(from: DVec3, to: DVec3, direction: DVec3) -> Side {
     Side { height: if is_turned { -height } else { height }, is_positive: (height >= 0.0) != is_turned }
 }
 
-/// The size of meshes in all, which a renderer makes room for.
+/// The total size of meshes, for which a renderer makes room.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshCapacity {
     /// Number of meshes.
@@ -328,7 +327,7 @@ impl MeshCapacity {
     /// The capacity for no mesh.
     pub const NONE: Self = Self { meshes: 0, vertices: 0, triangles: 0 };
 
-    /// The capacity that these meshes take.
+    /// The capacity for these meshes.
     pub fn of<'a>(meshes: impl IntoIterator<Item = &'a Mesh>) -> Self {
         meshes.into_iter().fold(Self::NONE, |room, mesh| Self {
             meshes: room.meshes + 1,
@@ -342,7 +341,7 @@ impl MeshCapacity {
         self.triangles == 0
     }
 
-    /// The capacity that suffices for the meshes of either of two pictures.
+    /// The capacity for the meshes of either of two pictures.
     pub fn union(self, other: Self) -> Self {
         Self {
             meshes: self.meshes.max(other.meshes),
@@ -351,12 +350,12 @@ impl MeshCapacity {
         }
     }
 
-    /// Whether this capacity suffices for meshes that take `other`.
+    /// Whether this capacity suffices for `other`.
     pub fn holds(&self, other: &Self) -> bool {
         self.meshes >= other.meshes && self.vertices >= other.vertices && self.triangles >= other.triangles
     }
 
-    /// Bytes that meshes of this capacity take in memory, at most.
+    /// Greatest memory of meshes of this capacity, in bytes.
     pub fn bytes(&self) -> u64 {
         self.vertices as u64 * (12 + 12 + 3) + self.triangles as u64 * 12
     }

@@ -1,4 +1,4 @@
-//! What a picture shows of the samples along a ray.
+//! Rendering modes.
 
 use crate::enum_all::every;
 use serde::{Deserialize, Serialize};
@@ -16,14 +16,14 @@ pub enum Mode {
     MinIp,
     /// Average projection: the length-weighted mean of the samples, opaque, in the transfer function's colour.
     Average,
-    /// Nothing but the scene's isosurfaces (see [`surface`](crate::surface)).
+    /// Only the scene's isosurfaces (see [`surface`](crate::surface)).
     Isosurface,
 }
 
 every!(Mode: Dvr Mip MinIp Average Isosurface);
 
 impl Mode {
-    /// Whether the mode is a projection: a picture then shows one value of each ray.
+    /// Whether the mode is a projection: a picture of one value per ray.
     pub const fn is_projection(self) -> bool {
         match self {
             Self::Mip | Self::MinIp | Self::Average => true,

@@ -1,6 +1,6 @@
-//! Which of the known names somebody may have meant who wrote an unknown one. Costs a table row for each known name.
+//! Suggestions for misspelt names. Costs a table row for each known name.
 
-/// `, did you mean '...'?` for the known name that is least edits away, if it is few.
+/// `, did you mean '...'?` for the known name with the fewest edits, if they are few.
 pub fn hint<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
     let lower = name.to_lowercase();
     let nearest = known.map(|k| (edits(&lower, &k.to_lowercase()), k)).min();
@@ -10,7 +10,7 @@ pub fn hint<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
     }
 }
 
-/// Letters to insert, remove or replace to make one word of the other (Levenshtein's distance).
+/// Letters to insert, remove or replace to turn one word into the other (Levenshtein's distance).
 fn edits(from: &str, to: &str) -> usize {
     let to: Vec<char> = to.chars().collect();
     let mut row: Vec<usize> = (0..=to.len()).collect();

@@ -1,12 +1,12 @@
-//! Numbers in words: with as many digits as tell what they are, and a power of ten where that is shorter.
+//! Numbers as text: with as many digits as needed, and a power of ten where it is shorter.
 
-/// A number rounded to a multiple of a power of ten, `10^place`, without zeros at its end.
+/// Rounds a number to a multiple of a power of ten, `10^place`, without trailing zeros.
 pub fn to_place(number: f64, place: i32) -> String {
     if !number.is_finite() {
         return number.to_string();
     }
     let size = number.abs().log10().floor();
-    // What is less than the place is nothing, or one of it.
+    // A number below the place becomes 0 or one of it.
     let rounded = match size >= f64::from(place) {
         true => format!("{number:.*e}", (size - f64::from(place)).min(16.0) as usize).parse().unwrap_or(number),
         false => format!("{}e{place}", (number / 10f64.powi(place)).round()).parse().unwrap_or(number),
@@ -14,18 +14,18 @@ pub fn to_place(number: f64, place: i32) -> String {
     written(rounded.to_string(), format!("{rounded:e}"), rounded)
 }
 
-/// A number with so many significant digits.
+/// Formats a number with this many significant digits.
 pub fn significant(number: f64, digits: i32) -> String {
     to_place(number, place_of(number) - digits + 1)
 }
 
-/// A value with as many digits as tell a thousandth of `span` apart, wherever the span lies; whole numbers are not rounded. Without a span, with four digits.
+/// Formats a value with digits for a thousandth of `span`, wherever the span lies; whole numbers are not rounded. Without a span, with four digits.
 pub fn within_span(value: f64, span: f64) -> String {
     let reach = if span.is_finite() && span > 0.0 { span } else { value };
     to_place(value, (place_of(reach) - 3).min(0))
 }
 
-/// A number with as few digits as read back as the same; `is_f32` says that it is one of 32 bits, which has fewer.
+/// Formats a number with the fewest digits that read back as the same; with `is_f32` as a 32-bit one, which needs fewer.
 pub fn exact(number: f64, is_f32: bool) -> String {
     match is_f32 {
         true => written((number as f32).to_string(), format!("{:e}", number as f32), number),
@@ -33,7 +33,7 @@ pub fn exact(number: f64, is_f32: bool) -> String {
     }
 }
 
-/// Bytes in MiB, to a tenth and never less than they are; as KiB where they are few.
+/// Formats bytes in MiB, rounded up to a tenth; as KiB where they are few.
 pub fn mebibytes(bytes: u64) -> String {
     let (unit_bytes, unit) = if bytes < 1 << 20 { (1 << 10, "KiB") } else { (1 << 20, "MiB") };
     let tenths = (u128::from(bytes) * 10).div_ceil(unit_bytes) as f64;
@@ -46,7 +46,7 @@ fn place_of(number: f64) -> i32 {
     if power.is_finite() { power as i32 } else { 0 }
 }
 
-/// A number in its plain form, or by a power of ten if it is very large or small, and shorter so.
+/// Chooses the power of ten for very large or small numbers, if it is shorter.
 fn written(plain: String, by_power: String, number: f64) -> String {
     let is_usual = (1e-4..1e7).contains(&number.abs());
     match number == 0.0 {

@@ -1,14 +1,14 @@
-//! Occupancy: which of 64 value bins a brick can show, as one `u64`, so that "is this brick empty under this transfer
+//! Occupancy: a brick's visible values in 64 bins, as one `u64`, so that "is this brick empty under this transfer
 //! function?" is one AND.
 //!
-//! A mask is safe under interpolation: for every 2x2x2 neighbourhood of voxels that a trilinear sample in the brick can
-//! touch (apron included), all bins between the neighbourhood's least and greatest value are set. Bins 0 and 63 are open
-//! ended, so any value has a bin whatever range the bins were laid over.
+//! A mask is safe under interpolation: for every 2x2x2 neighbourhood of voxels within reach of a trilinear sample in the
+//! brick (apron included), all bins between its least and greatest value are set. Bins 0 and 63 are open ended, so any
+//! value has a bin.
 
 use crate::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
 
-/// The set of value bins that a brick can show: one bit for each of 64 bins.
+/// A brick's set of value bins: one bit for each of 64 bins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub struct Occupancy(pub u64);
@@ -16,10 +16,10 @@ pub struct Occupancy(pub u64);
 impl Occupancy {
     /// No bin: there is no valid voxel at all.
     pub const NONE: Self = Self(0);
-    /// All bins: anything may be inside. It stands for "not known".
+    /// All bins, for unknown contents.
     pub const ALL: Self = Self(u64::MAX);
 
-    /// The bins that are in either of two sets.
+    /// The union of two sets.
     pub const fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
@@ -35,7 +35,7 @@ impl Occupancy {
     }
 }
 
-/// How values map to the 64 bins: `bin(v) = clamp(floor((v - low) / width), 0, 63)`.
+/// The map from values to the 64 bins: `bin(v) = clamp(floor((v - low) / width), 0, 63)`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OccupancyBins {
     /// Value at the lower edge of bin 0, in data units; lesser values are in bin 0, too.
@@ -48,7 +48,7 @@ impl OccupancyBins {
     /// The number of bins.
     pub const COUNT: u32 = 64;
 
-    /// Bins of equal width that together cover `[low, high]`. The width is 1 where the range is empty or not finite.
+    /// Returns bins of equal width over `[low, high]`. The width is 1 where the range is empty or not finite.
     pub fn over(low: f64, high: f64) -> Self {
         let width = (high - low) / Self::COUNT as f64;
         Self { low, width: if width > 0.0 && width.is_finite() { width } else { 1.0 } }
@@ -59,13 +59,13 @@ impl OccupancyBins {
         ((value - self.low) / self.width).floor().clamp(0.0, 63.0) as u32
     }
 
-    /// All bins that values of `[low, high]` fall in.
+    /// The bins of all values in `[low, high]`.
     pub fn mask(&self, low: f64, high: f64) -> Occupancy {
         Occupancy::span(self.bin(low), self.bin(high))
     }
 
-    /// The bins in which the transfer function has opacity somewhere. `slack` (data units) widens every bin on both sides
-    /// by what quantisation and table lookup may move a value.
+    /// The bins with any opacity under the transfer function. `slack` (data units) widens every bin on both sides by the
+    /// error of quantisation and table lookup.
     pub fn opaque(&self, transfer: &TransferFunction, slack: f64) -> Occupancy {
         let mut mask = 0;
         for bin in 0..Self::COUNT {
@@ -98,7 +98,7 @@ mod tests {
     }
 
     proptest! {
-        /// The promise that culling rests on: a value with opacity is in an opaque bin.
+        /// Culling relies on this: a value with opacity is in an opaque bin.
         #[test]
         fn no_opaque_value_is_in_an_empty_bin(
             knots in prop::collection::vec((0.0f64..100.0, prop::sample::select(vec![0.0, 0.0, 0.3, 1.0])), 1..6),

@@ -1,6 +1,6 @@
-//! How a volume lies in a patient: the affine map from indices of voxels to a world of x to the patient's right, y to the front and z to
-//! the head (RAS), in the unit of the volume's spacing. Readers of NIfTI and DICOM fill it, stores keep it, and a scene's world is this one: so
-//! volumes of one patient meet, and left is left. It is made once for a volume, and costs nothing per picture.
+//! Orientation of a volume in a patient: the affine map from voxel indices to a world of x to the patient's right, y to the front and z to the head
+//! (RAS), in the unit of the volume's spacing. Readers of NIfTI and DICOM fill it, stores keep it, and scenes use this world, so volumes of one
+//! patient meet, and left is left. Made once for a volume; costs nothing per picture.
 
 use crate::geometry::Geometry;
 use crate::placement::{Placement, PlacementError};
@@ -8,20 +8,20 @@ use crate::space::Extent;
 use glam::{DAffine3, DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// Terms of a map up to this part of a voxel, for each voxel crossed, are noise of single precision.
+/// Terms of a map up to this part of a voxel, for each voxel crossed, are single-precision noise.
 const NOISE: f64 = 1e-4;
 
-/// The affine map from voxel indices (centres are at whole numbers) to the patient's right, front and head, in the unit of the spacing; in JSON its three
-/// rows of four numbers.
+/// The affine map from voxel indices (whole at centres) to the patient's right, front and head, in the unit of the spacing; in JSON its three rows of
+/// four numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Orientation(Placement);
 
 impl Orientation {
-    /// The map with these rows, whose last column is where the centre of voxel (0, 0, 0) is.
+    /// Creates the map with these rows; the last column is the centre of voxel (0, 0, 0).
     ///
     /// # Errors
-    /// If the map is not finite, is singular, or so nearly that voxels have no volume.
+    /// If the map is not finite, or practically singular: voxels would have no volume.
     pub fn new(rows: [[f64; 4]; 3]) -> Result<Self, PlacementError> {
         Placement::from_rows(&rows).map(Self)
     }
@@ -36,29 +36,29 @@ impl Orientation {
         self.0.world_vector(DVec3::AXES[axis])
     }
 
-    /// Where the centre of voxel (0, 0, 0) is.
+    /// The centre of voxel (0, 0, 0).
     pub fn first_centre(&self) -> DVec3 {
         self.0.world_from_volume(DVec3::ZERO)
     }
 
-    /// This orientation for voxels that are larger by these factors, one an axis; the first centre stays where it is.
+    /// Returns this orientation for voxels larger by these factors, one per axis, with the same first centre.
     ///
     /// # Errors
-    /// If the map cannot be used then.
+    /// If the result is not usable.
     pub fn stretched(&self, by: DVec3) -> Result<Self, PlacementError> {
         self.strided(by, DVec3::ZERO)
     }
 
-    /// The orientation of every n-th voxel of this volume, from the voxel at `first` on; `by` is n along each axis.
+    /// Returns the orientation of every n-th voxel of this volume, from the voxel at `first` on; `by` is n along each axis.
     ///
     /// # Errors
-    /// If the map cannot be used then.
+    /// If the result is not usable.
     pub fn strided(&self, by: DVec3, first: DVec3) -> Result<Self, PlacementError> {
         let whole_from_strided = DAffine3 { matrix3: DMat3::from_diagonal(by), translation: first };
         Placement::new(self.0.map() * whole_from_strided).map(Self)
     }
 
-    /// This orientation with the centre of voxel (0, 0, 0) elsewhere.
+    /// Returns this orientation with another centre of voxel (0, 0, 0).
     ///
     /// # Panics
     /// If the place is not finite.
@@ -67,11 +67,11 @@ impl Orientation {
         Self(Placement::new(map).expect("a finite place does not change how a map stretches"))
     }
 
-    /// Whether another orientation puts every voxel of a volume of this extent in the same place, to a hundredth of a voxel.
+    /// Whether another orientation gives every voxel of a volume of this extent the same place, to a hundredth of a voxel.
     pub fn agrees(&self, other: &Self, extent: Extent) -> bool {
         let last = DVec3::from_array(extent.to_array().map(|n| f64::from(n) - 1.0));
         let least_step = (0..3).map(|axis| self.step(axis).length()).fold(f64::INFINITY, f64::min);
-        // Maps are affine, so that a corner is the place where they differ most.
+        // Maps are affine, so they differ most at a corner.
         (0..8).all(|corner: usize| {
             let at = DVec3::from_array(std::array::from_fn(|axis| last[axis] * f64::from((corner >> axis & 1) as u32)));
             let off = self.0.world_from_volume(at) - other.0.world_from_volume(at);
@@ -87,11 +87,11 @@ impl Orientation {
         })
     }
 
-    /// Where the volume stands, from its own world of spacing and origin, in a world of millimetres. A unit that is unknown is taken for
-    /// millimetres. A volume whose own world is this one, but for noise, is where it is.
+    /// Places the volume, from its own world of spacing and origin, in a world of millimetres, also assumed for unknown units. A volume already in
+    /// this world, but for noise, is not moved.
     ///
     /// # Errors
-    /// If the map together with the spacing cannot be used.
+    /// If the map combined with the spacing is not usable.
     pub fn placement(&self, geometry: &Geometry) -> Result<Placement, PlacementError> {
         let own_from_index = DAffine3 { matrix3: DMat3::from_diagonal(geometry.spacing), translation: geometry.origin };
         let unit = DAffine3::from_scale(DVec3::splat(millimetres(geometry.unit.as_deref())));
@@ -102,7 +102,7 @@ impl Orientation {
         if is_noise { Ok(Placement::default()) } else { Placement::new(world_from_own) }
     }
 
-    /// The side of the patient that each axis of the volume runs to, as in `LPS`: the assignment of sides to axes that fits best.
+    /// Letters of the patient's sides at the ends of the volume's axes, as in `LPS`: the best-fitting assignment.
     pub fn code(&self) -> String {
         let steps: [DVec3; 3] = std::array::from_fn(|axis| self.step(axis).normalize_or_zero());
         const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
@@ -112,7 +112,7 @@ impl Orientation {
     }
 }
 
-/// How many millimetres the unit of this UDUNITS name has; 1 for one that is unknown.
+/// Millimetres per unit of this UDUNITS name; 1 for an unknown one.
 fn millimetres(unit: Option<&str>) -> f64 {
     match unit {
         Some("meter") => 1e3,
@@ -145,13 +145,13 @@ impl Side {
     pub const ALL: [Self; 6] =
         [Self::Right, Self::Left, Self::Anterior, Self::Posterior, Self::Superior, Self::Inferior];
 
-    /// The side that a direction of the world points to most.
+    /// The side closest to a direction of the world.
     pub fn of(direction: DVec3) -> Self {
         let along = |side: &Self| side.direction().dot(direction);
         Self::ALL.into_iter().max_by(|a, b| along(a).total_cmp(&along(b))).expect("there are six sides")
     }
 
-    /// The direction to the side, of length 1.
+    /// The unit vector to the side.
     pub fn direction(self) -> DVec3 {
         match self {
             Self::Right => DVec3::X,
@@ -163,7 +163,7 @@ impl Side {
         }
     }
 
-    /// What is up in a picture of a patient seen from this side: the head, or the front where the head is towards the viewer or away.
+    /// Up direction in a picture of a patient from this side: the head, or the front where the head points to the viewer or away.
     pub fn up(self) -> DVec3 {
         match self {
             Self::Superior | Self::Inferior => DVec3::Y,
@@ -171,7 +171,7 @@ impl Side {
         }
     }
 
-    /// The letter that stands for the side at a picture's edge.
+    /// The side's letter at a picture's edge.
     pub fn letter(self) -> char {
         match self {
             Self::Right => 'R',
@@ -209,7 +209,7 @@ mod tests {
         assert_eq!(code([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0]]), "PIR");
         // Turned by 40 degrees about x, and sheared.
         assert_eq!(code([[1.0, 0.1, 0.0, 0.0], [0.0, 0.77, -0.64, 0.0], [0.0, 0.64, 0.77, 0.0]]), "RAS");
-        // Two axes that both run most of all to the right: nibabel.aff2axcodes gives them different sides, too.
+        // Two axes, both closest to the right: nibabel.aff2axcodes gives them different sides, too.
         assert_eq!(code([[1.0, 0.8, 0.0, 0.0], [0.1, 0.6, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0]]), "RAI");
     }
 

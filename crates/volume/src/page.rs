@@ -1,7 +1,7 @@
 //! A page: the bricks of one time step, channel and level whose side data are stored, read and forgotten together.
 //!
-//! A page holds a box of up to 16³ bricks. So what is known of a volume is read as it is looked at, costs the same
-//! memory whatever the volume's size, and grows by whole pages when time steps are added. Arithmetic only.
+//! A page holds a box of up to 16³ bricks. So side data are read on demand, take the same memory for any volume,
+//! and grow by whole pages as time steps are added. Arithmetic only.
 
 use crate::pyramid::Pyramid;
 use crate::space::{BrickId, BrickIndex, Extent, Level, VoxelBox};
@@ -34,7 +34,7 @@ impl std::fmt::Display for PageId {
     }
 }
 
-/// How a grid of cells (bricks, or shards) divides into pages.
+/// Division of a grid of cells (bricks, or shards) into pages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Paging {
     grid: Extent,
@@ -58,19 +58,19 @@ impl Paging {
         Extent::from_array(std::array::from_fn(|a| grid[a].div_ceil(page[a])))
     }
 
-    /// Cells of a page, those past the grid included.
+    /// Cells of a page, including those past the grid.
     pub fn page_cells(self) -> usize {
         self.page.volume() as usize
     }
 
-    /// The page `[x, y, z]` that a cell is in, and the cell's row-major place in that page.
+    /// Returns the page `[x, y, z]` of a cell, and the cell's row-major place in it.
     pub fn locate(self, cell: [u32; 3]) -> ([u32; 3], usize) {
         let page = self.page.to_array();
         let place = self.page.linear(std::array::from_fn(|a| cell[a] % page[a]));
         (std::array::from_fn(|a| cell[a] / page[a]), place as usize)
     }
 
-    /// The cells of a page that are inside of the grid.
+    /// The cells of a page inside the grid.
     pub fn cells(self, page: [u32; 3]) -> VoxelBox {
         let size = self.page.to_array();
         let min: [u32; 3] = std::array::from_fn(|a| page[a].saturating_mul(size[a]));
@@ -79,7 +79,7 @@ impl Paging {
 }
 
 impl Pyramid {
-    /// How a level's bricks divide into pages.
+    /// Division of a level's bricks into pages.
     pub fn paging(&self, level: Level) -> Paging {
         Paging::new(self.level(level).bricks)
     }
@@ -90,7 +90,7 @@ impl Pyramid {
         (PageId { time: id.time, channel: id.channel, level: id.level, z, y, x }, place)
     }
 
-    /// The bricks of a page in memory order, each with its place in the page.
+    /// Iterates over the bricks of a page in memory order, each with its place in the page.
     pub fn bricks_of_page(&self, page: PageId) -> impl Iterator<Item = (BrickId, usize)> + use<> {
         let paging = self.paging(page.level);
         let VoxelBox { min, max } = paging.cells([page.x, page.y, page.z]);

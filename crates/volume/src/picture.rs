@@ -1,4 +1,4 @@
-//! A finished picture, what a renderer needs to know to make one, and how far two pictures are apart.
+//! A finished picture, a renderer's settings for it, and the difference of two pictures.
 
 use crate::camera::ViewRays;
 use crate::clip::Clip;
@@ -17,83 +17,81 @@ use crate::transfer::{TransferGrid, TransferTable};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// Everything besides bricks that decides a frame, resolved for one picture size. Every renderer takes exactly this.
+/// All settings of a frame besides its bricks, resolved for one picture size. Every renderer takes exactly these.
 #[derive(Clone, Debug)]
 pub struct FrameSettings {
     /// The rays of the picture's pixels.
     pub rays: ViewRays,
-    /// Where rays are sampled.
+    /// The sampling lattice of rays.
     pub lattice: Lattice,
     /// Spacing, origin and unit of the volume in its own world.
     pub geometry: Geometry,
-    /// Where the volume's own world is in the world of the rays.
+    /// Map from the volume's own world to the world of the rays.
     pub placement: Placement,
-    /// How slot codes stand for values.
+    /// Mapping between slot codes and values.
     pub encoding: SlotEncoding,
     /// Colour and opacity per code.
     pub table: Arc<TransferTable>,
-    /// How samples become a pixel.
+    /// The rendering mode.
     pub mode: Mode,
-    /// The volume's isosurfaces, for [`Mode::Isosurface`] and [`Mode::Dvr`]: at most
-    /// [`MAX_SURFACES`](crate::surface::MAX_SURFACES), in the order of their values.
+    /// The volume's isosurfaces, for [`Mode::Isosurface`] and [`Mode::Dvr`]: at most [`MAX_SURFACES`](crate::surface::MAX_SURFACES), in the order of
+    /// their values.
     pub surfaces: Vec<Surface>,
-    /// How the field is filtered, and how segments of [`Mode::Dvr`] are sampled.
+    /// The field's filter, and the sampling of [`Mode::Dvr`]'s segments.
     pub sampling: Sampling,
-    /// How the fog of [`Mode::Dvr`] and surfaces are lit.
+    /// Lighting of surfaces and of [`Mode::Dvr`]'s fog.
     pub lighting: Lighting,
     /// Colour behind the volume, display-referred.
     pub background: [f32; 3],
-    /// What is shown of the volume, in the volume's own world; `None` is everything.
+    /// The shown part of the volume, in its own world; `None` is everything.
     pub clip: Option<Clip>,
     /// Whether isosurfaces are capped where the clip opens them: see [`CutFace`](crate::CutFace).
     pub caps: bool,
-    /// Meshes that stand in the picture, in the world of the rays; none of them has opacity 0.
+    /// Meshes of the picture, in the world of the rays; none of them has opacity 0.
     pub meshes: Vec<ShownMesh>,
-    /// Whether the mode is a projection of extremes, and voxels of coarse levels are the extremes of those of finer ones: see [`extremes`].
+    /// Whether the mode is a projection of extremes, and voxels of coarse levels are the extremes of finer ones: see [`extremes`].
     pub keeps_extremes: bool,
 }
 
 impl FrameSettings {
-    /// How far segments' [boxes](extremes) reach beyond them in a brick of a level, by which it is read, in voxels of the level that have `factor` voxels of level 0
-    /// along each axis; `None` if it is sampled through the scene's filter.
+    /// Reach of segments' [boxes](extremes) in a level's bricks, in voxels of the level, with `factor` level-0 voxels along each axis; `None` if the
+    /// scene's filter reads it.
     pub fn box_reach(&self, factor: [u32; 3]) -> Option<[f64; 3]> {
         (self.keeps_extremes && factor != [1; 3]).then(|| extremes::reach(self.sampling.filter, factor))
     }
 
-    /// What the picture requires of bricks and of the tables beside them.
+    /// The picture's requirements on bricks and the tables beside them.
     pub fn needs(&self) -> Needs {
         let meshes = MeshCapacity::of(self.meshes.iter().map(|shown| &*shown.mesh));
         let (has_surfaces, has_grid) = (!self.surfaces.is_empty(), self.grid().is_some());
         Needs { meshes, ..Needs::new(self.mode, self.sampling, &self.lighting, has_surfaces, has_grid) }
     }
 
-    /// How segments of fog become media: labels are read in the middle of a segment, whatever the scene's method is.
+    /// Sampling method of fog's segments: labels are read in the middle of a segment, whatever the scene's method.
     pub fn method(&self) -> Method {
         if self.encoding.is_labels { Method::Udvr } else { self.sampling.method }
     }
 
-    /// Whether all values that are read are whole numbers: labels, and integers of which no two are mixed.
+    /// Whether all samples are whole numbers: labels, and unmixed integers.
     pub fn has_whole_values(&self) -> bool {
         let is_nearest = self.sampling.filter == Filter::Nearest;
         self.encoding.is_labels || is_nearest && !self.encoding.voxel_type.is_float()
     }
 
-    /// The table of value and gradient magnitude that fog is classified by. `None` if it is classified by value alone, or the
-    /// mode is not [`Mode::Dvr`].
+    /// The table of value and gradient magnitude for classifying fog; `None` for classification by value alone, or outside [`Mode::Dvr`].
     pub fn grid(&self) -> Option<&TransferGrid> {
         self.table.grid.as_deref().filter(|_| self.mode == Mode::Dvr)
     }
 
-    /// Whether the volume shows nothing but one opaque surface, with the default lighting, which is from the eye. Such frames
-    /// have shaders of their own.
+    /// Whether the volume shows only one opaque surface, with the default lighting from the eye. Such frames have shaders of their own.
     pub fn is_one_opaque_surface(&self) -> bool {
         let is_lit_from_the_eye = self.lighting == Lighting::default();
         let is_opaque = matches!(&self.surfaces[..], [surface] if surface.opacity >= 1.0);
         self.mode == Mode::Isosurface && is_opaque && is_lit_from_the_eye
     }
 
-    /// The box that is shown of a volume of this extent: its lower and upper corner in level-0 voxels. Low is not below high
-    /// where nothing is shown. Clip planes may take more away.
+    /// The shown box of a volume of this extent: its lower and upper corner in level-0 voxels; if nothing is shown, low is not below high. Clip
+    /// planes may cut away more.
     pub fn shown_box(&self, extent: Extent) -> (DVec3, DVec3) {
         let (low, high) = (DVec3::ZERO, DVec3::from_array(extent.to_array().map(f64::from)));
         let Some(clip) = &self.clip else { return (low, high) };
@@ -114,7 +112,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// Rounds a display-referred colour to 8-bit codes; what is outside of 0..=1 is clamped.
+    /// Rounds a display-referred colour to 8-bit codes, clamped to 0..=1.
     pub fn quantise(color: [f32; 3]) -> [u8; 3] {
         color.map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8)
     }
@@ -127,12 +125,12 @@ impl Picture {
         self.rgb[y as usize * self.width as usize + x as usize]
     }
 
-    /// The pixels as textures have them, opaque.
+    /// Returns the pixels as opaque RGBA for textures.
     pub fn rgba(&self) -> Vec<u8> {
         self.rgb.iter().flat_map(|[r, g, b]| [*r, *g, *b, u8::MAX]).collect()
     }
 
-    /// How far apart two pictures of the same size are.
+    /// Compares two pictures of the same size.
     ///
     /// # Panics
     /// If the sizes differ.
@@ -150,7 +148,7 @@ impl Picture {
     }
 }
 
-/// How far apart two pictures are.
+/// The difference of two pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference {
     /// Greatest difference of any channel of any pixel, in 1/255.

@@ -1,9 +1,9 @@
-//! Where a volume stands among others: an affine map from its own world, which its store's spacing and origin give, to the
-//! world of the scene.
+//! Placement of a volume in a scene: an affine map from its own world, given by its store's spacing and origin, to the world of the
+//! scene.
 //!
-//! Renderers and the pager work in the volume's own world, and bring the rays there. A ray keeps its parameter on the way: `t` stays the
-//! distance from the eye in the scene's world, and its direction there no longer has length 1. So the sampling lattice is one for all
-//! volumes of a scene, whatever their maps, and boxes of voxels stay boxes.
+//! Renderers and the pager work in the volume's own world, and transform rays into it. A ray keeps its parameter: `t` stays the distance
+//! from the eye in the scene's world, and the direction loses its unit length. So all volumes of a scene share one sampling lattice,
+//! whatever their maps, and boxes of voxels stay boxes.
 
 use crate::geometry::{Geometry, box_corners};
 use crate::ray::Ray;
@@ -11,8 +11,7 @@ use crate::space::Extent;
 use glam::{DAffine3, DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// The greatest ratio by which a map may stretch one direction more than another. Beyond it a volume cannot be told from one without
-/// thickness.
+/// The greatest ratio of a map's stretches in two directions. Beyond it a volume is practically flat.
 pub const MAX_CONDITION: f64 = 1e6;
 
 /// An invertible affine map from a volume's own world to the scene's; in JSON its rows, three or four of four numbers.
@@ -31,7 +30,7 @@ pub enum PlacementError {
     /// The matrix does not have three or four rows of four numbers.
     #[error("a matrix of {found}: expected three or four rows of four numbers")]
     Shape {
-        /// What was found, in words.
+        /// The found shape, in words.
         found: String,
     },
     /// The matrix has a number that is NaN or infinite.
@@ -48,8 +47,7 @@ pub enum PlacementError {
         /// The matrix's determinant.
         determinant: f64,
     },
-    /// The matrix is nearly singular: volumes would become nearly planes or lines. The number is how many times as much it stretches one
-    /// direction as another.
+    /// The matrix is nearly singular: volumes would become almost flat. The number is the ratio of its greatest to its least stretch.
     #[error(
         "the matrix stretches one direction {0:.1e} times as much as another: expected at most {MAX_CONDITION:.0e}"
     )]
@@ -60,7 +58,7 @@ pub enum PlacementError {
 }
 
 impl Default for Placement {
-    /// The identity: the volume stands where its store says.
+    /// The identity: the volume stays where its store puts it.
     fn default() -> Self {
         let map = DAffine3::IDENTITY;
         Self { world_from_volume: map, volume_from_world: map, least_stretch: 1.0, greatest_stretch: 1.0 }
@@ -68,7 +66,7 @@ impl Default for Placement {
 }
 
 impl Placement {
-    /// The placement of a volume by this affine map from its own world to the scene's.
+    /// Places a volume by this affine map from its own world to the scene's.
     ///
     /// # Errors
     /// If the map is not finite, singular, or nearly singular.
@@ -93,10 +91,10 @@ impl Placement {
         Ok(Self { world_from_volume, volume_from_world, least_stretch: least, greatest_stretch: greatest })
     }
 
-    /// The placement of a volume by a matrix with these rows: three, or four with a last one of 0, 0, 0, 1.
+    /// Places a volume by a matrix with these rows: three, or four with a last one of 0, 0, 0, 1.
     ///
     /// # Errors
-    /// If there are other rows, or the map is not finite, singular, or nearly singular.
+    /// If the rows have another shape, or the map is not finite, singular, or nearly singular.
     pub fn from_rows(rows: &[[f64; 4]]) -> Result<Self, PlacementError> {
         let ([x, y, z], last) = match *rows {
             [x, y, z] => ([x, y, z], None),
@@ -110,11 +108,11 @@ impl Placement {
         Self::new(DAffine3::from_cols(column(0), column(1), column(2), column(3)))
     }
 
-    /// The placement of a volume by a matrix that is given as text, as registration programs write it: 12 or 16 numbers, row by row,
-    /// with blanks, line ends or commas between them.
+    /// Parses a placement from the text of a matrix, as written by registration programs: 12 or 16 numbers, row by row, separated by
+    /// blanks, line ends or commas.
     ///
     /// # Errors
-    /// If a word is not a number, there are not 12 or 16 numbers, or the map cannot be used.
+    /// If a word is not a number, there are not 12 or 16 numbers, or the map is not usable.
     pub fn from_text(text: &str) -> Result<Self, PlacementError> {
         let words = text.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty());
         let number = |word: &str| word.parse::<f64>().map_err(|_| PlacementError::Word(word.to_string()));
@@ -126,26 +124,26 @@ impl Placement {
         Self::from_rows(rows)
     }
 
-    /// The three rows of the matrix that maps the volume's own world to the scene's.
+    /// The three rows of the matrix from the volume's own world to the scene's.
     pub fn rows(&self) -> [[f64; 4]; 3] {
         let DAffine3 { matrix3, translation } = self.world_from_volume;
         std::array::from_fn(|a| matrix3.row(a).extend(translation[a]).to_array())
     }
 
-    /// The map as such.
+    /// The plain affine map.
     pub(crate) fn map(&self) -> DAffine3 {
         self.world_from_volume
     }
 
-    /// This map after another: from the other's volume to this one's world.
+    /// Composes this map with an earlier one: from the other's volume to this one's world.
     ///
     /// # Errors
-    /// If the two together cannot be used.
+    /// If the composed map is not usable.
     pub fn after(&self, first: &Self) -> Result<Self, PlacementError> {
         if first.is_identity() { Ok(*self) } else { Self::new(self.world_from_volume * first.world_from_volume) }
     }
 
-    /// Whether the volume stands where its store says.
+    /// Whether the volume stays where its store puts it.
     pub fn is_identity(&self) -> bool {
         self.world_from_volume == DAffine3::IDENTITY
     }
@@ -170,13 +168,12 @@ impl Placement {
         self.world_from_volume.transform_vector3(vector)
     }
 
-    /// Maps a ray of the scene's world to the volume's own: the same points are at the same `t`, so its direction may no longer have
-    /// length 1.
+    /// Maps a ray of the scene's world to the volume's own: points keep their `t`, so its direction may lose its unit length.
     pub fn volume_ray(&self, ray: &Ray) -> Ray {
         Ray { origin: self.volume_from_world(ray.origin), direction: self.volume_vector(ray.direction) }
     }
 
-    /// Maps a plane's normal of the scene's world to the volume's own: each point keeps its [height](crate::ClipPlane::height) above the
+    /// Maps a plane's normal of the scene's world to the volume's own: points keep their [height](crate::ClipPlane::height) above the
     /// plane.
     pub fn volume_normal(&self, normal: DVec3) -> DVec3 {
         self.world_from_volume.matrix3.transpose() * normal
@@ -192,7 +189,7 @@ impl Placement {
         (self.greatest_stretch, self.least_stretch)
     }
 
-    /// The bounding box in the scene's world of a box of the volume's own world.
+    /// The bounding box, in the scene's world, of a box of the volume's own world.
     pub fn world_box(&self, own_box: (DVec3, DVec3)) -> (DVec3, DVec3) {
         let corners = box_corners(own_box).into_iter().map(|corner| self.world_from_volume(corner));
         let outside = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -204,7 +201,7 @@ impl Placement {
         self.placed(geometry).voxel_size(extent)
     }
 
-    /// A volume's geometry with the spacing that its voxels have in the scene's world, along the volume's own axes.
+    /// Returns a volume's geometry with its voxels' spacing in the scene's world, along the volume's own axes.
     pub fn placed(&self, geometry: &Geometry) -> Geometry {
         let DMat3 { x_axis, y_axis, z_axis } = self.world_from_volume.matrix3;
         let stretches = DVec3::new(x_axis.length(), y_axis.length(), z_axis.length());
@@ -283,8 +280,8 @@ mod tests {
     }
 
     proptest! {
-        /// Turned, sheared, scaled and mirrored maps: points come back, lengths are within the stretches, which are reached
-        /// by scalings, and a height above a plane is what it was.
+        /// Turned, sheared, scaled and mirrored maps: points come back, lengths are within the stretches, scalings reach them, and
+        /// heights above a plane are unchanged.
         #[test]
         fn maps_keep_what_they_promise(
             axis in prop::array::uniform3(-1.0..1.0f64),

@@ -1,20 +1,18 @@
 //! Pre-integration: the transfer function's mean over an interval of values, from its running integrals.
 //!
-//! Where the field goes from one value to another along a straight line, the light that passes depends on the integral of the
-//! extinction over the values in between, and that is a difference of two entries of a running integral (Engel, Kraus and Ertl,
-//! High-Quality Pre-Integrated Volume Rendering, 2001, section 4.1). So a table has one entry for each code, not one for each pair:
-//! it is made at once when the transfer function changes, and holds for 65,536 codes and steps of any length. Opacity is exact: that of
-//! infinitely many plain samples. Colour is the mean weighted by extinction: what absorption within one part of one segment does to
-//! the order of colours is left out, which for a colour that does not change is exact, too.
+//! Along a straight line from one value to another, the transmitted light depends on the integral of the extinction over the values in
+//! between: a difference of two entries of a running integral (Engel, Kraus and Ertl, High-Quality Pre-Integrated Volume Rendering,
+//! 2001, section 4.1). So a table has one entry per code, not per pair: it is made instantly when the transfer function changes, for
+//! 65,536 codes and steps of any length. Opacity is exact, as with infinitely many plain samples. Colour is the mean weighted by
+//! extinction, ignoring how absorption within one part of a segment orders colours; a constant colour is exact, too.
 
-/// The greatest extinction, in halvings of the light over a unit distance. It stands for an opacity of 1, whose extinction would be
-/// infinite.
+/// The greatest extinction, in halvings of the light over a unit distance; replaces the infinite extinction of an opacity of 1.
 pub const MAX_DEPTH: f64 = 4096.0;
 
-/// Between two codes that are closer than this, the transfer function is not integrated, but taken in their middle.
+/// Distance of two codes below which the transfer function is not integrated, but read in their middle.
 pub const CLOSE_CODES: f64 = 1.0 / 64.0;
 
-/// The extinction of a medium of opacity `alpha`: how often it halves the light over a unit distance, at most [`MAX_DEPTH`].
+/// The extinction of a medium of opacity `alpha`, in halvings of the light over a unit distance, at most [`MAX_DEPTH`].
 pub fn depth(alpha: f64) -> f64 {
     (-(1.0 - alpha).log2()).min(MAX_DEPTH)
 }
@@ -31,14 +29,14 @@ pub struct Medium {
 /// Running integrals over codes of extinction, and of extinction times colour; opacity and colour are linear from code to code.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Integrals {
-    /// At each code `[r, g, b, opacity]`: straight. Of `[r, g, b, 1] * extinction`...
+    /// Straight `[r, g, b, opacity]` at each code.
     entries: Vec<[f64; 4]>,
-    /// ...integrated from code 0.
+    /// Integrals of `[r, g, b, 1] * extinction` from code 0.
     sums: Vec<[f64; 4]>,
 }
 
 impl Integrals {
-    /// Integrates the entries of a [table](crate::TransferTable) over their codes. There must be at least two.
+    /// Integrates the entries of a [table](crate::TransferTable), at least two, over their codes.
     pub fn new(entries: &[[f32; 4]]) -> Self {
         let entries: Vec<[f64; 4]> = entries.iter().map(|entry| entry.map(f64::from)).collect();
         let mut sums = vec![[0.0; 4]; entries.len()];
@@ -54,7 +52,7 @@ impl Integrals {
         &self.sums
     }
 
-    /// Extinction and straight colour at a code, which need not be whole.
+    /// Extinction and straight colour at a code, whole or not.
     pub fn at(&self, code: f64) -> Medium {
         let (i, t) = self.split(code);
         let [r, g, b, alpha] =
@@ -62,7 +60,7 @@ impl Integrals {
         Medium { rgb: [r, g, b], depth: depth(alpha) }
     }
 
-    /// The mean medium between two codes, which need not be whole, nor in order, nor between the first and the last.
+    /// The mean medium between two codes, in any order, whole or not, even beyond the first or last code.
     pub fn between(&self, from: f64, to: f64) -> Medium {
         let length = (to - from).abs();
         if length < CLOSE_CODES {
@@ -74,7 +72,7 @@ impl Integrals {
         Medium { rgb: [r * share, g * share, b * share], depth: sum / length }
     }
 
-    /// The running integrals up to a code. Past the ends of the entries the medium is that at the end.
+    /// The running integrals up to a code. Past the ends of the entries the medium is constant.
     fn upto(&self, code: f64) -> [f64; 4] {
         let (i, t) = self.split(code);
         let part = upto(self.entries[i], self.entries[i + 1], t);
@@ -89,7 +87,7 @@ impl Integrals {
     }
 }
 
-/// The integrals over the first `t` of the way from one entry to the next; colour is taken in the middle of that.
+/// The integrals over the first `t` of the way from one entry to the next, with the colour in the middle of this stretch.
 fn upto(a: [f64; 4], b: [f64; 4], t: f64) -> [f64; 4] {
     let depth = depth_upto(a[3], b[3], t);
     std::array::from_fn(|k| match k {
@@ -98,7 +96,7 @@ fn upto(a: [f64; 4], b: [f64; 4], t: f64) -> [f64; 4] {
     })
 }
 
-/// The integral of the extinction where opacity goes from one to another, over the first `t` of the way.
+/// The integral of the extinction over the first `t` of the way between two opacities.
 fn depth_upto(from: f64, to: f64, t: f64) -> f64 {
     let slope = to - from;
     if slope.abs() < 1e-5 {

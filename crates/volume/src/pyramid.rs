@@ -1,8 +1,8 @@
-//! The pyramid: the extents and factors of all levels, their brick grids, and the octree that the grids form.
+//! The pyramid: the extents and factors of all levels, their brick grids, and the octree over the grids.
 //!
-//! Level `k + 1` halves an axis of level `k` only while that axis's spacing is within sqrt(2) of the finest, so
-//! anisotropic data tend to isotropic; an axis of one voxel is neither halved nor counted. Levels go on until one
-//! brick holds everything. Extents round up. Everything here is arithmetic on a short list: no per-brick memory.
+//! Level `k + 1` halves an axis of level `k` only while its spacing is within sqrt(2) of the finest, so anisotropic data tend to isotropic;
+//! an axis of one voxel is neither halved nor counted. The coarsest level is a single brick. Extents round up. All of this is arithmetic on
+//! a short list: no per-brick memory.
 
 use crate::space::{BrickIndex, Extent, Level, VoxelBox};
 
@@ -25,7 +25,7 @@ pub struct Pyramid {
 }
 
 impl Pyramid {
-    /// The pyramid of a volume of `extent` voxels with `spacing` (world units, `[x, y, z]`) and bricks of `edge`^3.
+    /// Creates the pyramid of a volume of `extent` voxels with `spacing` (world units, `[x, y, z]`) and bricks of `edge`^3.
     ///
     /// # Panics
     /// If an axis of the extent or the edge is zero.
@@ -48,7 +48,7 @@ impl Pyramid {
         Self::from_levels(&shapes, edge)
     }
 
-    /// A pyramid whose levels are already known (a store's), finest first, as (extent, factor).
+    /// Creates a pyramid from known levels (a store's), finest first, as (extent, factor).
     ///
     /// # Panics
     /// If there is no level or the edge is zero.
@@ -62,7 +62,7 @@ impl Pyramid {
         Self { edge, levels: levels.iter().map(grid).collect() }
     }
 
-    /// Voxels along a brick's core edge.
+    /// Voxels along the edge of a brick's core.
     pub fn edge(&self) -> u32 {
         self.edge
     }
@@ -85,14 +85,14 @@ impl Pyramid {
         Level((self.levels.len() - 1) as u8)
     }
 
-    /// Levels of the octree over the pyramid's bricks: the pyramid's own levels, and, where the coarsest has several bricks,
-    /// those above it up to one cell that holds them all.
+    /// Levels of the octree over the pyramid's bricks: the pyramid's own, and those above a coarsest level of several bricks, up to a single
+    /// cell.
     pub fn octree_levels(&self) -> u32 {
         let widest = self.level(self.coarsest()).bricks.to_array().into_iter().fold(1, u32::max);
         self.levels.len() as u32 + widest.next_power_of_two().trailing_zeros()
     }
 
-    /// Number of bricks of all levels together.
+    /// Total number of bricks of all levels.
     pub fn brick_count(&self) -> u64 {
         self.levels.iter().map(|l| l.bricks.volume()).sum()
     }
@@ -105,7 +105,7 @@ impl Pyramid {
         }
     }
 
-    /// The brick of the next coarser level whose box holds brick `index` of `level`; `None` at the coarsest level.
+    /// The next coarser level's brick around brick `index` of `level`; `None` at the coarsest level.
     pub fn parent(&self, level: Level, index: BrickIndex) -> Option<BrickIndex> {
         if level >= self.coarsest() {
             return None;
@@ -115,7 +115,7 @@ impl Pyramid {
         Some(BrickIndex::from_array(std::array::from_fn(|a| i[a] >> halved[a] as u32)))
     }
 
-    /// The brick of coarser level `to` whose box holds brick `index` of level `from`.
+    /// The brick of coarser level `to` around brick `index` of level `from`.
     ///
     /// # Panics
     /// If `to` is finer than `from` or past the coarsest.
@@ -125,8 +125,8 @@ impl Pyramid {
         BrickIndex::from_array(std::array::from_fn(|a| i[a] / (coarse[a] / fine[a])))
     }
 
-    /// The bricks of the next finer level inside the box of brick `index` of `level`, in memory order: 8, or fewer where the
-    /// level halves only some axes or the volume ends; none at level 0.
+    /// Iterates over the next finer level's bricks inside brick `index` of `level`, in memory order: 8, or fewer where only some axes are
+    /// halved or the volume ends; none at level 0.
     pub fn children(&self, level: Level, index: BrickIndex) -> impl Iterator<Item = BrickIndex> + use<> {
         let finer = level.0.checked_sub(1).map(Level);
         let (halved, bricks) = match finer {
@@ -144,8 +144,8 @@ impl Pyramid {
         })
     }
 
-    /// The positions of a brick's core voxels in its level, `[x, y, z]`, in the order of a core's bytes: x fastest. The core is whole: where
-    /// the level ends inside of the brick, positions past the level's end are among them.
+    /// Iterates over the positions of a brick's core voxels in its level, `[x, y, z]`, in the order of a core's bytes: x fastest, including
+    /// positions past the level's end.
     pub fn core_voxels(&self, index: BrickIndex) -> impl Iterator<Item = [u32; 3]> + use<> {
         let (edge, first) = (self.edge, index.to_array().map(|i| i * self.edge));
         let axis = move |a: usize| first[a]..first[a] + edge;

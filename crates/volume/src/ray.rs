@@ -3,11 +3,11 @@
 use glam::DVec3;
 
 /// A ray `origin + t * direction`, `t >= 0`. In the scene's world the direction has length 1, so `t` is a world
-/// distance. A [placement](crate::Placement::volume_ray) that maps a ray to a volume's own world keeps `t`, and may
-/// change the length of the direction.
+/// distance. Mapping a ray to a volume's own world by a [placement](crate::Placement::volume_ray) keeps `t`, and
+/// may change the length of the direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Where `t` is 0: the eye, or the eye plane of an orthographic camera.
+    /// The point at `t` = 0: the eye, or on the eye plane of an orthographic camera.
     pub origin: DVec3,
     /// Direction; of length 1 in the scene's world.
     pub direction: DVec3,

@@ -1,13 +1,12 @@
-//! How a ray's segments are sampled and classified in direct volume rendering, and how the field is filtered: the methods that
-//! Gavrilov, Turlapov and others compare in "Measuring the quality of volume rendering" (2013).
+//! Sampling and classification of rays' segments in direct volume rendering, and filters of the field: the methods compared by Gavrilov, Turlapov and
+//! others in "Measuring the quality of volume rendering" (2013).
 //!
-//! A method reads the field in the middle of a segment, at its ends, or at its ends and those of its neighbours, and takes
-//! the *curve* through what it has read for the field in between. A segment is cut into equal *parts*; each part is classified either
-//! by the value in its middle, or by the mean of the transfer function over the values from one of its ends to the other
-//! ([pre-integrated](crate::preintegration)). Parts follow one another from front to back.
+//! A method reads the field in the middle of a segment, at its ends, or also at its neighbours' ends, and takes the *curve* through these values for
+//! the field in between. A segment is cut into equal *parts*; each is classified by the value in its middle, or by the mean of the transfer function
+//! over the values between its ends ([pre-integrated](crate::preintegration)). Parts follow one another from front to back.
 //!
-//! Every place is read in the brick that owns the segment. So [`Needs::apron`] says how far methods reach out of it; steps
-//! longer than a voxel reach further, and read what is nearest in the brick.
+//! Every place is read in the segment's own brick. So [`Needs::apron`] covers the methods' reach out of it; steps longer than a voxel reach further,
+//! and read the nearest voxels of the brick.
 
 use crate::enum_all::every;
 use crate::gradients::GradientNodes;
@@ -17,16 +16,16 @@ use crate::mesh::MeshCapacity;
 use crate::mode::Mode;
 use serde::{Deserialize, Serialize};
 
-/// The widest apron that any picture needs, in voxels.
+/// The widest apron of any picture, in voxels.
 pub const MAX_REACH: u32 = 4;
 
 /// Default number of virtual samples of a segment: the paper's optimum.
 pub const VIRTUAL_SAMPLES: u8 = 3;
 
-/// The most virtual samples that a segment may have.
+/// The most virtual samples of a segment.
 pub const MOST_VIRTUAL_SAMPLES: u8 = 16;
 
-/// The most parts that [`Method::Asm`] cuts a segment into.
+/// The most parts of a segment with [`Method::Asm`].
 pub const MOST_PARTS: usize = 8;
 
 /// Adaptive sampling ([`Method::Asm`]): the largest difference between a part's ends, as a share of the codes over which a transfer function changes.
@@ -46,7 +45,7 @@ pub enum Method {
     /// Virtual samples on a cubic curve through the values at the ends of the segment and of its neighbours. The curve stays between the values at
     /// the segment's own ends.
     Cvs,
-    /// Adaptive sampling: as many samples as the difference of the values at the segment's ends asks for.
+    /// Adaptive sampling: the number of samples grows with the difference of the values at the segment's ends.
     Asm,
     /// [`Method::Lvs`] with pre-integrated parts.
     Plvs,
@@ -54,7 +53,7 @@ pub enum Method {
     Pcvs,
 }
 
-/// What a method takes for the field along a segment.
+/// A method's model of the field along a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Curve {
     /// The value in the segment's middle, everywhere.
@@ -70,7 +69,7 @@ pub enum Curve {
 every!(Method: Udvr Pdvr Lvs Cvs Asm Plvs Pcvs);
 
 impl Method {
-    /// What the method takes for the field along a segment.
+    /// The method's model of the field along a segment.
     pub const fn curve(self) -> Curve {
         match self {
             Self::Udvr => Curve::Middle,
@@ -90,7 +89,7 @@ impl Method {
         matches!(self, Self::Lvs | Self::Cvs | Self::Plvs | Self::Pcvs)
     }
 
-    /// How far from a segment's middle it reads, in segments.
+    /// Reach of the method's reads from a segment's middle, in segments.
     const fn reach(self) -> f64 {
         match self.curve() {
             Curve::Middle => 0.0,
@@ -100,12 +99,12 @@ impl Method {
     }
 }
 
-/// A filter: how the field is made of voxels.
+/// A filter: how voxels become a field.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Filter {
-    /// The value of the voxel that a place is in: a field of steps, with voxels as they are. A voxel's box is half-open, so that its lower faces
-    /// are its own. Steps have no gradient; what is lit, or classified by gradient, takes that of the [`Filter::Trilinear`] field.
+    /// The value of the voxel around a place: a field of steps, with unmixed voxels. A voxel's box is half-open, and includes its lower faces. Steps
+    /// have no gradient; lighting, and classification by gradient, use the [`Filter::Trilinear`] field.
     Nearest,
     /// Linear between the eight voxels around a place.
     #[default]
@@ -117,8 +116,8 @@ pub enum Filter {
 every!(Filter: Nearest Trilinear Tricubic);
 
 impl Filter {
-    /// Voxels that the filter takes on each side of a place, along each axis. The nearest voxel is one of those of the linear filter, so bricks
-    /// are the same for both, and a change from one to the other uploads nothing.
+    /// The filter's voxels on each side of a place, along each axis. The nearest voxel is one of the linear filter's, so both share bricks, and a
+    /// change from one to the other uploads nothing.
     pub const fn taps(self) -> u32 {
         match self {
             Self::Nearest | Self::Trilinear => 1,
@@ -126,13 +125,13 @@ impl Filter {
         }
     }
 
-    /// How far from a place, in voxels, the centres of its outermost voxels can be, less what those inside of the same brick
-    /// are: half a voxel less than [`Filter::taps`].
+    /// Greatest distance from a place to the filter's outermost voxel centres, less the half voxel from a brick's face to its own: half a voxel less
+    /// than [`Filter::taps`].
     const fn reach(self) -> f64 {
         self.taps() as f64 - 0.5
     }
 
-    /// How far from a place, in voxels, the nearest face of a voxel can be that the filter takes.
+    /// Greatest distance, in voxels, from a place to the nearest face of one of the filter's voxels.
     pub const fn farthest(self) -> f64 {
         match self {
             Self::Nearest => 0.0,
@@ -141,7 +140,7 @@ impl Filter {
         }
     }
 
-    /// The filter of the field whose gradients are taken.
+    /// The filter of the field for gradients.
     pub const fn of_gradients(self) -> Self {
         match self {
             Self::Nearest | Self::Trilinear => Self::Trilinear,
@@ -156,8 +155,8 @@ pub fn b_spline(t: f64) -> [f64; 4] {
     [s * s * s, 4.0 - 6.0 * t * t + 3.0 * t * t * t, 4.0 - 6.0 * s * s + 3.0 * s * s * s, t * t * t].map(|w| w / 6.0)
 }
 
-/// The cubic curve of Catmull and Rom through four values, at `t` in 0..=1 from the second to the third. It is kept between those two, so that it
-/// has no value that was not between samples, and what is known to be clear stays clear.
+/// The cubic curve of Catmull and Rom through four values, at `t` in 0..=1 from the second to the third, clamped between those two, so clear ranges
+/// stay clear.
 pub fn cubic([a, b, c, d]: [f64; 4], t: f64) -> f64 {
     let value = catmull_rom([a, b, c, d], t);
     value.clamp(b.min(c), b.max(c))
@@ -168,17 +167,17 @@ pub fn catmull_rom([a, b, c, d]: [f64; 4], t: f64) -> f64 {
     b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
 }
 
-/// How rays are sampled: method, filter and jitter.
+/// Sampling settings: method, filter and jitter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Sampling {
-    /// How segments become media.
+    /// The sampling method.
     pub method: Method,
-    /// Virtual samples of a segment, 1 to [`MOST_VIRTUAL_SAMPLES`]; methods without virtual samples do not use it.
+    /// Virtual samples of a segment, 1 to [`MOST_VIRTUAL_SAMPLES`]; unused by methods without them.
     pub virtual_samples: u8,
-    /// How the field is made of voxels.
+    /// The field's filter.
     pub filter: Filter,
-    /// How the lattice of each pixel's ray is moved, so that rays side by side are sampled at different distances.
+    /// Jitter of each pixel's ray, so that neighbouring rays are sampled at different distances.
     pub jitter: Jitter,
 }
 
@@ -190,8 +189,8 @@ impl Default for Sampling {
 }
 
 impl Sampling {
-    /// Number of parts that a segment is cut into. `steps` is the difference of the values at its ends, in the transfer function's [adaptive
-    /// steps](crate::TransferTable::adaptive_step); only [`Method::Asm`] depends on it.
+    /// Number of parts of a segment. `steps` is the difference of the values at its ends, in the transfer function's
+    /// [adaptive steps](crate::TransferTable::adaptive_step); only [`Method::Asm`] depends on it.
     pub fn parts(&self, steps: f64) -> usize {
         match self.method {
             Method::Udvr | Method::Pdvr => 1,
@@ -201,25 +200,25 @@ impl Sampling {
     }
 }
 
-/// What a picture requires of bricks and of the tables beside them.
+/// A picture's requirements on bricks and the tables beside them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Needs {
     /// Width of the apron around a brick's core, in voxels.
     pub apron: u32,
-    /// Layers of stored gradients outside of a brick's core (see [`GradientNodes`]); 0 if there are no gradients at all.
+    /// Layers of stored gradients outside a brick's core (see [`GradientNodes`]); 0 means no gradients at all.
     pub gradient_layers: u32,
-    /// How the field is made of voxels, which decides what values a part of a brick can have.
+    /// The field's filter, on which the values of a part of a brick depend.
     pub filter: Filter,
-    /// Whether running integrals of the transfer function are among the tables.
+    /// Whether the tables include running integrals of the transfer function.
     pub is_pre_integrated: bool,
-    /// Whether the [grid](crate::TransferGrid) of a transfer function of value and gradient is among the tables.
+    /// Whether the tables include the [grid](crate::TransferGrid) of a transfer function of value and gradient.
     pub has_grid: bool,
-    /// Size of all meshes that there must be room for.
+    /// Total size of meshes to make room for.
     pub meshes: MeshCapacity,
 }
 
 impl Needs {
-    /// The needs of a picture of plain samples: trilinear, unlit, not pre-integrated, without meshes.
+    /// The needs of plain samples: trilinear, unlit, not pre-integrated, without meshes.
     pub const PLAIN: Self = Self {
         apron: 1,
         gradient_layers: 0,
@@ -229,8 +228,7 @@ impl Needs {
         meshes: MeshCapacity::NONE,
     };
 
-    /// The needs of a picture without meshes. `has_surfaces` says whether it has isosurfaces, `has_grid` whether a transfer function is one of
-    /// value and gradient.
+    /// Returns the needs of a picture without meshes. `has_surfaces` means isosurfaces, `has_grid` a transfer function of value and gradient.
     pub fn new(mode: Mode, sampling: Sampling, lighting: &Lighting, has_surfaces: bool, has_grid: bool) -> Self {
         let filter = sampling.filter;
         let along = match mode {
@@ -258,12 +256,12 @@ impl Needs {
         }
     }
 
-    /// The layout of the gradients that are stored with a brick's core of `edge` voxels.
+    /// The layout of the stored gradients of a brick's core of `edge` voxels.
     pub const fn gradients(&self, edge: u32) -> GradientNodes {
         GradientNodes { edge, layers: self.gradient_layers }
     }
 
-    /// Needs that suffice for the pictures of both `self` and `other`.
+    /// Returns needs sufficient for the pictures of both `self` and `other`.
     pub fn union(self, other: Self) -> Self {
         Self {
             apron: self.apron.max(other.apron),
@@ -342,7 +340,7 @@ mod tests {
         assert_eq!(needs(Method::Pcvs, cubic, &stored), (MAX_REACH, 2));
         let unlit = Lighting { model: LightingModel::None, ..stored };
         assert_eq!(needs(Method::Udvr, linear, &unlit), (1, 0), "of nothing that is lit there are no gradients");
-        // By gradient as if it were lit; projections have nothing of that.
+        // By gradient as if lit; projections need none of this.
         let by_gradient = |mode| Needs::new(mode, Sampling::default(), &none, false, true);
         assert_eq!(
             [Mode::Dvr, Mode::Mip].map(|mode| (by_gradient(mode).apron, by_gradient(mode).has_grid)),

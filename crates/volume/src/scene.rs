@@ -1,4 +1,4 @@
-//! The scene: everything besides the data that decides a picture, as one JSON document.
+//! The scene: all settings of a picture besides the data, as one JSON document.
 
 use crate::camera::Camera;
 use crate::clip::{Clip, ClipError, ClipPlane};
@@ -21,77 +21,75 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 use std::borrow::Cow;
 
-/// Which level a view wants.
+/// The level wanted by a view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LevelPolicy {
-    /// Brick by brick the coarsest level whose voxels are no larger than the pixel error allows.
+    /// Brick by brick the coarsest level with voxels no larger than the pixel error allows.
     #[default]
     Auto,
     /// This level everywhere, as far as the budget goes.
     Locked(u8),
 }
 
-/// A scene: the description of a picture. Distances are world units unless said otherwise.
+/// A scene: the description of a picture. Distances are in world units unless stated otherwise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scene {
-    /// The camera; `None` is one that looks at all of the volumes, or straight at the slice.
+    /// The camera; `None` is one with all volumes in view, or straight in front of the slice.
     pub camera: Option<Camera>,
-    /// Stereo: two eyes in the place of the camera's one. `None` is one eye.
+    /// Stereo: two eyes in place of the camera's one. `None` is one eye.
     pub stereo: Option<Stereo>,
-    /// How samples along a ray become a pixel.
+    /// The rendering mode.
     pub mode: Mode,
-    /// How the field is filtered, and how segments of [`Mode::Dvr`] are sampled.
+    /// The field's filter, and the sampling of [`Mode::Dvr`]'s segments.
     pub sampling: Sampling,
-    /// How the fog of [`Mode::Dvr`] and surfaces are lit. Surfaces are lit even without a lighting model, as they say nothing
-    /// otherwise. Each layer is lit by its own gradients, but for the fog of layers that [add](crate::Blend::Add), which is not
-    /// lit.
+    /// Lighting of surfaces and of [`Mode::Dvr`]'s fog. Surfaces are lit even without a lighting model, since they would look flat. Each layer is lit
+    /// by its own gradients; the fog of [adding](crate::Blend::Add) layers is not lit.
     pub lighting: Lighting,
-    /// Sampling step in units of the voxel size of the finest layer that is shown; positive.
+    /// Sampling step in units of the voxel size of the finest visible layer; positive.
     pub step: f64,
     /// Colour behind the volumes, display-referred.
     pub background: [f64; 3],
     /// Samples of each pixel once the view is settled: more make edges smoother. Pictures of a moving view have one.
     pub pixel_samples: PixelSamples,
-    /// Which level the view wants.
+    /// The level wanted by the view.
     pub level: LevelPolicy,
-    /// How many pixels a voxel may cover under [`LevelPolicy::Auto`]; positive.
+    /// Greatest size of a voxel in pixels under [`LevelPolicy::Auto`]; positive.
     pub pixel_error: f64,
     /// Time step of all layers, from 0.
     pub time: u32,
-    /// Two corners of a world box, the lesser first: nothing outside of it is shown, or read. `None` is no box.
+    /// Two corners of a world box, the lesser first: nothing outside it is shown, or read. `None` is no box.
     pub clip: Option<[DVec3; 2]>,
-    /// Clip planes, at most [`MAX_CLIP_PLANES`](crate::MAX_CLIP_PLANES): nothing on the outer side of any of them is shown, or
-    /// read.
+    /// Clip planes, at most [`MAX_CLIP_PLANES`](crate::MAX_CLIP_PLANES): nothing on the outer side of any of them is shown, or read.
     pub clip_planes: Vec<ClipPlane>,
-    /// Whether isosurfaces that clip box, clip planes or crops open are capped, in the colour of the innermost of them; `None` caps them in
-    /// [`Mode::Isosurface`], and not in fog, whose own cut face is seen.
+    /// Whether isosurfaces opened by clip box, clip planes or crops are capped, in the colour of the innermost; `None` caps them in
+    /// [`Mode::Isosurface`], and not in fog with its visible cut face.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub caps: Option<bool>,
-    /// Restricts what is shown of the volumes to a plane, or to a slab about it. The mode says what is shown of the values across
-    /// it: their mean, greatest or least. `None` shows the whole volumes.
+    /// Restricts the volumes to a plane, or to a slab about it. The mode selects the value across it: the mean, greatest or least. `None` shows the
+    /// whole volumes.
     pub slice: Option<Slice>,
     /// Triangle meshes, in the scene's world.
     pub meshes: Vec<MeshLook>,
     /// The layers: at least one, at most [`MAX_VOLUMES`](crate::MAX_VOLUMES).
     pub layers: Vec<SceneLayer>,
-    /// An expression over the layers' values, which is shown in the place of the layers themselves; `None` shows the layers.
+    /// An expression over the layers' values, shown in place of the layers themselves; `None` shows the layers.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "expression")]
     pub expression: Option<SceneExpression>,
-    /// What a window adds to a scene that it saves. No picture depends on it, so it is read by the window alone.
+    /// A window's additions to a saved scene. They change no picture, so only windows read them.
     #[serde(skip_serializing)]
     pub window: IgnoredAny,
 }
 
-/// Where a store's volume is.
+/// The place of a store's volume.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VolumePlace {
-    /// Least and greatest corner of the box that the volume fills in its own world.
+    /// Least and greatest corner of the volume's box in its own world.
     pub own_box: (DVec3, DVec3),
-    /// The map from the volume's own world to the one that its store says.
+    /// The map from the volume's own world to its store's.
     pub placement: Placement,
-    /// Whether the world that the store says is a patient's: x to the right, y to the front, z to the head ([`Orientation`](crate::Orientation)).
+    /// Whether the store's world is a patient's: x to the right, y to the front, z to the head ([`Orientation`](crate::Orientation)).
     pub is_anatomical: bool,
 }
 
@@ -99,9 +97,9 @@ pub struct VolumePlace {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneExpression {
-    /// The expression's text, in which `a` is the value of the first layer.
+    /// The expression's text; `a` is the value of the first layer.
     pub text: String,
-    /// How the expression's values look; `None` is a gray ramp over all that they can be.
+    /// The look of the expression's values; `None` is a gray ramp over their possible range.
     #[serde(default)]
     pub transfer: Option<TransferChoice>,
 }
@@ -113,7 +111,7 @@ impl From<String> for SceneExpression {
 }
 
 impl SceneExpression {
-    /// The transfer function of the expression's values, whose window the subject has.
+    /// The transfer function of the expression's values, over the subject's window.
     ///
     /// # Errors
     /// If there is no such preset, the function's file has not been read, or the function is not valid.
@@ -157,12 +155,12 @@ impl Default for Scene {
 }
 
 impl Scene {
-    /// A scene of one layer, with defaults for everything else.
+    /// Creates a scene of one layer, with defaults for everything else.
     pub fn of(layer: impl Into<SceneLayer>) -> Self {
         Self { layers: vec![layer.into()], ..Self::default() }
     }
 
-    /// Index, in the list of stores, of the store that a layer shows.
+    /// Index of a layer's store in the list of stores.
     ///
     /// # Panics
     /// If there is no such layer.
@@ -170,7 +168,7 @@ impl Scene {
         self.layers[layer].source.unwrap_or(layer)
     }
 
-    /// How a layer looks in the scene's mode: projections show values as they are, so that what is worth showing in fog, the preset `auto`, is a gray ramp in them.
+    /// The layer's look in the scene's mode: projections show plain values, so the preset `auto`, made for fog, becomes a gray ramp.
     ///
     /// # Panics
     /// If there is no such layer.
@@ -184,8 +182,8 @@ impl Scene {
         }
     }
 
-    /// How a layer joins the others. Unless it says so itself, labels lie over what others show, and in projections the channels of one image add, as
-    /// light does; what else there is mixes, as media do. `are_labels` says whether the layer's volume has labels.
+    /// The layer's blending with the others. Unless chosen, labels lie over other layers, channels of one image add in projections, like light, and
+    /// everything else mixes, like media. `are_labels` is for a volume of labels.
     ///
     /// # Panics
     /// If there is no such layer.
@@ -202,13 +200,13 @@ impl Scene {
     /// The map from a layer's volume's own world to the scene's.
     ///
     /// # Errors
-    /// If the volume's place and the layer's own map together cannot be used.
+    /// If the volume's place combined with the layer's own map is not usable.
     pub fn placement(&self, layer: usize, place: &VolumePlace) -> Result<Placement, SceneError> {
         let placed = self.layers[layer].world_from_volume.after(&place.placement);
         placed.map_err(|error| SceneError::Layer { layer, error: error.into() })
     }
 
-    /// The box around all layers in the scene's world, of stores that are at these places.
+    /// The box around all layers in the scene's world, for stores at these places.
     ///
     /// # Errors
     /// As [`Scene::placement`].
@@ -223,13 +221,13 @@ impl Scene {
         Ok((low, high))
     }
 
-    /// Whether some layer shows a volume whose world is a patient's: then the scene's is.
+    /// Whether some layer shows a volume with a patient's world; the scene's world is then a patient's too.
     pub fn is_anatomical(&self, stores: &[VolumePlace]) -> bool {
         (0..self.layers.len()).any(|layer| stores.get(self.store(layer)).is_some_and(|place| place.is_anatomical))
     }
 
-    /// The camera, or where none is given the one that suits what is shown of stores at these places, in a picture of this size. A patient
-    /// is seen from the front, and slices with the head or the front up.
+    /// The scene's camera, or a default one for stores at these places, in a picture of this size. A patient is seen from the front, and slices with
+    /// the head or the front up.
     ///
     /// # Errors
     /// As [`Scene::placement`].
@@ -251,7 +249,7 @@ impl Scene {
         self.caps.unwrap_or(self.mode == Mode::Isosurface)
     }
 
-    /// The part of the scene's world inside the clip box and on the inner sides of the clip planes; `None` is everything. The slice plays no part.
+    /// The part of the scene's world inside the clip box and on the inner sides of the clip planes, whatever the slice; `None` is everything.
     ///
     /// # Errors
     /// If the box is empty, a plane cannot be normalised, or there are too many planes.
@@ -262,7 +260,7 @@ impl Scene {
 }
 
 impl Scene {
-    /// What the picture requires of bricks and of the tables beside them. Meshes that have not been read do not count.
+    /// The picture's requirements on bricks and the tables beside them, without unread meshes.
     pub fn needs(&self) -> Needs {
         let meshes = MeshCapacity::of(self.meshes.iter().filter_map(|look| look.mesh.as_deref()));
         let has_surfaces = self.layers.iter().any(|layer| !layer.isosurfaces.is_empty());
@@ -274,16 +272,16 @@ impl Scene {
         self.layers.iter().filter_map(|layer| layer.transfer.as_ref()).any(TransferChoice::is_by_gradient)
     }
 
-    /// Whether a sampling method can show the scene's transfer functions: methods that pre-integrate do so over values alone.
+    /// Whether a sampling method can show the scene's transfer functions: pre-integration is over values alone.
     pub fn takes(&self, method: Method) -> bool {
         !(method.is_pre_integrated() && self.is_by_gradient())
     }
 
-    /// The scene's meshes as renderers take them; those of opacity 0 are left out.
+    /// The scene's meshes in the renderers' form, without those of opacity 0.
     ///
     /// # Errors
-    /// If a mesh has not been read, has a colour or an opacity that is not in 0..=1, or is translucent in a projection, or if there
-    /// are too many vertices and triangles in all.
+    /// If a mesh has not been read, has a colour or an opacity outside 0..=1, or is translucent in a projection, or if there are too many vertices
+    /// and triangles.
     pub fn shown_meshes(&self) -> Result<Vec<ShownMesh>, MeshLookError> {
         let mut shown = Vec::new();
         for look in &self.meshes {

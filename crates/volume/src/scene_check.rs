@@ -1,8 +1,8 @@
-//! The check of scenes: the one place where a scene is refused. It looks at the scene and at what stores have, never at data, so it costs
-//! microseconds and is done before anything is read.
+//! The check of scenes, where invalid ones are refused. It uses the scene and the stores' counts, never data, so it costs microseconds
+//! and precedes any reading.
 //!
-//! What a type cannot hold is refused by the type, when a scene is read: unknown fields, and places that are singular
-//! ([`Placement`](crate::Placement)). Cameras and stereo have errors of their own, for they depend on the picture's size.
+//! Some errors are refused by types as a scene is parsed: unknown fields, and singular places ([`Placement`](crate::Placement)). Cameras
+//! and stereo, which depend on the picture's size, have errors of their own.
 
 use crate::bounds::STEPS;
 use crate::clip::{Clip, ClipError, MAX_CLIP_PLANES};
@@ -17,7 +17,7 @@ use crate::surface::{Isosurface, MAX_SURFACES};
 use crate::transfer::GAMMAS;
 use crate::transfer::{Subject, TransferChoice};
 
-/// How many levels, time steps and channels a store has, and what its values are.
+/// A store's numbers of levels, time steps and channels, and the kind of its values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StoreCounts {
     /// Number of levels.
@@ -31,10 +31,10 @@ pub struct StoreCounts {
 }
 
 impl Scene {
-    /// Checks that the scene can be shown from these stores.
+    /// Checks that these stores can show the scene.
     ///
     /// # Errors
-    /// The first problem that is found.
+    /// The first problem.
     pub fn check(&self, stores: &[StoreCounts]) -> Result<(), SceneError> {
         if !(1..=MAX_VOLUMES).contains(&self.layers.len()) {
             return Err(SceneError::Layers(self.layers.len()));
@@ -55,7 +55,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Indices of the layers that are shown: all that are visible, or those that the expression reads.
+    /// Indices of the shown layers: all visible ones, or those read by the expression.
     ///
     /// # Errors
     /// If no layer is visible, or the expression cannot be shown.
@@ -67,10 +67,10 @@ impl Scene {
         if shown.is_empty() { Err(SceneError::NothingVisible) } else { Ok(shown) }
     }
 
-    /// The scene's expression over all layers; `None` if it has none.
+    /// Parses the scene's expression over all layers; `None` if it has none.
     ///
     /// # Errors
-    /// If the text is no expression, or the scene's layers, mode, method or transfer function do not go with one: its value is one number in
+    /// If the text is no expression, or the scene's layers, mode, method or transfer function do not suit one: its value is one number in
     /// each place.
     pub fn parsed_expression(&self) -> Result<Option<Expression>, SceneError> {
         let Some(look @ SceneExpression { text, transfer }) = &self.expression else { return Ok(None) };
@@ -102,7 +102,7 @@ impl Scene {
         if channel >= channels {
             return Err(LayerError::Channel { channel, channels });
         }
-        // Those with fewer steps show the one that was taken by then.
+        // Stores with fewer steps show the latest one by then.
         let all = (0..self.layers.len()).filter_map(|layer| stores.get(self.store(layer)));
         let times = all.map(|store| store.times).fold(times, u32::max);
         if time >= times {
@@ -192,7 +192,7 @@ impl Scene {
         if is_lit || lights.is_empty() { Ok(()) } else { Err(SceneError::Unlit) }
     }
 
-    /// Clip box, planes and slice.
+    /// Checks clip box, planes and slice.
     fn check_clip(&self) -> Result<(), ClipError> {
         if self.clip_planes.len() > MAX_CLIP_PLANES {
             return Err(ClipError::Planes(self.clip_planes.len()));

@@ -1,5 +1,5 @@
-//! Why a scene is impossible: what was found, what was expected, and where. One value for each reason, so that whoever shows scenes can tell
-//! them apart; nothing here depends on what data are like, only on what stores have.
+//! Errors of scenes, with found and expected values and the place. One variant per reason, for callers to distinguish; none depends on data,
+//! only on the stores' counts.
 
 use crate::bounds::{LEAST_STEP, MOST_STEP, ReachError};
 use crate::clip::ClipError;
@@ -18,7 +18,7 @@ use glam::DVec3;
 /// Why a scene cannot be shown.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
-    /// The scene has no layer, or too many; the number is how many it has.
+    /// The scene has no layer, or too many; the number is their count.
     #[error("{0} layers: expected 1 to {MAX_VOLUMES}")]
     Layers(usize),
     /// One of the scene's layers cannot be shown.
@@ -32,30 +32,30 @@ pub enum SceneError {
     /// No layer is visible, so there is nothing to show.
     #[error("no layer is visible: there is nothing to show")]
     NothingVisible,
-    /// The scene asks for a level that no store has.
+    /// No store has the requested level.
     #[error("level {level} does not exist: the stores have levels 0 to {}", levels.saturating_sub(1))]
     Level {
-        /// The level that the scene asks for.
+        /// The requested level.
         level: u8,
-        /// Number of levels of the store that has most.
+        /// Number of levels of the store with the most.
         levels: usize,
     },
-    /// The step is out of its bounds; the number is the step as given.
+    /// The step, given here, is out of its bounds.
     #[error(
         "the step is {}: expected {LEAST_STEP} to {MOST_STEP} voxels; 1 takes a sample in each voxel, 0.5 two",
         exact(*.0, false)
     )]
     Step(f64),
-    /// The pixel error, which this is, is not a positive, finite number.
+    /// The pixel error, given here, is not a positive, finite number.
     #[error("the pixel error is {0}: expected a positive number")]
     PixelError(f64),
     /// The background's colour is not in 0..=1.
     #[error("the background is {0:?}: expected red, green and blue in 0..1")]
     Background([f64; 3]),
-    /// A clip box, planes or a slice that cannot be shown.
+    /// An invalid clip box, plane or slice.
     #[error(transparent)]
     Clip(#[from] ClipError),
-    /// A mesh that cannot be shown.
+    /// An invalid mesh.
     #[error(transparent)]
     Mesh(#[from] MeshLookError),
     /// The sampling method is for [`Mode::Dvr`] alone, and the scene has another mode.
@@ -67,7 +67,7 @@ pub enum SceneError {
     /// The number of virtual samples of a segment is out of range.
     #[error("{0} virtual samples: expected 1 to {MOST_VIRTUAL_SAMPLES}")]
     VirtualSamples(u8),
-    /// There are too many lights; the number is how many there are.
+    /// There are too many lights; the number is their count.
     #[error("{0} lights: expected at most {MAX_LIGHTS}")]
     Lights(usize),
     /// A light's position is not finite.
@@ -76,7 +76,7 @@ pub enum SceneError {
     /// There are lights, but neither a lighting model nor a surface for them to light.
     #[error("a light without lighting: leave it out, or add lighting, as in blinn-phong")]
     Unlit,
-    /// The mode is [`Mode::Isosurface`], and no layer that is shown has an isosurface.
+    /// The mode is [`Mode::Isosurface`], and no visible layer has an isosurface.
     #[error(
         "mode isosurface needs the value whose surface it shows: give a visible layer an isovalue, in stored units"
     )]
@@ -84,13 +84,13 @@ pub enum SceneError {
     /// The expression's text is no expression over the scene's layers.
     #[error("expression: {0}")]
     Expression(#[from] ExpressionError),
-    /// The expression, whose text this is, reads no layer.
+    /// The expression, with this text, reads no layer.
     #[error("expression: '{0}' reads no layer: there is nothing to show")]
     ExpressionOfNothing(String),
-    /// The expression reads a layer that is hidden; the number is the layer's index.
+    /// The expression reads a hidden layer, with this index.
     #[error("expression: it reads layer {0}, which is hidden: remove it from the expression, or make it visible")]
     ExpressionOfHidden(usize),
-    /// A layer has a style of its own, which an expression does not show; the number is the layer's index.
+    /// A layer, with this index, has a style of its own, unused by an expression.
     #[error(
         "expression: layer {0} has a style of its own, and the expression's value has the expression's: leave the layer's transfer, window, \
          color, gamma, opacity, blend and isosurfaces out"
@@ -102,13 +102,13 @@ pub enum SceneError {
     /// There is an expression, and the sampling method is not [`Method::Udvr`].
     #[error("expression: its value is sampled by method udvr, not {0:?}: leave one of both out")]
     ExpressionMethod(Method),
-    /// The expression's transfer function is one of value and gradient.
+    /// The expression has a transfer function of value and gradient.
     #[error(
         "expression: the transfer function is one of value and gradient, and an expression is classified by value alone: leave its \
          gradient_opacity and regions out"
     )]
     ExpressionByGradient,
-    /// The expression's transfer function cannot be used.
+    /// The expression's transfer function is invalid.
     #[error("expression: transfer function: {0}")]
     ExpressionTransfer(TransferError),
 }
@@ -116,34 +116,34 @@ pub enum SceneError {
 /// Why a layer of a scene cannot be shown.
 #[derive(Debug, thiserror::Error)]
 pub enum LayerError {
-    /// The layer's map and its store's orientation come to a map that cannot be used.
+    /// The layer's map combined with its store's orientation is not usable.
     #[error(transparent)]
     Placement(#[from] PlacementError),
-    /// The layer's volume cannot be drawn by the camera's rays.
+    /// The camera's rays cannot draw the layer's volume.
     #[error(transparent)]
     Reach(#[from] ReachError),
     /// The layer's store does not exist.
     #[error("store {store} does not exist: there are {stores}, numbered from 0")]
     Store {
-        /// Index of the store that the layer asks for.
+        /// Index of the requested store.
         store: usize,
-        /// Number of stores that there are.
+        /// Number of stores.
         stores: usize,
     },
     /// The layer's channel does not exist in its store.
     #[error("channel {channel} does not exist: the store has {channels}, numbered from 0")]
     Channel {
-        /// The channel that the layer asks for.
+        /// The requested channel.
         channel: u32,
-        /// Number of channels that the store has.
+        /// Number of channels in the store.
         channels: u32,
     },
     /// The scene's time step does not exist in any layer's store.
     #[error("time step {time} does not exist: the store has {times}, numbered from 0")]
     Time {
-        /// The time step that the scene asks for.
+        /// The requested time step.
         time: u32,
-        /// Number of time steps of the store that has most.
+        /// Number of time steps of the store with the most.
         times: u32,
     },
     /// The layer's opacity is not in 0..=1.
@@ -161,7 +161,7 @@ pub enum LayerError {
     /// The layer's crop box is empty or not finite.
     #[error("crop: {0}")]
     Crop(ClipError),
-    /// The layer's transfer function cannot be used.
+    /// The layer's transfer function is invalid.
     #[error("transfer function: {0}")]
     Transfer(#[from] TransferError),
     /// The layer's transfer function cannot be moved to its window: all points have this one value.
@@ -169,33 +169,33 @@ pub enum LayerError {
         "all points of the transfer function have the value {0}, and cannot be moved to a window: leave the window out"
     )]
     Flat(f64),
-    /// The layer's style is about labels, and its store's values are measurements.
+    /// The layer has a style for labels, and its store's values are measurements.
     #[error(
         "the layer says which labels it shows, and the store has no labels: pack it as labels, or leave the labels out"
     )]
     NoLabels,
-    /// The layer's style has a part, named here, that labels do not have: they have no order, and nothing is between two of them.
+    /// The layer has a style part, named here, unfit for labels: they have no order, and nothing lies between two of them.
     #[error("labels have no {0}: leave it out; they have a color, an opacity, and a choice of those that are shown")]
     OfLabels(&'static str),
-    /// The layer's labels have codes by their looks, since they are further apart than 16 bits reach, and the transfer function is one of their
-    /// numbers, or an expression reads them.
+    /// The layer's labels are further apart than 16 bits reach and have codes by their looks, but a transfer function of their numbers or an
+    /// expression reads them.
     #[error(
         "its labels are too far apart for a picture that computes with their numbers: leave the transfer function or expression out"
     )]
     HashedLabels,
-    /// The layer's labels have codes by their looks, since they are further apart than 16 bits reach, and too many have looks of their own.
+    /// The layer's labels are further apart than 16 bits reach and have codes by their looks, and too many have looks of their own.
     #[error("more than {most} labels have looks of their own: show fewer, or give fewer colors", most = LabelCodes::MOST)]
     ManyLabels,
-    /// The sampling method pre-integrates over values, and the layer's transfer function is one of value and gradient.
+    /// The sampling method pre-integrates over values, and the layer has a transfer function of value and gradient.
     #[error(
         "the sampling method {0:?} integrates over values, and the transfer function is one of value and gradient: use method udvr, lvs, \
          cvs or asm"
     )]
     Integrated(Method),
-    /// The layer has an isosurface, and the scene's mode is a projection; the number is the isovalue.
+    /// The layer has an isosurface, with this isovalue, and the scene's mode is a projection.
     #[error("the isovalue {0} is for mode isosurface, or dvr: leave it out, or use one of those")]
     SurfaceMode(f64),
-    /// The layer has too many isosurfaces; the number is how many it has.
+    /// The layer has too many isosurfaces; the number is their count.
     #[error("{0} isosurfaces: expected at most {MAX_SURFACES}")]
     Surfaces(usize),
     /// The isovalue of one of the layer's isosurfaces is not finite.

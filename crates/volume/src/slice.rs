@@ -1,12 +1,12 @@
 //! Slices: a plane through the volume, or a slab about it, looked at straight on.
 //!
-//! A slice is no mode of its own. It is what two parallel clip planes leave of the volume, drawn with a projection: the mean, the
-//! greatest or the least value between them. One without thickness is as thin as single precision can still tell from nothing, a
-//! small part of a voxel: there the mean is the value where the ray meets the plane. So slices are paged, sampled and
-//! classified as everything else is, touch only the bricks that they meet, and may be looked at with any camera.
+//! A slice is no mode of its own, but the volume between two parallel clip planes, drawn with a projection: the mean, the greatest or the least
+//! value between them. Without thickness it is as thin as single precision can resolve, a small part of a voxel: there the mean is the value
+//! where the ray meets the plane. So slices are paged, sampled and classified like everything else, touch only the bricks they meet, and work
+//! with any camera.
 //!
-//! Where the nearest voxel is read, a thin slab about a face of voxels would be in the voxels on both of its sides. It lies just above the plane
-//! there, so that it is in the voxels whose half-open boxes the plane is in.
+//! With the nearest filter, a thin slab about a face of voxels would show the voxels on both sides. It lies just above the plane there, in the
+//! voxels with the plane in their half-open boxes.
 
 use crate::camera::{Camera, Projection, ViewRays};
 use crate::clip::{ClipError, ClipPlane};
@@ -16,22 +16,22 @@ use crate::space::Extent;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// A plane through the volume, or the slab of some thickness about it.
+/// A plane through the volume, or a slab of some thickness about it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Slice {
-    /// A world point that the plane passes through.
+    /// A world point on the plane.
     pub point: DVec3,
     /// Normal of the plane, towards the viewer; of any length but zero.
     pub normal: DVec3,
-    /// World distance from one side of the slab to the other; 0 is as thin as can be.
+    /// World distance from one side of the slab to the other; 0 is as thin as possible.
     #[serde(default)]
     pub thickness: f64,
 }
 
 impl Slice {
-    /// The slice across an axis (0 is x) at a world coordinate, seen as images are: z slices have x to the right and y downwards, as
-    /// they are stored; y slices x to the right and z upwards; x slices y to the right and z upwards.
+    /// Returns the slice across an axis (0 is x) at a world coordinate, oriented as in images: z slices have x to the right and y downwards, as
+    /// stored; y slices x to the right and z upwards; x slices y to the right and z upwards.
     ///
     /// # Panics
     /// If `axis` is more than 2.
@@ -40,14 +40,15 @@ impl Slice {
         Self { point: DVec3::AXES[axis] * at, normal, thickness: 0.0 }
     }
 
-    /// The slice of a patient across an axis (0 is x, to the patient's right) at a world coordinate, seen as radiologists see it: z slices
-    /// from the feet, y slices from the front, x slices from the left. So the patient's left is on the right, and the nose points to the left.
+    /// Returns the slice of a patient across an axis (0 is x, to the patient's right) at a world coordinate, in the radiological convention: z
+    /// slices from the feet, y slices from the front, x slices from the left. So the patient's left is on the right, and the nose points to the
+    /// left.
     pub fn of_patient(axis: usize, at: f64) -> Self {
         let normal = [DVec3::NEG_X, DVec3::Y, DVec3::NEG_Z][axis];
         Self { point: DVec3::AXES[axis] * at, normal, thickness: 0.0 }
     }
 
-    /// What is up in an image of the slice: z, or -y where the plane is nearer to level than to upright.
+    /// Up direction of an image of the slice: z, or -y where the plane is nearer to level than to upright.
     pub fn image_up(&self) -> DVec3 {
         let is_level = self.normal.normalize_or_zero().z.abs() > std::f64::consts::FRAC_1_SQRT_2;
         if is_level { DVec3::NEG_Y } else { DVec3::Z }
@@ -64,8 +65,8 @@ impl Slice {
         ClipPlane { point: self.point, normal: self.normal }.normalized().map(|_| ())
     }
 
-    /// The two planes that bound the slab, with normals that point into it, for a picture of this volume with these rays. `placement` is where in
-    /// the world the volume is, if the nearest of its voxels are read.
+    /// The two sides of the slab, with inward normals, for a picture of this volume with these rays. `placement` is the volume's, given only with
+    /// the nearest filter.
     pub fn sides(
         &self,
         rays: &ViewRays,
@@ -74,12 +75,12 @@ impl Slice {
         placement: Option<&Placement>,
     ) -> [ClipPlane; 2] {
         let normal = self.normal.normalize_or_zero();
-        // Rounding moves the point that a ray samples, and on which side of a brick's border it is. The slab is twice as thick to
-        // each side, so that it meets every brick that a sample may come from.
+        // Rounding moves a ray's sample point, possibly across a brick's border. The doubled thickness makes the slab meet every brick with
+        // possible samples.
         let thinnest_voxels = thinnest_voxels(rays, geometry, extent);
         let thinnest = self.thinnest(rays, geometry, extent);
         let half = 0.5 * self.thickness.max(thinnest);
-        // By as much again, so that all of it is further above the plane than rounding moves a point.
+        // As much again, so all of it is further above the plane than rounding moves a point.
         let above = match placement.filter(|_| self.thickness <= thinnest) {
             Some(placement) => normal * normal.dot(placement.world_vector(geometry.spacing * thinnest_voxels)),
             None => DVec3::ZERO,
@@ -87,7 +88,7 @@ impl Slice {
         [normal, -normal].map(|normal| ClipPlane { point: self.point + above - normal * half, normal })
     }
 
-    /// Whether the slice is as thin as can be for a picture of this volume with these rays.
+    /// Whether the slice is as thin as possible for a picture of this volume with these rays.
     pub fn is_thinnest(&self, rays: &ViewRays, geometry: &Geometry, extent: Extent) -> bool {
         self.thickness <= self.thinnest(rays, geometry, extent)
     }
@@ -97,8 +98,7 @@ impl Slice {
         thinnest_voxels(rays, geometry, extent) * (self.normal.normalize_or_zero() * geometry.spacing).length()
     }
 
-    /// An orthographic camera that looks straight at all of the slice, in a picture of this size, with `up` as far up as the plane
-    /// allows.
+    /// Returns an orthographic camera straight in front of the whole slice, in a picture of this size, with `up` as far up as the plane allows.
     pub fn camera(&self, world_box: (DVec3, DVec3), up: DVec3, (width, height): (u32, u32)) -> Camera {
         let normal = self.normal.normalize_or_zero();
         let right = up.cross(normal).normalize_or_zero();
@@ -120,13 +120,13 @@ impl Slice {
         let [(left, right_end), (bottom, top)] = sides;
         let target = self.point + right * (left + right_end) * 0.5 + upright * (bottom + top) * 0.5;
         let world_height = (top - bottom).max((right_end - left) * height as f64 / width as f64);
-        // Before what the slab shows; and not far, for the sake of precision.
+        // In front of the slab; and not far, for precision.
         let reach = corners.iter().map(|corner| normal.dot(*corner - self.point).abs()).fold(0.0, f64::max);
         let eye = target + normal * (self.thickness.min(2.0 * reach) + world_height);
         Camera { eye, target, up, projection: Projection::Orthographic { height: world_height } }
     }
 
-    /// Where the plane meets the edges of the box with these corners.
+    /// Intersections of the plane with the edges of the box with these corners.
     fn outline(&self, corners: &[DVec3; 8]) -> Vec<DVec3> {
         let height = |p: DVec3| self.normal.dot(p - self.point);
         let mut points = Vec::new();
@@ -141,7 +141,7 @@ impl Slice {
     }
 }
 
-/// The thickness of the thinnest slices, in voxels. From eyes so far away that rounding moves points by more than that, they are what they can be.
+/// The thickness of the thinnest slices, in voxels, limited for far eyes, where rounding moves points by more.
 fn thinnest_voxels(rays: &ViewRays, geometry: &Geometry, extent: Extent) -> f64 {
     const MOST: f64 = 0.25;
     (4.0 * geometry.rounding_voxels(rays.eye, extent)).min(MOST)
@@ -153,7 +153,7 @@ mod tests {
 
     const BOX: (DVec3, DVec3) = (DVec3::new(-1.0, 2.0, 10.0), DVec3::new(5.0, 4.0, 19.0));
 
-    /// Right and up in the world, the middle, width and height of what the camera shows.
+    /// Right and up in the world, and the middle, width and height of the camera's view.
     fn seen(slice: &Slice, size: (u32, u32)) -> (DVec3, DVec3, DVec3, [f64; 2]) {
         let camera = slice.camera(BOX, slice.image_up(), size);
         let rays = camera.rays(size.0, size.1).unwrap();
@@ -241,11 +241,11 @@ mod tests {
             assert!((found.0 - expected.0).abs() < 1e-6 && (found.1 - expected.1).abs() < 1e-6, "{found:?}");
         };
         let turned = Placement::from_text("0 0 -1 0  0 1 0 0  1 0 0 0").unwrap();
-        // What is above in voxels is along z in the world, against the normal; turned, against x.
+        // Above in voxels is along z in the world, against the normal; turned, against x.
         close(of(Slice::across(2, 7.0), &Placement::default()), (-6.0, -2.0));
         close(of(Slice { normal: DVec3::X, ..Slice::across(0, 7.0) }, &Placement::default()), (2.0, 6.0));
         close(of(Slice { normal: DVec3::X, ..Slice::across(0, 7.0) }, &turned), (-6.0, -2.0));
-        // A slab has the thickness that was asked for, about its plane.
+        // A slab has its requested thickness, about its plane.
         let (low, high) = of(Slice { thickness: 2.0, ..Slice::across(2, 7.0) }, &Placement::default());
         assert!((low + high).abs() < 1e-3);
     }

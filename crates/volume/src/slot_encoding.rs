@@ -1,25 +1,25 @@
-//! Slot codes: how voxel values become the 8- or 16-bit codes that slots hold, in RAM and on the GPU, or the 32-bit floats.
+//! Slot codes: the map from voxel values to slots' 8- or 16-bit codes, in RAM and on the GPU, or to 32-bit floats.
 //!
-//! 8- and 16-bit types keep every value (signed ones are biased). 32-bit integers and floats are quantised to 16 bits over
-//! the channel's value range, an error of at most range / 131,068; or where that is too much for what is looked at, held as 32-bit floats
-//! ([`float_slots`](crate::float_slots)). Where a store holds NaN or infinities, code 0 is kept
-//! for them and means *invalid*: not drawn, and left out of interpolation.
+//! 8- and 16-bit types keep every value (signed ones are biased). 32-bit integers and floats are quantised to 16 bits over the channel's value
+//! range, with an error of at most range / 131,068; or, where this is too coarse for the look, held as 32-bit floats
+//! ([`float_slots`](crate::float_slots)). In stores with NaN or infinities, code 0 is reserved for them and means *invalid*: not drawn, and
+//! left out of interpolation.
 //!
-//! Where integers mark by a value that nothing was measured, code 0 stands for that value. What is left of 8- and 16-bit types is
-//! kept exactly, from code 1 for the channel's least value on: in 16 bits where 8 have no code to spare. Only a channel of 16 bits
-//! that has both ends of its type is quantised.
+//! Where an integer value marks missing measurements, code 0 stands for it. The other values of 8- and 16-bit types are kept exactly, from
+//! code 1 for the channel's least value on: in 16 bits where 8 have no code to spare. Only a 16-bit channel using both ends of its type is
+//! quantised.
 
 use crate::voxel_type::{Voxel, VoxelType};
 use crate::with_voxel_type;
 
-/// The format of what a slot holds of a voxel.
+/// The format of a voxel in a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SlotFormat {
     /// One byte a voxel.
     U8,
     /// Two bytes a voxel, little-endian.
     U16,
-    /// A 32-bit float a voxel, little-endian: no code, but mapped to one as it is read.
+    /// A 32-bit float a voxel, little-endian: not a code, but mapped to one as it is read.
     F32,
 }
 
@@ -33,8 +33,8 @@ impl SlotFormat {
         }
     }
 
-    /// The greatest code, which is that of a transfer table's last entry. Samples of f32 slots have codes of any size; past the ends of the
-    /// table they are as good as those at the ends.
+    /// The greatest code: the transfer table's last entry. Samples of f32 slots have codes of any size; past the ends of the table they are as
+    /// good as those at the ends.
     pub const fn max_code(self) -> u32 {
         match self {
             Self::U8 => 255,
@@ -43,35 +43,34 @@ impl SlotFormat {
     }
 }
 
-/// A range of codes that tells nothing: codes may be past its ends, too.
+/// The range of unknown codes: codes may be past its ends, too.
 pub const ANYTHING: [u16; 2] = [0, u16::MAX];
 
-/// What an f32 slot holds where there is no value.
+/// Number of an f32 slot without a value.
 pub const INVALID_SLOT: f32 = -3e38;
 
-/// A number between those of f32 slots with a value, which are more, and [`INVALID_SLOT`].
+/// Threshold between [`INVALID_SLOT`] and the greater numbers of f32 slots with a value.
 pub const LEAST_SLOT: f32 = -2e38;
 
 /// The greatest magnitude of an f32 slot with a value, so that no difference overflows.
 pub(crate) const MOST: f64 = 1e38;
 
-/// What f32 slots hold, besides the values themselves.
+/// Parameters of f32 slots, besides the values themselves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FloatSlots {
-    /// The value that slots hold as 0.
+    /// The value held as 0.
     pub base: f64,
-    /// The difference of values that stored gradients hold as [`SCALE`](crate::gradients::SCALE).
+    /// Difference of values stored as [`SCALE`](crate::gradients::SCALE) in gradients.
     pub unit: f64,
-    /// The least and the greatest value that is held as it is: others are held as these.
+    /// The least and the greatest value, to which others are clamped.
     pub limits: [f64; 2],
 }
 
-/// The map between values and codes: `value = low + code / max_code * (high - low)`. Slots hold the codes, or, as f32 slots do, numbers
-/// that do not depend on `low` and `high`. The transfer table is laid over all codes or, for a narrow window, over a few
-/// ([`float_slots`](crate::float_slots)).
+/// The map between values and codes: `value = low + code / max_code * (high - low)`. Slots hold the codes or, in f32 slots, numbers
+/// independent of `low` and `high`. The transfer table covers all codes or, for a narrow window, a few ([`float_slots`](crate::float_slots)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlotEncoding {
-    /// The voxel type the codes come from.
+    /// The codes' voxel type.
     pub voxel_type: VoxelType,
     /// Width of the codes.
     pub format: SlotFormat,
@@ -79,27 +78,26 @@ pub struct SlotEncoding {
     pub low: f64,
     /// Value of the greatest code.
     pub high: f64,
-    /// Whether there are voxels without a value: code 0 means *invalid* instead of `low`, and so does
-    /// [`INVALID_SLOT`] in f32 slots.
+    /// Whether there are voxels without a value: code 0 means *invalid* instead of `low`, and so does [`INVALID_SLOT`] in f32 slots.
     pub has_invalid: bool,
-    /// What f32 slots hold; `None` where slots hold codes.
+    /// Parameters of f32 slots; `None` where slots hold codes.
     pub floats: Option<FloatSlots>,
-    /// The integer value of voxels that hold no data, whose code is 0; `None` if no value says so.
+    /// The integer value of voxels without data, with code 0; `None` if there is none.
     pub nodata: Option<f64>,
-    /// Whether values are labels: a place has the label of the voxel that it is in, and labels are not interpolated.
+    /// Whether values are labels: a place has its voxel's label, and labels are not interpolated.
     pub is_labels: bool,
-    /// Whether codes are those of [`LabelCodes`](crate::LabelCodes), and so of the layer's look: labels that are further apart than 16 bits
-    /// reach. [`value`](Self::value) does not know their labels.
+    /// Whether codes are [`LabelCodes`](crate::LabelCodes) of the layer's look, for labels further apart than 16 bits reach.
+    /// [`value`](Self::value) does not decode them.
     pub is_hashed: bool,
     /// The codes of the transfer table's first and last entry.
     pub table_codes: [u16; 2],
     /// Codes from the channel's least value to its greatest.
     pub spread_codes: f64,
-    /// Data units per code of the slots that would do, where finer f32 slots are kept instead; else 0.
+    /// Data units per code of sufficient slots, where finer f32 slots are kept instead; else 0.
     pub enough_width: f64,
 }
 
-/// An encoding of what is neither labels nor lacks data anywhere, for all that is not said of another one.
+/// An encoding of measurements without missing data, as a base for others.
 const PLAIN: SlotEncoding = SlotEncoding {
     voxel_type: VoxelType::U8,
     format: SlotFormat::U8,
@@ -116,8 +114,7 @@ const PLAIN: SlotEncoding = SlotEncoding {
 };
 
 impl SlotEncoding {
-    /// The encoding for a store of `voxel_type` whose valid values lie in `range` and of which some are not finite if
-    /// `has_non_finite`.
+    /// Returns the encoding for a store of `voxel_type` with valid values in `range`, and others not finite if `has_non_finite`.
     pub fn new(voxel_type: VoxelType, range: (f64, f64), has_non_finite: bool) -> Self {
         let format = if voxel_type.bytes() == 1 { SlotFormat::U8 } else { SlotFormat::U16 };
         if voxel_type.bytes() <= 2 {
@@ -125,15 +122,14 @@ impl SlotEncoding {
             let spread_codes = (range.1 - range.0).clamp(0.0, high - low);
             return Self { voxel_type, format, low, high, spread_codes, ..PLAIN }.with_whole_table();
         }
-        // One value takes a range in which it is told from its neighbours, however large it is.
+        // A single value gets a range, whatever its size, in which its neighbours differ from it.
         let (low, high) = if range.1 > range.0 { range } else { (range.0, range.0 + range.0.abs().max(1.0)) };
         // With code 0 taken, `range.0` is code 1.
         let low = if has_non_finite { low - (high - low) / 65534.0 } else { low };
         Self { voxel_type, format, low, high, has_invalid: has_non_finite, ..PLAIN }.with_whole_spread()
     }
 
-    /// The encoding for a store of integers of `voxel_type` whose valid values lie in `range`, and in which voxels of the value
-    /// `nodata` hold no data.
+    /// Returns the encoding for a store of integers of `voxel_type` with valid values in `range`, and `nodata` for voxels without data.
     pub fn without(voxel_type: VoxelType, range: (f64, f64), nodata: f64) -> Self {
         let codes = range.1 - range.0 + 1.0;
         let format = if voxel_type.bytes() == 1 && codes <= 255.0 { SlotFormat::U8 } else { SlotFormat::U16 };
@@ -145,14 +141,14 @@ impl SlotEncoding {
             return Self { voxel_type, format, low, high, has_invalid, nodata: Some(nodata), spread_codes, ..PLAIN }
                 .with_whole_table();
         }
-        // One value takes a range in which it is told from its neighbours.
+        // A single value gets a range in which its neighbours differ from it.
         let (low, high) = if codes > 1.0 { range } else { (range.0, range.0 + range.0.abs().max(1.0)) };
         let low = low - (high - low) / 65534.0;
         Self { voxel_type, format, low, high, has_invalid: true, nodata: Some(nodata), ..PLAIN }.with_whole_spread()
     }
 
-    /// The encoding of labels in `range`: a code for each label where 65,536 codes reach from the least to the greatest, else those of
-    /// [`LabelCodes`](crate::LabelCodes). Some voxels have no label if `has_non_finite`, and those of the value `nodata`.
+    /// Returns the encoding of labels in `range`: a code for each if 65,536 codes suffice from the least to the greatest, else
+    /// [`LabelCodes`](crate::LabelCodes). Voxels of the value `nodata` have no label, nor have others if `has_non_finite`.
     pub fn of_labels(voxel_type: VoxelType, range: (f64, f64), has_non_finite: bool, nodata: Option<f64>) -> Self {
         let has_invalid = has_non_finite || nodata.is_some();
         let plain = Self { is_labels: true, ..Self::new(voxel_type, range, false) };
@@ -172,7 +168,7 @@ impl SlotEncoding {
         Self { table_codes: [0, self.format.max_code() as u16], ..self }
     }
 
-    /// With a transfer table over all codes, of a channel that has all of them.
+    /// With a transfer table over all codes, for a channel that uses them all.
     pub(crate) fn with_whole_spread(self) -> Self {
         Self { spread_codes: f64::from(self.format.max_code()), enough_width: 0.0, ..self.with_whole_table() }
     }
@@ -192,17 +188,17 @@ impl SlotEncoding {
         self.low + unorm * (self.high - self.low)
     }
 
-    /// The normalised code of a value: below 0 or above 1 outside of the encoding's range.
+    /// The normalised code of a value: below 0 or above 1 outside the encoding's range.
     pub fn unorm(&self, value: f64) -> f64 {
         (value - self.low) / (self.high - self.low)
     }
 
-    /// Whether the transfer table is laid over all codes.
+    /// Whether the transfer table covers all codes.
     pub fn has_whole_table(&self) -> bool {
         self.table_codes == [0, self.format.max_code() as u16]
     }
 
-    /// The code of the transfer table's first entry, from which renderers count codes: near it they are exact in f32.
+    /// The code of the transfer table's first entry. Renderers count codes from it: near it they are exact in f32.
     pub fn first_code(&self) -> f64 {
         f64::from(self.table_codes[0])
     }
@@ -222,7 +218,7 @@ impl SlotEncoding {
         self.value((code + self.first_code()) / f64::from(self.format.max_code()))
     }
 
-    /// Where in the transfer table a value is: 0 at the first entry, 1 at the last.
+    /// Position of a value in the transfer table: 0 at the first entry, 1 at the last.
     pub fn place(&self, value: f64) -> f64 {
         self.code(value) / self.span_codes()
     }
@@ -232,10 +228,10 @@ impl SlotEncoding {
         [self.value_of_code(0.0), self.value_of_code(self.span_codes())]
     }
 
-    /// Encodes little-endian voxels into `codes`, as slots hold them. Costs a copy for unsigned 8- and 16-bit data.
+    /// Encodes little-endian voxels into slots' `codes`. Costs a copy for unsigned 8- and 16-bit data.
     ///
     /// # Panics
-    /// If the two lengths do not hold the same number of voxels, or codes are those of a look.
+    /// If the two lengths do not hold the same number of voxels, or codes depend on a look.
     pub fn encode(&self, voxels: &[u8], codes: &mut [u8]) {
         assert!(!self.is_hashed, "codes by looks are made by LabelCodes");
         assert_eq!(voxels.len() / self.voxel_type.bytes(), codes.len() / self.format.bytes());
@@ -269,7 +265,7 @@ impl SlotEncoding {
         }
     }
 
-    /// Encodes voxels of which those that hold no data become code 0.
+    /// Encodes voxels, those without data as code 0.
     fn encode_marked<T: Voxel>(&self, voxels: &[u8], codes: &mut [u8]) {
         let nodata = self.nodata.map(T::from_f64_rounded);
         let most = self.format.max_code() as f64;
@@ -300,8 +296,8 @@ impl SlotEncoding {
     }
 }
 
-/// The code nearest to a number from 0 to 65535, the even one of two: the last bits of the number added to 2^52, whose neighbours are 1 apart.
-/// Several times as fast as rounding and conversion, which are calls where the instruction set is not known.
+/// The code nearest to a number from 0 to 65535, rounding ties to even: the last bits of the number added to 2^52, where neighbours are 1
+/// apart. Several times as fast as rounding and conversion, which are calls for unknown instruction sets.
 fn nearest_code(number: f64) -> u16 {
     const TWO_TO_52: f64 = (1u64 << 52) as f64;
     (number + TWO_TO_52).to_bits() as u16
@@ -359,7 +355,7 @@ mod tests {
         }
     }
 
-    /// The code and the value of every voxel of a type, given its least and greatest valid value.
+    /// Checks the code and the value of every voxel of a type, given its least and greatest valid value.
     fn codes_without(t: VoxelType, range: (f64, f64), nodata: f64, values: &[f64]) -> SlotFormat {
         let encoding = SlotEncoding::without(t, range, nodata);
         for &value in values {
@@ -419,7 +415,7 @@ mod tests {
             for has_non_finite in [false, true] {
                 let encoding = SlotEncoding::new(VoxelType::F32, (value as f64, value as f64), has_non_finite);
                 let [found] = round_trip(&encoding, &value.to_le_bytes())[..] else { unreachable!() };
-                // One code is made of sums of numbers this large.
+                // The code comes from sums of numbers this large.
                 assert!((found - value as f64).abs() <= 1e-9 * value.abs().max(1.0) as f64, "{value}: {found}");
             }
         }

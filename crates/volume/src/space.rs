@@ -1,4 +1,4 @@
-//! Integer spaces as types: a level, a voxel, a brick, an extent and a box cannot be mixed up.
+//! Types for integer spaces: a level, a voxel, a brick, an extent and a box cannot be mixed up.
 //!
 //! Axis order is x, y, z everywhere in Rust; Zarr's z, y, x appears only where a store's metadata is written.
 
@@ -73,25 +73,25 @@ xyz!(
 );
 
 impl Extent {
-    /// The number of voxels (or bricks). The product must not overflow: callers keep such extents out of the system
-    /// with [`Extent::checked_volume`].
+    /// The number of voxels (or bricks). The product must not overflow: callers reject such extents with
+    /// [`Extent::checked_volume`].
     pub const fn volume(self) -> u64 {
         self.x as u64 * self.y as u64 * self.z as u64
     }
 
-    /// The number of voxels (or bricks), or `None` past 2^63 - 1 (so that it is also a valid file offset).
+    /// The number of voxels (or bricks), or `None` past 2^63 - 1, so it is also a valid file offset.
     pub fn checked_volume(self) -> Option<u64> {
         let product = self.x as u128 * self.y as u128 * self.z as u128;
         (product <= i64::MAX as u128).then_some(product as u64)
     }
 
-    /// Row-major position (x fastest) of a cell of this extent.
+    /// Row-major position (x fastest) of a cell.
     #[inline]
     pub const fn linear(self, [x, y, z]: [u32; 3]) -> u64 {
         (z as u64 * self.y as u64 + y as u64) * self.x as u64 + x as u64
     }
 
-    /// Whether the cell `[x, y, z]` lies inside of this extent.
+    /// Whether the cell `[x, y, z]` lies inside this extent.
     pub const fn contains(self, [x, y, z]: [u32; 3]) -> bool {
         x < self.x && y < self.y && z < self.z
     }
@@ -112,7 +112,7 @@ pub struct VoxelBox {
 }
 
 impl VoxelBox {
-    /// The box between two corners `[x, y, z]`, the second exclusive.
+    /// Creates the box between two corners `[x, y, z]`, the second exclusive.
     pub const fn new(min: [u32; 3], max: [u32; 3]) -> Self {
         Self { min: VoxelIndex::from_array(min), max: VoxelIndex::from_array(max) }
     }
@@ -123,7 +123,7 @@ impl VoxelBox {
         Extent::from_array(std::array::from_fn(|a| hi[a].saturating_sub(lo[a])))
     }
 
-    /// Whether there is no voxel inside.
+    /// Whether the box has no voxel.
     pub fn is_empty(self) -> bool {
         self.extent().volume() == 0
     }

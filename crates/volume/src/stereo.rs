@@ -1,28 +1,27 @@
-//! Stereo: the rays of two eyes, and how the two pictures become one.
+//! Stereo: the rays of two eyes, and the composition of their pictures.
 //!
 //! The eyes stand half the separation to the left and to the right of the camera's eye and look in the same direction; the
-//! picture's plane is shifted so that all that is at the convergence distance is at the same pixel for both
-//! ([`ViewRays::from_aside`]). What is nearer than that seems to be in front of the screen, what is farther behind it. Turning
-//! the eyes towards each other instead (toe-in) makes a trapezium of each picture, and so vertical disparities, which cannot
-//! be fused.
+//! picture's plane is shifted so that both see points at the convergence distance in the same pixel
+//! ([`ViewRays::from_aside`]). Nearer points appear in front of the screen, farther ones behind it. Turning the eyes towards
+//! each other instead (toe-in) distorts each picture to a trapezium, and its vertical disparities cannot be fused.
 //!
-//! Orthographic views follow the same rule: each eye's parallel rays lean so that they meet the other eye's at the convergence
-//! distance, and the disparity grows evenly with the distance from there. It is what VTK and ParaView do: they shear space
-//! about the focal plane, in both projections.
+//! Orthographic views follow the same rule: each eye's parallel rays lean to meet the other eye's at the convergence distance,
+//! and the disparity grows evenly with the distance from there. VTK and ParaView do the same: they shear space about the focal
+//! plane, in both projections.
 //!
-//! Pixels are square in every layout: an eye of a side-by-side picture has half its width, and sees that much less to the
-//! sides; it is not squeezed.
+//! Pixels are square in every layout: an eye of a side-by-side picture has half its width and a narrower view; it is not
+//! squeezed.
 
 use crate::camera::{Camera, CameraError, ViewRays};
 use crate::enum_all::every;
 use crate::picture::Picture;
 use serde::{Deserialize, Serialize};
 
-/// Of the convergence distance, the default eye separation: about what ParaView's eye angle of 2 degrees makes (1 / 28.6),
-/// and what photographers of stereo pairs go by.
+/// Default eye separation as a share of the convergence distance: close to ParaView's eye angle of 2 degrees (1 / 28.6), and a
+/// rule of stereo photographers.
 const DEFAULT_SEPARATION: f64 = 1.0 / 30.0;
 
-/// How the pictures of two eyes become one.
+/// Layouts of the two eyes' pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StereoLayout {
@@ -30,7 +29,7 @@ pub enum StereoLayout {
     SideBySide,
     /// The left eye's picture in the top half, the right eye's below.
     TopBottom,
-    /// One picture for red-cyan glasses, with the red glass before the left eye.
+    /// One picture for red-cyan glasses, with the red glass in front of the left eye.
     Anaglyph,
     /// Rows 0, 2, 4... from the top are the left eye's, the others the right eye's.
     Interlaced,
@@ -42,12 +41,12 @@ every!(StereoLayout: SideBySide TopBottom Anaglyph Interlaced);
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stereo {
-    /// How the pictures of the two eyes become one.
+    /// Layout of the two eyes' pictures.
     pub layout: StereoLayout,
     /// World distance between the eyes; `None` is a thirtieth of the convergence distance.
     #[serde(default)]
     pub eye_separation: Option<f64>,
-    /// World distance, along the view, at which things seem to be at the screen; `None` is the distance of the camera's target.
+    /// World distance of the screen along the view; `None` is the distance of the camera's target.
     #[serde(default)]
     pub convergence: Option<f64>,
 }
@@ -58,17 +57,17 @@ pub enum StereoError {
     /// The eye separation or the convergence distance is not a positive, finite number.
     #[error("--{name} is {value}: expected a positive length, in world units")]
     Length {
-        /// Which length it is: `eye-separation` or `convergence`.
+        /// The length's name: `eye-separation` or `convergence`.
         name: &'static str,
-        /// The length as given.
+        /// The given length.
         value: f64,
     },
-    /// The layout halves a side of the picture that has an odd number of pixels.
+    /// The layout halves a side with an odd number of pixels.
     #[error("a {layout} picture is two {side}s in one, so its {side} must be even: {width}x{height} pixels are not")]
     OddSize {
         /// Name of the layout: `side-by-side` or `top-bottom`.
         layout: &'static str,
-        /// The side that is odd: `width` or `height`.
+        /// The odd side: `width` or `height`.
         side: &'static str,
         /// Width of the whole picture in pixels.
         width: u32,
@@ -81,15 +80,15 @@ pub enum StereoError {
 }
 
 impl Stereo {
-    /// Stereo in this layout, with default distances.
+    /// Creates stereo in this layout, with default distances.
     pub const fn new(layout: StereoLayout) -> Self {
         Self { layout, eye_separation: None, convergence: None }
     }
 
-    /// The rays of the left and of the right eye for a whole picture of this size.
+    /// Returns the rays of the left and of the right eye for a whole picture of this size.
     ///
     /// # Errors
-    /// If a distance is not positive, the layout halves an odd side, or the camera makes no picture.
+    /// If a distance is not positive, the layout halves an odd side, or the camera is invalid.
     pub fn eyes(&self, camera: &Camera, size_px: (u32, u32)) -> Result<[ViewRays; 2], StereoError> {
         let length = |name, value: f64| match value.is_finite() && value > 0.0 {
             true => Ok(value),
@@ -106,7 +105,7 @@ impl Stereo {
 }
 
 impl StereoLayout {
-    /// The size of each eye's picture, given that of the whole.
+    /// The size of each eye's picture, given the size of the whole.
     fn eye_size(self, (width, height): (u32, u32)) -> Result<(u32, u32), StereoError> {
         let odd = |layout, side| StereoError::OddSize { layout, side, width, height };
         match self {
@@ -118,7 +117,7 @@ impl StereoLayout {
         }
     }
 
-    /// Puts the pictures of the left and of the right eye, which have the same size, together into one.
+    /// Composes the pictures of the left and of the right eye, which have the same size.
     ///
     /// # Panics
     /// If the sizes differ.
@@ -144,8 +143,8 @@ impl StereoLayout {
     }
 }
 
-/// What of linear red, green and blue of the left eye's and of the right eye's pixel makes red, green and blue for red-cyan
-/// glasses: the least-squares optimum for the light that LCDs send and glasses let through (Dubois, "A projection method to
+/// Weights of linear red, green and blue of the left and of the right eye's pixel in red, green and blue for red-cyan glasses:
+/// the least-squares optimum for the emission of LCDs and the transmission of the glasses (Dubois, "A projection method to
 /// generate anaglyph stereo images", 2001, with the values of 2009).
 const DUBOIS: [[f32; 6]; 3] = [
     [0.456_100, 0.500_484, 0.176_381, -0.043_470_6, -0.087_938_8, -0.001_555_29],
@@ -153,12 +152,12 @@ const DUBOIS: [[f32; 6]; 3] = [
     [-0.015_216_1, -0.020_597_1, -0.005_468_56, -0.072_152_7, -0.112_961, 1.226_4],
 ];
 
-/// An anaglyph by [`DUBOIS`]'s matrices. Why these: taking red from the left and the rest from the right picture shows what is
-/// red to one eye only, which hurts; making both gray first cures that, but loses the transfer function's colours. The matrices
-/// keep most colours, and take from each eye what leaks through its glass. Gray pictures stay gray, so that these need no
-/// method of their own.
+/// Composes an anaglyph by [`DUBOIS`]'s matrices. Red from the left and the rest from the right picture would show red things
+/// to one eye only, which hurts; turning both gray first cures this, but loses the transfer function's colours. The matrices
+/// keep most colours, and subtract each glass's leakage. Gray pictures stay gray, and need no method of their own.
 fn anaglyph(left: &Picture, right: &Picture) -> Picture {
-    // The matrices are of light, pictures of sRGB codes. Between neighbours of 65,536 steps the code changes by 1/20 at most.
+    // The matrices apply to light, pictures hold sRGB codes. Between neighbours of 65,536 steps the code changes by 1/20 at
+    // most.
     const STEPS: usize = 65_535;
     let linear: [f32; 256] = std::array::from_fn(|code| linear_of(code as f32 / 255.0));
     let codes: Vec<u8> = (0..=STEPS).map(|i| (encoded(i as f32 / STEPS as f32) * 255.0 + 0.5) as u8).collect();
@@ -173,12 +172,12 @@ fn anaglyph(left: &Picture, right: &Picture) -> Picture {
     Picture { width: left.width, height: left.height, rgb }
 }
 
-/// The light of an sRGB value.
+/// Converts an sRGB value to light.
 fn linear_of(encoded: f32) -> f32 {
     if encoded <= 0.040_45 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The sRGB value of light.
+/// Converts light to an sRGB value.
 fn encoded(linear: f32) -> f32 {
     if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
@@ -196,7 +195,7 @@ mod tests {
         Camera { eye: DVec3::new(3.0, -7.0, 2.0), target: DVec3::new(0.5, 1.0, -1.0), up: DVec3::Z, projection }
     }
 
-    /// The pixel in which an eye sees a point, from its rays: two of them span the picture's plane.
+    /// The pixel of a point for an eye, from its rays: two of them span the picture's plane.
     fn pixel_of(rays: &ViewRays, point: DVec3) -> (f64, f64) {
         // Newton's method on the distance between ray and point; both are linear in the pixel but for the ray's length.
         let miss = |x: f64, y: f64| {
@@ -226,7 +225,7 @@ mod tests {
                 let ray = mono.ray(x, y);
                 let point = ray.origin + ray.direction * (depth / ray.direction.dot(mono.forward));
                 let [left, right] = eyes.map(|rays| pixel_of(&rays, point));
-                // At half the convergence distance an eye must look as far across as it is aside; without end, not at all.
+                // At half the convergence distance an eye must look as far across as it is aside; at infinity, not at all.
                 let expected = match projection {
                     Projection::Perspective { .. } => separation * (1.0 / convergence - 1.0 / depth),
                     Projection::Orthographic { .. } => separation * (depth / convergence - 1.0),
@@ -277,7 +276,7 @@ mod tests {
         assert!(matches!(stereo.eyes(&nowhere, (8, 8)), Err(StereoError::Camera(_))));
     }
 
-    /// A picture whose every pixel tells its eye and place.
+    /// A picture of pixels with their eye and place.
     fn told(eye: u8) -> Picture {
         Picture { width: 4, height: 3, rgb: (0..12).map(|i| [eye, i % 4, i / 4]).collect() }
     }
@@ -316,7 +315,7 @@ mod tests {
         for gray in 0..=255 {
             assert_eq!(pixel([gray; 3], [gray; 3]), [gray; 3]);
         }
-        // What only one eye sees is in that eye's primaries alone; the rest is clipped below black.
+        // Light for one eye is in its primaries alone; the rest is clipped below black.
         let ([r, g, b], [r2, g2, b2]) = (pixel([200; 3], [0; 3]), pixel([0; 3], [200; 3]));
         assert!(r > 200 && g == 0 && b == 0 && r2 == 0 && g2 > 200 && b2 > 200);
         // Full red of both eyes by hand: 0.4561 - 0.0434706, 0.378476 - 0.0400822, and less than nothing.

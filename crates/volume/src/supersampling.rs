@@ -1,9 +1,9 @@
-//! Supersampling: a pixel's colour is the mean of several rays' colours, so that edges are smooth. Each ray passes the pixel at another place and is sampled at other
-//! distances, so that the mean has no rings either.
+//! Supersampling: a pixel's colour is the mean of several rays' colours, for smooth edges. The rays pass the pixel at different places and are
+//! sampled at different distances, so the mean has no rings either.
 //!
-//! A picture of `n` samples a pixel is the mean of `n` pictures of the whole view: in each, the rays of all pixels are moved by the same part of a pixel, and the ticks of
-//! the lattice by the same part of a segment. It costs as many frames, and no more memory. Places are those of Hammersley's points: no two are in the same of `n`
-//! columns or rows of a pixel.
+//! A picture with `n` samples per pixel is the mean of `n` pictures of the whole view, each with all rays moved by the same part of a pixel, and the
+//! lattice's ticks by the same part of a segment. It costs as many frames, and no more memory. Places are Hammersley's points: no two are in the same
+//! of `n` columns or rows of a pixel.
 
 use crate::picture::Picture;
 use serde::{Deserialize, Serialize};
@@ -15,7 +15,7 @@ use std::str::FromStr;
 #[serde(try_from = "u32", into = "u32")]
 pub struct PixelSamples(u8);
 
-/// The number of a pixel's samples is none of those that there are.
+/// The number of samples is not 1, 2, 4, 8 or 16.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("expected 1, 2, 4, 8 or 16 samples of a pixel")]
 pub struct PixelSamplesError;
@@ -23,9 +23,9 @@ pub struct PixelSamplesError;
 /// One of the samples of every pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelSample {
-    /// Where its ray passes the pixel: to the right of and below the centre, in pixels.
+    /// Place of its ray in the pixel: to the right of and below the centre, in pixels.
     pub offset_px: [f64; 2],
-    /// How far its ticks are moved towards the eye: the [phase](crate::Lattice::phase) of its lattice.
+    /// Shift of its ticks towards the eye: the [phase](crate::Lattice::phase) of its lattice.
     pub phase: u8,
 }
 
@@ -40,7 +40,7 @@ impl PixelSamples {
         self.0.into()
     }
 
-    /// The samples of a pixel. Their mean place is the pixel's centre.
+    /// Iterates over the samples of a pixel. Their mean place is the pixel's centre.
     pub fn samples(self) -> impl Iterator<Item = PixelSample> {
         let (count, digits) = (self.0, self.0.trailing_zeros());
         let centred = move |place: u8| (f64::from(place) + 0.5) / f64::from(count) - 0.5;
@@ -51,7 +51,7 @@ impl PixelSamples {
         })
     }
 
-    /// Makes a picture as the mean of those that `draw` makes of each sample.
+    /// Averages the pictures drawn by `draw` for each sample.
     ///
     /// # Errors
     /// The first error of `draw`.
@@ -73,7 +73,7 @@ pub struct PictureSum {
 }
 
 impl PictureSum {
-    /// Adds a picture; at most 256 of them.
+    /// Adds a picture; at most 256 in all.
     pub fn add(&mut self, picture: &Picture) {
         self.size_px = (picture.width, picture.height);
         self.count += 1;
@@ -83,7 +83,7 @@ impl PictureSum {
         }
     }
 
-    /// The mean of the pictures that were added, rounded; without pixels before the first.
+    /// The rounded mean of the added pictures; without pixels before the first.
     pub fn mean(&self) -> Picture {
         let (width, height) = self.size_px;
         let rounded = |sum: u16| ((sum + self.count / 2) / self.count) as u8;

@@ -1,50 +1,48 @@
-//! Isosurfaces: where a ray meets them, and how they are lit. All renderers have these rules in common.
+//! Isosurfaces: rules for their intersection and lighting, shared by all renderers.
 //!
-//! A picture has one opaque surface ([`Mode::Isosurface`](crate::Mode::Isosurface)), or several translucent ones, alone or in the
-//! fog of [`Mode::Dvr`](crate::Mode::Dvr).
+//! A picture has one opaque surface ([`Mode::Isosurface`](crate::Mode::Isosurface)), or several translucent ones, alone or in the fog of
+//! [`Mode::Dvr`](crate::Mode::Dvr).
 //!
-//! The field is read at the ends of a ray's segments (see [`lattice`](crate::lattice)), each in the brick that owns the segment
-//! it ends; the start of the first one in that one's brick. Where an end is on another side of the isovalue than the end before
-//! it, the surface has been crossed in between; the first crossing is what is seen. So a ray has exactly one hit where it
-//! passes from one side to the other: bricks that disagree at their border, by rounding or by their level, leave no gap. An end
-//! without a value has no side, and where the volume begins there is no surface; where a clip begins there are [caps](crate::CutFace), if they
-//! are asked for.
+//! The field is read at the ends of a ray's segments (see [`lattice`](crate::lattice)), each in the brick of the segment before it; the start
+//! of the first segment in that segment's own brick. If an end is on the other side of the isovalue than the end before it, the ray has
+//! crossed the surface in between; the first crossing is visible. So a ray has exactly one hit where it changes sides: bricks that disagree at
+//! their border, by rounding or by their level, leave no gap. An end without a value has no side, and there is no surface at the volume's
+//! boundary; at a clip's there are [caps](crate::CutFace), if requested.
 //!
-//! Where in its segment the crossing is, is found in the segment's own brick: of [`PARTS`] equal parts the first whose ends are
-//! on two sides, the same once more within it, then a straight line between its ends. A 64th of a segment holds the crossing
-//! before that last step, and the line is far better.
+//! The crossing is located in the segment's own brick: the first of [`PARTS`] equal parts with its ends on two sides, the same once more
+//! within it, then a straight line between its ends. The last step far improves on the 64th of a segment before it.
 //!
-//! Where there are several surfaces, the *rank* of a place is the number of them whose isovalue its value is at or above. From one rank
-//! to another a ray crosses all surfaces between them, one after the other, each looked for behind the one before. A crossing cuts its
-//! segment: the fog in front of it and the fog behind it are segments of their own, with the surface between them.
+//! Among several surfaces, the *rank* of a place is the number of isovalues up to its value. Between two ranks a ray crosses all surfaces in
+//! between, one after the other, each searched behind the one before. A crossing cuts its segment: the fog in front of it and behind it are
+//! segments of their own, with the surface between.
 
 use crate::lighting::{Lighting, LightingModel};
 use crate::slot_encoding::{ANYTHING, SlotEncoding, SlotFormat};
 use crate::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
 
-/// How far apart things of several layers may be that begin on one cut, as a share of the step: rounding parts them.
+/// Rounding tolerance between things of several layers beginning on one cut, as a share of the step.
 pub const CAP_TIE: f64 = 0.01;
 
-/// Where a ray meets a surface, among what several layers have in one segment.
+/// A ray's crossing of a surface, among those of several layers in one segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Meeting {
-    /// The distance at which the surface is passed.
+    /// The distance of the crossing.
     pub t: f64,
-    /// How far behind another surface it may lie and still be passed with that, in the order of layers.
+    /// Greatest distance behind another surface at which both count as crossed together, in the order of layers.
     pub tie: f64,
 }
 
 impl Meeting {
-    /// A surface at a distance. A cap counts as [`CAP_TIE`] of a step before its cut: what other layers have behind the cut is behind the
-    /// cap, however little of it is needed to hide what follows.
+    /// A surface at a distance. A cap counts as [`CAP_TIE`] of a step before its cut: other layers' fog behind the cut is then behind the cap,
+    /// however little of it is needed to hide everything further.
     pub fn new(t: f64, is_cap: bool, step: f64) -> Self {
         let tie = if is_cap { CAP_TIE * step } else { 0.0 };
         Self { t: t - tie, tie }
     }
 }
 
-/// Puts surfaces that a ray meets in one segment, given in the order of their layers, into the order in which it passes them.
+/// Sorts the surfaces crossed in one segment, given in the order of their layers, into the order of crossing.
 pub fn sort_met<T>(surfaces: &mut [T], met: impl Fn(&T) -> Meeting) {
     let all: Vec<f64> = surfaces.iter().map(|surface| met(surface).t).collect();
     let passed_at = |surface: &T| {
@@ -54,10 +52,10 @@ pub fn sort_met<T>(surfaces: &mut [T], met: impl Fn(&T) -> Meeting) {
     surfaces.sort_by(|a, b| passed_at(a).total_cmp(&passed_at(b)));
 }
 
-/// The most isosurfaces that one layer of a scene may have.
+/// The most isosurfaces of a scene's layer.
 pub const MAX_SURFACES: usize = 8;
 
-/// An isosurface of a layer, as a scene asks for it.
+/// An isosurface of a layer, as requested by a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Isosurface {
@@ -66,7 +64,7 @@ pub struct Isosurface {
     /// Colour of the surface, in 0..=1; `None` is the transfer function's colour at the isovalue.
     #[serde(default)]
     pub color: Option<[f64; 3]>,
-    /// Opacity of the surface: the share of the light that it takes, 0 to 1.
+    /// Opacity of the surface: the absorbed share of light, 0 to 1.
     #[serde(default = "opaque")]
     pub opacity: f64,
 }
@@ -76,25 +74,25 @@ fn opaque() -> f64 {
 }
 
 impl Isosurface {
-    /// An opaque isosurface of this value, in the transfer function's colour.
+    /// Creates an opaque isosurface of this value, in the transfer function's colour.
     pub fn at(value: f64) -> Self {
         Self { value, color: None, opacity: opaque() }
     }
 }
 
-/// An isosurface as renderers have it.
+/// An isosurface in the renderers' form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
-    /// The value at or above which a place is inside; see [`threshold`].
+    /// Least value inside; see [`threshold`].
     pub threshold: f64,
     /// Colour of the surface before it is lit.
     pub color: [f32; 3],
-    /// Opacity of the surface: the share of the light that it takes, 0 to 1.
+    /// Opacity of the surface: the absorbed share of light, 0 to 1.
     pub opacity: f32,
 }
 
 impl Surface {
-    /// A layer's isosurfaces as renderers have them, in the order of their values.
+    /// Converts a layer's isosurfaces to the renderers' form, in the order of their values.
     pub fn all(surfaces: &[Isosurface], transfer: &TransferFunction, encoding: &SlotEncoding) -> Vec<Self> {
         let surface = |surface: &Isosurface| {
             let threshold = threshold(surface.value, encoding);
@@ -107,12 +105,12 @@ impl Surface {
     }
 }
 
-/// The rank of a value: how many of the surfaces have a threshold that is not above it. `surfaces` must be in the order of their values.
+/// The rank of a value: the number of surfaces with a threshold up to it. `surfaces` must be in the order of their values.
 pub fn rank(surfaces: &[Surface], value: f64) -> usize {
     surfaces.iter().take_while(|surface| surface.threshold <= value).count()
 }
 
-/// How surfaces are lit in a scene with this lighting: as the fog is, or where that is not lit, by the Blinn-Phong model.
+/// The lighting of surfaces in a scene: the fog's, or the Blinn-Phong model if fog is unlit.
 pub fn lighting(lighting: &Lighting) -> Lighting {
     let model = match lighting.model {
         LightingModel::None => LightingModel::BlinnPhong,
@@ -121,32 +119,32 @@ pub fn lighting(lighting: &Lighting) -> Lighting {
     Lighting { model, ..lighting.clone() }
 }
 
-/// Number of equal parts that the search for a crossing cuts a stretch into, in each of [`ROUNDS`] rounds.
+/// Number of equal parts per round of the search for a crossing, in each of [`ROUNDS`] rounds.
 pub const PARTS: usize = 8;
 
-/// Number of rounds of the search for a crossing: the second one searches the part in which the first has found it.
+/// Number of rounds of the search for a crossing: the second one searches the part found by the first.
 pub const ROUNDS: usize = 2;
 
-/// A field has no gradient where the vector of its differences of codes across two voxels is shorter than this: it is what rounding
-/// leaves of a flat field ([`SlotEncoding::flat_codes`]).
+/// Length of the vector of code differences across two voxels below which a field has no gradient: the rounding error of a flat field
+/// ([`SlotEncoding::flat_codes`]).
 pub const FLAT_CODES: f64 = 1.0 / 64.0;
 
-/// Nor where that vector is a smaller share than this of the distance of the value from the transfer table's first, which is what rounding
-/// leaves of an even field far from there: of 16 bits, and of f32 slots in a narrow window, that is more. Stored gradients are not rounded so.
+/// The same as a share of the value's distance from the transfer table's first, for the greater rounding error of an even field far from
+/// there, in 16 bits and in f32 slots of a narrow window. Stored gradients are free of it.
 pub const FLAT_SHARE: f64 = 1.0 / (1 << 20) as f64;
 
-/// A share of a code, by which surfaces lie below their isovalue: where many voxels have just that value, rounding does not
-/// decide on which side they are.
+/// Depth of surfaces below their isovalue, as a share of a code: where many voxels have exactly this value, rounding does not decide their
+/// side.
 const BELOW: f64 = 1.0 / 64.0;
 
-/// The value that the field is compared with for an isosurface at `isovalue`: a place whose value is at or above it is inside.
+/// The threshold of an isosurface at `isovalue`: places with values from it on are inside.
 pub fn threshold(isovalue: f64, encoding: &SlotEncoding) -> f64 {
     // Codes of wider numbers are rounded: by half a code at most.
     let is_rounded = encoding.format == SlotFormat::U16 && encoding.voxel_type.bytes() > 2;
     isovalue - (BELOW + if is_rounded { 0.5 } else { 0.0 }) * encoding.code_width()
 }
 
-/// Whether samples with codes in a range can be on both sides of a threshold, which is in codes, too.
+/// Whether samples with codes in a range can be on both sides of a threshold, also in codes.
 #[inline(always)]
 pub fn straddles(range: [u16; 2], threshold: f32) -> bool {
     let [low, high] = range.map(f32::from);

@@ -1,42 +1,42 @@
-//! The time axis of a volume: when each of its time steps was taken, and which step shows a moment.
+//! The time axis of a volume: the times of its steps, and the step for any moment.
 
 use crate::numbers::significant;
 use crate::time_unit::time_symbol;
 use serde::{Deserialize, Serialize};
 
-/// By which part of a step stamps may be off from evenly spaced ones.
+/// Tolerance of evenly spaced stamps, as a part of a step.
 const EVEN: f64 = 1e-6;
 
-/// When each time step of a volume was taken.
+/// The times of a volume's steps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimeAxis {
     /// The time of step 0.
     pub start: f64,
-    /// The time from one step to the next where all steps are evenly spaced; positive.
+    /// The interval of evenly spaced steps; positive.
     pub step: f64,
-    /// The time of each step, ascending, where they are not evenly spaced; empty where they are.
+    /// The time of each step, ascending, if not evenly spaced; else empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub stamps: Vec<f64>,
-    /// UDUNITS name of the unit of time (`second`); `None` where nobody gave one.
+    /// UDUNITS name of the unit of time (`second`); `None` if unknown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
 }
 
-/// Steps that are counted: step 0 at time 0, each 1 after the last.
+/// Counted steps: step 0 at time 0, each 1 after the last.
 impl Default for TimeAxis {
     fn default() -> Self {
         Self { start: 0.0, step: 1.0, stamps: Vec::new(), unit: None }
     }
 }
 
-/// Why a time axis is none: the field, what is expected of it, and what it holds.
+/// Why a time axis is invalid: the field, its expected contents, and its contents.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TimeProblem {
     /// The name of the field.
     pub field: &'static str,
-    /// What the field should hold.
+    /// The field's expected contents.
     pub expected: String,
-    /// What the field holds.
+    /// The field's contents.
     pub found: String,
 }
 
@@ -47,8 +47,8 @@ impl std::fmt::Display for TimeProblem {
 }
 
 impl TimeAxis {
-    /// The axis of steps that are taken at these times: without stamps where these are evenly spaced. The step of others is their
-    /// median difference.
+    /// Creates the axis of steps at these times: without stamps if they are evenly spaced. Otherwise its step is their median
+    /// difference.
     ///
     /// # Errors
     /// If the times are not ascending, or one is not finite.
@@ -68,17 +68,16 @@ impl TimeAxis {
         if !is_even {
             return Ok(axis);
         }
-        // Rather the difference of two stamps than one with the roundings of a division, where both say the same.
+        // Prefer the difference of two stamps, without a division's rounding, if both fit.
         let is_same =
             (0..).zip(&axis.stamps).all(|(i, stamp)| (first + step * f64::from(i) - stamp).abs() <= EVEN * step);
         Ok(if is_same { Self { step, ..even } } else { even })
     }
 
-    /// The axis of these `times` steps, at least one, and one more that is taken at `stamp`: this very axis where that is evenly spaced
-    /// from the others.
+    /// Returns the axis of these `times` steps, at least one, and one more at `stamp`: this very axis if `stamp` continues it evenly.
     ///
     /// # Errors
-    /// If `stamp` is not a time after the last step's.
+    /// If `stamp` is not a time after the last step.
     pub fn followed_by(&self, times: u32, stamp: f64) -> Result<Self, TimeProblem> {
         let last = self.at(times.saturating_sub(1));
         if !(stamp.is_finite() && stamp > last) {
@@ -91,10 +90,10 @@ impl TimeAxis {
         Self::of_stamps((0..times).map(|step| self.at(step)).chain([stamp]).collect(), self.unit.clone())
     }
 
-    /// Checks that the axis can be one of `times` steps: finite times that ascend.
+    /// Checks that the axis fits `times` steps: finite, ascending times.
     ///
     /// # Errors
-    /// With the first field that cannot be.
+    /// The first invalid field.
     pub fn check(&self, times: u32) -> Result<(), TimeProblem> {
         let problem = |field, expected: String, found: String| Err(TimeProblem { field, expected, found });
         if !(self.step.is_finite() && self.step > 0.0) {
@@ -125,7 +124,7 @@ impl TimeAxis {
         }
     }
 
-    /// A time with the symbol of the unit, in words.
+    /// Formats a time with the symbol of the unit.
     pub fn in_words(&self, time: f64) -> String {
         // Steps are added up: the last of an f64's 16 digits are rounding.
         let time = significant(time, 14);
@@ -135,7 +134,7 @@ impl TimeAxis {
         }
     }
 
-    /// When the steps are taken, in words, such as `0.5 s apart, from 0 s`.
+    /// Describes the steps' times, as in `0.5 s apart, from 0 s`.
     pub fn describe(&self) -> String {
         match (self.stamps.first(), self.stamps.last()) {
             (Some(first), Some(last)) => {
@@ -150,12 +149,12 @@ impl TimeAxis {
         self.stamps.get(step as usize).copied().unwrap_or(self.start + self.step * f64::from(step))
     }
 
-    /// The step, of `times` steps, that shows a moment: the last one that is not after it, or step 0 before all of them. A moment
-    /// within a millionth of a step of the next one counts as that.
+    /// The step, of `times` steps, shown at a moment: the last one not after it, or step 0 before all of them. A moment within a
+    /// millionth of a step before the next one already shows the next.
     pub fn step_at(&self, time: f64, times: u32) -> u32 {
         let last = times.saturating_sub(1);
         if self.stamps.is_empty() {
-            // Saturates, and a moment that is none is step 0.
+            // Saturates, and NaN is step 0.
             return (((time - self.start) / self.step + 1e-6).floor() as u32).min(last);
         }
         let is_past = |&stamp: &f64| stamp <= time + 1e-6 * self.step;

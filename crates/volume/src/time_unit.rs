@@ -1,6 +1,6 @@
-//! Units of time: their names in OME-Zarr, which are UDUNITS's, and their usual symbols.
+//! Units of time: their names in OME-Zarr, taken from UDUNITS, and their usual symbols.
 
-/// Names that OME-Zarr knows, and the symbols that stand for them, the usual one first.
+/// OME-Zarr's names, and their symbols, the usual one first.
 const UNITS: &[(&str, &[&str])] = &[
     ("second", &["s", "sec", "secs"]),
     ("millisecond", &["ms", "msec"]),
@@ -27,13 +27,13 @@ const UNITS: &[(&str, &[&str])] = &[
     ("zettasecond", &["Zs"]),
 ];
 
-/// How many of [`UNITS`] a message lists.
+/// Number of [`UNITS`] listed in a message.
 const SHOWN: usize = 7;
 
-/// The name of a unit of time as OME-Zarr has it, from that name, its plural or a usual symbol.
+/// OME-Zarr's name of a unit of time, from the name itself, its plural or a usual symbol.
 ///
 /// # Errors
-/// If there is no such unit of time: a message that lists some.
+/// If there is no such unit of time, with a list of some.
 pub fn time_unit(text: &str) -> Result<&'static str, String> {
     let is_it =
         |(name, symbols): &&(&str, &[&str])| text.strip_suffix('s').unwrap_or(text) == *name || symbols.contains(&text);
@@ -44,7 +44,7 @@ pub fn time_unit(text: &str) -> Result<&'static str, String> {
     })
 }
 
-/// How many seconds a unit of time has, by its name; `None` if it is none of OME-Zarr's.
+/// Seconds per unit of time, by its name; `None` if it is none of OME-Zarr's.
 pub(crate) fn time_unit_s(name: &str) -> Option<f64> {
     let prefixes = [
         ("yocto", 1e-24),
@@ -76,7 +76,7 @@ pub(crate) fn time_unit_s(name: &str) -> Option<f64> {
     }
 }
 
-/// The usual symbol of a unit of time; other names as they are.
+/// The usual symbol of a unit of time; unknown names are returned unchanged.
 pub fn time_symbol(name: &str) -> &str {
     UNITS.iter().find(|(known, _)| *known == name).map_or(name, |(_, symbols)| symbols[0])
 }

@@ -1,30 +1,29 @@
-//! The steps of a scene of several volumes: those of the volume that has most of them. Which step another volume shows then follows from when the
-//! steps were taken.
+//! The steps of a scene of several volumes, taken from the volume with the most steps. The steps' times determine the shown steps of the other
+//! volumes.
 
 use crate::time_axis::TimeAxis;
 use crate::time_unit::time_unit_s;
 use std::sync::Arc;
 
-/// When the steps of a volume are taken, as a timeline knows it.
+/// The steps of a volume for a timeline.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VolumeTime {
     /// The number of the volume's steps; at least 1.
     pub steps: u32,
-    /// When they were taken; `None` if that is not known.
+    /// Their times; `None` if unknown.
     pub axis: Option<Arc<TimeAxis>>,
 }
 
-/// The steps that a scene of volumes has, and which step each volume shows at each of them.
+/// The steps of a scene of volumes, and each volume's own step at each of them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Timeline {
     volumes: Vec<VolumeTime>,
-    /// The index of the volume whose steps the scene has.
+    /// The index of the volume with the scene's steps.
     leader: usize,
 }
 
 impl Timeline {
-    /// The timeline of some of these volumes, which are given by their indices: the steps are those of the one that has most, of several the
-    /// first one.
+    /// Creates the timeline of the `shown` volumes, by index: its steps are those of the one with the most, the first of several.
     pub fn new(volumes: Vec<VolumeTime>, shown: impl IntoIterator<Item = usize>) -> Self {
         let steps = |volume: usize| volumes.get(volume).map_or(0, |time| time.steps);
         let longer = |a: usize, b: usize| if steps(b) > steps(a) { b } else { a };
@@ -37,13 +36,13 @@ impl Timeline {
         self.volumes.get(self.leader).map_or(1, |time| time.steps)
     }
 
-    /// When the steps were taken; `None` if that is not known.
+    /// The times of the steps; `None` if unknown.
     pub fn axis(&self) -> Option<&TimeAxis> {
         self.volumes.get(self.leader)?.axis.as_deref()
     }
 
-    /// The step that a volume shows at a step of the timeline: the last one that was taken by then. Of volumes whose times are not
-    /// known, or are in units that cannot be compared, the step of the same number; the last one where there are fewer.
+    /// A volume's step at a step of the timeline: its last one taken by then. With unknown times or incomparable units, the step of the same
+    /// number, or the last one.
     pub fn step_of(&self, volume: usize, step: u32) -> u32 {
         let Some(time) = self.volumes.get(volume).filter(|_| volume != self.leader) else { return step };
         let moment = self.axis().zip(time.axis.as_deref()).and_then(|(own, other)| {
@@ -54,7 +53,7 @@ impl Timeline {
     }
 }
 
-/// What turns times in one unit into times in another.
+/// The factor from times in one unit to times in another.
 fn factor(from: Option<&str>, to: Option<&str>) -> Option<f64> {
     if from == to {
         return Some(1.0);

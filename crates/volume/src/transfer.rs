@@ -1,10 +1,9 @@
-//! Transfer functions: piecewise linear colour and opacity over data values, and the table that every renderer looks up after
-//! interpolation. Opacity may depend on the field's gradient magnitude, too: by a factor, and by [regions](Region) of the plane of
-//! both.
+//! Transfer functions: piecewise linear colour and opacity over data values, and the table used by every renderer after interpolation.
+//! Opacity may also depend on the field's gradient magnitude: by a factor, and by [regions](Region) of the plane of both.
 //!
 //! They come from a name ([`presets`](TransferFunction::preset)) or from a file ([`mod@file`]): the JSON of [`TransferFunction`]
-//! itself, ParaView's colour maps, 3D Slicer's volume properties. What others draw as curves becomes points here, so that
-//! nothing behind this module knows of any other form.
+//! itself, ParaView's colour maps, 3D Slicer's volume properties. Curves of other programs become points here, so no other form is used
+//! outside this module.
 
 mod automatic;
 mod choice;
@@ -35,11 +34,10 @@ use serde::{Deserialize, Deserializer, Serialize};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
-/// Gammas that a layer's style may bend a transfer function by: beyond them a picture has two colours.
+/// Permitted gammas of a layer's style: beyond them a picture has two colours.
 pub const GAMMAS: RangeInclusive<f64> = 0.05..=20.0;
 
-/// Colour and opacity as functions of the data value: linear between points, constant outside. Two points at one value make
-/// a step.
+/// Colour and opacity as functions of the data value: linear between points, constant outside. Two points at one value make a step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TransferFunction {
@@ -47,19 +45,17 @@ pub struct TransferFunction {
     pub color: Vec<[f64; 4]>,
     /// `[value, alpha]`, sorted by value; alpha is the opacity collected over `unit_distance`.
     pub opacity: Vec<[f64; 2]>,
-    /// World distance over which alpha is collected; positive.
+    /// World distance for collecting alpha; positive.
     #[serde(default = "unit")]
     pub unit_distance: f64,
-    /// `[magnitude, factor]`, sorted by magnitude: what [`opacity`](Self::opacity) is multiplied by where the field's gradient has that
-    /// magnitude, in data units per world unit. Factors are in 0..=1. An empty list, which a file leaves out, is a factor of 1
-    /// everywhere.
+    /// `[magnitude, factor]`, sorted by magnitude: the factor of [`opacity`](Self::opacity) at this magnitude of the field's gradient,
+    /// in data units per world unit. Factors are in 0..=1. An empty list, left out of files, is a factor of 1 everywhere.
     #[serde(default, skip_serializing_if = "Vec::is_empty", deserialize_with = "some_points")]
     pub gradient_opacity: Vec<[f64; 2]>,
     /// Further media, each in a region of the plane of values and gradient magnitudes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub regions: Vec<Region>,
-    /// How values look that are labels; `None` for values that are measurements. Labels that are shown have the opacity of their
-    /// values.
+    /// The look of labels; `None` for measurements. Shown labels have the opacity of their values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub labels: Option<LabelLook>,
 }
@@ -76,7 +72,7 @@ fn unit() -> f64 {
     1.0
 }
 
-/// A list that is there has points.
+/// Rejects a list without points.
 fn some_points<'de, D: Deserializer<'de>>(list: D) -> Result<Vec<[f64; 2]>, D::Error> {
     let points = Vec::deserialize(list)?;
     if points.is_empty() { Err(D::Error::custom("'gradient_opacity' has no points")) } else { Ok(points) }
@@ -85,17 +81,17 @@ fn some_points<'de, D: Deserializer<'de>>(list: D) -> Result<Vec<[f64; 2]>, D::E
 /// Why a transfer function cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum TransferError {
-    /// The text is not JSON, or not that of a [`TransferFunction`].
+    /// The text is not JSON, or not a [`TransferFunction`]'s.
     #[error("not a transfer function: {0}")]
     Json(#[from] serde_json::Error),
-    /// The file has a word, such as `NaN`, in place of a number; JSON has none for it.
+    /// The file has a word, such as `NaN`, in place of a number, against JSON's rules.
     #[error("line {line}, column {column}: found {word}, expected a finite number")]
     NotFinite {
         /// Line of the word, from 1.
         line: usize,
         /// Column of the word's first letter, from 1.
         column: usize,
-        /// The word as the file has it.
+        /// The word in the file.
         word: String,
     },
     /// The file has none of the known forms.
@@ -104,28 +100,28 @@ pub enum TransferError {
          text of a 3D Slicer volume property (.vp)"
     )]
     UnknownForm,
-    /// The file seems to be another program's, but is not as that program writes it.
+    /// The file seems to be another program's, but violates its format.
     #[error("not {form}: {problem}")]
     Foreign {
-        /// What the file seems to be, in words.
+        /// The apparent kind of the file, in words.
         form: &'static str,
-        /// The place, what was expected, and what was found.
+        /// The place, and the expected and found contents.
         problem: String,
     },
-    /// A list has no points; the text is the list's name.
+    /// A list, named here, has no points.
     #[error("'{0}' has no points")]
     Empty(&'static str),
-    /// A point of a list has a number that is out of its range, not finite, or out of order.
+    /// A list's point has a number out of range, not finite, or out of order.
     #[error("'{list}' point {index}: {problem}")]
     Point {
         /// The list's name in the file.
         list: &'static str,
         /// Index of the point in the list, from 0.
         index: usize,
-        /// What is wrong with the point, in words.
+        /// The problem of the point, in words.
         problem: String,
     },
-    /// The transfer function's file has not been read; the path is the file's.
+    /// The transfer function's file, at this path, has not been read.
     #[error("the transfer function {} has not been read: put what is in the file into TransferFile::function", .0.display())]
     NotRead(PathBuf),
     /// `unit_distance` is not a positive number.
@@ -134,7 +130,7 @@ pub enum TransferError {
     /// There is no preset of this name.
     #[error("unknown transfer function '{name}'{hint}: not a file, and not one of {known}")]
     UnknownPreset {
-        /// The name that was asked for.
+        /// The requested name.
         name: String,
         /// A hint to follow the name, `, did you mean '...'?`, or nothing.
         hint: String,
@@ -144,20 +140,20 @@ pub enum TransferError {
     /// The file has no function of this name.
     #[error("no transfer function '{name}'{hint}: {known}")]
     UnknownName {
-        /// The name that was asked for.
+        /// The requested name.
         name: String,
         /// A hint to follow the name, `, did you mean '...'?`, or nothing.
         hint: String,
-        /// What the file has instead, in words.
+        /// The file's actual contents, in words.
         known: String,
     },
 }
 
 impl TransferFunction {
-    /// Checks that lists are sorted, finite, in range, and those of colour and opacity not empty, and that `unit_distance` is positive.
+    /// Checks that lists are sorted, finite and in range, those of colour and opacity not empty, and `unit_distance` positive.
     ///
     /// # Errors
-    /// Names the first offending point.
+    /// The first invalid point.
     pub fn validate(&self) -> Result<(), TransferError> {
         check_points("color", &self.color)?;
         check_order("color", &self.color)?;
@@ -188,12 +184,12 @@ impl TransferFunction {
         self.regions.iter().enumerate().try_for_each(|(index, region)| region.check(index))
     }
 
-    /// Whether what is shown depends on the gradient magnitude.
+    /// Whether colour or opacity depends on the gradient magnitude.
     pub fn is_by_gradient(&self) -> bool {
         !(self.gradient_opacity.is_empty() && self.regions.is_empty())
     }
 
-    /// Straight colour `[r, g, b]` at a value; regions are left out.
+    /// Straight colour `[r, g, b]` at a value, without regions.
     pub fn rgb(&self, value: f64) -> [f64; 3] {
         if let Some(color) = self.labels.as_ref().and_then(|labels| labels.color(value.round() as i64)) {
             return color;
@@ -202,8 +198,8 @@ impl TransferFunction {
         [r, g, b]
     }
 
-    /// Straight colour, and opacity over `unit_distance`, of labels that the function does not name, by their
-    /// [hashed colour](crate::labels::color_index): `[r, g, b, alpha]`.
+    /// Straight colour, and opacity over `unit_distance`, of unnamed labels by their [hashed colour](crate::labels::color_index):
+    /// `[r, g, b, alpha]`.
     pub(crate) fn of_other_labels(&self, color: u32) -> [f64; 4] {
         let (has_hashed, is_shown) =
             self.labels.as_ref().map_or((false, true), |look| (look.colors.is_some(), look.shown.is_none()));
@@ -212,12 +208,12 @@ impl TransferFunction {
         [r, g, b, if is_shown { self.opacity[0][1] } else { 0.0 }]
     }
 
-    /// Whether colour and opacity are the same at all values, but for what labels have of their own.
+    /// Whether colour and opacity are the same at all values, apart from labels' own colours.
     pub fn is_even(&self) -> bool {
         self.color.len() == 1 && self.opacity.len() == 1
     }
 
-    /// What opacity is multiplied by at a gradient magnitude, in data units per world unit.
+    /// The factor of opacity at a gradient magnitude, in data units per world unit.
     pub fn factor(&self, gradient: f64) -> f64 {
         if self.gradient_opacity.is_empty() { 1.0 } else { interpolate(&self.gradient_opacity, gradient)[1] }
     }
@@ -230,7 +226,7 @@ impl TransferFunction {
         mix([r, g, b, alpha], self.regions.iter().map(|region| (region.color, region.alpha(value, gradient))))
     }
 
-    /// Opacity over `unit_distance` at a value; gradient factor and regions are left out.
+    /// Opacity over `unit_distance` at a value, without gradient factor and regions.
     pub fn alpha(&self, value: f64) -> f64 {
         if self.labels.as_ref().is_some_and(|labels| !labels.shows(value.round() as i64)) {
             return 0.0;
@@ -238,8 +234,8 @@ impl TransferFunction {
         interpolate(&self.opacity, value)[1]
     }
 
-    /// The greatest opacity over the closed interval `[low, high]` (which may be infinite), whatever the gradient. Regions that meet
-    /// the interval count with all of their opacity, as if they were in one place, so that with regions it is an upper bound.
+    /// The greatest opacity over the closed interval `[low, high]` (which may be infinite), whatever the gradient. Regions in the
+    /// interval count with all of their opacity, as if in one place, so with regions it is an upper bound.
     pub fn max_alpha(&self, low: f64, high: f64) -> f64 {
         if self.labels.as_ref().is_some_and(|labels| !labels.shows_between(low.round(), high.round())) {
             return 0.0;
@@ -254,7 +250,7 @@ impl TransferFunction {
     }
 }
 
-/// A medium with others in the same place, each a colour and an opacity over the same distance.
+/// Mixes a medium with others in the same place, each a colour and an opacity over the same distance.
 fn mix(one: [f64; 4], others: impl Iterator<Item = ([f64; 3], f64)>) -> [f64; 4] {
     let (mut mixed, mut total) = (one, depth(one[3]));
     for (color, alpha) in others.filter(|(_, alpha)| *alpha > 0.0) {
@@ -266,7 +262,7 @@ fn mix(one: [f64; 4], others: impl Iterator<Item = ([f64; 3], f64)>) -> [f64; 4]
     mixed
 }
 
-/// Points `[value, ...]`: some, all finite, all but the value in 0..=1.
+/// Checks points `[value, ...]`: some, all finite, all but the value in 0..=1.
 fn check_points<const N: usize>(list: &'static str, points: &[[f64; N]]) -> Result<(), TransferError> {
     if points.is_empty() {
         return Err(TransferError::Empty(list));
@@ -284,7 +280,7 @@ fn check_points<const N: usize>(list: &'static str, points: &[[f64; N]]) -> Resu
     Ok(())
 }
 
-/// Points sorted by value.
+/// Checks that points are sorted by value.
 fn check_order<const N: usize>(list: &'static str, points: &[[f64; N]]) -> Result<(), TransferError> {
     let Some(after) = points.windows(2).position(|pair| pair[1][0] < pair[0][0]) else { return Ok(()) };
     let (earlier, value) = (points[after][0], points[after + 1][0]);

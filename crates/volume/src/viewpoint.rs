@@ -1,15 +1,15 @@
-//! Sides that a scene is looked at from, by their names: those of a patient, or where the axes of the world point to.
+//! Named viewpoints of a scene: the sides of a patient, and the world's axes.
 
 use crate::near_name;
 use crate::orientation::Side;
 use glam::DVec3;
 
-/// A direction from which a scene is looked at.
+/// A direction of view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Viewpoint {
     /// From a side of the patient.
     Patient(Side),
-    /// From where an axis of the world points to: a unit vector.
+    /// From the far end of a world axis: a unit vector.
     World(DVec3),
 }
 
@@ -30,10 +30,10 @@ impl Viewpoint {
         sides.chain(DIRECTIONS.into_iter().map(|(name, direction)| (name, Self::World(direction))))
     }
 
-    /// The viewpoint with a name.
+    /// Finds a viewpoint by name.
     ///
     /// # Errors
-    /// If there is none; the message says which names there are.
+    /// If there is none, with a list of the names.
     pub fn from_name(name: &str) -> Result<Self, String> {
         Self::all().find(|(known, _)| *known == name).map(|(_, viewpoint)| viewpoint).ok_or_else(|| {
             let names: Vec<_> = Self::all().map(|(known, _)| known).collect();
@@ -42,8 +42,8 @@ impl Viewpoint {
         })
     }
 
-    /// The direction to the viewer and the direction that is up in the picture, both of length 1. `None` if the viewpoint is a side of a patient, and the
-    /// world is not [a patient's](crate::Scene::is_anatomical).
+    /// The direction to the viewer and the picture's up direction, both of length 1. `None` for a side of a patient unless the world is
+    /// [a patient's](crate::Scene::is_anatomical).
     pub fn direction(self, is_anatomical: bool) -> Option<(DVec3, DVec3)> {
         match self {
             Self::Patient(side) => is_anatomical.then(|| (side.direction(), side.up())),

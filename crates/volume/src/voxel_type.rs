@@ -1,4 +1,4 @@
-//! The seven voxel types a store can hold, and the generic view of their little-endian bytes.
+//! The seven voxel types of stores, and the generic view of their little-endian bytes.
 
 use serde::{Deserialize, Serialize};
 
@@ -61,7 +61,7 @@ impl VoxelType {
         }
     }
 
-    /// The type with this Zarr v3 name, if it is one of the seven.
+    /// The type of this Zarr v3 name, if it is one of the seven.
     pub fn from_zarr_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|t| t.zarr_name() == name)
     }
@@ -85,7 +85,7 @@ impl VoxelType {
     }
 
     /// Whether a voxel of the type can hold the value: a whole number within the limits of an integer type; any finite
-    /// number within those of a float, which holds the nearest it has.
+    /// number within those of a float, to be rounded to the nearest.
     pub fn holds(self, value: f64) -> bool {
         let (low, high) = self.limits();
         (low..=high).contains(&value) && (self.is_float() || value.fract() == 0.0)
@@ -94,7 +94,7 @@ impl VoxelType {
     /// Decodes the voxel at `index` of little-endian `bytes`.
     ///
     /// # Panics
-    /// If `bytes` holds no such voxel.
+    /// If `bytes` is too short.
     pub fn read(self, bytes: &[u8], index: usize) -> f64 {
         fn at<T: Voxel>(bytes: &[u8], index: usize) -> f64 {
             let start = index * size_of::<T>();
@@ -124,16 +124,16 @@ impl std::fmt::Display for VoxelType {
     }
 }
 
-/// A Rust type that is one of the [`VoxelType`]s.
+/// A Rust type of one of the [`VoxelType`]s.
 pub trait Voxel: bytemuck::Pod + PartialOrd + Send + Sync + 'static {
     /// The [`VoxelType`] of this Rust type.
     const TYPE: VoxelType;
-    /// The voxel's value, exactly.
+    /// Converts the voxel's value exactly.
     fn to_f64(self) -> f64;
     /// The nearest representable value (ties to even), saturating at the type's limits; a float NaN stays NaN, an
     /// integer one becomes 0.
     fn from_f64_rounded(value: f64) -> Self;
-    /// Whether the value takes part in statistics and is drawn: everything but NaN and the infinities.
+    /// Whether the value counts in statistics and is drawn: everything but NaN and the infinities.
     fn is_valid(self) -> bool;
 }
 
@@ -168,8 +168,8 @@ impl Voxel for f32 {
     }
 }
 
-/// Runs an expression with `$T` bound to the Rust type of a [`VoxelType`] value: the one place where run-time types
-/// become compile-time ones.
+/// Runs an expression with `$T` bound to the Rust type of a [`VoxelType`] value: the only conversion of run-time types
+/// to compile-time ones.
 #[macro_export]
 macro_rules! with_voxel_type {
     ($tag:expr, $T:ident => $body:expr) => {

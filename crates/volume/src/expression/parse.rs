@@ -1,15 +1,14 @@
-//! From the text of an expression to its operations: precedence climbing (Pratt, 1973), which appends an operation as soon as
-//! its operands are read.
+//! Parser of expressions: precedence climbing (Pratt, 1973), with an operation appended as soon as its operands are read.
 //!
-//! From loosest to tightest: `?:`, `||`, `&&`, `== !=`, `< <= > >=`, `+ -`, `* /`, the signs `- !`, and `^`, which like `?:` groups
-//! from the right.
+//! From loosest to tightest: `?:`, `||`, `&&`, `== !=`, `< <= > >=`, `+ -`, `* /`, the signs `- !`, and `^`, which groups from the
+//! right, as does `?:`.
 
 use super::{Binary, ExpressionError, MAX_OPERATIONS, MAX_VOLUMES, Operation, Unary};
 
-/// How deep parentheses and their like may stand in one another.
+/// Greatest nesting depth of parentheses and the like.
 const MAX_DEPTH: usize = 64;
 
-/// Characters, at most.
+/// Greatest length in characters.
 const MAX_LENGTH: usize = 4096;
 
 const FUNCTIONS: [(&str, usize); 19] = [
@@ -34,7 +33,7 @@ const FUNCTIONS: [(&str, usize); 19] = [
     ("smoothstep", 3),
 ];
 
-/// Operators between two operands and how tightly they bind.
+/// Binary operators and their tightness.
 const OPERATORS: [(&str, u8); 13] = [
     ("||", 2),
     ("&&", 3),
@@ -55,7 +54,7 @@ const CHOICE: u8 = 1;
 const SIGN: u8 = 8;
 const POWER: u8 = 9;
 
-/// Reads the whole text.
+/// Parses the whole text.
 pub(super) fn operations(text: &str, volumes: usize) -> Result<Vec<Operation>, ExpressionError> {
     let mut parser = Parser { text, at: 0, volumes, depth: 0, operations: Vec::new() };
     if text.chars().count() > MAX_LENGTH {
@@ -64,7 +63,7 @@ pub(super) fn operations(text: &str, volumes: usize) -> Result<Vec<Operation>, E
     }
     let result = parser.expression(0)?;
     match parser.peek() {
-        // Its result is the last operation's: parts are appended before what is made of them.
+        // The last operation gives the result: operands are appended before operations on them.
         None => debug_assert_eq!(result + 1, parser.operations.len()),
         Some(_) => return Err(parser.expected("an operator or the end")),
     }
@@ -93,7 +92,7 @@ impl Parser<'_> {
         self.rest().chars().next()
     }
 
-    /// Reads it if it comes next.
+    /// Reads the token if it comes next.
     fn accept(&mut self, token: &str) -> bool {
         self.peek();
         let comes = self.rest().starts_with(token);
@@ -130,7 +129,7 @@ impl Parser<'_> {
         self.push(Operation::Binary(binary, x, y))
     }
 
-    /// An operand and all operators that bind more tightly than `loosest`.
+    /// Parses an operand and all operators that bind more tightly than `loosest`.
     fn expression(&mut self, loosest: u8) -> Operand {
         self.depth += 1;
         if self.depth > MAX_DEPTH {

@@ -1,42 +1,42 @@
-//! Whether numbers of fewer bits are enough for an expression: GPUs work in single precision, and slots of 32-bit integers hold 24 bits of the distance
-//! from one of them. Judged by the ranges of all operations' results, which err only on the side of more.
+//! Sufficient precision of expressions: GPUs work in single precision, and slots of 32-bit integers hold 24 bits of the distance from one of them.
+//! Judged by conservative ranges of all operations' results.
 
 use super::{Binary, Expression, Operation, Range, Unary};
 
-/// Whole numbers up to this one are each an f32.
+/// Greatest of the consecutive whole numbers in f32.
 pub const GREATEST_WHOLE: f64 = 16_777_216.0;
 
-/// The numbers between which single precision has all of its 24 bits.
+/// The limits of single precision with all of its 24 bits.
 const GREATEST: f64 = 3.4e38;
 const LEAST: f64 = 1.2e-38;
 
-/// The share of its range by which a value may be wrong without harm where no operation has steps: a code of 16 bits.
+/// Harmless error of a value, as a share of its range, where no operation has steps: a code of 16 bits.
 const UNSEEN: f64 = 1.0 / 65536.0;
 
-/// The values of a volume that an expression reads.
+/// The values of a volume in an expression.
 #[derive(Clone, Copy, Debug)]
 pub struct Operand {
-    /// The least and the greatest.
+    /// Least and greatest value.
     pub range: [f64; 2],
-    /// The least and the greatest of those that are held as they are.
+    /// Least and greatest value held exactly.
     pub exact: [f64; 2],
-    /// By how much others may be wrong.
+    /// Greatest error of other values.
     pub error: f64,
 }
 
 impl Operand {
-    /// A volume whose values in this range are held as they are.
+    /// Creates a volume with exact values in this range.
     pub fn exact(range: [f64; 2]) -> Self {
         Self { range, exact: range, error: 0.0 }
     }
 
-    /// Whether some values are not held as they are.
+    /// Whether some values are rounded.
     fn is_rounded(&self) -> bool {
         self.range[0] < self.exact[0] || self.range[1] > self.exact[1]
     }
 }
 
-/// Why an expression cannot be worked out as it is meant.
+/// Why an expression cannot be evaluated faithfully.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum PrecisionError {
     /// Some results are too great.
@@ -45,19 +45,19 @@ pub enum PrecisionError {
     /// Some results are too small.
     #[error("a part of it is {0:e} at most, and single precision, in which a GPU works, begins at 1.2e-38")]
     TooSmall(f64),
-    /// Values are not told apart.
+    /// Neighbouring values coincide.
     #[error("it reads whole numbers as great as {0}, and of those beyond 16777216 neighbours are not told apart there")]
     Whole(f64),
 }
 
 impl Expression {
-    /// Whether this expression, of volumes with these values, is worked out as it is meant where results are f32 if `is_single`, else f64.
+    /// Checks that this expression is evaluated faithfully over these values of volumes, with results in f32 if `is_single`, else f64.
     ///
     /// # Errors
-    /// If not: why.
+    /// The reason if not.
     ///
     /// # Panics
-    /// If `volumes` lacks a volume that the expression reads.
+    /// If `volumes` lacks a volume of the expression.
     pub fn check_precision(&self, volumes: &[Operand], is_single: bool) -> Result<(), PrecisionError> {
         self.check_steps(volumes)?;
         for volume in self.volumes() {
@@ -86,10 +86,10 @@ impl Expression {
 }
 
 impl Expression {
-    /// Whether no operation with steps finds that values are rounded: a comparison of a volume with a number that is held as it is does not, for rounding keeps
-    /// the order of values.
+    /// Checks that no operation with steps depends on rounded values. Comparing a volume with an exact number is harmless, as rounding keeps the
+    /// order of values.
     fn check_steps(&self, volumes: &[Operand]) -> Result<(), PrecisionError> {
-        // The greatest value of a volume that is rounded and that a result depends on.
+        // The greatest value of a rounded volume in each result.
         let mut rounded: Vec<Option<f64>> = Vec::with_capacity(self.operations.len());
         let of_volume = |place: usize| {
             let Operand { range: [low, high], .. } = volumes[place];
@@ -127,7 +127,7 @@ impl Expression {
 }
 
 impl Operation {
-    /// Whether a result without bounds is one of finite operands that grows too great. What may be divided by 0 has no bounds whatever the precision.
+    /// Whether a result without bounds comes from finite operands and grows too great. Possible divisions by 0 have no bounds in any precision.
     fn makes_infinite(&self, ranges: &[Range]) -> bool {
         let is_finite = |x: usize| ranges[x].is_none_or(|range| range.iter().all(|end| end.is_finite()));
         let holds_zero = |x: usize| ranges[x].is_none_or(|[low, _]| low <= 0.0);
@@ -166,7 +166,7 @@ mod tests {
             assert!(matches!(judge(text, bytes, 0.0), Err(PrecisionError::TooGreat(_))), "{text}");
         }
         assert!(matches!(judge("a * 1e-30 * 1e-30 > 0", bytes, 0.0), Err(PrecisionError::TooSmall(_))));
-        // A step finds any error, but not where values are held as they are; a ramp finds one that is seen.
+        // A step exposes any error, but not among exact values; a ramp exposes a visible one.
         for text in ["a * 2", "a == 7 || a > 300", "1e9 < a ? a : 3", "!(a < 16777216) && a != 3"] {
             let found = judge(text, [-2e8, 2e8], 12.0);
             assert!(found.is_ok(), "{text}: {found:?}");

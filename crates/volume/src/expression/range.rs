@@ -1,5 +1,5 @@
-//! Which values an expression can have where volumes have values in given ranges: interval arithmetic (Moore, 1966), as plain
-//! as it can be while it errs only on the side of more.
+//! Ranges of an expression's values, given those of the volumes: interval arithmetic (Moore, 1966), as plain as possible while
+//! conservative.
 
 use super::{Binary, Expression, Operation, Unary};
 
@@ -9,11 +9,11 @@ pub type Range = Option<[f64; 2]>;
 const ALL: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
 impl Expression {
-    /// A range that holds every value that the expression can have where each volume has a value in its range, or none. `None`
-    /// means that the expression has no value there.
+    /// A range around every possible value of the expression, with each volume's value in its range, or missing. `None` means
+    /// no value at all.
     ///
     /// # Panics
-    /// If `volumes` lacks a volume that the expression reads.
+    /// If `volumes` lacks a volume of the expression.
     pub fn range(&self, volumes: &[Range]) -> Range {
         self.ranges(volumes).pop().flatten()
     }
@@ -51,7 +51,7 @@ fn union(x: Range, y: Range) -> Range {
     }
 }
 
-/// The range of products, quotients or powers of ends; everything where one of them is no number.
+/// The range of products, quotients or powers of ends; everything if one of them is NaN.
 fn over_corners(x: [f64; 2], y: [f64; 2], of: impl Fn(f64, f64) -> f64) -> [f64; 2] {
     let corners = [of(x[0], y[0]), of(x[0], y[1]), of(x[1], y[0]), of(x[1], y[1])];
     if corners.iter().any(|corner| corner.is_nan()) {
@@ -60,7 +60,7 @@ fn over_corners(x: [f64; 2], y: [f64; 2], of: impl Fn(f64, f64) -> f64) -> [f64;
     corners.into_iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], c| [low.min(c), high.max(c)])
 }
 
-/// 1 if it is always so, 0 if it never is.
+/// 1 if always true, 0 if never.
 fn truths(always: bool, never: bool) -> [f64; 2] {
     match (always, never) {
         (true, _) => [1.0, 1.0],
@@ -93,7 +93,7 @@ impl Unary {
             Self::Log if high <= 0.0 => return None,
             Self::Log => [low.max(0.0).ln(), high.ln()],
             Self::Sin | Self::Cos => [-1.0, 1.0],
-            // A range may have places without a value in it.
+            // A range may include places without a value.
             Self::Valid => [0.0, 1.0],
         })
     }

@@ -177,7 +177,7 @@ proptest! {
         let expression = Expression::parse(&text, 3).unwrap();
         let ranges = ends.map(|(low, width)| Some([low.round(), low.round() + width]));
         let values: [f64; 3] = std::array::from_fn(|i| {
-            // Now and then there is no value, or that of an end.
+            // Sometimes without a value, or with an end's.
             let [low, high] = ranges[i].unwrap();
             if shares[i] < -0.05 { f64::NAN } else { low + (high - low) * shares[i].max(0.0) }
         });

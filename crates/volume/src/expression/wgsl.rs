@@ -1,7 +1,6 @@
-//! An expression as the text of a shader's function, for renderers that compile it in: a line per operation.
+//! An expression as the text of a shader function, for renderers to compile in: a line per operation.
 //!
-//! Shaders need know neither infinity nor NaN: beside each value goes whether it is one, and what would be no number is not
-//! computed.
+//! Shaders need neither infinity nor NaN: each value has a flag of validity, and invalid results are not computed.
 
 use super::{Binary, Expression, FLAT_SHARE, Operation, Unary};
 use std::fmt::Write;
@@ -18,7 +17,7 @@ impl Expression {
 
     /// WGSL source of the expression and its gradient over `volumes` volumes (`N` in it):
     /// `fn expression(values: array<f32, N>, are_valid: array<bool, N>, gradients: array<vec3f, N>) -> Result`. `Result` has
-    /// `value: f32`, `is_valid: bool` and `gradient: vec3f`, which is zero where there is none.
+    /// `value: f32`, `is_valid: bool` and `gradient: vec3f`, zero without a gradient.
     pub fn wgsl_with_gradient(&self, volumes: usize) -> String {
         self.function(volumes, true)
     }
@@ -49,7 +48,7 @@ impl Expression {
     }
 }
 
-/// A slope, `vec4f`, is a gradient and the sum of the lengths of the terms that it is made of; see [`Expression::value_and_gradient`].
+/// A slope, `vec4f`, is a gradient and the summed lengths of its terms; see [`Expression::value_and_gradient`].
 const STEEP_OR_FLAT: &str = "\
 fn steep_or_flat(slope: vec4f) -> vec3f {
     let steepness = length(slope.xyz);
@@ -61,7 +60,7 @@ fn sloped(slope: vec4f, factor: f32) -> vec4f {
 }
 ";
 
-/// An operation's slope; its own value is of this number.
+/// The slope of the operation numbered `own`.
 fn slope(operation: &Operation, own: usize) -> String {
     let flat = || "vec4f()".to_string();
     let sloped = |x: usize, factor: &str| format!("sloped(g{x}, {factor})");
@@ -103,7 +102,7 @@ fn slope(operation: &Operation, own: usize) -> String {
     }
 }
 
-/// An operation's value, and whether it is one; `$x` is the value.
+/// An operation's value, and its validity; `$x` is the value.
 fn line(operation: &Operation) -> (String, String) {
     let always = || "true".to_string();
     match *operation {

@@ -18,7 +18,7 @@ fn read(text: &str) -> Scene {
     serde_json::from_str(text).unwrap_or_else(|error| panic!("{text}: {error}"))
 }
 
-/// Scenes by what is wrong with them: the error's name, for a layer's that of what is wrong with the layer, and a word of the message.
+/// Invalid scenes, each with the name of its error (for a layer, of the layer's error), and a word of the message.
 fn impossible() -> Vec<(&'static str, &'static str, Scene)> {
     let layer = |text: &str| read(&format!(r#"{{"layers": [{{}}, {text}]}}"#));
     let surfaces = |text: &str| layer(&format!(r#"{{"isosurfaces": {text}}}"#));
@@ -138,7 +138,7 @@ fn every_reason_to_refuse_a_scene_is_found_and_told() {
         assert!(error.to_string().contains(word), "{name}: {error}");
         found.insert(name);
     }
-    // What depends on the stores' own places is found when the scene's world is.
+    // Errors of the stores' own places are found with the scene's world.
     let stretched = || Placement::from_text("1e5 0 0 0  0 1 0 0  0 0 1 0").expect("a map");
     let scene = Scene::of(SceneLayer { world_from_volume: stretched(), ..SceneLayer::default() });
     let own_box = (DVec3::ZERO, DVec3::ONE);
@@ -146,9 +146,9 @@ fn every_reason_to_refuse_a_scene_is_found_and_told() {
     let error = scene.world_box(&[place]).expect_err("a map that cannot be used");
     assert!(error.to_string().contains("layer 0: the matrix stretches"), "{error}");
     found.insert("Placement");
-    // What depends on the camera and on how many voxels there are is found with these: see the module `bounds`.
+    // Errors of the camera and the number of voxels are found with these: see the module `bounds`.
     found.insert("Reach");
-    // What depends on the labels' codes is found when these are.
+    // Errors of the labels' codes are found with these.
     let encoding = SlotEncoding::of_labels(VoxelType::U32, (0.0, 4e9), false, None);
     let look = LabelLook { shown: Some((0..40_000).collect()), colors: None };
     for (name, labels, word) in [("HashedLabels", None, "too far apart"), ("ManyLabels", Some(look), "32767 labels")] {

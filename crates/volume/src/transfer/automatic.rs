@@ -1,24 +1,24 @@
-//! The transfer function that shows a field whose user has said nothing: what is background is clear, and the rest bright enough to be lit.
+//! The automatic transfer function: background is clear, and the rest bright enough to be lit.
 //!
-//! A body's surface is a haze that its inside shines through where that has greater values, as bone does through skin; all of it is
-//! nearly white, since what tells its parts apart is light and opacity. A field without a background shows its upper half in the colours of turbo, without its dark ends.
+//! A body's surface is a haze, with greater values inside shining through, as bone does through skin. All of it is nearly white, since light and
+//! opacity separate its parts. A field without a background shows its upper half in the colours of turbo, without its dark ends.
 
 use super::TransferFunction;
 use super::maps;
 use crate::foreground::Foreground;
 
-/// The name of the preset.
+/// Name of the preset.
 pub(super) const NAME: &str = "auto";
 
-/// Opacities where the foreground begins, at its surface, at the body's mean and at the window's end.
+/// Opacities at the foreground's beginning, its surface, the body's mean and the window's end.
 const BODY: [f64; 4] = [0.0, 0.08, 0.3, 0.8];
-/// Opacities where the upper half begins, in its middle and at its end.
+/// Opacities at the beginning, middle and end of the upper half.
 const FIELD: [f64; 3] = [0.0, 0.15, 0.8];
 
-/// Colours of a body, at the same places as [`BODY`].
+/// Colours of a body, at the places of [`BODY`].
 const COLORS: [[f64; 3]; 4] = [[0.75, 0.68, 0.62], [0.85, 0.78, 0.71], [0.97, 0.93, 0.88], [1.0, 1.0, 1.0]];
 
-/// The function that shows a foreground, up to the value `high`.
+/// The function for a foreground, up to the value `high`.
 pub(super) fn automatic(foreground: &Foreground, high: f64, unit_distance: f64) -> TransferFunction {
     let Foreground { low, surface, body, has_background } = *foreground;
     let (color, opacity) = if has_background {

@@ -1,5 +1,5 @@
-//! Which transfer function a scene asks for: one that it writes out, a preset by its name, or a file. In JSON an object each: the
-//! function's own, `{"preset": "viridis"}`, or `{"file": "ct.json"}`. Whoever reads a scene reads its files; then a choice becomes a
+//! Choice of a scene's transfer function: written out, a preset by name, or a file. In JSON each is an object: the function's
+//! own, `{"preset": "viridis"}`, or `{"file": "ct.json"}`. Files are read with the scene; afterwards a choice becomes a
 //! function without any I/O, at the cost of copying its points.
 
 use super::{Subject, TransferError, TransferFunction, automatic};
@@ -9,11 +9,11 @@ use serde_json::Value;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Which transfer function a scene asks for.
+/// The transfer function requested by a scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum TransferChoice {
-    /// A function that the scene writes out.
+    /// A written-out function.
     Function(TransferFunction),
     /// A preset: one of [`TransferFunction::PRESETS`], by its name.
     Preset(TransferPreset),
@@ -29,7 +29,7 @@ pub struct TransferPreset {
     pub preset: String,
 }
 
-/// A file with a transfer function, of any form that [`file`](super::file) reads.
+/// A file with a transfer function, in any form of [`file`](super::file).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TransferFile {
@@ -39,18 +39,18 @@ pub struct TransferFile {
     /// Name of the function among the file's; `None` is the first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// The file's function; `None` until somebody has read it. In JSON a scene has the file's name alone.
+    /// The file's function; `None` until it has been read. In JSON a scene has the file's name alone.
     #[serde(skip)]
     pub function: Option<Arc<TransferFunction>>,
 }
 
 impl TransferChoice {
-    /// Chooses the preset of this name; [`TransferChoice::function`] tells whether there is one.
+    /// Chooses the preset of this name; [`TransferChoice::function`] checks its existence.
     pub fn preset(name: impl Into<String>) -> Self {
         Self::Preset(TransferPreset { preset: name.into() })
     }
 
-    /// The chosen transfer function, for a subject.
+    /// Returns the chosen transfer function for a subject.
     ///
     /// # Errors
     /// If there is no such preset, the file has not been read, or the function is not valid.
@@ -68,17 +68,17 @@ impl TransferChoice {
         function.validate().map(|()| function.clone())
     }
 
-    /// Chooses what shows a volume first: see [`Foreground`](crate::Foreground).
+    /// Chooses the default first look of a volume: see [`Foreground`](crate::Foreground).
     pub fn automatic() -> Self {
         Self::preset(automatic::NAME)
     }
 
-    /// Whether that is chosen.
+    /// Whether the automatic function is chosen.
     pub fn is_automatic(&self) -> bool {
         matches!(self, Self::Preset(TransferPreset { preset }) if preset == automatic::NAME)
     }
 
-    /// Whether the chosen function depends on the gradient magnitude. Presets do not; a file counts as not until it has been read.
+    /// Whether the chosen function depends on the gradient magnitude. Presets do not; unread files count as not.
     pub fn is_by_gradient(&self) -> bool {
         match self {
             Self::Function(function) => function.is_by_gradient(),
@@ -87,7 +87,7 @@ impl TransferChoice {
         }
     }
 
-    /// Whether the function spans whatever window it is for; other functions have values of their own.
+    /// Whether the function spans any window; other functions have values of their own.
     pub fn spans_window(&self) -> bool {
         matches!(self, Self::Preset(TransferPreset { preset }) if !TransferFunction::is_absolute(preset))
     }
@@ -101,7 +101,7 @@ impl From<TransferFunction> for TransferChoice {
 
 impl<'de> Deserialize<'de> for TransferChoice {
     fn deserialize<D: Deserializer<'de>>(input: D) -> Result<Self, D::Error> {
-        // By hand: serde's own untagged enums do not say which field is unknown.
+        // By hand: errors of serde's untagged enums do not name an unknown field.
         fn read<T: DeserializeOwned, E: Error>(
             value: Value,
             choice: fn(T) -> TransferChoice,

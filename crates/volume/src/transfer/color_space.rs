@@ -1,12 +1,12 @@
-//! The colour spaces in which ParaView interpolates between the points of a colour map, as VTK computes them
-//! (`vtkColorTransferFunction`): the picture of a map is its points' and its space's.
+//! ParaView's colour spaces for interpolation between the points of a colour map, as computed by VTK
+//! (`vtkColorTransferFunction`): a map's look depends on its points and its space.
 
 use std::f64::consts::PI;
 
 /// A colour in 0..=1, display-referred.
 type Rgb = [f64; 3];
 
-/// Where colours between two points are looked for.
+/// Spaces of the colours between two points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum ColorSpace {
     Rgb,
@@ -70,11 +70,11 @@ fn rgb_of_hsv([hue, saturation, value]: [f64; 3]) -> Rgb {
     })
 }
 
-/// D65, as VTK has it.
+/// D65, as in VTK.
 const WHITE: [f64; 3] = [0.9505, 1.0, 1.089];
 
-/// A display-referred colour (sRGB, in 0..=1) in CIELAB, of a white at D65: lightness from 0 to 100, and two
-/// differences of colour.
+/// Converts a display-referred colour (sRGB, in 0..=1) to CIELAB, of a white at D65: lightness from 0 to 100, and
+/// two differences of colour.
 pub fn lab(color: Rgb) -> [f64; 3] {
     let [r, g, b] = color.map(|c| if c > 0.04045 { ((c + 0.055) / 1.055).powf(2.4) } else { c / 12.92 });
     let xyz = [
@@ -89,7 +89,7 @@ pub fn lab(color: Rgb) -> [f64; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// Colours outside of the display's are scaled down to its brightest, and cut off below.
+/// Colours outside the display's range are scaled down to its brightest, and clamped from below.
 fn rgb_of_lab([l, a, b]: [f64; 3]) -> Rgb {
     let y = (l + 16.0) / 116.0;
     let [x, y, z] = [a / 500.0 + y, y, y - b / 200.0].map(|v| {
@@ -121,7 +121,7 @@ fn rgb_of_polar([magnitude, saturation, hue]: [f64; 3]) -> Rgb {
     rgb_of_lab([magnitude * cos, magnitude * sin * hue.cos(), magnitude * sin * hue.sin()])
 }
 
-/// Below this a colour's hue says nothing.
+/// Saturation below which a colour's hue is meaningless.
 const UNSATURATED: f64 = 0.05;
 
 fn diverging(a: Rgb, b: Rgb, t: f64) -> Rgb {
@@ -144,7 +144,7 @@ fn diverging(a: Rgb, b: Rgb, t: f64) -> Rgb {
     rgb_of_polar(lerp(a, b, t))
 }
 
-/// The hue that a colour is to turn to on its way to an unsaturated one, so that perceived change is even.
+/// Final hue of a colour on its way to an unsaturated one, for even perceived change.
 fn hue_towards([magnitude, saturation, hue]: [f64; 3], unsaturated_magnitude: f64) -> f64 {
     if magnitude >= unsaturated_magnitude - 0.1 {
         return hue;
@@ -158,7 +158,7 @@ fn hue_towards([magnitude, saturation, hue]: [f64; 3], unsaturated_magnitude: f6
 mod tests {
     use super::*;
 
-    /// Colours at 0.2, 0.5 and 0.7 between two, as `vtkColorTransferFunction` of VTK 9.7.2 has them.
+    /// Colours at 0.2, 0.5 and 0.7 between two, by `vtkColorTransferFunction` of VTK 9.7.2.
     #[test]
     fn colours_between_are_vtks() {
         let cases = [

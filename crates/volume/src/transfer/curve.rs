@@ -1,15 +1,15 @@
-//! VTK's curves, which ParaView and 3D Slicer draw, as points with straight lines between them.
+//! VTK's curves, drawn by ParaView and 3D Slicer, as points with straight lines between them.
 //!
-//! Between two of VTK's nodes the first one's midpoint says where half of the way is done, and its sharpness how suddenly: 0 is
-//! two straight lines, 1 a step, and what is in between a cubic (`vtkPiecewiseFunction::GetTable`).
+//! Between two of VTK's nodes the first one's midpoint is the place of the half-way value, and its sharpness the suddenness of
+//! the change: 0 is two straight lines, 1 a step, and anything in between a cubic (`vtkPiecewiseFunction::GetTable`).
 
-/// How far the straight lines may be from the curve: a quarter of one step of an 8-bit picture.
+/// Greatest distance of the straight lines from the curve: a quarter of one step of an 8-bit picture.
 const TOLERANCE: f64 = 0.25 / 255.0;
 
-/// Halvings of a stretch, at most. The sharpest cubic (0.99) takes 8 to be within the tolerance.
+/// Most halvings of a stretch. The sharpest cubic (0.99) takes 8 to be within the tolerance.
 const MAX_HALVINGS: u32 = 12;
 
-/// A node: its point `[value, ...]`, and the way to the next one.
+/// A node: its point `[value, ...]`, and the shape of the curve to the next one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Node<const N: usize> {
     pub(super) point: [f64; N],
@@ -18,7 +18,7 @@ pub(super) struct Node<const N: usize> {
 }
 
 impl<const N: usize> Node<N> {
-    /// The midpoint, a little off the nodes: at one of them it would be a step beside it.
+    /// The midpoint, a little off the nodes: on a node it would make a step beside it.
     fn middle(&self) -> f64 {
         self.midpoint.clamp(0.001, 0.999)
     }
@@ -35,7 +35,7 @@ pub(super) fn points<const N: usize>(mut nodes: Vec<Node<N>>) -> Vec<[f64; N]> {
     points
 }
 
-/// The node's point and those on the way to the next, without the latter.
+/// Adds the node's point and those on the way to the next, without the latter.
 fn between<const N: usize>(node: &Node<N>, next: [f64; N], points: &mut Vec<[f64; N]>) {
     let (a, middle) = (node.point, node.middle());
     points.push(a);
@@ -73,8 +73,8 @@ fn cubic<const N: usize>(node: &Node<N>, next: [f64; N], t: f64) -> [f64; N] {
     point
 }
 
-/// Adds points of a curve over `t` in 0..1, its ends left out, so that straight lines between all of them are within the
-/// tolerance. The curve may turn sharply at one place, `turn`.
+/// Adds points of a curve over `t` in 0..1, without its ends, dense enough for straight lines within the tolerance. The curve
+/// may have one sharp bend, at `turn`.
 pub(super) fn follow<const N: usize>(curve: &dyn Fn(f64) -> [f64; N], turn: f64, points: &mut Vec<[f64; N]>) {
     let (start, middle, end) = (curve(0.0), curve(turn), curve(1.0));
     halve(curve, (0.0, start), (turn, middle), MAX_HALVINGS, points);
@@ -155,7 +155,7 @@ mod tests {
                     let t = i as f64 / 1000.0;
                     let [_, exact] = cubic(&first, last.point, t);
                     let [_, found] = interpolate(&points, t);
-                    // Between the three places that are looked at, the greatest distance can be a little more.
+                    // Between the three checked places, the greatest distance can be a little more.
                     assert!((found - exact).abs() < 1.2 * TOLERANCE, "{midpoint} {sharpness} at {t}: {found} {exact}");
                 }
             }

@@ -1,6 +1,6 @@
-//! Files of transfer functions, of several forms. Which form a file has is told by what is in it, not by its name.
+//! Files of transfer functions, in several forms, recognised by content and not by name.
 //!
-//! | form | who writes it | told by |
+//! | form | writer | recognised by |
 //! | --- | --- | --- |
 //! | JSON of [`TransferFunction`] | brickyard | an object that is none of the others |
 //! | colour maps (`paraview`) | ParaView, and much else | a list of objects, or one with `RGBPoints` |
@@ -11,11 +11,11 @@ use super::imported::{Imported, Subject};
 use super::{TransferError, TransferFunction, paraview, slicer};
 use serde_json::Value;
 
-/// Reads a transfer function from a file's text: of several functions the one called `name`, or the first if that is
-/// `None`. `subject` fills in what the file does not say.
+/// Parses a transfer function from a file's text: of several functions the one called `name`, or the first if this
+/// is `None`. `subject` supplies settings missing in the file.
 ///
 /// # Errors
-/// If the text has none of the forms, is damaged, or has no function of that name.
+/// If the text has none of the forms, is damaged, or has no function of this name.
 pub fn read(text: &str, name: Option<&str>, subject: &Subject) -> Result<Imported, TransferError> {
     let text = text.trim_start_matches('\u{feff}');
     let unnamed = |read: Result<Imported, TransferError>| match name {
@@ -45,12 +45,12 @@ fn own(text: &str) -> Result<Imported, TransferError> {
     Ok(Imported { transfer, remarks: Vec::new() })
 }
 
-/// Parses JSON. Python, among others, writes `NaN` and `Infinity` into it, which a parser takes for damage.
+/// Parses JSON. Python, among others, writes `NaN` and `Infinity` into it, which a parser treats as damage.
 fn json(text: &str) -> Result<Value, TransferError> {
     serde_json::from_str(text).map_err(|error| not_finite(text, error.line(), error.column()).unwrap_or(error.into()))
 }
 
-/// The error for a word in place of a number, if there is one where parsing ended (both from 1).
+/// The error for a word in place of a number, if parsing ended at one (both from 1).
 fn not_finite(text: &str, line: usize, column: usize) -> Option<TransferError> {
     let bytes = text.lines().nth(line.checked_sub(1)?)?.as_bytes();
     let is_letter = |i: &usize| bytes.get(*i).is_some_and(|b| b.is_ascii_alphabetic() || b"+-".contains(b));

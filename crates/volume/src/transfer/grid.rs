@@ -1,16 +1,14 @@
-//! The table of a transfer function of value and gradient magnitude: entries over the plane of both, looked up bilinearly after
-//! interpolation.
+//! The table of a transfer function of value and gradient magnitude: entries over the plane of both, read bilinearly after interpolation of the
+//! samples.
 //!
-//! Its rows are values: one or more for each code from the first to the last that the function tells apart, so that a value that a voxel
-//! can have has its own row. Where there are more such codes than [`TransferGrid::MOST_ROWS`], that many rows lie at equal
-//! distances. Its columns are gradient magnitudes, at equal distances from 0 to the greatest that the function speaks of;
-//! beyond, the last column holds. 1,024 rows over a CT's 3,000 Hounsfield units are 3 units apart, a tenth of such data's noise;
-//! 256 columns are 1/255 of the steepest boundary apart, and gradients of 8-bit data have a resolution of half a code per voxel,
-//! coarser than that. What is narrower than an entry is drawn as wide as one, and a jump from one entry to the next is a ramp
-//! between them.
+//! Its rows are values: one or more for each code between the function's first and last change, so every possible value of a voxel has its own row.
+//! With more such codes than [`TransferGrid::MOST_ROWS`], this many rows lie at equal distances. Its columns are gradient magnitudes, at equal
+//! distances from 0 to the function's greatest; beyond, the last column holds. 1,024 rows over a CT's 3,000 Hounsfield units are 3 units apart, a
+//! tenth of such data's noise; 256 columns are 1/255 of the steepest boundary apart, finer than the half code per voxel of 8-bit data's gradients.
+//! Details narrower than an entry are drawn as wide as one, and a jump from one entry to the next is a ramp.
 //!
-//! Opacities are interpolated as they are, and colours by opacity, so that a region does not take on colours that are not shown.
-//! Made anew with each edit, in some milliseconds at most; 16 bytes an entry.
+//! Opacities are interpolated directly, and colours by opacity, so regions do not take on invisible colours. Made anew with each edit, in some
+//! milliseconds at most; 16 bytes an entry.
 
 use super::table::entries_per_code;
 use super::{Region, Shape, TransferFunction, mix};
@@ -23,18 +21,17 @@ const COLUMNS: usize = TransferGrid::COLUMNS;
 /// The table of a transfer function of value and gradient magnitude: entries over the plane of both.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferGrid {
-    /// The code of the first row, counted from the first of the encoding's table codes.
+    /// Code of the first row, counted from the first of the encoding's table codes.
     pub first_code: f32,
     /// Rows per code.
     pub rows_per_code: f32,
-    /// Columns per unit of gradient magnitude, which is in data units per world unit.
+    /// Columns per unit of gradient magnitude, in data units per world unit.
     pub columns_per_gradient: f32,
-    /// The entries `[r, g, b, alpha]`, row by row: straight colour, and alpha over the function's unit distance. There are at
-    /// least two rows.
+    /// At least two rows of entries `[r, g, b, alpha]`: straight colour, and alpha over the function's unit distance.
     pub entries: Vec<[f32; 4]>,
 }
 
-/// Where rows and columns are.
+/// Positions of rows and columns.
 struct Axes<'a> {
     encoding: &'a SlotEncoding,
     first_code: f64,
@@ -44,7 +41,7 @@ struct Axes<'a> {
 }
 
 impl TransferGrid {
-    /// The most rows that a grid may have.
+    /// The most rows of a grid.
     pub const MOST_ROWS: usize = 1024;
 
     /// Number of columns of a grid.
@@ -87,7 +84,7 @@ impl TransferGrid {
         self.entries.len() / COLUMNS
     }
 
-    /// Straight colour and opacity at a code and a gradient magnitude in data units per world unit, interpolated.
+    /// Interpolated straight colour and opacity at a code and a gradient magnitude in data units per world unit.
     #[inline]
     pub fn lookup(&self, code: f32, gradient: f32) -> [f32; 4] {
         let split = |position: f32, count: usize| {
@@ -99,7 +96,7 @@ impl TransferGrid {
         let (column, t) = split(gradient * self.columns_per_gradient, COLUMNS);
         let at = row * COLUMNS + column;
         let [a, b, c, d] = [at, at + 1, at + COLUMNS, at + COLUMNS + 1].map(|i| self.entries[i]);
-        // Written so that what is the same in all four stays that.
+        // Written so that four equal entries give exactly the same.
         let (low, high) = (a[3] + t * (b[3] - a[3]), c[3] + t * (d[3] - c[3]));
         let alpha = low + s * (high - low);
         let weights = [(1.0 - s) * (1.0 - t) * a[3], (1.0 - s) * t * b[3], s * (1.0 - t) * c[3], s * t * d[3]];
@@ -108,7 +105,7 @@ impl TransferGrid {
         [color(0), color(1), color(2), alpha]
     }
 
-    /// For each of this many entries the greatest opacity that a value within one entry of it can have, whatever the gradient.
+    /// Iterates over this many entries' greatest opacity, whatever the gradient, among values within one entry.
     pub(crate) fn most(&self, entries: usize, entries_per_code: usize) -> impl Iterator<Item = f32> {
         let most: Vec<f32> = self
             .entries
@@ -124,7 +121,7 @@ impl TransferGrid {
     }
 }
 
-/// A region as the grid has it, and the rows and columns that may have something of it.
+/// A region fitted to the grid, and its rows and columns.
 type Fitted = (Region, RangeInclusive<usize>, RangeInclusive<usize>);
 
 impl<'a> Axes<'a> {
@@ -132,14 +129,14 @@ impl<'a> Axes<'a> {
         let max = encoding.span_codes();
         let code = |value: f64| encoding.code(value).clamp(0.0, max);
         let [low, high] = transfer.visible_changes().unwrap_or([transfer.opacity[0][0]; 2]).map(code);
-        // A row more to each side, where the function is what it is from there on.
+        // One more row on each side, beyond which the function is constant.
         let (first_code, codes_per_row, rows) = match high.ceil() - low.floor() + 3.0 {
             rows if rows as usize > MOST_ROWS => {
                 let step = (high - low) / (MOST_ROWS - 3) as f64;
                 (low - step, step, MOST_ROWS)
             }
             rows => {
-                // A code has a row, or as many as entries of the table of values, if there is room for them.
+                // A code has one row, or as many as the value table has entries, if there is room for them.
                 let most = (MOST_ROWS as f64 / rows).log2().floor().exp2();
                 let step = 1.0 / most.min(rows_per_code(transfer, encoding, [low.floor(), high.ceil()], most));
                 let first = ((low / step).floor() * step - step).clamp(0.0, max - step);
@@ -147,7 +144,7 @@ impl<'a> Axes<'a> {
                 (first, step, ((last - first) / step) as usize + 1)
             }
         };
-        // Behind the last bend the factor is what it is there. Regions end where they do: the last column is behind them.
+        // Behind its last bend the factor is constant. Regions end with their boxes: the last column is behind them.
         let bends = transfer.gradient_opacity.windows(2).rposition(|pair| pair[0][1] != pair[1][1]);
         let factors = bends.map_or(0.0, |last| transfer.gradient_opacity[last + 1][0]);
         let behind = (COLUMNS - 1) as f64 / (COLUMNS - 2) as f64;
@@ -160,7 +157,7 @@ impl<'a> Axes<'a> {
         self.encoding.value_of_code(self.first_code + row as f64 * self.codes_per_row)
     }
 
-    /// The values at which the function is sampled for each row: the row's own, but for a peak of opacity between two rows, which the nearer of them has.
+    /// Sampled values of the rows: the row's own, but the nearer row takes a peak of opacity between two.
     fn values(&self, transfer: &TransferFunction) -> Vec<f64> {
         let mut values: Vec<f64> = (0..self.rows).map(|row| self.value(row)).collect();
         for &[value, _] in &transfer.opacity {
@@ -181,8 +178,8 @@ impl<'a> Axes<'a> {
         column as f64 * self.gradient_per_column
     }
 
-    /// A region that the entries do not miss: a rectangle's edges are at entries, and other shapes no narrower than two steps.
-    /// `None` if it has no value that there is a code for.
+    /// Fits a region to the entries: a rectangle's edges are at entries, and other shapes at least two steps wide. `None` if none of its values has a
+    /// code.
     fn fit(&self, region: &Region) -> Option<Fitted> {
         let [low, high] = region.value.map(|value| self.encoding.place(value));
         if high < 0.0 || low > 1.0 {
@@ -211,8 +208,8 @@ impl<'a> Axes<'a> {
     }
 }
 
-/// The fewest rows a code, a power of two and at most `most`, that meet the function: as many as the table of values has entries, and as many as keep
-/// colours that are mixed by opacity within a display code of straight ones, midway between rows.
+/// Fewest sufficient rows per code, a power of two and at most `most`: as many as the value table has entries, with colours mixed by opacity within a
+/// display code of straight ones, midway between rows.
 fn rows_per_code(transfer: &TransferFunction, encoding: &SlotEncoding, [low, high]: [f64; 2], most: f64) -> f64 {
     if encoding.is_labels {
         return 1.0;
@@ -234,7 +231,7 @@ fn rows_per_code(transfer: &TransferFunction, encoding: &SlotEncoding, [low, hig
     steps.take_while(|step| *step < most).find(is_near).unwrap_or(most)
 }
 
-/// An interval, at least a step to each side of its middle.
+/// Widens an interval to at least a step on each side of its middle.
 fn widened([low, high]: [f64; 2], step: f64) -> [f64; 2] {
     let middle = 0.5 * (low + high);
     [low.min(middle - step), high.max(middle + step)]
@@ -259,7 +256,7 @@ mod tests {
         }
     }
 
-    /// How far the table is from the function at many places, by channel; colours count by what is seen of them.
+    /// Distance of the table from the function at many places, by channel; colours are weighted by their visibility.
     fn error(transfer: &TransferFunction, encoding: &SlotEncoding, values: [f64; 2], gradients: [f64; 2]) -> f64 {
         let grid = TransferGrid::new(transfer, encoding);
         let mut worst = 0.0f64;
@@ -293,7 +290,7 @@ mod tests {
         }
     }
 
-    /// Over a range of values that has more codes than rows.
+    /// Over a range of values with more codes than rows.
     #[test]
     fn smooth_shapes_are_met_closely() {
         let encoding = SlotEncoding::new(VoxelType::I16, (0.0, 1.0), false);
@@ -325,7 +322,7 @@ mod tests {
             assert_eq!(grid.rows(), MOST_ROWS);
             let alpha = |value: f32, gradient: f32| grid.lookup(value + 32768.0, gradient)[3];
             let near = (0..40).map(|i| alpha(695.0 + 0.25 * i as f32, 301.0)).fold(0.0, f32::max);
-            // Of its opacity of a half a bell has a third, half a step beside its middle, along each axis.
+            // A bell has a third of its opacity of a half, half a step beside its middle, along each axis.
             assert!(near > 0.05, "{shape:?}: {near}");
             for (value, gradient) in [(690.0, 301.0), (711.0, 301.0), (700.3, 285.0), (700.3, 318.0)] {
                 assert_eq!(alpha(value, gradient), 0.0, "{shape:?} {value} {gradient}");
@@ -422,13 +419,13 @@ mod tests {
             assert_eq!(grid.lookup(code, gradient)[3], expected, "{code} {gradient}");
         }
         assert_eq!(&grid.lookup(99.5, 30.0)[..3], [1.0, 0.5, 0.25], "its colour as far as it goes");
-        // Where rows are three codes apart, too.
+        // Also with rows three codes apart.
         let encoding = SlotEncoding::new(VoxelType::U16, (0.0, 1.0), false);
         let wide = Region { value: [1000.0, 4001.0], ..transfer.regions[0] };
         let grid = TransferGrid::new(&TransferFunction { regions: vec![wide], ..transfer }, &encoding);
         for (code, expected) in [(996.0, 0.0), (1000.0, 0.5), (4001.0, 0.5), (4005.0, 0.0), (0.0, 0.0), (65535.0, 0.0)]
         {
-            // A row's place is one of single precision.
+            // A row's place is in single precision.
             assert!((grid.lookup(code, 30.0)[3] - expected).abs() < 1e-5, "{code}");
         }
     }
@@ -447,7 +444,7 @@ mod tests {
         assert_eq!(transfer.at(4.0, 10.0), [1.0, 0.0, 0.0, 0.75]);
     }
 
-    /// The promise that skipping rests on.
+    /// Skipping relies on this.
     #[test]
     fn what_is_clear_at_every_gradient_is_known_to_be() {
         for (voxel_type, codes) in [(VoxelType::I8, 256usize), (VoxelType::I16, 65536)] {

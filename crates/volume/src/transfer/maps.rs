@@ -1,5 +1,5 @@
-//! The perceptual colour maps: their published tables of 256 colours, to 8 bits a channel (half of 1/255 from the published
-//! numbers at most), red first, six hexadecimal digits a colour.
+//! The perceptual colour maps: their published tables of 256 colours, to 8 bits a channel (at most half of 1/255 from the
+//! published numbers), red first, six hexadecimal digits a colour.
 //!
 //! `viridis`, `magma`, `inferno` and `plasma` are by Nathaniel Smith, Stefan van der Walt and (viridis) Eric Firing, made for
 //! matplotlib and given to the public domain (CC0). `turbo` is by Anton Mikhailov, Copyright 2019 Google LLC, Apache-2.0.

@@ -1,8 +1,8 @@
-//! ParaView's colour maps: a JSON list of objects, or one alone.
+//! ParaView's colour maps: a JSON list of objects, or a single one.
 //!
-//! `RGBPoints` holds `value, r, g, b` after one another, `ColorSpace` says how to come from one to the next, `Points`, where
-//! there, `value, alpha, midpoint, sharpness`. Maps that are only colours have values from 0 to 1, or -1 to 1, by convention:
-//! ParaView stretches them over what is shown, and so does this.
+//! `RGBPoints` is a sequence of `value, r, g, b`, `ColorSpace` the interpolation between them, and `Points`, if present, a
+//! sequence of `value, alpha, midpoint, sharpness`. Maps of colours only have values from 0 to 1, or -1 to 1, by convention:
+//! ParaView stretches them over the shown range, and so does this module.
 
 use super::color_space::ColorSpace;
 use super::curve::{self, Node};
@@ -15,10 +15,10 @@ use serde_json::Value;
 
 const FORM: &str = "a ParaView colour map";
 
-/// Names that an error lists, at most: ParaView's own file has hundreds.
+/// Most names in an error: ParaView's own file has hundreds.
 const LISTED: usize = 12;
 
-/// What of a map is looked at.
+/// The used fields of a map.
 #[derive(Deserialize)]
 #[serde(rename_all = "PascalCase")]
 struct ColorMap {
@@ -160,7 +160,7 @@ fn opacities(points: Vec<[f64; 4]>) -> Result<Vec<Node<2>>, TransferError> {
     Ok(points.into_iter().map(node).collect())
 }
 
-/// Stretches a map whose values say nothing over the window.
+/// Stretches a map with conventional values over the window.
 fn fit(transfer: TransferFunction, subject: &Subject, remarks: &mut Vec<String>) -> TransferFunction {
     let values = || transfer.color.iter().map(|p| p[0]).chain(transfer.opacity.iter().map(|p| p[0]));
     let span = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));

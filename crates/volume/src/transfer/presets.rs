@@ -5,7 +5,7 @@ use crate::foreground::Foreground;
 use crate::near_name;
 
 impl TransferFunction {
-    /// The names that [`TransferFunction::preset`] knows.
+    /// Names of all presets, for [`TransferFunction::preset`].
     pub const PRESETS: [&str; 14] = [
         automatic::NAME,
         "gray",
@@ -23,11 +23,11 @@ impl TransferFunction {
         "mr-default",
     ];
 
-    /// The preset called `name`. Presets for CT are absolute (Hounsfield units, millimetres); the others span `window`
-    /// (data units) and collect their opacity over `unit_distance` (world units).
+    /// Returns the preset called `name`. Presets for CT are absolute (Hounsfield units, millimetres); the others span
+    /// `window` (data units) and collect their opacity over `unit_distance` (world units).
     ///
     /// # Errors
-    /// [`TransferError::UnknownPreset`] names the presets there are.
+    /// [`TransferError::UnknownPreset`], with the names of all presets.
     pub fn preset(name: &str, window: (f64, f64), unit_distance: f64) -> Result<Self, TransferError> {
         let over_window = |color: &[[f64; 4]], opacity: &[[f64; 2]]| {
             let function = Self { color: color.to_vec(), opacity: opacity.to_vec(), unit_distance, ..Self::default() };
@@ -46,7 +46,7 @@ impl TransferFunction {
                 &ramp(&[[0.0; 3], [0.55, 0.05, 0.0], [0.95, 0.45, 0.05], [1.0, 0.85, 0.35], [1.0, 1.0, 0.95]]),
                 &RISING,
             ),
-            // Air and noise are clear; tissue, which takes most of the window, goes from red-brown to ivory.
+            // Air and noise are clear; tissue, most of the window, goes from red-brown to ivory.
             "mr-default" => over_window(
                 &[[0.08, 0.25, 0.06, 0.03], [0.3, 0.62, 0.36, 0.22], [0.6, 0.86, 0.74, 0.58], [1.0, 1.0, 1.0, 0.97]],
                 &[[0.08, 0.0], [0.2, 0.02], [0.5, 0.2], [1.0, 0.5]],
@@ -70,7 +70,7 @@ impl TransferFunction {
                 ],
                 &[[140.0, 0.0], [200.0, 0.2], [300.0, 0.6], [420.0, 0.5], [600.0, 0.03], [1500.0, 0.1]],
             ),
-            // The lung's tissue is a haze, its vessels and the airways' walls are seen in it; what is denser is clear.
+            // The lung's tissue is a haze around visible vessels and walls of airways; denser tissue is clear.
             "ct-lung" => hounsfield(
                 &[
                     [-950.0, 0.25, 0.45, 0.75],
@@ -102,13 +102,13 @@ impl TransferFunction {
         })
     }
 
-    /// Whether a preset has values of its own, whatever the window.
+    /// Whether a preset has values of its own, independent of the window.
     pub(super) fn is_absolute(name: &str) -> bool {
         name.starts_with("ct-")
     }
 }
 
-/// The opacity of what is only a colour map, from 0 to 1.
+/// The opacity of a plain colour map, from 0 to 1.
 pub(super) const RISING: [[f64; 2]; 2] = [[0.0, 0.0], [1.0, 0.5]];
 
 /// Colours at equal distances from 0 to 1.
@@ -138,7 +138,7 @@ mod tests {
         }
     }
 
-    /// Colours at the ends and in between, as matplotlib 3.11 has them (`matplotlib.colormaps[name].colors`).
+    /// Colours at the ends and in between, from matplotlib 3.11 (`matplotlib.colormaps[name].colors`).
     #[test]
     fn perceptual_maps_are_the_published_ones() {
         let published = [

@@ -1,23 +1,23 @@
-//! Regions of the plane of values and gradient magnitudes, each with a colour and an opacity of its own: what tells a boundary from
+//! Regions of the plane of values and gradient magnitudes, each with its own colour and opacity: they separate a boundary from
 //! the inside of a thing of the same value.
 //!
-//! A gradient magnitude is in data units per world unit. A region lies in a box of the plane, and nothing of it outside:
+//! A gradient magnitude is in data units per world unit. A region lies wholly in a box of the plane:
 //!
 //! | shape | opacity in the box |
 //! | --- | --- |
 //! | rectangle | the same everywhere |
-//! | gaussian | a bell, three standard deviations from its middle to its sides, less what it has there: so it ends in nothing |
-//! | triangle | all of it on the middle value, falling to nothing on the lines from there at no gradient to the upper corners |
+//! | gaussian | a bell, three standard deviations from its middle to its sides, less its opacity there: so it ends in nothing |
+//! | triangle | greatest on the middle value, falling to nothing on the lines from there at no gradient to the upper corners |
 //!
-//! The triangle is Levoy's (Display of Surfaces from Volume Data, 1988, section 3.1): at a boundary of any steepness the
-//! middle value is shown in a layer as thick, to each side, as half of the box's width in values by its top. Gaussians are
-//! ParaView's boxes, but that those have a standard deviation of 0.3 sides and are cut off: 1.8 times such a box is one here.
+//! The triangle is Levoy's (Display of Surfaces from Volume Data, 1988, section 3.1): at a boundary of any steepness the middle
+//! value is a layer with the same thickness on each side: half of the box's width in values, divided by its top. Gaussians are
+//! ParaView's boxes, but those have a standard deviation of 0.3 sides and are cut off: 1.8 times such a box is one here.
 
 use super::TransferError;
 use crate::enum_all::every;
 use serde::{Deserialize, Serialize};
 
-/// How a region's opacity varies over its box.
+/// Shapes of a region's opacity over its box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Shape {
@@ -38,7 +38,7 @@ const DEVIATIONS: f64 = 3.0;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Region {
-    /// How the region's opacity varies over its box.
+    /// Shape of the region's opacity over its box.
     pub shape: Shape,
     /// Least and greatest value of the region's box, in data units.
     pub value: [f64; 2],
@@ -51,7 +51,7 @@ pub struct Region {
 }
 
 impl Region {
-    /// Opacity of the region over the function's `unit_distance` at a value and a gradient magnitude; 0 outside of its box.
+    /// Opacity of the region over the function's `unit_distance` at a value and a gradient magnitude; 0 outside its box.
     pub fn alpha(&self, value: f64, gradient: f64) -> f64 {
         let ([low, high], [flat, steep]) = (self.value, self.gradient);
         if !(low <= value && value <= high && flat <= gradient && gradient <= steep) {
@@ -78,10 +78,10 @@ impl Region {
         }
     }
 
-    /// Checks that the box has no end before its beginning, nor a negative magnitude, and colour and opacity are in range.
+    /// Checks that the box does not end before its beginning, has no negative magnitude, and that colour and opacity are in range.
     ///
     /// # Errors
-    /// Says what is wrong with the `index`-th region of its list.
+    /// The problem of the `index`-th region of its list.
     pub(super) fn check(&self, index: usize) -> Result<(), TransferError> {
         let ([low, high], [flat, steep]) = (self.value, self.gradient);
         let unit = |numbers: &[f64]| numbers.iter().all(|v| (0.0..=1.0).contains(v));

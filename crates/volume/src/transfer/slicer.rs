@@ -1,19 +1,18 @@
 //! 3D Slicer's volume properties: the text of a `.vp` file, and the JSON of a `.vp.json` file (Slicer 5.9 and later).
 //!
-//! Of what they hold the scalar opacity and the colours of the first component become the function. How the volume is lit is no
-//! matter of a transfer function. Opacity is collected over the file's distance, in the text form over 1 (VTK's default, which
-//! Slicer leaves alone).
+//! The scalar opacity and the colours of the first component become the function. Lighting is left out. Opacity is collected
+//! over the file's distance, in the text form over 1 (VTK's default, unchanged by Slicer).
 //!
-//! Gradient opacity becomes the function's, but where it is 1 everywhere: then there is none. VTK's mappers measure gradients
-//! in units of the data over the mean of the three voxel spacings (`vtkVolumeShaderComposer`, `computeGradientDeclaration`:
-//! central differences by `2 * spacing / mean`), so magnitudes are divided by that mean here. Two things of VTK's are not its
-//! function's: all magnitudes beyond a quarter of the data's range count as that, and the factor applies to the opacity of one
-//! of its steps, so that pictures change with the step. Here it applies to the opacity over the unit distance, which is the
-//! same where VTK's steps are as long as that.
+//! Gradient opacity becomes the function's, except a constant 1, which is dropped. VTK's mappers measure gradients in units of
+//! the data over the mean of the three voxel spacings (`vtkVolumeShaderComposer`, `computeGradientDeclaration`: central
+//! differences by `2 * spacing / mean`), so magnitudes are divided by this mean here. Two of VTK's habits are dropped: it
+//! limits all magnitudes to a quarter of the data's range, and applies the factor to the opacity of one of its steps, so
+//! pictures change with the step. Here it applies to the opacity over the unit distance, with the same result for VTK steps of
+//! this length.
 //!
 //! The text has nine lines: interpolation, shade, diffuse, ambient, specular, specular power, then scalar opacity, gradient
-//! opacity and colours, each as how many numbers follow and those numbers (`value alpha` or `value r g b` after one another).
-//! As Slicer does, points are sorted by value, and those at one value are a step.
+//! opacity and colours, each as a count of numbers and the numbers themselves (`value alpha` or `value r g b`, repeated). As in
+//! Slicer, points are sorted by value, and those at one value are a step.
 
 use super::curve::{self, Node};
 use super::imported::{Imported, Subject};
@@ -202,11 +201,11 @@ mod tests {
     use crate::transfer::file::read;
     use crate::transfer::file::tests::SUBJECT;
 
-    /// As Slicer 4 and 5 write it.
+    /// As written by Slicer 4 and 5.
     const TEXT: &str = "1\n1\n0.9\n0.1\n0.2\n10\n8 -3024 0 -16.4458 0 641.385 0.715686 3071 0.705882\n4 0 1 255 1\n\
         16 -3024 0 0 0 -16.4458 0.729412 0.254902 0.301961 641.385 0.905882 0.815686 0.552941 3071 1 1 1\n";
 
-    /// As Slicer 5.9 writes it, in part.
+    /// As written by Slicer 5.9, in part.
     const JSON: &str = r#"{"@schema": "https://example.org/volume-property-schema-v1.0.0.json#", "volumeProperties": [{
         "effectiveRange": [0, 9], "interpolationType": "linear", "components": [{
             "shade": true, "lighting": {"diffuse": 1, "ambient": 0.2, "specular": 0, "specularPower": 1},
@@ -247,7 +246,7 @@ mod tests {
         let imported = |text: &str| read(text, None, &SUBJECT).unwrap();
         let points = |text: &str| imported(text).transfer.gradient_opacity;
         assert!(points(TEXT).is_empty() && points(JSON).is_empty(), "1 everywhere is none");
-        // The mean of the spacings is 2: what changes by 255 a voxel changes by 127.5 a world unit.
+        // The mean of the spacings is 2: a change of 255 a voxel is one of 127.5 a world unit.
         assert_eq!(points(&TEXT.replace("4 0 1 255 1", "4 0 0.2 255 1")), [[0.0, 0.2], [127.5, 1.0]]);
         assert_eq!(points(&TEXT.replace("4 0 1 255 1", "6 -5 0 5 1 25 0.5")), [[0.0, 0.5], [2.5, 1.0], [12.5, 0.5]]);
         let edges = JSON.replace(r#"{"x": 0, "y": 1}"#, r#"{"x": 0, "y": 0.5}"#);

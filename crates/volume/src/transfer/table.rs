@@ -1,4 +1,4 @@
-//! The table that renderers look samples up in.
+//! The renderers' look-up table for samples.
 
 use super::{Region, Shape, TransferFunction, TransferGrid};
 use crate::labels::{Coded, LabelCodes};
@@ -8,31 +8,30 @@ use crate::slot_encoding::{SlotEncoding, SlotFormat};
 use std::iter::successors;
 use std::sync::{Arc, OnceLock};
 
-/// A transfer function sampled at equidistant values, `[r, g, b, alpha]` straight; renderers interpolate linearly between
-/// neighbouring entries. Every code of the encoding's table has its own entry, and there are more between two codes where the function
-/// bends between them.
+/// A transfer function sampled at equidistant values, `[r, g, b, alpha]` straight; renderers interpolate linearly between neighbouring
+/// entries. Every code of the encoding's table has its own entry, with more between two codes where the function bends between them.
 #[derive(Clone, Debug)]
 pub struct TransferTable {
-    /// The entries, from the first of the encoding's table codes to the last. Where there is a grid, alpha is the greatest that a value next
-    /// to the entry's has at any gradient: what is clear here is clear in the grid.
+    /// The entries, from the first of the encoding's table codes to the last. With a grid, alpha is the greatest near the entry's value at
+    /// any gradient: clear entries are clear in the grid.
     pub entries: Vec<[f32; 4]>,
     /// Entries from one code to the next.
     pub entries_per_code: usize,
     /// The code of the first entry.
     pub first_code: u16,
-    /// World distance over which the entries' alpha is collected.
+    /// World distance for collecting the entries' alpha.
     pub unit_distance: f32,
-    /// The table of value and gradient magnitude, for a function that depends on both; `None` for a function of the value alone. It
-    /// is shared, as copies of a table are made for every frame.
+    /// The table of value and gradient magnitude, for a function of both; `None` for a function of the value alone. It is shared, as tables
+    /// are copied for every frame.
     pub grid: Option<Arc<TransferGrid>>,
-    /// Made when they are first asked for.
+    /// Made on first use.
     integrals: OnceLock<Integrals>,
     adaptive_step: OnceLock<f64>,
 }
 
 impl PartialEq for TransferTable {
     fn eq(&self, other: &Self) -> bool {
-        // What is made of these follows from them.
+        // The cached fields follow from these.
         let place = |table: &Self| (table.first_code, table.entries_per_code, table.unit_distance);
         place(self) == place(other) && self.entries == other.entries && self.grid == other.grid
     }
@@ -42,17 +41,17 @@ impl TransferTable {
     /// The most entries of a table for slots of a format.
     pub const fn most_entries(format: SlotFormat) -> usize {
         match format {
-            // 16 a code where it has all of them: then it stays in the first-level cache, or nearly.
+            // 16 per code of the full range: then it stays in the first-level cache, or nearly.
             SlotFormat::U8 => 255 * 16 + 1,
             SlotFormat::U16 | SlotFormat::F32 => 65536,
         }
     }
 
-    /// Samples the function at every code of the encoding's table, and between codes as often as it takes to meet the function.
+    /// Samples the function at every code of the encoding's table, and between codes as densely as needed to match it.
     pub fn new(transfer: &TransferFunction, encoding: &SlotEncoding) -> Self {
         let per_code = entries_per_code(transfer, encoding);
         let last = encoding.span_codes() as usize * per_code;
-        // A frame whose codes do not suffice for its look's labels is refused before.
+        // Frames without enough codes for the labels of a look are refused earlier.
         let codes = transfer.labels.as_ref().and_then(LabelCodes::of).unwrap_or_default();
         let at = |value: f64| {
             let [r, g, b] = transfer.rgb(value);
@@ -80,7 +79,7 @@ impl TransferTable {
         }
     }
 
-    /// A table with these entries, at least two, one a code from code 0 on, of a function of the value alone.
+    /// Creates the table of a function of the value alone, with these entries, at least two, one per code from code 0 on.
     pub fn from_entries(entries: Vec<[f32; 4]>, unit_distance: f32) -> Self {
         Self {
             entries,
@@ -98,22 +97,22 @@ impl TransferTable {
         self.entries.len() - 1
     }
 
-    /// The function's running integrals. They are made when first asked for, which takes 2 ms for 65,536 entries.
+    /// The function's running integrals, made on first use, in 2 ms for 65,536 entries.
     pub fn integrals(&self) -> &Integrals {
         self.integrals.get_or_init(|| Integrals::new(&self.entries))
     }
 
-    /// How far from a value, in codes, other values may change what is seen there: as far as the next entry.
+    /// Greatest distance from a value, in codes, of other values with an effect on its look: as far as the next entry.
     pub fn reach_codes(&self) -> f64 {
         let entry = 1.0 / self.entries_per_code as f64;
         self.grid.as_ref().map_or(entry, |grid| entry.max(1.0 / grid.rows_per_code as f64))
     }
 
-    /// Adaptive sampling ([`Method::Asm`](crate::Method::Asm)): the largest difference between the values at a part's ends, as a
-    /// share of the table. It is [`ADAPTIVE_SHARE`] of the entries from the first to the last at which what is seen changes.
+    /// Adaptive sampling ([`Method::Asm`](crate::Method::Asm)): the largest difference between the values at a part's ends, as a share of
+    /// the table. It is [`ADAPTIVE_SHARE`] of the entries between the first and the last visible change.
     pub fn adaptive_step(&self) -> f64 {
         *self.adaptive_step.get_or_init(|| {
-            // What colour is clear does not matter.
+            // Colours of clear entries do not matter.
             let same = |[a, b]: [&[f32; 4]; 2]| a[3] == b[3] && (a[3] == 0.0 || a == b);
             let pairs = || self.entries.windows(2).map(|pair| same([&pair[0], &pair[1]]));
             let (before, behind) =
@@ -136,7 +135,7 @@ impl TransferTable {
     }
 }
 
-/// The fewest entries a code, a power of two, that meet the function wherever it bends, or as many as there may be.
+/// Fewest entries per code, a power of two, for a match at all the function's bends, or else the most possible.
 pub(super) fn entries_per_code(transfer: &TransferFunction, encoding: &SlotEncoding) -> usize {
     let most = (TransferTable::most_entries(encoding.format) - 1) / encoding.span_codes() as usize;
     let steps = || successors(Some(1), |step| Some(2 * step)).take_while(|step| *step <= most);
@@ -146,8 +145,8 @@ pub(super) fn entries_per_code(transfer: &TransferFunction, encoding: &SlotEncod
     }
 }
 
-/// Whether so many entries a code, with lines between them, are a function: by a quarter of a display code in colour, and by a share of the
-/// opacity. A jump is met by none; regions have their edges at entries, or many entries.
+/// Whether `per_code` entries per code, with lines between them, match a function: to a quarter of a display code in colour, and to a share
+/// of the opacity. A jump is never matched; regions have their edges at entries, or many entries.
 fn meets(transfer: &TransferFunction, encoding: &SlotEncoding, per_code: usize) -> bool {
     const SHARE: f64 = 1.0 / 256.0;
     let last = encoding.span_codes() * per_code as f64;
@@ -214,7 +213,7 @@ mod tests {
         }
     }
 
-    /// A shell between two codes, at many places, for each type whose codes are its values.
+    /// A shell between two codes, at many places, for each type with its values as codes.
     #[test]
     fn tables_over_few_codes_meet_what_is_between_them() {
         for (voxel_type, first) in

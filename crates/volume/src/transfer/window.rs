@@ -1,5 +1,4 @@
-//! Transfer functions moved, bent and dimmed: what a layer's style does to the function that it chooses. Each costs a pass over the
-//! function's points.
+//! Transfer functions moved, bent and dimmed by a layer's style. Each operation costs a pass over the function's points.
 
 use super::{TransferFunction, curve, interpolate};
 
@@ -10,8 +9,8 @@ impl TransferFunction {
         (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max))
     }
 
-    /// The least and the greatest value between which the function changes: outside of them colour and opacity are those at the nearer one.
-    /// `None` if it never changes.
+    /// The least and the greatest value between which the function changes: outside, colour and opacity are constant. `None` if it never
+    /// changes.
     pub fn changes(&self) -> Option<[f64; 2]> {
         fn of<const N: usize>(points: &[[f64; N]]) -> impl Iterator<Item = f64> {
             let pairs = || points.windows(2).filter(|pair| pair[0][1..] != pair[1][1..]);
@@ -23,7 +22,7 @@ impl TransferFunction {
         (low <= high).then_some([low, high])
     }
 
-    /// [`changes`](Self::changes) of fog, in which nobody tells colours of clear values apart. `None` if nothing changes that is seen.
+    /// [`changes`](Self::changes) of fog, where colours of clear values do not count. `None` without any visible change.
     pub fn visible_changes(&self) -> Option<[f64; 2]> {
         let [low, high] = self.changes()?;
         let opacity = &self.opacity;
@@ -37,7 +36,7 @@ impl TransferFunction {
         self.regions.iter().map(|region| region.value).chain(fog).reduce(join).filter(|[low, high]| low <= high)
     }
 
-    /// The least distance between two neighbouring points of colour or opacity within a window: nothing in it is thinner.
+    /// The least distance between two neighbouring points of colour or opacity within a window, the limit of its detail.
     pub(crate) fn thinnest(&self, [low, high]: [f64; 2]) -> f64 {
         fn of<const N: usize>(points: &[[f64; N]]) -> impl Iterator<Item = [f64; 2]> {
             points.windows(2).map(|pair| [pair[0][0], pair[1][0]])
@@ -47,12 +46,12 @@ impl TransferFunction {
         within.map(|gap| gap[1] - gap[0]).fold(f64::INFINITY, f64::min)
     }
 
-    /// The function with the values of the interval `from` moved to the interval `to`, which has width 1 if it would be empty. Gradient
-    /// magnitudes have the same units as values, and are stretched alike.
+    /// Moves the function from the values of the interval `from` to the interval `to`, widened to 1 if empty. Gradient magnitudes have the
+    /// same units as values, and are stretched alike.
     pub fn stretched(mut self, from: (f64, f64), to: (f64, f64)) -> Self {
         let to = if to.1 > to.0 { to } else { (to.0, to.0 + 1.0) };
         let scale = (to.1 - to.0) / (from.1 - from.0);
-        // Each operation is monotonic, so points stay sorted whatever is rounded.
+        // Each operation is monotonic, so points stay sorted in spite of rounding.
         let moved = |value: &mut f64| *value = to.0 + (*value - from.0) / (from.1 - from.0) * (to.1 - to.0);
         self.color.iter_mut().for_each(|p| moved(&mut p[0]));
         self.opacity.iter_mut().for_each(|p| moved(&mut p[0]));
@@ -64,8 +63,8 @@ impl TransferFunction {
         self
     }
 
-    /// The function with its colours and opacities bent over a window: at a share `t` of the window it is what it was at the share `t` to
-    /// the power of `gamma`. Outside of the window it stays as it is, and so do factors and regions by gradient.
+    /// Bends the function's colours and opacities over a window: its new look at a share `t` of the window is the old one at `t` to the
+    /// power of `gamma`. Outside the window it is unchanged, and so are factors and regions by gradient.
     pub fn bent(mut self, window: (f64, f64), gamma: f64) -> Self {
         if gamma != 1.0 {
             self.color = bent(&self.color, window, gamma);
@@ -83,7 +82,7 @@ impl TransferFunction {
     }
 }
 
-/// Points bent over a window, with more between them, so that straight lines stay near the curve.
+/// Bends points over a window, with more between them, so that straight lines stay near the curve.
 fn bent<const N: usize>(points: &[[f64; N]], (low, high): (f64, f64), gamma: f64) -> Vec<[f64; N]> {
     let power = |value: f64, power: f64| {
         let share = (value - low) / (high - low);
@@ -188,7 +187,7 @@ mod tests {
                 let old = if (0.0..=1.0).contains(&share) { low + (high - low) * share.powf(gamma) } else { value };
                 let expected = [before.rgb(old)[0], before.rgb(old)[1], before.rgb(old)[2], before.alpha(old)];
                 let found = [bent.rgb(value)[0], bent.rgb(value)[1], bent.rgb(value)[2], bent.alpha(value)];
-                // Half of what an 8-bit picture can tell.
+                // Half of an 8-bit step.
                 (0..4).for_each(|k| {
                     assert!((found[k] - expected[k]).abs() < 0.5 / 255.0, "{gamma} at {value}: {found:?} {expected:?}");
                 });
