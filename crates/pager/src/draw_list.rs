@@ -1,8 +1,8 @@
-//! The draw list: what is drawn for the cut now, back to front.
+//! The draw list: the resident bricks drawn for a cut, back to front.
 //!
-//! Each visible cell is drawn with its own brick or with its nearest resident ancestor, restricted to the cell's box. One pass
-//! down the cut's tree finds all of them: one look-up a node. A brick that [fades in](crate::fade) shares its cell with what it
-//! takes the place of: of the pixels, each of the two has some.
+//! Each visible cell is drawn with its own brick or its nearest resident ancestor, restricted to the cell's box. One pass down the cut's
+//! tree finds all of them, with one look-up per node. A brick [fading in](crate::fade) shares its cell with the one it replaces: each draws
+//! some of the pixels.
 
 use crate::cut::{Cut, NodeId};
 use crate::dither::PixelShare;
@@ -11,41 +11,40 @@ use crate::visible_cells::{Ranked, VisibleCells};
 use brickyard_volume::{BrickId, Pyramid, VoxelBox};
 use rustc_hash::FxHashMap;
 
-/// A place for one padded brick in the atlas.
+/// Place of one padded brick in the atlas.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Slot(pub u32);
 
-/// A cell of the cut, and a resident brick that is drawn for it.
+/// A cell of the cut, and the resident brick drawn for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DrawCell {
     /// The cell: a brick's place in the octree.
     pub cell: BrickId,
-    /// The cell's half-open box in level-0 voxels: where this entry draws.
+    /// The cell's half-open box in level-0 voxels, to which the entry is restricted.
     pub region: VoxelBox,
-    /// The pixels that this entry draws: all, unless a brick fades in.
+    /// Pixels of this entry: all, unless a brick fades in.
     pub pixels: PixelShare,
-    /// The brick whose voxels are drawn: the cell's own, or its nearest resident ancestor.
+    /// The drawn brick: the cell's own, or its nearest resident ancestor.
     pub brick: BrickId,
-    /// The slot that holds `brick`.
+    /// Slot of `brick`.
     pub slot: Slot,
-    /// The cell's place, back to front, among all cells of its cut that are in sight. Where several volumes share a cut, their entries for
-    /// the same cell have the same rank.
+    /// Back-to-front position of the cell among all visible cells of its cut. Volumes sharing a cut have equal ranks for the same cell.
     pub rank: u32,
 }
 
-/// What is drawn of a volume now: cells in back-to-front order, disjoint, covering all of the volume that is visible and not empty. The
-/// list is empty until the volume's coarsest bricks have come. A cell in which a brick fades in has two entries, one after the other:
-/// first the brick that gives way, then the new one. Between them the two entries draw every pixel once.
+/// Drawn bricks of a volume: disjoint cells, back to front, covering everything visible and not empty. Empty until the volume's coarsest
+/// bricks have arrived. A cell in which a brick fades in has two consecutive entries: first the outgoing brick, then the new one. Between
+/// them they draw every pixel once.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DrawList {
-    /// The list's entries, back to front.
+    /// Entries, back to front.
     pub cells: Vec<DrawCell>,
 }
 
 impl DrawList {
-    /// The draw list for what a view sees of a cut, given the resident bricks that stand for its nodes. Cells for which nothing is resident (a
-    /// whole line of ancestors cannot be read) are left out. `fading` says which brick, in which slot, a brick that fades in replaces; it is
-    /// given the brick and how many more entries than cells the list has so far.
+    /// Draw list of a cut's visible cells, given the resident stand-ins of its nodes. Cells without any resident stand-in (a whole line of
+    /// unreadable ancestors) are left out. `fading` receives a brick and the surplus of entries over cells so far, and returns the brick it
+    /// replaces, if it fades in, with that brick's slot.
     pub(crate) fn new(
         pyramid: &Pyramid,
         cut: &Cut,
@@ -74,7 +73,7 @@ impl DrawList {
         Self { cells }
     }
 
-    /// This list's entries with their cells in another order.
+    /// The entries of this list with their cells in another order.
     pub(crate) fn reordered(&self, cut: &Cut, order: &[Ranked]) -> Self {
         let entries: FxHashMap<BrickId, &[DrawCell]> =
             self.cells.chunk_by(|a, b| a.cell == b.cell).map(|entries| (entries[0].cell, entries)).collect();
@@ -89,7 +88,7 @@ impl DrawList {
     }
 }
 
-/// Which nodes of a cut are resident, and for each node the nearest resident one on the way up.
+/// Resident nodes of a cut, and the nearest resident ancestor of each node.
 #[derive(Clone, Debug)]
 pub(crate) struct StandIns {
     own: Vec<Option<Slot>>,
@@ -115,7 +114,7 @@ impl StandIns {
         self.own[node.index()].is_some()
     }
 
-    /// The nearest resident node on the way up from this node, which may be itself, and its slot; `None` if there is none.
+    /// Nearest resident node on the path to the root, starting with this node, and its slot; `None` if there is none.
     pub(crate) fn of(&self, node: NodeId) -> Option<(NodeId, Slot)> {
         let nearest = self.nearest[node.index()]?;
         self.own[nearest.index()].map(|slot| (nearest, slot))
