@@ -1,12 +1,12 @@
-//! Scripted flights: what a camera (or the transfer function) does frame by frame. The same frame of the same scenario
-//! always shows the same, so that runs can be compared.
+//! Scripted flights: motions of the camera (or the transfer function), frame by frame. Equal frames of equal scenarios
+//! show the same, so runs can be compared.
 
 use brickyard::volume::{Camera, Scene, TransferChoice, TransferFunction};
 use glam::DVec3;
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-/// What happens during a flight.
+/// Course of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Scenario {
@@ -41,12 +41,12 @@ impl Scenario {
     }
 }
 
-/// What a scenario starts from.
+/// Starting point of a scenario.
 #[derive(Clone, Debug)]
 pub struct Setting {
-    /// The scene of the first frame, with transfer functions written out.
+    /// Scene of the first frame, with transfer functions written out.
     pub scene: Scene,
-    /// The camera of the first frame.
+    /// Camera of the first frame.
     pub camera: Camera,
     /// The box around all layers in the world: its least and greatest corner.
     pub world_box: (DVec3, DVec3),
@@ -107,7 +107,7 @@ impl Setting {
             let points = [0, 1, 2, 3].map(|i| place(leg + i, what, reach));
             catmull_rom(points, t)
         };
-        // Eyes come as far as the box's half size outside; what they look at is inside.
+        // Eyes are at most the box's half size outside; their targets are inside.
         let (eye, target) = (along(0, 2.0), along(3, 0.8));
         Camera { eye, target, ..self.camera }
     }
