@@ -1,13 +1,13 @@
 //! Copies of voxel boxes: from a decoded core into its shell, from core and shells into a padded brick.
 //!
-//! The cost is memory traffic. A copy of one of the usual lengths (an apron's width, a core's row) costs no call, and voxels on
-//! one cache line are copied together.
+//! The cost is memory traffic. Copies of the usual lengths (an apron's width, a core's row) cost no call, and voxels on one cache
+//! line are copied together.
 
 use crate::layout::Layout;
 use crate::neighbourhood::{Part, Span};
 use brickyard_volume::{Apron, VoxelBox};
 
-/// Calls a function with the widths of an apron and a core in bytes, as constants for the usual ones.
+/// Calls a function with the widths of an apron and a core in bytes, constants if usual.
 macro_rules! with_widths {
     ($function:ident($apron:expr, $core:expr, $($argument:expr),*)) => {
         match ($apron, $core) {
@@ -62,7 +62,7 @@ pub(crate) fn paste_apron(layout: &Layout, codes: &[u8], out: &mut [u8]) {
     }
 }
 
-/// Codes of a part of a padded brick, and their target. All numbers are in bytes, except the counts of rows and slices.
+/// Codes of a part of a padded brick, and their target. In bytes, except the counts of rows and slices.
 pub(crate) struct Block<'a> {
     /// Starting with the first code to copy.
     codes: &'a [u8],
@@ -78,7 +78,7 @@ pub(crate) struct Block<'a> {
 }
 
 impl<'a> Block<'a> {
-    /// Block of a part with these spans. `codes` is the core if the part is the brick's own, else the shell of the part's lender.
+    /// Block of a part with these spans. `codes` is the core for the brick's own part, else the lender's shell.
     pub(crate) fn new(layout: &Layout, part: Part, mut codes: &'a [u8], [x, y, z]: [Span; 3]) -> Self {
         let (mut from, mut size) = ([x.from, y.from, z.from], [layout.edge; 3]);
         if let Some(axis) = (0..3).find(|&a| part.side[a] != 1) {
@@ -102,7 +102,7 @@ impl<'a> Block<'a> {
 }
 
 impl<'a> Block<'a> {
-    /// The part of a stored apron's slab `from`, possibly wider, that fills the slab `to` of a padded brick.
+    /// The part of a stored apron's slab `from`, possibly wider, for the slab `to` of a padded brick.
     fn of_slab(layout: &Layout, codes: &'a [u8], from: VoxelBox, to: VoxelBox) -> Self {
         let bytes = layout.voxel_bytes;
         let place = |[x, y, z]: [usize; 3], [width, height, _]: [usize; 3]| ((z * height + y) * width + x) * bytes;

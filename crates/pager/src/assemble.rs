@@ -1,11 +1,10 @@
-//! Padded bricks for slots: a core and an apron, stored with it or copied from up to 26 neighbours of its level, followed by gradients if
-//! needed.
+//! Padded bricks for slots: a core and an apron, stored or copied from up to 26 neighbours of its level, followed by gradients if needed.
 //!
-//! Where the source stores aprons, a brick takes one core and one apron. Otherwise its parts (see [`Part`]) are boxes copied row by row
-//! from a core and shells in the RAM cache: first all cached ones, then one by one those to decode, starting with any that no other thread
-//! is decoding. At the faces of the level (its own extent, which may end inside a brick) and towards an unreadable neighbour the last voxel
-//! is repeated. For an unreadable stored apron, voxels come from the neighbours' cores. All of this happens on voxels; the last step
-//! encodes slot codes. Costs the copy of one padded brick, its encoding, and decoding of uncached cores.
+//! With stored aprons, a brick takes one core and one apron. Otherwise its parts (see [`Part`]) are boxes copied row by row from a core and
+//! shells in the RAM cache: first all cached ones, then one by one those to decode, starting with any that no other thread is decoding. At
+//! the faces of the level (its own extent, which may end inside a brick) and towards an unreadable neighbour the last voxel is repeated.
+//! For an unreadable stored apron, voxels come from the neighbours' cores. All of this happens on voxels; the last step encodes slot codes.
+//! Costs the copy of one padded brick, its encoding, and decoding of uncached cores.
 
 use crate::apron_copy::{Block, paste, paste_apron};
 use crate::layout::Layout;
@@ -40,8 +39,8 @@ impl PaddedReader {
         self.layout.padded_bytes()
     }
 
-    /// Fills `out`, which has [`PaddedReader::padded_bytes`] bytes, with the brick and its apron, x fastest, then gradients. Waits and
-    /// retries a few times after passing failures. In place of an unreadable neighbour the brick's own edge is repeated.
+    /// Fills `out`, of [`PaddedReader::padded_bytes`] bytes, with the brick and its apron, x fastest, then gradients. Waits and retries a
+    /// few times after passing failures. In place of an unreadable neighbour the brick's own edge is repeated.
     ///
     /// # Errors
     /// If the brick itself cannot be read.
@@ -57,14 +56,13 @@ impl PaddedReader {
         }
     }
 
-    /// Content of a padded brick, for finding equal bricks of other time steps; `None` if unknown.
+    /// Content of a padded brick, for finding equal ones of other time steps; `None` if unknown.
     pub(crate) fn content(&self, id: BrickId) -> Option<Content> {
         self.cache.content(id)
     }
 
     /// Like [`PaddedReader::read`], but without waiting: the failure has the time of the next try. While a neighbour may yet be read, the
-    /// brick is not assembled without it. Returns whether all voxels are those of the volume, with none repeated for an unreadable
-    /// neighbour.
+    /// brick is not assembled without it. Returns whether all voxels are the volume's own, with none repeated for an unreadable neighbour.
     pub(crate) fn try_read(&mut self, id: BrickId, out: &mut [u8]) -> Result<bool, Failure> {
         let pyramid = self.cache.source().pyramid();
         let extent = pyramid.level(id.level).extent.to_array();
@@ -168,7 +166,6 @@ fn copy_of_core(layout: &Layout, core: &[u8], region: [Span; 3], out: &mut [u8])
     }
 }
 
-/// Spans of a part.
 fn place(spans: &[[Span; 3]; 3], part: Part) -> [Span; 3] {
     [0, 1, 2].map(|a| spans[a][part.side[a]])
 }
@@ -188,8 +185,7 @@ fn repeat_own_edge(layout: &Layout, region: [Span; 3], own: [Span; 3], out: &mut
     }
 }
 
-/// Repeats the outermost voxels of the filled box up to the padded brick's faces: first along x, then whole rows along y, then whole slices
-/// along z.
+/// Repeats the outermost voxels of the filled box up to the padded brick's faces: first along x, then rows along y, then slices along z.
 fn repeat_level_faces(layout: &Layout, [x, y, z]: [Range<usize>; 3], out: &mut [u8]) {
     let row = layout.padded() * layout.voxel_bytes;
     let slice = layout.padded() * row;
@@ -208,7 +204,7 @@ fn repeat_level_faces(layout: &Layout, [x, y, z]: [Range<usize>; 3], out: &mut [
     repeat_ends(out, slice, &z);
 }
 
-/// Copies the first and last of the `filled` voxels of a line over all voxels before and after.
+/// Copies the first and last `filled` voxels of a line over all voxels before and after.
 fn repeat_end_voxels<const BYTES: usize>(line: &mut [u8], filled: &Range<usize>) {
     let voxels = line.as_chunks_mut::<BYTES>().0;
     let (first, last) = (voxels[filled.start], voxels[filled.end - 1]);
@@ -216,7 +212,7 @@ fn repeat_end_voxels<const BYTES: usize>(line: &mut [u8], filled: &Range<usize>)
     voxels[filled.end..].fill(last);
 }
 
-/// Copies the first and last of the `filled` items of `bytes` over all items before and after.
+/// Copies the first and last `filled` items over all items before and after.
 fn repeat_ends(bytes: &mut [u8], item: usize, filled: &Range<usize>) {
     for i in 0..filled.start {
         bytes.copy_within(filled.start * item..(filled.start + 1) * item, i * item);
@@ -272,7 +268,7 @@ mod tests {
     #[test]
     fn a_sweep_with_room_for_its_front_decodes_each_brick_once() {
         let bricks = rows(&TestSource::cube(64));
-        // 8^3 bricks in rows: the neighbours of each, up to a slice, a row and a brick ahead, are met before their own turn.
+        // 8^3 bricks in rows: neighbours up to a slice, a row and a brick ahead are met before their own turn.
         let front = 8 * 8 + 8 + 1;
         let (cache, meter) = cache(TestSource::cube(64), 1, front);
         let mut reader = PaddedReader::new(cache.clone());
@@ -308,7 +304,7 @@ mod tests {
         }
     }
 
-    /// Two threads in need of the same eight cores always decode two at a time: each read of this source waits for another one.
+    /// Two threads in need of the same eight cores decode two at a time: each read of this source waits for another.
     #[test]
     fn threads_that_want_the_same_neighbours_share_the_work() {
         static READS: (Mutex<u32>, Condvar) = (Mutex::new(0), Condvar::new());
@@ -436,7 +432,7 @@ mod tests {
             prop_assert!(padded(source(stored), id, apron) == padded(source(0), id, apron));
         }
 
-        /// Every code of a padded brick is the voxel at its place, clamped to the level; towards an unreadable brick, clamped to the core.
+        /// Every code is that of the voxel at its place, clamped to the level; towards an unreadable brick, clamped to the core.
         #[test]
         fn aprons_are_the_neighbours_voxels(
             n in prop::array::uniform3(1u32..30), pick in prop::array::uniform3(0u32..8), level in 0u8..3, apron in 1u32..5,

@@ -1,8 +1,8 @@
 //! Budgets: the split of a host-memory budget, and one meter for all holders of brick bytes.
 //!
 //! All host buffers have sizes known at the start (a worker's scratch, a core with its share of shells, a padded brick), so the split is in
-//! whole buffers and the limit holds by construction. The meter shows current use and peak, and asserts the limit in debug builds. GPU
-//! memory is `slots * padded bytes`, allocated once.
+//! whole buffers and the limit holds by construction. The meter shows use and peak, and asserts the limit in debug builds. GPU memory is
+//! `slots * padded bytes`, allocated once.
 
 use crate::slot_contents::SlotContents;
 use crate::upload_budget::UploadLimits;
@@ -11,46 +11,45 @@ use brickyard_volume::sampling::MAX_REACH;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Thread and starting point of cut making.
+/// Where cuts are made, and from what.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Planning {
-    /// Cuts are made within the frame, each from scratch: for offline pictures. Equal views have equal cuts, whatever was seen before.
+    /// Within the frame, each cut from scratch: for offline pictures. Equal views have equal cuts, whatever came before.
     #[default]
     Inline,
-    /// Cuts are made on a separate thread, each from the last one: for a moving camera. A frame may draw the cut of an earlier view.
+    /// On a separate thread, each cut from the last one: for a moving camera. A frame may draw an earlier view's cut.
     Thread,
 }
 
 /// Resources and settings of a pager.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PagerConfig {
-    /// Slots of the atlas, shared by all of the pager's volumes.
+    /// Slots of the atlas, shared by all volumes.
     pub slots: u32,
-    /// Voxels copied from neighbours on each side of a brick: 1 for trilinear samples, 2 for tricubic ones.
+    /// Width of the apron, in voxels: 1 for trilinear samples, 2 for tricubic ones.
     pub apron: u32,
-    /// Layers of gradient nodes outside of a brick's core; 0 for no gradients at all. Gradients follow the brick's voxels.
+    /// Layers of gradient nodes outside of a brick's core; 0 for no gradients. They follow the brick's voxels.
     pub gradient_layers: u32,
-    /// Most host memory, in bytes, for the RAM brick cache, bricks in flight, padded bricks waiting for upload, and the pager's tables.
+    /// Most host memory, in bytes, for the RAM cache, bricks in flight or waiting for upload, and the pager's tables.
     pub host_bytes: u64,
-    /// Slot contents of each volume; [`SlotContents::Codes`] for volumes past the end of the list.
+    /// Slot contents of each volume; [`SlotContents::Codes`] past the end of the list.
     pub contents: Vec<SlotContents>,
-    /// Whether decoded bricks stay in host memory for reuse while there is room. Otherwise a brick that has been uploaded, and is no longer
-    /// needed by its neighbours, makes room for the next one: memory is limited to the needs of one pass over the view.
+    /// Whether decoded bricks stay in host memory for reuse while there is room. Otherwise bricks no longer needed for uploads or
+    /// neighbours make room for the next, and memory is limited to the needs of one pass over the view.
     pub keeps_decoded: bool,
-    /// Decoding threads of each volume; fewer are started where the host budget cannot feed them.
+    /// Decoding threads per volume; fewer where the host budget cannot feed them.
     pub workers: u32,
     /// Whether cuts are made within the frame or on a separate thread.
     pub planning: Planning,
-    /// Whether to fetch bricks for the next views ahead.
+    /// Whether to prefetch bricks for the next views.
     pub prefetch: bool,
-    /// Limits for one frame's uploads; `None` where frames may wait (rendering offline).
+    /// Limits on one frame's uploads; `None` if frames may wait (offline rendering).
     pub uploads: Option<UploadLimits>,
-    /// Duration of a finer brick's fade over a coarser one. With `None` it is drawn at once, so equal views give equal pictures.
+    /// Time in which a finer brick replaces a coarser one. `None` draws it at once, so equal views give equal pictures.
     pub fade: Option<Duration>,
 }
 
 impl PagerConfig {
-    /// Slot contents of each volume, for any number of volumes.
     pub(crate) fn contents_of_all(&self) -> impl Iterator<Item = &SlotContents> {
         self.contents.iter().chain(std::iter::repeat(&SlotContents::Codes))
     }
@@ -104,7 +103,7 @@ pub enum PagerError {
     Thread(#[from] std::io::Error),
 }
 
-/// Meter of the host memory in use and its peak, in bytes, with a limit asserted in debug builds.
+/// Meter of used and peak host memory in bytes, with a limit asserted in debug builds.
 #[derive(Debug)]
 pub(crate) struct Meter {
     limit: u64,
@@ -139,13 +138,13 @@ impl Meter {
 /// Buffer sizes for the split of a host budget, in bytes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BufferSizes {
-    /// Bytes of the source, its occupancy pages and its hash pages, whatever is read.
+    /// Fixed part: the source, its occupancy pages and its hash pages.
     pub(crate) fixed: u64,
-    /// Bytes of a worker's scratch for encoding voxels.
+    /// Scratch of a worker for encoding voxels.
     pub(crate) scratch: u64,
-    /// Bytes of a cached core and its share of the shells.
+    /// A cached core and its share of the shells.
     pub(crate) core: u64,
-    /// Bytes of a padded brick.
+    /// A padded brick.
     pub(crate) padded: u64,
 }
 
@@ -153,28 +152,28 @@ pub(crate) struct BufferSizes {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct HostSplit {
     pub(crate) workers: u32,
-    /// Most padded bricks being assembled, waiting for upload, or held by the last frame, in total.
+    /// Most padded bricks in assembly, waiting for upload, or held by the last frame, in total.
     pub(crate) staged: usize,
-    /// Cores in the RAM cache, each with its share of the shells, including those being decoded.
+    /// Cores in the RAM cache with their shares of the shells, including those being decoded.
     pub(crate) cores: usize,
 }
 
-/// Bytes per slot of the slot table, the cuts, the plan and the draw list, rounded up; all are linear in the slots. Up to four cuts (drawn,
-/// last, being made, predicted), with about two nodes of 88 bytes per cell, take most of it. During playback, a cut has half of the cells,
-/// and those of the coming steps together as many as there are slots, before and after they are remade. Up to two bricks are recorded per
-/// slot, at 120 bytes, and the slot's content at 100.
+/// Bytes per slot of the slot table, the cuts, the plan and the draw list, rounded up; all are linear in the slots. Most are in up to four
+/// cuts (drawn, last, being made, predicted), with about two nodes of 88 bytes per cell. During playback, a cut has half of the cells, and
+/// the coming steps' cuts together as many as there are slots, before and after they are remade. Up to two bricks are recorded per slot, at
+/// 120 bytes, and the slot's content at 100.
 pub(crate) const TABLE_BYTES_PER_SLOT: u64 = 1280;
 
 /// Most padded bricks in flight: more would only delay the bricks of a newer plan.
 pub(crate) const MAX_STAGED: u64 = 256;
 
-/// Least sufficient host budget in bytes: the simultaneous needs of one worker, and the fixed part.
+/// Least sufficient host budget in bytes: the fixed part, and the simultaneous needs of one worker.
 pub(crate) fn least_host(BufferSizes { fixed, scratch, core, padded }: BufferSizes) -> u64 {
     fixed + scratch + core + padded
 }
 
-/// Splits a host budget: at most an eighth for padded bricks, unless one for each worker takes more, and the rest for cores. Every worker
-/// needs its scratch, a core and a padded brick at once, so there are fewer workers where the budget cannot feed them all.
+/// Splits a host budget: at most an eighth for padded bricks, but one per worker, and the rest for cores. Every worker needs its scratch, a
+/// core and a padded brick at once, so small budgets get fewer workers.
 ///
 /// # Errors
 /// If the budget cannot feed one worker.

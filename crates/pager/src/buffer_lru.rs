@@ -1,9 +1,9 @@
 //! Fixed-capacity LRU of equally sized buffers, keyed by core.
 //!
-//! Each entry records which of its parts (see [`Part`](crate::neighbourhood::Part)) are still untaken. Once all are taken it is *done*: a
-//! sweep over a volume will not need it again. Done entries are evicted first, then the rest, the least recently used first in both. An
-//! entry in use is skipped, so no buffer is overwritten while held. Buffers are reused, so a full shelf no longer allocates; a buffer
-//! counts from its allocation on, whoever holds it. Each call costs a hash lookup or two.
+//! Each entry records its untaken parts (see [`Part`](crate::neighbourhood::Part)). Without any it is *done*: a sweep over a volume will
+//! not need it again. Done entries are evicted first, then the rest, the least recently used first in both. Entries in use are skipped, so
+//! no held buffer is overwritten. Buffers are reused, so a full shelf no longer allocates; a buffer counts from its allocation on, whoever
+//! holds it. Each call costs a hash lookup or two.
 
 use crate::budget::Meter;
 use crate::sameness::CoreKey;
@@ -16,17 +16,15 @@ pub(crate) struct Shelf {
     /// Whether done entries stay while there is room.
     keeps_done: bool,
     meter: Arc<Meter>,
-    /// Buffers allocated, including those in use elsewhere.
+    /// Allocated buffers, wherever they are.
     allocated: usize,
     free: Vec<Arc<[u8]>>,
     entries: LruCache<CoreKey, Entry>,
-    /// The done entries.
     done: LruCache<CoreKey, ()>,
 }
 
 struct Entry {
     codes: Arc<[u8]>,
-    /// Untaken parts.
     untaken: u32,
 }
 
@@ -77,8 +75,8 @@ impl Shelf {
         self.entries.iter().map(|(&key, entry)| (key, &entry.codes))
     }
 
-    /// Returns a buffer with no other holder: a free one, a new one within capacity, or that of the next entry to evict, which is removed.
-    /// Without `keeps_done`, done entries are evicted before a new buffer is allocated. `None` if all buffers are in use.
+    /// Returns a buffer with no other holder: a free one, a new one within capacity, or that of the next entry to evict. Without
+    /// `keeps_done`, done entries are evicted before a new buffer is allocated. `None` if all buffers are in use.
     pub(crate) fn buffer(&mut self) -> Option<Arc<[u8]>> {
         if let Some(buffer) = self.free.pop() {
             return Some(buffer);
@@ -104,7 +102,7 @@ impl Shelf {
     }
 }
 
-/// A zeroed buffer with a single holder, who may write to it. Only writing touches its memory, so making one is quick, even under a lock.
+/// A zeroed buffer with a single holder, who may write to it. Only writing touches its memory, so this is quick, even under a lock.
 pub(crate) fn zeroed(bytes: usize) -> Arc<[u8]> {
     let buffer = Arc::new_zeroed_slice(bytes);
     // SAFETY: a byte of zero bits is a valid `u8`.

@@ -3,7 +3,6 @@
 use crate::goal::{Goal, VolumeBrick};
 use rustc_hash::FxHashMap;
 
-/// Last change of each volume's time steps.
 #[derive(Default)]
 pub(crate) struct Changes {
     /// Number of changes so far.
@@ -25,7 +24,6 @@ impl Changes {
         times.filter_map(|of_volume| self.last.get(&of_volume)).max().copied().unwrap_or_default()
     }
 
-    /// Forgets the time steps for which `is_kept` is false.
     pub(crate) fn keep(&mut self, is_kept: impl Fn(u32) -> bool) {
         self.last.retain(|(_, time), _| is_kept(*time));
     }

@@ -1,14 +1,13 @@
-//! Playback clock: the shown time step, the coming steps, and their admissible coarseness.
+//! Playback clock: the shown time step, the coming steps, and how coarse they may be.
 //!
-//! A clock is ticked once per frame with the time and the [readiness](Readiness) of the coming steps, and advances when a step is due and
-//! ready. Steps are counted along the *path*, which continues where the steps themselves end, turn or restart: place 0 is where playing
-//! began. Due times lie on a line in the clock's time; the [`Policy`] decides what happens if a step is not ready.
+//! Each frame ticks the clock with the time and the [readiness](Readiness) of the coming steps; it advances when a step is due and ready.
+//! Steps are counted along the *path*, which continues where the steps themselves end, turn or restart; place 0 is the start of playing.
+//! Due times lie on a line; the [`Policy`] handles steps not ready in time.
 //!
-//! To hold the rate, coming steps are made coarser by a *bias* in levels: by half a level for each step not whole when due, once the last
-//! change has reached the shown steps, or at once and by more if a step took far too long; finer by a quarter level after a number of steps
-//! that were whole in good time. A failed trial doubles this number, so the level does not pump. To hold the quality, only every n-th step
-//! comes. Before anything is known of the machine, time stands still until the first step is whole, at most half a second, and its speed
-//! gives the first bias.
+//! To hold the rate, a *bias* in levels makes coming steps coarser: by half a level for each step not whole when due, once the last change
+//! has reached the shown steps, or at once and by more if a step took far too long; finer by a quarter level after a number of steps whole
+//! in good time. A failed trial doubles this number, so the level does not pump. To hold the quality, only every n-th step comes. A clock
+//! new to the machine stops time until its first step is whole, at most half a second; the step's speed gives the first bias.
 //!
 //! Costs a few comparisons per tick. Pure: no threads, no time of its own.
 
@@ -16,13 +15,13 @@ use crate::status::Readiness;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Quantity sacrificed where steps cannot be streamed and drawn at the rate.
+/// Quantity to sacrifice if the rate is too high for streaming and drawing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Policy {
     /// The level: steps are shown when due, as coarse as necessary.
     #[default]
     HoldRate,
-    /// Steps: shown steps are whole, at the level for the view; others are left out.
+    /// Steps: shown ones are whole, at the view's level; others are left out.
     HoldQuality,
     /// Time: every step is shown, whole, and the clock waits for it.
     EveryStep,
@@ -36,16 +35,16 @@ pub enum Ending {
     /// The first step.
     #[default]
     Loop,
-    /// The previous step: the clock turns, and turns again at the first step.
+    /// The previous step: the clock turns, and again at the first step.
     Bounce,
 }
 
 /// Order, rate and policy of playback.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Playback {
-    /// Steps per second, from a thousandth to a million. A clock clamps others to this range.
+    /// Steps per second, clamped to a thousandth to a million.
     pub steps_per_second: f64,
-    /// Whether the clock starts from later steps to earlier ones.
+    /// Whether the clock starts backwards.
     pub is_backward: bool,
     /// Continuation after the last step.
     pub ending: Ending,
@@ -54,7 +53,7 @@ pub struct Playback {
 }
 
 impl Default for Playback {
-    /// Ten steps per second, forward in a loop, at the level needed for this rate.
+    /// Ten steps per second, forward in a loop, as fine as this rate allows.
     fn default() -> Self {
         Self { steps_per_second: 10.0, is_backward: false, ending: Ending::Loop, policy: Policy::HoldRate }
     }
@@ -65,7 +64,7 @@ impl Default for Playback {
 pub struct ShownStep {
     /// The time step.
     pub step: u32,
-    /// Levels by which the step may be coarser than the view requests; 0 for the requested level.
+    /// Most levels coarser than the view's own; 0 for the view's level.
     pub level_bias: f64,
 }
 
@@ -74,7 +73,7 @@ pub struct ShownStep {
 pub struct Tally {
     /// Steps shown while playing.
     pub shown: u64,
-    /// Shown steps that were not whole when due: shown late, or coarser than planned.
+    /// Shown steps not whole when due: shown late, or coarser than planned.
     pub late: u64,
     /// Skipped steps.
     pub dropped: u64,
@@ -87,13 +86,13 @@ pub const MOST_COMING: usize = 8;
 const COARSER: f64 = 0.5;
 const FINER: f64 = 0.25;
 
-/// Multiple of its time that a step must take for its lateness to have other causes than a late start of fetching.
+/// Multiple of a step's time above which lateness is more than a late start of fetching.
 const FAR_TOO_LONG: f64 = 2.0;
 
 /// Largest bias: more levels than a volume of 2^16 voxels has in bricks of 64.
 const MOST_BIAS: f64 = 12.0;
 
-/// Least and greatest number of steps per second, such that times and places remain safe to add.
+/// Range of steps per second in which times and places can be added safely.
 const SLOWEST: f64 = 1e-3;
 const FASTEST: f64 = 1e6;
 
@@ -104,7 +103,7 @@ const MOST_PATIENCE: u32 = 256;
 /// Longest wait for the first step.
 const LONGEST_START: Duration = Duration::from_millis(500);
 
-/// Time without a tick after which a clock counts as having stood still.
+/// Time without a tick after which a clock counts as stopped.
 const STALL: Duration = Duration::from_secs(1);
 
 /// Playback clock: the shown time step and the coming ones.
@@ -129,7 +128,7 @@ struct Run {
     /// A place of the path and its due time; all others follow from it.
     anchor: (u64, Duration),
     coming: VecDeque<Coming>,
-    /// Start of playing, until the first step is shown; only while the machine's speed is unknown.
+    /// Start of playing, until the first step is shown; only if the machine's speed is unknown.
     starting: Option<Duration>,
     last_tick: Duration,
     /// Smoothed time between ticks, in seconds.
@@ -141,7 +140,6 @@ struct Run {
     trial: Trial,
 }
 
-/// A coming place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Coming {
     place: u64,
@@ -160,11 +158,11 @@ struct Trial {
     patience: u32,
     /// Steps to show until the last change takes effect.
     pending: u32,
-    /// Bias or stride of the last late step; none if a trial has done better since.
+    /// Bias or stride of the last late step, unless a trial has done better since.
     failed_at: f64,
     /// Whether the last change was for more quality.
     is_on: bool,
-    /// Wanted cells of a step before the change of bias, until the change is seen to have an effect.
+    /// A step's wanted cells before the change of bias, until the change has a visible effect.
     wanted_before: Option<usize>,
 }
 
@@ -203,7 +201,7 @@ impl Clock {
         self.run.as_ref().map(|run| run.playback)
     }
 
-    /// Due time of the next step; `None` if there is none, or the clock waits for the first one.
+    /// Due time of the next step; `None` without one, or while waiting for the first.
     pub fn next_due(&self) -> Option<Duration> {
         let run = self.run.as_ref()?;
         let due = run.due(run.coming.front()?.place);
@@ -211,8 +209,7 @@ impl Clock {
         (!is_awaited).then_some(due)
     }
 
-    /// Starts playing from the shown step, or changes the playback; `None` stands still. The shown step then returns to the level requested
-    /// by the view.
+    /// Starts playing from the shown step, or changes the playback; `None` stops. The shown step then returns to the view's level.
     pub fn play(&mut self, playback: Option<Playback>, at: Duration) {
         // NaN counts as below the range.
         let within = |rate: f64| if rate >= SLOWEST { rate.min(FASTEST) } else { SLOWEST };
@@ -230,7 +227,7 @@ impl Clock {
         }
     }
 
-    /// Jumps to a step, which is shown as soon as something can be drawn everywhere. A playing clock continues from there.
+    /// Jumps to a step, shown as soon as something can be drawn everywhere. A playing clock continues from there.
     pub fn seek(&mut self, step: u32) {
         self.sought = (step != self.shown.step).then_some(step);
     }
@@ -285,7 +282,7 @@ impl Clock {
 }
 
 impl Run {
-    /// Plays from a step. After another run, keeps its bias, and its direction unless the direction is changed.
+    /// Plays from a step. After another run, keeps its bias, and its direction unless that changes.
     fn new(playback: Playback, origin: u32, before: Option<Self>, steps: u32, at: Duration) -> Self {
         let is_same_way = |run: &&Self| run.playback.is_backward == playback.is_backward;
         let way = before.as_ref().filter(is_same_way).map(|run| run.path.is_backward_at(run.place));
@@ -329,7 +326,7 @@ impl Run {
         time.as_secs_f64() * self.playback.steps_per_second
     }
 
-    /// Plans ahead, past any place that can no longer be shown in time.
+    /// Plans ahead, past places already too late to show.
     fn fill(&mut self, at: Duration) {
         let most = MOST_COMING.min(self.path.steps as usize - 1);
         let (from, since) = self.anchor;
@@ -364,8 +361,7 @@ impl Run {
             return;
         }
         let due_by = |at| self.coming.iter().take_while(|coming| self.due(coming.place) <= at).count();
-        // A frame shows the step due in the middle of its time. But a step that is due already is not skipped for that: frames vary in
-        // length.
+        // A frame shows the step due at its middle. A step already due is not skipped for that: frames vary in length.
         let middle = Duration::from_secs_f64(self.tick_s.min(1.0 / self.playback.steps_per_second) / 2.0);
         let (due, due_soon) = (due_by(at), due_by(at + middle));
         self.coming.iter_mut().take(due).for_each(|coming| coming.is_late |= !coming.ready.is_whole);
@@ -375,7 +371,7 @@ impl Run {
         self.fill(at);
     }
 
-    /// Whether a clock without knowledge of the machine still lacks its first step; time stands still from its due time.
+    /// Whether a clock new to the machine still lacks its first step; time stands still from its due time.
     fn awaits_first(&mut self, at: Duration) -> bool {
         let (Some(since), Some(&first)) = (self.starting, self.coming.front()) else { return false };
         let (late, waited) = (at.saturating_sub(self.due(first.place)), at.saturating_sub(since));
@@ -457,7 +453,7 @@ impl Run {
         }
     }
 
-    /// Stride that frames allow: if they are slower than steps, not every step can be shown.
+    /// Stride that frames allow, as slow frames cannot show every step.
     fn frames_stride(&self) -> u64 {
         (self.tick_s * self.playback.steps_per_second).round().max(1.0) as u64
     }
@@ -479,8 +475,8 @@ impl Run {
         }
     }
 
-    /// Lowers the demand after a step that took `times_too_long`. To hold the rate, coming steps are made coarser, including barely begun
-    /// ones: a level has an eighth of the bricks of a finer one, so the bias grows by a third of the octaves.
+    /// Lowers the demand after a step that took `times_too_long`. To hold the rate, even barely begun steps are made coarser: a level has
+    /// an eighth of the bricks of a finer one, so the bias grows by a third of the octaves.
     fn give_way(&mut self, late: &Coming, times_too_long: f64) {
         match self.playback.policy {
             Policy::EveryStep => {}
@@ -513,7 +509,7 @@ impl Run {
         }
     }
 
-    /// Increases a coarser bias that had no effect because even the finest level is coarser than requested.
+    /// Increases a bias without effect, where even the finest level is coarser than requested.
     fn see_change_of_bias(&mut self) {
         let Some(before) = self.trial.wanted_before.filter(|_| !self.trial.is_on) else { return };
         let changed = self.coming.iter().find(|coming| coming.bias == self.bias && coming.ready.is_planned);
@@ -534,7 +530,7 @@ impl Run {
 }
 
 impl Trial {
-    /// Steps in good time before a trial of this bias or stride: many where it has failed before.
+    /// Steps in good time before a trial of this bias or stride: many if it failed before.
     fn waits_for(&self, finer: f64) -> u32 {
         if finer > self.failed_at { FIRST_PATIENCE } else { self.patience }
     }
@@ -544,7 +540,7 @@ impl Trial {
         self.failed_at != NEVER
     }
 
-    /// Begins a trial of more quality than at the present bias or stride, which takes effect after `pending` steps.
+    /// Begins a trial of more quality than the present bias or stride, with effect after `pending` steps.
     fn begin(&mut self, present: f64, pending: u32) {
         if present <= self.failed_at {
             // The failed value has held.
@@ -553,7 +549,7 @@ impl Trial {
         *self = Self { timely: 0, pending, is_on: true, ..*self };
     }
 
-    /// Records a late step of this bias or stride. After a failed trial the next one waits for longer. Further late steps may have earlier
+    /// Records a late step of this bias or stride. A failed trial prolongs the wait for the next. Further late steps may have earlier
     /// causes.
     fn fail(&mut self, of_step: f64) {
         if self.is_on || self.failed_at == NEVER {
@@ -567,7 +563,7 @@ impl Trial {
 /// Steps by place.
 #[derive(Clone, Copy, Debug)]
 struct Path {
-    /// The step at place 0, and whether the path runs to earlier steps there.
+    /// The step at place 0, and the direction there.
     origin: u32,
     is_backward: bool,
     ending: Ending,
@@ -600,7 +596,7 @@ impl Path {
         }
     }
 
-    /// Position of a place on the way from the first step to the last one and back.
+    /// Position on the way from the first step to the last and back.
     fn phase(&self, place: u64) -> u64 {
         let turn = u64::from(self.steps - 1);
         let origin = if self.is_backward { 2 * turn - u64::from(self.origin) } else { self.origin.into() };

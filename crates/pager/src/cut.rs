@@ -1,12 +1,12 @@
 //! The cut: a disjoint octree covering of the whole volume, as fine as a view needs.
 //!
-//! Cells in the frustum, not empty under the transfer function and not known to be hidden are split until their screen-space error is below
-//! the target; everything else stays as coarse as it is met, invisible. A cut thus also has cells outside the view: a frame may draw an
-//! older cut with a newer camera, and still leave nothing out (see [`VisibleCells`](crate::visible_cells::VisibleCells)).
+//! Cells in the frustum, not empty and not known to be hidden are split until their screen-space error is below the target; all others stay
+//! coarse and invisible. Since these cover the rest, a frame may draw an older cut with a newer camera and leave nothing out (see
+//! [`VisibleCells`](crate::visible_cells::VisibleCells)).
 //!
-//! The nodes form a tree in one arena, parents before children, all children of a split node contiguous; later steps walk it in linear
-//! passes. Volumes on one grid in one place, such as the channels of an image, share one tree, in which a node is split for all volumes
-//! that show it. A cut is a value, from which the next one is computed ([`split`](crate::split)). Pure: no residency, no I/O.
+//! The tree lies in one arena, parents before children, siblings contiguous; later steps walk it in linear passes. Volumes on one grid in
+//! one place, such as the channels of an image, share a tree, split wherever any of them needs it. A cut is a value, from which the next is
+//! computed ([`split`](crate::split)). Pure: no residency, no I/O.
 
 use crate::source::BrickSource;
 use brickyard_volume::{
@@ -21,9 +21,9 @@ use std::sync::Arc;
 pub struct View {
     /// The camera, resolved for the picture's size.
     pub rays: ViewRays,
-    /// The other eye of a stereo pair; `None` for a single eye. Anything visible to either eye is shown, at the level for the nearer eye.
+    /// The other eye of a stereo pair, if any. Cells visible to either eye are shown, at the nearer eye's level.
     pub other_eye: Option<ViewRays>,
-    /// Visible value bins; bricks with none of them are left out. `None` keeps every brick (MIP and the like).
+    /// Visible value bins; bricks without any are left out. `None` keeps every brick (MIP and the like).
     pub opaque: Option<Occupancy>,
     /// Caps on the clip's cut faces; `None` without any.
     pub caps: Option<Caps>,
@@ -39,26 +39,25 @@ pub struct View {
     pub time: u32,
     /// The shown channel.
     pub channel: u32,
-    /// The shown part of the volume, in the volume's own world; `None` for all of it.
+    /// Shown part of the volume, in its own world; `None` for all of it.
     pub clip: Option<Clip>,
     /// Placement of the volume's own world, given by its source's geometry, in the world of the rays.
     pub placement: Placement,
-    /// Number identifying the appearance. Views differ in it if the same brick may hide different things: with other opacities or another
-    /// mode.
+    /// Identifies the appearance: differs if the same brick may hide different things, as with other opacities or another mode.
     pub appearance: u64,
 }
 
-/// Faces that close surfaces at a clip's cut, visible besides the bricks.
+/// Faces closing surfaces at a clip's cut, visible besides the bricks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Caps {
     /// Value bins with caps.
     pub bins: Occupancy,
-    /// Lattice of the longest drawn segments: a brick next to the cut holds the middles of some segments shortened by the cut.
+    /// Lattice of the longest drawn segments: bricks next to the cut hold the middles of some segments it shortens.
     pub lattice: Lattice,
 }
 
 impl View {
-    /// This view from its other eye, with the same cells in another order; the view unchanged if it has one eye.
+    /// This view from its other eye, with the same cells in another order; unchanged for a single eye.
     pub fn from_other_eye(&self) -> Self {
         match self.other_eye {
             Some(rays) => Self { rays, other_eye: Some(self.rays), ..self.clone() },
@@ -66,19 +65,18 @@ impl View {
         }
     }
 
-    /// The view's one or two eyes.
     pub(crate) fn eyes(&self) -> impl Iterator<Item = &ViewRays> {
         std::iter::once(&self.rays).chain(&self.other_eye)
     }
 
-    /// Frusta of the view's eyes, in the volume's own world.
+    /// Frusta of the eyes, in the volume's own world.
     pub(crate) fn frusta(&self) -> Frusta {
         let frustum = |rays: &ViewRays| rays.frustum_of(self.window.unwrap_or(rays.whole())).in_volume(&self.placement);
         Frusta(frustum(&self.rays), self.other_eye.as_ref().map(frustum))
     }
 
-    /// Lower bound of the distance from an eye to a box of the volume's own world. Exact where the placement only turns and scales, or
-    /// stretches along axes; else too small by at most the ratio of its greatest to its least stretch.
+    /// Lower bound of the distance from an eye to a box of the volume's own world. Exact for placements that only turn, scale or stretch
+    /// along axes; else too small by at most the ratio of the greatest to the least stretch.
     pub(crate) fn distance(&self, rays: &ViewRays, low: DVec3, high: DVec3) -> f64 {
         let to_box = |eye: DVec3, low: DVec3, high: DVec3| eye.clamp(low, high).distance(eye);
         if self.placement.is_identity() {
@@ -95,7 +93,7 @@ impl View {
         self.clip.as_ref().is_none_or(|clip| clip.meets_box(low, high))
     }
 
-    /// Whether a brick with this box in the volume's own world is not empty under this view.
+    /// Whether a brick with this box in the volume's own world may show anything.
     pub(crate) fn shows(&self, source: &dyn BrickSource, id: BrickId, (low, high): (DVec3, DVec3)) -> bool {
         let Some(mut mask) = self.opaque else { return true };
         if let (Some(caps), Some(clip)) = (&self.caps, &self.clip) {
@@ -107,7 +105,7 @@ impl View {
         source.occupancy(id).meets(mask) || self.filter == Filter::Tricubic && self.shows_neighbour(source, id, mask)
     }
 
-    /// Whether any brick around a brick is not empty. A brick's own occupancy includes one voxel around it; wider filters read another one.
+    /// Whether any neighbour of a brick is not empty. A brick's own occupancy includes one voxel around it; wider filters read another one.
     fn shows_neighbour(&self, source: &dyn BrickSource, id: BrickId, mask: Occupancy) -> bool {
         let (index, count) = (id.index.to_array(), source.pyramid().level(id.level).bricks.to_array());
         (0..27).any(|i| {
@@ -123,7 +121,6 @@ impl View {
     }
 }
 
-/// Frusta of a view's one or two eyes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frusta(Frustum, Option<Frustum>);
 
@@ -134,8 +131,8 @@ impl Frusta {
     }
 }
 
-/// Most wanted cells of a cut, pinned roots included, for this many slots: nine tenths of them, leaving room for the next brick before the
-/// last one goes, but never fewer than the roots.
+/// Most wanted cells of a cut, pinned roots included: nine tenths of the slots, to load the next brick before evicting the last, but never
+/// fewer than the roots.
 pub fn cut_capacity(slots: u32, roots: usize) -> usize {
     (slots as usize * 9 / 10).max(roots)
 }
@@ -155,15 +152,15 @@ impl NodeId {
     }
 }
 
-/// A set of the volumes sharing a tree: one bit for each, by its place among them.
+/// Set of volumes sharing a tree, one bit each, by their places among them.
 pub(crate) type Members = u32;
 
-/// A node of the arena: a cell of the cut, or a split one.
+/// A cell of the cut, or a split node.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Node {
     pub(crate) level: Level,
     pub(crate) index: BrickIndex,
-    /// Low corner of the node's box in the volume's own world; `high` is the opposite one.
+    /// Low corner of the node's box in the volume's own world, opposite `high`.
     pub(crate) low: DVec3,
     pub(crate) high: DVec3,
     pub(crate) error_px: f64,
@@ -172,7 +169,7 @@ pub(crate) struct Node {
     /// The first child; `None` for a cell of the cut.
     pub(crate) first_child: Option<NodeId>,
     pub(crate) children: u8,
-    /// Most light that a ray brings to the node, as a weight (see [`visibility`](crate::visibility)); 0 where no ray arrives.
+    /// Most light of any ray at the node, as a weight (see [`visibility`](crate::visibility)); 0 if no ray arrives.
     pub(crate) weight: u8,
     /// Volumes for which the node is in the frustum and not empty.
     pub(crate) visible: Members,
@@ -186,7 +183,6 @@ impl Node {
         self.first_child.is_none()
     }
 
-    /// Ids of the node's children.
     pub(crate) fn children(&self) -> impl Iterator<Item = NodeId> + use<> {
         NodeId::range(self.first_child.unwrap_or(self.parent), self.children as usize)
     }
@@ -237,7 +233,7 @@ impl Cut {
         cut
     }
 
-    /// Wanted cells of the view, in no particular order: those in its frustum, not empty and not known to be hidden.
+    /// Wanted cells, in no particular order: in the view's frustum, not empty and not known to be hidden.
     pub fn cells(&self) -> impl Iterator<Item = BrickId> {
         self.wanted_cells().map(|node| self.id(node))
     }
@@ -247,8 +243,7 @@ impl Cut {
         self.wanted
     }
 
-    /// Largest screen-space error in pixels among wanted cells that a finer level could still improve; 0 if all are at the finest level,
-    /// infinite if the eye is inside such a cell.
+    /// Largest screen-space error in pixels among wanted cells coarser than level 0; 0 without any, infinite if the eye is inside one.
     pub fn effective_error_px(&self) -> f64 {
         self.effective_error_px
     }
@@ -268,12 +263,11 @@ impl Cut {
         self[node].visible & self.member != 0
     }
 
-    /// Whether a node is in the frustum and not empty, but hidden behind something opaque.
+    /// Whether a node is visible, but behind something opaque.
     pub(crate) fn is_hidden(&self, node: NodeId) -> bool {
         self.is_visible(node) && self[node].weight == 0
     }
 
-    /// Whether a node is a visible cell and not hidden.
     pub(crate) fn is_wanted(&self, node: NodeId) -> bool {
         self[node].is_cell() && self[node].seen() & self.member != 0
     }
@@ -283,7 +277,6 @@ impl Cut {
         NodeId::range(NodeId(0), self.nodes.len())
     }
 
-    /// A node, its parent, and so on up to a root.
     pub(crate) fn path_to_root(&self, node: NodeId) -> impl Iterator<Item = NodeId> {
         let parent = |&node: &NodeId| Some(self[node].parent).filter(|parent| *parent != node);
         std::iter::successors(Some(node), parent)
@@ -299,7 +292,6 @@ impl Cut {
     }
 }
 
-/// All bricks of the coarsest level.
 pub(crate) fn roots(source: &dyn BrickSource, time: u32, channel: u32) -> Vec<BrickId> {
     let level = source.pyramid().coarsest();
     let grid = source.pyramid().level(level).bricks;

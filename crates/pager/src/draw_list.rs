@@ -1,8 +1,7 @@
 //! The draw list: the resident bricks drawn for a cut, back to front.
 //!
 //! Each visible cell is drawn with its own brick or its nearest resident ancestor, restricted to the cell's box. One pass down the cut's
-//! tree finds all of them, with one look-up per node. A brick [fading in](crate::fade) shares its cell with the one it replaces: each draws
-//! some of the pixels.
+//! tree finds them, with one look-up per node. A brick [fading in](crate::fade) shares its cell's pixels with the brick it replaces.
 
 use crate::cut::{Cut, NodeId};
 use crate::dither::PixelShare;
@@ -20,7 +19,7 @@ pub struct Slot(pub u32);
 pub struct DrawCell {
     /// The cell: a brick's place in the octree.
     pub cell: BrickId,
-    /// The cell's half-open box in level-0 voxels, to which the entry is restricted.
+    /// The cell's half-open box in level-0 voxels, the limits of the entry.
     pub region: VoxelBox,
     /// Pixels of this entry: all, unless a brick fades in.
     pub pixels: PixelShare,
@@ -28,13 +27,13 @@ pub struct DrawCell {
     pub brick: BrickId,
     /// Slot of `brick`.
     pub slot: Slot,
-    /// Back-to-front position of the cell among all visible cells of its cut. Volumes sharing a cut have equal ranks for the same cell.
+    /// Back-to-front position among all visible cells of the cut. Volumes sharing a cut have equal ranks for equal cells.
     pub rank: u32,
 }
 
 /// Drawn bricks of a volume: disjoint cells, back to front, covering everything visible and not empty. Empty until the volume's coarsest
-/// bricks have arrived. A cell in which a brick fades in has two consecutive entries: first the outgoing brick, then the new one. Between
-/// them they draw every pixel once.
+/// bricks arrive. A cell with a fading brick has two consecutive entries: first the outgoing brick, then the new one, which together draw
+/// every pixel once.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DrawList {
     /// Entries, back to front.
@@ -42,9 +41,9 @@ pub struct DrawList {
 }
 
 impl DrawList {
-    /// Draw list of a cut's visible cells, given the resident stand-ins of its nodes. Cells without any resident stand-in (a whole line of
-    /// unreadable ancestors) are left out. `fading` receives a brick and the surplus of entries over cells so far, and returns the brick it
-    /// replaces, if it fades in, with that brick's slot.
+    /// Draw list of a cut's visible cells, given its nodes' resident stand-ins. Cells without any (a whole line of unreadable ancestors)
+    /// are left out. `fading` receives a brick and the surplus of entries over cells so far, and returns the replaced brick of a fade and
+    /// its slot.
     pub(crate) fn new(
         pyramid: &Pyramid,
         cut: &Cut,
@@ -73,7 +72,6 @@ impl DrawList {
         Self { cells }
     }
 
-    /// The entries of this list with their cells in another order.
     pub(crate) fn reordered(&self, cut: &Cut, order: &[Ranked]) -> Self {
         let entries: FxHashMap<BrickId, &[DrawCell]> =
             self.cells.chunk_by(|a, b| a.cell == b.cell).map(|entries| (entries[0].cell, entries)).collect();
@@ -82,7 +80,6 @@ impl DrawList {
         Self { cells: cells.collect() }
     }
 
-    /// Whether any brick of the list fades in.
     pub(crate) fn is_fading(&self) -> bool {
         self.cells.iter().any(|cell| cell.pixels != PixelShare::ALL)
     }
@@ -114,7 +111,7 @@ impl StandIns {
         self.own[node.index()].is_some()
     }
 
-    /// Nearest resident node on the path to the root, starting with this node, and its slot; `None` if there is none.
+    /// Nearest resident node on the path to the root, itself included, and its slot; `None` if there is none.
     pub(crate) fn of(&self, node: NodeId) -> Option<(NodeId, Slot)> {
         let nearest = self.nearest[node.index()]?;
         self.own[nearest.index()].map(|slot| (nearest, slot))

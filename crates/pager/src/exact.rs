@@ -2,7 +2,7 @@
 //! with its own brick.
 //!
 //! Threads read the bricks in the order of the cells, as far ahead as the host budget's buffers allow; a pass is complete once its bricks
-//! are there. The passes do not depend on timing. The nearest readable ancestor replaces an unreadable brick. Every brick is read and
+//! are there. Passes do not depend on timing. An unreadable brick is replaced by its nearest readable ancestor. Every brick is read and
 //! uploaded once per picture. At most a quarter of the host budget goes to the cut, the only part that grows with the working set.
 
 use crate::assemble::PaddedReader;
@@ -27,7 +27,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Bytes per cell of the cut, including its share of split cells and of room for growing lists.
+/// Bytes per cell of the cut, including its share of split cells and of growing lists.
 const BYTES_PER_CELL: u64 = 384;
 
 /// Error from drawing an exact picture.
@@ -51,7 +51,7 @@ pub enum ExactError {
     Unreadable(BrickError),
 }
 
-/// Reader of one exact picture's bricks, which returns them pass by pass as uploads and draw lists.
+/// Reader of one exact picture's bricks, pass by pass as uploads and draw lists.
 pub struct ExactPasses {
     cells: Arc<[BrickId]>,
     source: Arc<dyn BrickSource>,
@@ -167,8 +167,7 @@ impl ExactPasses {
         self.cells.len().div_ceil(self.slots)
     }
 
-    /// Largest screen-space error in pixels among cells that a finer level could improve; 0 if there are none, infinite if the eye is
-    /// inside one.
+    /// Largest screen-space error in pixels among cells coarser than level 0; 0 without any, infinite if the eye is inside one.
     pub fn effective_error_px(&self) -> f64 {
         self.effective_error_px
     }
@@ -234,8 +233,7 @@ impl ExactPasses {
 /// Bricks announced to the kernel for reading ahead at a time.
 const ADVISE_BATCH: usize = 16;
 
-/// The threads. A cell is taken together with a buffer and buffers are counted, which limits reading ahead; and the first missing cell
-/// always has a buffer, so it arrives.
+/// The threads. Counted buffers, one per taken cell, limit reading ahead; and the first missing cell always has a buffer, so it arrives.
 struct Readers {
     /// `None` only while dropping.
     channels: Option<Channels>,
@@ -289,7 +287,7 @@ impl Readers {
         self.channels.as_ref()?.arrivals.recv_timeout(timeout).ok()
     }
 
-    /// Takes a buffer back; one with another holder passes to that holder and is replaced.
+    /// Takes a buffer back; one with another holder is left to that holder and replaced.
     fn give_back(&self, codes: Option<Arc<[u8]>>) {
         let (Some(mut codes), Some(channels)) = (codes, &self.channels) else { return };
         if Arc::get_mut(&mut codes).is_none() {

@@ -1,9 +1,9 @@
 //! Fades: a brick arriving while its cell is drawn with an ancestor does not pop up, but replaces the ancestor pixel by pixel.
 //! For moving cameras: without a fade time, bricks are drawn at once.
 //!
-//! Bricks that come into view already resident, because they were fetched ahead or seen before, do not fade, and neither do
-//! those in places where nothing was drawn. A fade that is cut short, because the ancestor loses its slot or the list has no
-//! room for both, is over for good: drawn content does not get coarser.
+//! Bricks already resident when they come into view, prefetched or seen before, do not fade; nor do bricks where nothing was
+//! drawn. A fade cut short, because the ancestor loses its slot or the list has no room for both, is over for good: drawn
+//! content does not get coarser.
 //!
 //! Costs a map entry per brick of the last fifth of a second or so; nothing while no brick arrives.
 
@@ -15,15 +15,12 @@ use std::time::Duration;
 /// Progress of a brick's fade, and the replaced brick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Fading {
-    /// The brick drawn before: an ancestor.
     pub(crate) before: BrickId,
     /// Pixels with a lower threshold show the new brick, the others the one before. Each of the two has some pixels.
     pub(crate) share: u8,
 }
 
-/// Fading bricks of a volume.
 pub(crate) struct Fades {
-    /// Duration of each fade, if there are any.
     time: Option<Duration>,
     now: Duration,
     /// Arrival of each brick, and the brick drawn in its place before.
@@ -46,7 +43,6 @@ impl Fades {
         self.since.retain(|_, (since, _)| now.saturating_sub(*since) < time);
     }
 
-    /// Begins the fade of a brick that arrived where another one was drawn.
     pub(crate) fn begin(&mut self, brick: BrickId, before: BrickId) {
         self.since.insert(brick, (self.now, before));
     }
@@ -101,8 +97,8 @@ mod tests {
             Self { source: TestSource::new(pyramid, [1.0; 3], VoxelType::U8), residency }
         }
 
-        /// Runs a frame that wants all bricks of a level, seen or not, and receives `bricks`. Returns the entries of each cell
-        /// from left to right: each brick with its upper threshold, or its lower one if another brick comes before it.
+        /// Runs a frame that wants all bricks of a level, seen or not, and receives `bricks`. Returns each cell's entries from
+        /// left to right: the brick with its upper threshold, or its lower one if another brick comes before it.
         fn frame(&mut self, level: u8, is_seen: bool, bricks: &[(u8, u32)], at_ms: u64) -> Vec<Vec<((u8, u32), u8)>> {
             let Self { source, residency } = self;
             for &id in bricks {

@@ -3,7 +3,7 @@
 use crate::cut::Cut;
 use brickyard_volume::{BrickId, Pyramid};
 
-/// A brick, and the index of its volume among those sharing the slots.
+/// A brick, and the index of its volume among those sharing slots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct VolumeBrick {
     pub(crate) volume: usize,

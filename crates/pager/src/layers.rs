@@ -5,7 +5,7 @@
 use crate::draw_list::DrawList;
 use brickyard_volume::{Needs, Pyramid, SlotEncoding, VolumeFrame};
 
-/// Needs of one volume that a renderer is made for.
+/// Needs of one volume of a renderer.
 #[derive(Clone, Copy, Debug)]
 pub struct VolumeNeeds {
     /// Meaning of the slot codes.
@@ -23,8 +23,7 @@ pub struct VolumeNeeds {
 }
 
 impl VolumeNeeds {
-    /// Whether bricks of `other` fit this volume's slots. If so, the volumes share one pool of slots, each of which can hold a brick of
-    /// either.
+    /// Whether bricks of `other` fit this volume's slots. If so, the two share one pool of slots for bricks of either.
     pub fn shares_slots_with(&self, other: &Self) -> bool {
         let slot = |needs: &Self| {
             let SlotEncoding { format, has_invalid, is_labels, .. } = needs.encoding;
@@ -34,7 +33,7 @@ impl VolumeNeeds {
     }
 }
 
-/// Slot pool of each volume. Pools are numbered from 0, in the order of their first volumes.
+/// Slot pool of each volume, numbered from 0 in the order of their first volumes.
 pub fn pools(volumes: &[VolumeNeeds]) -> Vec<usize> {
     let mut firsts: Vec<&VolumeNeeds> = Vec::new();
     let mut pools = Vec::with_capacity(volumes.len());
@@ -48,7 +47,7 @@ pub fn pools(volumes: &[VolumeNeeds]) -> Vec<usize> {
     pools
 }
 
-/// One volume's part of a picture. A picture need not show all volumes of its renderer.
+/// One volume's part of a picture, which need not show all volumes of its renderer.
 #[derive(Clone, Copy, Debug)]
 pub struct Layer<'a> {
     /// Index of the volume in its renderer; ascending over a picture's layers.
@@ -59,8 +58,7 @@ pub struct Layer<'a> {
     pub pyramid: &'a Pyramid,
     /// Bricks to draw.
     pub draw: &'a DrawList,
-    /// Number of the cut behind `draw`. Layers with the same number share a cut, so their [ranks](crate::DrawCell::rank) are in one
-    /// order.
+    /// Number of the cut behind `draw`. Layers with the same number share a cut and one order of [ranks](crate::DrawCell::rank).
     pub cut: u32,
 }
 
@@ -75,8 +73,8 @@ pub struct BudgetRequest {
     pub most: u64,
 }
 
-/// Divides a budget: every request gets its least number of items, plus the same fraction of its remaining ones. With room for
-/// everything, each gets its most.
+/// Divides a budget: every request gets its least number of items, plus the same fraction of its remaining ones; all of them if there
+/// is room.
 ///
 /// # Errors
 /// If the budget is below the sum of all least numbers; the error is the least sufficient budget in bytes.

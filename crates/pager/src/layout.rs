@@ -1,44 +1,38 @@
 //! Brick layout in host memory: cores and their shells in the RAM cache, as voxels; padded bricks in staging, as slot codes, followed by
-//! gradients where pictures need them.
+//! gradients if needed.
 //!
-//! Where the source stores aprons at least as wide as requested, there are no shells: the RAM cache holds each core followed by its
-//! stored apron.
+//! Where the source stores aprons at least as wide as requested, there are no shells: each cached core is followed by its stored apron.
 //!
 //! A *shell* is all that neighbours can need of a core: its outer voxels, as deep as the apron, as six slabs, one per face. Edges and
 //! corners lie in several slabs. At 64^3 and an apron of 1 a shell is 9 % of its core, so many more shells than cores fit. It is also
-//! read front to back, whereas in the core every voxel of an x face lies on a cache line of its own.
+//! read front to back, whereas in the core every voxel of an x face lies on its own cache line.
 
 use crate::source::BrickSource;
 use brickyard_volume::{Apron, GradientNodes};
 
 /// Shells per core in the RAM cache.
 ///
-/// At the front of a sweep, between finished and untouched bricks, lie bricks whose cores are still needed, and about twice as many whose
-/// shells are: hence at least 2. Where the front does not fit, more is better: a missing core costs one more decode, a missing shell up
-/// to 26. In sweeps of 16^3 bricks along Morton and Hilbert curves with an apron of 1, through caches of 1 % to 18 % of the cores' bytes,
-/// 2 instead of 4 decodes up to 48 % more where the front does not fit and at best 4 % less; 6 decodes up to 12 % less in caches up to 3
-/// % and up to 6 % more in larger ones.
+/// At the front of a sweep, between finished and untouched bricks, lie bricks with cores still needed, and about twice as many with only
+/// shells needed: hence at least 2. Where the front does not fit, more is better: a missing core costs one more decode, a missing shell
+/// up to 26. In sweeps of 16^3 bricks along Morton and Hilbert curves with an apron of 1, through caches of 1 % to 18 % of the cores'
+/// bytes, 2 instead of 4 decodes up to 48 % more where the front does not fit and at best 4 % less; 6 decodes up to 12 % less in caches
+/// up to 3 % and up to 6 % more in larger ones.
 const SHELLS_PER_CORE: usize = 4;
 
 /// Sizes of one source's bricks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Layout {
-    /// Voxels along a core's edge.
     pub(crate) edge: usize,
-    /// Voxels of apron on each side.
     pub(crate) apron: usize,
     /// Width of the source's stored aprons in voxels; 0 where aprons are assembled from shells.
     pub(crate) stored: usize,
     /// Bytes per voxel in the source and the RAM cache.
     pub(crate) voxel_bytes: usize,
-    /// Bytes per code in slots.
     pub(crate) code_bytes: usize,
-    /// Gradient nodes behind a padded brick's voxels.
     pub(crate) gradients: GradientNodes,
 }
 
 impl Layout {
-    /// Layout of a source's padded bricks with this apron, these gradients and `code_bytes` per slot code.
     pub(crate) fn new(source: &dyn BrickSource, apron: u32, gradients: GradientNodes, code_bytes: usize) -> Self {
         let stored = source.stored_apron();
         Self {
@@ -51,7 +45,6 @@ impl Layout {
         }
     }
 
-    /// Whether padded bricks are made from stored aprons.
     pub(crate) fn has_stored(&self) -> bool {
         self.stored > 0
     }
@@ -61,17 +54,14 @@ impl Layout {
         Apron { edge: self.edge as u32, width: self.stored as u32 }
     }
 
-    /// Voxels along a padded brick's edge.
     pub(crate) fn padded(&self) -> usize {
         self.edge + 2 * self.apron
     }
 
-    /// Voxels of a padded brick.
     pub(crate) fn padded_voxels(&self) -> usize {
         self.padded().pow(3)
     }
 
-    /// Bytes of a padded brick's voxel codes.
     pub(crate) fn padded_code_bytes(&self) -> usize {
         self.padded_voxels() * self.code_bytes
     }
@@ -109,7 +99,6 @@ impl Layout {
         if self.has_stored() { 0 } else { SHELLS_PER_CORE * cores }
     }
 
-    /// Bytes of one slab of a shell.
     pub(crate) fn slab_bytes(&self) -> usize {
         self.edge.pow(2) * self.apron * self.voxel_bytes
     }

@@ -1,7 +1,7 @@
 //! Extrapolated camera motion.
 //!
-//! The eye's velocity and the turning rate over the last views are held: the eye continues on an arc that turns with the camera,
-//! which is exact for a straight flight and, but for the chord, for an orbit. A pure function of the views and their times.
+//! The eye's velocity and turning rate over the last views are held: the eye continues on an arc that turns with the camera,
+//! exact for a straight flight and, but for the chord, for an orbit. A pure function of the views and their times.
 
 use brickyard_volume::ViewRays;
 use glam::{DMat3, DQuat, DVec3};
@@ -17,7 +17,6 @@ const REST: Duration = Duration::from_millis(1000);
 /// Largest extrapolated turn, in radians; beyond it a camera is thrown about rather than turned.
 const MOST_TURN: f64 = 1.0;
 
-/// Cameras of the last frames, from which the next ones are extrapolated.
 #[derive(Debug, Default)]
 pub(crate) struct Motion {
     /// Oldest first.
@@ -25,7 +24,6 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// Records the camera of the frame at this time.
     pub(crate) fn see(&mut self, at: Duration, rays: &ViewRays) {
         if self.past.back().is_some_and(|(last, _)| at < *last || at - *last > REST) {
             self.past.clear();
@@ -37,7 +35,7 @@ impl Motion {
     }
 
     /// Expected camera at a time `ahead`, plus one frame, after the last view; `None` if the camera is at rest, has changed its
-    /// projection, or has not been seen for long enough.
+    /// projection, or has too few views.
     pub(crate) fn foresee(&self, ahead: Duration) -> Option<ViewRays> {
         let ((first, from), (last, to)) = (self.past.front()?, self.past.back()?);
         let (_, before) = self.past.iter().rev().nth(1)?;

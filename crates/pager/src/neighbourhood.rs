@@ -1,13 +1,12 @@
 //! The 27 parts of a padded brick: its own core, and the apron parts lent by up to 26 neighbours.
 //!
-//! Along every axis a padded brick is the end of one neighbour, the brick itself, and the beginning of the other; a part is one of the 27
-//! combinations. Parts are named from the side of the brick taking them.
+//! Along every axis a padded brick consists of the end of one neighbour, the brick itself, and the beginning of the other; a part is one
+//! of the 27 combinations, named from the side of the brick taking it.
 
 use crate::layout::Layout;
 use brickyard_volume::{BrickIndex, Extent};
 use std::ops::Range;
 
-/// A part of a padded brick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Part {
     /// Along each axis: 0 for the neighbour before, 1 for the brick itself, 2 for the neighbour after.
@@ -37,7 +36,7 @@ impl Part {
         x + 3 * y + 9 * z
     }
 
-    /// The set of this part alone; sets of parts have one bit for each part.
+    /// The set of this part alone, one bit of a set of parts.
     pub(crate) fn bit(self) -> u32 {
         1 << self.number()
     }
@@ -54,7 +53,7 @@ impl Part {
         BrickIndex::from_array(std::array::from_fn(|a| taker[a] + self.side[a] as u32 - 1))
     }
 
-    /// The set of parts taken from `lender` by its neighbours in a grid of bricks, one bit for each.
+    /// The set of parts taken from `lender` by its neighbours in a grid of bricks.
     pub(crate) fn lent_by(lender: BrickIndex, grid: Extent) -> u32 {
         let (lender, grid) = (lender.to_array(), grid.to_array());
         let has_taker = |side: [usize; 3]| (0..3).all(|a| (1..=grid[a]).contains(&(lender[a] + 2 - side[a] as u32)));
@@ -63,7 +62,7 @@ impl Part {
     }
 }
 
-/// Source and target of a run of a core's voxels in a padded brick, along one axis.
+/// Source and target of a run of core voxels in a padded brick, along one axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Span {
     pub(crate) from: usize,
@@ -77,8 +76,8 @@ impl Span {
     }
 }
 
-/// The three spans of a brick's padded row along one axis: from the brick before, from brick `index` itself and from the brick after. The
-/// level has `extent` voxels along the axis.
+/// The three spans of a padded row along one axis: from the brick before, brick `index` itself and the brick after, on a level with
+/// `extent` voxels along the axis.
 pub(crate) fn spans(layout: &Layout, index: usize, extent: usize) -> [Span; 3] {
     let Layout { edge, apron, .. } = *layout;
     let start = index * edge;

@@ -8,7 +8,7 @@
 use crate::cut::{Cut, Members, Node, NodeId};
 use brickyard_volume::{BrickIndex, Geometry, Placement, Pyramid, ViewRays};
 
-/// Cells of a tree visible to any of the volumes sharing it, back to front, each with the volumes to which it is visible.
+/// Cells of a shared tree, back to front, each with the volumes to which it is visible.
 pub(crate) fn back_to_front(
     pyramid: &Pyramid,
     geometry: &Geometry,
@@ -42,7 +42,7 @@ pub(crate) fn back_to_front(
     cells
 }
 
-/// Per level and axis, the grid position from which rays move away; `None` where no ray moves along the axis.
+/// Per level and axis, the origin of rays in grid positions; `None` where no ray moves along the axis.
 struct Origins(Vec<[Option<i64>; 3]>);
 
 impl Origins {

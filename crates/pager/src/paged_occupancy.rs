@@ -1,9 +1,8 @@
-//! Occupancy of bricks for a planner that never waits: a separate thread reads pages on demand, and they are kept within a budget.
+//! Occupancy of bricks for a planner that never waits: a separate thread reads pages on demand, and a budget limits the kept ones.
 //!
-//! Until a brick's page arrives, the brick has the occupancy of its nearest ancestor with a page. An ancestor's entry covers its
-//! descendants', so a plan may want an empty brick, but leaves none out. Once the page has arrived, the plan is remade
-//! ([`PagedOccupancy::version`]). For an unreadable page ancestors stand in as long as it is kept; if the reason may pass, the next view
-//! tries again.
+//! Until its page arrives, a brick has the occupancy of its nearest ancestor with a page. An ancestor's entry covers its descendants', so
+//! a plan may want an empty brick, but leaves none out. Once the page has arrived, the plan is remade ([`PagedOccupancy::version`]). For
+//! an unreadable page ancestors stand in as long as it is kept; if the reason may pass, the next view tries again.
 //!
 //! A page requested since the view changed is not evicted for another one; where no more fit, ancestors stand in for the rest. Thus even a
 //! view with too many pages settles.
@@ -69,8 +68,7 @@ pub(crate) fn kept_bytes(source: &dyn BrickSource, host_bytes: u64) -> u64 {
 }
 
 impl PagedOccupancy {
-    /// Starts the reading thread for a source's occupancy, with nothing read yet. At most `kept_bytes` of pages are kept, or one page if
-    /// that is more.
+    /// Starts the reading thread for a source, with nothing read yet. At most `kept_bytes` of pages are kept, or one page if that is more.
     pub(crate) fn start(source: Arc<dyn BrickSource>, kept_bytes: u64) -> std::io::Result<(Arc<Self>, PageReader)> {
         let (asked, pages) = unbounded();
         let capacity = NonZeroUsize::new((kept_bytes / PAGE_BYTES) as usize).unwrap_or(NonZeroUsize::MIN);
@@ -81,7 +79,7 @@ impl PagedOccupancy {
         Ok((paged, reader))
     }
 
-    /// Number that changes whenever more occupancy becomes known.
+    /// Changes whenever more occupancy becomes known.
     pub(crate) fn version(&self) -> u64 {
         self.lock().version
     }
@@ -100,7 +98,6 @@ impl PagedOccupancy {
         self.pages.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Reads a requested page.
     fn read(&self, page: PageId) {
         if !self.lock().is_asked(page) {
             return;
@@ -253,7 +250,6 @@ impl PageReader {
         Ok(Self { occupancy, arrivals, thread })
     }
 
-    /// Channel that signals when pages have been read.
     pub(crate) fn arrivals(&self) -> &Receiver<()> {
         &self.arrivals
     }

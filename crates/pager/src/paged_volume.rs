@@ -20,7 +20,6 @@ use brickyard_volume::BrickId;
 use crossbeam_channel::Select;
 use std::sync::Arc;
 
-/// A paged volume.
 pub(crate) struct PagedVolume {
     pub(crate) source: Arc<dyn BrickSource>,
     /// Bytes read by the source before.
@@ -35,43 +34,42 @@ pub(crate) struct PagedVolume {
     pub(crate) visibility: Option<(u64, Arc<Visibility>)>,
     /// Version of the visibility confirmed by a complete frame of this view.
     confirmed: u64,
-    /// Cell of each entry of the last draw list, then of the one for the other eye.
+    /// Cells of the last draw list's entries, then of the other eye's.
     drawn: Arc<Vec<BrickId>>,
     /// Version of the visibility used by the last frame.
     gone_by: u64,
-    /// Pinned: the coarsest bricks of the last view's time and channel.
+    /// Coarsest bricks of the last view's time and channel, pinned.
     roots: Vec<BrickId>,
     /// Uploads of the last frame: host memory until the next call.
     handed_out: Vec<Arc<[u8]>>,
 }
 
-/// Drawn cells of a frame, as needed for feedback on it. To be kept from a visibility query to its result, however many frames later.
+/// Drawn cells of a frame, for feedback on it. To be kept from a visibility query to its result, however many frames later.
 #[derive(Clone, Debug)]
 pub struct DrawnCells {
     view: View,
     cells: Arc<Vec<BrickId>>,
-    /// Whether nothing more was in flight for the frame, and the version of the visibility that it used.
+    /// Whether nothing was left in flight for the frame, and the version of its visibility.
     is_complete: bool,
     gone_by: u64,
 }
 
 impl DrawnCells {
-    /// Entries of the frame's draw list, plus those of the other eye's list if there is one.
+    /// Entries of the frame's draw list, plus those of any list for the other eye.
     pub fn entries(&self) -> usize {
         self.cells.len()
     }
 }
 
-/// Visible cells of a volume in a view: counts, and screen areas.
+/// Visible cells of a volume: counts, and screen areas.
 pub(crate) struct Seen {
     pub(crate) wanted: usize,
     pub(crate) resident: usize,
     pub(crate) failed: usize,
     pub(crate) area: f64,
     pub(crate) resident_area: f64,
-    /// Whether every cell is drawn with something.
     pub(crate) is_covered: bool,
-    /// Error behind a cell that is drawn with nothing, now and later; `None` if there is no such cell.
+    /// Error behind a cell drawn with nothing, now and later, if any.
     pub(crate) error: Option<BrickError>,
 }
 
@@ -117,14 +115,13 @@ impl PagedVolume {
         })
     }
 
-    /// Ends the workers and returns their decoded cores.
     pub(crate) fn into_cores(self) -> KeptCores {
         let Self { cache, workers, .. } = self;
         drop(workers);
         cache.kept_cores()
     }
 
-    /// Source for making cuts: the volume's own, or one that never waits and returns known occupancy.
+    /// Source for making cuts: the volume's own, or one with known occupancy that never waits.
     pub(crate) fn planned_source(&self) -> Arc<dyn BrickSource> {
         self.occupancy.as_ref().map_or_else(|| self.source.clone(), |(occupancy, _)| occupancy.clone())
     }
@@ -138,8 +135,8 @@ impl PagedVolume {
         assert!(view.channel < self.source.channels(), "channel {} of {}", view.channel, self.source.channels());
     }
 
-    /// Begins a frame: receives arrived bricks, and the view. `number` is the volume's index in the residency. While the volume plays,
-    /// failures are not retried for each step.
+    /// Begins a frame: receives arrived bricks, and the view. `number` is the volume's index in the residency. During playback, failures
+    /// are not retried for each step.
     ///
     /// # Panics
     /// If the source has no such time step or channel.
@@ -169,23 +166,22 @@ impl PagedVolume {
         self.occupancy.as_ref().map_or(0, |(occupancy, _)| occupancy.version())
     }
 
-    /// Whether this version of the occupancy is the newest, with no page in flight.
+    /// Whether this occupancy version is the newest, with no page in flight.
     pub(crate) fn knows_since(&self, version: u64) -> bool {
         let knows = |occupancy: &PagedOccupancy| !occupancy.is_waiting() && occupancy.version() == version;
         self.occupancy.as_ref().is_none_or(|(occupancy, _)| knows(occupancy))
     }
 
-    /// A frame's wants of the volume, given its cut and the cells visible in the frame's view.
     pub(crate) fn wants<'a>(&'a self, cut: &'a Cut, sight: &'a VisibleCells) -> Wants<'a> {
         Wants { goal: Goal { pyramid: self.source.pyramid(), cut, roots: &self.roots }, sight }
     }
 
-    /// Records the cells in the frame's draw lists, for feedback on them.
+    /// Records the cells of the frame's draw lists, for feedback.
     pub(crate) fn note_drawn<'a>(&mut self, lists: impl Iterator<Item = &'a DrawList>) {
         self.drawn = Arc::new(lists.flat_map(|draw| &draw.cells).map(|cell| cell.cell).collect());
     }
 
-    /// Cells drawn by the last frame, for feedback; `None` before the first frame.
+    /// Drawn cells of the last frame, for feedback; `None` before the first frame.
     pub(crate) fn drawn(&self, is_complete: bool) -> Option<DrawnCells> {
         let view = self.view.clone()?;
         Some(DrawnCells { view, cells: self.drawn.clone(), is_complete, gone_by: self.gone_by })
@@ -274,24 +270,22 @@ impl PagedVolume {
         }
     }
 
-    /// Whether a complete frame has confirmed the visibility in this view. Also true without feedback, as for projections, or with feedback
-    /// on other content only.
+    /// Whether a complete frame has confirmed the visibility in this view. Also true without feedback on its content, as for projections.
     pub(crate) fn is_confirmed(&self) -> bool {
         let is_told = |visibility: &Visibility| self.view.as_ref().is_some_and(|view| visibility.is_of_content(view));
         self.visibility.as_ref().is_none_or(|(number, told)| *number == self.confirmed || !is_told(told))
     }
 
-    /// Whether a brick or a page of occupancy is in flight.
     pub(crate) fn is_busy(&self) -> bool {
         self.workers.is_busy() || self.occupancy.as_ref().is_some_and(|(occupancy, _)| occupancy.is_waiting())
     }
 
-    /// Whether a brick or a page of occupancy has arrived that no frame has received.
+    /// Whether a brick or a page of occupancy waits for a frame.
     pub(crate) fn has_arrivals(&self) -> bool {
         self.take_sign() || self.workers.arrivals().is_some_and(|arrivals| !arrivals.is_empty())
     }
 
-    /// Adds the channels of the volume's bricks and pages to `select`.
+    /// Adds the channels of bricks and pages to `select`.
     pub(crate) fn select<'a>(&'a self, select: &mut Select<'a>) {
         if let Some((_, reader)) = &self.occupancy {
             select.recv(reader.arrivals());
@@ -299,7 +293,7 @@ impl PagedVolume {
         self.workers.arrivals().map(|arrivals| select.recv(arrivals));
     }
 
-    /// Takes the signal that pages of occupancy have arrived. Returns whether there was one.
+    /// Takes the signal of arrived occupancy pages. Returns whether there was one.
     pub(crate) fn take_sign(&self) -> bool {
         self.occupancy.as_ref().is_some_and(|(_, reader)| reader.arrivals().try_recv().is_ok())
     }
@@ -313,7 +307,6 @@ impl PagedVolume {
     }
 }
 
-/// Buffer sizes for a source with this layout of padded bricks, this planning and host budget.
 pub(crate) fn buffer_sizes(
     source: &dyn BrickSource,
     layout: &Layout,

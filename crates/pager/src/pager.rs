@@ -1,8 +1,8 @@
 //! The pager itself, which joins the pure steps to the workers, frame by frame.
 //!
-//! Each frame receives arrived bricks, takes the newest cuts, and finds their visible cells; arrived bricks get slots; the draw lists and
-//! the next plans follow from the resident bricks. The calling thread never reads or decodes. Several volumes with equal brick formats
-//! share slots: the worst cell of any volume is split first, and the most urgent brick of any is read first.
+//! Each frame receives arrived bricks, takes the newest cuts and finds their visible cells; arrived bricks get slots; the draw lists and
+//! the next plans follow from the resident bricks. The calling thread never reads or decodes. Volumes with equal brick formats share slots:
+//! the worst cell of any volume is split first, and the most urgent brick of any is read first.
 
 use crate::budget::{BufferSizes, Meter, PagerConfig, PagerError, Planning, TABLE_BYTES_PER_SLOT, least_host};
 use crate::clock::MOST_COMING;
@@ -30,10 +30,10 @@ use std::time::Duration;
 /// One frame's work for the renderer.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// Bricks to write into their slots, in order, before drawing. They replace only bricks that this frame does not draw. A renderer may
-    /// keep the codes instead of copying them; they then count as the renderer's memory, not the pager's.
+    /// Bricks to write into their slots, in order, before drawing. They replace only bricks not drawn in this frame. If a renderer keeps
+    /// the codes instead of copying them, they count as its own memory, not the pager's.
     pub uploads: Vec<Upload>,
-    /// Draw lists of each volume, in the order of the pager's volumes.
+    /// Draw lists of each volume, in order.
     pub volumes: Vec<VolumeDraw>,
     /// Progress and costs of the views.
     pub status: Status,
@@ -44,15 +44,15 @@ pub struct Frame {
 /// Draw lists of one volume in a frame.
 #[derive(Clone, Debug)]
 pub struct VolumeDraw {
-    /// Draw list of the volume. After the frame's uploads, every slot in the list holds the listed brick.
+    /// Draw list of the volume. After the frame's uploads, every listed slot holds its listed brick.
     pub draw: DrawList,
-    /// Entries of `draw`, back to front for the view's other eye; `None` if the view has one eye.
+    /// Entries of `draw`, back to front for the other eye; `None` for a single eye.
     pub draw_other_eye: Option<DrawList>,
-    /// Index of the first volume drawn from the same cut: this volume's own index if there is no earlier one.
+    /// Index of the first volume drawn from the same cut, possibly this volume's own.
     pub cut: usize,
 }
 
-/// Look-ahead of prefetching: about as long as a few hundred bricks take to come from a disk.
+/// Look-ahead of prefetching: about the time in which a few hundred bricks come from a disk.
 const FETCH_TIME: Duration = Duration::from_millis(300);
 
 /// Least time between frames drawn only for fades: a sixtieth of a second.
@@ -71,7 +71,7 @@ impl LastFrame {
     }
 }
 
-/// Pager for the bricks of volumes sharing slots, for one view of each volume at a time.
+/// Pager of volumes sharing slots, for one view of each volume at a time.
 pub struct Pager {
     config: PagerConfig,
     meter: Arc<Meter>,
@@ -79,16 +79,14 @@ pub struct Pager {
     residency: Residency,
     planner: Planner,
     last: Option<LastFrame>,
-    /// The coming views.
     coming: Arc<[Vec<View>]>,
     motion: Motion,
     governor: Governor,
     /// Bytes that the next frame's uploads must not exceed.
     upload_room: Option<u64>,
-    /// Time of the last frame.
     last_at: Duration,
     slot_bytes: u64,
-    /// Whether nothing more was in flight for the last frame, and whether a brick was fading in.
+    /// Whether nothing was left in flight for the last frame, and whether a brick was fading in.
     is_complete: bool,
     is_fading: bool,
 }
@@ -107,8 +105,8 @@ impl Pager {
         Self::with_cores(sources, config, &mut Vec::new())
     }
 
-    /// Starts the workers with cores decoded by [another pager](Self::into_cores). For each source, its entry is taken out of `kept`, if
-    /// there is one, and used as far as the host budget has room.
+    /// Starts the workers with cores decoded by [another pager](Self::into_cores). Each source's entry, if any, is taken out of `kept` and
+    /// used as far as the host budget has room.
     ///
     /// # Errors
     /// The same as those of [`Pager::new`].
@@ -171,8 +169,8 @@ impl Pager {
         })
     }
 
-    /// Host memory requested by a pager for these sources and this configuration, in items of one byte: the least sufficient, and the most
-    /// useful number.
+    /// Host memory request of a pager for these sources and this configuration, in items of one byte: the least sufficient number, and the
+    /// largest useful one.
     ///
     /// # Errors
     /// If the apron or the gradients do not fit the bricks.
@@ -189,7 +187,7 @@ impl Pager {
     /// the use of the last frame's uploads.
     ///
     /// # Panics
-    /// If there are not as many views as volumes, or a source does not have its view's time step or channel.
+    /// If there are not as many views as volumes, or a source lacks its view's time step or channel.
     pub fn frame(&mut self, views: &[View], at: Duration) -> Frame {
         assert_eq!(views.len(), self.volumes.len(), "views of other volumes");
         for (i, (volume, view)) in self.volumes.iter_mut().zip(views).enumerate() {
@@ -246,11 +244,11 @@ impl Pager {
     }
 
     /// Sets the coming views, the nearest first, each one view per volume: the same views at later time steps. Their bricks are fetched
-    /// before all others not needed by the present views, into the slots left by these; and no cut takes more than half of the slots, so
-    /// the next views' bricks fit beside the present ones. Holds for all later frames, until replaced.
+    /// next after the present views' own, into the remaining slots; and no cut takes more than half of the slots, so both steps fit. Holds
+    /// for all later frames, until replaced.
     ///
     /// # Panics
-    /// If there are not as many views as volumes in each, or a source does not have a view's time step or channel.
+    /// If there are not as many views as volumes in each, or a source lacks a view's time step or channel.
     pub fn expect(&mut self, coming: Vec<Vec<View>>) {
         for views in &coming {
             assert_eq!(views.len(), self.volumes.len(), "views of other volumes");
@@ -259,7 +257,7 @@ impl Pager {
         self.coming = coming.into();
     }
 
-    /// Cells of a volume drawn by the last frame, for a later [`Pager::feedback`]; `None` before the first frame.
+    /// Drawn cells of a volume in the last frame, for a later [`Pager::feedback`]; `None` before the first frame.
     ///
     /// # Panics
     /// If there is no such volume.
@@ -268,10 +266,10 @@ impl Pager {
     }
 
     /// Reports the visibility of a volume's cells in the last frame or an earlier one. `visibility` has one number per entry of the frame's
-    /// draw list, in the list's order, then one per entry of the other eye's list, if there is one: the greatest transmittance with which a
-    /// ray of the entry's pixels entered the cell, 0 if no ray did, 1 if nothing is in front of the cell. From the next plan on, cells
-    /// hidden from all eyes are not wanted, and the others are ordered by their visibility. Feedback is ignored if its frame's view had
-    /// another appearance, time step, channel, clip, placement or set of opaque bins than the last frame's view.
+    /// draw list, in order, then one per entry of any list for the other eye: the greatest transmittance with which a ray of the entry's
+    /// pixels entered the cell, 0 without rays, 1 with nothing in front of the cell. From the next plan on, cells hidden from all eyes are
+    /// not wanted, and the others are ordered by visibility. Feedback is ignored if its frame's view had another appearance, time step,
+    /// channel, clip, placement or set of opaque bins than the last frame's.
     ///
     /// # Panics
     /// If there is no such volume, or there are not as many numbers as entries.
@@ -279,27 +277,25 @@ impl Pager {
         self.volumes[volume].feedback(drawn, visibility);
     }
 
-    /// Takes a buffer in exchange for an upload's. A renderer that keeps the last frame's uploads instead of copying them thus has no
-    /// buffers of its own to free, and the workers none to allocate. `before` is as long as the upload.
+    /// Takes a buffer in exchange for an upload's. Thus a renderer that keeps the last frame's uploads instead of copying them has no
+    /// buffers to free, and the workers none to allocate. `before` is as long as the upload.
     pub fn take_for(&mut self, upload: &Upload, before: Arc<[u8]>) {
         debug_assert_eq!(before.len(), upload.codes.len(), "a buffer of another pool");
         self.volumes[upload.volume].take_for(&upload.codes, before);
     }
 
-    /// Limits the next frame's uploads to this many bytes, possibly 0: as much as the renderer can take without waiting. Later frames are
-    /// unaffected.
+    /// Limits the next frame's uploads alone to this many bytes, possibly 0: as much as the renderer can take without waiting.
     pub fn limit_uploads(&mut self, bytes: u64) {
         self.upload_room = Some(bytes);
     }
 
-    /// Reports the duration of the last frame's uploads, by which the next frames' uploads are fitted to the available time.
+    /// Reports the duration of the last frame's uploads, to fit the next ones to the available time.
     pub fn uploads_took(&mut self, time: Duration) {
         self.governor.took(time);
     }
 
     /// Waits until the next frame has something to receive, or shows more of a fading brick (after 16 ms, or `timeout` if that is less).
-    /// Returns false if nothing is in flight, or if `timeout` has passed while no brick fades in. A call ends the use of the last frame's
-    /// uploads.
+    /// Returns false if nothing is in flight, or if `timeout` has passed without fades. A call ends the use of the last frame's uploads.
     pub fn wait(&mut self, timeout: Duration) -> bool {
         self.volumes.iter_mut().for_each(PagedVolume::take_back);
         if self.residency.has_staged() {
@@ -321,8 +317,8 @@ impl Pager {
         is_ready || self.is_fading
     }
 
-    /// Reports that the slots have lost their bricks, as after the loss of a GPU device, and the number of slots now. Slots beyond the
-    /// former number are not used. The next frames bring back the wanted bricks of the views.
+    /// Reports that the slots have lost their bricks, as after the loss of a GPU device, and their number now. Slots beyond the former
+    /// number are not used. The next frames bring back the wanted bricks.
     ///
     /// # Errors
     /// If the slots are too few, or the planner's thread cannot be restarted.
@@ -342,7 +338,7 @@ impl Pager {
         self.volumes.into_iter().map(PagedVolume::into_cores).collect()
     }
 
-    /// The pager's configuration, with the current number of slots: [`Pager::forget_slots`] may have lowered it.
+    /// The configuration, with the current number of slots: [`Pager::forget_slots`] may have lowered it.
     pub fn config(&self) -> &PagerConfig {
         &self.config
     }
@@ -351,7 +347,7 @@ impl Pager {
         let sum = |of: fn(&Seen) -> usize| seen.iter().map(of).sum::<usize>();
         let (wanted, resident) = (sum(|seen| seen.wanted), sum(|seen| seen.resident));
         let area = |of: fn(&Seen) -> f64| seen.iter().map(of).sum::<f64>();
-        // Reported visibility is to be confirmed by feedback on a complete frame.
+        // A complete frame's feedback must confirm the reported visibility.
         let is_confirmed = self.volumes.iter().all(PagedVolume::is_confirmed);
         let covered = seen.iter().all(|seen| seen.is_covered);
         let residency = &self.residency;
@@ -396,7 +392,6 @@ fn planner(volumes: &[PagedVolume], config: &PagerConfig) -> std::io::Result<Pla
     Planner::new(&planned_sources(volumes), config.slots, config.planning)
 }
 
-/// The coarsest bricks of each volume, for a view of each.
 fn roots_of(volumes: &[PagedVolume], views: &[View]) -> Vec<Vec<BrickId>> {
     let of_volume = |(volume, view): (&PagedVolume, &View)| roots(&*volume.source, view.time, view.channel);
     volumes.iter().zip(views).map(of_volume).collect()
@@ -418,7 +413,6 @@ fn goals<'a>(
     volumes.iter().zip(cuts).zip(roots).map(goal).collect()
 }
 
-/// The sources for making cuts.
 fn planned_sources(volumes: &[PagedVolume]) -> Vec<Arc<dyn BrickSource>> {
     volumes.iter().map(PagedVolume::planned_source).collect()
 }
@@ -443,7 +437,7 @@ fn volume_request(
     Ok(BudgetRequest { bytes: 1, least: least_host(sizes), most })
 }
 
-/// Whether the coarsest bricks, which are always resident, have room.
+/// Checks that the coarsest bricks, which are always resident, have room.
 fn check_slots<'a>(
     sources: impl IntoIterator<Item = &'a Arc<dyn BrickSource>>,
     given: u32,

@@ -2,17 +2,17 @@
 //!
 //! Five tiers:
 //! - *cover*: all bricks of the coarsest level; the ancestors two or more levels above missing cells, unless something finer stands in
-//!   already (under 2 % more bricks, and a whole picture at a quarter of the resolution early); and, for a cell with an unreadable brick,
-//!   its nearest readable ancestor.
+//!   already (under 2 % more bricks, and a whole picture at a quarter of the resolution early); and the nearest readable ancestors of
+//!   unreadable cells;
 //! - *visible*: the cells' own bricks;
 //! - *coming*: bricks missing for the next time steps, step by step, during playback;
 //! - *predicted* and *ring*: bricks for the next views, as listed by the [planner](crate::planner).
 //!
 //! The first two are the view's needs. The others never take a slot from them, and hold at most a share of the slots and of the buffers
-//! in flight. They cannot start thrashing: prefetching only replaces bricks that no tier lists.
+//! in flight. They cannot start thrashing: prefetching only replaces bricks in no tier.
 //!
-//! Within a tier the order is coarse before fine, then by factors of two of the screen-space error (weighted by the cell's visibility),
-//! then along a Hilbert curve, so that neighbours, which lend each other aprons, are decoded soon after one another.
+//! Within a tier the order is coarse before fine, then by factors of two of the screen-space error (weighted by visibility), then along a
+//! Hilbert curve, so that neighbours, which lend each other aprons, are decoded soon after one another.
 
 use crate::cut::{Cut, NodeId};
 use crate::goal::VolumeBrick;
@@ -21,7 +21,6 @@ use crate::visibility;
 use brickyard_volume::{BrickId, BrickIndex, Pyramid};
 use std::cmp::Reverse;
 
-/// A brick's state during planning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum State {
     Absent,
@@ -41,13 +40,12 @@ pub(crate) struct Request {
 }
 
 impl Request {
-    /// The brick's place in the order of reading.
     pub(crate) fn key(&self, pyramid: &Pyramid) -> Key {
         key(pyramid, self.tier, self.id, self.error_px)
     }
 }
 
-/// Bricks of a volume to read for its view, in no order.
+/// Bricks to read for a volume's view, in no order.
 pub(crate) fn requests(
     cut: &Cut,
     roots: &[BrickId],
@@ -99,7 +97,6 @@ fn want_cover(cut: &Cut, state_of: impl Fn(NodeId) -> State, cell: NodeId, state
     }
 }
 
-/// Place of a brick of this tier in the order of reading, given its screen-space error in pixels.
 pub(crate) fn key(pyramid: &Pyramid, tier: Tier, id: BrickId, error_px: f64) -> Key {
     let widest = pyramid.level(id.level).bricks.to_array().into_iter().fold(0, u32::max);
     let bits = u32::BITS - (widest - 1).leading_zeros();
@@ -108,7 +105,7 @@ pub(crate) fn key(pyramid: &Pyramid, tier: Tier, id: BrickId, error_px: f64) -> 
 }
 
 /// Place of a brick along a Hilbert curve through a grid of `2^bits` bricks a side (Skilling, "Programming the Hilbert curve", 2004).
-/// Sweeps along it re-read 5 to 10 % fewer neighbours than along a Morton curve with the same cache.
+/// Such sweeps re-read 5 to 10 % fewer neighbours than along a Morton curve with the same cache.
 fn hilbert(index: BrickIndex, bits: u32) -> u128 {
     let mut x = index.to_array();
     for bit in (1..bits).rev() {

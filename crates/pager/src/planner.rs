@@ -3,12 +3,12 @@
 //!
 //! Prefetching has two tiers, each with a share of the slots: bricks of the predicted camera's cuts missing from these cuts, and face
 //! neighbours of their cells just outside the frustum. The cuts of coming time steps precede both. While there are any, each cut has half
-//! of the cells, so two steps fit, and a step's cut is ready when its time comes.
+//! of the cells, so two steps fit, and a step's cut is ready in time.
 //!
-//! On a thread, views go in and cuts come out through channels with one place, each emptied before it is filled: newer content replaces
-//! untaken content. A frame with a new view waits a millisecond, enough for the usual cut; else it draws the newest finished cut, for
-//! whichever view. It waits longer only for volumes newly placed on one grid. Inline, the cut is always the view's own, and equal views
-//! give equal cuts.
+//! On a thread, views go in and cuts come out through channels with one place, each emptied before it is filled, so the newest replaces
+//! any untaken. A frame with a new view waits a millisecond, enough for the usual cut; else it draws the newest finished cut, whatever
+//! its view. It waits longer only for volumes newly placed on one grid. Inline, the cut is always the view's own, and equal views give
+//! equal cuts.
 
 use crate::budget::Planning;
 use crate::cut::{Cut, Node, View, cut_capacity};
@@ -30,16 +30,14 @@ use std::time::Duration;
 /// Longest wait of a frame for its own view's cut.
 const PATIENCE: Duration = Duration::from_millis(1);
 
-/// Input for a plan.
 #[derive(Clone)]
 pub(crate) struct Job {
-    /// View of each volume.
     pub(crate) views: Vec<View>,
     /// Coming views, the nearest first.
     pub(crate) coming: Arc<[Vec<View>]>,
-    /// Known visibility of each volume's cells, and its version; `None` if nothing is known.
+    /// Known visibility of each volume's cells, and its version.
     pub(crate) visibility: Vec<Option<(u64, Arc<Visibility>)>>,
-    /// Whether to prefetch: `None` if not; else the predicted camera, or `Some(None)` if there is none.
+    /// Predicted camera, if any, for prefetching; `None` without prefetching.
     pub(crate) ahead: Option<Option<ViewRays>>,
     /// Version of each volume's known occupancy.
     pub(crate) occupancy: Vec<u64>,
@@ -65,13 +63,12 @@ fn are_of_times(cuts: &[Arc<Cut>], views: &[View]) -> bool {
 /// Plan for a job: cuts, and bricks to prefetch.
 #[derive(Clone)]
 pub(crate) struct Outlook {
-    /// Cut of each volume.
     pub(crate) cuts: Vec<Arc<Cut>>,
     /// Cuts of coming views, as far as there is room.
     pub(crate) coming: Arc<[Vec<Arc<Cut>>]>,
     /// Bricks to prefetch, the most urgent first.
     pub(crate) ahead: Arc<[(Tier, VolumeBrick)]>,
-    /// Whether `coming` and `ahead` belong to this job; if not, the same cuts follow once more, with those that do.
+    /// Whether `coming` and `ahead` belong to this job; if not, its own follow with the same cuts.
     pub(crate) is_whole: bool,
 }
 
@@ -89,7 +86,7 @@ struct Desk {
     roots: usize,
     is_incremental: bool,
     last: Vec<Arc<Cut>>,
-    /// Cuts of coming views, and the version of the occupancy behind them.
+    /// Cuts of coming views, and the version of their occupancy.
     coming: Arc<[Vec<Arc<Cut>>]>,
     coming_occupancy: Vec<u64>,
 }
@@ -110,7 +107,7 @@ impl Desk {
         }
     }
 
-    /// Cuts of a job's own views. Those of a formerly coming step follow the cuts made for it then.
+    /// Cuts of a job's own views, following those made while their step was coming.
     fn cuts(&mut self, job: &Job) -> Vec<Arc<Cut>> {
         let cuts = self.cuts_for(&job.views, job, self.last_for(&job.views));
         if self.is_incremental {
@@ -131,14 +128,14 @@ impl Desk {
         cuts.into_iter().map(Arc::new).collect()
     }
 
-    /// The cuts preceding those for these views.
+    /// The cuts to precede those for these views.
     fn last_for(&self, views: &[View]) -> &[Arc<Cut>] {
         let known = self.coming.iter().find(|cuts| self.is_incremental && are_of_times(cuts, views));
         known.map_or(&self.last, |cuts| cuts)
     }
 
     /// Makes the cuts of the coming views, until their wanted cells fill the slots. Visibility in the present step hides nothing in later
-    /// ones, but ranks their likely visible cells first.
+    /// ones, but puts their likely visible cells first.
     fn make_coming(&mut self, job: &Job) {
         let is_known = self.coming_occupancy == job.occupancy;
         let is_same = |cuts: &&Vec<Arc<Cut>>, views: &[View]| is_known && cuts.iter().map(|cut| &cut.view).eq(views);
@@ -192,7 +189,6 @@ impl Desk {
     }
 }
 
-/// Subjects for the cuts of these views, with the known visibility of the volumes' cells.
 fn subjects<'a>(
     sources: &'a [Arc<dyn BrickSource>],
     views: &'a [View],
@@ -203,7 +199,7 @@ fn subjects<'a>(
     all.map(|((source, view), visibility)| Subject { source: &**source, view, visibility }).collect()
 }
 
-/// Face neighbours of the wanted cells on their level, outside of the frustum and not empty, with the cells' errors.
+/// Neighbours at the faces of wanted cells, of the same level, outside of the frustum and not empty, with the cells' errors.
 fn ring(source: &dyn BrickSource, cut: &Cut) -> Vec<(BrickId, f64)> {
     let frusta = cut.view.frusta();
     let mut ring = Vec::new();
@@ -214,7 +210,7 @@ fn ring(source: &dyn BrickSource, cut: &Cut) -> Vec<(BrickId, f64)> {
             let mut beside = at;
             beside[axis] = at[axis].wrapping_add_signed(side);
             let away = DVec3::AXES[axis] * size * side as f64;
-            // A neighbour at the volume's end may be smaller than the cell, so this box may be slightly too large.
+            // A neighbour at the volume's end may be smaller than the cell, and this box slightly too large.
             let (low, high) = (low + away, high + away);
             if bricks.contains(beside) && cut.view.is_inside_clip(low, high) && !frusta.meet_box(low, high) {
                 let id = cut.view.id(level, BrickIndex::from_array(beside));
@@ -252,7 +248,7 @@ impl Planner {
         Ok(Self { sources: sources.to_vec(), asked: None, number: 0, newest: None, place })
     }
 
-    /// The newest available outlook, with cuts of the views' time steps and channels. If it is not the job's own, that one is on its way.
+    /// The newest outlook, with cuts of the views' time steps and channels. If it is not the job's own, that one is on its way.
     pub(crate) fn outlook(&mut self, job: Job) -> Outlook {
         if let Place::Thread(thread) = &self.place {
             self.newest = thread.newest(Duration::ZERO).or(self.newest.take());
@@ -315,7 +311,7 @@ impl Planner {
 struct PlannerThread {
     /// `None` only while dropping.
     jobs: Option<Sender<(u64, Job)>>,
-    /// The other end, to take back jobs that the thread has not taken.
+    /// The other end, for taking back jobs.
     untaken: Receiver<(u64, Job)>,
     outlooks: Receiver<(u64, Outlook)>,
     thread: Option<JoinHandle<()>>,
@@ -358,7 +354,7 @@ impl PlannerThread {
         }
     }
 
-    /// The newest untaken outlook; if there is none, the next one within `patience`.
+    /// The newest untaken outlook, or the next one within `patience`.
     fn newest(&self, patience: Duration) -> Option<(u64, Outlook)> {
         match self.outlooks.recv_timeout(patience) {
             Ok(outlook) => Some(outlook),

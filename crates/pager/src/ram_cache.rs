@@ -1,17 +1,15 @@
-//! RAM cache of decoded cores, as voxels of the source, and of the shells from which neighbours copy their aprons, in a fixed number of buffers.
+//! RAM cache of decoded cores, as voxels of the source, and of the shells from which neighbours copy their aprons, in a fixed number of
+//! buffers.
 //!
-//! Missing cores are decoded on the caller's thread. Other threads in need of the same brick first decode their remaining ones and then wait for it,
-//! so no core is decoded twice at a time. A decode yields a core and its shell (see [`Layout`]). A padded brick takes its own part from the core and
-//! all others from shells, so a core may go once its brick is assembled, while its far smaller shell stays for the neighbours. Each kind has a shelf:
-//! see [`Shelf`] for the eviction order.
+//! Missing cores are decoded on the caller's thread. Other threads in need of the same brick first decode their remaining ones and then
+//! wait, so no core is decoded twice at a time. A decode yields a core and its shell (see [`Layout`]). A padded brick takes its own part
+//! from the core and all others from shells: the core may go once its brick is assembled, while its far smaller shell stays for the
+//! neighbours. Each kind has a shelf (see [`Shelf`] for the eviction order). With stored aprons, a decode yields a core and its apron,
+//! there are no shells, and one entry holds everything for its padded brick.
 //!
-//! Where the source stores aprons, a decode yields a core and its apron, and no brick is decoded for a neighbour's sake: there are no shells, and one
-//! entry holds everything for its padded brick.
-//!
-//! Where the source keeps hashes, cores equal in several time steps are kept and decoded once (`sameness.rs`).
-//!
-//! No thread waits while holding a buffer, so one buffer of each kind suffices for any number of threads. Unreadable cores are remembered, logged
-//! once, and retried where the reason may pass (`retry.rs`). Looking up all cached parts of a padded brick costs one lock.
+//! Where the source keeps hashes, cores equal in several time steps are kept and decoded once (`sameness.rs`). No thread waits while
+//! holding a buffer, so one buffer of each kind suffices for any number of threads. Unreadable cores are remembered, logged once, and
+//! retried if the reason may pass (`retry.rs`). Looking up all cached parts of a padded brick costs one lock.
 
 use crate::apron_copy::copy_shell;
 use crate::budget::{Meter, PagerError};
@@ -33,12 +31,12 @@ use std::time::Duration;
 pub struct RamCache {
     source: Arc<dyn BrickSource>,
     layout: Layout,
-    /// Contents of the slots for which padded bricks are made.
+    /// Contents of the padded bricks' slots.
     contents: SlotContents,
-    /// Hashes by which cores of several time steps are found equal; `None` if not compared.
+    /// Hashes for finding equal cores of several time steps; `None` if not compared.
     hashes: Option<CoreHashes>,
     inner: Mutex<Inner>,
-    /// Notified when a thread has finished making a brick.
+    /// Notified when a brick is made.
     made: Condvar,
 }
 
@@ -48,14 +46,13 @@ struct Inner {
     failures: Failures,
     /// Bricks whose stored aprons could not be read.
     failed_aprons: FxHashSet<CoreKey>,
-    /// Whether cores are cut into shells.
     has_shells: bool,
-    /// Bricks whose core or shell a thread is making.
+    /// Bricks with a core or shell in the making.
     making: FxHashSet<CoreKey>,
     counters: DecodeCounters,
 }
 
-/// Decoded cores of one source, handed on by the cache that read them: see [`Pager::into_cores`](crate::Pager::into_cores).
+/// Decoded cores of one source, to be reused by another cache: see [`Pager::into_cores`](crate::Pager::into_cores).
 pub struct KeptCores {
     source: Arc<dyn BrickSource>,
     /// Width of the aprons behind the cores in voxels; 0 if there are none.
@@ -67,9 +64,9 @@ pub struct KeptCores {
 /// A brick in the making, in buffers not yet shared.
 struct Making {
     core: Arc<[u8]>,
-    /// Whether the core is cached already, and only the shell has been evicted.
+    /// Whether only the shell is missing from the cache.
     is_cached: bool,
-    /// `None` if the shell is cached, or there are none.
+    /// `None` if cached, or without shells.
     shell: Option<Arc<[u8]>>,
 }
 
@@ -81,15 +78,14 @@ pub(crate) struct Wanted {
     key: CoreKey,
 }
 
-/// Material of a padded brick where aprons are stored: a core and its apron.
+/// A core with its stored apron.
 pub(crate) struct Whole {
     /// Voxels of the core, then of the apron.
     pub(crate) voxels: Arc<[u8]>,
-    /// Whether the apron could be read.
     pub(crate) has_apron: bool,
 }
 
-/// A cache's decoding so far.
+/// Decoding counts of a cache.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DecodeCounters {
     /// Decoded cores, repeats included.
@@ -117,8 +113,7 @@ impl RamCache {
         }
     }
 
-    /// Creates a cache for `cores` cores; `keeps_done` retains finished ones while there is room. `layout` and `contents` are those of the padded
-    /// bricks.
+    /// Creates a cache for `cores` cores of padded bricks; `keeps_done` retains finished ones while there is room.
     pub(crate) fn with_meter(
         source: Arc<dyn BrickSource>,
         (layout, contents): (Layout, SlotContents),
@@ -142,12 +137,12 @@ impl RamCache {
         Self { hashes: CoreHashes::new(&self.source, kept_bytes), ..self }
     }
 
-    /// Content of a padded brick, for finding equal bricks of other time steps; `None` if unknown.
+    /// Content of a padded brick, for finding equal ones of other time steps; `None` if unknown.
     pub(crate) fn content(&self, id: BrickId) -> Option<Content> {
         self.hashes.as_ref()?.of_padded(id)
     }
 
-    /// Cache key of a brick's core. A stored apron belongs to the core, but consists of the neighbours' voxels.
+    /// Cache key of a core. A stored apron belongs to the core, but consists of the neighbours' voxels.
     fn key(&self, id: BrickId) -> CoreKey {
         let hash = self.hashes.as_ref().and_then(|hashes| match self.layout.has_stored() {
             true => hashes.of_padded(id).map(|content| content.hash()),
@@ -156,7 +151,7 @@ impl RamCache {
         CoreKey::new(id, hash)
     }
 
-    /// The cached cores with any stored aprons, except cores with an unreadable apron. To be called once no thread reads through the cache any more.
+    /// The cached cores, except those with an unreadable stored apron. To be called once no thread reads through the cache any more.
     pub(crate) fn kept_cores(&self) -> KeptCores {
         let inner = self.lock();
         let is_whole = |(key, _): &(CoreKey, &Arc<[u8]>)| !inner.failed_aprons.contains(key);
@@ -164,8 +159,8 @@ impl RamCache {
         KeptCores { source: self.source.clone(), stored_apron: self.layout.stored, cores }
     }
 
-    /// Takes over cores from another cache of the same source, the most recently used as far as there is room. The others are dropped, as are all
-    /// cores of another source or with other stored aprons.
+    /// Takes over another cache's cores, the most recently used as far as there is room. Drops the others, and all cores of another source
+    /// or with other stored aprons.
     pub(crate) fn adopt(&self, kept: KeptCores) {
         if !kept.is_for(&self.source, &self.layout) {
             return;
@@ -195,12 +190,11 @@ impl RamCache {
         &self.contents
     }
 
-    /// A request for a part from its lender.
     pub(crate) fn wanted(&self, part: Part, lender: BrickId) -> Wanted {
         Wanted { part, lender, key: self.key(lender) }
     }
 
-    /// Cached voxels for each part of a padded brick, by part number: the brick's own core, or a neighbour's shell. `None` if not cached or not
+    /// Cached voxels for each part of a padded brick, by part number: its own core, or a neighbour's shell. `None` if not cached or not
     /// requested. Drop the voxels before requesting more.
     pub(crate) fn cached(&self, wanted: &[Wanted]) -> [Option<Arc<[u8]>>; Part::COUNT] {
         let mut inner = self.lock();
@@ -211,16 +205,16 @@ impl RamCache {
         voxels
     }
 
-    /// Returns voxels for one of the parts, with its index in `wanted`: the first cached one, or else the first not being decoded, which is then
-    /// decoded. Threads with common neighbours thus share the work, and wait for one another only when everything left is being decoded. Drop the
-    /// voxels before requesting others.
+    /// Returns voxels for one of the parts, and its index in `wanted`: the first cached part, or else the first that no thread is decoding,
+    /// which is then decoded. Threads with common neighbours thus share the work, and wait only when everything left is being decoded. Drop
+    /// the voxels before requesting others.
     ///
     /// # Panics
     /// If `wanted` is empty.
     pub(crate) fn one_of(&self, wanted: &[Wanted]) -> (usize, Result<Arc<[u8]>, Failure>) {
         assert!(!wanted.is_empty(), "nothing is wanted");
         let mut inner = self.lock();
-        // The thread's own product comes first: another thread may need its buffers.
+        // The thread's own product first: another thread may need its buffers.
         let mut made = None;
         loop {
             for i in made.into_iter().chain(0..wanted.len()) {
@@ -268,7 +262,7 @@ impl RamCache {
         let lent = Part::lent_by(id.index, self.source.pyramid().level(id.level).bricks);
         let mut inner = self.lock();
         inner.making.remove(&key);
-        // While its apron may yet be read, a core is not accepted without it.
+        // A core whose apron may yet be read is not accepted without it.
         let result = match result {
             Ok(Some(Err(err))) if !inner.failures.is_last_try(id, &err) => Err(err),
             other => other,
@@ -298,7 +292,7 @@ impl RamCache {
         inner
     }
 
-    /// Decodes the core and cuts its shell, as far as needed. Returns the result for the stored apron, if any.
+    /// Decodes the core and cuts its shell, as far as needed. Returns the result for any stored apron.
     fn fill(&self, id: BrickId, making: &mut Making) -> Result<Option<Result<(), BrickError>>, BrickError> {
         let mut stored = None;
         // Buffers of a shelf have one holder, so nothing is ever copied here.
@@ -313,7 +307,6 @@ impl RamCache {
         Ok(stored)
     }
 
-    /// Waits for a possible change.
     fn wait<'a>(&self, inner: MutexGuard<'a, Inner>) -> MutexGuard<'a, Inner> {
         // With all buffers in use, dropping one wakes no thread: look again soon.
         let soon = Duration::from_millis(1);
@@ -333,22 +326,20 @@ fn decode(id: BrickId, read: impl FnOnce() -> Result<(), BrickError>) -> Result<
 }
 
 impl KeptCores {
-    /// Whether the cores were read from this source.
     pub(crate) fn is_of(&self, source: &Arc<dyn BrickSource>) -> bool {
         Arc::ptr_eq(&self.source, source)
     }
 
-    /// Whether a cache with this source and layout can take over the cores.
+    /// Whether a cache with this source and layout can take the cores.
     fn is_for(&self, source: &Arc<dyn BrickSource>, layout: &Layout) -> bool {
         self.is_of(source) && self.stored_apron == layout.stored
     }
 }
 
-/// Number of unreadable bricks logged as warnings. A damaged file has thousands; the drawing side reports their count.
+/// Unreadable bricks logged as warnings. A damaged file has thousands; their count is reported with the picture.
 const NAMED: u64 = 3;
 
 impl Inner {
-    /// Counts and logs a failure.
     fn note_failure(&mut self, message: &str) {
         if self.counters.failed < NAMED {
             tracing::warn!("{message}");
@@ -358,7 +349,6 @@ impl Inner {
         self.counters.failed += 1;
     }
 
-    /// Records the result for a stored apron.
     fn note_apron(&mut self, key: CoreKey, apron: Option<Result<(), BrickError>>, bytes: u64) {
         match apron {
             Some(Ok(())) => {
@@ -372,13 +362,12 @@ impl Inner {
         }
     }
 
-    /// Cached voxels for a part, if any.
     fn take(&mut self, part: Part, lender: CoreKey) -> Option<Arc<[u8]>> {
         let shelf = if part == Part::OWN { &mut self.cores } else { &mut self.shells };
         shelf.take(lender, part.bit())
     }
 
-    /// Claims a brick and buffers for its missing parts; `None` while another thread holds the brick or the buffers.
+    /// Claims a brick and buffers for its missing parts; `None` while another thread holds these.
     fn start(&mut self, key: CoreKey) -> Option<Making> {
         if self.making.contains(&key) {
             return None;
@@ -408,7 +397,7 @@ impl Inner {
     }
 }
 
-/// Layout of a source's bricks with this apron and number of gradient layers, in slots with these contents.
+/// Layout of a source's padded bricks in slots with these contents.
 ///
 /// # Errors
 /// If the apron or the gradients do not fit the bricks.

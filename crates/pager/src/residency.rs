@@ -2,17 +2,15 @@
 //! against any order of arrivals.
 //!
 //! absent → (queued, decoding: the workers') → staged → resident → absent; or failed, until the reason has passed. Bricks to retry stay
-//! absent: they are requested, and the workers time the retries.
+//! absent: they are requested, and the workers time the retries. Equal bricks of several time steps share a slot.
 //!
-//! A wanted brick always finds a slot, so every frame makes progress: a frame protects the resident bricks of the cuts' wanted cells and at
-//! most one stand-in per missing one, and pins the roots, which the cuts count. Together these are no more than the cuts' count, which is
-//! below the number of slots (or is the roots alone, which need no stand-ins). Cells wanted only by a newer view are drawn with whatever is
-//! left: the list is made after the slots are given.
-//!
-//! Equal bricks of several time steps share a slot.
+//! A wanted brick always finds a slot, so every frame makes progress: a frame protects the resident bricks of the cuts' wanted cells, at
+//! most one stand-in per missing one, and the roots, which the cuts count. Together these are no more than the cuts' count, which is below
+//! the number of slots (or is the roots alone, which need no stand-ins). Other cells, visible only in a newer view, are drawn with whatever
+//! is left: the list is made after the slots are given.
 //!
 //! The cuts of coming time steps get the remaining slots, the nearest step first: a step's resident bricks are kept and its missing ones
-//! requested, so the step is whole when its time comes.
+//! requested, so the step is whole in time.
 
 use crate::budget::MAX_STAGED;
 use crate::cut::NodeId;
@@ -47,19 +45,18 @@ pub struct Upload {
     pub codes: Arc<[u8]>,
 }
 
-/// Result of a worker: a brick read, found in a slot, or failed.
+/// A worker's result: a brick read, found in a slot, or failed.
 #[derive(Clone, Debug)]
 pub(crate) struct Arrival {
     pub(crate) id: BrickId,
     pub(crate) result: Result<Arrived, Failure>,
 }
 
-/// Origin of an arrived brick.
 #[derive(Clone, Debug)]
 pub(crate) enum Arrived {
-    /// Read from the source; the content is `None` if unknown.
+    /// The content is `None` if unknown.
     Read { codes: Arc<[u8]>, content: Option<Content> },
-    /// Already held by a slot, for another time step.
+    /// Already in a slot, for another time step.
     Held(Content),
 }
 
@@ -67,11 +64,9 @@ pub(crate) enum Arrived {
 #[derive(Debug)]
 pub(crate) struct Step {
     pub(crate) uploads: Vec<Upload>,
-    /// Per volume.
     pub(crate) volumes: Vec<VolumeStep>,
     /// Whether every wanted brick is resident, or has failed with its stand-in resident, and no brick fades in any more.
     pub(crate) settled: bool,
-    /// Readiness of each coming step.
     pub(crate) coming: Vec<Readiness>,
 }
 
@@ -83,7 +78,7 @@ pub(crate) struct VolumeStep {
     pub(crate) resident: Vec<bool>,
     /// Bricks to read next, the most urgent first.
     pub(crate) requests: Vec<(Tier, BrickId)>,
-    /// Codes of arrived bricks unwanted by this view.
+    /// Codes of arrived bricks not wanted in this view.
     pub(crate) stale: Vec<Arc<[u8]>>,
 }
 
@@ -95,7 +90,7 @@ pub(crate) struct Wants<'a> {
     pub(crate) sight: &'a VisibleCells,
 }
 
-/// Bricks to fetch ahead of a frame's views, tier by tier, the most urgent first.
+/// Bricks to prefetch, tier by tier, the most urgent first.
 #[derive(Default)]
 struct Fetched {
     /// Resident ones.
@@ -104,8 +99,8 @@ struct Fetched {
     lacking: Vec<(Tier, VolumeBrick)>,
 }
 
-/// Sufficient requests for coming steps: twice the most bricks in flight, so workers always have some before the next plan. Sorting those
-/// of all steps takes longer than the rest of a frame with many bricks.
+/// Sufficient requests for coming steps: twice the most bricks in flight, to keep workers busy until the next plan. Sorting those of all
+/// steps takes longer than the rest of a frame with many bricks.
 const ENOUGH_REQUESTS: usize = 2 * MAX_STAGED as usize;
 
 /// All bricks to read: the views' needs, then prefetched ones.
@@ -117,10 +112,10 @@ fn all_requests(needed: Vec<(Tier, VolumeBrick)>, fetched: &Fetched) -> Vec<(Tie
     requests
 }
 
-/// Bricks to fetch ahead of a frame's views.
+/// Bricks to prefetch.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Ahead<'a> {
-    /// Goals of the coming views for each volume, the nearest views first; empty for views still without cuts.
+    /// Goals of the coming views, the nearest first; empty for views still without cuts.
     pub(crate) coming: &'a [Vec<Goal<'a>>],
     /// Other bricks, tier by tier.
     pub(crate) listed: &'a [(Tier, VolumeBrick)],
@@ -143,13 +138,11 @@ pub(crate) struct Residency {
     pub(crate) shared: u64,
 }
 
-/// A brick that was read, and waits for a slot.
 struct Staged {
     codes: Arc<[u8]>,
     content: Option<Content>,
 }
 
-/// A volume's staged, failed and fading bricks.
 struct Bricks {
     staged: BTreeMap<BrickId, Staged>,
     failed: FxHashMap<BrickId, BrickError>,
@@ -159,7 +152,7 @@ struct Bricks {
 /// Limits of a frame's uploads.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct UploadLimit {
-    /// Sufficient bytes for a frame, though one brick is allowed whatever its size; `None` for no such limit.
+    /// Sufficient bytes for a frame, though one brick of any size is allowed; `None` for no such limit.
     pub(crate) goal_bytes: Option<u64>,
     /// Available bytes, possibly none; `None` for no such limit.
     pub(crate) room_bytes: Option<u64>,
@@ -174,8 +167,8 @@ impl UploadLimit {
 }
 
 impl Residency {
-    /// Initial state without resident bricks. `held` keeps the contents of each volume's slots. Arriving bricks fade in over the time
-    /// `fade`; with `None` they are drawn at once.
+    /// Initial state without resident bricks, for volumes with slot contents kept in `held`. Arriving bricks fade in over the time `fade`;
+    /// with `None` they are drawn at once.
     pub(crate) fn new(held: Vec<Arc<SlotsByContent>>, slots: u32, fade: Option<Duration>) -> Self {
         let bricks = || Bricks { staged: BTreeMap::new(), failed: FxHashMap::default(), fades: Fades::new(fade) };
         Self {
@@ -207,7 +200,7 @@ impl Residency {
         }
     }
 
-    /// Forgets failures of a volume: these bricks may be readable after all.
+    /// Forgets failures: these bricks may be readable after all.
     pub(crate) fn forget_failures(&mut self, volume: usize, bricks: &[BrickId]) {
         for &id in bricks {
             self.volumes[volume].failed.remove(&id);
@@ -215,7 +208,7 @@ impl Residency {
         }
     }
 
-    /// Forgets all slot contents. From here on there are `slots` slots.
+    /// Forgets all slot contents and sets the number of slots.
     pub(crate) fn forget_slots(&mut self, slots: u32) {
         self.slots.forget(slots);
         self.steps_ahead.clear();
@@ -246,8 +239,8 @@ impl Residency {
         }
     }
 
-    /// Runs one frame of all volumes. Places staged bricks, in the plan's order and within a limit, into slots not drawn from by anything
-    /// wanted; then makes the draw lists and plans from the resident bricks. `ahead` lists bricks to prefetch; `at` is the frame's time.
+    /// Runs one frame of all volumes. Places staged bricks, in the plan's order and within a limit, into slots without wanted bricks; then
+    /// makes the draw lists and plans from the resident bricks. `at` is the frame's time.
     pub(crate) fn step(&mut self, wants: &[Wants<'_>], ahead: Ahead<'_>, limit: UploadLimit, at: Duration) -> Step {
         self.slots.begin_frame();
         let of_volume = |(volume, wants): (usize, &Wants<'_>)| bricks_of(volume, wants.goal.roots).collect::<Vec<_>>();
@@ -359,10 +352,10 @@ impl Residency {
         }
     }
 
-    /// Selects bricks to keep and fetch ahead, as far as there is room beside the view's own, so each gets a slot when it comes. Returns
-    /// the readiness of each coming step too. The nearest steps come first. A step that does not fit waits, with all after it: half a step
-    /// is of no use, and its bricks would come and go. Of the first step as much is kept as there is room for. A step's missing bricks are
-    /// left out while the steps before it lack enough.
+    /// Selects bricks to keep and prefetch, as far as there is room beside the view's own, so each gets a slot. Also returns the readiness
+    /// of each coming step. The nearest steps come first. A step that does not fit waits, with all after it: half a step is useless, and
+    /// its bricks would come and go. Of the first step as much is kept as fits. A step's missing bricks are left out while the steps before
+    /// it lack enough.
     fn ahead(&mut self, goals: &[Goal<'_>], ahead: Ahead<'_>) -> (Fetched, Vec<Readiness>) {
         let needed: usize = goals.iter().map(|goal| goal.cut.wanted() + goal.roots.len()).sum();
         let mut room = self.slots.count().saturating_sub(needed);
@@ -394,7 +387,7 @@ impl Residency {
         (fetched, coming)
     }
 
-    /// Adds listed bricks to the fetched ones, as far as there is room. In each tier, resident bricks precede missing ones: bricks of a
+    /// Adds listed bricks to the fetched ones, as far as there is room; in each tier the resident before the missing, so that bricks of a
     /// tier do not displace each other.
     fn fetch_listed(&self, listed: &[(Tier, VolumeBrick)], mut room: usize, fetched: &mut Fetched) {
         for of_tier in listed.chunk_by(|a, b| a.0 == b.0) {
@@ -428,7 +421,7 @@ impl Residency {
         StepAhead::new(goals, &self.slots.changes, there, lacking, is_drawn_everywhere)
     }
 
-    /// Missing bricks of a volume's goal, in no order, with their places in the order of reading.
+    /// Missing bricks of a volume's goal, in no order, with their keys.
     fn missing(&self, volume: usize, goal: &Goal<'_>, stand_ins: &StandIns) -> Vec<(Key, VolumeBrick)> {
         let &Goal { pyramid, cut, roots } = goal;
         let state_of = |node| match stand_ins.is_resident(node) {

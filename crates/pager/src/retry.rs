@@ -1,8 +1,8 @@
 //! Unreadable bricks and their retries.
 //!
-//! A brick that failed for a passing reason is tried [`TRIES`] times, at growing delays, and then given up: it counts as failed.
-//! A new view grants each one more try, so the tries per view are bounded and every view settles. Lasting failures are not
-//! retried. Tries are counted, not timed: offline pictures depend on the number of failed reads, not on their timing.
+//! A brick is tried [`TRIES`] times after passing failures, at growing delays, and then given up: it counts as failed. A new
+//! view grants one more try, so the tries per view are bounded and every view settles. Lasting failures are not retried. Tries
+//! are counted, not timed: offline pictures depend on the number of failed reads, not on their timing.
 
 use crate::source::BrickError;
 use brickyard_volume::BrickId;
@@ -15,7 +15,6 @@ pub(crate) const TRIES: usize = 5;
 /// Delay in milliseconds before the next try, after each failed one.
 const DELAYS_MS: [u64; TRIES] = [20, 80, 320, 1000, 1000];
 
-/// Reason for a missing brick, and the time of its next try.
 #[derive(Clone, Debug)]
 pub(crate) struct Failure {
     pub(crate) error: BrickError,
@@ -23,7 +22,6 @@ pub(crate) struct Failure {
     pub(crate) again: Option<Instant>,
 }
 
-/// All unreadable bricks of one source.
 #[derive(Default)]
 pub(crate) struct Failures {
     bricks: FxHashMap<BrickId, Tried>,
@@ -73,7 +71,6 @@ impl Failures {
         !error.is_passing || self.bricks.get(&id).map_or(0, |tried| tried.times) + 1 >= TRIES
     }
 
-    /// Forgets the failures of a brick after a successful read.
     pub(crate) fn remove(&mut self, id: BrickId) {
         self.bricks.remove(&id);
     }

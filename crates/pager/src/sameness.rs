@@ -1,11 +1,9 @@
-//! Bricks that are equal in several time steps, found by the source's hashes of its cores. Unchanged bricks are neither decoded nor
-//! uploaded again.
+//! Equal bricks of several time steps, found by the source's hashes of its cores. Unchanged bricks are neither decoded nor uploaded again.
 //!
 //! Two cores are equal if their hashes are; two padded bricks if their own and all neighbours' hashes are, since aprons come from
-//! neighbours. Hashes belong to a single step, so finding a step equal to another requires no knowledge of steps between: playing on, back
-//! or round and jumping cost the same. Workers compare before reading a brick; pages of hashes are read then, and kept within a budget. A
-//! brick with an unreadable or missing hash differs from all others. Costs about 2 us per brick, and a page of hashes for each step and
-//! level.
+//! neighbours. Each step has its own hashes, independent of the steps between: playing on, back or round and jumping cost the same.
+//! Workers compare before reading a brick; pages of hashes are read then, and kept within a budget. A brick with an unreadable or missing
+//! hash differs from all others. Costs about 2 us per brick, and a page of hashes for each step and level.
 
 use crate::draw_list::Slot;
 use crate::neighbourhood::Part;
@@ -17,7 +15,7 @@ use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use xxhash_rust::xxh3::Xxh3Default;
 
-/// Content of a padded brick, whatever its time step: bricks of equal content are equal voxel by voxel.
+/// Content of a padded brick, whatever its time step; equal contents are equal voxel by voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Content {
     channel: u32,
@@ -26,7 +24,7 @@ pub(crate) struct Content {
     hash: u128,
 }
 
-/// Key of a core in the cache: its brick, with its hash in place of the time step if known.
+/// Cache key of a core: its brick, with the hash, if known, in place of the time step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct CoreKey {
     id: BrickId,
@@ -39,23 +37,22 @@ impl Content {
         Self { channel: id.channel, level: id.level, index: id.index, hash }
     }
 
-    /// Hash of the voxels.
     pub(crate) fn hash(&self) -> u128 {
         self.hash
     }
 }
 
 impl CoreKey {
-    /// Key of a brick; in its own time step if the hash is unknown, else in step 0.
+    /// Key of a brick; in step 0 if the hash is known, else in its own.
     pub(crate) fn new(id: BrickId, hash: Option<u128>) -> Self {
         Self { id: if hash.is_some() { BrickId { time: 0, ..id } } else { id }, hash }
     }
 }
 
-/// Core hashes of a source's bricks, read page by page.
+/// Core hashes of a source, read page by page.
 pub(crate) struct CoreHashes {
     source: Arc<dyn BrickSource>,
-    /// The most recently used pages. Each is read once, by its first user; only others in need of the same page wait.
+    /// The most recently used pages, each read once, by its first user; only others in need of the same page wait.
     pages: Mutex<LruCache<PageId, Arc<OnceLock<HashPage>>>>,
 }
 
@@ -74,7 +71,7 @@ fn can_be_same(source: &dyn BrickSource) -> bool {
     source.times() > 1 && source.keeps_hashes()
 }
 
-/// Bytes of a host budget for hash pages: a 64th of it, but at least 64 pages; 0 if there is nothing to compare.
+/// Bytes of a host budget for hash pages: a 64th of it, at least 64 pages; 0 if there is nothing to compare.
 pub(crate) fn kept_hash_bytes(source: &dyn BrickSource, host_bytes: u64) -> u64 {
     const LEAST_PAGES: u64 = 64;
     if !can_be_same(source) {
@@ -86,19 +83,17 @@ pub(crate) fn kept_hash_bytes(source: &dyn BrickSource, host_bytes: u64) -> u64 
 }
 
 impl CoreHashes {
-    /// Hashes of a source, with `kept_bytes` of pages kept, or one page if that is more; `None` if there is nothing to compare.
+    /// Hashes of a source, with `kept_bytes` of pages, or one page if that is more; `None` if there is nothing to compare.
     pub(crate) fn new(source: &Arc<dyn BrickSource>, kept_bytes: u64) -> Option<Self> {
         let capacity = NonZeroUsize::new((kept_bytes / page_bytes(&**source)) as usize).unwrap_or(NonZeroUsize::MIN);
         can_be_same(&**source).then(|| Self { source: source.clone(), pages: Mutex::new(LruCache::new(capacity)) })
     }
 
-    /// Hash of a brick's core; `None` if unknown.
     pub(crate) fn of_core(&self, id: BrickId) -> Option<u128> {
         self.all_of(std::iter::once(id), |hash| hash)
     }
 
-    /// Content of a padded brick; `None` if unknown. At the faces of its level a brick has fewer neighbours, but the same ones in all time
-    /// steps.
+    /// Content of a padded brick; `None` if unknown. At a level's faces a brick has fewer neighbours, but the same ones in all time steps.
     pub(crate) fn of_padded(&self, id: BrickId) -> Option<Content> {
         let grid = self.source.pyramid().level(id.level).bricks;
         let parts = Part::all().filter(|part| part.has_lender(id.index, grid));
@@ -109,7 +104,7 @@ impl CoreHashes {
         Some(Content { channel, level, index, hash: hasher.digest128() })
     }
 
-    /// Passes the hashes of bricks to `tell` one by one. Returns its last result; `None` as soon as a hash is unknown.
+    /// Passes the hashes of bricks to `tell`. Returns its last result; `None` at the first unknown hash.
     fn all_of<T>(&self, bricks: impl Iterator<Item = BrickId>, mut tell: impl FnMut(u128) -> T) -> Option<T> {
         let mut last = None;
         let mut kept: Option<(PageId, Arc<OnceLock<HashPage>>)> = None;
@@ -142,22 +137,18 @@ pub(crate) struct SlotsByContent {
 }
 
 impl SlotsByContent {
-    /// Slot of a content.
     pub(crate) fn get(&self, content: &Content) -> Option<Slot> {
         self.slots.lock().unwrap_or_else(PoisonError::into_inner).get(content).copied()
     }
 
-    /// Records the slot of a content.
     pub(crate) fn insert(&self, content: Content, slot: Slot) {
         self.slots.lock().unwrap_or_else(PoisonError::into_inner).insert(content, slot);
     }
 
-    /// Removes a content that no slot holds any more.
     pub(crate) fn remove(&self, content: &Content) {
         self.slots.lock().unwrap_or_else(PoisonError::into_inner).remove(content);
     }
 
-    /// Removes all contents.
     pub(crate) fn clear(&self) {
         self.slots.lock().unwrap_or_else(PoisonError::into_inner).clear();
     }

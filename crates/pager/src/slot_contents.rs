@@ -1,6 +1,6 @@
 //! Contents of slots, made from a source's voxels. The RAM cache keeps source voxels, so slots can be refilled in another way without
-//! decoding a brick again; an [`Encoder`] turns a padded brick's voxels into slot codes as it is assembled. Costs a pass over the padded
-//! brick, except for unsigned voxels of 8 and 16 bits, which are codes already.
+//! decoding; an [`Encoder`] turns a padded brick's voxels into slot codes as it is assembled. Costs a pass over the padded brick, except
+//! for unsigned voxels of 8 and 16 bits, which are codes already.
 
 use crate::layout::Layout;
 use crate::source::BrickSource;
@@ -64,7 +64,6 @@ impl Encoder {
         Self { encodings, labels, voxels }
     }
 
-    /// Slot encoding of a channel's values.
     pub(crate) fn encoding(&self, channel: u32) -> SlotEncoding {
         self.encodings[channel as usize]
     }

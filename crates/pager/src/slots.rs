@@ -1,9 +1,9 @@
-//! Slot table: the brick of each slot, and the eviction order. Equal bricks of several time steps share a slot, which is freed with the
-//! last of them.
+//! Slot table: the brick of each slot, and the eviction order. Equal bricks of several time steps share a slot, freed with the last of
+//! them.
 //!
-//! *Pinned* bricks stay, and so do those *claimed* for the view in the current frame. Bricks claimed for a tier ahead of it are evicted
-//! only for earlier tiers; all others go first, the least recently used first. Claiming a brick moves it to the recent end. Later tiers are
-//! claimed first, so that the search can end at the first protected brick from the old end, and equal histories give equal tables.
+//! *Pinned* bricks stay, and so do those *claimed* for the view in the current frame. Prefetched bricks are evicted only for earlier tiers;
+//! all others go first, the least recently used first. Claiming a brick moves it to the recent end. Later tiers are claimed first, so the
+//! search from the old end can stop at the first claimed brick that must stay, and equal histories give equal tables.
 
 use crate::changes::Changes;
 use crate::draw_list::Slot;
@@ -20,16 +20,13 @@ struct Entry {
     tier: Tier,
 }
 
-/// State of a used slot.
 #[derive(Default)]
 struct Holding {
-    /// Number of bricks sharing the slot.
     bricks: u32,
     /// Volume and content, if known.
     content: Option<(usize, Content)>,
 }
 
-/// Most bricks recorded as resident, per slot.
 const BRICKS_PER_SLOT: usize = 2;
 
 pub(crate) struct SlotTable {
@@ -44,7 +41,7 @@ pub(crate) struct SlotTable {
     frame: u64,
     /// Sorted.
     pinned: Vec<VolumeBrick>,
-    /// The bricks evicted last, to distinguish a returning brick from a new one.
+    /// Last evictions, to recognise returning bricks.
     evicted: LruCache<VolumeBrick, ()>,
     /// Arrivals and evictions.
     pub(crate) changes: Changes,
@@ -54,7 +51,7 @@ pub(crate) struct SlotTable {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Acquired {
     pub(crate) slot: Slot,
-    /// Whether the brick is among the last evicted ones; as many are remembered as there are slots.
+    /// Whether the brick is among the last evicted ones, remembered for as many as there are slots.
     pub(crate) again: bool,
 }
 
@@ -75,7 +72,7 @@ impl SlotTable {
         }
     }
 
-    /// Forgets all contents. From here on there are `count` slots.
+    /// Forgets all contents and sets the number of slots.
     pub(crate) fn forget(&mut self, count: u32) {
         *self = Self::new(count, std::mem::take(&mut self.held));
     }
@@ -89,7 +86,7 @@ impl SlotTable {
         self.frame += 1;
     }
 
-    /// Replaces the set of pinned bricks. A pin takes effect once the brick has a slot.
+    /// Replaces the set of pinned bricks. Pins take effect once their brick has a slot.
     pub(crate) fn set_pins(&mut self, mut pins: Vec<VolumeBrick>) {
         pins.sort_unstable();
         self.pinned = pins;
@@ -99,12 +96,12 @@ impl SlotTable {
         self.entries.peek(&brick).map(|entry| entry.slot)
     }
 
-    /// Moves a resident brick to the recent end, to be evicted after the unused ones. To be called before any brick is claimed.
+    /// Moves a resident brick to the recent end, behind unused ones. To be called before any claim.
     pub(crate) fn touch(&mut self, brick: VolumeBrick) {
         self.entries.promote(&brick);
     }
 
-    /// Claims a resident brick for this frame, so it stays. Bricks of later tiers are to be claimed first.
+    /// Claims a resident brick for this frame, so it stays. Claim later tiers first.
     pub(crate) fn claim(&mut self, brick: VolumeBrick, tier: Tier) {
         let frame = self.frame;
         if let Some(entry) = self.entries.get_mut(&brick) {
@@ -113,8 +110,8 @@ impl SlotTable {
     }
 
     /// Gives a slot to a brick without one, and claims it for this frame. `None` if all slots are pinned, or claimed for the view, for this
-    /// tier or for an earlier one. (Not even a brick covering a hole takes a slot from one shown at its own level: the next frame no longer
-    /// claims bricks whose cells have been covered.)
+    /// tier or for an earlier one. (Not even a brick covering a hole takes a slot from one shown at its own level: once covered, cells
+    /// release their former bricks in the next frame.)
     pub(crate) fn acquire(&mut self, brick: VolumeBrick, content: Option<Content>, tier: Tier) -> Option<Acquired> {
         debug_assert!(!self.entries.contains(&brick), "{brick:?} has a slot");
         // This frame's evictions may push it out.
@@ -135,7 +132,7 @@ impl SlotTable {
         Some(Acquired { slot, again })
     }
 
-    /// Gives a brick the slot with its content, and claims it for this frame. Returns whether there is such a slot.
+    /// Gives a brick the slot with its content, if there is one, and claims it for this frame. Returns whether there is.
     pub(crate) fn share(&mut self, brick: VolumeBrick, content: Content, tier: Tier) -> bool {
         let Some(slot) = self.held[brick.volume].get(&content) else { return false };
         if self.entries.contains(&brick) {
@@ -153,7 +150,6 @@ impl SlotTable {
         true
     }
 
-    /// Takes a brick out of its slot.
     fn evict(&mut self, brick: VolumeBrick) {
         let Some(Entry { slot, .. }) = self.entries.pop(&brick) else { return };
         self.evicted.put(brick, ());

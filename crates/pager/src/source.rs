@@ -7,7 +7,7 @@ use brickyard_volume::{BrickId, BrickIndex, Geometry, Occupancy, OccupancyBins, 
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{id}: {reason}")]
 pub struct BrickError {
-    /// The brick that could not be read.
+    /// The unreadable brick.
     pub id: BrickId,
     /// The reason, with the file if there is one.
     pub reason: String,
@@ -16,7 +16,7 @@ pub struct BrickError {
 }
 
 impl BrickError {
-    /// Error for a brick given up because `who` panicked on it; the panic has been printed.
+    /// Error for a brick on which `who` panicked; the panic has been printed.
     pub(crate) fn of_panic(id: BrickId, who: &str) -> Self {
         Self { id, reason: format!("{who} panicked"), is_passing: false }
     }
@@ -61,20 +61,20 @@ impl BrickError {
 /// # Ok::<(), BrickError>(())
 /// ```
 pub trait BrickSource: Send + Sync {
-    /// Levels of the volume, each with its grid of bricks.
+    /// The levels, each with its grid of bricks.
     fn pyramid(&self) -> &Pyramid;
-    /// Voxel spacing and position of the volume in the world.
+    /// Voxel spacing and position in the world.
     fn geometry(&self) -> &Geometry;
     /// Type of the voxel values.
     fn voxel_type(&self) -> VoxelType;
     /// Least and greatest valid value over all channels, time steps and levels. Values beyond are clamped.
     fn value_range(&self) -> (f64, f64);
-    /// Least and greatest valid value of a channel over all time steps and levels. Values beyond are clamped. Slots of 32-bit types have 65,536 codes
-    /// between the two.
+    /// Least and greatest valid value of a channel over all time steps and levels. Values beyond are clamped. Slots of 32-bit types have
+    /// 65,536 codes in between.
     fn channel_range(&self, _channel: u32) -> (f64, f64) {
         self.value_range()
     }
-    /// Whether values are labels, which name things and are never mixed.
+    /// Whether values are labels, which are never mixed.
     fn is_labels(&self) -> bool {
         false
     }
@@ -94,13 +94,13 @@ pub trait BrickSource: Send + Sync {
     fn channels(&self) -> u32 {
         1
     }
-    /// Division of a channel's values into the bins of occupancy masks.
+    /// Bins of the occupancy masks of a channel.
     fn occupancy_bins(&self, _channel: u32) -> OccupancyBins {
         let (low, high) = self.value_range();
         OccupancyBins::over(low, high)
     }
-    /// Value bins present in the brick, its descendants and one voxel around them; [`Occupancy::ALL`] if unknown. May wait for a disk. Bricks
-    /// invisible under a transfer function are not read.
+    /// Value bins in the brick, its descendants and one voxel around; [`Occupancy::ALL`] if unknown. May wait for a disk. Bricks invisible
+    /// under a transfer function are not read.
     fn occupancy(&self, _id: BrickId) -> Occupancy {
         Occupancy::ALL
     }
@@ -115,12 +115,12 @@ pub trait BrickSource: Send + Sync {
         }
         Ok(occupancy)
     }
-    /// Whether the source keeps hashes of its cores, by which equal bricks of several time steps are found.
+    /// Whether the source keeps hashes of its cores, for finding equal bricks of several time steps.
     fn keeps_hashes(&self) -> bool {
         false
     }
-    /// Reads the core hashes of all bricks of a page, each at its [place](Pyramid::page_of). Cores of equal hash count as equal. Only called where
-    /// hashes are kept.
+    /// Reads the core hashes of all bricks of a page, each at its [place](Pyramid::page_of). Equal hashes mean equal cores. Only called
+    /// where hashes are kept.
     ///
     /// # Errors
     /// If the page cannot be read. Its bricks then count as changed.
@@ -128,14 +128,14 @@ pub trait BrickSource: Send + Sync {
         let id = BrickId { time: page.time, channel: page.channel, level: page.level, index: BrickIndex::default() };
         Err(BrickError { id, reason: "no hashes are kept".into(), is_passing: false })
     }
-    /// Announces that these bricks, with their stored aprons, are about to be read, so the source can have the operating system read ahead.
+    /// Announces coming reads of these bricks and their stored aprons, so the operating system can read ahead.
     fn advise(&self, _ids: &[BrickId]) {}
     /// Decodes the brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. Voxels past the level's extent are unspecified.
     ///
     /// # Errors
     /// If the brick's bytes are missing, damaged or cannot be decoded.
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError>;
-    /// Width of the stored aprons in voxels; 0 if there are none, in which case aprons are copied from neighbouring bricks.
+    /// Width of the stored aprons in voxels; 0 without any, in which case aprons are copied from neighbours.
     fn stored_apron(&self) -> u32 {
         0
     }
@@ -151,8 +151,8 @@ pub trait BrickSource: Send + Sync {
     fn bytes_read(&self) -> u64 {
         0
     }
-    /// Peak memory in bytes taken by the source itself while its bricks are read, whatever the volume's size. Counts towards the reader's host
-    /// budget, so memory shared by many readers is excluded.
+    /// Peak memory in bytes of the source itself during reads, whatever the volume's size. Part of the reader's host budget, so memory
+    /// shared by many readers is excluded.
     fn cache_bytes(&self) -> u64 {
         0
     }

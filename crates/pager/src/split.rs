@@ -1,21 +1,20 @@
 //! Derivation of cuts from the last ones, for one volume or for several sharing a number of cells.
 //!
 //! The result has one definition. Cells are split in the order of their screen-space errors, weighted by visibility (see [`visibility`];
-//! hidden cells are not split), largest first across all volumes (ties: coarse first, then least brick id), and the first split that does
-//! not fit ends the work. A larger budget therefore makes the same splits and then more: no cell is ever coarser for having more slots.
-//! Cells split in the last cut have an advantage, the *hysteresis*. Their errors count 1 / [`KEEP`] times as much, so others must be worse
-//! by that factor to displace them; and they stay split until the error is below [`KEEP`] of the target, but are the first to yield where
-//! room runs out.
+//! hidden cells are not split), largest first across all volumes (ties: coarse first, then least brick id), until a split does not fit. A
+//! larger budget makes the same splits and then more: no cell is ever coarser for having more slots. *Hysteresis* favours cells split in
+//! the last cut: their errors count 1 / [`KEEP`] times as much, so only a cell worse by that factor displaces them; they stay split until
+//! the error is below [`KEEP`] of the target, but are the first to yield where room runs out.
 //!
 //! Therefore: where not memory bound, no error is above the target, and every split of a cold cut is made; where memory bound, the largest
 //! error is at most 1 / [`KEEP`] of the cold cut's; and a new cut for the same view is at least as fine.
 //!
-//! Volumes on one grid in one place, such as the channels of an image, share a tree: a node visible to any of them is split for all, and
-//! takes up one cell per child and volume to which the child is visible. They can thus be drawn cell by cell.
+//! Volumes on one grid in one place, such as the channels of an image, share a tree, and can thus be drawn cell by cell. A node visible to
+//! any of them is split for all, and takes up one cell per child and volume that sees it.
 //!
-//! The work is incremental and two-ended: one linear pass repeats the splits of the last cut that are still called for; then heaps exchange
-//! the worst unsplit cell for the least needed split, until nothing is out of order. The order is total, and an ancestor is never after its
-//! descendants, so the outcome is the definition's.
+//! The work is incremental and two-ended: one linear pass repeats the still necessary splits of the last cut; then heaps exchange the worst
+//! unsplit cell for the least needed split, until nothing is out of order. The order is total, with ancestors before descendants, so the
+//! outcome is the definition's.
 //!
 //! Costs 0.1 to 0.3 µs per cell for the linear pass and 0.3 to 0.5 µs per new split, whatever the volume's size.
 
@@ -27,15 +26,13 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::Arc;
 
-/// Hysteresis: the fraction of the target below which a split cell's error must fall before the cell is merged. The cell must then be a
-/// quarter farther away than where it was split: more than a hand-held, orbiting or wobbling camera moves to and fro in a second, and short
-/// of the half at which its parent would have been merged anyway. The price: on the way out, up to a quarter more of each level's radius is
-/// kept.
+/// Hysteresis: fraction of the target below which a split cell is merged. The cell must then be a quarter farther away than at its split:
+/// more than a hand-held, orbiting or wobbling camera moves to and fro in a second, and short of the half at which its parent would have
+/// been merged anyway. The price: on the way out, up to a quarter more of each level's radius is kept.
 pub(crate) const KEEP: f64 = 0.8;
 
 impl Cut {
-    /// Cut of `source` for `view` with at most `max_cells` wanted cells. All bricks of the coarsest level always count: they are pinned, so
-    /// they hold their slots whether in the cut or not.
+    /// Cut of `source` for `view` with at most `max_cells` wanted cells. All coarsest bricks count, in the cut or not, as they are pinned.
     pub fn new(source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
         only(cuts(&[Subject { source, view, visibility: None }], max_cells, &[]))
     }
@@ -50,7 +47,6 @@ fn only(mut cuts: Vec<Cut>) -> Cut {
     cuts.swap_remove(0)
 }
 
-/// A volume to cut.
 #[derive(Clone, Copy)]
 pub(crate) struct Subject<'a> {
     pub(crate) source: &'a dyn BrickSource,
@@ -60,7 +56,7 @@ pub(crate) struct Subject<'a> {
 }
 
 impl Subject<'_> {
-    /// Whether `other` stands on the same grid in the same place, and is seen by the same eyes.
+    /// Whether `other` has the same grid in the same place, and the same eyes.
     fn shares_grid_with(&self, other: &Self) -> bool {
         let seen_as = |view: &View| {
             (view.rays, view.other_eye, view.level, view.window, view.pixel_error.to_bits(), view.placement)
@@ -71,7 +67,7 @@ impl Subject<'_> {
     }
 }
 
-/// For each volume, the index of the first volume sharing its tree: its own index if there is no earlier one.
+/// Index of the first volume sharing each volume's tree, possibly itself.
 pub(crate) fn firsts<T>(volumes: &[T], share: impl Fn(&T, &T) -> bool) -> Vec<usize> {
     let first = |volume| volumes.iter().position(|other| share(other, volume));
     // Each shares its own.
@@ -84,7 +80,7 @@ pub(crate) fn share_trees(subjects: &[Subject<'_>], cuts: &[Arc<Cut>]) -> bool {
     cuts.iter().zip(firsts).all(|(cut, first)| cut.shares_tree_with(&cuts[first]))
 }
 
-/// Cuts of several volumes with at most `max_cells` wanted cells in total. `last` holds the preceding cuts of the volumes, or is empty.
+/// Cuts of several volumes with at most `max_cells` wanted cells in total, following `last` unless that is empty.
 pub(crate) fn cuts(subjects: &[Subject<'_>], max_cells: usize, last: &[&Cut]) -> Vec<Cut> {
     debug_assert!(subjects.len() <= MAX_VOLUMES, "{} volumes", subjects.len());
     let firsts = firsts(subjects, Subject::shares_grid_with);
@@ -131,8 +127,8 @@ struct Key {
 struct Forest<'a> {
     builds: Vec<Build<'a>>,
     max_cells: usize,
-    /// Wanted cells, plus all roots and every split node without a visible child. Thus no split lowers the count, and whether a split fits
-    /// does not depend on the order.
+    /// Wanted cells, plus all roots and every split node without a visible child. Thus no split lowers the count, and the order does not
+    /// affect what fits.
     count: usize,
 }
 
@@ -152,7 +148,7 @@ impl<'a> Forest<'a> {
         (self.builds.into_iter().map(Build::finish).collect(), memory_bound)
     }
 
-    /// Repeats the splits of a tree's last cut that are still called for. Collects the other cells to split.
+    /// Repeats the still necessary splits of a tree's last cut. Collects the other cells to split.
     fn repeat_splits(&mut self, build: usize, splits: &mut Vec<Key>) {
         let mut node = NodeId(0);
         while node.index() < self.builds[build].nodes.len() {
@@ -206,7 +202,7 @@ impl<'a> Forest<'a> {
             }
             merges.pop();
             let build = &mut self.builds[least.build];
-            // Since its insertion it may have been merged, or one of its children split.
+            // It may have been merged since, or one of its children split.
             if !build.is_mergeable(least.node) {
                 continue;
             }
@@ -219,7 +215,7 @@ impl<'a> Forest<'a> {
         }
     }
 
-    /// A node's place in the order of splitting; `None` if it is not to be split.
+    /// A node's place in the order of splitting; `None` if it stays whole.
     fn key(&self, build: usize, node: NodeId) -> Option<Key> {
         let of = &self.builds[build];
         let Node { level, index, error_px, weight, .. } = *of.node(node);
@@ -253,7 +249,7 @@ struct Build<'a> {
 }
 
 impl<'a> Build<'a> {
-    /// Starts a tree with the roots, for volumes sharing their grid.
+    /// Starts a tree with the roots.
     fn new(subjects: Vec<Subject<'a>>, last: &'a [Node]) -> Self {
         let Subject { source, view, .. } = subjects[0];
         // Finer levels would show the most stretched direction.
@@ -287,7 +283,6 @@ impl<'a> Build<'a> {
         Tree { nodes: Arc::new(nodes), roots: self.roots, next_member: 1 }
     }
 
-    /// Whether a node is split into cells.
     fn is_mergeable(&self, id: NodeId) -> bool {
         let node = self.node(id);
         !node.is_cell() && node.children().all(|child| self.node(child).is_cell())
@@ -348,7 +343,7 @@ impl<'a> Build<'a> {
         if id.index() < self.roots {
             return seen;
         }
-        // A volume to which the node but none of its children is visible keeps the node's cell in the count.
+        // A volume that sees the node but none of its children keeps the node's cell in the count.
         seen + (node.seen() & !of_any).count_ones() as usize - node.seen().count_ones() as usize
     }
 
@@ -361,10 +356,10 @@ impl<'a> Build<'a> {
         let error_px = self.voxel_size * (1u64 << level.0) as f64 / least_pixel;
         let (first_child, children, visible) =
             (None, 0, visible_to(&self.subjects, &self.frusta, level, index, (low, high)));
-        // No more light can arrive here than at the parent, so an ancestor is never split after its descendants.
+        // No more light than at the parent, so an ancestor is never split after its descendants.
         let most = self.nodes.get(parent.index()).map_or(OPEN, |parent| parent.weight);
         let mut node = Node { level, index, low, high, error_px, parent, first_child, children, weight: most, visible };
-        // Parts of one volume hidden by another are visible in neither; a node of unknown visibility counts as visible to its volume.
+        // Parts of one volume hidden by another are visible in neither; unknown visibility counts as visible.
         let known = |(i, subject): (usize, &Subject<'_>)| {
             let weight = subject.visibility.and_then(|visibility| visibility.weight(subject.view, &node));
             if visible >> i & 1 != 0 { weight.unwrap_or(OPEN) } else { 0 }
@@ -376,7 +371,7 @@ impl<'a> Build<'a> {
     }
 }
 
-/// Members of a shared tree for which a brick in this box is in the frustum and not empty.
+/// Members of a shared tree with something in this box: in the frustum and not empty.
 fn visible_to(
     subjects: &[Subject<'_>],
     frusta: &Frusta,
@@ -393,7 +388,7 @@ fn visible_to(
     subjects.iter().zip(0..).fold(0, |all, (subject, i)| all | (is_visible(subject) as Members) << i)
 }
 
-/// The same cells as those of these cuts, for the views' time steps and channels: a guess at the cells wanted there.
+/// The cells of these cuts at the views' time steps and channels: a guess at the cells wanted there.
 pub(crate) fn recut(cuts: &[Arc<Cut>], sources: &[Arc<dyn BrickSource>], views: &[View]) -> Vec<Arc<Cut>> {
     let at = |(cut, view): (&Arc<Cut>, &View)| View { time: view.time, channel: view.channel, ..cut.view.clone() };
     let views: Vec<View> = cuts.iter().zip(views).map(at).collect();

@@ -12,24 +12,23 @@ pub struct Status {
     /// Wanted cells whose own brick remained unreadable after the last try: an ancestor is drawn instead.
     pub failed: usize,
     /// Whether nothing more will come: every wanted cell of the views' own cuts is resident, or has failed with its stand-in resident; no
-    /// brick fades in any more; and feedback, if given, on such a frame has changed nothing.
+    /// brick fades in; and feedback, if given, on such a frame has changed nothing.
     pub settled: bool,
     /// Whether nothing more will come before feedback on this frame: see [`Pager::feedback`](crate::Pager::feedback).
     pub awaits_feedback: bool,
-    /// Whether every wanted cell is drawn with some brick. False only before a volume's coarsest bricks have arrived, when nothing is
-    /// drawn, or with `error`.
+    /// Whether every wanted cell is drawn with some brick. False only before a volume's coarsest bricks arrive, when nothing is drawn, or
+    /// with `error`.
     pub covered: bool,
     /// Fraction of the wanted cells' screen area drawn with the cells' own bricks, 0 to 1.
     pub completeness: f64,
-    /// Largest screen-space error in pixels among cells that a finer level could improve; 0 if there are none, infinite if the eye is
-    /// inside one.
+    /// Largest screen-space error in pixels among cells coarser than level 0; 0 without any, infinite if the eye is inside one.
     pub effective_error_px: f64,
     /// Requested screen-space error in pixels.
     pub pixel_error: f64,
     /// Whether a cut would be finer with more slots.
     pub memory_bound: bool,
-    /// Error behind a cell drawn with nothing, now and later: neither its brick nor any ancestor can be read. One of them if there are
-    /// several such cells; `None` if there are none.
+    /// Error behind a cell drawn with nothing, now and later, as neither its brick nor any ancestor can be read; one of them if there are
+    /// several.
     pub error: Option<BrickError>,
     /// Bytes of all slots.
     pub gpu_bytes: u64,
@@ -42,7 +41,7 @@ pub struct Status {
 }
 
 impl Status {
-    /// Combines this status with the status of another pager for the same picture.
+    /// Combines this status with another pager's for the same picture.
     pub fn and(&self, other: &Self) -> Self {
         let (a, b) = (self.wanted as f64, other.wanted as f64);
         let completeness = (self.completeness * a + other.completeness * b) / (a + b);
@@ -114,7 +113,7 @@ pub struct Counters {
     pub uploaded_ahead: u64,
     /// Bytes uploaded to slots.
     pub bytes_uploaded: u64,
-    /// Bricks neither read nor uploaded, since a slot held the same voxels of another time step.
+    /// Bricks neither read nor uploaded, as a slot held the same voxels of another time step.
     pub shared: u64,
 }
 

@@ -1,14 +1,13 @@
 //! A coming time step: its present and missing bricks.
 //!
-//! Finding them takes a look-up per node of the step's cuts, in every frame for all coming steps. The result is therefore kept until a
-//! brick of the step arrives, leaves or fails, as counted by [`Changes`]. Costs some 64 bytes per wanted brick of a step.
+//! Finding them takes a look-up per node of the step's cuts, every frame. The result is therefore kept until a brick of the step
+//! arrives, leaves or fails, as counted by [`Changes`]. Costs some 64 bytes per wanted brick.
 
 use crate::changes::Changes;
 use crate::cut::Cut;
 use crate::goal::{Goal, VolumeBrick};
 use crate::status::Readiness;
 
-/// Known state of a coming time step.
 pub(crate) struct StepAhead {
     /// Validity of this state: the step's cuts, and the last change of their bricks.
     cuts: Vec<Cut>,
@@ -21,7 +20,6 @@ pub(crate) struct StepAhead {
 }
 
 impl StepAhead {
-    /// Records a step's present and missing bricks after the last of these changes.
     pub(crate) fn new(
         goals: &[Goal<'_>],
         changes: &Changes,
@@ -41,7 +39,7 @@ impl StepAhead {
         Self { cuts, last_change: changes.last_of(goals), there, lacking, readiness }
     }
 
-    /// Whether the state is of these goals, and nothing has changed since.
+    /// Whether this is the present state of these goals.
     pub(crate) fn is_of(&self, goals: &[Goal<'_>], changes: &Changes) -> bool {
         let of_bricks = |cut: &Cut| (cut.view.time, cut.view.channel, cut.member);
         let is_same =

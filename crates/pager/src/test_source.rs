@@ -30,9 +30,7 @@ pub(crate) struct TestSource {
     pub(crate) passing: Mutex<HashMap<BrickId, u32>>,
     /// Reads of each failing brick.
     pub(crate) reads: Mutex<HashMap<BrickId, u32>>,
-    /// Number of time steps.
     times: u32,
-    /// Width of the stored aprons.
     stored_apron: u32,
     pub(crate) failing_aprons: HashSet<BrickId>,
     /// Whether hashes of cores are kept, and their unreadable pages.
@@ -93,7 +91,6 @@ impl TestSource {
         Self::new(Pyramid::new(Extent::new(8 * n, 1, 1), [1.0; 3], 8), [1.0; 3], VoxelType::U8)
     }
 
-    /// Voxels of a brick's core.
     fn core(&self, id: BrickId) -> Vec<u8> {
         let core = self.pyramid.brick_box(id.level, id.index);
         let (low, high) = (core.min.to_array(), core.max.to_array());
@@ -122,17 +119,14 @@ impl TestSource {
         Err(BrickError { id, reason: "told to fail".into(), is_passing })
     }
 
-    /// This source with `times` time steps.
     pub(crate) fn with_times(self, times: u32) -> Self {
         Self { times, ..self }
     }
 
-    /// This source with hashes of its cores.
     pub(crate) fn with_hashes(self) -> Self {
         Self { keeps_hashes: true, ..self }
     }
 
-    /// This source with stored aprons of this width.
     pub(crate) fn with_aprons(self, width: u32) -> Self {
         Self { stored_apron: width, ..self }
     }

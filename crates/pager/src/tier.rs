@@ -12,7 +12,7 @@ pub(crate) enum Tier {
 }
 
 impl Tier {
-    /// Most of `slots` slots that bricks of this tier may hold. Coming bricks may hold all that the view itself leaves.
+    /// Most of `slots` slots for bricks of this tier. Coming bricks may hold all that the view itself leaves.
     pub(crate) fn slots(self, slots: usize) -> usize {
         match self {
             Self::Cover | Self::Visible | Self::Coming => slots,
@@ -21,17 +21,16 @@ impl Tier {
         }
     }
 
-    /// Most of `staged` padded bricks in flight that may be of this tier or later ones.
+    /// Most of `staged` padded bricks in flight for this tier and later ones.
     pub(crate) fn staged(self, staged: usize) -> usize {
         match self {
             Self::Cover | Self::Visible => staged,
-            // Some are reserved for the view itself, so the first brick of a new plan after a flip or a turn does not wait.
+            // Some are reserved for the view itself, so a new plan's first brick does not wait after a flip or a turn.
             Self::Coming => staged - staged / 8,
             Self::Predicted | Self::Ring => staged.div_ceil(4),
         }
     }
 
-    /// Whether bricks of this tier are prefetched, and not needed by the view itself.
     pub(crate) fn is_ahead(self) -> bool {
         self > Self::Visible
     }

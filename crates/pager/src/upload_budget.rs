@@ -1,8 +1,8 @@
 //! Upload governor: the bytes that a frame may upload.
 //!
-//! A frame has a limit in bytes and a goal in time. From reported upload times the governor estimates the cost of a byte, and limits the
-//! bytes to meet the goal. The cost is the median of the last few measurements: one interrupted thread is no evidence about uploads, but
-//! three slow ones are.
+//! A frame has a limit in bytes and a goal in time. The governor estimates the cost of a byte from reported upload times, and limits the
+//! bytes to meet the goal. The cost is the median of the last few measurements, robust against single interruptions: only repeated slow
+//! uploads count.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -11,10 +11,10 @@ use std::time::Duration;
 /// can hold it back.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UploadLimits {
-    /// Most bytes per frame; proportionally more where frames take longer than [`Self::FRAME`].
+    /// Most bytes per frame; proportionally more for frames longer than [`Self::FRAME`].
     pub bytes: u64,
-    /// Time that uploads may add to a frame, as reported to [`Pager::uploads_took`](crate::Pager::uploads_took). An eighth of the time
-    /// between frames is allowed if that is longer: uploads are not the cause of such slow frames.
+    /// Time that uploads may add to a frame, as reported to [`Pager::uploads_took`](crate::Pager::uploads_took); an eighth of the time
+    /// between frames if that is more, since uploads are not the cause of such slow frames.
     pub time: Duration,
 }
 
@@ -23,7 +23,6 @@ impl UploadLimits {
     pub const FRAME: Duration = Duration::from_millis(16);
 }
 
-/// Number of measurements under the median.
 const MEASUREMENTS: usize = 5;
 
 #[derive(Debug)]
@@ -41,8 +40,8 @@ impl Governor {
         Self { limits, costs: VecDeque::new(), unmeasured: 0 }
     }
 
-    /// Bytes that a frame may upload, given the time since the last one; `None` for no limit. During playback frames wait for uploads, so
-    /// half of the time between frames may be spent on them, whatever the bytes.
+    /// Bytes that a frame may upload, given the time since the last one; `None` for no limit. During playback frames wait for uploads,
+    /// which may take half of the time between frames, whatever their bytes.
     pub(crate) fn bytes(&self, since_last: Duration, is_playing: bool) -> Option<u64> {
         let UploadLimits { bytes, time } = self.limits?;
         let frames = since_last.as_secs_f64() / UploadLimits::FRAME.as_secs_f64();
@@ -55,12 +54,10 @@ impl Governor {
         Some(bytes.min(costs.get(costs.len() / 2).map_or(f64::INFINITY, affordable) as u64))
     }
 
-    /// Records the bytes handed out by a frame.
     pub(crate) fn spent(&mut self, bytes: u64) {
         self.unmeasured = bytes;
     }
 
-    /// Records the duration of the last frame's uploads.
     pub(crate) fn took(&mut self, time: Duration) {
         let bytes = std::mem::take(&mut self.unmeasured);
         if bytes == 0 {
@@ -80,8 +77,7 @@ mod tests {
     const LIMITS: UploadLimits = UploadLimits { bytes: 8 << 20, time: Duration::from_millis(4) };
     const FRAME: Duration = Duration::from_millis(16);
 
-    /// Runs frames on a machine uploading `rate` bytes per second, with bricks of 300,000 bytes. Returns each frame's upload time in
-    /// seconds.
+    /// Runs frames on a machine uploading `rate` bytes per second, with bricks of 300,000 bytes. Returns their upload times in seconds.
     fn frames(governor: &mut Governor, count: usize, rate: f64) -> Vec<f64> {
         let brick = 300_000;
         let frame = |_| {

@@ -1,16 +1,16 @@
 //! Visibility of cells to rays, from the renderer's feedback on the last frames.
 //!
 //! A cell's weight is the greatest transmittance with which a ray entered it, in octaves: coarse enough that noise does not change plans,
-//! and few, so that a view at rest settles. Cells reached by no ray are hidden, and not wanted. A cell not drawn yet inherits from the
-//! smallest drawn cell around it, and counts as visible if there is none.
+//! and few, so a resting view settles. Cells reached by no ray are hidden, and not wanted. Cells not drawn yet inherit from the smallest
+//! drawn cell around them, or count as visible.
 //!
-//! Feedback holds for cameras of nearby eyes, as long as the line of sight to a cell has moved by no more than half the cell's size; a
-//! smaller cell then inherits from its container. Disoccluded cells, and cells entering the frustum, are thus wanted before any report, and
-//! reported cells in the next cut. While a view rests, reports accumulate: visible cells stay visible (light let through by finer bricks is
-//! added, light blocked by them is not subtracted), so cut, frame and report settle too.
+//! Feedback holds for nearby eyes, while the line of sight to a cell has moved by no more than half the cell's size; smaller cells then
+//! inherit from their container. Disoccluded cells, and those entering the frustum, are thus wanted before any report, and reported cells
+//! in the next cut. While a view rests, reports accumulate: visible cells stay visible (light let through by finer bricks is added, light
+//! they block is not subtracted), so cut, frame and report settle too.
 //!
 //! Feedback on one time step predicts the visible cells of the others, and so the order of reading and refining them. It hides none of
-//! their cells: a cell that no ray reached counts as barely visible.
+//! theirs: cells reached by no ray count as barely visible.
 //!
 //! Costs a hash entry per drawn cell and per ancestor.
 
@@ -26,7 +26,7 @@ pub(crate) struct Visibility {
 }
 
 impl Visibility {
-    /// Visibility from one frame's feedback: the greatest transmittance with which rays entered each cell.
+    /// Feedback on one frame: the greatest transmittance with which rays entered each cell.
     pub(crate) fn new(pyramid: &Pyramid, view: &View, told: impl Iterator<Item = (BrickId, f32)>) -> Self {
         let mut weights = FxHashMap::default();
         for (id, transmittance) in told {
@@ -45,7 +45,6 @@ impl Visibility {
         Self { view: view.clone(), weights }
     }
 
-    /// Whether the feedback belongs to exactly this view.
     pub(crate) fn is_of(&self, view: &View) -> bool {
         self.view == *view
     }
@@ -62,7 +61,7 @@ impl Visibility {
         content(&self.view) == content(view) && is_same_place
     }
 
-    /// Adds the feedback on a later frame of the same view: weights only grow. Returns whether any has changed.
+    /// Adds feedback on a later frame of the same view: weights only grow. Returns whether any has changed.
     pub(crate) fn add(&mut self, later: Self) -> bool {
         let mut has_changed = false;
         for (cell, weight) in later.weights {
@@ -75,8 +74,7 @@ impl Visibility {
         has_changed
     }
 
-    /// Expected weight of a node: the reported one, if it still holds for the view's eyes; else `None`. At least 1 if reported for another
-    /// time step.
+    /// Reported weight of a node, if it still holds for the view's eyes. At least 1 if reported for another time step.
     pub(crate) fn weight(&self, view: &View, node: &Node) -> Option<u8> {
         let told = *self.weights.get(&(node.level, node.index))?;
         let allowed = (node.high - node.low).min_element() * 0.5 * view.placement.stretches().1;
@@ -105,7 +103,7 @@ fn octave(transmittance: f32) -> u8 {
     if transmittance <= 0.0 { 0 } else { (OPEN as f32 + transmittance.log2().ceil()).min(OPEN as f32).max(1.0) as u8 }
 }
 
-/// Factor on a node's screen-space error at this weight: a power of two, 1 in the open.
+/// Factor on a node's screen-space error: a power of two, 1 in the open.
 pub(crate) fn factor(weight: u8) -> f64 {
     (weight as f64 - OPEN as f64).exp2()
 }

@@ -1,9 +1,9 @@
 //! Visible cells of a cut, possibly made for an earlier view, in a frame's own view.
 //!
-//! The cells of a cut cover the volume, so the ones to draw are those in the view's frustum and not empty under its transfer function.
-//! Volumes sharing a tree are handled together, so the ranks of their cells are in one order. Two eyes see the same cells, each in its
-//! own order; all other decisions on cells (wanted, resident, drawn with which brick) are shared by both. Costs one pass over the part
-//! of the tree in the frustum; nothing while neither view nor cut change.
+//! Cuts cover the volume, so the cells to draw are those in the view's frustum and not empty under its transfer function. Volumes
+//! sharing a tree are handled together, so their ranks are in one order. Two eyes see the same cells, each in its own order; all other
+//! decisions on cells (wanted, resident, drawn with which brick) are shared. Costs one pass over the part of the tree in the frustum;
+//! nothing while neither view nor cut change.
 
 use crate::cut::{Cut, Members, Node, NodeId, View};
 use crate::order;
@@ -16,9 +16,9 @@ use std::sync::Arc;
 /// The cells of a cut visible to a view.
 #[derive(Clone, Debug)]
 pub(crate) struct VisibleCells {
-    /// The visible cells, back to front.
+    /// Back to front.
     pub(crate) cells: Vec<Ranked>,
-    /// The visible cells, back to front for the view's other eye; `None` if the view has one eye.
+    /// Back to front for the other eye; `None` for a single eye.
     pub(crate) for_other_eye: Option<Vec<Ranked>>,
     /// Screen area of each visible cell, over all eyes, in an arbitrary but common unit.
     pub(crate) areas: Vec<f64>,
@@ -28,14 +28,13 @@ pub(crate) struct VisibleCells {
     pub(crate) first: usize,
 }
 
-/// A cell, and its place in the back-to-front order of all volumes sharing its tree.
+/// A cell, and its back-to-front position over all volumes sharing its tree.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ranked {
     pub(crate) cell: NodeId,
     pub(crate) rank: u32,
 }
 
-/// A volume with its cut and its current view.
 #[derive(Clone, Copy)]
 struct Looked<'a> {
     source: &'a dyn BrickSource,
@@ -48,7 +47,6 @@ impl<'a> Looked<'a> {
         self.cut.view == *self.view
     }
 
-    /// Predicate for a node's visibility.
     fn sees(self) -> impl Fn(&Node) -> bool + 'a {
         let Self { source, cut, view } = self;
         let (is_planned, frusta) = (self.is_planned(), view.frusta());
@@ -63,12 +61,12 @@ impl<'a> Looked<'a> {
 }
 
 impl VisibleCells {
-    /// Cells of `cut` visible to `view`, which must have the same time step and channel.
+    /// Cells of `cut` visible to `view`, of the same time step and channel.
     pub(crate) fn new(source: &dyn BrickSource, cut: &Cut, view: &View) -> Self {
         of_tree(&[Looked { source, cut, view }], 0).swap_remove(0)
     }
 
-    /// Cells of each volume's cut visible to its view, which must have the same time step and channel.
+    /// Cells of each volume's cut visible to its view, of the same time step and channel.
     pub(crate) fn all(sources: &[Arc<dyn BrickSource>], cuts: &[Arc<Cut>], views: &[View]) -> Vec<Self> {
         let looked =
             sources.iter().zip(cuts).zip(views).map(|((source, cut), view)| Looked { source: &**source, cut, view });
@@ -86,7 +84,7 @@ impl VisibleCells {
     }
 }
 
-/// Visible cells of a shared tree, for volumes in one place seen by the same eyes.
+/// Visible cells of a shared tree, for volumes in one place with the same eyes.
 fn of_tree(volumes: &[Looked<'_>], first: usize) -> Vec<VisibleCells> {
     let sees: Vec<_> = volumes.iter().map(|volume| volume.sees()).collect();
     let visible = |node: &Node| sees.iter().zip(0..).fold(0, |all, (sees, i)| all | (sees(node) as Members) << i);

@@ -1,9 +1,9 @@
 //! Worker threads, which take bricks from the newest plan, decode and assemble them, and send them to the frame loop.
 //!
-//! A plan replaces the last one at once: bricks it no longer lists are dropped, and bricks in progress are not started twice. Padded
-//! buffers are counted: a worker takes a brick only together with a buffer, and buffers return through the frame loop, so the channel is
-//! bounded in bytes. Before decoding, a worker announces the next batch of bricks to the source, so the disk works ahead of the decoder. A
-//! brick whose read failed for a passing reason is postponed until its next try; the others go on meanwhile.
+//! A plan replaces the last one at once: unlisted bricks are dropped, and bricks in progress are not started twice. Padded buffers are
+//! counted: a worker takes a brick only together with a buffer, and buffers return through the frame loop, so the channel is bounded in
+//! bytes. Before decoding, a worker announces the next batch of bricks to the source, so the disk works ahead of the decoder. A brick
+//! whose read failed for a passing reason is postponed until its next try; the others go on.
 
 use crate::assemble::PaddedReader;
 use crate::budget::Meter;
@@ -39,7 +39,6 @@ struct Shared {
     wake: Condvar,
     padded_bytes: usize,
     meter: Arc<Meter>,
-    /// Contents of the slots.
     held: Arc<SlotsByContent>,
 }
 
@@ -50,7 +49,6 @@ struct Queue {
     next: usize,
     /// Earliest time of the next try, by brick.
     not_before: FxHashMap<BrickId, Instant>,
-    /// Postponed requests of the plan.
     put_off: Vec<(Tier, BrickId)>,
     /// Requests before this one have been advised.
     advised: usize,
@@ -71,7 +69,6 @@ struct Job {
     advise: Vec<BrickId>,
 }
 
-/// Result of a worker's look-up of a brick.
 enum Found {
     /// A slot holds the same content.
     Held(Content),
@@ -112,7 +109,6 @@ impl Queue {
         self.not_before.get(&id).is_none_or(|&time| time <= now)
     }
 
-    /// Time at which the next postponed brick may be read.
     fn next_due(&self) -> Option<Instant> {
         let has_permit = |(tier, _): &&(Tier, BrickId)| self.has_permit(*tier);
         self.put_off.iter().filter(has_permit).filter_map(|(_, id)| self.not_before.get(id)).min().copied()
@@ -120,7 +116,7 @@ impl Queue {
 }
 
 impl Workers {
-    /// Starts `threads` workers with at most `staged` padded bricks in flight together. Contents in `held` are not read.
+    /// Starts `threads` workers with at most `staged` padded bricks in flight in total. Contents in `held` are not read.
     pub(crate) fn start(
         cache: &Arc<RamCache>,
         threads: u32,
@@ -159,17 +155,16 @@ impl Workers {
         Some(arrival)
     }
 
-    /// Takes padded buffers back. A buffer with another holder passes to that holder and no longer counts.
+    /// Takes padded buffers back. A buffer with another holder is left to that holder and no longer counts.
     pub(crate) fn give_back(&self, buffers: impl IntoIterator<Item = Arc<[u8]>>) {
         buffers.into_iter().for_each(|buffer| self.shared.give_back(buffer));
     }
 
-    /// Channel of the finished bricks; `None` only while dropping.
     pub(crate) fn arrivals(&self) -> Option<&Receiver<Arrival>> {
         self.arrivals.as_ref()
     }
 
-    /// Whether any brick of the plan is still to be read, being read, or not yet received.
+    /// Whether any brick of the plan is unread, being read, or not yet received.
     pub(crate) fn is_busy(&self) -> bool {
         let queue = self.shared.lock();
         !queue.busy.is_empty() || queue.next < queue.requests.len() || !queue.put_off.is_empty()
@@ -209,7 +204,7 @@ impl Shared {
         }
     }
 
-    /// Advises the batch, and reads a brick into the buffer unless a slot holds the same content.
+    /// Advises the batch, and reads a brick into the buffer unless a slot holds its content.
     fn read(
         &self,
         reader: &mut PaddedReader,
