@@ -39,7 +39,7 @@ pub struct FlightReport {
     pub step_ms: Percentiles,
     /// Mean fraction of an exact frame's work (pixels over step length) spent on a frame; 1 if all were exact.
     pub quality: f64,
-    /// Milliseconds from the last frame until nothing was missing and, with a frame goal, the exact picture was drawn.
+    /// Milliseconds from the last frame until nothing was missing and any frame goal's exact picture was drawn.
     pub settle_after_ms: f64,
     /// Frames in which some cell had no brick at all to draw.
     pub uncovered_frames: u32,
@@ -47,7 +47,7 @@ pub struct FlightReport {
     pub frames_over_budget: u32,
     /// Mean fraction of the screen drawn at the view's level, 0 to 1.
     pub completeness: f64,
-    /// Counts of bricks: uploads during the flight, without the first view, and all other counts at its end.
+    /// Bricks: uploads during the flight, without the first view, and all other counts at its end.
     pub bricks: BrickCounts,
     /// Uploads during the flight of bricks not yet wanted by any view.
     pub uploaded_ahead: u64,
@@ -205,7 +205,7 @@ impl<'a> Watch<'a> {
         Ok(frame)
     }
 
-    /// Draws as soon as everything is covered. Frames before that do not count as uncovered: there is nothing yet.
+    /// Draws as soon as everything is covered. Earlier frames do not count as uncovered.
     fn first_picture(
         &mut self,
         session: &mut Session,

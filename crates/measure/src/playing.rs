@@ -1,5 +1,5 @@
 //! Measured playback: opens stores, waits for the first view, plays their time steps or jumps among them, and reports the shown steps,
-//! their levels and their costs.
+//! their levels and costs.
 
 use crate::flight::FlightError;
 use crate::paced_drawing::PacedDrawing;
@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 pub struct PlayPlan<'a> {
     /// The scene; its time step is the first one.
     pub scene: &'a Scene,
-    /// Order and rate of steps; `None` jumps from step to step in no order, and waits at each until it is whole.
+    /// Order and rate of steps; `None` jumps in no order, and waits at each step until it is whole.
     pub playback: Option<Playback>,
     /// Steps of the path to play, or jumps.
     pub steps: u32,
@@ -76,7 +76,7 @@ pub struct PlayReport {
     pub decoded_per_step: f64,
     /// Uploaded bricks per shown step.
     pub uploaded_per_step: f64,
-    /// Bricks per shown step neither read nor uploaded, since a slot held the same voxels of another step.
+    /// Bricks per shown step neither read nor uploaded, as a slot held the same voxels of another step.
     pub shared_per_step: f64,
     /// Bytes read, decoded and uploaded per shown step.
     pub bytes_per_step: ByteCounts,

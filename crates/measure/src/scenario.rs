@@ -1,5 +1,5 @@
-//! Scripted flights: motions of the camera (or the transfer function), frame by frame. Equal frames of equal scenarios
-//! show the same, so runs can be compared.
+//! Scripted flights: motions of the camera (or the transfer function), frame by frame and reproducible, so runs can be
+//! compared.
 
 use brickyard::volume::{Camera, Scene, TransferChoice, TransferFunction};
 use glam::DVec3;
@@ -12,7 +12,7 @@ use std::f64::consts::TAU;
 pub enum Scenario {
     /// Nothing moves: the same frame again and again.
     Still,
-    /// The camera goes once around the target.
+    /// The camera orbits the target once.
     Orbit,
     /// The camera flies straight through the volume and out on the other side, looking ahead.
     Fly,
@@ -20,7 +20,7 @@ pub enum Scenario {
     Zoom,
     /// The transfer functions' points move up and down the values; the camera stands still.
     Sweep,
-    /// The camera flies from one random place to the next, in and around the volume.
+    /// The camera flies between random places in and around the volume.
     Random,
 }
 
@@ -60,7 +60,7 @@ pub struct Setting {
 const FRAMES_PER_LEG: u32 = 60;
 
 impl Setting {
-    /// Returns the scene of frame `frame` of a flight of `frames` frames.
+    /// Scene of a frame in a flight of `frames` frames.
     pub fn at(&self, scenario: Scenario, frame: u32, frames: u32) -> Scene {
         let t = frame as f64 / frames.max(1) as f64;
         let camera = match scenario {
@@ -79,7 +79,7 @@ impl Setting {
         scene
     }
 
-    /// From the eye to its mirror image behind the target, on a slight arc so that no ray stays on an axis.
+    /// From the eye to its mirror image behind the target, on a slight arc that keeps rays off the axes.
     fn fly(&self, t: f64) -> Camera {
         let Camera { eye, target, up, .. } = self.camera;
         let ahead = target - eye;

@@ -4,8 +4,8 @@
 //! Each combination of settings draws one view several times, with different [jitter](brickyard::volume::jitter), from which
 //! [`noise`] derives an error. A second figure is the distance from a reference, the "truth": the mean of a series pre-integrated at
 //! twice the highest rate, or without pre-integration plain at eight times that rate. The volume is drawn from level 0, on the CPU,
-//! and wholly resident while frames are timed. [`findings`] compares the figures with the paper's findings, and [`plot`] draws them
-//! as curves.
+//! and wholly resident while frames are timed. [`findings`] compares the figures with the paper's, and [`plot`] draws them as
+//! curves.
 
 pub mod findings;
 pub mod noise;
@@ -35,7 +35,7 @@ pub struct SurveyPlan<'a> {
     pub size_px: (u32, u32),
     /// Compared sampling methods.
     pub methods: Vec<Method>,
-    /// Compared numbers of virtual samples per segment, for methods with virtual samples.
+    /// Compared numbers of virtual samples per segment, where the method has any.
     pub virtual_samples: Vec<u8>,
     /// Compared filters.
     pub filters: Vec<Filter>,
@@ -66,9 +66,9 @@ pub struct Row {
     pub pixels: usize,
     /// Signal-to-noise ratio by the variance of RGB, dB; infinite (`null` in JSON) if no pixel varies.
     pub rgb_db: f64,
-    /// Signal-to-noise ratio by the variance of YCbCr, dB; infinite (`null` in JSON) if no pixel varies.
+    /// The same by the variance of YCbCr.
     pub ycbcr_db: f64,
-    /// Signal-to-noise ratio by the variance of HSL, dB; infinite (`null` in JSON) if no pixel varies.
+    /// The same by the variance of HSL.
     pub hsl_db: f64,
     /// Signal-to-noise ratio against the truth, dB.
     pub truth_db: f64,
@@ -76,8 +76,8 @@ pub struct Row {
     pub noticed: f64,
     /// Median frame time, milliseconds.
     pub frame_ms: f64,
-    /// Least processor time of a frame over all threads, milliseconds. Used for curves, as the figure least affected by other work
-    /// on the machine.
+    /// Least processor time of a frame over all threads, milliseconds: the figure for curves, least affected by other work on the
+    /// machine.
     pub cpu_ms: f64,
 }
 
@@ -94,7 +94,7 @@ pub enum SurveyError {
     /// A picture could not be drawn.
     #[error(transparent)]
     Picture(#[from] OfflineError),
-    /// Not all bricks of level 0 are resident, so pictures of coarser bricks would be measured.
+    /// Not all bricks of level 0 are resident, so coarser ones would be measured.
     #[error("{resident} of {wanted} bricks of level 0 are there, and the survey is about level 0")]
     Coarse {
         /// Resident ones among the wanted bricks.
@@ -110,8 +110,8 @@ impl From<SessionError> for SurveyError {
     }
 }
 
-/// Measures a whole plan, and calls `found` with each row and its series of pictures. `options` are those of the sessions, which
-/// must draw on the CPU for meaningful times.
+/// Measures a whole plan, and calls `found` with each row and its series. `options` are those of the sessions, which must draw on
+/// the CPU for meaningful times.
 ///
 /// # Errors
 /// If a picture cannot be drawn from level 0, or `found` fails.

@@ -1,8 +1,8 @@
 //! The cut: a disjoint octree covering of the whole volume, as fine as a view needs.
 //!
-//! Cells in the frustum, not empty and not known to be hidden are split until their screen-space error is below the target; all others stay
-//! coarse and invisible. Since these cover the rest, a frame may draw an older cut with a newer camera and leave nothing out (see
-//! [`VisibleCells`](crate::visible_cells::VisibleCells)).
+//! Cells in the frustum, neither empty under the transfer function nor known to be hidden, are split until their screen-space error is
+//! below the target; all others stay coarse and invisible. Since these cover the rest, a frame may draw an older cut with a newer camera
+//! and leave nothing out (see [`VisibleCells`](crate::visible_cells::VisibleCells)).
 //!
 //! The tree lies in one arena, parents before children, siblings contiguous; later steps walk it in linear passes. Volumes on one grid in
 //! one place, such as the channels of an image, share a tree, split wherever any of them needs it. A cut is a value, from which the next is
@@ -52,7 +52,7 @@ pub struct View {
 pub struct Caps {
     /// Value bins with caps.
     pub bins: Occupancy,
-    /// Lattice of the longest drawn segments: bricks next to the cut hold the middles of some segments it shortens.
+    /// Lattice of the longest drawn segments: bricks next to the cut hold the middles of some segments shortened by it.
     pub lattice: Lattice,
 }
 

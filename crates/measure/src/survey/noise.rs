@@ -55,7 +55,7 @@ pub fn psnr_db(mean_square: f64) -> f64 {
     10.0 * (255.0 * 255.0 / mean_square).log10()
 }
 
-/// A series of pictures of one view that differ only in their jitter, and the background colour.
+/// Pictures of one view that differ only in their jitter, and the background colour.
 pub struct Series {
     pictures: Vec<Picture>,
     background: [u8; 3],
@@ -68,7 +68,7 @@ pub struct Truth {
 }
 
 impl Series {
-    /// Makes a series of pictures. `background` is the colour behind the volume.
+    /// Creates a series with the colour behind the volume.
     ///
     /// # Panics
     /// If there are fewer than two pictures, or their sizes differ.
@@ -87,13 +87,12 @@ impl Series {
         self.pictures.iter().any(|picture| picture.rgb[pixel] != self.background)
     }
 
-    /// Returns the number of pixels that show the volume in any of the pictures.
+    /// Number of pixels that show the volume in any picture.
     pub fn shown(&self) -> usize {
         (0..self.pixels()).filter(|&pixel| self.is_shown(pixel)).count()
     }
 
-    /// Returns each pixel's error: the variance of its colour over the pictures, averaged over components. `None` for a pixel
-    /// with only background.
+    /// Each pixel's error: the variance of its colour over the pictures, averaged over components. `None` for background.
     pub fn variances(&self, space: ColorSpace) -> Vec<Option<f64>> {
         let variance = |pixel| {
             let colors = || self.pictures.iter().map(|picture| space.of(picture.rgb[pixel]));
@@ -107,13 +106,13 @@ impl Series {
         (0..self.pixels()).map(|pixel| self.is_shown(pixel).then(|| variance(pixel))).collect()
     }
 
-    /// Returns the signal-to-noise ratio for the mean of all pixels' errors, dB.
+    /// Signal-to-noise ratio for the mean of all pixels' errors, dB.
     pub fn psnr_db(&self, space: ColorSpace) -> f64 {
         psnr_db(mean(self.variances(space).into_iter().flatten()))
     }
 
-    /// Returns the signal-to-noise ratio for the mean square difference between the pictures and the truth, dB, over the pixels
-    /// in which either shows the volume.
+    /// Signal-to-noise ratio for the mean square difference from the truth, dB, over the pixels in which either shows the
+    /// volume.
     ///
     /// # Panics
     /// If the truth has another number of pixels.
@@ -130,8 +129,7 @@ impl Series {
         psnr_db(mean(shown.map(square)))
     }
 
-    /// Returns the fraction of pixels with a colour difference from the truth above [`NOTICED`], over the pixels in which
-    /// either shows the volume.
+    /// Fraction of pixels with a colour difference from the truth above [`NOTICED`], where either shows the volume.
     ///
     /// # Panics
     /// If the truth has another number of pixels.
@@ -161,8 +159,7 @@ impl Series {
         }
     }
 
-    /// Makes a picture of the pixels' signal-to-noise ratios. `color` maps a ratio in dB to a colour; pixels with only
-    /// background are black.
+    /// Picture of the pixels' signal-to-noise ratios. `color` maps a ratio in dB to a colour; background is black.
     pub fn map(&self, color: impl Fn(f64) -> [f64; 3]) -> Picture {
         let pixel = |variance: Option<f64>| match variance {
             Some(variance) => Picture::quantise(color(psnr_db(variance)).map(|c| c as f32)),
