@@ -1,4 +1,4 @@
-//! A curve as an SVG picture: a line for each channel, over time where the steps have times, else over steps.
+//! Plots of curves as SVG: a line per channel, over time if the steps have times, else over steps.
 
 use brickyard::curve::{Curve, LINE_COLORS};
 use brickyard::text_file::write_text;
@@ -6,10 +6,11 @@ use brickyard::volume::{TimeAxis, time_symbol};
 use plotters::prelude::*;
 use std::path::Path;
 
-/// The picture's size, pixels.
+/// Size of the picture, pixels.
 const SIZE_PX: (u32, u32) = (760, 420);
 
-/// Draws a curve into an SVG file. `names` are the channels'; where a channel has no value its line is broken.
+/// Draws a curve into an SVG file. `names` are the channels' names; a line is broken where its channel has no
+/// value.
 ///
 /// # Errors
 /// If the file cannot be written.

@@ -1,5 +1,5 @@
-//! A measured flight: opens a store, waits for the first view, flies a scenario frame by frame as fast as frames can be
-//! drawn, and says what it took. Every frame is checked against the budgets and for completeness.
+//! Measured flight: opens a store, waits for the first view, flies a scenario frame by frame at full speed, and reports
+//! the costs. Every frame is checked against the budgets and for completeness.
 
 use crate::paced_drawing::PacedDrawing;
 use crate::scenario::{Scenario, Setting};
@@ -14,57 +14,56 @@ use serde::Serialize;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// What was measured on a flight.
+/// Results of a flight.
 #[derive(Clone, Debug, Serialize)]
 pub struct FlightReport {
-    /// The scenario that is flown.
+    /// The flown scenario.
     pub scenario: Scenario,
-    /// A line that describes the backend.
+    /// Description of the backend, in one line.
     pub adapter: String,
     /// The compositor's name: `sorted`, `raycast` or `compute`.
     pub compositor: &'static str,
-    /// Number of slots for bricks.
+    /// Slots for bricks.
     pub slots: u64,
-    /// Milliseconds from the start to a session that can be asked for frames.
+    /// Milliseconds from the start to a session ready for frames.
     pub open_ms: f64,
     /// Milliseconds from the start until the first complete picture was drawn.
     pub first_picture_ms: f64,
     /// Milliseconds from the start until nothing was missing from the first view.
     pub settled_ms: f64,
-    /// Number of frames of the flight.
+    /// Frames of the flight.
     pub frames: u32,
-    /// Milliseconds that a frame took: taking in bricks, planning, uploading, drawing.
+    /// Milliseconds of a frame: receiving bricks, planning, uploading, drawing.
     pub frame_ms: Percentiles,
-    /// Milliseconds of a frame before drawing: taking in bricks, planning, uploading.
+    /// Milliseconds of a frame before drawing: receiving bricks, planning, uploading.
     pub step_ms: Percentiles,
-    /// Mean share of an exact frame's work (pixels over step length) that frames were drawn with; 1 if all were exact.
+    /// Mean fraction of an exact frame's work (pixels over step length) spent on a frame; 1 if all were exact.
     pub quality: f64,
-    /// Milliseconds from the last frame until nothing was missing and, if there is a frame goal, the exact picture was
-    /// drawn.
+    /// Milliseconds from the last frame until nothing was missing and any frame goal's exact picture was drawn.
     pub settle_after_ms: f64,
-    /// Number of frames in which some cell had no brick at all to be drawn with.
+    /// Frames in which some cell had no brick at all to draw.
     pub uncovered_frames: u32,
-    /// Number of frames after which the accounted memory exceeded a budget.
+    /// Frames after which the accounted memory exceeded a budget.
     pub frames_over_budget: u32,
-    /// Mean share of the screen that was drawn at the level that the view wanted, 0 to 1.
+    /// Mean fraction of the screen drawn at the view's level, 0 to 1.
     pub completeness: f64,
-    /// Counts of bricks: uploads during the flight, without the first view, and all other counts at its end.
+    /// Bricks: uploads during the flight, without the first view, and all other counts at its end.
     pub bricks: BrickCounts,
-    /// Number of uploads during the flight of bricks that no view wanted yet.
+    /// Uploads during the flight of bricks not yet wanted by any view.
     pub uploaded_ahead: u64,
-    /// Number of bricks' cores decoded during the flight. Stored aprons count in [`Self::bytes`] alone.
+    /// Cores decoded during the flight. Stored aprons count in [`Self::bytes`] alone.
     pub bricks_decoded: u64,
     /// Bytes read, decoded and uploaded during the flight.
     pub bytes: ByteCounts,
-    /// Highest accounted bytes of the backend.
+    /// Peak of the backend's accounted bytes.
     pub gpu_bytes_peak: u64,
-    /// Highest accounted bytes of decoded bricks, staging and scratch.
+    /// Peak of the accounted bytes of decoded bricks, staging and scratch.
     pub host_bytes_peak: u64,
-    /// Highest anonymous memory of the process, looked at in every step, bytes.
+    /// Peak anonymous memory of the process, checked in every step, bytes.
     pub anonymous_peak: u64,
 }
 
-/// A flight could not be flown.
+/// Error of a flight.
 #[derive(Debug, thiserror::Error)]
 pub enum FlightError {
     /// The store does not open.
@@ -73,30 +72,29 @@ pub enum FlightError {
     /// The session failed.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// A view did not settle within the number of seconds given.
+    /// A view did not settle within this number of seconds.
     #[error("the view has not settled after {0:.0} s")]
     NotSettled(f64),
 }
 
-/// The plan of a flight.
+/// Plan of a flight.
 #[derive(Clone, Copy, Debug)]
 pub struct FlightPlan<'a> {
-    /// The scenario that is flown.
+    /// The scenario to fly.
     pub scenario: Scenario,
-    /// The scene of the first frame. Its camera and transfer functions may be left open.
+    /// Scene of the first frame. Its camera and transfer functions may be left open.
     pub scene: &'a Scene,
-    /// Number of frames of the flight.
+    /// Frames of the flight.
     pub frames: u32,
     /// Size of the pictures, pixels.
     pub size_px: (u32, u32),
     /// Seed of [`Scenario::Random`].
     pub seed: u64,
-    /// How long a frame may take: while the camera moves, quality is lowered to keep to that. `None` draws all frames
-    /// exactly.
+    /// Longest frame time, kept by lowering quality while the camera moves. `None` draws all frames exactly.
     pub frame_goal: Option<Duration>,
 }
 
-/// How long a view may take to settle.
+/// Longest time for a view to settle.
 const LONGEST: Duration = Duration::from_secs(600);
 
 /// Opens stores, and flies a scenario over all of them in one picture.
@@ -178,7 +176,7 @@ pub fn fly(stores: &[&Path], plan: &FlightPlan<'_>, options: &SessionOptions) ->
     })
 }
 
-/// What is checked and kept of every frame.
+/// Checks and peaks over all frames.
 struct Watch<'a> {
     options: &'a SessionOptions,
     drawing: PacedDrawing,
@@ -207,7 +205,7 @@ impl<'a> Watch<'a> {
         Ok(frame)
     }
 
-    /// Draws as soon as everything is covered. Frames before that do not count as uncovered: there is nothing yet.
+    /// Draws as soon as everything is covered. Earlier frames do not count as uncovered.
     fn first_picture(
         &mut self,
         session: &mut Session,
@@ -247,8 +245,8 @@ impl<'a> Watch<'a> {
     }
 }
 
-/// Tells the kernel to forget a store's pages, so that the next flight reads from the disk. Pages that another process
-/// has mapped stay.
+/// Makes the kernel forget a store's pages, so the next flight reads from the disk. Pages mapped by another process
+/// stay.
 ///
 /// # Errors
 /// If the store's files cannot be listed or opened.
@@ -260,7 +258,7 @@ pub fn forget_pages(store: &Path) -> std::io::Result<()> {
             forget_pages(&path)?;
         } else {
             let file = std::fs::File::open(&path)?;
-            // Pages that are not on the disk yet cannot be forgotten.
+            // Pages not yet on the disk cannot be forgotten.
             file.sync_data()?;
             rustix::fs::fadvise(&file, 0, None, rustix::fs::Advice::DontNeed)?;
         }

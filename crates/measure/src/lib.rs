@@ -1,5 +1,5 @@
-//! Measurements of the engine, above the library: [flights](flight) along scripted paths, [playbacks](playing) of time steps, [surveys](survey) of
-//! sampling methods, and plots of what was measured. The command's `bench` and `quality` are this crate.
+//! Measurements of the engine, above the library: [flights](flight) along scripted paths, [playbacks](playing) of time steps,
+//! [surveys](survey) of sampling methods, and plots of the results. Behind the command's `bench` and `quality`.
 
 pub mod curve_plot;
 pub mod flight;

@@ -1,12 +1,12 @@
-//! Drawing the frames of a measurement as well as a time goal lets them be drawn, as a window does while its picture changes.
+//! Drawing of a measurement's frames at the best quality within a time goal, as in a window with a changing picture.
 
 use brickyard::frame_governor::{Change, Quality, QualityControl};
 use brickyard::session::{Frame, Session, SessionError};
 use std::time::{Duration, Instant};
 
-/// Draws frames whose picture changes each time.
+/// Drawing of frames that change each time.
 pub(crate) struct PacedDrawing {
-    /// How long a frame may take, streaming included, and what is known of the scene; `None` draws all frames exactly.
+    /// Longest frame time, streaming included, and the control of quality; `None` draws all frames exactly.
     goal: Option<(Duration, QualityControl)>,
 }
 
@@ -15,7 +15,7 @@ impl PacedDrawing {
         Self { goal: frame_goal.map(|goal| (goal, QualityControl::new(goal))) }
     }
 
-    /// Draws a session's frame. Returns the quality that there was time for.
+    /// Draws a session's frame. Returns the quality for which there was time.
     ///
     /// # Errors
     /// As [`Session::draw`].

@@ -1,5 +1,5 @@
-//! A measured playback: opens stores, waits for the first view, plays their time steps or jumps among them, and says how many steps were shown, at
-//! which levels, and what each took.
+//! Measured playback: opens stores, waits for the first view, plays their time steps or jumps among them, and reports the shown steps,
+//! their levels and costs.
 
 use crate::flight::FlightError;
 use crate::paced_drawing::PacedDrawing;
@@ -14,86 +14,86 @@ use serde::Serialize;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// The plan of a playback.
+/// Plan of a playback.
 #[derive(Clone, Copy, Debug)]
 pub struct PlayPlan<'a> {
-    /// What is shown. Its time step is the first one.
+    /// The scene; its time step is the first one.
     pub scene: &'a Scene,
-    /// How steps follow one another; `None` jumps from step to step in no order, and waits at each until it is whole.
+    /// Order and rate of steps; `None` jumps in no order, and waits at each step until it is whole.
     pub playback: Option<Playback>,
     /// Steps of the path to play, or jumps.
     pub steps: u32,
     /// Size of the pictures, pixels.
     pub size_px: (u32, u32),
-    /// Whether frames are drawn. If not, what is measured is the streaming: read, decode, assemble, upload, flip.
+    /// Whether frames are drawn. If not, only streaming is measured: read, decode, assemble, upload, flip.
     pub draws: bool,
-    /// How long a frame may take; `None` draws all frames exactly.
+    /// Longest frame time; `None` draws all frames exactly.
     pub frame_goal: Option<Duration>,
 }
 
-/// What was measured of a playback.
+/// Results of a playback.
 #[derive(Clone, Debug, Serialize)]
 pub struct PlayReport {
-    /// A line that describes the backend.
+    /// Description of the backend, in one line.
     pub adapter: String,
     /// The compositor's name.
     pub compositor: &'static str,
-    /// Number of slots for bricks.
+    /// Slots for bricks.
     pub slots: u64,
-    /// Seconds that it took.
+    /// Duration in seconds.
     pub seconds: f64,
     /// Milliseconds from the beginning until the first step is shown.
     pub start_ms: f64,
-    /// Steps shown a second, from the first one on.
+    /// Steps shown per second, from the first one on.
     pub steps_per_second: f64,
-    /// Steps shown.
+    /// Shown steps.
     pub shown: u64,
-    /// Steps among them that were not whole when they were due.
+    /// Shown steps that were not whole when due.
     pub late: u64,
-    /// Steps passed over.
+    /// Skipped steps.
     pub dropped: u64,
-    /// Frames in which some cell had no brick to be drawn with.
+    /// Frames in which some cell had no brick to draw.
     pub uncovered: u32,
     /// Frames in which some brick was of another step than the frame.
     pub mixed: u32,
-    /// Frames drawn.
+    /// Drawn frames.
     pub frames: u32,
-    /// Mean share of an exact frame's work that frames were drawn with.
+    /// Mean fraction of an exact frame's work spent on a frame.
     pub quality: f64,
-    /// Shares of the cells that steps were first shown with, by level, finest first.
+    /// Fractions of the cells at each level when steps were first shown, finest first.
     pub levels: Vec<f64>,
-    /// Milliseconds from a jump until the step is shown, and until it is whole; zero while playing.
+    /// Milliseconds from a jump until the step is shown; zero while playing.
     pub jump_ms: Percentiles,
     /// Milliseconds from a jump until the step is whole; zero while playing.
     pub settle_ms: Percentiles,
-    /// Milliseconds of a step of streaming on the frame loop's thread: taking in bricks, planning, uploading.
+    /// Milliseconds of a streaming step on the frame loop's thread: receiving bricks, planning, uploading.
     pub step_ms: Percentiles,
-    /// Milliseconds that drawing a frame took.
+    /// Milliseconds of drawing a frame.
     pub draw_ms: Percentiles,
-    /// Processor milliseconds of all threads for each step shown.
+    /// Processor milliseconds of all threads per shown step.
     pub processor_ms_per_step: f64,
-    /// Bricks' cores decoded for each step shown.
+    /// Decoded cores per shown step.
     pub decoded_per_step: f64,
-    /// Bricks uploaded for each step shown.
+    /// Uploaded bricks per shown step.
     pub uploaded_per_step: f64,
-    /// Bricks for each step shown that were neither read nor uploaded, since a slot held the same voxels of another step.
+    /// Bricks per shown step neither read nor uploaded, as a slot held the same voxels of another step.
     pub shared_per_step: f64,
-    /// Bytes read, decoded and uploaded for each step shown.
+    /// Bytes read, decoded and uploaded per shown step.
     pub bytes_per_step: ByteCounts,
-    /// What the steps wait for: `drawing`, `processors` (decoding and assembling), `reading`, or `rate` if nothing holds them up.
+    /// Bottleneck of the steps: `drawing`, `processors` (decoding and assembling), `reading`, or `rate` if there is none.
     pub limit: &'static str,
-    /// Highest accounted bytes of the backend.
+    /// Peak of the backend's accounted bytes.
     pub gpu_bytes_peak: u64,
-    /// Highest accounted bytes of decoded bricks, staging and scratch.
+    /// Peak of the accounted bytes of decoded bricks, staging and scratch.
     pub host_bytes_peak: u64,
-    /// Highest anonymous memory of the process, bytes.
+    /// Peak anonymous memory of the process, bytes.
     pub anonymous_peak: u64,
 }
 
-/// How long a frame takes at least that is not drawn: no screen shows more of them, and each plans anew.
+/// Least time of an undrawn frame: no screen shows more, and each plans anew.
 const FRAME_TIME: Duration = Duration::from_millis(2);
 
-/// The longest time that a playback may take.
+/// Longest duration of a playback.
 const LONGEST: Duration = Duration::from_secs(600);
 
 /// Opens stores and plays them in one picture.
@@ -115,13 +115,13 @@ pub fn play(stores: &[&Path], plan: &PlayPlan<'_>, options: &SessionOptions) -> 
     Ok(run.report(options))
 }
 
-/// A playback that is being measured.
+/// A playback under measurement.
 struct Run<'a> {
     plan: &'a PlayPlan<'a>,
     session: &'a mut Session,
     drawing: PacedDrawing,
     begun: Instant,
-    /// When the first and the last step were shown.
+    /// Times of the first and the last shown step.
     flipped: Option<(Instant, Instant)>,
     processor_ms: f64,
     before: Counters,
@@ -129,7 +129,7 @@ struct Run<'a> {
     host_bytes_peak: u64,
     gpu_bytes_peak: u64,
     anonymous_peak: u64,
-    /// The step that the last frame showed.
+    /// Step of the last frame.
     shown: u32,
     flips: u64,
     uncovered: u32,
@@ -205,7 +205,7 @@ impl<'a> Run<'a> {
     fn jump(&mut self, scene: &ResolvedScene) -> Result<(), FlightError> {
         let steps = scene.timeline.steps();
         for i in 1..=self.plan.steps {
-            // Far from the last one, and each step before any comes again: the golden ratio of the steps.
+            // Far from the last one, with earlier steps revisited: the golden ratio of the steps.
             let to = (f64::from(i) * 0.618_033_988_749_895).fract() * f64::from(steps);
             let target = scene.at_step((to as u32).min(steps - 1));
             let begun = Instant::now();
@@ -223,7 +223,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Streams and draws until a frame is as it should be.
+    /// Streams and draws until a frame satisfies `done`.
     fn until(&mut self, scene: &ResolvedScene, mut done: impl FnMut(&Frame) -> bool) -> Result<(), FlightError> {
         loop {
             let frame = self.step(scene)?;
@@ -238,7 +238,7 @@ impl<'a> Run<'a> {
             if !frame.status.awaits_feedback {
                 self.session.wait(Duration::from_millis(50));
             } else if !self.plan.draws {
-                // What is seen has to be told once.
+                // Feedback on visibility is needed once.
                 self.session.draw(&frame)?;
             }
         }

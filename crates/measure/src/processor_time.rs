@@ -1,6 +1,6 @@
-//! The clock of processor time.
+//! Clock of processor time.
 
-/// Processor time that all threads of this process have taken, milliseconds; zero where the system does not tell.
+/// Processor time of all threads of this process, milliseconds; zero where the system does not report it.
 pub(crate) fn processor_ms() -> f64 {
     #[cfg(unix)]
     {

@@ -1,18 +1,18 @@
-//! Scripted flights: what a camera (or the transfer function) does frame by frame. The same frame of the same scenario
-//! always shows the same, so that runs can be compared.
+//! Scripted flights: motions of the camera (or the transfer function), frame by frame and reproducible, so runs can be
+//! compared.
 
 use brickyard::volume::{Camera, Scene, TransferChoice, TransferFunction};
 use glam::DVec3;
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-/// What happens during a flight.
+/// Course of a flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Scenario {
     /// Nothing moves: the same frame again and again.
     Still,
-    /// The camera goes once around the target.
+    /// The camera orbits the target once.
     Orbit,
     /// The camera flies straight through the volume and out on the other side, looking ahead.
     Fly,
@@ -20,7 +20,7 @@ pub enum Scenario {
     Zoom,
     /// The transfer functions' points move up and down the values; the camera stands still.
     Sweep,
-    /// The camera flies from one random place to the next, in and around the volume.
+    /// The camera flies between random places in and around the volume.
     Random,
 }
 
@@ -41,12 +41,12 @@ impl Scenario {
     }
 }
 
-/// What a scenario starts from.
+/// Starting point of a scenario.
 #[derive(Clone, Debug)]
 pub struct Setting {
-    /// The scene of the first frame, with transfer functions written out.
+    /// Scene of the first frame, with transfer functions written out.
     pub scene: Scene,
-    /// The camera of the first frame.
+    /// Camera of the first frame.
     pub camera: Camera,
     /// The box around all layers in the world: its least and greatest corner.
     pub world_box: (DVec3, DVec3),
@@ -60,7 +60,7 @@ pub struct Setting {
 const FRAMES_PER_LEG: u32 = 60;
 
 impl Setting {
-    /// Returns the scene of frame `frame` of a flight of `frames` frames.
+    /// Scene of a frame in a flight of `frames` frames.
     pub fn at(&self, scenario: Scenario, frame: u32, frames: u32) -> Scene {
         let t = frame as f64 / frames.max(1) as f64;
         let camera = match scenario {
@@ -79,7 +79,7 @@ impl Setting {
         scene
     }
 
-    /// From the eye to its mirror image behind the target, on a slight arc so that no ray stays on an axis.
+    /// From the eye to its mirror image behind the target, on a slight arc that keeps rays off the axes.
     fn fly(&self, t: f64) -> Camera {
         let Camera { eye, target, up, .. } = self.camera;
         let ahead = target - eye;
@@ -107,7 +107,7 @@ impl Setting {
             let points = [0, 1, 2, 3].map(|i| place(leg + i, what, reach));
             catmull_rom(points, t)
         };
-        // Eyes come as far as the box's half size outside; what they look at is inside.
+        // Eyes are at most the box's half size outside; their targets are inside.
         let (eye, target) = (along(0, 2.0), along(3, 0.8));
         Camera { eye, target, ..self.camera }
     }

@@ -1,11 +1,11 @@
-//! A survey of sampling methods: how good their pictures are and how long they take, by the method of Gavrilov, Turlapov and
-//! others, "Measuring the quality of volume rendering" (2013).
+//! Survey of sampling methods: picture quality and drawing time, by the method of Gavrilov, Turlapov and others, "Measuring the
+//! quality of volume rendering" (2013).
 //!
-//! Each way to sample draws one view some times over, each time with other [jitter](brickyard::volume::jitter); [`noise`] makes
-//! an error of that. A second figure is the distance from what is taken for the truth: the mean of a series that is
-//! pre-integrated at twice the highest rate, or where there is no pre-integration plain at eight times that. The volume is
-//! drawn from level 0, on the CPU, and is wholly resident while frames are timed. [`findings`] holds the figures against what
-//! the paper found, and [`plot`] draws them as curves.
+//! Each combination of settings draws one view several times, with different [jitter](brickyard::volume::jitter), from which
+//! [`noise`] derives an error. A second figure is the distance from a reference, the "truth": the mean of a series pre-integrated at
+//! twice the highest rate, or without pre-integration plain at eight times that rate. The volume is drawn from level 0, on the CPU,
+//! and wholly resident while frames are timed. [`findings`] compares the figures with the paper's, and [`plot`] draws them as
+//! curves.
 
 pub mod findings;
 pub mod noise;
@@ -22,62 +22,62 @@ use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How the truth is sampled, and at how many times the highest rate: by what integrates over values, unless the transfer function is
-/// one of value and gradient.
+/// Method of the truth, and its multiple of the highest rate: pre-integrated, unless the transfer function is one of value and
+/// gradient.
 const TRUTH: (Method, f64) = (Method::Pdvr, 2.0);
 const TRUTH_BY_GRADIENT: (Method, f64) = (Method::Udvr, 8.0);
 
-/// What a survey measures.
+/// Plan of a survey.
 pub struct SurveyPlan<'a> {
-    /// The scene that is drawn. The survey sets its method, filter, lighting model, jitter, step and level.
+    /// The scene. The survey sets its method, filter, lighting model, jitter, step and level.
     pub scene: &'a Scene,
     /// Size of the pictures, pixels.
     pub size_px: (u32, u32),
-    /// The sampling methods to compare.
+    /// Compared sampling methods.
     pub methods: Vec<Method>,
-    /// The numbers of virtual samples per segment to compare, for methods that have some.
+    /// Compared numbers of virtual samples per segment, where the method has any.
     pub virtual_samples: Vec<u8>,
-    /// The filters to compare.
+    /// Compared filters.
     pub filters: Vec<Filter>,
-    /// The lighting models to compare.
+    /// Compared lighting models.
     pub lightings: Vec<LightingModel>,
-    /// The sampling rates to compare, segments per voxel: at least one, all positive.
+    /// Compared sampling rates, segments per voxel: at least one, all positive.
     pub samples_per_voxel: Vec<f64>,
-    /// Number of pictures in a series, at least two.
+    /// Pictures in a series, at least two.
     pub frames: u32,
-    /// How long one series may wait for its bricks.
+    /// Longest wait of one series for its bricks.
     pub max_wait: Duration,
 }
 
-/// What was found of one way to sample at one rate.
+/// Results of one combination at one rate.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// The sampling method: how ray segments become media.
+    /// Sampling method: how ray segments become media.
     pub method: Method,
-    /// Number of virtual samples per segment; `None` if the method has none.
+    /// Virtual samples per segment; `None` for methods without.
     pub virtual_samples: Option<u8>,
-    /// The filter: how the field is made of voxels.
+    /// Interpolation filter.
     pub filter: Filter,
-    /// The lighting model.
+    /// Lighting model.
     pub lighting: LightingModel,
-    /// The sampling rate, segments per voxel.
+    /// Sampling rate, segments per voxel.
     pub samples_per_voxel: f64,
-    /// Number of pixels that show the volume.
+    /// Pixels that show the volume.
     pub pixels: usize,
     /// Signal-to-noise ratio by the variance of RGB, dB; infinite (`null` in JSON) if no pixel varies.
     pub rgb_db: f64,
-    /// Signal-to-noise ratio by the variance of YCbCr, dB; infinite (`null` in JSON) if no pixel varies.
+    /// The same by the variance of YCbCr.
     pub ycbcr_db: f64,
-    /// Signal-to-noise ratio by the variance of HSL, dB; infinite (`null` in JSON) if no pixel varies.
+    /// The same by the variance of HSL.
     pub hsl_db: f64,
-    /// Signal-to-noise ratio against the picture that is taken for the truth, dB.
+    /// Signal-to-noise ratio against the truth, dB.
     pub truth_db: f64,
-    /// Share of the pixels whose colour differs noticeably from the truth's, 0 to 1: see [`noise::NOTICED`].
+    /// Fraction of pixels with a noticeable colour difference from the truth, 0 to 1: see [`noise::NOTICED`].
     pub noticed: f64,
-    /// Median time of a frame, milliseconds.
+    /// Median frame time, milliseconds.
     pub frame_ms: f64,
-    /// Least processor time of a frame, all threads together, milliseconds. Curves show this time, since other work on
-    /// the machine affects it least.
+    /// Least processor time of a frame over all threads, milliseconds: the figure for curves, least affected by other work on the
+    /// machine.
     pub cpu_ms: f64,
 }
 
@@ -88,18 +88,18 @@ impl Row {
     }
 }
 
-/// A survey that cannot go on.
+/// Error that ends a survey.
 #[derive(Debug, thiserror::Error)]
 pub enum SurveyError {
     /// A picture could not be drawn.
     #[error(transparent)]
     Picture(#[from] OfflineError),
-    /// Not all bricks of level 0 are resident, so pictures of coarser bricks would be measured.
+    /// Not all bricks of level 0 are resident, so coarser ones would be measured.
     #[error("{resident} of {wanted} bricks of level 0 are there, and the survey is about level 0")]
     Coarse {
-        /// Number of wanted bricks that are resident.
+        /// Resident ones among the wanted bricks.
         resident: u64,
-        /// Number of bricks that the view wants.
+        /// Wanted bricks of the view.
         wanted: u64,
     },
 }
@@ -110,8 +110,8 @@ impl From<SessionError> for SurveyError {
     }
 }
 
-/// Measures everything that a plan asks for, and calls `found` with each row and its series of pictures. `options` are
-/// those of the sessions, which have to draw on the CPU for their times to be meaningful.
+/// Measures a whole plan, and calls `found` with each row and its series. `options` are those of the sessions, which must draw on
+/// the CPU for meaningful times.
 ///
 /// # Errors
 /// If a picture cannot be drawn from level 0, or `found` fails.
@@ -141,7 +141,7 @@ pub fn survey<E: From<SurveyError>>(
 }
 
 impl SurveyPlan<'_> {
-    /// All ways to sample with a filter.
+    /// All sampling settings with a filter.
     fn samplings(&self, filter: Filter) -> Vec<Sampling> {
         let mut all = Vec::new();
         for &method in &self.methods {
@@ -153,7 +153,7 @@ impl SurveyPlan<'_> {
     }
 }
 
-/// A session for one way to sample.
+/// Session for one sampling setting.
 struct Stage<'a> {
     plan: &'a SurveyPlan<'a>,
     scene: Scene,
@@ -202,7 +202,7 @@ impl<'a> Stage<'a> {
         Ok(Shots { series: Series::new(pictures, background), frame_ms, cpu_ms })
     }
 
-    /// Streams, and draws once: nothing of that is measured.
+    /// Streams, and draws once, unmeasured.
     fn settle(&mut self, resolved: &ResolvedScene) -> Result<(), SurveyError> {
         let mut stats = RenderStats::default();
         render_settled(&mut self.session, resolved, self.plan.max_wait, Instant::now(), &mut stats, &mut Vec::new())?;

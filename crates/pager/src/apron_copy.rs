@@ -1,13 +1,13 @@
-//! Boxes of voxels on their way: from a decoded core into its shell, from core and shells into a padded brick.
+//! Copies of voxel boxes: from a decoded core into its shell, from core and shells into a padded brick.
 //!
-//! Cost: memory traffic. A copy of the usual few lengths (an apron's width, a core's row) costs no call, and what lies on
-//! one cache line is copied together.
+//! The cost is memory traffic. Copies of the usual lengths (an apron's width, a core's row) cost no call, and voxels on one cache
+//! line are copied together.
 
 use crate::layout::Layout;
 use crate::neighbourhood::{Part, Span};
 use brickyard_volume::{Apron, VoxelBox};
 
-/// Calls a function with the widths of an apron and a core in bytes, as constants where they are the usual ones.
+/// Calls a function with the widths of an apron and a core in bytes, constants if usual.
 macro_rules! with_widths {
     ($function:ident($apron:expr, $core:expr, $($argument:expr),*)) => {
         match ($apron, $core) {
@@ -31,7 +31,7 @@ pub(crate) fn copy_shell(layout: &Layout, core: &[u8], shell: &mut [u8]) {
     let [(x_low, x_high), (y_low, y_high), (z_low, z_high)] = [x_slabs, y_slabs, z_slabs].map(|s| s.split_at_mut(slab));
     let sides = x_low.chunks_exact_mut(rows).zip(x_high.chunks_exact_mut(rows));
     let fronts = y_low.chunks_exact_mut(rows).zip(y_high.chunks_exact_mut(rows));
-    // From the end: what was decoded last is still nearest to the processor.
+    // From the end: the last decoded voxels are still nearest to the processor.
     for ((codes, (x_low, x_high)), (y_low, y_high)) in core.chunks_exact(slice).zip(sides).zip(fronts).rev() {
         with_widths!(copy_row_ends(apron, row, codes, x_low, x_high));
         y_low.copy_from_slice(&codes[..rows]);
@@ -50,7 +50,7 @@ fn copy_row_ends(apron: usize, row: usize, rows: &[u8], low: &mut [u8], high: &m
     }
 }
 
-/// Copies a stored apron, which may be wider than asked for, around the core of a padded brick.
+/// Copies a stored apron, possibly wider than needed, around the core of a padded brick.
 pub(crate) fn paste_apron(layout: &Layout, codes: &[u8], out: &mut [u8]) {
     let mut codes = codes;
     let stored = layout.stored_apron();
@@ -62,9 +62,9 @@ pub(crate) fn paste_apron(layout: &Layout, codes: &[u8], out: &mut [u8]) {
     }
 }
 
-/// The codes of a part of a padded brick, and where they go. All numbers are in bytes, besides the counts of rows and slices.
+/// Codes of a part of a padded brick, and their target. In bytes, except the counts of rows and slices.
 pub(crate) struct Block<'a> {
-    /// From the first code on.
+    /// Starting with the first code to copy.
     codes: &'a [u8],
     /// From one row to the next, and from one slice to the next.
     row: usize,
@@ -78,8 +78,7 @@ pub(crate) struct Block<'a> {
 }
 
 impl<'a> Block<'a> {
-    /// The block of a part with these spans. `codes` is the core if the part is the brick's own, else the shell of the part's
-    /// lender.
+    /// Block of a part with these spans. `codes` is the core for the brick's own part, else the lender's shell.
     pub(crate) fn new(layout: &Layout, part: Part, mut codes: &'a [u8], [x, y, z]: [Span; 3]) -> Self {
         let (mut from, mut size) = ([x.from, y.from, z.from], [layout.edge; 3]);
         if let Some(axis) = (0..3).find(|&a| part.side[a] != 1) {
@@ -103,7 +102,7 @@ impl<'a> Block<'a> {
 }
 
 impl<'a> Block<'a> {
-    /// What of a slab `from` of a stored apron, which may be wider, goes to the slab `to` of a padded brick's.
+    /// The part of a stored apron's slab `from`, possibly wider, for the slab `to` of a padded brick.
     fn of_slab(layout: &Layout, codes: &'a [u8], from: VoxelBox, to: VoxelBox) -> Self {
         let bytes = layout.voxel_bytes;
         let place = |[x, y, z]: [usize; 3], [width, height, _]: [usize; 3]| ((z * height + y) * width + x) * bytes;
@@ -123,7 +122,7 @@ impl<'a> Block<'a> {
     }
 }
 
-/// Copies up to three blocks, which lie side by side along x, to their places in a padded brick.
+/// Copies up to three blocks, side by side along x, to their places in a padded brick.
 pub(crate) fn paste(layout: &Layout, bar: [Option<Block>; 3], out: &mut [u8]) {
     let (apron, row) = (layout.apron * layout.voxel_bytes, layout.edge * layout.voxel_bytes);
     let width = layout.padded() * layout.voxel_bytes;
@@ -146,7 +145,7 @@ pub(crate) fn paste(layout: &Layout, bar: [Option<Block>; 3], out: &mut [u8]) {
     }
 }
 
-/// Fills rows of a padded brick. Blocks that fill them have no gaps between their own.
+/// Fills rows of a padded brick. The blocks have no gaps between their rows.
 #[inline(always)]
 fn copy_whole_rows(apron: usize, row: usize, [before, own, after]: [&[u8]; 3], out: &mut [u8]) {
     let aprons = before.chunks_exact(apron).zip(after.chunks_exact(apron));
@@ -158,7 +157,7 @@ fn copy_whole_rows(apron: usize, row: usize, [before, own, after]: [&[u8]; 3], o
     }
 }
 
-/// Copies the first `run` bytes of every `step` to those of every `out_step`, so many times.
+/// Copies the first `run` bytes of every `step` to those of every `out_step`, `count` times.
 fn copy_runs(run: usize, codes: &[u8], step: usize, count: usize, out: &mut [u8], out_step: usize) {
     let runs = codes.chunks(step).zip(out.chunks_mut(out_step)).take(count);
     macro_rules! with_run {
@@ -177,7 +176,7 @@ mod tests {
     use super::*;
     use brickyard_volume::GradientNodes;
 
-    /// Each part of a padded brick comes out of a shell as it would out of the core, alone or with its bar.
+    /// Each part of a padded brick is the same from a shell as from the core, alone or with its bar.
     #[test]
     fn shells_hold_what_neighbours_take() {
         for (edge, apron, voxel_bytes) in [

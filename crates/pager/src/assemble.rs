@@ -1,13 +1,10 @@
-//! Padded bricks: a core and an apron, stored with it or copied from its up to 26 neighbours of the same level, as slots hold them; and
-//! where they are wanted, the gradients of all that behind it.
+//! Padded bricks for slots: a core and an apron, stored or copied from up to 26 neighbours of its level, followed by gradients if needed.
 //!
-//! Where the source has aprons stored, a brick takes one core and one apron. Else:
-//!
-//! The parts (see [`Part`]) are boxes copied row by row from a core and shells in the RAM cache: first all that are there, then
-//! one by one what has to be decoded, first what no other thread is decoding. At the faces of the level (its own extent, which may end inside a brick) the last
-//! voxel is repeated; so it is towards a neighbour that cannot be read. Where a stored apron cannot be read, its voxels come
-//! from the neighbours' cores. All of this is done with voxels; the last step makes slot codes of them. Cost: the copy of one padded brick,
-//! its encoding, and decoding what the cache does not hold.
+//! With stored aprons, a brick takes one core and one apron. Otherwise its parts (see [`Part`]) are boxes copied row by row from a core and
+//! shells in the RAM cache: first all cached ones, then one by one those to decode, starting with any that no other thread is decoding. At
+//! the faces of the level (its own extent, which may end inside a brick) and towards an unreadable neighbour the last voxel is repeated.
+//! For an unreadable stored apron, voxels come from the neighbours' cores. All of this happens on voxels; the last step encodes slot codes.
+//! Costs the copy of one padded brick, its encoding, and decoding of uncached cores.
 
 use crate::apron_copy::{Block, paste, paste_apron};
 use crate::layout::Layout;
@@ -22,7 +19,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Reads padded bricks of one source through a RAM cache. Each thread needs a reader of its own.
+/// Reader of one source's padded bricks through a RAM cache. Each thread needs its own.
 pub struct PaddedReader {
     cache: Arc<RamCache>,
     layout: Layout,
@@ -30,21 +27,20 @@ pub struct PaddedReader {
 }
 
 impl PaddedReader {
-    /// A reader through `cache`, which determines the width of the aprons.
+    /// Creates a reader through `cache`, which determines the width of the aprons.
     pub fn new(cache: Arc<RamCache>) -> Self {
         let layout = cache.layout();
         let encoder = Encoder::new(&**cache.source(), cache.contents(), &layout);
         Self { cache, layout, encoder }
     }
 
-    /// Bytes of a padded brick: `(edge + 2 * apron)^3` codes, and gradients if there are any.
+    /// Bytes of a padded brick: `(edge + 2 * apron)^3` codes, then any gradients.
     pub fn padded_bytes(&self) -> usize {
         self.layout.padded_bytes()
     }
 
-    /// Fills `out`, which has [`PaddedReader::padded_bytes`] bytes, with the brick and its apron, x fastest, and gradients behind them. If a
-    /// read fails for a reason that may pass, this function waits and tries again, a few times. In place of a neighbour that cannot be
-    /// read, the brick's own edge is repeated.
+    /// Fills `out`, of [`PaddedReader::padded_bytes`] bytes, with the brick and its apron, x fastest, then gradients. Waits and retries a
+    /// few times after passing failures. In place of an unreadable neighbour the brick's own edge is repeated.
     ///
     /// # Errors
     /// If the brick itself cannot be read.
@@ -60,14 +56,13 @@ impl PaddedReader {
         }
     }
 
-    /// Returns the content of a padded brick, by which the brick is found equal to one of another time step; `None` if it is not known.
+    /// Content of a padded brick, for finding equal ones of other time steps; `None` if unknown.
     pub(crate) fn content(&self, id: BrickId) -> Option<Content> {
         self.cache.content(id)
     }
 
-    /// Does what [`PaddedReader::read`] does, but without waiting: the failure says when to try again. While a neighbour may yet be read, the
-    /// brick is not made without that neighbour's voxels. Returns whether all voxels are those of the volume, and none is repeated for a neighbour
-    /// that cannot be read.
+    /// Like [`PaddedReader::read`], but without waiting: the failure has the time of the next try. While a neighbour may yet be read, the
+    /// brick is not assembled without it. Returns whether all voxels are the volume's own, with none repeated for an unreadable neighbour.
     pub(crate) fn try_read(&mut self, id: BrickId, out: &mut [u8]) -> Result<bool, Failure> {
         let pyramid = self.cache.source().pyramid();
         let extent = pyramid.level(id.level).extent.to_array();
@@ -97,7 +92,7 @@ impl PaddedReader {
     }
 }
 
-/// Puts a padded brick together from its core and its neighbours' shells. Returns whether all of them could be read.
+/// Assembles a padded brick from its core and its neighbours' shells. Returns whether all could be read.
 fn gather(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<bool, Failure> {
     let layout = cache.layout();
     let place = |part: Part| place(&spans, part);
@@ -126,8 +121,8 @@ fn gather(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) 
     Ok(unreadable.is_empty())
 }
 
-/// Puts a padded brick together from its core and its stored apron, or its neighbours' cores where the apron cannot be read. Returns whether
-/// all voxels could be read.
+/// Assembles a padded brick from its core and its stored apron, or its neighbours' cores if the apron is unreadable. Returns whether all
+/// voxels could be read.
 fn paste_whole(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [u8]) -> Result<bool, Failure> {
     let layout = cache.layout();
     let own = place(&spans, Part::OWN);
@@ -137,7 +132,7 @@ fn paste_whole(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [
         paste_apron(&layout, apron, out);
     }
     paste(&layout, [None, Some(Block::new(&layout, Part::OWN, core, own)), None], out);
-    // To be dropped before asking for another.
+    // To be dropped before another is requested.
     drop(voxels);
     let missing = Part::all().filter(|&part| part != Part::OWN && !has_apron);
     let mut is_whole = true;
@@ -159,7 +154,7 @@ fn paste_whole(cache: &RamCache, id: BrickId, spans: [[Span; 3]; 3], out: &mut [
     Ok(is_whole)
 }
 
-/// Copies a box of a neighbour's core to where it goes in the apron, voxel by voxel.
+/// Copies a box of a neighbour's core into the apron, row by row.
 fn copy_of_core(layout: &Layout, core: &[u8], region: [Span; 3], out: &mut [u8]) {
     let (edge, padded, bytes) = (layout.edge, layout.padded(), layout.voxel_bytes);
     for (z, to_z) in (region[2].from..).zip(region[2].target()) {
@@ -171,7 +166,6 @@ fn copy_of_core(layout: &Layout, core: &[u8], region: [Span; 3], out: &mut [u8])
     }
 }
 
-/// Where a part goes.
 fn place(spans: &[[Span; 3]; 3], part: Part) -> [Span; 3] {
     [0, 1, 2].map(|a| spans[a][part.side[a]])
 }
@@ -191,8 +185,7 @@ fn repeat_own_edge(layout: &Layout, region: [Span; 3], own: [Span; 3], out: &mut
     }
 }
 
-/// Repeats the outermost voxels of the filled box up to the padded brick's faces: first along x, then whole rows along y,
-/// then whole slices along z.
+/// Repeats the outermost voxels of the filled box up to the padded brick's faces: first along x, then rows along y, then slices along z.
 fn repeat_level_faces(layout: &Layout, [x, y, z]: [Range<usize>; 3], out: &mut [u8]) {
     let row = layout.padded() * layout.voxel_bytes;
     let slice = layout.padded() * row;
@@ -211,7 +204,7 @@ fn repeat_level_faces(layout: &Layout, [x, y, z]: [Range<usize>; 3], out: &mut [
     repeat_ends(out, slice, &z);
 }
 
-/// Copies the first and last of the `filled` voxels of a line over all voxels before and after.
+/// Copies the first and last `filled` voxels of a line over all voxels before and after.
 fn repeat_end_voxels<const BYTES: usize>(line: &mut [u8], filled: &Range<usize>) {
     let voxels = line.as_chunks_mut::<BYTES>().0;
     let (first, last) = (voxels[filled.start], voxels[filled.end - 1]);
@@ -219,7 +212,7 @@ fn repeat_end_voxels<const BYTES: usize>(line: &mut [u8], filled: &Range<usize>)
     voxels[filled.end..].fill(last);
 }
 
-/// Copies the first and last of the `filled` items of `bytes` over all items before and after.
+/// Copies the first and last `filled` items over all items before and after.
 fn repeat_ends(bytes: &mut [u8], item: usize, filled: &Range<usize>) {
     for i in 0..filled.start {
         bytes.copy_within(filled.start * item..(filled.start + 1) * item, i * item);
@@ -251,7 +244,7 @@ mod tests {
         out
     }
 
-    /// All bricks of a level in rows, as a sweep meets them.
+    /// All bricks of a level in rows, in the order of a sweep.
     fn rows(source: &TestSource) -> Vec<BrickId> {
         let [x, y, z] = source.pyramid().level(Level(0)).bricks.to_array();
         let index = |i| BrickIndex::new(i % x, i / x % y, i / x / y);
@@ -275,7 +268,7 @@ mod tests {
     #[test]
     fn a_sweep_with_room_for_its_front_decodes_each_brick_once() {
         let bricks = rows(&TestSource::cube(64));
-        // 8^3 bricks in rows: of each, neighbours up to a slice, a row and a brick ahead are met before their own turn.
+        // 8^3 bricks in rows: neighbours up to a slice, a row and a brick ahead are met before their own turn.
         let front = 8 * 8 + 8 + 1;
         let (cache, meter) = cache(TestSource::cube(64), 1, front);
         let mut reader = PaddedReader::new(cache.clone());
@@ -311,7 +304,7 @@ mod tests {
         }
     }
 
-    /// Two threads whose bricks want the same eight cores always decode two at a time: each read of this source waits for another one.
+    /// Two threads in need of the same eight cores decode two at a time: each read of this source waits for another.
     #[test]
     fn threads_that_want_the_same_neighbours_share_the_work() {
         static READS: (Mutex<u32>, Condvar) = (Mutex::new(0), Condvar::new());
@@ -386,7 +379,7 @@ mod tests {
         assert!(padded(source, id, 1) == padded(alone, id, 1));
     }
 
-    /// Bricks side by side have the same gradients where both have some, with stored aprons or without, at the level's faces too.
+    /// Bricks side by side share their common gradients, with stored aprons or without, at the level's faces too.
     #[test]
     fn neighbours_agree_on_their_gradients() {
         for (n, layers, stored) in [([24, 17, 9], 1, 0), ([24, 17, 9], 1, 2), ([13, 20, 16], 2, 0)] {
@@ -439,8 +432,7 @@ mod tests {
             prop_assert!(padded(source(stored), id, apron) == padded(source(0), id, apron));
         }
 
-        /// Every code of a padded brick is the voxel at its place, clamped to the level; towards a brick that cannot be
-        /// read, clamped to the core.
+        /// Every code is that of the voxel at its place, clamped to the level; towards an unreadable brick, clamped to the core.
         #[test]
         fn aprons_are_the_neighbours_voxels(
             n in prop::array::uniform3(1u32..30), pick in prop::array::uniform3(0u32..8), level in 0u8..3, apron in 1u32..5,

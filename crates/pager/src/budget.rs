@@ -1,8 +1,8 @@
-//! The budgets: how a host-memory budget is split, and one meter that everything which holds brick bytes charges.
+//! Budgets: the split of a host-memory budget, and one meter for all holders of brick bytes.
 //!
-//! All host buffers come in sizes known at the start (a worker's scratch, a core with its share of shells, a padded brick), so
-//! the split is in whole buffers and the limit holds by construction; the meter shows what is in use and its peak, and asserts the limit
-//! in debug builds. GPU memory is `slots * padded bytes`, taken once.
+//! All host buffers have sizes known at the start (a worker's scratch, a core with its share of shells, a padded brick), so the split is in
+//! whole buffers and the limit holds by construction. The meter shows use and peak, and asserts the limit in debug builds. GPU memory is
+//! `slots * padded bytes`, allocated once.
 
 use crate::slot_contents::SlotContents;
 use crate::upload_budget::UploadLimits;
@@ -14,69 +14,66 @@ use std::time::Duration;
 /// Where cuts are made, and from what.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Planning {
-    /// Cuts are made within the frame, each anew: for pictures that are waited for. The same view always has the same cut,
-    /// whatever was seen before it.
+    /// Within the frame, each cut from scratch: for offline pictures. Equal views have equal cuts, whatever came before.
     #[default]
     Inline,
-    /// Cuts are made on a thread of their own, each from the last one: for a moving camera. A frame may draw the cut of an earlier view.
+    /// On a separate thread, each cut from the last one: for a moving camera. A frame may draw an earlier view's cut.
     Thread,
 }
 
-/// What a pager may use, and how it works.
+/// Resources and settings of a pager.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PagerConfig {
-    /// Slots of the atlas, shared by all of the pager's volumes.
+    /// Slots of the atlas, shared by all volumes.
     pub slots: u32,
-    /// Voxels copied from neighbours on each side of a brick: 1 for trilinear samples, 2 for tricubic ones.
+    /// Width of the apron, in voxels: 1 for trilinear samples, 2 for tricubic ones.
     pub apron: u32,
-    /// Layers of gradient nodes outside of a brick's core; 0 for no gradients at all. A brick's gradients are put behind its voxels.
+    /// Layers of gradient nodes outside of a brick's core; 0 for no gradients. They follow the brick's voxels.
     pub gradient_layers: u32,
-    /// The most host memory, in bytes, for the RAM brick cache, bricks in flight, padded bricks waiting for upload, and the pager's tables.
+    /// Most host memory, in bytes, for the RAM cache, bricks in flight or waiting for upload, and the pager's tables.
     pub host_bytes: u64,
-    /// What the slots of each volume hold; [`SlotContents::Codes`] for volumes past the end of the list.
+    /// Slot contents of each volume; [`SlotContents::Codes`] past the end of the list.
     pub contents: Vec<SlotContents>,
-    /// Whether decoded bricks stay in host memory as long as there is room, for when they are wanted again. Otherwise a brick that has been uploaded, and is not wanted for
-    /// its neighbours any more, makes room for the next one: memory is what one pass over the view takes.
+    /// Whether decoded bricks stay in host memory for reuse while there is room. Otherwise bricks no longer needed for uploads or
+    /// neighbours make room for the next, and memory is limited to the needs of one pass over the view.
     pub keeps_decoded: bool,
-    /// Decoding threads of each volume; fewer are started where the host budget cannot feed them.
+    /// Decoding threads per volume; fewer where the host budget cannot feed them.
     pub workers: u32,
-    /// Whether cuts are made within the frame or on a thread of their own.
+    /// Whether cuts are made within the frame or on a separate thread.
     pub planning: Planning,
-    /// Whether to fetch bricks that the next views may want.
+    /// Whether to prefetch bricks for the next views.
     pub prefetch: bool,
-    /// Limits for one frame's uploads; `None` where frames may wait (rendering offline).
+    /// Limits on one frame's uploads; `None` if frames may wait (offline rendering).
     pub uploads: Option<UploadLimits>,
-    /// How long a finer brick takes to fade in where a coarser one was drawn. With `None` it is drawn at once, so that the same view is
-    /// always the same picture.
+    /// Time in which a finer brick replaces a coarser one. `None` draws it at once, so equal views give equal pictures.
     pub fade: Option<Duration>,
 }
 
 impl PagerConfig {
-    /// What the slots of each volume hold, however many volumes there are.
     pub(crate) fn contents_of_all(&self) -> impl Iterator<Item = &SlotContents> {
         self.contents.iter().chain(std::iter::repeat(&SlotContents::Codes))
     }
 }
 
-/// Why a pager cannot start.
+/// Error from starting a pager.
 #[derive(Debug, thiserror::Error)]
 pub enum PagerError {
-    /// The host budget cannot hold what it takes to decode one brick.
+    /// The host budget is too small to decode one brick.
     #[error("{} of host memory are too few: at least {} are needed to decode one brick", mebibytes(*given), mebibytes(*least))]
     HostMemory {
-        /// The budget given, in bytes.
+        /// The given budget in bytes.
         given: u64,
-        /// The least budget that works, in bytes.
+        /// The least sufficient budget in bytes.
         least: u64,
     },
     /// There are fewer slots than bricks that must always be resident.
     #[error("there are slots for {given} bricks: at least {least} ({}) are needed", mebibytes(*least_bytes))]
     Slots {
-        /// The number of slots given.
+        /// The given number of slots.
         given: u32,
-        /// The least number of slots that works.
+        /// The least sufficient number of slots.
         least: u64,
-        /// The bytes that the least number of slots takes.
+        /// Bytes of the least sufficient slots.
         least_bytes: u64,
     },
     /// The apron does not fit the bricks.
@@ -84,9 +81,9 @@ pub enum PagerError {
         "an apron of {apron} voxels does not fit bricks of {edge}: expected 1 to {MAX_REACH}, and no more than the brick's edge"
     )]
     Apron {
-        /// The width of the apron given, in voxels.
+        /// The given width of the apron, in voxels.
         apron: u32,
-        /// The edge of the bricks' cores, in voxels.
+        /// Edge of the bricks' cores, in voxels.
         edge: u32,
     },
     /// The gradients do not fit the bricks.
@@ -94,11 +91,11 @@ pub enum PagerError {
         "stored gradients need bricks of an even edge with an apron of {least} voxels: these have an edge of {edge} and an apron of {apron}"
     )]
     Gradients {
-        /// The width of the apron given, in voxels.
+        /// The given width of the apron, in voxels.
         apron: u32,
-        /// The narrowest apron that works, in voxels.
+        /// The narrowest sufficient apron, in voxels.
         least: u32,
-        /// The edge of the bricks' cores, in voxels.
+        /// Edge of the bricks' cores, in voxels.
         edge: u32,
     },
     /// A thread could not be started.
@@ -106,7 +103,7 @@ pub enum PagerError {
     Thread(#[from] std::io::Error),
 }
 
-/// A meter of the bytes of host memory in use and of their peak, with a limit that debug builds assert.
+/// Meter of used and peak host memory in bytes, with a limit asserted in debug builds.
 #[derive(Debug)]
 pub(crate) struct Meter {
     limit: u64,
@@ -138,45 +135,45 @@ impl Meter {
     }
 }
 
-/// Sizes, in bytes, of the buffers that a host budget is split into.
+/// Buffer sizes for the split of a host budget, in bytes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BufferSizes {
-    /// Bytes that the source, its pages of occupancy and those of hashes take, whatever is read.
+    /// Fixed part: the source, its occupancy pages and its hash pages.
     pub(crate) fixed: u64,
-    /// Bytes that a worker needs to make codes of voxels.
+    /// Scratch of a worker for encoding voxels.
     pub(crate) scratch: u64,
-    /// Bytes of a cached core and its share of the shells.
+    /// A cached core and its share of the shells.
     pub(crate) core: u64,
-    /// Bytes of a padded brick.
+    /// A padded brick.
     pub(crate) padded: u64,
 }
 
-/// How a host budget is split, in whole buffers.
+/// Split of a host budget, in whole buffers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct HostSplit {
     pub(crate) workers: u32,
-    /// The number of padded bricks that may be assembled, wait for upload, or be in the last frame's hands at the same time.
+    /// Most padded bricks in assembly, waiting for upload, or held by the last frame, in total.
     pub(crate) staged: usize,
-    /// The number of cores in the RAM cache, each with its share of the shells, those being decoded included.
+    /// Cores in the RAM cache with their shares of the shells, including those being decoded.
     pub(crate) cores: usize,
 }
 
-/// Bytes that the slot table, the cuts, the plan and the draw list take for each slot, rounded up: all are linear in the slots. Most
-/// of it goes to up to four cuts (drawn, last, being made, foreseen) with about two nodes of 88 bytes for a cell. While time steps are played, a cut
-/// has half of the cells, and those of the coming steps together as many as there are slots, before and after they are made anew. Up to two bricks
-/// are known to be in a slot, at 120 bytes, and the slot's content at 100.
+/// Bytes per slot of the slot table, the cuts, the plan and the draw list, rounded up; all are linear in the slots. Most are in up to four
+/// cuts (drawn, last, being made, predicted), with about two nodes of 88 bytes per cell. During playback, a cut has half of the cells, and
+/// the coming steps' cuts together as many as there are slots, before and after they are remade. Up to two bricks are recorded per slot, at
+/// 120 bytes, and the slot's content at 100.
 pub(crate) const TABLE_BYTES_PER_SLOT: u64 = 1280;
 
-/// Padded bricks in flight at most: more only delays what a newer plan wants.
+/// Most padded bricks in flight: more would only delay the bricks of a newer plan.
 pub(crate) const MAX_STAGED: u64 = 256;
 
-/// The least host budget that works, in bytes: what one worker needs at the same time, and what is there without a worker.
+/// Least sufficient host budget in bytes: the fixed part, and the simultaneous needs of one worker.
 pub(crate) fn least_host(BufferSizes { fixed, scratch, core, padded }: BufferSizes) -> u64 {
     fixed + scratch + core + padded
 }
 
-/// Splits a host budget: at most an eighth for padded bricks, unless one for each worker takes more, and the rest for cores. Every worker
-/// needs its scratch, a core and a padded brick at the same time, so there are fewer workers where the budget cannot feed them all.
+/// Splits a host budget: at most an eighth for padded bricks, but one per worker, and the rest for cores. Every worker needs its scratch, a
+/// core and a padded brick at once, so small budgets get fewer workers.
 ///
 /// # Errors
 /// If the budget cannot feed one worker.

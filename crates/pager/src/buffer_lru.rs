@@ -1,10 +1,9 @@
-//! A shelf of the RAM cache: buffers of one size under the keys of cores, at most so many, and which of them goes first.
+//! Fixed-capacity LRU of equally sized buffers, keyed by core.
 //!
-//! Each entry knows which of its parts (see [`Part`](crate::neighbourhood::Part)) nobody has taken yet. One whose parts have all
-//! been taken is *done*: in a sweep over a volume nobody will ask for it again, so the done ones go first, the least
-//! recently used before the others; then the rest, likewise. An entry that somebody holds is passed over, so nothing is
-//! overwritten in use. Buffers are used again, so a shelf allocates nothing once it is full; a buffer counts from its
-//! allocation on, whoever holds it. Cost: a hash lookup or two for each call.
+//! Each entry records its untaken parts (see [`Part`](crate::neighbourhood::Part)). Without any it is *done*: a sweep over a volume will
+//! not need it again. Done entries are evicted first, then the rest, the least recently used first in both. Entries in use are skipped, so
+//! no held buffer is overwritten. Buffers are reused, so a full shelf no longer allocates; a buffer counts from its allocation on, whoever
+//! holds it. Each call costs a hash lookup or two.
 
 use crate::budget::Meter;
 use crate::sameness::CoreKey;
@@ -14,20 +13,18 @@ use std::sync::Arc;
 pub(crate) struct Shelf {
     buffer_bytes: usize,
     capacity: usize,
-    /// Whether done entries stay as long as there is room for others.
+    /// Whether done entries stay while there is room.
     keeps_done: bool,
     meter: Arc<Meter>,
-    /// Buffers allocated, in whatever hands.
+    /// Allocated buffers, wherever they are.
     allocated: usize,
     free: Vec<Arc<[u8]>>,
     entries: LruCache<CoreKey, Entry>,
-    /// The entries that are done.
     done: LruCache<CoreKey, ()>,
 }
 
 struct Entry {
     codes: Arc<[u8]>,
-    /// Parts that nobody has taken yet.
     untaken: u32,
 }
 
@@ -37,7 +34,7 @@ impl Shelf {
         Self { buffer_bytes, capacity, keeps_done, meter, allocated: 0, free: Vec::new(), entries, done }
     }
 
-    /// Returns a brick's codes, if they are on the shelf, and marks these parts of the brick as taken.
+    /// Returns a brick's codes, if present, and marks these parts of the brick as taken.
     pub(crate) fn take(&mut self, key: CoreKey, parts: u32) -> Option<Arc<[u8]>> {
         let entry = self.entries.get_mut(&key)?;
         entry.untaken &= !parts;
@@ -47,12 +44,12 @@ impl Shelf {
         Some(entry.codes.clone())
     }
 
-    /// Returns a brick's codes, if they are on the shelf, without counting this as a use.
+    /// Returns a brick's codes, if present, without counting as a use.
     pub(crate) fn peek(&self, key: CoreKey) -> Option<&Arc<[u8]>> {
         self.entries.peek(&key).map(|entry| &entry.codes)
     }
 
-    /// Adds the codes of a brick that is not on the shelf yet; these parts of it will be taken.
+    /// Adds the codes of an absent brick; `parts` are still to be taken.
     pub(crate) fn put(&mut self, key: CoreKey, codes: Arc<[u8]>, parts: u32) {
         self.entries.put(key, Entry { codes, untaken: parts });
         if parts == 0 {
@@ -60,13 +57,12 @@ impl Shelf {
         }
     }
 
-    /// The number of buffers that may still be allocated or adopted.
+    /// Number of buffers that can still be allocated or adopted.
     pub(crate) fn room(&self) -> usize {
         self.capacity - self.allocated
     }
 
-    /// Adds an entry of another shelf with buffers of the same size; these parts of it will be taken. There must be
-    /// [room](Self::room).
+    /// Adds an entry from another shelf of the same buffer size; `parts` are still to be taken. Requires [room](Self::room).
     pub(crate) fn adopt(&mut self, key: CoreKey, codes: Arc<[u8]>, parts: u32) {
         debug_assert!(codes.len() == self.buffer_bytes && self.room() > 0);
         self.allocated += 1;
@@ -74,13 +70,13 @@ impl Shelf {
         self.put(key, codes, parts);
     }
 
-    /// All entries on the shelf, the most recently used first.
+    /// All entries, the most recently used first.
     pub(crate) fn entries(&self) -> impl Iterator<Item = (CoreKey, &Arc<[u8]>)> {
         self.entries.iter().map(|(&key, entry)| (key, &entry.codes))
     }
 
-    /// A buffer that nobody else holds: a free one, a new one within the capacity, or the buffer of the entry that goes first, which
-    /// is removed; where done entries do not stay, that of one of these before a new one. `None` if all buffers are in use.
+    /// Returns a buffer with no other holder: a free one, a new one within capacity, or that of the next entry to evict. Without
+    /// `keeps_done`, done entries are evicted before a new buffer is allocated. `None` if all buffers are in use.
     pub(crate) fn buffer(&mut self) -> Option<Arc<[u8]>> {
         if let Some(buffer) = self.free.pop() {
             return Some(buffer);
@@ -100,13 +96,13 @@ impl Shelf {
         })
     }
 
-    /// Takes back a buffer that was not put to use.
+    /// Takes back an unused buffer.
     pub(crate) fn give_back(&mut self, buffer: Arc<[u8]>) {
         self.free.push(buffer);
     }
 }
 
-/// A buffer of zeros with a single holder, who may write to it. Only writing touches its memory, so making one is quick, even under a lock.
+/// A zeroed buffer with a single holder, who may write to it. Only writing touches its memory, so this is quick, even under a lock.
 pub(crate) fn zeroed(bytes: usize) -> Arc<[u8]> {
     let buffer = Arc::new_zeroed_slice(bytes);
     // SAFETY: a byte of zero bits is a valid `u8`.
@@ -133,7 +129,7 @@ mod tests {
         (shelf, meter)
     }
 
-    /// Who goes, in order.
+    /// The evicted bricks, in order.
     fn gone(shelf: &mut Shelf) -> Vec<u32> {
         let mut there: Vec<u32> = (0..4).filter(|&x| shelf.peek(brick(x)).is_some()).collect();
         let mut gone = Vec::new();
@@ -152,7 +148,7 @@ mod tests {
         for (x, parts) in [(3, 0b11), (0, 0b01), (1, 0b01), (1, 0b10), (2, 0b01), (2, 0b01)] {
             shelf.take(brick(x), parts).unwrap();
         }
-        // Using a done one again keeps it longer, but not for longer than the others.
+        // Another use keeps a done entry longer, but not past the others.
         shelf.take(brick(3), 0b01).unwrap();
         let held = shelf.take(brick(0), 0b01).unwrap();
         assert_eq!(gone(&mut shelf), [1, 3, 2]);
@@ -174,7 +170,7 @@ mod tests {
                 }
             }
             assert_eq!(meter.peak(), expected, "{keeps_done}");
-            // What is not done is still there.
+            // Entries not yet done are still there.
             assert!(shelf.peek(brick(99)).is_some() && shelf.peek(brick(98)).is_some());
         }
     }
@@ -189,7 +185,7 @@ mod tests {
         assert_eq!(again.as_ptr(), address);
         shelf.put(brick(9), again, 0);
         assert_eq!((meter.used(), meter.peak()), (40, 40));
-        // Without parts to take an entry is done from the start.
+        // An entry without parts to take is done from the start.
         assert_eq!(shelf.buffer().unwrap().as_ptr(), address);
     }
 }

@@ -1,146 +1,145 @@
-//! The clock of playback: which time step is shown, which steps come next, and how coarse they may be.
+//! Playback clock: the shown time step, the coming steps, and how coarse they may be.
 //!
-//! A clock is ticked once a frame with the time and with [how far](Readiness) the coming steps are, and moves on when a step is due and ready.
-//! Steps are counted along the *path*, which runs on where the steps themselves end, turn or begin again: place 0 is where playing began.
-//! What is due when is one line of the clock's time; what is done where a step is not ready is its [`Policy`].
+//! Each frame ticks the clock with the time and the [readiness](Readiness) of the coming steps; it advances when a step is due and ready.
+//! Steps are counted along the *path*, which continues where the steps themselves end, turn or restart; place 0 is the start of playing.
+//! Due times lie on a line; the [`Policy`] handles steps not ready in time.
 //!
-//! To hold the rate, coming steps are made coarser by a *bias* in levels: by half a level for each step that was not whole when it was due, once the
-//! last change has reached the steps that are shown, or at once and by more where a step took far too long; finer by a quarter after a number of steps that were whole in good time. A trial that fails
-//! doubles this number, so that the level does not pump. To hold the quality, only every so-many-th step comes. Where nothing is known of the machine yet, time
-//! stands still until the first step is whole, for half a second at most, and how fast it comes gives the first bias.
+//! To hold the rate, a *bias* in levels makes coming steps coarser: by half a level for each step not whole when due, once the last change
+//! has reached the shown steps, or at once and by more if a step took far too long; finer by a quarter level after a number of steps whole
+//! in good time. A failed trial doubles this number, so the level does not pump. To hold the quality, only every n-th step comes. A clock
+//! new to the machine stops time until its first step is whole, at most half a second; the step's speed gives the first bias.
 //!
-//! Cost: a few comparisons a tick. Pure: no threads, no time of its own.
+//! Costs a few comparisons per tick. Pure: no threads, no time of its own.
 
 use crate::status::Readiness;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// What gives way where steps cannot be streamed and drawn at the rate.
+/// Quantity to sacrifice if the rate is too high for streaming and drawing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Policy {
-    /// The level: steps are shown when they are due, as coarse as they have to be.
+    /// The level: steps are shown when due, as coarse as necessary.
     #[default]
     HoldRate,
-    /// Steps: those that are shown are whole, at the level that the view wants, and others are left out.
+    /// Steps: shown ones are whole, at the view's level; others are left out.
     HoldQuality,
-    /// The time: every step is shown, whole, and the clock waits for it.
+    /// Time: every step is shown, whole, and the clock waits for it.
     EveryStep,
 }
 
-/// What follows the last step.
+/// Continuation after the last step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Ending {
-    /// Nothing: the clock stops there.
+    /// None: the clock stops.
     Stop,
     /// The first step.
     #[default]
     Loop,
-    /// The step before: the clock turns, and turns again at the first step.
+    /// The previous step: the clock turns, and again at the first step.
     Bounce,
 }
 
-/// How steps follow one another.
+/// Order, rate and policy of playback.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Playback {
-    /// Steps a second, from a thousandth to a million. A clock takes others as the nearest of these.
+    /// Steps per second, clamped to a thousandth to a million.
     pub steps_per_second: f64,
-    /// Whether the clock begins by running from later steps to earlier ones.
+    /// Whether the clock starts backwards.
     pub is_backward: bool,
-    /// What follows the last step.
+    /// Continuation after the last step.
     pub ending: Ending,
-    /// What gives way where the rate cannot be held.
+    /// Policy for an unattainable rate.
     pub policy: Policy,
 }
 
 impl Default for Playback {
-    /// Ten steps a second, forward, again and again, at the level that this takes.
+    /// Ten steps per second, forward in a loop, as fine as this rate allows.
     fn default() -> Self {
         Self { steps_per_second: 10.0, is_backward: false, ending: Ending::Loop, policy: Policy::HoldRate }
     }
 }
 
-/// A time step, and how much coarser than the view asks for it may be.
+/// A time step, and its bias to coarser levels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShownStep {
     /// The time step.
     pub step: u32,
-    /// By how many levels the step may be coarser; 0 for what the view asks for.
+    /// Most levels coarser than the view's own; 0 for the view's level.
     pub level_bias: f64,
 }
 
-/// What a clock has done since it was made.
+/// Counts of a clock since its creation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Steps that have been shown while playing.
+    /// Steps shown while playing.
     pub shown: u64,
-    /// Steps among them that were not whole when they were due: they were shown late, or coarser than planned.
+    /// Shown steps not whole when due: shown late, or coarser than planned.
     pub late: u64,
-    /// Steps that were passed over.
+    /// Skipped steps.
     pub dropped: u64,
 }
 
-/// How many time steps a clock plans ahead of the one that is shown, at most.
+/// Most time steps planned ahead of the shown one.
 pub const MOST_COMING: usize = 8;
 
-/// Changes of the bias, in levels: where a step is late, and where there is time to spare.
+/// Changes of the bias, in levels: after a late step, and with time to spare.
 const COARSER: f64 = 0.5;
 const FINER: f64 = 0.25;
 
-/// How many times as long as it may a step takes that is late for more than having been fetched too late.
+/// Multiple of a step's time above which lateness is more than a late start of fetching.
 const FAR_TOO_LONG: f64 = 2.0;
 
-/// The largest bias: more levels than a volume of 2^16 voxels has in bricks of 64.
+/// Largest bias: more levels than a volume of 2^16 voxels has in bricks of 64.
 const MOST_BIAS: f64 = 12.0;
 
-/// The least and the greatest number of steps a second: times and places stay numbers that can be added.
+/// Range of steps per second in which times and places can be added safely.
 const SLOWEST: f64 = 1e-3;
 const FASTEST: f64 = 1e6;
 
-/// The numbers of steps in good time that a trial of more quality waits for: at first, and at most.
+/// Steps in good time before a trial of more quality: at first, and at most.
 const FIRST_PATIENCE: u32 = 8;
 const MOST_PATIENCE: u32 = 256;
 
-/// How long a clock waits for its first step.
+/// Longest wait for the first step.
 const LONGEST_START: Duration = Duration::from_millis(500);
 
-/// A clock that was not ticked for so long stood still.
+/// Time without a tick after which a clock counts as stopped.
 const STALL: Duration = Duration::from_secs(1);
 
-/// Which step is shown, and which come next.
+/// Playback clock: the shown time step and the coming ones.
 #[derive(Clone, Debug)]
 pub struct Clock {
     steps: u32,
     shown: ShownStep,
     tally: Tally,
-    /// The step that somebody has jumped to, until something of it can be drawn.
+    /// Target of a jump, until any of it can be drawn.
     sought: Option<u32>,
     run: Option<Run>,
 }
 
-/// A clock that is playing.
+/// State of a playing clock.
 #[derive(Clone, Debug)]
 struct Run {
     playback: Playback,
     path: Path,
-    /// The place that is shown, and its bias.
+    /// The shown place, and its bias.
     place: u64,
     bias_shown: f64,
-    /// A place of the path, and when it was due: a line for all others.
+    /// A place of the path and its due time; all others follow from it.
     anchor: (u64, Duration),
     coming: VecDeque<Coming>,
-    /// When playing began, until the first step is shown of a clock that knows nothing of the machine.
+    /// Start of playing, until the first step is shown; only if the machine's speed is unknown.
     starting: Option<Duration>,
     last_tick: Duration,
     /// Smoothed time between ticks, in seconds.
     tick_s: f64,
     last_flip: Duration,
-    /// From a step to the next one that comes, in places.
+    /// Places from a step to the next planned one.
     stride: u64,
     bias: f64,
     trial: Trial,
 }
 
-/// A place that comes next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Coming {
     place: u64,
@@ -150,20 +149,20 @@ struct Coming {
     ready: Readiness,
 }
 
-/// What is known of how much quality can be had.
+/// Knowledge of the attainable quality.
 #[derive(Clone, Copy, Debug)]
 struct Trial {
     /// Steps in good time since the last change.
     timely: u32,
-    /// How many of them a trial of more quality waits for.
+    /// Such steps required before a trial of more quality.
     patience: u32,
-    /// Steps to show until what was changed last shows.
+    /// Steps to show until the last change takes effect.
     pending: u32,
-    /// The bias or stride that the last step to be late had; none where a trial has done better since.
+    /// Bias or stride of the last late step, unless a trial has done better since.
     failed_at: f64,
     /// Whether the last change was for more quality.
     is_on: bool,
-    /// How many cells a step wanted before the bias was changed, until the change is seen to have changed that.
+    /// A step's wanted cells before the change of bias, until the change has a visible effect.
     wanted_before: Option<usize>,
 }
 
@@ -171,18 +170,18 @@ struct Trial {
 const NEVER: f64 = -1.0;
 
 impl Clock {
-    /// A clock that stands still at a step of `steps`.
+    /// Creates a clock standing still at one of `steps` steps.
     pub fn new(step: u32, steps: u32) -> Self {
         let shown = ShownStep { step, level_bias: 0.0 };
         Self { steps, shown, tally: Tally::default(), sought: None, run: None }
     }
 
-    /// The step that is shown.
+    /// The shown step.
     pub fn shown(&self) -> ShownStep {
         self.shown
     }
 
-    /// The steps that come next, the nearest first.
+    /// The coming steps, the nearest first.
     pub fn coming(&self) -> impl Iterator<Item = ShownStep> {
         let sought = self.sought.map(|step| ShownStep { step, level_bias: 0.0 });
         let run = self.run.iter().filter(|_| self.sought.is_none());
@@ -192,17 +191,17 @@ impl Clock {
         sought.into_iter().chain(of_run)
     }
 
-    /// What has been shown while playing.
+    /// Counts of steps shown while playing.
     pub fn tally(&self) -> Tally {
         self.tally
     }
 
-    /// How steps follow one another; `None` while the clock stands still.
+    /// Current playback; `None` while the clock stands still.
     pub fn playback(&self) -> Option<Playback> {
         self.run.as_ref().map(|run| run.playback)
     }
 
-    /// When the next step is due; `None` if none is, or the clock waits for the first one.
+    /// Due time of the next step; `None` without one, or while waiting for the first.
     pub fn next_due(&self) -> Option<Duration> {
         let run = self.run.as_ref()?;
         let due = run.due(run.coming.front()?.place);
@@ -210,10 +209,9 @@ impl Clock {
         (!is_awaited).then_some(due)
     }
 
-    /// Begins to play from the step that is shown, or goes on in another way; stands still with `None`. The step that is shown is then shown
-    /// as the view asks for it.
+    /// Starts playing from the shown step, or changes the playback; `None` stops. The shown step then returns to the view's level.
     pub fn play(&mut self, playback: Option<Playback>, at: Duration) {
-        // Not a number is less than none.
+        // NaN counts as below the range.
         let within = |rate: f64| if rate >= SLOWEST { rate.min(FASTEST) } else { SLOWEST };
         let playback = playback.map(|playback| {
             let steps_per_second = within(playback.steps_per_second);
@@ -229,17 +227,17 @@ impl Clock {
         }
     }
 
-    /// Jumps to a step: it is shown as soon as something of it can be drawn in every place. A clock that plays goes on from there.
+    /// Jumps to a step, shown as soon as something can be drawn everywhere. A playing clock continues from there.
     pub fn seek(&mut self, step: u32) {
         self.sought = (step != self.shown.step).then_some(step);
     }
 
-    /// Whether a step that was jumped to is not shown yet.
+    /// Whether the target of a jump is not shown yet.
     pub fn is_seeking(&self) -> bool {
         self.sought.is_some()
     }
 
-    /// Tells how many steps there are now: no fewer than before.
+    /// Sets the number of steps, no fewer than before.
     pub fn grow(&mut self, steps: u32, at: Duration) {
         if steps > self.steps {
             self.go_on(self.shown.step, at);
@@ -247,13 +245,13 @@ impl Clock {
         }
     }
 
-    /// Plays on from a step, if the clock plays.
+    /// Continues from a step, if the clock plays.
     fn go_on(&mut self, step: u32, at: Duration) {
         let run = self.run.take();
         self.run = run.map(|run| Run::new(run.playback, step, Some(run), self.steps, at));
     }
 
-    /// Moves on, given how far the [coming steps](Self::coming) are. Returns whether another step is shown.
+    /// Advances, given the readiness of the [coming steps](Self::coming). Returns whether another step is shown.
     pub fn tick(&mut self, at: Duration, ready: &[Readiness]) -> bool {
         if let Some(step) = self.sought {
             return self.tick_sought(step, at, ready);
@@ -266,7 +264,7 @@ impl Clock {
             self.shown = ShownStep { step: run.path.step(run.place), level_bias: run.bias_shown };
         }
         if run.coming.is_empty() {
-            // It has come to its end.
+            // The end of the path.
             self.run = None;
             self.shown.level_bias = 0.0;
         }
@@ -284,7 +282,7 @@ impl Clock {
 }
 
 impl Run {
-    /// Plays from a step on. After another run, it goes on with its bias, and in its direction unless that is what changes.
+    /// Plays from a step. After another run, keeps its bias, and its direction unless that changes.
     fn new(playback: Playback, origin: u32, before: Option<Self>, steps: u32, at: Duration) -> Self {
         let is_same_way = |run: &&Self| run.playback.is_backward == playback.is_backward;
         let way = before.as_ref().filter(is_same_way).map(|run| run.path.is_backward_at(run.place));
@@ -323,12 +321,12 @@ impl Run {
         at + Duration::from_secs_f64(place.saturating_sub(from) as f64 / self.playback.steps_per_second)
     }
 
-    /// How many places a time is long.
+    /// Length of a time in places.
     fn places(&self, time: Duration) -> f64 {
         time.as_secs_f64() * self.playback.steps_per_second
     }
 
-    /// Plans ahead, past what can no longer be shown in time.
+    /// Plans ahead, past places already too late to show.
     fn fill(&mut self, at: Duration) {
         let most = MOST_COMING.min(self.path.steps as usize - 1);
         let (from, since) = self.anchor;
@@ -363,7 +361,7 @@ impl Run {
             return;
         }
         let due_by = |at| self.coming.iter().take_while(|coming| self.due(coming.place) <= at).count();
-        // A frame shows the step that is due in the middle of its time. But a step that is due already is not passed over for that: frames are not all equally long.
+        // A frame shows the step due at its middle. A step already due is not skipped for that: frames vary in length.
         let middle = Duration::from_secs_f64(self.tick_s.min(1.0 / self.playback.steps_per_second) / 2.0);
         let (due, due_soon) = (due_by(at), due_by(at + middle));
         self.coming.iter_mut().take(due).for_each(|coming| coming.is_late |= !coming.ready.is_whole);
@@ -373,7 +371,7 @@ impl Run {
         self.fill(at);
     }
 
-    /// Whether the first step is still to come of a clock that knows nothing of the machine: time stands still from when it was due.
+    /// Whether a clock new to the machine still lacks its first step; time stands still from its due time.
     fn awaits_first(&mut self, at: Duration) -> bool {
         let (Some(since), Some(&first)) = (self.starting, self.coming.front()) else { return false };
         let (late, waited) = (at.saturating_sub(self.due(first.place)), at.saturating_sub(since));
@@ -390,7 +388,7 @@ impl Run {
         !is_over
     }
 
-    /// Which of the first `due` coming steps is shown now.
+    /// Index among the first `due` coming steps of the one to show now.
     fn choose(&self, due: usize) -> Option<usize> {
         let last = |is_ready: fn(&Readiness) -> bool| (0..due).rev().find(|&i| is_ready(&self.coming[i].ready));
         let whole = last(|ready| ready.is_whole);
@@ -415,11 +413,11 @@ impl Run {
         match (coming.is_late, self.trial.pending) {
             (true, _) => self.trial.timely = 0,
             (false, 0) => self.trial.timely += 1,
-            // It is of before the last change.
+            // It precedes the last change.
             (false, _) => {}
         }
         self.trial.pending = self.trial.pending.saturating_sub(1);
-        // There is time to spare where two steps are there before they are due.
+        // There is time to spare if two steps are whole before they are due.
         let spare = self.coming.len().min(2);
         let has_spare = self.coming.iter().take(spare).all(|coming| coming.ready.is_whole);
         let finer = match self.playback.policy {
@@ -432,9 +430,9 @@ impl Run {
             Policy::EveryStep => {}
             Policy::HoldRate => {
                 self.follow_frames();
-                // The first steps after a change are late for what came before it, but not by so much.
+                // The first steps after a change may be late for earlier reasons, but not by so much.
                 let counts = self.trial.pending == 0 || times_too_long > FAR_TOO_LONG;
-                // What is finer than the present bias is of before it.
+                // A step finer than the present bias was planned before it.
                 if coming.is_late && counts && coming.bias >= self.bias {
                     self.give_way(&coming, times_too_long);
                 } else if self.bias > 0.0 && (is_patient || has_spare && self.is_in_vain()) {
@@ -455,7 +453,7 @@ impl Run {
         }
     }
 
-    /// The stride that frames allow: where they are slower than steps, not every step can be shown.
+    /// Stride that frames allow, as slow frames cannot show every step.
     fn frames_stride(&self) -> u64 {
         (self.tick_s * self.playback.steps_per_second).round().max(1.0) as u64
     }
@@ -463,13 +461,13 @@ impl Run {
     /// Plans as many steps as frames can show.
     fn follow_frames(&mut self) {
         let wanted = self.tick_s * self.playback.steps_per_second;
-        // A stride that is nearly right stays.
+        // A nearly correct stride stays.
         if (wanted.max(1.0) - self.stride as f64).abs() > 0.75 {
             self.set_stride(self.frames_stride());
         }
     }
 
-    /// Plans anew what comes after the next step, in another stride.
+    /// Replans the steps after the next one, with another stride.
     fn set_stride(&mut self, stride: u64) {
         if stride != self.stride {
             self.stride = stride;
@@ -477,8 +475,8 @@ impl Run {
         }
     }
 
-    /// Asks for less after a step that took `times_too_long`. To hold the rate, coming steps are made coarser, those that have hardly begun among them: a
-    /// level has an eighth of the bricks of a finer one, so that the bias grows by a third of the octaves.
+    /// Lowers the demand after a step that took `times_too_long`. To hold the rate, even barely begun steps are made coarser: a level has
+    /// an eighth of the bricks of a finer one, so the bias grows by a third of the octaves.
     fn give_way(&mut self, late: &Coming, times_too_long: f64) {
         match self.playback.policy {
             Policy::EveryStep => {}
@@ -504,14 +502,14 @@ impl Run {
     fn set_bias(&mut self, bias: f64) {
         self.bias = bias.min(MOST_BIAS);
         for coming in &mut self.coming {
-            // What is mostly there is there sooner as it is.
+            // Mostly complete steps are ready sooner unchanged.
             if 2 * coming.ready.missing >= coming.ready.wanted {
                 (coming.bias, coming.ready.is_planned) = (self.bias, false);
             }
         }
     }
 
-    /// Where a coarser bias has changed nothing, as the finest level is coarser than it asks for, it has to be larger.
+    /// Increases a bias without effect, where even the finest level is coarser than requested.
     fn see_change_of_bias(&mut self) {
         let Some(before) = self.trial.wanted_before.filter(|_| !self.trial.is_on) else { return };
         let changed = self.coming.iter().find(|coming| coming.bias == self.bias && coming.ready.is_planned);
@@ -523,7 +521,7 @@ impl Run {
         }
     }
 
-    /// Whether the last trial of a finer level has changed nothing.
+    /// Whether the last trial of a finer level had no effect.
     fn is_in_vain(&self) -> bool {
         let is_of_trial = |coming: &&Coming| coming.bias == self.bias && coming.ready.is_planned;
         let tried = self.coming.iter().find(is_of_trial).map(|coming| coming.ready.wanted);
@@ -532,7 +530,7 @@ impl Run {
 }
 
 impl Trial {
-    /// How many steps in good time a trial of this bias or stride waits for: many where it has failed before.
+    /// Steps in good time before a trial of this bias or stride: many if it failed before.
     fn waits_for(&self, finer: f64) -> u32 {
         if finer > self.failed_at { FIRST_PATIENCE } else { self.patience }
     }
@@ -542,17 +540,17 @@ impl Trial {
         self.failed_at != NEVER
     }
 
-    /// Begins a trial of more quality than the present bias or stride gives, which shows after `pending` steps.
+    /// Begins a trial of more quality than the present bias or stride, with effect after `pending` steps.
     fn begin(&mut self, present: f64, pending: u32) {
         if present <= self.failed_at {
-            // What had failed has held.
+            // The failed value has held.
             (self.failed_at, self.patience) = (NEVER, (self.patience / 2).max(FIRST_PATIENCE));
         }
         *self = Self { timely: 0, pending, is_on: true, ..*self };
     }
 
-    /// Takes note that a step of this bias or stride was late. If that was a trial, the next one waits for longer. Further late steps may
-    /// be late for what came before them.
+    /// Records a late step of this bias or stride. A failed trial prolongs the wait for the next. Further late steps may have earlier
+    /// causes.
     fn fail(&mut self, of_step: f64) {
         if self.is_on || self.failed_at == NEVER {
             self.failed_at = of_step;
@@ -562,14 +560,14 @@ impl Trial {
     }
 }
 
-/// The steps, place by place.
+/// Steps by place.
 #[derive(Clone, Copy, Debug)]
 struct Path {
-    /// The step at place 0, and whether the path runs to earlier steps there.
+    /// The step at place 0, and the direction there.
     origin: u32,
     is_backward: bool,
     ending: Ending,
-    /// The number of steps; at least 2.
+    /// Number of steps; at least 2.
     steps: u32,
 }
 
@@ -598,7 +596,7 @@ impl Path {
         }
     }
 
-    /// Where a place is on the way from the first step to the last one and back.
+    /// Position on the way from the first step to the last and back.
     fn phase(&self, place: u64) -> u64 {
         let turn = u64::from(self.steps - 1);
         let origin = if self.is_backward { 2 * turn - u64::from(self.origin) } else { self.origin.into() };

@@ -1,13 +1,12 @@
-//! The cut: an octree cut of the whole volume, disjoint and covering, as fine as a view wants it.
+//! The cut: a disjoint octree covering of the whole volume, as fine as a view needs.
 //!
-//! What is in the frustum, not empty under the transfer function and not known to be hidden is split until its screen-space
-//! error is below the target; everything else stays as coarse as it is met, visible to nobody. So a cut also has a cell for
-//! what another camera sees: a frame may draw an older cut with a newer camera, and still leaves nothing out (see
-//! [`VisibleCells`](crate::visible_cells::VisibleCells)).
+//! Cells in the frustum, neither empty under the transfer function nor known to be hidden, are split until their screen-space error is
+//! below the target; all others stay coarse and invisible. Since these cover the rest, a frame may draw an older cut with a newer camera
+//! and leave nothing out (see [`VisibleCells`](crate::visible_cells::VisibleCells)).
 //!
-//! The nodes stay in one arena as a tree, parents before children, all children of a split node contiguous; later steps walk
-//! it in linear passes. Volumes that stand on one grid in one place, as the channels of an image do, share one tree: a node is split for
-//! all that see it. A cut is a value: the next one is computed from it ([`split`](crate::split)). Pure: no residency, no I/O.
+//! The tree lies in one arena, parents before children, siblings contiguous; later steps walk it in linear passes. Volumes on one grid in
+//! one place, such as the channels of an image, share a tree, split wherever any of them needs it. A cut is a value, from which the next is
+//! computed ([`split`](crate::split)). Pure: no residency, no I/O.
 
 use crate::source::BrickSource;
 use brickyard_volume::{
@@ -17,48 +16,48 @@ use glam::DVec3;
 use std::ops::Index;
 use std::sync::Arc;
 
-/// What is to be shown of a volume: everything that decides a cut, besides the data.
+/// Shown part of a volume: everything that decides a cut, besides the data.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
     /// The camera, resolved for the picture's size.
     pub rays: ViewRays,
-    /// The other eye of a stereo pair; `None` for a single eye. What either eye sees is shown, at the level that the nearer eye wants.
+    /// The other eye of a stereo pair, if any. Cells visible to either eye are shown, at the nearer eye's level.
     pub other_eye: Option<ViewRays>,
-    /// The value bins that can be seen; bricks with none of them are left out. `None` keeps every brick (MIP and the like).
+    /// Visible value bins; bricks without any are left out. `None` keeps every brick (MIP and the like).
     pub opaque: Option<Occupancy>,
-    /// Caps on what the clip cuts through; `None` without any.
+    /// Caps on the clip's cut faces; `None` without any.
     pub caps: Option<Caps>,
-    /// How the field is interpolated between voxels. A brick is empty only if all voxels that its samples read are.
+    /// Interpolation between voxels. A brick is empty only if all voxels read by its samples are.
     pub filter: Filter,
-    /// Which level the view wants.
+    /// Policy for choosing the level.
     pub level: LevelPolicy,
-    /// The only pixels that are wanted, in the picture of each eye; `None` wants all.
+    /// The only wanted pixels, in the picture of each eye; `None` for all.
     pub window: Option<PixelRect>,
-    /// How many pixels a voxel may cover under [`LevelPolicy::Auto`].
+    /// Most pixels per voxel under [`LevelPolicy::Auto`].
     pub pixel_error: f64,
-    /// The time step that is shown.
+    /// The shown time step.
     pub time: u32,
-    /// The channel that is shown.
+    /// The shown channel.
     pub channel: u32,
-    /// The part of the volume that is shown, in the volume's own world; `None` shows everything.
+    /// Shown part of the volume, in its own world; `None` for all of it.
     pub clip: Option<Clip>,
-    /// The placement of the volume's own world, which its source's geometry gives, in the world of the rays.
+    /// Placement of the volume's own world, given by its source's geometry, in the world of the rays.
     pub placement: Placement,
-    /// A number that differs between views in which the same brick may hide different things: those with other opacities or another mode.
+    /// Identifies the appearance: differs if the same brick may hide different things, as with other opacities or another mode.
     pub appearance: u64,
 }
 
-/// What can be seen besides of the bricks on a cut: the faces that close surfaces there.
+/// Faces closing surfaces at a clip's cut, visible besides the bricks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Caps {
-    /// The value bins that have caps.
+    /// Value bins with caps.
     pub bins: Occupancy,
-    /// The lattice of the longest segments that are drawn: a brick next to the cut holds the middles of some that the cut shortens.
+    /// Lattice of the longest drawn segments: bricks next to the cut hold the middles of some segments shortened by it.
     pub lattice: Lattice,
 }
 
 impl View {
-    /// This view from its other eye, which sees the same cells in another order; the view as it is if it has one eye.
+    /// This view from its other eye, with the same cells in another order; unchanged for a single eye.
     pub fn from_other_eye(&self) -> Self {
         match self.other_eye {
             Some(rays) => Self { rays, other_eye: Some(self.rays), ..self.clone() },
@@ -66,19 +65,18 @@ impl View {
         }
     }
 
-    /// The view's eyes: one, or two.
     pub(crate) fn eyes(&self) -> impl Iterator<Item = &ViewRays> {
         std::iter::once(&self.rays).chain(&self.other_eye)
     }
 
-    /// The frusta of the view's eyes, in the volume's own world.
+    /// Frusta of the eyes, in the volume's own world.
     pub(crate) fn frusta(&self) -> Frusta {
         let frustum = |rays: &ViewRays| rays.frustum_of(self.window.unwrap_or(rays.whole())).in_volume(&self.placement);
         Frusta(frustum(&self.rays), self.other_eye.as_ref().map(frustum))
     }
 
-    /// A lower bound of the distance from an eye to a box of the volume's own world. It is exact where the placement only turns and scales, or
-    /// stretches along axes; else it is too small by at most as much as the placement stretches one direction more than another.
+    /// Lower bound of the distance from an eye to a box of the volume's own world. Exact for placements that only turn, scale or stretch
+    /// along axes; else too small by at most the ratio of the greatest to the least stretch.
     pub(crate) fn distance(&self, rays: &ViewRays, low: DVec3, high: DVec3) -> f64 {
         let to_box = |eye: DVec3, low: DVec3, high: DVec3| eye.clamp(low, high).distance(eye);
         if self.placement.is_identity() {
@@ -90,12 +88,12 @@ impl View {
         own.max(to_box(rays.eye, low, high))
     }
 
-    /// Whether a box of the volume's own world may have a part that is shown.
+    /// Whether any part of a box of the volume's own world may be shown.
     pub(crate) fn is_inside_clip(&self, low: DVec3, high: DVec3) -> bool {
         self.clip.as_ref().is_none_or(|clip| clip.meets_box(low, high))
     }
 
-    /// Whether a brick, with this box of the volume's own world, can show something under this view: whether it is not empty.
+    /// Whether a brick with this box in the volume's own world may show anything.
     pub(crate) fn shows(&self, source: &dyn BrickSource, id: BrickId, (low, high): (DVec3, DVec3)) -> bool {
         let Some(mut mask) = self.opaque else { return true };
         if let (Some(caps), Some(clip)) = (&self.caps, &self.clip) {
@@ -107,8 +105,7 @@ impl View {
         source.occupancy(id).meets(mask) || self.filter == Filter::Tricubic && self.shows_neighbour(source, id, mask)
     }
 
-    /// Whether one of the bricks around a brick is not empty. A brick's own occupancy holds for the voxel next to it; wider
-    /// filters take in another one.
+    /// Whether any neighbour of a brick is not empty. A brick's own occupancy includes one voxel around it; wider filters read another one.
     fn shows_neighbour(&self, source: &dyn BrickSource, id: BrickId, mask: Occupancy) -> bool {
         let (index, count) = (id.index.to_array(), source.pyramid().level(id.level).bricks.to_array());
         (0..27).any(|i| {
@@ -124,24 +121,23 @@ impl View {
     }
 }
 
-/// The frusta of a view's one or two eyes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frusta(Frustum, Option<Frustum>);
 
 impl Frusta {
-    /// Whether any of the eyes may see the box.
+    /// Whether the box may be visible to any of the eyes.
     pub(crate) fn meet_box(&self, low: DVec3, high: DVec3) -> bool {
         self.0.meets_box(low, high) || self.1.is_some_and(|frustum| frustum.meets_box(low, high))
     }
 }
 
-/// The number of cells that a cut may want, the pinned roots included, given this many slots: nine tenths of them, so that there is room
-/// to bring in the next brick before the last goes, but never fewer than the roots.
+/// Most wanted cells of a cut, pinned roots included: nine tenths of the slots, to load the next brick before evicting the last, but never
+/// fewer than the roots.
 pub fn cut_capacity(slots: u32, roots: usize) -> usize {
     (slots as usize * 9 / 10).max(roots)
 }
 
-/// A node's index in the arena of a cut's tree.
+/// Index of a node in the arena of a cut's tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct NodeId(pub(crate) u32);
 
@@ -150,36 +146,36 @@ impl NodeId {
         self.0 as usize
     }
 
-    /// The ids of `count` neighbouring nodes in the arena, from `first` on.
+    /// Ids of `count` consecutive nodes in the arena, from `first` on.
     pub(crate) fn range(first: Self, count: usize) -> impl Iterator<Item = Self> + Clone {
         (first.0..first.0 + count as u32).map(Self)
     }
 }
 
-/// A set of the volumes that share a tree: one bit for each volume, by its place among them.
+/// Set of volumes sharing a tree, one bit each, by their places among them.
 pub(crate) type Members = u32;
 
-/// A node of the arena: a cell of the cut, or one that was split.
+/// A cell of the cut, or a split node.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Node {
     pub(crate) level: Level,
     pub(crate) index: BrickIndex,
-    /// The low corner of the node's box in the volume's own world; `high` is the opposite one.
+    /// Low corner of the node's box in the volume's own world, opposite `high`.
     pub(crate) low: DVec3,
     pub(crate) high: DVec3,
     pub(crate) error_px: f64,
     /// The parent; the node's own id for a root.
     pub(crate) parent: NodeId,
-    /// The first child. `None` for a cell of the cut.
+    /// The first child; `None` for a cell of the cut.
     pub(crate) first_child: Option<NodeId>,
     pub(crate) children: u8,
-    /// The most light that a ray brings to the node, as a weight (see [`visibility`](crate::visibility)); 0 where no ray comes.
+    /// Most light of any ray at the node, as a weight (see [`visibility`](crate::visibility)); 0 if no ray arrives.
     pub(crate) weight: u8,
-    /// The volumes for which the node is in the frustum and not empty.
+    /// Volumes for which the node is in the frustum and not empty.
     pub(crate) visible: Members,
 }
 
-/// The [weight](Node::weight) of a node that is seen in the open, or about which nothing is known.
+/// The [weight](Node::weight) of a node seen in the open, or of unknown visibility.
 pub(crate) const OPEN: u8 = 9;
 
 impl Node {
@@ -187,26 +183,25 @@ impl Node {
         self.first_child.is_none()
     }
 
-    /// The ids of the node's children.
     pub(crate) fn children(&self) -> impl Iterator<Item = NodeId> + use<> {
         NodeId::range(self.first_child.unwrap_or(self.parent), self.children as usize)
     }
 
-    /// The volumes for which the node is visible and not hidden.
+    /// Volumes for which the node is visible and not hidden.
     pub(crate) fn seen(&self) -> Members {
         if self.weight > 0 { self.visible } else { 0 }
     }
 }
 
-/// An octree cut of a volume: the cells that a view wants, among cells that cover the rest.
+/// An octree cut of a volume: a view's wanted cells, among cells covering the rest.
 #[derive(Clone, Debug)]
 pub struct Cut {
     pub(crate) view: View,
     /// The tree, which other volumes may share.
     pub(crate) nodes: Arc<Vec<Node>>,
-    /// The volume's own bit among those that share the tree.
+    /// The volume's own bit among those sharing the tree.
     pub(crate) member: Members,
-    /// The number of roots, which are the first nodes.
+    /// Number of roots, which are the first nodes.
     pub(crate) roots: usize,
     pub(crate) wanted: usize,
     pub(crate) effective_error_px: f64,
@@ -238,28 +233,27 @@ impl Cut {
         cut
     }
 
-    /// The cells that the view wants, in no particular order: those in its frustum that are not empty and not known to be hidden.
+    /// Wanted cells, in no particular order: in the view's frustum, not empty and not known to be hidden.
     pub fn cells(&self) -> impl Iterator<Item = BrickId> {
         self.wanted_cells().map(|node| self.id(node))
     }
 
-    /// The number of cells that the view wants.
+    /// Number of wanted cells.
     pub fn wanted(&self) -> usize {
         self.wanted
     }
 
-    /// The largest screen-space error among wanted cells that a finer level could still improve, in pixels; 0 where all are
-    /// at the finest level, infinite where the eye is inside such a cell.
+    /// Largest screen-space error in pixels among wanted cells coarser than level 0; 0 without any, infinite if the eye is inside one.
     pub fn effective_error_px(&self) -> f64 {
         self.effective_error_px
     }
 
-    /// Whether the cut would be finer if more cells fitted.
+    /// Whether the cut would be finer with room for more cells.
     pub fn memory_bound(&self) -> bool {
         self.memory_bound
     }
 
-    /// Whether another volume's cut is made of the same tree as this one.
+    /// Whether another volume's cut shares this one's tree.
     pub(crate) fn shares_tree_with(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.nodes, &other.nodes)
     }
@@ -269,28 +263,26 @@ impl Cut {
         self[node].visible & self.member != 0
     }
 
-    /// Whether a node is in the frustum and not empty, but hidden behind something that lets no light through.
+    /// Whether a node is visible, but behind something opaque.
     pub(crate) fn is_hidden(&self, node: NodeId) -> bool {
         self.is_visible(node) && self[node].weight == 0
     }
 
-    /// Whether a node is a cell that is visible and not hidden.
     pub(crate) fn is_wanted(&self, node: NodeId) -> bool {
         self[node].is_cell() && self[node].seen() & self.member != 0
     }
 
-    /// The ids of all nodes, parents before children.
+    /// Ids of all nodes, parents before children.
     pub(crate) fn ids(&self) -> impl Iterator<Item = NodeId> + use<> {
         NodeId::range(NodeId(0), self.nodes.len())
     }
 
-    /// A node, its parent, and so on up to a root.
     pub(crate) fn path_to_root(&self, node: NodeId) -> impl Iterator<Item = NodeId> {
         let parent = |&node: &NodeId| Some(self[node].parent).filter(|parent| *parent != node);
         std::iter::successors(Some(node), parent)
     }
 
-    /// The wanted cells, coarse first.
+    /// Wanted cells, coarse first.
     pub(crate) fn wanted_cells(&self) -> impl Iterator<Item = NodeId> {
         self.ids().filter(|&node| self.is_wanted(node))
     }
@@ -300,7 +292,6 @@ impl Cut {
     }
 }
 
-/// All bricks of the coarsest level.
 pub(crate) fn roots(source: &dyn BrickSource, time: u32, channel: u32) -> Vec<BrickId> {
     let level = source.pyramid().coarsest();
     let grid = source.pyramid().level(level).bricks;

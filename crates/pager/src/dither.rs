@@ -1,22 +1,22 @@
-//! A share of the picture's pixels: what a brick that fades in is drawn in, and the one before it in the others.
+//! Pixel shares: a brick fading in is drawn in some pixels, its predecessor in the others.
 
-/// Some of the picture's pixels, spread evenly: those whose [threshold](PixelShare::threshold) is in `from..to`.
+/// Evenly spread pixels of the picture: those with a [threshold](PixelShare::threshold) in `from..to`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PixelShare {
-    /// The least threshold of the share's pixels.
+    /// Least threshold of the share's pixels.
     pub from: u8,
     /// One past the greatest threshold of the share's pixels, at most [`PixelShare::THRESHOLDS`].
     pub to: u8,
 }
 
 impl PixelShare {
-    /// The number of thresholds. Every threshold has an equal share of the pixels.
+    /// Number of thresholds, each with an equal share of the pixels.
     pub const THRESHOLDS: u8 = 64;
-    /// The share of all pixels.
+    /// All pixels.
     pub const ALL: Self = Self { from: 0, to: Self::THRESHOLDS };
 
-    /// A pixel's threshold, less than [`PixelShare::THRESHOLDS`], by Bayer's matrix of 8 by 8. It is computed in integers, so that it is the
-    /// same in all renderers; `dither` in dither.wgsl is its twin.
+    /// A pixel's threshold, less than [`PixelShare::THRESHOLDS`], by Bayer's matrix of 8 by 8. Computed in integers, so it is the same in
+    /// all renderers; `dither` in dither.wgsl is its twin.
     #[inline(always)]
     pub fn threshold(x: u32, y: u32) -> u8 {
         let z = x ^ y;

@@ -1,8 +1,7 @@
-//! The draw list: what is drawn for the cut now, back to front.
+//! The draw list: the resident bricks drawn for a cut, back to front.
 //!
-//! Each visible cell is drawn with its own brick or with its nearest resident ancestor, restricted to the cell's box. One pass
-//! down the cut's tree finds all of them: one look-up a node. A brick that [fades in](crate::fade) shares its cell with what it
-//! takes the place of: of the pixels, each of the two has some.
+//! Each visible cell is drawn with its own brick or its nearest resident ancestor, restricted to the cell's box. One pass down the cut's
+//! tree finds them, with one look-up per node. A brick [fading in](crate::fade) shares its cell's pixels with the brick it replaces.
 
 use crate::cut::{Cut, NodeId};
 use crate::dither::PixelShare;
@@ -11,41 +10,40 @@ use crate::visible_cells::{Ranked, VisibleCells};
 use brickyard_volume::{BrickId, Pyramid, VoxelBox};
 use rustc_hash::FxHashMap;
 
-/// A place for one padded brick in the atlas.
+/// Place of one padded brick in the atlas.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Slot(pub u32);
 
-/// A cell of the cut, and a resident brick that is drawn for it.
+/// A cell of the cut, and the resident brick drawn for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DrawCell {
     /// The cell: a brick's place in the octree.
     pub cell: BrickId,
-    /// The cell's half-open box in level-0 voxels: where this entry draws.
+    /// The cell's half-open box in level-0 voxels, the limits of the entry.
     pub region: VoxelBox,
-    /// The pixels that this entry draws: all, unless a brick fades in.
+    /// Pixels of this entry: all, unless a brick fades in.
     pub pixels: PixelShare,
-    /// The brick whose voxels are drawn: the cell's own, or its nearest resident ancestor.
+    /// The drawn brick: the cell's own, or its nearest resident ancestor.
     pub brick: BrickId,
-    /// The slot that holds `brick`.
+    /// Slot of `brick`.
     pub slot: Slot,
-    /// The cell's place, back to front, among all cells of its cut that are in sight. Where several volumes share a cut, their entries for
-    /// the same cell have the same rank.
+    /// Back-to-front position among all visible cells of the cut. Volumes sharing a cut have equal ranks for equal cells.
     pub rank: u32,
 }
 
-/// What is drawn of a volume now: cells in back-to-front order, disjoint, covering all of the volume that is visible and not empty. The
-/// list is empty until the volume's coarsest bricks have come. A cell in which a brick fades in has two entries, one after the other:
-/// first the brick that gives way, then the new one. Between them the two entries draw every pixel once.
+/// Drawn bricks of a volume: disjoint cells, back to front, covering everything visible and not empty. Empty until the volume's coarsest
+/// bricks arrive. A cell with a fading brick has two consecutive entries: first the outgoing brick, then the new one, which together draw
+/// every pixel once.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DrawList {
-    /// The list's entries, back to front.
+    /// Entries, back to front.
     pub cells: Vec<DrawCell>,
 }
 
 impl DrawList {
-    /// The draw list for what a view sees of a cut, given the resident bricks that stand for its nodes. Cells for which nothing is resident (a
-    /// whole line of ancestors cannot be read) are left out. `fading` says which brick, in which slot, a brick that fades in replaces; it is
-    /// given the brick and how many more entries than cells the list has so far.
+    /// Draw list of a cut's visible cells, given its nodes' resident stand-ins. Cells without any (a whole line of unreadable ancestors)
+    /// are left out. `fading` receives a brick and the surplus of entries over cells so far, and returns the replaced brick of a fade and
+    /// its slot.
     pub(crate) fn new(
         pyramid: &Pyramid,
         cut: &Cut,
@@ -74,7 +72,6 @@ impl DrawList {
         Self { cells }
     }
 
-    /// This list's entries with their cells in another order.
     pub(crate) fn reordered(&self, cut: &Cut, order: &[Ranked]) -> Self {
         let entries: FxHashMap<BrickId, &[DrawCell]> =
             self.cells.chunk_by(|a, b| a.cell == b.cell).map(|entries| (entries[0].cell, entries)).collect();
@@ -83,13 +80,12 @@ impl DrawList {
         Self { cells: cells.collect() }
     }
 
-    /// Whether any brick of the list fades in.
     pub(crate) fn is_fading(&self) -> bool {
         self.cells.iter().any(|cell| cell.pixels != PixelShare::ALL)
     }
 }
 
-/// Which nodes of a cut are resident, and for each node the nearest resident one on the way up.
+/// Resident nodes of a cut, and the nearest resident ancestor of each node.
 #[derive(Clone, Debug)]
 pub(crate) struct StandIns {
     own: Vec<Option<Slot>>,
@@ -115,7 +111,7 @@ impl StandIns {
         self.own[node.index()].is_some()
     }
 
-    /// The nearest resident node on the way up from this node, which may be itself, and its slot; `None` if there is none.
+    /// Nearest resident node on the path to the root, itself included, and its slot; `None` if there is none.
     pub(crate) fn of(&self, node: NodeId) -> Option<(NodeId, Slot)> {
         let nearest = self.nearest[node.index()]?;
         self.own[nearest.index()].map(|slot| (nearest, slot))

@@ -1,10 +1,9 @@
-//! Exact pictures of any working set: the cells of a cut that knows no limit of slots, back to front, in passes that fit the
-//! slots, each cell with its own brick.
+//! Exact pictures of any working set: the cells of a cut without a limit of slots, back to front, in passes that fit the slots, each cell
+//! with its own brick.
 //!
-//! Threads read the bricks in the order of the cells, as far ahead as the host budget's buffers go; a pass is complete when
-//! the bricks of its cells are there. Whatever the timing, the passes are the same. A brick that cannot be read is replaced
-//! by its nearest ancestor that can. Cost: every brick is read and uploaded once for each picture; of the host budget a
-//! quarter at most goes to the cut, which is the one thing here that grows with the working set.
+//! Threads read the bricks in the order of the cells, as far ahead as the host budget's buffers allow; a pass is complete once its bricks
+//! are there. Passes do not depend on timing. An unreadable brick is replaced by its nearest readable ancestor. Every brick is read and
+//! uploaded once per picture. At most a quarter of the host budget goes to the cut, the only part that grows with the working set.
 
 use crate::assemble::PaddedReader;
 use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, TABLE_BYTES_PER_SLOT, split_host};
@@ -28,16 +27,16 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// What a cell of the cut takes, its share of the cells that were split and the room that lists grow into included.
+/// Bytes per cell of the cut, including its share of split cells and of growing lists.
 const BYTES_PER_CELL: u64 = 384;
 
-/// Why an exact picture cannot be drawn.
+/// Error from drawing an exact picture.
 #[derive(Debug, thiserror::Error)]
 pub enum ExactError {
     /// The passes cannot start: a budget is too small for one brick, the apron or gradients do not fit, or a thread does not start.
     #[error(transparent)]
     Budget(#[from] PagerError),
-    /// The host budget cannot hold the list of the cells that are to be drawn.
+    /// The host budget cannot hold the list of cells to draw.
     #[error(
         "an exact picture of this view takes more than {cells} bricks, as many as {host_bytes} bytes of host memory can list"
     )]
@@ -47,27 +46,27 @@ pub enum ExactError {
         /// The host budget in bytes.
         host_bytes: u64,
     },
-    /// There is a cell for which neither its brick nor any ancestor can be read.
+    /// Neither a cell's brick nor any ancestor can be read.
     #[error("nothing can stand in for a part of the picture: {0}")]
     Unreadable(BrickError),
 }
 
-/// Reads the bricks of one exact picture, and hands them out pass by pass as uploads and draw lists.
+/// Reader of one exact picture's bricks, pass by pass as uploads and draw lists.
 pub struct ExactPasses {
     cells: Arc<[BrickId]>,
     source: Arc<dyn BrickSource>,
-    /// What the source had read before.
+    /// Bytes read by the source before.
     bytes_read_before: u64,
     cache: Arc<RamCache>,
     meter: Arc<Meter>,
     slots: usize,
-    /// The first cell of the pass, and what is drawn of the pass so far, by cell.
+    /// First cell of the pass, and the pass's draw list so far, by cell.
     start: usize,
     draw: Vec<Option<DrawCell>>,
     placed: usize,
     /// Bricks of later passes.
     early: BTreeMap<usize, StandIn>,
-    /// The last upload's codes: the caller's until the next call.
+    /// Codes of the last upload, on loan to the caller until the next call.
     handed_out: Option<Arc<[u8]>>,
     readers: Readers,
     counters: Counters,
@@ -77,17 +76,17 @@ pub struct ExactPasses {
 /// The next step of an exact picture.
 #[derive(Clone, Debug)]
 pub enum Next {
-    /// Write a brick into its slot. Draw lists handed out before still show the slot's former brick.
+    /// Write a brick into its slot. Earlier draw lists still refer to the slot's former brick.
     Upload(Upload),
     /// Draw the cells of a pass, in front of those of all earlier passes.
     Draw(DrawList),
-    /// Nothing has arrived within the timeout: ask again.
+    /// Nothing has arrived within the timeout: call again.
     Wait,
-    /// There is nothing more to do: the picture is whole.
+    /// The picture is complete.
     Done,
 }
 
-/// The brick that is drawn for a cell: its own, or the nearest readable ancestor.
+/// The brick drawn for a cell: its own, or the nearest readable ancestor.
 #[derive(Debug)]
 struct StandIn {
     brick: BrickId,
@@ -95,11 +94,11 @@ struct StandIn {
 }
 
 impl ExactPasses {
-    /// Makes the list of cells and starts to read. Of `config`, only the slots, the apron, the gradient layers, what slots hold, the host
-    /// budget and the workers count.
+    /// Lists the cells and starts reading. Of `config`, only the slots, the apron, the gradient layers, the slot contents, the host budget
+    /// and the workers count.
     ///
     /// # Errors
-    /// If the host budget cannot hold the cells or a brick on its way, the apron or the gradients do not fit, or no thread can be started.
+    /// If the host budget cannot hold the cells or a brick in flight, the apron or the gradients do not fit, or no thread can be started.
     pub fn new(source: Arc<dyn BrickSource>, view: &View, config: &PagerConfig) -> Result<Self, ExactError> {
         let contents = config.contents.first().cloned().unwrap_or_default();
         let layout = layout_of(&*source, config.apron, config.gradient_layers, &contents)?;
@@ -153,33 +152,32 @@ impl ExactPasses {
         })
     }
 
-    /// The number of cells in the picture.
+    /// Cells of the picture.
     pub fn cells(&self) -> usize {
         self.cells.len()
     }
 
-    /// The number of cells in the draw lists handed out so far.
+    /// Cells of the draw lists returned so far.
     pub fn drawn(&self) -> usize {
         self.start
     }
 
-    /// The number of passes that the picture takes.
+    /// Passes of the picture.
     pub fn passes(&self) -> usize {
         self.cells.len().div_ceil(self.slots)
     }
 
-    /// The largest screen-space error, in pixels, among cells that a finer level could improve; 0 if there are none, infinite
-    /// where the eye is inside one.
+    /// Largest screen-space error in pixels among cells coarser than level 0; 0 without any, infinite if the eye is inside one.
     pub fn effective_error_px(&self) -> f64 {
         self.effective_error_px
     }
 
-    /// The most host memory that has been in use so far, in bytes.
+    /// Peak host memory so far, in bytes.
     pub fn host_bytes_peak(&self) -> u64 {
         self.meter.peak()
     }
 
-    /// Totals so far. `failed` counts bricks that could not be read, also those wanted only for a neighbour's apron, and stored aprons.
+    /// Totals so far. `failed` counts unreadable bricks, including those needed only for a neighbour's apron, and stored aprons.
     pub fn counters(&self) -> Counters {
         let decoded = self.cache.counters();
         Counters {
@@ -191,7 +189,7 @@ impl ExactPasses {
         }
     }
 
-    /// The next thing to do, for which it waits at most `timeout`. Calling this function says that the last upload is done with.
+    /// Returns the next step, waiting at most `timeout`. A call ends the use of the last upload.
     ///
     /// # Errors
     /// If neither a cell's brick nor any ancestor can be read.
@@ -232,11 +230,10 @@ impl ExactPasses {
     }
 }
 
-/// Bricks handed to the kernel for reading ahead at a time.
+/// Bricks announced to the kernel for reading ahead at a time.
 const ADVISE_BATCH: usize = 16;
 
-/// The threads. A cell is taken together with a buffer and buffers are counted, so reading runs ahead only so far; and the
-/// first cell that is missing always has a buffer, so it comes.
+/// The threads. Counted buffers, one per taken cell, limit reading ahead; and the first missing cell always has a buffer, so it arrives.
 struct Readers {
     /// `None` only while dropping.
     channels: Option<Channels>,
@@ -255,7 +252,7 @@ impl Readers {
         let (free, taken) = bounded::<Arc<[u8]>>(staged);
         let (sender, arrivals) = bounded(staged);
         for _ in 0..staged {
-            // There is room, and somebody to take it: both ends are here.
+            // There is room, and a receiver: both ends are here.
             let _ = free.send(zeroed(cache.layout().padded_bytes()));
         }
         let next = Arc::new(AtomicUsize::new(0));
@@ -290,13 +287,13 @@ impl Readers {
         self.channels.as_ref()?.arrivals.recv_timeout(timeout).ok()
     }
 
-    /// Takes a buffer back; one that somebody else keeps is theirs, and another takes its place.
+    /// Takes a buffer back; one with another holder is left to that holder and replaced.
     fn give_back(&self, codes: Option<Arc<[u8]>>) {
         let (Some(mut codes), Some(channels)) = (codes, &self.channels) else { return };
         if Arc::get_mut(&mut codes).is_none() {
             codes = zeroed(codes.len());
         }
-        // Where all cells have been taken nobody wants it any more.
+        // Fails once all cells have been taken: the buffer is no longer needed.
         let _ = channels.free.try_send(codes);
     }
 }
@@ -308,7 +305,7 @@ impl Drop for Readers {
     }
 }
 
-/// Reads a brick or, where it cannot be read, its nearest ancestor that can: which one.
+/// Reads a brick or its nearest readable ancestor, and returns which.
 fn read_nearest(
     reader: &mut PaddedReader,
     source: &dyn BrickSource,
@@ -344,7 +341,7 @@ mod tests {
         View { level: LevelPolicy::Locked(0), ..view }
     }
 
-    /// All cells drawn, with the codes that were in their slots then.
+    /// All drawn cells, with the codes in their slots at that time.
     fn run(passes: &mut ExactPasses) -> Vec<(DrawCell, Vec<u8>)> {
         let (mut atlas, mut drawn, mut lists) = (HashMap::new(), Vec::new(), 0);
         loop {

@@ -1,32 +1,29 @@
-//! Fades: a brick that comes while its cell is drawn with an ancestor does not pop up, but takes the ancestor's place pixel by
-//! pixel. For moving cameras: where nothing is said of time, bricks are drawn at once.
+//! Fades: a brick arriving while its cell is drawn with an ancestor does not pop up, but replaces the ancestor pixel by pixel.
+//! For moving cameras: without a fade time, bricks are drawn at once.
 //!
-//! Bricks that come into sight with a slot already, because they were fetched ahead or are back from before, and those where
-//! nothing was drawn, do not fade. A fade that is cut short, as the ancestor loses its slot or the list has no room for both,
-//! is over for good: what has been drawn does not get coarser.
+//! Bricks already resident when they come into view, prefetched or seen before, do not fade; nor do bricks where nothing was
+//! drawn. A fade cut short, because the ancestor loses its slot or the list has no room for both, is over for good: drawn
+//! content does not get coarser.
 //!
-//! Cost: a map entry for each brick of the last fifth of a second or so; nothing while nothing comes.
+//! Costs a map entry per brick of the last fifth of a second or so; nothing while no brick arrives.
 
 use crate::dither::PixelShare;
 use brickyard_volume::BrickId;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How far a brick has faded in, and what it replaces.
+/// Progress of a brick's fade, and the replaced brick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Fading {
-    /// The brick that was drawn before: an ancestor.
     pub(crate) before: BrickId,
-    /// Pixels whose threshold is less than this show the new brick, the others the one before. Each of the two has some pixels.
+    /// Pixels with a lower threshold show the new brick, the others the one before. Each of the two has some pixels.
     pub(crate) share: u8,
 }
 
-/// The bricks of a volume that fade in.
 pub(crate) struct Fades {
-    /// How long each takes, if there are any.
     time: Option<Duration>,
     now: Duration,
-    /// When each brick came, and what was drawn in its place before.
+    /// Arrival of each brick, and the brick drawn in its place before.
     since: BTreeMap<BrickId, (Duration, BrickId)>,
 }
 
@@ -39,14 +36,13 @@ impl Fades {
         self.time.is_some()
     }
 
-    /// Begins the frame at the time `now`: ends the fades that are over by then.
+    /// Begins the frame at the time `now`, and ends the fades finished by then.
     pub(crate) fn advance(&mut self, now: Duration) {
         self.now = now;
         let time = self.time.unwrap_or_default();
         self.since.retain(|_, (since, _)| now.saturating_sub(*since) < time);
     }
 
-    /// Begins the fade of a brick that has come where another one was drawn.
     pub(crate) fn begin(&mut self, brick: BrickId, before: BrickId) {
         self.since.insert(brick, (self.now, before));
     }
@@ -55,17 +51,17 @@ impl Fades {
         self.since.remove(&brick);
     }
 
-    /// The bricks that are still drawn because others that replace them fade in.
+    /// Bricks still drawn because their replacements fade in.
     pub(crate) fn before(&self) -> impl Iterator<Item = BrickId> {
         self.since.values().map(|(_, before)| *before)
     }
 
-    /// How far a brick has faded in; `None` if it does not fade.
+    /// Progress of a brick's fade; `None` if it does not fade.
     pub(crate) fn of(&self, brick: BrickId) -> Option<Fading> {
         let &(since, before) = self.since.get(&brick)?;
         let done = self.now.saturating_sub(since).as_secs_f64() / self.time?.as_secs_f64();
         let last = PixelShare::THRESHOLDS - 1;
-        // Something of it from the first frame on, and not all before its time.
+        // Some of it from the first frame on, and not all before its time.
         Some(Fading { before, share: ((1.0 + done * last as f64) as u8).min(last) })
     }
 }
@@ -101,8 +97,8 @@ mod tests {
             Self { source: TestSource::new(pyramid, [1.0; 3], VoxelType::U8), residency }
         }
 
-        /// A frame that wants all bricks of a level, sees them or not, and takes these in. What it draws in each cell, from
-        /// left to right: bricks and the first threshold that is too great for them, or has been for those before.
+        /// Runs a frame that wants all bricks of a level, seen or not, and receives `bricks`. Returns each cell's entries from
+        /// left to right: the brick with its upper threshold, or its lower one if another brick comes before it.
         fn frame(&mut self, level: u8, is_seen: bool, bricks: &[(u8, u32)], at_ms: u64) -> Vec<Vec<((u8, u32), u8)>> {
             let Self { source, residency } = self;
             for &id in bricks {
@@ -129,7 +125,7 @@ mod tests {
         }
     }
 
-    /// A cell drawn with one brick; with one that takes the place of another.
+    /// A cell drawn with one brick.
     fn whole(brick: (u8, u32)) -> Vec<((u8, u32), u8)> {
         vec![(brick, 64)]
     }
@@ -147,10 +143,10 @@ mod tests {
         assert_eq!(row.frame(1, true, &[], 1199)[0], pair(ROOT, (1, 0), 63));
         assert_eq!(row.frame(1, true, &[], 1200), [whole((1, 0)), pair(ROOT, (1, 1), 32)]);
         assert_eq!(row.frame(1, true, &[], 9000), [whole((1, 0)), whole((1, 1))]);
-        // Finer ones take the place of what was drawn last.
+        // Finer bricks replace the last drawn ones.
         let mixed = [whole((1, 0)), pair((1, 0), (0, 1), 1), whole((1, 1)), whole((1, 1))];
         assert_eq!(row.frame(0, true, &[(0, 1)], 9000), mixed);
-        // What comes in its time but out of sight is simply there.
+        // A brick arriving in its time but out of sight does not fade.
         row.frame(0, false, &[(0, 2)], 9010);
         let cells = row.frame(0, true, &[], 9020);
         assert_eq!((&cells[1], &cells[2]), (&pair((1, 0), (0, 1), 7), &whole((0, 2))));
@@ -170,7 +166,7 @@ mod tests {
         row.frame(1, true, &[(1, 0), (1, 1)], 1000);
         let half = [pair((1, 0), (0, 0), 1), pair((1, 0), (0, 1), 1), whole((1, 1)), whole((1, 1))];
         assert_eq!(row.frame(0, true, &[(0, 0), (0, 1)], 2000), half);
-        // One of these takes the last slot, the other that of what the first two fade from.
+        // One of these takes the last slot, the other that of the brick from which the first two fade.
         let other = [whole((0, 0)), whole((0, 1)), pair((1, 1), (0, 2), 1), pair((1, 1), (0, 3), 1)];
         assert_eq!(row.frame(0, true, &[(0, 2), (0, 3)], 2050), other);
     }

@@ -1,16 +1,16 @@
-//! The bricks that are wanted of a volume, by name and by view.
+//! Wanted bricks of a volume, by name and by view.
 
 use crate::cut::Cut;
 use brickyard_volume::{BrickId, Pyramid};
 
-/// A brick of one of the volumes that share the slots, with the volume's index among them.
+/// A brick, and the index of its volume among those sharing slots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct VolumeBrick {
     pub(crate) volume: usize,
     pub(crate) id: BrickId,
 }
 
-/// The bricks of a volume that a view wants.
+/// A view's wanted bricks of one volume.
 #[derive(Clone, Copy)]
 pub(crate) struct Goal<'a> {
     pub(crate) pyramid: &'a Pyramid,

@@ -1,31 +1,29 @@
-//! Several volumes under one budget: what each needs of a renderer, what each draws, and how they share.
+//! Several volumes under one budget: their needs, their parts of a picture, and their shares.
 //!
-//! A share is decided once, by what is at hand of each volume. So budgets stay hard: what one volume does not use is not lent
-//! to another.
+//! Shares are fixed once, from the known needs of each volume. Budgets stay hard: a volume's unused share is not lent to another.
 
 use crate::draw_list::DrawList;
 use brickyard_volume::{Needs, Pyramid, SlotEncoding, VolumeFrame};
 
-/// What a renderer must provide for one of the volumes that it is made for.
+/// Needs of one volume of a renderer.
 #[derive(Clone, Copy, Debug)]
 pub struct VolumeNeeds {
-    /// How slot codes stand for values.
+    /// Meaning of the slot codes.
     pub encoding: SlotEncoding,
-    /// Voxels along the edge of a brick's core.
+    /// Voxels along a core's edge.
     pub edge: u32,
     /// Levels of the octree over the volume's bricks: see [`Pyramid::octree_levels`].
     pub levels: u32,
-    /// What the pictures need the volume's bricks to have.
+    /// Requirements of the pictures on the volume's bricks.
     pub bricks: Needs,
-    /// The fewest slots with which the volume can be drawn.
+    /// Fewest slots with which the volume can be drawn.
     pub least_slots: u32,
-    /// The most slots that the volume's bricks could ever fill.
+    /// Most slots that the volume's bricks can fill.
     pub most_slots: u32,
 }
 
 impl VolumeNeeds {
-    /// Whether bricks of another volume fit this volume's slots. If so, the two volumes share one pool of slots, and each slot can hold a
-    /// brick of either.
+    /// Whether bricks of `other` fit this volume's slots. If so, the two share one pool of slots for bricks of either.
     pub fn shares_slots_with(&self, other: &Self) -> bool {
         let slot = |needs: &Self| {
             let SlotEncoding { format, has_invalid, is_labels, .. } = needs.encoding;
@@ -35,7 +33,7 @@ impl VolumeNeeds {
     }
 }
 
-/// The number of each volume's pool of slots. Pools are numbered from 0, in the order of their first volumes.
+/// Slot pool of each volume, numbered from 0 in the order of their first volumes.
 pub fn pools(volumes: &[VolumeNeeds]) -> Vec<usize> {
     let mut firsts: Vec<&VolumeNeeds> = Vec::new();
     let mut pools = Vec::with_capacity(volumes.len());
@@ -49,38 +47,37 @@ pub fn pools(volumes: &[VolumeNeeds]) -> Vec<usize> {
     pools
 }
 
-/// One volume's part of a picture. A picture need not show all volumes of its renderer.
+/// One volume's part of a picture, which need not show all volumes of its renderer.
 #[derive(Clone, Copy, Debug)]
 pub struct Layer<'a> {
-    /// The volume's index among those that the renderer was made for. A picture's layers come in ascending order of it.
+    /// Index of the volume in its renderer; ascending over a picture's layers.
     pub volume: usize,
-    /// The frame's settings for the volume.
+    /// Frame settings of the volume.
     pub frame: &'a VolumeFrame,
-    /// The volume's levels and brick grids.
+    /// Levels and brick grids of the volume.
     pub pyramid: &'a Pyramid,
-    /// The bricks that are drawn of the volume.
+    /// Bricks to draw.
     pub draw: &'a DrawList,
-    /// The number of the cut that `draw` was made from. Layers of the same number share a cut, so that their
-    /// [ranks](crate::DrawCell::rank) are in one order.
+    /// Number of the cut behind `draw`. Layers with the same number share a cut and one order of [ranks](crate::DrawCell::rank).
     pub cut: u32,
 }
 
-/// A request for a number of items of one size out of a byte budget.
+/// Request for a number of equally sized items out of a byte budget.
 #[derive(Clone, Copy, Debug)]
 pub struct BudgetRequest {
-    /// Bytes of one item.
+    /// Bytes per item.
     pub bytes: u64,
-    /// The fewest items that are of use.
+    /// Fewest useful items.
     pub least: u64,
-    /// The most items that are of use.
+    /// Most useful items.
     pub most: u64,
 }
 
-/// How many items each request gets out of a budget: its least, and beyond that the same share of its other items for every request. If
-/// the budget has room for everything, each request gets its most.
+/// Divides a budget: every request gets its least number of items, plus the same fraction of its remaining ones; all of them if there
+/// is room.
 ///
 /// # Errors
-/// If the budget is too small for the least of all requests together: the error is the least budget that works, in bytes.
+/// If the budget is below the sum of all least numbers; the error is the least sufficient budget in bytes.
 pub fn share(budget_bytes: u64, requests: &[BudgetRequest]) -> Result<Vec<u64>, u64> {
     let least: u64 = requests.iter().map(|request| request.least * request.bytes).sum();
     let besides: u128 = requests
@@ -90,7 +87,7 @@ pub fn share(budget_bytes: u64, requests: &[BudgetRequest]) -> Result<Vec<u64>, 
     let left = budget_bytes.checked_sub(least).ok_or(least)? as u128;
     let share = |request: &BudgetRequest| {
         let more = (request.most.max(request.least) - request.least) as u128;
-        // No number of voxels that fits 64 bits makes a product of two such overflow.
+        // Voxel counts that fit 64 bits cannot overflow a product of two such numbers.
         request.least + if left >= besides { more } else { more * left / besides } as u64
     };
     Ok(requests.iter().map(share).collect())
@@ -115,10 +112,10 @@ mod tests {
             let shares = share(budget, &requests).unwrap();
             let spent: u64 = shares.iter().zip(&requests).map(|(n, request)| n * request.bytes).sum();
             assert!(spent <= budget);
-            // What is left over is a part of one of each, or everybody has all.
+            // The remainder is less than one item of each, unless all have their most.
             assert!(budget - spent <= 137 || shares == [11, 1000, 3], "{budget}: {shares:?}");
         }
-        // Half of what is wanted besides the least.
+        // Half of everything beyond the least.
         assert_eq!(share(least + (1000 + 998 * 7) / 2, &requests), Ok(vec![6, 501, 3]));
     }
 }

@@ -1,45 +1,38 @@
-//! How bricks lie in host memory: cores and their shells in the RAM cache, as voxels; padded bricks in staging, as slot codes, with their
-//! gradients behind them where pictures want some.
+//! Brick layout in host memory: cores and their shells in the RAM cache, as voxels; padded bricks in staging, as slot codes, followed by
+//! gradients if needed.
 //!
-//! Where the source has aprons stored, of the width asked for or wider, there are no shells: the RAM cache holds each core with
-//! its stored apron behind it.
+//! Where the source stores aprons at least as wide as requested, there are no shells: each cached core is followed by its stored apron.
 //!
-//! A *shell* is what neighbours can ever want of a core: its outer voxels, as deep as the apron, as six slabs, one for each
-//! face. Edges and corners lie in several slabs. At 64^3 and an apron of 1 a shell is 9 % of its core, so many more shells
-//! than cores fit; and it is read front to back, where in the core every voxel of an x face lies on a cache line of its own.
+//! A *shell* is all that neighbours can need of a core: its outer voxels, as deep as the apron, as six slabs, one per face. Edges and
+//! corners lie in several slabs. At 64^3 and an apron of 1 a shell is 9 % of its core, so many more shells than cores fit. It is also
+//! read front to back, whereas in the core every voxel of an x face lies on its own cache line.
 
 use crate::source::BrickSource;
 use brickyard_volume::{Apron, GradientNodes};
 
-/// Shells that the RAM cache holds for each core.
+/// Shells per core in the RAM cache.
 ///
-/// At the front of a sweep, between the bricks that are finished and those that nobody has met, lie bricks whose cores
-/// are still wanted, and about twice as many whose shells are: so at least 2. Where the front does not fit, more is better,
-/// for want of its core a brick is decoded once more, for want of its shell up to 26 times. In sweeps of 16^3 bricks
-/// along Morton and Hilbert curves with an apron of 1, through caches of 1 % to 18 % of the cores' bytes: 2 instead of 4
-/// decodes up to 48 % more where the front does not fit and at best 4 % less; 6 decodes up to 12 % less in caches up to 3 %
-/// and up to 6 % more in larger ones.
+/// At the front of a sweep, between finished and untouched bricks, lie bricks with cores still needed, and about twice as many with only
+/// shells needed: hence at least 2. Where the front does not fit, more is better: a missing core costs one more decode, a missing shell
+/// up to 26. In sweeps of 16^3 bricks along Morton and Hilbert curves with an apron of 1, through caches of 1 % to 18 % of the cores'
+/// bytes, 2 instead of 4 decodes up to 48 % more where the front does not fit and at best 4 % less; 6 decodes up to 12 % less in caches
+/// up to 3 % and up to 6 % more in larger ones.
 const SHELLS_PER_CORE: usize = 4;
 
 /// Sizes of one source's bricks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Layout {
-    /// Voxels along a core's edge.
     pub(crate) edge: usize,
-    /// Voxels of apron on each side.
     pub(crate) apron: usize,
-    /// Voxels on each side in the aprons that the source has stored; 0 where aprons are put together from shells.
+    /// Width of the source's stored aprons in voxels; 0 where aprons are assembled from shells.
     pub(crate) stored: usize,
-    /// Bytes of a voxel, as the source and the RAM cache hold it.
+    /// Bytes per voxel in the source and the RAM cache.
     pub(crate) voxel_bytes: usize,
-    /// Bytes of a code, as slots hold it.
     pub(crate) code_bytes: usize,
-    /// The nodes of the gradients behind a padded brick's voxels.
     pub(crate) gradients: GradientNodes,
 }
 
 impl Layout {
-    /// The layout for padded bricks of a source with this apron and these gradients, in slots with codes of so many bytes.
     pub(crate) fn new(source: &dyn BrickSource, apron: u32, gradients: GradientNodes, code_bytes: usize) -> Self {
         let stored = source.stored_apron();
         Self {
@@ -52,32 +45,28 @@ impl Layout {
         }
     }
 
-    /// Whether padded bricks are made from stored aprons.
     pub(crate) fn has_stored(&self) -> bool {
         self.stored > 0
     }
 
-    /// The shape of the stored aprons; of no voxels if there are none.
+    /// Shape of the stored aprons; empty if there are none.
     pub(crate) fn stored_apron(&self) -> Apron {
         Apron { edge: self.edge as u32, width: self.stored as u32 }
     }
 
-    /// Voxels along a padded brick's edge.
     pub(crate) fn padded(&self) -> usize {
         self.edge + 2 * self.apron
     }
 
-    /// The number of voxels in a padded brick.
     pub(crate) fn padded_voxels(&self) -> usize {
         self.padded().pow(3)
     }
 
-    /// Bytes of the codes of a padded brick's voxels.
     pub(crate) fn padded_code_bytes(&self) -> usize {
         self.padded_voxels() * self.code_bytes
     }
 
-    /// Bytes of a padded brick: the codes of its voxels, and its gradients behind them.
+    /// Bytes of a padded brick: voxel codes, then gradients.
     pub(crate) fn padded_bytes(&self) -> usize {
         self.padded_code_bytes() + self.gradients.bytes()
     }
@@ -90,7 +79,7 @@ impl Layout {
         6 * self.slab_bytes()
     }
 
-    /// Bytes of a cached core, with its stored apron if there is one.
+    /// Bytes of a cached core and its stored apron, if any.
     pub(crate) fn entry_bytes(&self) -> usize {
         self.core_bytes() + self.stored_apron_bytes()
     }
@@ -100,17 +89,16 @@ impl Layout {
         self.stored_apron().voxels() * self.voxel_bytes
     }
 
-    /// Bytes of a cached core with its share of the shells: the unit in which the RAM cache's budget is counted.
+    /// Bytes of a cached core and its share of the shells: the unit of the RAM cache's budget.
     pub(crate) fn cached_bytes(&self) -> usize {
         self.entry_bytes() + self.shells(1) * self.shell_bytes()
     }
 
-    /// The number of shells in a RAM cache of `cores` cores; 0 where aprons are stored.
+    /// Shells in a RAM cache of `cores` cores; 0 where aprons are stored.
     pub(crate) fn shells(&self, cores: usize) -> usize {
         if self.has_stored() { 0 } else { SHELLS_PER_CORE * cores }
     }
 
-    /// Bytes of a shell's slab.
     pub(crate) fn slab_bytes(&self) -> usize {
         self.edge.pow(2) * self.apron * self.voxel_bytes
     }

@@ -1,15 +1,15 @@
-//! How threads end that read: they are waited for while they are about to, and left where a disk does not answer.
+//! Shutdown of reading threads: a short wait, after which threads stuck on an unresponsive disk are abandoned.
 //!
-//! A thread that is left goes on with what it holds of the source until its read comes back, then ends: its channels are closed.
+//! An abandoned thread keeps its hold on the source until its read returns, and then ends, as its channels are closed.
 
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How long threads are waited for: a brick is read and decoded in less.
+/// Longest wait for threads: more than reading and decoding a brick takes.
 const PATIENCE: Duration = Duration::from_millis(500);
 const PAUSE: Duration = Duration::from_micros(200);
 
-/// Waits until threads have ended, which have been told to, or have been waited for long enough.
+/// Waits until threads already asked to stop have ended, at most for [`PATIENCE`].
 pub(crate) fn leave(threads: impl IntoIterator<Item = JoinHandle<()>>) {
     let begun = Instant::now();
     for thread in threads {
@@ -17,7 +17,7 @@ pub(crate) fn leave(threads: impl IntoIterator<Item = JoinHandle<()>>) {
             std::thread::sleep(PAUSE);
         }
         if thread.is_finished() {
-            // Its own panic has been printed; there is nothing to add.
+            // Its panic has been printed already.
             let _ = thread.join();
         }
     }
@@ -42,7 +42,7 @@ mod tests {
         let begun = Instant::now();
         leave([slow, stuck]);
         assert!(is_done.try_recv().is_ok(), "the slow one has ended");
-        // Far more than it takes, far less than for ever.
+        // Far longer than needed, far shorter than for ever.
         assert!(begun.elapsed() < Duration::from_secs(20));
         drop(end);
     }

@@ -1,12 +1,12 @@
-//! The pager: decides which bricks a view wants, in which order they are drawn, read and evicted, inside hard budgets.
-//! Emits plans as values; knows nothing of the GPU, file formats or windows.
+//! The pager: picks a view's bricks and the order in which they are drawn, read and evicted, within hard budgets. Emits plans as
+//! values; independent of the GPU, file formats and windows.
 //!
-//! How a frame passes through: for each volume, the view, the last [`Cut`] of the octree and what is known of the visibility of the cut's
-//! cells give the next cut. The cells of the cut that the view sees become a [`DrawList`] over the bricks that are resident in slots. The
-//! missing bricks, and those that the next views may want, become an ordered list of requests that replaces the last one. Worker
-//! threads take requests from this list, decode cores into the RAM cache, assemble padded bricks, and send them to the next frame, which
-//! gives them slots and hands them to the renderer as uploads. What the renderer saw of the cells comes back as feedback.
-//! Everything up to the workers is pure or a plain state machine; only [`Pager`] joins these with the workers.
+//! For each frame and volume, the view, the last [`Cut`] of the octree and the known visibility of its cells give the next cut. Its
+//! visible cells become a [`DrawList`] over the resident bricks. Missing bricks, and those the next views may need, become an ordered
+//! list of requests, which replaces the last one. Worker threads take requests from it, decode cores into the RAM cache, assemble
+//! padded bricks, and send them to the next frame, which assigns slots and passes them to the renderer as uploads. The renderer returns
+//! the visibility of the drawn cells. Everything before the workers is pure or a plain state machine; only [`Pager`] joins it with
+//! them.
 
 mod apron_copy;
 mod assemble;

@@ -1,24 +1,22 @@
-//! Motion: where the camera will be shortly, from where it has been.
+//! Extrapolated camera motion.
 //!
-//! The eye's velocity and the turning rate are taken over the last views, and held: the eye goes on along an arc that turns with
-//! the camera, which is exact for a straight flight and, but for the chord, for an orbit. A pure function of the views and the
-//! times given with them.
+//! The eye's velocity and turning rate over the last views are held: the eye continues on an arc that turns with the camera,
+//! exact for a straight flight and, but for the chord, for an orbit. A pure function of the views and their times.
 
 use brickyard_volume::ViewRays;
 use glam::{DMat3, DQuat, DVec3};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Views are looked back upon this far, and at least to the last one: long enough to even out uneven frames.
+/// Look-back time, always including the last view: long enough to even out uneven frames.
 const WINDOW: Duration = Duration::from_millis(150);
 
-/// After so long without a new view the camera is at rest.
+/// Time without a new view after which the camera is at rest.
 const REST: Duration = Duration::from_millis(1000);
 
-/// The turn that is foreseen at most, radians: beyond it a camera is not turning but being thrown about.
+/// Largest extrapolated turn, in radians; beyond it a camera is thrown about rather than turned.
 const MOST_TURN: f64 = 1.0;
 
-/// The cameras of the last frames, from which the next ones are foreseen.
 #[derive(Debug, Default)]
 pub(crate) struct Motion {
     /// Oldest first.
@@ -26,7 +24,6 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// Takes in the camera of the frame at this time.
     pub(crate) fn see(&mut self, at: Duration, rays: &ViewRays) {
         if self.past.back().is_some_and(|(last, _)| at < *last || at - *last > REST) {
             self.past.clear();
@@ -37,8 +34,8 @@ impl Motion {
         }
     }
 
-    /// The camera foreseen for a time `ahead`, plus one frame, after the last view; `None` if the camera is at rest, has changed its
-    /// projection, or has not been seen for long enough.
+    /// Expected camera at a time `ahead`, plus one frame, after the last view; `None` if the camera is at rest, has changed its
+    /// projection, or has too few views.
     pub(crate) fn foresee(&self, ahead: Duration) -> Option<ViewRays> {
         let ((first, from), (last, to)) = (self.past.front()?, self.past.back()?);
         let (_, before) = self.past.iter().rev().nth(1)?;

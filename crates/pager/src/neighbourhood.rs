@@ -1,13 +1,12 @@
-//! The 27 parts of a padded brick: its own core, and what up to 26 neighbours lend for its apron.
+//! The 27 parts of a padded brick: its own core, and the apron parts lent by up to 26 neighbours.
 //!
-//! Along every axis a padded brick is the end of one neighbour, the brick itself, and the beginning of the other; a part is
-//! one of the 27 combinations. Parts are named from the side of the brick that takes them.
+//! Along every axis a padded brick consists of the end of one neighbour, the brick itself, and the beginning of the other; a part is one
+//! of the 27 combinations, named from the side of the brick taking it.
 
 use crate::layout::Layout;
 use brickyard_volume::{BrickIndex, Extent};
 use std::ops::Range;
 
-/// A part of a padded brick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Part {
     /// Along each axis: 0 for the neighbour before, 1 for the brick itself, 2 for the neighbour after.
@@ -17,7 +16,7 @@ pub(crate) struct Part {
 impl Part {
     pub(crate) const COUNT: usize = 27;
 
-    /// The part that is the brick's own core.
+    /// The brick's own core.
     pub(crate) const OWN: Self = Self { side: [1; 3] };
 
     /// All parts, the brick's own first.
@@ -26,7 +25,7 @@ impl Part {
         std::iter::once(Self::OWN).chain(sides.filter(|&part| part != Self::OWN))
     }
 
-    /// All parts, in groups of three that lie side by side along x.
+    /// All parts, in groups of three side by side along x.
     pub(crate) fn bars() -> impl Iterator<Item = [Self; 3]> {
         (0..9).map(|i| [0, 1, 2].map(|x| Self { side: [x, i % 3, i / 3] }))
     }
@@ -37,24 +36,24 @@ impl Part {
         x + 3 * y + 9 * z
     }
 
-    /// The set of this part alone; sets of parts have one bit for each part.
+    /// The set of this part alone, one bit of a set of parts.
     pub(crate) fn bit(self) -> u32 {
         1 << self.number()
     }
 
-    /// Whether there is a brick that lends this part to `taker`, in a grid of bricks.
+    /// Whether the grid has a brick to lend this part to `taker`.
     pub(crate) fn has_lender(self, taker: BrickIndex, grid: Extent) -> bool {
         let (taker, grid) = (taker.to_array(), grid.to_array());
         (0..3).all(|a| (1..=grid[a]).contains(&(taker[a] + self.side[a] as u32)))
     }
 
-    /// The brick that lends this part to `taker`; there must be such a brick.
+    /// The brick lending this part to `taker`; it must exist.
     pub(crate) fn lender(self, taker: BrickIndex) -> BrickIndex {
         let taker = taker.to_array();
         BrickIndex::from_array(std::array::from_fn(|a| taker[a] + self.side[a] as u32 - 1))
     }
 
-    /// The set of parts that `lender`'s neighbours in a grid of bricks take from it, one bit for each.
+    /// The set of parts taken from `lender` by its neighbours in a grid of bricks.
     pub(crate) fn lent_by(lender: BrickIndex, grid: Extent) -> u32 {
         let (lender, grid) = (lender.to_array(), grid.to_array());
         let has_taker = |side: [usize; 3]| (0..3).all(|a| (1..=grid[a]).contains(&(lender[a] + 2 - side[a] as u32)));
@@ -63,7 +62,7 @@ impl Part {
     }
 }
 
-/// Along one axis, which voxels of a core go where in a padded brick.
+/// Source and target of a run of core voxels in a padded brick, along one axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Span {
     pub(crate) from: usize,
@@ -77,8 +76,8 @@ impl Span {
     }
 }
 
-/// The three spans of a brick's padded row along one axis: from the brick before, from brick `index` itself and from the brick after. The
-/// level has `extent` voxels along the axis.
+/// The three spans of a padded row along one axis: from the brick before, brick `index` itself and the brick after, on a level with
+/// `extent` voxels along the axis.
 pub(crate) fn spans(layout: &Layout, index: usize, extent: usize) -> [Span; 3] {
     let Layout { edge, apron, .. } = *layout;
     let start = index * edge;

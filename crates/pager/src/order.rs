@@ -1,14 +1,14 @@
 //! Back-to-front order of the cut's cells, by octree traversal.
 //!
-//! Along any axis a ray moves away from the eye (or, orthographic, along one direction) and never turns, so of two
-//! siblings it meets the one whose grid position is nearer to the eye's on every axis first. Siblings are therefore
-//! visited by descending distance in whole bricks, summed over the axes: exact for 8, 4 or 2 children, for a grid of
-//! roots, and for cells of mixed size, where centre distances are wrong. Cost: one pass over the visible part of the tree.
+//! Along any axis a ray moves away from the eye (or, orthographic, along one direction) and never turns, so of two siblings
+//! it first meets the one nearer to the eye's grid position on every axis. Siblings are therefore visited by descending
+//! distance in whole bricks, summed over the axes. This is exact for 8, 4 or 2 children, for a grid of roots, and for cells
+//! of mixed size, where centre distances are wrong. Costs one pass over the visible part of the tree.
 
 use crate::cut::{Cut, Members, Node, NodeId};
 use brickyard_volume::{BrickIndex, Geometry, Placement, Pyramid, ViewRays};
 
-/// The cells of a tree that are visible to any of the volumes sharing it, back to front, each with the volumes that see it.
+/// Cells of a shared tree, back to front, each with the volumes to which it is visible.
 pub(crate) fn back_to_front(
     pyramid: &Pyramid,
     geometry: &Geometry,
@@ -42,7 +42,7 @@ pub(crate) fn back_to_front(
     cells
 }
 
-/// Per level and axis, the grid position that rays move away from; `None` where no ray moves along the axis.
+/// Per level and axis, the origin of rays in grid positions; `None` where no ray moves along the axis.
 struct Origins(Vec<[Option<i64>; 3]>);
 
 impl Origins {
@@ -53,7 +53,7 @@ impl Origins {
             let bricks = level.bricks.to_array();
             std::array::from_fn(|a| {
                 if rays.orthographic {
-                    // Just outside the grid, on the side the rays come from.
+                    // Just outside the grid, on the side from which the rays come.
                     return (forward[a] != 0.0).then(|| if forward[a] > 0.0 { -1 } else { bricks[a] as i64 });
                 }
                 let brick = pyramid.edge() as f64 * level.factor[a] as f64;

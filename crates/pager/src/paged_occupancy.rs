@@ -1,15 +1,13 @@
-//! What bricks can show, for a planner that never waits: pages are read by a thread of their own when a plan asks for them, and
-//! kept within a budget.
+//! Occupancy of bricks for a planner that never waits: a separate thread reads pages on demand, and a budget limits the kept ones.
 //!
-//! A brick whose page is not there yet is answered for by its nearest ancestor whose page is: an ancestor's entry covers its
-//! descendants', so a plan may want a brick that is empty, but leaves none out. When the page has come, the plan is made anew
-//! ([`PagedOccupancy::version`]). A page that cannot be read stays answered for by ancestors while it is kept; where the reason may
-//! pass, the next view asks again.
+//! Until its page arrives, a brick has the occupancy of its nearest ancestor with a page. An ancestor's entry covers its descendants', so
+//! a plan may want an empty brick, but leaves none out. Once the page has arrived, the plan is remade ([`PagedOccupancy::version`]). For
+//! an unreadable page ancestors stand in as long as it is kept; if the reason may pass, the next view tries again.
 //!
-//! A page that has been asked for since the view changed is not given up for another one; where no more fit, ancestors answer for
-//! the rest. So a view whose pages do not fit comes to rest, too.
+//! A page requested since the view changed is not evicted for another one; where no more fit, ancestors stand in for the rest. Thus even a
+//! view with too many pages settles.
 //!
-//! Cost: about 60 ns a question; 8 bytes a brick of the pages that are kept.
+//! Costs about 60 ns per look-up, and 8 bytes per brick of the kept pages.
 
 use crate::leave::leave;
 use crate::source::{BrickError, BrickSource};
@@ -22,7 +20,7 @@ use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-/// A source whose occupancy is read page by page, when it is asked for.
+/// Source with occupancy read page by page, on demand.
 pub(crate) struct PagedOccupancy {
     source: Arc<dyn BrickSource>,
     pages: Mutex<Pages>,
@@ -30,9 +28,9 @@ pub(crate) struct PagedOccupancy {
 
 struct Pages {
     kept: LruCache<PageId, Page>,
-    /// `None` once nobody is to read any more.
+    /// `None` once the reader is to stop.
     asked: Option<Sender<PageId>>,
-    /// Pages that have been asked for and have not come.
+    /// Requested pages that have not arrived.
     waiting: usize,
     /// Counts views.
     view: u64,
@@ -41,7 +39,7 @@ struct Pages {
 
 struct Page {
     content: Content,
-    /// The view that asked last.
+    /// Last view that requested the page.
     view: u64,
 }
 
@@ -55,10 +53,10 @@ enum Content {
     },
 }
 
-/// Bytes of a page of bricks, at most.
+/// Most bytes of a page of bricks.
 const PAGE_BYTES: u64 = (PAGE_EDGE_BRICKS as u64).pow(3) * size_of::<Occupancy>() as u64 + 128;
 
-/// The bytes of a host budget in which pages of occupancy are kept: a 64th of it, but room for 8 pages at least, and for all pages at most.
+/// Bytes of a host budget for pages of occupancy: a 64th of it, but at least 8 pages and at most all pages.
 pub(crate) fn kept_bytes(source: &dyn BrickSource, host_bytes: u64) -> u64 {
     const LEAST_PAGES: u64 = 8;
     let volumes = source.times() as u64 * source.channels() as u64;
@@ -70,8 +68,7 @@ pub(crate) fn kept_bytes(source: &dyn BrickSource, host_bytes: u64) -> u64 {
 }
 
 impl PagedOccupancy {
-    /// The occupancy of a source's bricks, none of it read yet, and the thread that reads it. At most `kept_bytes` of pages are kept, or one
-    /// page if that is more.
+    /// Starts the reading thread for a source, with nothing read yet. At most `kept_bytes` of pages are kept, or one page if that is more.
     pub(crate) fn start(source: Arc<dyn BrickSource>, kept_bytes: u64) -> std::io::Result<(Arc<Self>, PageReader)> {
         let (asked, pages) = unbounded();
         let capacity = NonZeroUsize::new((kept_bytes / PAGE_BYTES) as usize).unwrap_or(NonZeroUsize::MIN);
@@ -82,17 +79,17 @@ impl PagedOccupancy {
         Ok((paged, reader))
     }
 
-    /// A number that changes whenever more is known of the bricks' occupancy than before.
+    /// Changes whenever more occupancy becomes known.
     pub(crate) fn version(&self) -> u64 {
         self.lock().version
     }
 
-    /// Whether a page that was asked for has not been read yet.
+    /// Whether a requested page has not been read yet.
     pub(crate) fn is_waiting(&self) -> bool {
         self.lock().waiting > 0
     }
 
-    /// Says that another view is planned for: pages that earlier views asked for may be given up.
+    /// Announces planning for another view: pages requested by earlier views may be evicted.
     pub(crate) fn begin_view(&self) {
         self.lock().view += 1;
     }
@@ -101,7 +98,6 @@ impl PagedOccupancy {
         self.pages.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Reads a page that was asked for.
     fn read(&self, page: PageId) {
         if !self.lock().is_asked(page) {
             return;
@@ -123,7 +119,7 @@ impl Pages {
     }
 
     fn arrive(&mut self, page: PageId, content: Content) {
-        // It may have been given up for another view's meanwhile.
+        // It may have been evicted for another view's meanwhile.
         if let Some(page) = self.kept.peek_mut(&page).filter(|page| matches!(page.content, Content::Asked)) {
             page.content = content;
             self.waiting -= 1;
@@ -131,7 +127,7 @@ impl Pages {
         }
     }
 
-    /// What is known of a page, which is asked for if there is room.
+    /// Known content of a page; requests the page if there is room.
     fn content(&mut self, id: PageId) -> Content {
         let view = self.view;
         if let Some(page) = self.kept.get_mut(&id) {
@@ -189,7 +185,7 @@ impl BrickSource for PagedOccupancy {
         self.source.occupancy_bins(channel)
     }
 
-    /// The occupancy of a brick, or of its nearest ancestor whose page is there. Never waits.
+    /// Occupancy of a brick, or of its nearest ancestor with a page. Never waits.
     fn occupancy(&self, id: BrickId) -> Occupancy {
         let (pyramid, mut brick) = (self.source.pyramid(), id);
         let mut pages = self.lock();
@@ -232,7 +228,7 @@ impl BrickSource for PagedOccupancy {
     }
 }
 
-/// The thread that reads pages of occupancy; dropping it ends the thread.
+/// Reader thread of occupancy pages; dropping it ends the thread.
 pub(crate) struct PageReader {
     occupancy: Arc<PagedOccupancy>,
     arrivals: Receiver<()>,
@@ -246,7 +242,7 @@ impl PageReader {
         let work = move || {
             for page in asked {
                 reading.read(page);
-                // One sign is enough for any number of pages.
+                // One signal is enough for any number of pages.
                 let _ = arrived.try_send(());
             }
         };
@@ -254,7 +250,6 @@ impl PageReader {
         Ok(Self { occupancy, arrivals, thread })
     }
 
-    /// The channel that gives a sign when pages have been read.
     pub(crate) fn arrivals(&self) -> &Receiver<()> {
         &self.arrivals
     }
@@ -264,7 +259,7 @@ impl Drop for PageReader {
     fn drop(&mut self) {
         let mut pages = self.occupancy.lock();
         pages.asked = None;
-        // So that what is still in the channel is not read any more.
+        // Keeps the thread from reading the pages left in the channel.
         pages.kept.clear();
         pages.waiting = 0;
         drop(pages);
@@ -283,7 +278,7 @@ mod tests {
         BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::new(x, 0, 0) }
     }
 
-    /// Asks until nothing is on its way; returns the last answer.
+    /// Repeats the look-up until no page is in flight; returns the last result.
     fn settled(paged: &PagedOccupancy, reader: &PageReader, id: BrickId) -> Occupancy {
         loop {
             let answer = paged.occupancy(id);
@@ -308,7 +303,7 @@ mod tests {
         let version = paged.version();
         assert_eq!(settled(&paged, &reader, brick(0, 7)), Occupancy::NONE);
         assert!(paged.version() > version);
-        // Another page of level 0, whose parent's page has come.
+        // Another page of level 0; its parent's page has arrived.
         assert_eq!(paged.occupancy(brick(0, 300)), Occupancy::ALL);
         assert_eq!(settled(&paged, &reader, brick(0, 300)), Occupancy::ALL);
     }
@@ -358,7 +353,7 @@ mod tests {
             assert!(!paged.is_waiting() && paged.version() == version);
             let known = last.iter().filter(|answer| **answer == Occupancy::NONE).count();
             assert!((16..256).contains(&known), "{known}");
-            // What is said to be empty is.
+            // Every brick reported empty is empty.
             assert!(
                 last.iter()
                     .zip(0..)

@@ -1,4 +1,4 @@
-//! A volume that is paged: its RAM cache and the workers that fill it, what its view has been told is seen, and what its last frame drew.
+//! A paged volume: its RAM cache with the workers that fill it, its visibility feedback, and its last draw list.
 
 use crate::budget::{BufferSizes, HostSplit, Meter, PagerConfig, PagerError, Planning, split_host};
 use crate::cut::{Cut, NodeId, View, roots};
@@ -20,65 +20,62 @@ use brickyard_volume::BrickId;
 use crossbeam_channel::Select;
 use std::sync::Arc;
 
-/// A volume that is paged: its source, RAM cache and workers, and what its last frame drew.
 pub(crate) struct PagedVolume {
     pub(crate) source: Arc<dyn BrickSource>,
-    /// What the source had read before.
+    /// Bytes read by the source before.
     bytes_read_before: u64,
     cache: Arc<RamCache>,
     workers: Workers,
-    /// What bricks can show, where planning must not wait for it.
+    /// Occupancy for a planner that must not wait; `None` for inline planning.
     occupancy: Option<(Arc<PagedOccupancy>, PageReader)>,
-    /// The view of the last frame.
+    /// View of the last frame.
     view: Option<View>,
-    /// What has been told of the visibility of the volume's cells, and how often it has changed; `None` if nothing has been told.
+    /// Reported visibility of the volume's cells, and its version; `None` without reports.
     pub(crate) visibility: Option<(u64, Arc<Visibility>)>,
-    /// The number of the visibility that a complete frame of this view has confirmed.
+    /// Version of the visibility confirmed by a complete frame of this view.
     confirmed: u64,
-    /// The cell of each entry of the last draw list, then of the one for the other eye.
+    /// Cells of the last draw list's entries, then of the other eye's.
     drawn: Arc<Vec<BrickId>>,
-    /// The number of the visibility that the last frame went by.
+    /// Version of the visibility used by the last frame.
     gone_by: u64,
-    /// The coarsest bricks of the last view's time and channel: pinned.
+    /// Coarsest bricks of the last view's time and channel, pinned.
     roots: Vec<BrickId>,
-    /// The last frame's uploads: host memory until the next call.
+    /// Uploads of the last frame: host memory until the next call.
     handed_out: Vec<Arc<[u8]>>,
 }
 
-/// What a frame has drawn of a volume, as far as feedback about the frame needs to know it. Whoever asks a renderer what was seen keeps this
-/// value until the answer comes, however many frames later.
+/// Drawn cells of a frame, for feedback on it. To be kept from a visibility query to its result, however many frames later.
 #[derive(Clone, Debug)]
 pub struct DrawnCells {
     view: View,
     cells: Arc<Vec<BrickId>>,
-    /// Whether nothing more was on its way for the frame, and the number of the visibility that it went by.
+    /// Whether nothing was left in flight for the frame, and the version of its visibility.
     is_complete: bool,
     gone_by: u64,
 }
 
 impl DrawnCells {
-    /// The number of entries in the frame's draw list, plus those in the other eye's list if there is one.
+    /// Entries of the frame's draw list, plus those of any list for the other eye.
     pub fn entries(&self) -> usize {
         self.cells.len()
     }
 }
 
-/// How much of a volume a view sees: numbers of cells, and their screen areas.
+/// Visible cells of a volume: counts, and screen areas.
 pub(crate) struct Seen {
     pub(crate) wanted: usize,
     pub(crate) resident: usize,
     pub(crate) failed: usize,
     pub(crate) area: f64,
     pub(crate) resident_area: f64,
-    /// Whether every cell is drawn with something.
     pub(crate) is_covered: bool,
-    /// Why a cell is drawn with nothing, now and later; `None` if there is no such cell.
+    /// Error behind a cell drawn with nothing, now and later, if any.
     pub(crate) error: Option<BrickError>,
 }
 
 impl PagedVolume {
-    /// Starts the workers of a volume within its share of the host budget, which `meter` is charged with. `held` is what its slots hold; `kept` are
-    /// cores that have been read before.
+    /// Starts the workers of a volume within its share of the host budget, charged to `meter`. `held` has the contents of its slots; `kept`
+    /// has cores from earlier reads.
     ///
     /// # Errors
     /// If the share cannot feed one worker, or no thread can be started.
@@ -118,14 +115,13 @@ impl PagedVolume {
         })
     }
 
-    /// Ends the workers and returns the cores that they have decoded.
     pub(crate) fn into_cores(self) -> KeptCores {
         let Self { cache, workers, .. } = self;
         drop(workers);
         cache.kept_cores()
     }
 
-    /// The source that cuts are made from: the volume's own, or one that answers with what is known without waiting.
+    /// Source for making cuts: the volume's own, or one with known occupancy that never waits.
     pub(crate) fn planned_source(&self) -> Arc<dyn BrickSource> {
         self.occupancy.as_ref().map_or_else(|| self.source.clone(), |(occupancy, _)| occupancy.clone())
     }
@@ -139,8 +135,8 @@ impl PagedVolume {
         assert!(view.channel < self.source.channels(), "channel {} of {}", view.channel, self.source.channels());
     }
 
-    /// Begins a frame: takes in the bricks that have arrived, and the view. `number` is the volume's index among those of the residency. While
-    /// the volume plays, one step after the other, what has failed is not tried again for each.
+    /// Begins a frame: receives arrived bricks, and the view. `number` is the volume's index in the residency. During playback, failures
+    /// are not retried for each step.
     ///
     /// # Panics
     /// If the source has no such time step or channel.
@@ -165,34 +161,33 @@ impl PagedVolume {
         }
     }
 
-    /// The version of what is known of the occupancy of the volume's bricks.
+    /// Version of the known occupancy of the volume's bricks.
     pub(crate) fn occupancy_version(&self) -> u64 {
         self.occupancy.as_ref().map_or(0, |(occupancy, _)| occupancy.version())
     }
 
-    /// Whether no more is known of the bricks' occupancy than at this version, and no page of it is on its way.
+    /// Whether this occupancy version is the newest, with no page in flight.
     pub(crate) fn knows_since(&self, version: u64) -> bool {
         let knows = |occupancy: &PagedOccupancy| !occupancy.is_waiting() && occupancy.version() == version;
         self.occupancy.as_ref().is_none_or(|(occupancy, _)| knows(occupancy))
     }
 
-    /// What a frame wants of the volume, given its cut and what the frame's view sees of the cut.
     pub(crate) fn wants<'a>(&'a self, cut: &'a Cut, sight: &'a VisibleCells) -> Wants<'a> {
         Wants { goal: Goal { pyramid: self.source.pyramid(), cut, roots: &self.roots }, sight }
     }
 
-    /// Remembers which cells the frame's draw lists have entries for, as feedback will be about them.
+    /// Records the cells of the frame's draw lists, for feedback.
     pub(crate) fn note_drawn<'a>(&mut self, lists: impl Iterator<Item = &'a DrawList>) {
         self.drawn = Arc::new(lists.flat_map(|draw| &draw.cells).map(|cell| cell.cell).collect());
     }
 
-    /// What the last frame drew, for feedback about it; `None` before the first frame.
+    /// Drawn cells of the last frame, for feedback; `None` before the first frame.
     pub(crate) fn drawn(&self, is_complete: bool) -> Option<DrawnCells> {
         let view = self.view.clone()?;
         Some(DrawnCells { view, cells: self.drawn.clone(), is_complete, gone_by: self.gone_by })
     }
 
-    /// How much of a cut the view sees, given which of the cells in sight are resident and which bricks have failed.
+    /// Visible part of a cut, given the resident cells in view and the failed bricks.
     pub(crate) fn seen<'a>(
         &self,
         cut: &Cut,
@@ -209,7 +204,7 @@ impl PagedVolume {
             }
             wanted += 1;
             area += cell_area;
-            // What the cut does not want is coarser than what the view will want.
+            // Cells not wanted by the cut are coarser than the view will need.
             if is_resident && cut.is_visible(cell) {
                 resident += 1;
                 resident_area += cell_area;
@@ -222,13 +217,13 @@ impl PagedVolume {
         let mut entries = |cell| std::iter::from_fn(|| drawn.next_if_eq(&&cell)).count();
         let mut left_out = cells().filter(|&cell| entries(cut.id(cell)) == 0).filter(is_seen).peekable();
         let is_covered = left_out.peek().is_none();
-        // It stays left out if nothing that could stand in for it can be read.
+        // It stays left out if no stand-in can be read.
         let is_lost = |cell: &NodeId| cut.path_to_root(*cell).all(|node| failure(cut.id(node)).is_some());
         let error = left_out.find(is_lost).and_then(|cell| failure(cut.id(cell)).cloned());
         Seen { wanted, resident, failed, area, resident_area, is_covered, error }
     }
 
-    /// Replaces the workers' plan. Takes back the stale buffers at once, and those that the frame hands out with the next frame or wait.
+    /// Replaces the workers' plan. Takes back the stale buffers at once, and the handed-out ones with the next frame or wait.
     pub(crate) fn request(
         &mut self,
         requests: Vec<(Tier, BrickId)>,
@@ -240,19 +235,19 @@ impl PagedVolume {
         self.handed_out.extend(handed_out);
     }
 
-    /// Takes another buffer in place of one that the last frame handed out.
+    /// Takes another buffer in place of one handed out by the last frame.
     pub(crate) fn take_for(&mut self, codes: &Arc<[u8]>, other: Arc<[u8]>) {
         if let Some(handed_out) = self.handed_out.iter_mut().find(|handed_out| Arc::ptr_eq(handed_out, codes)) {
             *handed_out = other;
         }
     }
 
-    /// Takes back the buffers that the last frame handed out, or others in their place.
+    /// Takes back the buffers handed out by the last frame, or their replacements.
     pub(crate) fn take_back(&mut self) {
         self.workers.give_back(self.handed_out.drain(..));
     }
 
-    /// Takes in what the renderer saw of the volume: see [`Pager::feedback`](crate::Pager::feedback).
+    /// Takes the renderer's feedback on the volume: see [`Pager::feedback`](crate::Pager::feedback).
     pub(crate) fn feedback(&mut self, drawn: &DrawnCells, visibility: &[f32]) {
         assert_eq!(visibility.len(), drawn.cells.len(), "visibility of another draw list");
         let told = drawn.cells.iter().copied().zip(visibility.iter().copied());
@@ -260,7 +255,7 @@ impl PagedVolume {
         let Some(view) = self.view.as_ref().filter(|view| told.is_of_content(view)) else { return };
         let is_present = *view == drawn.view;
         let (number, has_changed) = match &mut self.visibility {
-            // The planner may hold it: then this copies it.
+            // Copied if the planner holds it.
             Some((number, known)) if known.is_of(&drawn.view) => (*number, Arc::make_mut(known).add(told)),
             known => {
                 let number = known.as_ref().map_or(0, |(number, _)| *number);
@@ -275,24 +270,22 @@ impl PagedVolume {
         }
     }
 
-    /// Whether a complete frame has confirmed what has been told of the visibility in this view. True also where nothing has been told, as for
-    /// projections, or only of other content.
+    /// Whether a complete frame has confirmed the visibility in this view. Also true without feedback on its content, as for projections.
     pub(crate) fn is_confirmed(&self) -> bool {
         let is_told = |visibility: &Visibility| self.view.as_ref().is_some_and(|view| visibility.is_of_content(view));
         self.visibility.as_ref().is_none_or(|(number, told)| *number == self.confirmed || !is_told(told))
     }
 
-    /// Whether a brick or a page of occupancy is on its way.
     pub(crate) fn is_busy(&self) -> bool {
         self.workers.is_busy() || self.occupancy.as_ref().is_some_and(|(occupancy, _)| occupancy.is_waiting())
     }
 
-    /// Whether a brick or a page of occupancy has come that no frame has taken in.
+    /// Whether a brick or a page of occupancy waits for a frame.
     pub(crate) fn has_arrivals(&self) -> bool {
         self.take_sign() || self.workers.arrivals().is_some_and(|arrivals| !arrivals.is_empty())
     }
 
-    /// Adds the channels of the volume's bricks and pages to what `select` waits for.
+    /// Adds the channels of bricks and pages to `select`.
     pub(crate) fn select<'a>(&'a self, select: &mut Select<'a>) {
         if let Some((_, reader)) = &self.occupancy {
             select.recv(reader.arrivals());
@@ -300,12 +293,12 @@ impl PagedVolume {
         self.workers.arrivals().map(|arrivals| select.recv(arrivals));
     }
 
-    /// Takes the sign that pages of occupancy have come. Returns whether there was one.
+    /// Takes the signal of arrived occupancy pages. Returns whether there was one.
     pub(crate) fn take_sign(&self) -> bool {
         self.occupancy.as_ref().is_some_and(|(_, reader)| reader.arrivals().try_recv().is_ok())
     }
 
-    /// Totals of what has been decoded since the start. Bytes read are counted only if `counts_reads`, else they are 0.
+    /// Decoding totals since the start. Bytes read are 0 unless `counts_reads`.
     pub(crate) fn counters(&self, counts_reads: bool) -> Counters {
         let decoded = self.cache.counters();
         let bytes_read = if counts_reads { self.source.bytes_read() - self.bytes_read_before } else { 0 };
@@ -314,7 +307,6 @@ impl PagedVolume {
     }
 }
 
-/// The sizes of the buffers for a source whose padded bricks have this layout, with this planning and host budget.
 pub(crate) fn buffer_sizes(
     source: &dyn BrickSource,
     layout: &Layout,

@@ -1,8 +1,8 @@
-//! The pager itself: joins the pure steps to the workers, frame by frame.
+//! The pager itself, which joins the pure steps to the workers, frame by frame.
 //!
-//! Per frame: what has arrived is taken in; the newest cuts are taken, and what the views see of them; arrived bricks get slots;
-//! the draw lists and the next plans follow from what is resident. The calling thread never reads or decodes. Several volumes whose
-//! bricks fit the same slots share them: the worst cell of any volume is split first, and what is most urgent is read first.
+//! Each frame receives arrived bricks, takes the newest cuts and finds their visible cells; arrived bricks get slots; the draw lists and
+//! the next plans follow from the resident bricks. The calling thread never reads or decodes. Volumes with equal brick formats share slots:
+//! the worst cell of any volume is split first, and the most urgent brick of any is read first.
 
 use crate::budget::{BufferSizes, Meter, PagerConfig, PagerError, Planning, TABLE_BYTES_PER_SLOT, least_host};
 use crate::clock::MOST_COMING;
@@ -30,35 +30,35 @@ use std::time::Duration;
 /// One frame's work for the renderer.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// Bricks to write into their slots, in order, before drawing. They replace only bricks that this frame does not draw. A
-    /// renderer may keep the codes instead of copying them; they then count as the renderer's memory, not the pager's.
+    /// Bricks to write into their slots, in order, before drawing. They replace only bricks not drawn in this frame. If a renderer keeps
+    /// the codes instead of copying them, they count as its own memory, not the pager's.
     pub uploads: Vec<Upload>,
-    /// What to draw of each volume, in the order of the pager's volumes.
+    /// Draw lists of each volume, in order.
     pub volumes: Vec<VolumeDraw>,
-    /// How far the views are from settled, and what they have cost.
+    /// Progress and costs of the views.
     pub status: Status,
-    /// How far each of the [views that come next](Pager::expect) is, in their order.
+    /// Readiness of each of the [coming views](Pager::expect), in their order.
     pub coming: Vec<Readiness>,
 }
 
-/// What to draw of one volume in a frame.
+/// Draw lists of one volume in a frame.
 #[derive(Clone, Debug)]
 pub struct VolumeDraw {
-    /// The volume's draw list. Once the frame's uploads are done, every slot that the list names holds the brick that the list says.
+    /// Draw list of the volume. After the frame's uploads, every listed slot holds its listed brick.
     pub draw: DrawList,
-    /// The entries of `draw`, back to front for the view's other eye; `None` if the view has one eye.
+    /// Entries of `draw`, back to front for the other eye; `None` for a single eye.
     pub draw_other_eye: Option<DrawList>,
-    /// The index of the first volume that is drawn from the same cut as this one: this volume's own index if there is no earlier one.
+    /// Index of the first volume drawn from the same cut, possibly this volume's own.
     pub cut: usize,
 }
 
-/// How far ahead bricks are fetched: about as long as a few hundred take to come from a disk.
+/// Look-ahead of prefetching: about the time in which a few hundred bricks come from a disk.
 const FETCH_TIME: Duration = Duration::from_millis(300);
 
-/// After how long a frame is worth its while because of what fades in: a sixtieth of a second.
+/// Least time between frames drawn only for fades: a sixtieth of a second.
 const FADE_STEP: Duration = Duration::from_millis(16);
 
-/// The views and cuts of the last frame, and what the ones saw of the others.
+/// Views and cuts of the last frame, and their visible cells.
 struct LastFrame {
     views: Vec<View>,
     cuts: Vec<Arc<Cut>>,
@@ -71,7 +71,7 @@ impl LastFrame {
     }
 }
 
-/// Pages the bricks of volumes that share slots, for one view of each volume at a time.
+/// Pager of volumes sharing slots, for one view of each volume at a time.
 pub struct Pager {
     config: PagerConfig,
     meter: Arc<Meter>,
@@ -79,27 +79,25 @@ pub struct Pager {
     residency: Residency,
     planner: Planner,
     last: Option<LastFrame>,
-    /// The views that come next.
     coming: Arc<[Vec<View>]>,
     motion: Motion,
     governor: Governor,
-    /// What the next frame's uploads must not pass.
+    /// Bytes that the next frame's uploads must not exceed.
     upload_room: Option<u64>,
-    /// The last frame's time.
     last_at: Duration,
     slot_bytes: u64,
-    /// Whether nothing more was on its way for the last frame, and whether a brick was fading in.
+    /// Whether nothing was left in flight for the last frame, and whether a brick was fading in.
     is_complete: bool,
     is_fading: bool,
 }
 
 impl Pager {
     /// Starts the workers; nothing is read until the first frame. The padded bricks of all sources must have the same size. The host budget
-    /// is shared out among the volumes once, by what each could use.
+    /// is divided among the volumes once, by their possible use of it.
     ///
     /// # Errors
-    /// If a budget cannot hold what must be there at the same time (the error says the least that works), the apron or the gradients do
-    /// not fit the bricks, or no thread can be started.
+    /// If a budget cannot hold everything needed at once (the error has the least sufficient budget), the apron or the gradients do not fit
+    /// the bricks, or no thread can be started.
     ///
     /// # Panics
     /// If there is no source.
@@ -107,8 +105,8 @@ impl Pager {
         Self::with_cores(sources, config, &mut Vec::new())
     }
 
-    /// Starts the workers with cores that [another pager](Self::into_cores) has decoded. For each source, one entry of `kept` with its cores is
-    /// taken out, if there is one, and used as far as the host budget has room for it.
+    /// Starts the workers with cores decoded by [another pager](Self::into_cores). Each source's entry, if any, is taken out of `kept` and
+    /// used as far as the host budget has room.
     ///
     /// # Errors
     /// The same as those of [`Pager::new`].
@@ -171,8 +169,8 @@ impl Pager {
         })
     }
 
-    /// The host memory that a pager of these sources and this configuration asks for, in items of one byte: the least that it needs, and
-    /// the most that is of use to it.
+    /// Host memory request of a pager for these sources and this configuration, in items of one byte: the least sufficient number, and the
+    /// largest useful one.
     ///
     /// # Errors
     /// If the apron or the gradients do not fit the bricks.
@@ -185,11 +183,11 @@ impl Pager {
         })
     }
 
-    /// What to upload and draw now, for one view of each volume. `at` is the time since a fixed moment; motion and fades are measured by it.
-    /// Calling this function says that the last frame's uploads are done with.
+    /// Returns uploads and draw lists for one view of each volume. `at` is the time since a fixed moment, for motion and fades. A call ends
+    /// the use of the last frame's uploads.
     ///
     /// # Panics
-    /// If there are not as many views as volumes, or a source does not have its view's time step or channel.
+    /// If there are not as many views as volumes, or a source lacks its view's time step or channel.
     pub fn frame(&mut self, views: &[View], at: Duration) -> Frame {
         assert_eq!(views.len(), self.volumes.len(), "views of other volumes");
         for (i, (volume, view)) in self.volumes.iter_mut().zip(views).enumerate() {
@@ -221,7 +219,7 @@ impl Pager {
         let Step { uploads, volumes, settled, coming: mut readiness } =
             self.residency.step(&wants.collect::<Vec<_>>(), ahead, limit, at);
         for ((ready, goals), views) in readiness.iter_mut().zip(&coming).zip(self.coming.iter()) {
-            // A camera that moves is ahead of the cuts; a level that changes is waited for.
+            // A moving camera is ahead of the cuts; a changing level is waited for.
             ready.is_planned &=
                 goals.iter().zip(views).all(|(goal, view)| goal.cut.view.pixel_error == view.pixel_error);
         }
@@ -245,12 +243,12 @@ impl Pager {
         Frame { uploads, volumes: drawn, status, coming: readiness }
     }
 
-    /// Sets the views that come next, the nearest first, each a view of each volume: the same at later time steps. Their bricks are fetched
-    /// ahead of all others that the present views do not need, into the slots that these leave; and no cut takes more than half of the
-    /// slots, so that the next views' bricks fit beside the present ones. Later frames go on with them until others are set, or none.
+    /// Sets the coming views, the nearest first, each one view per volume: the same views at later time steps. Their bricks are fetched
+    /// next after the present views' own, into the remaining slots; and no cut takes more than half of the slots, so both steps fit. Holds
+    /// for all later frames, until replaced.
     ///
     /// # Panics
-    /// If there are not as many views as volumes in each, or a source does not have a view's time step or channel.
+    /// If there are not as many views as volumes in each, or a source lacks a view's time step or channel.
     pub fn expect(&mut self, coming: Vec<Vec<View>>) {
         for views in &coming {
             assert_eq!(views.len(), self.volumes.len(), "views of other volumes");
@@ -259,7 +257,7 @@ impl Pager {
         self.coming = coming.into();
     }
 
-    /// What the last frame drew of a volume, to be given to [`Pager::feedback`] later; `None` before the first frame.
+    /// Drawn cells of a volume in the last frame, for a later [`Pager::feedback`]; `None` before the first frame.
     ///
     /// # Panics
     /// If there is no such volume.
@@ -267,11 +265,11 @@ impl Pager {
         self.volumes[volume].drawn(self.is_complete)
     }
 
-    /// Tells the pager what the renderer saw of a volume in the last frame or an earlier one. `visibility` has one number for each entry of the
-    /// frame's draw list, in the list's order, and then for each entry of the other eye's list, if there is one: the greatest transmittance with
-    /// which a ray of the entry's pixels entered the cell, 0 if no ray did, 1 if nothing is in front of the cell. From the next plan on, cells
-    /// that are hidden from all eyes are not wanted, and the others are wanted in the order of how much is seen of them. Feedback is ignored if
-    /// its frame's view had another appearance, time step, channel, clip, placement or set of opaque bins than the last frame's view.
+    /// Reports the visibility of a volume's cells in the last frame or an earlier one. `visibility` has one number per entry of the frame's
+    /// draw list, in order, then one per entry of any list for the other eye: the greatest transmittance with which a ray of the entry's
+    /// pixels entered the cell, 0 without rays, 1 with nothing in front of the cell. From the next plan on, cells hidden from all eyes are
+    /// not wanted, and the others are ordered by visibility. Feedback is ignored if its frame's view had another appearance, time step,
+    /// channel, clip, placement or set of opaque bins than the last frame's.
     ///
     /// # Panics
     /// If there is no such volume, or there are not as many numbers as entries.
@@ -279,27 +277,25 @@ impl Pager {
         self.volumes[volume].feedback(drawn, visibility);
     }
 
-    /// Takes a buffer in place of an upload's: a renderer that keeps the last frame's uploads instead of copying them has none of its own to free
-    /// for them, and the workers none to allocate. `before` is as long as the upload.
+    /// Takes a buffer in exchange for an upload's. Thus a renderer that keeps the last frame's uploads instead of copying them has no
+    /// buffers to free, and the workers none to allocate. `before` is as long as the upload.
     pub fn take_for(&mut self, upload: &Upload, before: Arc<[u8]>) {
         debug_assert_eq!(before.len(), upload.codes.len(), "a buffer of another pool");
         self.volumes[upload.volume].take_for(&upload.codes, before);
     }
 
-    /// Limits the next frame's uploads to this many bytes, which may be 0: as much as the renderer can take without waiting. Later frames are
-    /// not limited by it.
+    /// Limits the next frame's uploads alone to this many bytes, possibly 0: as much as the renderer can take without waiting.
     pub fn limit_uploads(&mut self, bytes: u64) {
         self.upload_room = Some(bytes);
     }
 
-    /// Tells the pager how long the last frame's uploads took, so that the next frames' uploads can be fitted to the time there is.
+    /// Reports the duration of the last frame's uploads, to fit the next ones to the available time.
     pub fn uploads_took(&mut self, time: Duration) {
         self.governor.took(time);
     }
 
-    /// Waits until the next frame has something to take in, or shows more of a brick that fades in (after 16 ms, or `timeout` if that is
-    /// less). Returns false if nothing is on its way, or `timeout` has passed while no brick fades in. Calling this function says that the last
-    /// frame's uploads are done with.
+    /// Waits until the next frame has something to receive, or shows more of a fading brick (after 16 ms, or `timeout` if that is less).
+    /// Returns false if nothing is in flight, or if `timeout` has passed without fades. A call ends the use of the last frame's uploads.
     pub fn wait(&mut self, timeout: Duration) -> bool {
         self.volumes.iter_mut().for_each(PagedVolume::take_back);
         if self.residency.has_staged() {
@@ -314,18 +310,18 @@ impl Pager {
         self.volumes.iter().for_each(|volume| volume.select(&mut select));
         outlook.map(|outlook| select.recv(outlook));
         let is_ready = select.ready_timeout(timeout).is_ok();
-        // A sign is for one frame, which looks at all that has come.
+        // A signal is for one frame, which receives all arrivals.
         for volume in &self.volumes {
             volume.take_sign();
         }
         is_ready || self.is_fading
     }
 
-    /// Tells the pager that the slots have lost their bricks, as when a GPU device is lost, and how many slots there are now. Slots
-    /// beyond the former number are not used. The next frames bring back the bricks that the views want.
+    /// Reports that the slots have lost their bricks, as after the loss of a GPU device, and their number now. Slots beyond the former
+    /// number are not used. The next frames bring back the wanted bricks.
     ///
     /// # Errors
-    /// If the slots are too few, or the planner's thread cannot be started again.
+    /// If the slots are too few, or the planner's thread cannot be restarted.
     pub fn forget_slots(&mut self, slots: u32) -> Result<(), PagerError> {
         let slots = slots.min(self.config.slots);
         check_slots(self.volumes.iter().map(|volume| &volume.source), slots, self.slot_bytes)?;
@@ -337,13 +333,12 @@ impl Pager {
         Ok(())
     }
 
-    /// Ends the workers and returns the cores that they have decoded, which may serve [another pager](Self::with_cores) with other slots or
-    /// wider aprons.
+    /// Ends the workers and returns their decoded cores, for [another pager](Self::with_cores) with other slots or wider aprons.
     pub fn into_cores(self) -> Vec<KeptCores> {
         self.volumes.into_iter().map(PagedVolume::into_cores).collect()
     }
 
-    /// The pager's configuration, with the number of slots as it is now: [`Pager::forget_slots`] may have lowered it.
+    /// The configuration, with the current number of slots: [`Pager::forget_slots`] may have lowered it.
     pub fn config(&self) -> &PagerConfig {
         &self.config
     }
@@ -352,7 +347,7 @@ impl Pager {
         let sum = |of: fn(&Seen) -> usize| seen.iter().map(of).sum::<usize>();
         let (wanted, resident) = (sum(|seen| seen.wanted), sum(|seen| seen.resident));
         let area = |of: fn(&Seen) -> f64| seen.iter().map(of).sum::<f64>();
-        // What has been told is to be confirmed by what is seen of a complete frame.
+        // A complete frame's feedback must confirm the reported visibility.
         let is_confirmed = self.volumes.iter().all(PagedVolume::is_confirmed);
         let covered = seen.iter().all(|seen| seen.is_covered);
         let residency = &self.residency;
@@ -397,13 +392,12 @@ fn planner(volumes: &[PagedVolume], config: &PagerConfig) -> std::io::Result<Pla
     Planner::new(&planned_sources(volumes), config.slots, config.planning)
 }
 
-/// The coarsest bricks of each volume, for a view of each.
 fn roots_of(volumes: &[PagedVolume], views: &[View]) -> Vec<Vec<BrickId>> {
     let of_volume = |(volume, view): (&PagedVolume, &View)| roots(&*volume.source, view.time, view.channel);
     volumes.iter().zip(views).map(of_volume).collect()
 }
 
-/// What views that come next want of each volume; nothing while their cuts are not made.
+/// Goals of coming views for each volume; empty while their cuts are not made.
 fn goals<'a>(
     volumes: &'a [PagedVolume],
     outlook: &'a Outlook,
@@ -419,12 +413,11 @@ fn goals<'a>(
     volumes.iter().zip(cuts).zip(roots).map(goal).collect()
 }
 
-/// The sources that cuts are made from.
 fn planned_sources(volumes: &[PagedVolume]) -> Vec<Arc<dyn BrickSource>> {
     volumes.iter().map(PagedVolume::planned_source).collect()
 }
 
-/// What a volume needs of a host budget at least, besides the tables of the slots, and more than what is of no use to it.
+/// A volume's request to a host budget, besides the tables of the slots.
 fn volume_request(
     source: &dyn BrickSource,
     contents: &SlotContents,
@@ -434,7 +427,7 @@ fn volume_request(
     let sizes = buffer_sizes(source, &layout, config.planning, config.host_bytes);
     let BufferSizes { fixed, scratch, core, padded } = sizes;
     let workers = config.workers.max(1) as u64;
-    // A cache of every brick of the steps that may be played, and an eighth of it all for those on their way.
+    // A cache of every brick of the steps that may be played, and an eighth of the total for bricks in flight.
     let steps = match config.planning {
         Planning::Inline => 1,
         Planning::Thread => u64::from(source.times()).min(1 + MOST_COMING as u64),
@@ -444,7 +437,7 @@ fn volume_request(
     Ok(BudgetRequest { bytes: 1, least: least_host(sizes), most })
 }
 
-/// Whether the coarsest bricks, which are always resident, have room.
+/// Checks that the coarsest bricks, which are always resident, have room.
 fn check_slots<'a>(
     sources: impl IntoIterator<Item = &'a Arc<dyn BrickSource>>,
     given: u32,

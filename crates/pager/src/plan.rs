@@ -1,19 +1,18 @@
-//! The plan: the ordered list of bricks to read, from the cut and from what is resident. Each plan replaces the last.
+//! The plan: the ordered list of bricks to read, derived from the cut and the resident bricks. Each plan replaces the last.
 //!
 //! Five tiers:
-//! - *cover*: all bricks of the coarsest level; the ancestors two or more levels above missing cells, as far as nothing
-//!   finer stands in already (under 2 % more bricks, and a whole picture at a quarter of the resolution early); and,
-//!   for a cell whose brick cannot be read, its nearest readable ancestor.
+//! - *cover*: all bricks of the coarsest level; the ancestors two or more levels above missing cells, unless something finer stands in
+//!   already (under 2 % more bricks, and a whole picture at a quarter of the resolution early); and the nearest readable ancestors of
+//!   unreadable cells;
 //! - *visible*: the cells' own bricks;
-//! - *coming*: what the views of the next time steps lack, step by step, while steps are played;
-//! - *predicted* and *ring*: what the next views may want, as the [planner](crate::planner) lists it.
+//! - *coming*: bricks missing for the next time steps, step by step, during playback;
+//! - *predicted* and *ring*: bricks for the next views, as listed by the [planner](crate::planner).
 //!
-//! The first two are what the view needs. The others never take a slot from them, and a share of the slots and of the
-//! buffers on the way to them at most. So they cannot start thrash: who fetches ahead only replaces what no tier names.
+//! The first two are the view's needs. The others never take a slot from them, and hold at most a share of the slots and of the buffers
+//! in flight. They cannot start thrashing: prefetching only replaces bricks in no tier.
 //!
-//! Within a tier: coarse before fine, then by factors of two of the screen-space error (weighted by what is
-//! seen of the cell), then along a Hilbert curve, so that
-//! neighbours, whose voxels make each other's aprons, are decoded soon after one another.
+//! Within a tier the order is coarse before fine, then by factors of two of the screen-space error (weighted by visibility), then along a
+//! Hilbert curve, so that neighbours, which lend each other aprons, are decoded soon after one another.
 
 use crate::cut::{Cut, NodeId};
 use crate::goal::VolumeBrick;
@@ -22,7 +21,6 @@ use crate::visibility;
 use brickyard_volume::{BrickId, BrickIndex, Pyramid};
 use std::cmp::Reverse;
 
-/// What the pager knows about a brick when it plans.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum State {
     Absent,
@@ -30,10 +28,10 @@ pub(crate) enum State {
     Failed,
 }
 
-/// Where a brick comes in the order of reading: least keys first.
+/// A brick's place in the order of reading: least keys first.
 pub(crate) type Key = (Tier, Reverse<u8>, Reverse<i32>, u128);
 
-/// A brick of a volume that is to be read for its view.
+/// A brick of a volume to read for its view.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Request {
     tier: Tier,
@@ -42,13 +40,12 @@ pub(crate) struct Request {
 }
 
 impl Request {
-    /// The brick's place in the order of reading.
     pub(crate) fn key(&self, pyramid: &Pyramid) -> Key {
         key(pyramid, self.tier, self.id, self.error_px)
     }
 }
 
-/// The bricks of a volume that are to be read for its view, in no order.
+/// Bricks to read for a volume's view, in no order.
 pub(crate) fn requests(
     cut: &Cut,
     roots: &[BrickId],
@@ -78,13 +75,13 @@ pub(crate) fn requests(
     requests
 }
 
-/// Bricks of any volumes in the order in which they are to be read. Of bricks with equal keys, the one of the earlier volume comes first.
+/// Sorts bricks of any volumes in the order of reading. Ties go to the earlier volume.
 pub(crate) fn in_order(mut keyed: Vec<(Key, VolumeBrick)>) -> Vec<(Tier, VolumeBrick)> {
     keyed.sort_unstable();
     keyed.into_iter().map(|(key, brick)| (key.0, brick)).collect()
 }
 
-/// Marks the ancestors that are to stand in for a missing cell.
+/// Marks the ancestors to stand in for a missing cell.
 fn want_cover(cut: &Cut, state_of: impl Fn(NodeId) -> State, cell: NodeId, state: State, wanted: &mut [Option<Tier>]) {
     let mut failed = state == State::Failed;
     for node in cut.path_to_root(cell).skip(1) {
@@ -100,7 +97,6 @@ fn want_cover(cut: &Cut, state_of: impl Fn(NodeId) -> State, cell: NodeId, state
     }
 }
 
-/// The place of a brick of this tier in the order of reading, given its screen-space error in pixels.
 pub(crate) fn key(pyramid: &Pyramid, tier: Tier, id: BrickId, error_px: f64) -> Key {
     let widest = pyramid.level(id.level).bricks.to_array().into_iter().fold(0, u32::max);
     let bits = u32::BITS - (widest - 1).leading_zeros();
@@ -108,8 +104,8 @@ pub(crate) fn key(pyramid: &Pyramid, tier: Tier, id: BrickId, error_px: f64) -> 
     (tier, Reverse(id.level.0), Reverse(octave), hilbert(id.index, bits))
 }
 
-/// The place of a brick along a Hilbert curve through a grid of `2^bits` bricks a side (Skilling, "Programming the Hilbert
-/// curve", 2004). Sweeps along it re-read 5 to 10 % fewer neighbours than along a Morton curve with the same cache.
+/// Place of a brick along a Hilbert curve through a grid of `2^bits` bricks a side (Skilling, "Programming the Hilbert curve", 2004).
+/// Such sweeps re-read 5 to 10 % fewer neighbours than along a Morton curve with the same cache.
 fn hilbert(index: BrickIndex, bits: u32) -> u128 {
     let mut x = index.to_array();
     for bit in (1..bits).rev() {
@@ -141,7 +137,7 @@ mod tests {
         let pyramid = Pyramid::new(Extent::new(64, 64, 64), [1.0; 3], 8);
         let id = |level, x| BrickId { time: 0, channel: 0, level: Level(level), index: BrickIndex::new(x, 0, 0) };
         let bricks = [(id(0, 0), 1.0), (id(0, 1), 8.0), (id(1, 0), 0.5), (id(0, 2), 2.0), (id(1, 1), 3.0)];
-        // The same of two volumes.
+        // The same for two volumes.
         let keyed = bricks.iter().flat_map(|&(id, error)| {
             [1, 0].map(|volume| (key(&pyramid, Tier::Ring, id, error), VolumeBrick { volume, id }))
         });

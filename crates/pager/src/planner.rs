@@ -1,15 +1,14 @@
-//! The planner: makes the cuts of all volumes for the newest views from the last cuts, and lists what the next views may want, on a
-//! thread of its own or at once.
+//! The planner: makes the cuts of all volumes for the newest views from the last cuts, and lists bricks to prefetch, on a separate thread
+//! or inline.
 //!
-//! Ahead of the view there are two tiers, each with a share of the slots: bricks of the cuts of the foreseen camera
-//! that these cuts lack, and the face neighbours of their cells just outside of the frustum. Before both come the cuts of the views that come
-//! next, of later time steps. While there are any, each cut has half of the cells, so that two steps fit. When a step's time has come,
-//! its cut is there.
+//! Prefetching has two tiers, each with a share of the slots: bricks of the predicted camera's cuts missing from these cuts, and face
+//! neighbours of their cells just outside the frustum. The cuts of coming time steps precede both. While there are any, each cut has half
+//! of the cells, so two steps fit, and a step's cut is ready in time.
 //!
-//! On a thread, views go in and cuts come out through channels of one place, each emptied before it is filled: what is newer
-//! replaces what nobody has taken. A frame with a new view waits a millisecond, which is enough for the usual cut; else it
-//! draws the newest finished one, whichever view that was made for. Only where volumes come to stand on one grid does it wait
-//! for theirs. At once, the cut is always the view's own, and the same views give the same cuts.
+//! On a thread, views go in and cuts come out through channels with one place, each emptied before it is filled, so the newest replaces
+//! any untaken. A frame with a new view waits a millisecond, enough for the usual cut; else it draws the newest finished cut, whatever
+//! its view. It waits longer only for volumes newly placed on one grid. Inline, the cut is always the view's own, and equal views give
+//! equal cuts.
 
 use crate::budget::Planning;
 use crate::cut::{Cut, Node, View, cut_capacity};
@@ -28,26 +27,24 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How long a frame waits for its own view's cut.
+/// Longest wait of a frame for its own view's cut.
 const PATIENCE: Duration = Duration::from_millis(1);
 
-/// What cuts are to be made for.
 #[derive(Clone)]
 pub(crate) struct Job {
-    /// The view of each volume.
     pub(crate) views: Vec<View>,
-    /// The views that come next, the nearest first.
+    /// Coming views, the nearest first.
     pub(crate) coming: Arc<[Vec<View>]>,
-    /// What is known of the visibility of each volume's cells, with a number that changes with it; `None` if nothing is known.
+    /// Known visibility of each volume's cells, and its version.
     pub(crate) visibility: Vec<Option<(u64, Arc<Visibility>)>>,
-    /// Whether to look ahead: `None` if not; else the camera that is foreseen, or `Some(None)` if none is.
+    /// Predicted camera, if any, for prefetching; `None` without prefetching.
     pub(crate) ahead: Option<Option<ViewRays>>,
-    /// For each volume, the version of what is known of its bricks' occupancy.
+    /// Version of each volume's known occupancy.
     pub(crate) occupancy: Vec<u64>,
 }
 
 impl Job {
-    /// Whether another job's cuts would be the same. A camera that stops is no reason to look ahead anew.
+    /// Whether another job's cuts would be the same. A stopping camera is no reason to prefetch anew.
     fn is_same(&self, other: &Self) -> bool {
         fn numbers(job: &Job) -> impl Iterator<Item = Option<u64>> {
             job.visibility.iter().map(|known| known.as_ref().map(|(number, _)| *number))
@@ -57,40 +54,39 @@ impl Job {
     }
 }
 
-/// Whether cuts are of the views' time steps and channels.
+/// Whether cuts have the views' time steps and channels.
 fn are_of_times(cuts: &[Arc<Cut>], views: &[View]) -> bool {
     let times = |view: &View| (view.time, view.channel);
     cuts.iter().map(|cut| times(&cut.view)).eq(views.iter().map(times))
 }
 
-/// What has been planned for a job: cuts, and bricks to fetch ahead.
+/// Plan for a job: cuts, and bricks to prefetch.
 #[derive(Clone)]
 pub(crate) struct Outlook {
-    /// The cut of each volume.
     pub(crate) cuts: Vec<Arc<Cut>>,
-    /// The cuts of views that come next, as far as there is room for them.
+    /// Cuts of coming views, as far as there is room.
     pub(crate) coming: Arc<[Vec<Arc<Cut>>]>,
-    /// The bricks to fetch ahead, the most urgent first.
+    /// Bricks to prefetch, the most urgent first.
     pub(crate) ahead: Arc<[(Tier, VolumeBrick)]>,
-    /// Whether `coming` and `ahead` are of this job; if not, the same cuts come once more, with what is.
+    /// Whether `coming` and `ahead` belong to this job; if not, its own follow with the same cuts.
     pub(crate) is_whole: bool,
 }
 
 impl Outlook {
-    /// The cuts for views that come next; `None` if there are none yet.
+    /// Cuts of coming views; `None` if there are none yet.
     pub(crate) fn coming(&self, views: &[View]) -> Option<&[Arc<Cut>]> {
         self.coming.iter().find(|cuts| are_of_times(cuts, views)).map(Vec::as_slice)
     }
 }
 
-/// Makes one plan after the other.
+/// Maker of successive plans.
 struct Desk {
     sources: Vec<Arc<dyn BrickSource>>,
     slots: usize,
     roots: usize,
     is_incremental: bool,
     last: Vec<Arc<Cut>>,
-    /// The cuts of views that come next, and the version of the occupancy that they were made by.
+    /// Cuts of coming views, and the version of their occupancy.
     coming: Arc<[Vec<Arc<Cut>>]>,
     coming_occupancy: Vec<u64>,
 }
@@ -111,7 +107,7 @@ impl Desk {
         }
     }
 
-    /// The cuts of a job's own views. Those of a step that was coming follow what was made for it then.
+    /// Cuts of a job's own views, following those made while their step was coming.
     fn cuts(&mut self, job: &Job) -> Vec<Arc<Cut>> {
         let cuts = self.cuts_for(&job.views, job, self.last_for(&job.views));
         if self.is_incremental {
@@ -120,7 +116,7 @@ impl Desk {
         cuts
     }
 
-    /// The cuts for views that are a job's own or near them.
+    /// Cuts of a job's own views, or of views near them.
     fn cuts_for(&self, views: &[View], job: &Job, last: &[Arc<Cut>]) -> Vec<Arc<Cut>> {
         self.cuts_of(&subjects(&self.sources, views, &job.visibility), !job.coming.is_empty(), last)
     }
@@ -132,14 +128,14 @@ impl Desk {
         cuts.into_iter().map(Arc::new).collect()
     }
 
-    /// The cuts that those for these views are to follow.
+    /// The cuts to precede those for these views.
     fn last_for(&self, views: &[View]) -> &[Arc<Cut>] {
         let known = self.coming.iter().find(|cuts| self.is_incremental && are_of_times(cuts, views));
         known.map_or(&self.last, |cuts| cuts)
     }
 
-    /// Makes the cuts of the views that come next, until these want as many cells as there are slots. What is seen of the present step hides
-    /// nothing of later ones, but what comes first there is likely to be seen.
+    /// Makes the cuts of the coming views, until their wanted cells fill the slots. Visibility in the present step hides nothing in later
+    /// ones, but puts their likely visible cells first.
     fn make_coming(&mut self, job: &Job) {
         let is_known = self.coming_occupancy == job.occupancy;
         let is_same = |cuts: &&Vec<Arc<Cut>>, views: &[View]| is_known && cuts.iter().map(|cut| &cut.view).eq(views);
@@ -161,14 +157,14 @@ impl Desk {
         self.coming_occupancy.clone_from(&job.occupancy);
     }
 
-    /// What to fetch ahead of a job's cuts.
+    /// Bricks to prefetch, beyond a job's cuts.
     fn look_ahead(&self, job: &Job, cuts: &[Arc<Cut>]) -> Arc<[(Tier, VolumeBrick)]> {
         let Some(rays) = job.ahead else { return [].into() };
         let of_volume = |volume: usize| move |id| VolumeBrick { volume, id };
         let mut listed: FxHashSet<VolumeBrick> =
             cuts.iter().enumerate().flat_map(|(volume, cut)| cut.cells().map(of_volume(volume))).collect();
         let foreseen = rays.map_or(Vec::new(), |rays| {
-            // Of two eyes one: the other one sees hardly anything else.
+            // One of two eyes: the other sees hardly anything else.
             let views: Vec<View> =
                 job.views.iter().map(|view| View { rays, other_eye: None, ..view.clone() }).collect();
             self.cuts_for(&views, job, cuts)
@@ -185,7 +181,7 @@ impl Desk {
                 let new = of_volume.into_iter().filter(|&(id, _)| listed.insert(VolumeBrick { volume, id }));
                 keyed.extend(new.map(|(id, error)| (plan::key(pyramid, tier, id, error), VolumeBrick { volume, id })));
             }
-            // Twice what there is room for: so that what is there already is not forgotten for being a little less urgent.
+            // Twice the room, so resident bricks are not forgotten for being slightly less urgent.
             let room = 2 * tier.slots(self.slots);
             ahead.extend(plan::in_order(keyed).into_iter().take(room));
         }
@@ -193,7 +189,6 @@ impl Desk {
     }
 }
 
-/// What is to be cut of each volume, seen by these views, with what is known of the visibility of the volumes' cells.
 fn subjects<'a>(
     sources: &'a [Arc<dyn BrickSource>],
     views: &'a [View],
@@ -204,7 +199,7 @@ fn subjects<'a>(
     all.map(|((source, view), visibility)| Subject { source: &**source, view, visibility }).collect()
 }
 
-/// Face neighbours of the wanted cells, of their level, that are outside of the frustum and not empty; with the cells' errors.
+/// Neighbours at the faces of wanted cells, of the same level, outside of the frustum and not empty, with the cells' errors.
 fn ring(source: &dyn BrickSource, cut: &Cut) -> Vec<(BrickId, f64)> {
     let frusta = cut.view.frusta();
     let mut ring = Vec::new();
@@ -215,7 +210,7 @@ fn ring(source: &dyn BrickSource, cut: &Cut) -> Vec<(BrickId, f64)> {
             let mut beside = at;
             beside[axis] = at[axis].wrapping_add_signed(side);
             let away = DVec3::AXES[axis] * size * side as f64;
-            // A neighbour at the volume's end may be smaller than the cell: then this asks a little too much.
+            // A neighbour at the volume's end may be smaller than the cell, and this box slightly too large.
             let (low, high) = (low + away, high + away);
             if bricks.contains(beside) && cut.view.is_inside_clip(low, high) && !frusta.meet_box(low, high) {
                 let id = cut.view.id(level, BrickIndex::from_array(beside));
@@ -230,10 +225,10 @@ fn ring(source: &dyn BrickSource, cut: &Cut) -> Vec<(BrickId, f64)> {
 
 pub(crate) struct Planner {
     sources: Vec<Arc<dyn BrickSource>>,
-    /// What was asked for last, and its number.
+    /// The last request and its number.
     asked: Option<Job>,
     number: u64,
-    /// The newest outlook, and the number of what it was made for.
+    /// The newest outlook, and the number of its request.
     newest: Option<(u64, Outlook)>,
     place: Place,
 }
@@ -253,7 +248,7 @@ impl Planner {
         Ok(Self { sources: sources.to_vec(), asked: None, number: 0, newest: None, place })
     }
 
-    /// The newest outlook that there is, with cuts of the views' time steps and channels. If it is not the job's own, that one is on its way.
+    /// The newest outlook, with cuts of the views' time steps and channels. If it is not the job's own, that one is on its way.
     pub(crate) fn outlook(&mut self, job: Job) -> Outlook {
         if let Place::Thread(thread) = &self.place {
             self.newest = thread.newest(Duration::ZERO).or(self.newest.take());
@@ -270,7 +265,7 @@ impl Planner {
                 Place::Thread(thread) => {
                     thread.ask(self.number, job.clone());
                     self.newest = thread.newest(PATIENCE).or(self.newest.take());
-                    // Cells of one grid have one order only in cuts that are made together: those are waited for.
+                    // Cells of one grid have one order only in cuts made together, so wait for those.
                     let subjects = subjects(&self.sources, &job.views, &[]);
                     while self.newest.as_ref().is_some_and(|(_, newest)| !split::share_trees(&subjects, &newest.cuts)) {
                         self.newest = thread.newest(PATIENCE).or(self.newest.take());
@@ -298,12 +293,12 @@ impl Planner {
         self.newest.insert(newest).1.clone()
     }
 
-    /// Whether the newest outlook is what was asked for last.
+    /// Whether the newest outlook answers the last request.
     pub(crate) fn is_done(&self) -> bool {
         self.newest.as_ref().is_some_and(|(number, _)| *number == self.number)
     }
 
-    /// The channel from which the next outlook comes, if one is on its way.
+    /// Channel of the next outlook, if one is on its way.
     pub(crate) fn awaited(&self) -> Option<&Receiver<(u64, Outlook)>> {
         let is_whole = self.newest.as_ref().is_some_and(|(_, newest)| newest.is_whole);
         match &self.place {
@@ -316,7 +311,7 @@ impl Planner {
 struct PlannerThread {
     /// `None` only while dropping.
     jobs: Option<Sender<(u64, Job)>>,
-    /// The other end, to take back what the thread has not taken.
+    /// The other end, for taking back jobs.
     untaken: Receiver<(u64, Job)>,
     outlooks: Receiver<(u64, Outlook)>,
     thread: Option<JoinHandle<()>>,
@@ -354,12 +349,12 @@ impl PlannerThread {
     fn ask(&self, number: u64, job: Job) {
         while self.untaken.try_recv().is_ok() {}
         if let Some(jobs) = &self.jobs {
-            // The planner holds the other end as long as it lives; `newest` says so if it does not.
+            // The planner holds the other end for life; `newest` reports its death.
             let _ = jobs.try_send((number, job));
         }
     }
 
-    /// The newest outlook that nobody has taken; if there is none, that which comes within a time.
+    /// The newest untaken outlook, or the next one within `patience`.
     fn newest(&self, patience: Duration) -> Option<(u64, Outlook)> {
         match self.outlooks.recv_timeout(patience) {
             Ok(outlook) => Some(outlook),

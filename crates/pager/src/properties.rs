@@ -1,5 +1,5 @@
-//! Property tests of the whole pager without threads or a GPU: random volumes, cameras, occupancies, budgets, failures and
-//! orders of arrival against what must always hold.
+//! Property tests of the whole pager without threads or a GPU: invariants under random volumes, cameras, occupancies, budgets, failures and
+//! orders of arrival.
 
 use crate::budget::{PagerConfig, Planning, TABLE_BYTES_PER_SLOT};
 use crate::cut::{Cut, View, cut_capacity, roots, world_box};
@@ -24,7 +24,7 @@ use std::collections::{BTreeSet, HashMap, HashSet, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A cheap generator for choices that need no shrinking of their own.
+/// A cheap generator for choices without shrinking of their own.
 #[derive(Clone, Debug)]
 struct Dice(u64);
 
@@ -69,7 +69,7 @@ impl Volume {
         for (l, grid) in pyramid.levels().iter().enumerate() {
             for index in indices(grid.bricks) {
                 let id = BrickId { time: 0, channel: 0, level: Level(l as u8), index };
-                // The shown time step, and those to come.
+                // The shown time step, and the coming ones.
                 let of_times = (0..3).map(|time| BrickId { time, ..id });
                 source.failing.extend(of_times.filter(|_| dice.chance(self.failing_share)));
                 let child = |index| BrickId { level: Level(id.level.0 - 1), index, ..id };
@@ -122,11 +122,11 @@ struct Shot {
     level: LevelPolicy,
     pixel_error: f64,
     cull_empty: bool,
-    /// How far to the right another eye is, if there is one.
+    /// Distance of another eye to the right, if there is one.
     aside: Option<f64>,
     /// Points and normals of clip planes.
     planes: Vec<([f64; 3], [f64; 3])>,
-    /// Where the volume stands.
+    /// Placement of the volume.
     placement: Placement,
 }
 
@@ -169,7 +169,7 @@ impl Shot {
     }
 }
 
-/// Half of the volumes stand where their stores say, the others turned, leaning, mirrored and stretched by up to a hundred.
+/// Half of the volumes as their stores place them, the others turned, leaning, mirrored and stretched by up to a hundred.
 fn placements() -> impl Strategy<Value = Placement> {
     let placed =
         (prop::array::uniform3(-3.1f64..3.1), prop::array::uniform3(-1.0f64..1.0), -1.0f64..1.0, any::<bool>());
@@ -225,7 +225,7 @@ fn plane() -> impl Strategy<Value = ([f64; 3], [f64; 3])> {
     ([at(), at(), at()], across)
 }
 
-/// What a slice leaves: nearly nothing.
+/// Planes of a slice, which leaves nearly nothing.
 fn slab((point, normal): ([f64; 3], [f64; 3])) -> Vec<([f64; 3], [f64; 3])> {
     let beside = |sign: f64| (std::array::from_fn(|a| point[a] - sign * 1e-6 * normal[a]), normal.map(|n| sign * n));
     vec![beside(1.0), beside(-1.0)]
@@ -259,7 +259,7 @@ fn holds(region: VoxelBox, voxel: [u32; 3]) -> bool {
     (0..3).all(|a| (low[a]..high[a]).contains(&voxel[a]))
 }
 
-/// The brick itself and everything above it.
+/// The brick and its ancestors.
 fn lineage(pyramid: &Pyramid, id: BrickId) -> impl Iterator<Item = BrickId> {
     std::iter::successors(Some(id), |id| {
         pyramid.parent(id.level, id.index).map(|index| BrickId { level: Level(id.level.0 + 1), index, ..*id })
@@ -269,8 +269,8 @@ fn lineage(pyramid: &Pyramid, id: BrickId) -> impl Iterator<Item = BrickId> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1500))]
 
-    /// Of any cut, made after any other: its cells cover the volume once; those that any view sees of it hold every voxel in
-    /// sight that is not empty, and come back to front along every ray; those that its own view wants fit.
+    /// For any cut, made after any other: its cells cover the volume once; its visible cells in any view hold every visible non-empty
+    /// voxel, and come back to front along every ray; the cells wanted by its own view fit.
     #[test]
     fn a_cut_covers_the_volume_and_what_is_seen_comes_in_a_valid_order(
         volume in volumes(), shots in prop::collection::vec(shots(), 1..4), max_cells in 1usize..400, seed in any::<u64>(),
@@ -316,7 +316,7 @@ proptest! {
             };
             prop_assert_eq!(next.memory_bound(), cold.memory_bound());
             if cold.memory_bound() {
-                // The products and quotients that are compared are rounded to one part in 2^52.
+                // The compared products and quotients are rounded to one part in 2^52.
                 let worst = cold.effective_error_px() / KEEP * (1.0 + 1e-12);
                 prop_assert!(next.effective_error_px() <= worst, "{} {}", next.effective_error_px(), worst);
             } else {
@@ -332,8 +332,7 @@ proptest! {
     }
 }
 
-/// Along rays of a view: every voxel is in one of the cut's cells; it is in one of those seen unless it is empty; and those
-/// seen come back to front.
+/// Along rays of a view, every voxel is in one of the cut's cells, and unless empty in a visible one; visible cells come back to front.
 fn check_rays(
     volume: &Volume,
     source: &TestSource,
@@ -349,7 +348,7 @@ fn check_rays(
         let (x, y) = ((dice.unit() * 0.98 + 0.01) * 96.0, (dice.unit() * 0.98 + 0.01) * 64.0);
         let ray = view.placement.volume_ray(&view.rays.ray(x, y));
         let Some((near, far)) = stretch(source, &ray, volume_box) else { continue };
-        // Half of the places anywhere, half where they are shown.
+        // Half of the places anywhere, half in the shown part.
         let (from, to) = view.clip.as_ref().map_or((near, far), |clip| clip.shorten(&ray, (near, far)));
         for i in 0..8 {
             let is_shown = i % 2 == 1;
@@ -379,7 +378,7 @@ fn check_rays(
     Ok(())
 }
 
-/// Volumes that share slots, each as it is seen by a shot. Some stand on the grid of the first, and are seen by the same view.
+/// Volumes sharing slots, each in the view of a shot. Some stand on the grid of the first, with the same view.
 fn shared(volumes: Vec<(Volume, bool)>) -> Vec<Volume> {
     let first = volumes[0].0.clone();
     let on_grid = |(volume, shares): (Volume, bool)| match shares {
@@ -398,7 +397,7 @@ fn views(shot: &Shot, sources: &[TestSource]) -> Vec<View> {
     sources.iter().map(|source| shot.view(source)).collect()
 }
 
-/// The cuts of volumes that share a number of cells, after others.
+/// Cuts of volumes sharing a number of cells, after others.
 fn joint(sources: &[TestSource], views: &[View], max_cells: usize, last: &[Cut]) -> Vec<Cut> {
     let subjects = sources.iter().zip(views).map(|(source, view)| Subject { source, view, visibility: None });
     let subjects: Vec<Subject<'_>> = subjects.collect();
@@ -408,8 +407,8 @@ fn joint(sources: &[TestSource], views: &[View], max_cells: usize, last: &[Cut])
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1000))]
 
-    /// Of cuts that share a number of cells: they fit; those on one grid have one tree; the worst cells of all are split first; and
-    /// where there is room, each is what it would be alone.
+    /// Cuts sharing a number of cells fit; those on one grid have one tree; the worst cells of all are split first; and with enough room,
+    /// each equals the volume's cut alone.
     #[test]
     fn cuts_that_share_their_cells_split_the_worst_of_any_volume(
         volumes in prop::collection::vec((volumes(), any::<bool>()), 1..5), shots in prop::collection::vec(shots(), 1..3),
@@ -447,7 +446,7 @@ proptest! {
     }
 }
 
-/// A pager of several volumes without threads, beside a second one that is fed the same, and a model of the atlas.
+/// A pager of several volumes without threads, a twin with the same input, and a model of the atlas.
 struct Bench<'a> {
     sources: &'a [TestSource],
     twins: [Residency; 2],
@@ -461,16 +460,16 @@ struct Bench<'a> {
     has_room: bool,
     fade: Option<Duration>,
     now: Duration,
-    /// When bricks have got their slots.
+    /// Times at which bricks got their slots.
     came: HashMap<VolumeBrick, Duration>,
-    /// The cuts of each view that comes next.
+    /// Cuts of each coming view.
     coming: Vec<Vec<Cut>>,
 }
 
 /// Bytes of the pretended padded bricks.
 const PADDED: u64 = 10;
 
-/// What is wanted of a volume.
+/// A view of a volume's cut.
 struct Wanted<'a> {
     cut: &'a Cut,
     sight: VisibleCells,
@@ -515,7 +514,7 @@ impl Bench<'_> {
         let coming = self.coming.iter().zip(&coming_roots).map(|(cuts, roots)| goals(self.sources, cuts, roots));
         let coming: Vec<Vec<Goal<'_>>> = coming.collect();
         let ahead_of_all = Ahead { coming: &coming, listed: &ahead };
-        // This twin finds anew which bricks coming steps have; the other one has kept it.
+        // This twin searches the coming steps' bricks anew; the other one has kept the result.
         self.twins[1].steps_ahead.clear();
         let [step, twin] = self.twins.each_mut().map(|r| r.step(&all, ahead_of_all, limit, now));
         assert_eq!(step.coming, twin.coming);
@@ -538,11 +537,11 @@ impl Bench<'_> {
             let mut kept = roots.iter().copied().chain(cut.cells());
             assert!(kept.all(|id| stays(VolumeBrick { volume, id })), "pinned or wanted, and evicted");
         }
-        // Only what is wanted for an earlier tier takes a brick's place.
+        // Only a brick wanted for an earlier tier takes another's place.
         let tier_of = |brick: VolumeBrick| {
             ahead.iter().find(|(_, other)| *other == brick).map_or(Tier::Visible, |(tier, _)| *tier)
         };
-        // Coming steps leave less room for the others than these were listed for.
+        // Coming steps leave less room for the others than assumed in listing these.
         let tiers: &[Tier] = if self.coming.is_empty() { &[Tier::Predicted, Tier::Ring] } else { &[] };
         for &tier in tiers {
             let gone = ahead.iter().filter(|(of, brick)| *of == tier && !stays(*brick)).count();
@@ -566,7 +565,7 @@ impl Bench<'_> {
         self.sources.iter().zip(cuts).map(|(source, cut)| roots(source, cut.view.time, 0)).collect()
     }
 
-    /// What is said to be whole has all that it wants, and the other way round.
+    /// A step is reported whole exactly if it has all wanted bricks.
     fn check_coming(&self, coming: &[Vec<Goal<'_>>], step: &Step) {
         assert_eq!(step.coming.len(), coming.len());
         for (ready, goals) in step.coming.iter().zip(coming) {
@@ -589,17 +588,17 @@ impl Bench<'_> {
         }
     }
 
-    /// Whether the first of the coming steps has room beside the present one, whatever it lacks at first.
+    /// Whether the first coming step has room beside the present one, whatever it lacks at first.
     fn has_room_for_coming(&self, wanted: &[Wanted<'_>]) -> bool {
         let Some(cuts) = self.coming.first() else { return false };
         let cells: usize = wanted.iter().map(|wanted| wanted.cut.wanted() + wanted.roots.len()).sum();
         let roots: usize = self.roots(cuts).iter().map(Vec::len).sum();
-        // A cell that cannot be read wants an ancestor, too.
+        // An unreadable cell needs an ancestor, too.
         let coming: usize = cuts.iter().map(|cut| 2 * cut.wanted()).sum();
         cells + coming + roots <= self.slots as usize
     }
 
-    /// Some bricks to fetch ahead, no more than there is room for, the same as long as the cuts are the same.
+    /// Some bricks to prefetch, no more than fit, the same as long as the cuts are the same.
     fn ahead(&self, wanted: &[Wanted<'_>]) -> Vec<(Tier, VolumeBrick)> {
         let sum = |of: fn(&Wanted<'_>) -> usize| wanted.iter().map(of).sum::<usize>();
         let (cells, roots) = (sum(|wanted| wanted.cut.wanted()), sum(|wanted| wanted.roots.len()));
@@ -629,7 +628,7 @@ impl Bench<'_> {
         ahead
     }
 
-    /// Some of what is in flight arrives, in any order.
+    /// Delivers some of the bricks in flight, in any order.
     fn deliver(&mut self) {
         let mut waiting: Vec<VolumeBrick> = self.in_flight.iter().copied().collect();
         for _ in 0..self.dice.next() % 12 {
@@ -648,8 +647,8 @@ impl Bench<'_> {
         }
     }
 
-    /// Every cell is drawn, in the cut's order, from the slot of its nearest resident brick; left out only where there
-    /// is none. One that has just come may leave some of the pixels to a resident ancestor.
+    /// Every cell is drawn, in the cut's order, from the slot of its nearest resident brick, and left out only if there is none. A newly
+    /// arrived brick may leave some of the pixels to a resident ancestor.
     fn check_draw(&self, volume: usize, Wanted { cut, sight, .. }: &Wanted<'_>, VolumeStep { draw, .. }: &VolumeStep) {
         let of_volume = self.atlas.iter().filter(|(_, brick)| brick.volume == volume);
         let slot_of: HashMap<BrickId, u32> = of_volume.map(|(&slot, brick)| (brick.id, slot)).collect();
@@ -700,7 +699,7 @@ impl Bench<'_> {
         }
     }
 
-    /// Only so many requests of a volume are ever taken from a plan.
+    /// Takes a limited number of requests of each volume from a plan.
     fn ask(&mut self, step: &Step) {
         for (volume, VolumeStep { requests, .. }) in step.volumes.iter().enumerate() {
             let room = 8usize.saturating_sub(self.in_flight.iter().filter(|brick| brick.volume == volume).count());
@@ -714,7 +713,7 @@ impl Bench<'_> {
     fn settle(&mut self, cuts: &[Cut], views: &[View]) {
         let wanted = self.wanted(cuts, views);
         let mut levels: HashMap<(usize, BrickId, u8), Level> = HashMap::new();
-        // Each round a request is answered or an upload made; the bound allows every brick ten empty rounds.
+        // Each round answers a request or makes an upload; the bound allows every brick ten empty rounds.
         let bricks: u64 = self.sources.iter().map(|source| source.pyramid().brick_count()).sum();
         let rounds = 100 + 10 * bricks * (1 + self.coming.len() as u64);
         for _ in 0..rounds {
@@ -725,7 +724,7 @@ impl Bench<'_> {
             let mut drawn = 0;
             let volumes = step.volumes.iter().enumerate();
             for (volume, entry) in volumes.flat_map(|(i, v)| v.draw.cells.iter().map(move |entry| (i, entry))) {
-                // Of each cell some pixels.
+                // Some pixels of each cell.
                 for threshold in [0, 7, 31, 63].into_iter().filter(|t| (entry.pixels.from..entry.pixels.to).contains(t))
                 {
                     let before = levels.insert((volume, entry.cell, threshold), entry.brick.level);
@@ -742,7 +741,7 @@ impl Bench<'_> {
         panic!("not settled after {rounds} frames");
     }
 
-    /// Each cell is drawn with its own brick or, where that cannot be read, its nearest readable ancestor.
+    /// Each cell is drawn with its own brick or, if unreadable, its nearest readable ancestor.
     fn check_settled(&self, wanted: &[Wanted<'_>], step: &Step) {
         for ((Wanted { cut, sight, .. }, step), source) in wanted.iter().zip(&step.volumes).zip(self.sources) {
             let mut drawn = step.draw.cells.iter();
@@ -759,8 +758,8 @@ impl Bench<'_> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(600))]
 
-    /// Whatever arrives in whatever order, under whatever budget that volumes share: the draw lists are right in every frame, pins
-    /// hold, views only refine, make progress and settle; a twin that sees the same does the same.
+    /// For all arrivals in any order, under any shared budget: the draw lists are right in every frame, pins hold, views only refine, make
+    /// progress and settle; a twin with the same input does the same.
     #[test]
     fn paging_is_safe_live_and_deterministic(
         volumes in prop::collection::vec((volumes(), any::<bool>()), 1..4), shots in prop::collection::vec(shots(), 1..4),
@@ -787,8 +786,8 @@ proptest! {
     }
 }
 
-/// What a renderer would tell of a draw list: rays through a grid of pixels lose what each brick they cross takes. What a
-/// brick takes has nothing to do with what its parent takes, so everything may come out differently at each level.
+/// A renderer's feedback on a draw list: rays through a grid of pixels lose light in each brick they cross. A brick's absorption is
+/// independent of its parent's, so everything may come out differently at each level.
 fn told(source: &TestSource, view: &View, draw: &DrawList, seed: u64) -> Vec<f32> {
     let mut told = vec![0f32; draw.cells.len()];
     for i in 0..96 {
@@ -809,8 +808,8 @@ fn told(source: &TestSource, view: &View, draw: &DrawList, seed: u64) -> Vec<f32
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(150))]
 
-    /// With feedback on everything that is drawn, whatever bricks hide, and by some frames late: views come to rest, and then all that rays
-    /// reach is there at the level that the view wants.
+    /// With feedback on every drawn cell, whatever bricks hide, and some frames late: views come to rest, and then all cells reached by
+    /// rays are at the view's level.
     #[test]
     fn feedback_comes_to_rest_and_leaves_nothing_out_that_is_seen(
         volume in volumes(), views in prop::collection::vec(shots(), 1..4), slots in 1u32..200, seed in any::<u64>(),
@@ -826,7 +825,7 @@ proptest! {
         let mut pager = Pager::new(std::slice::from_ref(&shared), config).unwrap();
         let voxel_size = source.geometry().voxel_size(source.pyramid().levels()[0].extent);
         for view in views.iter().map(|shot| shot.view(&source)) {
-            // Each brick may be told of with eight weights, one after the other; in truth it is a few dozen frames.
+            // Each brick may get eight weights, one after the other; in truth it is a few dozen frames.
             let mut frames_left = (100 + 8 * source.pyramid().brick_count()) * (1 + late as u64);
             let (frame, visibility) = loop {
                 let frame = pager.frame(std::slice::from_ref(&view), Duration::ZERO);

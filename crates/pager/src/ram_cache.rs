@@ -1,18 +1,15 @@
-//! The RAM brick cache: decoded cores, voxels as the source has them, and the shells that neighbours take their aprons from, within a
-//! fixed number of buffers.
+//! RAM cache of decoded cores, as voxels of the source, and of the shells from which neighbours copy their aprons, in a fixed number of
+//! buffers.
 //!
-//! It reads through: what is not there is decoded by the caller's thread, and others who want the same brick decode what else they want, and
-//! then wait for it, so no core is decoded twice at a time. A decode gives a core and its shell (see [`Layout`]); a padded brick takes its own
-//! part from the core and all others from shells, so a core may go as soon as its brick has been assembled, while its
-//! shell, which is far smaller, stays for the neighbours. Two shelves hold them: see [`Shelf`] for what goes first.
+//! Missing cores are decoded on the caller's thread. Other threads in need of the same brick first decode their remaining ones and then
+//! wait, so no core is decoded twice at a time. A decode yields a core and its shell (see [`Layout`]). A padded brick takes its own part
+//! from the core and all others from shells: the core may go once its brick is assembled, while its far smaller shell stays for the
+//! neighbours. Each kind has a shelf (see [`Shelf`] for the eviction order). With stored aprons, a decode yields a core and its apron,
+//! there are no shells, and one entry holds everything for its padded brick.
 //!
-//! Where the source has aprons stored, a decode gives a core and its apron, and no brick is decoded for a neighbour's sake:
-//! there are no shells, and a shelf's entry is all that its padded brick is made of.
-//!
-//! Cores that are the same in several time steps are kept once, and decoded once, where the source keeps hashes (`sameness.rs`).
-//!
-//! Nobody waits while holding a buffer, so a buffer of each kind is enough for any number of threads. Cores that could not be
-//! read are remembered, logged once, and read again where the reason may pass (`retry.rs`). Cost: one lock for all parts of a padded brick that are there.
+//! Where the source keeps hashes, cores equal in several time steps are kept and decoded once (`sameness.rs`). No thread waits while
+//! holding a buffer, so one buffer of each kind suffices for any number of threads. Unreadable cores are remembered, logged once, and
+//! retried if the reason may pass (`retry.rs`). Looking up all cached parts of a padded brick costs one lock.
 
 use crate::apron_copy::copy_shell;
 use crate::budget::{Meter, PagerError};
@@ -30,16 +27,16 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// A cache in host memory of the decoded bricks of one source.
+/// Host-memory cache of one source's decoded bricks.
 pub struct RamCache {
     source: Arc<dyn BrickSource>,
     layout: Layout,
-    /// What the slots hold that padded bricks are for.
+    /// Contents of the padded bricks' slots.
     contents: SlotContents,
-    /// By what cores of several time steps are found equal; `None` where none are.
+    /// Hashes for finding equal cores of several time steps; `None` if not compared.
     hashes: Option<CoreHashes>,
     inner: Mutex<Inner>,
-    /// Somebody who made something is done with it.
+    /// Notified when a brick is made.
     made: Condvar,
 }
 
@@ -49,32 +46,31 @@ struct Inner {
     failures: Failures,
     /// Bricks whose stored aprons could not be read.
     failed_aprons: FxHashSet<CoreKey>,
-    /// Whether cores are cut into shells.
     has_shells: bool,
-    /// Bricks of which some thread is making the core or the shell.
+    /// Bricks with a core or shell in the making.
     making: FxHashSet<CoreKey>,
     counters: DecodeCounters,
 }
 
-/// Decoded cores of one source that outlive the cache that read them: see [`Pager::into_cores`](crate::Pager::into_cores).
+/// Decoded cores of one source, to be reused by another cache: see [`Pager::into_cores`](crate::Pager::into_cores).
 pub struct KeptCores {
     source: Arc<dyn BrickSource>,
-    /// Voxels on each side in the aprons behind the cores; 0 if there are none.
+    /// Width of the aprons behind the cores in voxels; 0 if there are none.
     stored_apron: usize,
     /// The most recently used first.
     cores: Vec<(CoreKey, Arc<[u8]>)>,
 }
 
-/// What a thread makes of a brick, in buffers that nobody else sees yet.
+/// A brick in the making, in buffers not yet shared.
 struct Making {
     core: Arc<[u8]>,
-    /// Whether the core is cached already, and only the shell has been let go.
+    /// Whether only the shell is missing from the cache.
     is_cached: bool,
-    /// `None` if the shell is cached, or there are none.
+    /// `None` if cached, or without shells.
     shell: Option<Arc<[u8]>>,
 }
 
-/// A part of a padded brick, and who lends it.
+/// A part of a padded brick, and its lender.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wanted {
     pub(crate) part: Part,
@@ -82,30 +78,29 @@ pub(crate) struct Wanted {
     key: CoreKey,
 }
 
-/// What a padded brick is made of where aprons are stored: a core and its apron.
+/// A core with its stored apron.
 pub(crate) struct Whole {
-    /// The core's voxels, then the apron's.
+    /// Voxels of the core, then of the apron.
     pub(crate) voxels: Arc<[u8]>,
-    /// Whether the apron could be read.
     pub(crate) has_apron: bool,
 }
 
-/// What a cache has decoded so far.
+/// Decoding counts of a cache.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DecodeCounters {
-    /// Cores decoded, with repeats.
+    /// Decoded cores, repeats included.
     pub decoded: u64,
-    /// Bytes of decoded voxels, those of stored aprons included.
+    /// Bytes of decoded voxels, stored aprons included.
     pub bytes_decoded: u64,
-    /// Cores and stored aprons that could not be read, each counted once.
+    /// Unreadable cores and stored aprons, each counted once.
     pub failed: u64,
 }
 
 impl RamCache {
-    /// A cache of at most `bytes` for the cores of `source`, from which bricks with this apron are to be assembled.
+    /// Creates a cache of at most `bytes` for the cores of `source`, to assemble bricks with this apron.
     ///
     /// # Errors
-    /// If not one core fits, or the apron does not fit the bricks (see [`PagerError::Apron`]).
+    /// If not even one core fits, or the apron does not fit the bricks (see [`PagerError::Apron`]).
     pub fn new(source: Arc<dyn BrickSource>, apron: u32, bytes: u64) -> Result<Self, PagerError> {
         let layout = layout_of(&*source, apron, 0, &SlotContents::Codes)?;
         let core = layout.cached_bytes() as u64;
@@ -118,7 +113,7 @@ impl RamCache {
         }
     }
 
-    /// A cache of so many cores of `source`, of which those that are done stay or not as long as there is room, for padded bricks of this layout in slots with these contents.
+    /// Creates a cache for `cores` cores of padded bricks; `keeps_done` retains finished ones while there is room.
     pub(crate) fn with_meter(
         source: Arc<dyn BrickSource>,
         (layout, contents): (Layout, SlotContents),
@@ -137,17 +132,17 @@ impl RamCache {
         Self { source, layout, contents, hashes: None, inner: Mutex::new(inner), made: Condvar::new() }
     }
 
-    /// This cache, with cores that several time steps have in common kept once. At most `kept_bytes` of pages of hashes are kept for that.
+    /// Keeps cores that several time steps share once, with at most `kept_bytes` of hash pages.
     pub(crate) fn comparing(self, kept_bytes: u64) -> Self {
         Self { hashes: CoreHashes::new(&self.source, kept_bytes), ..self }
     }
 
-    /// Returns the content of a padded brick, by which the brick is found equal to one of another time step; `None` if it is not known.
+    /// Content of a padded brick, for finding equal ones of other time steps; `None` if unknown.
     pub(crate) fn content(&self, id: BrickId) -> Option<Content> {
         self.hashes.as_ref()?.of_padded(id)
     }
 
-    /// Returns the key of a brick's core in the cache. A stored apron belongs to the core, and is made of the neighbours' voxels.
+    /// Cache key of a core. A stored apron belongs to the core, but consists of the neighbours' voxels.
     fn key(&self, id: BrickId) -> CoreKey {
         let hash = self.hashes.as_ref().and_then(|hashes| match self.layout.has_stored() {
             true => hashes.of_padded(id).map(|content| content.hash()),
@@ -156,8 +151,7 @@ impl RamCache {
         CoreKey::new(id, hash)
     }
 
-    /// The cached cores, with their stored aprons where there are any; cores whose apron could not be read are left out. To be called once
-    /// nobody reads through the cache any more.
+    /// The cached cores, except those with an unreadable stored apron. To be called once no thread reads through the cache any more.
     pub(crate) fn kept_cores(&self) -> KeptCores {
         let inner = self.lock();
         let is_whole = |(key, _): &(CoreKey, &Arc<[u8]>)| !inner.failed_aprons.contains(key);
@@ -165,8 +159,8 @@ impl RamCache {
         KeptCores { source: self.source.clone(), stored_apron: self.layout.stored, cores }
     }
 
-    /// Takes over cores that another cache of the same source has decoded, the last used ones if there is no room for all. The others are
-    /// dropped, as are all cores of another source, or with other stored aprons.
+    /// Takes over another cache's cores, the most recently used as far as there is room. Drops the others, and all cores of another source
+    /// or with other stored aprons.
     pub(crate) fn adopt(&self, kept: KeptCores) {
         if !kept.is_for(&self.source, &self.layout) {
             return;
@@ -178,12 +172,12 @@ impl RamCache {
         }
     }
 
-    /// The source that the cores are read from.
+    /// The source of the cores.
     pub fn source(&self) -> &Arc<dyn BrickSource> {
         &self.source
     }
 
-    /// What the cache has decoded so far, and what it could not read.
+    /// Counts of decodes and failures so far.
     pub fn counters(&self) -> DecodeCounters {
         self.lock().counters
     }
@@ -196,13 +190,12 @@ impl RamCache {
         &self.contents
     }
 
-    /// A part that is wanted, of a brick that lends it.
     pub(crate) fn wanted(&self, part: Part, lender: BrickId) -> Wanted {
         Wanted { part, lender, key: self.key(lender) }
     }
 
-    /// For each part of a padded brick, by its number, the cached voxels to take it from: the brick's own core, or a neighbour's shell. `None` where
-    /// these are not cached, or the part is not wanted. The voxels are to be dropped before asking for more.
+    /// Cached voxels for each part of a padded brick, by part number: its own core, or a neighbour's shell. `None` if not cached or not
+    /// requested. Drop the voxels before requesting more.
     pub(crate) fn cached(&self, wanted: &[Wanted]) -> [Option<Arc<[u8]>>; Part::COUNT] {
         let mut inner = self.lock();
         let mut voxels = [const { None }; Part::COUNT];
@@ -212,16 +205,16 @@ impl RamCache {
         voxels
     }
 
-    /// The voxels to take one of these parts from, and its place among them: of the first one that is there, or else of the first one that
-    /// nobody is decoding, which is decoded. So threads that want the same neighbours share the work, and wait for one another only where
-    /// all that is left is being decoded. The voxels are to be dropped before asking for others.
+    /// Returns voxels for one of the parts, and its index in `wanted`: the first cached part, or else the first that no thread is decoding,
+    /// which is then decoded. Threads with common neighbours thus share the work, and wait only when everything left is being decoded. Drop
+    /// the voxels before requesting others.
     ///
     /// # Panics
-    /// If nothing is wanted.
+    /// If `wanted` is empty.
     pub(crate) fn one_of(&self, wanted: &[Wanted]) -> (usize, Result<Arc<[u8]>, Failure>) {
         assert!(!wanted.is_empty(), "nothing is wanted");
         let mut inner = self.lock();
-        // What this thread has made comes first: another one may need its buffers.
+        // The thread's own product first: another thread may need its buffers.
         let mut made = None;
         loop {
             for i in made.into_iter().chain(0..wanted.len()) {
@@ -245,31 +238,31 @@ impl RamCache {
         }
     }
 
-    /// The voxels to take a part from, decoded if need be. They are to be dropped before asking for others.
+    /// Voxels for one part, decoded if needed. Drop them before requesting others.
     #[cfg(test)]
     fn part(&self, part: Part, lender: BrickId) -> Result<Arc<[u8]>, Failure> {
         self.one_of(&[self.wanted(part, lender)]).1
     }
 
-    /// A core with its stored apron, decoded if need be. It is to be dropped before asking for another.
+    /// A core with its stored apron, decoded if needed. Drop it before requesting another.
     pub(crate) fn whole(&self, id: BrickId) -> Result<Whole, Failure> {
         let wanted = self.wanted(Part::OWN, id);
         let voxels = self.one_of(&[wanted]).1?;
         Ok(Whole { voxels, has_apron: !self.lock().failed_aprons.contains(&wanted.key) })
     }
 
-    /// Gives bricks that failed for reasons that may have passed one more try. Returns which bricks these are.
+    /// Grants one more try to bricks that failed for passing reasons, and returns them.
     pub(crate) fn renew_failures(&self) -> Vec<BrickId> {
         self.lock().failures.renew()
     }
 
-    /// Decodes what is to be made and caches it, or the failure.
+    /// Decodes a claimed brick, and caches it or the failure.
     fn make(&self, (id, key): (BrickId, CoreKey), mut making: Making) -> MutexGuard<'_, Inner> {
         let result = self.fill(id, &mut making);
         let lent = Part::lent_by(id.index, self.source.pyramid().level(id.level).bricks);
         let mut inner = self.lock();
         inner.making.remove(&key);
-        // A core whose apron may yet be read is not taken without it.
+        // A core whose apron may yet be read is not accepted without it.
         let result = match result {
             Ok(Some(Err(err))) if !inner.failures.is_last_try(id, &err) => Err(err),
             other => other,
@@ -299,7 +292,7 @@ impl RamCache {
         inner
     }
 
-    /// Decodes the core and cuts its shell, as far as they are to be made; tells how the stored apron went, if there is one.
+    /// Decodes the core and cuts its shell, as far as needed. Returns the result for any stored apron.
     fn fill(&self, id: BrickId, making: &mut Making) -> Result<Option<Result<(), BrickError>>, BrickError> {
         let mut stored = None;
         // Buffers of a shelf have one holder, so nothing is ever copied here.
@@ -314,43 +307,39 @@ impl RamCache {
         Ok(stored)
     }
 
-    /// Until something may have changed.
     fn wait<'a>(&self, inner: MutexGuard<'a, Inner>) -> MutexGuard<'a, Inner> {
-        // Where all buffers are in use, dropping one wakes nobody: look again soon.
+        // With all buffers in use, dropping one wakes no thread: look again soon.
         let soon = Duration::from_millis(1);
         self.made.wait_timeout(inner, soon).unwrap_or_else(PoisonError::into_inner).0
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
-        // Nothing that can panic runs under the lock but allocation; the state is whole at every step.
+        // Only allocation can panic under the lock, and the state is consistent at every step.
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Reads a part of a brick. A panic in a codec costs one brick, not a worker and everyone who waits for it.
+/// Reads a part of a brick. A panic in a codec costs one brick, not a worker and all its waiters.
 fn decode(id: BrickId, read: impl FnOnce() -> Result<(), BrickError>) -> Result<(), BrickError> {
     let panicked = |_| Err(BrickError::of_panic(id, "the decoder"));
     catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(panicked)
 }
 
 impl KeptCores {
-    /// Whether the cores were read from this source.
     pub(crate) fn is_of(&self, source: &Arc<dyn BrickSource>) -> bool {
         Arc::ptr_eq(&self.source, source)
     }
 
-    /// Whether a cache of this source with this layout can take the cores over.
+    /// Whether a cache with this source and layout can take the cores.
     fn is_for(&self, source: &Arc<dyn BrickSource>, layout: &Layout) -> bool {
         self.is_of(source) && self.stored_apron == layout.stored
     }
 }
 
-/// How many bricks that cannot be read are named in the log as warnings. A damaged file has thousands of them: how many there are is counted,
-/// and said by whoever draws.
+/// Unreadable bricks logged as warnings. A damaged file has thousands; their count is reported with the picture.
 const NAMED: u64 = 3;
 
 impl Inner {
-    /// Counts what cannot be read, and says it in the log.
     fn note_failure(&mut self, message: &str) {
         if self.counters.failed < NAMED {
             tracing::warn!("{message}");
@@ -360,7 +349,6 @@ impl Inner {
         self.counters.failed += 1;
     }
 
-    /// Takes note of how a stored apron went.
     fn note_apron(&mut self, key: CoreKey, apron: Option<Result<(), BrickError>>, bytes: u64) {
         match apron {
             Some(Ok(())) => {
@@ -374,13 +362,12 @@ impl Inner {
         }
     }
 
-    /// The voxels to take a part from, if they are cached.
     fn take(&mut self, part: Part, lender: CoreKey) -> Option<Arc<[u8]>> {
         let shelf = if part == Part::OWN { &mut self.cores } else { &mut self.shells };
         shelf.take(lender, part.bit())
     }
 
-    /// Claims a brick and buffers for what is not cached of it; `None` while somebody else has the brick or the buffers.
+    /// Claims a brick and buffers for its missing parts; `None` while another thread holds these.
     fn start(&mut self, key: CoreKey) -> Option<Making> {
         if self.making.contains(&key) {
             return None;
@@ -410,7 +397,7 @@ impl Inner {
     }
 }
 
-/// The layout of a source's bricks with this apron and these layers of gradients, in slots with these contents.
+/// Layout of a source's padded bricks in slots with these contents.
 ///
 /// # Errors
 /// If the apron or the gradients do not fit the bricks.
@@ -440,7 +427,7 @@ mod tests {
     /// Bytes of a cached core: 8^3 voxels and four shells of six sides of 8^2.
     const CORE: u64 = 512 + 4 * 384;
 
-    /// What the brick after this one along x takes from it.
+    /// The part lent to the next brick along x.
     const NEXT: Part = Part { side: [0, 1, 1] };
 
     fn brick(x: u32) -> BrickId {
@@ -472,7 +459,7 @@ mod tests {
             own(&cache, x);
         }
         assert_eq!(cache.counters().decoded, 4);
-        // Nobody had taken the core of brick 0 itself; of the others only the shells are left.
+        // The core of brick 0 was never taken; of the others only the shells are left.
         own(&cache, 0);
         (0..4).for_each(|x| drop(cache.part(NEXT, brick(x)).unwrap()));
         assert_eq!(cache.counters().decoded, 4);
@@ -498,7 +485,7 @@ mod tests {
         let cache = cache(2);
         let before = cache.part(NEXT, brick(0)).unwrap().to_vec();
         let core = own(&cache, 0);
-        // Eight shells fit: these push out that of brick 0, whose core is held.
+        // Eight shells fit: these evict the shell of brick 0, whose core is held.
         for i in 1..9 {
             let id = BrickId { index: BrickIndex::new(i % 8, i / 8, 0), ..brick(0) };
             cache.part(Part::OWN, id).unwrap();

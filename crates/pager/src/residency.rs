@@ -1,18 +1,16 @@
-//! Residency: which bricks are staged, resident or failed, and one frame's decisions over them, as a state machine without
-//! threads, so that it can be tested against any order of arrivals.
+//! Residency: the staged, resident and failed bricks, and one frame's decisions over them, as a state machine without threads, testable
+//! against any order of arrivals.
 //!
-//! absent → (queued, decoding: the workers') → staged → resident → absent; or failed, until the reason has passed. What is to be
-//! tried again stays absent: it is requested, and the workers see to when.
+//! absent → (queued, decoding: the workers') → staged → resident → absent; or failed, until the reason has passed. Bricks to retry stay
+//! absent: they are requested, and the workers time the retries. Equal bricks of several time steps share a slot.
 //!
-//! Why a wanted brick always finds a slot, so that every frame makes progress: a frame protects the resident ones of the cuts'
-//! wanted cells and at most one stand-in for each missing one, and pins the roots, which the cuts count; together no more
-//! than the cuts' count, which is below the number of slots (or is the roots alone, which need no stand-ins). Cells that the cut
-//! does not want, but that a newer view sees, are drawn with whatever is left: the list is made after the slots are given.
+//! A wanted brick always finds a slot, so every frame makes progress: a frame protects the resident bricks of the cuts' wanted cells, at
+//! most one stand-in per missing one, and the roots, which the cuts count. Together these are no more than the cuts' count, which is below
+//! the number of slots (or is the roots alone, which need no stand-ins). Other cells, visible only in a newer view, are drawn with whatever
+//! is left: the list is made after the slots are given.
 //!
-//! A brick that is the same as one in a slot, of another time step, shares the slot.
-//!
-//! What comes next, the cuts of later time steps, has the slots that this leaves, the nearest step first: what is resident of a step
-//! is kept, and what it lacks is requested, so that the step is whole when its time comes.
+//! The cuts of coming time steps get the remaining slots, the nearest step first: a step's resident bricks are kept and its missing ones
+//! requested, so the step is whole in time.
 
 use crate::budget::MAX_STAGED;
 use crate::cut::NodeId;
@@ -37,78 +35,75 @@ use std::time::Duration;
 /// A padded brick to write into a slot of the atlas.
 #[derive(Clone, Debug)]
 pub struct Upload {
-    /// The index of the brick's volume among the pager's volumes.
+    /// Index of the brick's volume in the pager.
     pub volume: usize,
-    /// The slot to write the brick into.
+    /// Target slot.
     pub slot: Slot,
-    /// The brick that is written.
+    /// The brick.
     pub brick: BrickId,
-    /// The padded brick: `(edge + 2 * apron)^3` codes, x fastest, and the brick's gradients behind them if there are any.
+    /// The padded brick: `(edge + 2 * apron)^3` codes, x fastest, then any gradients.
     pub codes: Arc<[u8]>,
 }
 
-/// A brick that the workers have read, found in a slot, or could not read.
+/// A worker's result: a brick read, found in a slot, or failed.
 #[derive(Clone, Debug)]
 pub(crate) struct Arrival {
     pub(crate) id: BrickId,
     pub(crate) result: Result<Arrived, Failure>,
 }
 
-/// How a brick has come.
 #[derive(Clone, Debug)]
 pub(crate) enum Arrived {
-    /// It was read. What it holds is `None` where that is not known.
+    /// The content is `None` if unknown.
     Read { codes: Arc<[u8]>, content: Option<Content> },
-    /// A slot held it already, for another time step.
+    /// Already in a slot, for another time step.
     Held(Content),
 }
 
-/// What one frame does with all volumes.
+/// One frame's work for all volumes.
 #[derive(Debug)]
 pub(crate) struct Step {
     pub(crate) uploads: Vec<Upload>,
-    /// What the frame does with each volume.
     pub(crate) volumes: Vec<VolumeStep>,
-    /// Whether every wanted brick is resident, or has failed and its stand-in is resident, and no brick fades in any more.
+    /// Whether every wanted brick is resident, or has failed with its stand-in resident, and no brick fades in any more.
     pub(crate) settled: bool,
-    /// How far each coming step is.
     pub(crate) coming: Vec<Readiness>,
 }
 
-/// What one frame does with a volume.
+/// One frame's work for a volume.
 #[derive(Debug)]
 pub(crate) struct VolumeStep {
     pub(crate) draw: DrawList,
-    /// Whether each cell in sight has its own brick resident.
+    /// Whether each visible cell has its own brick resident.
     pub(crate) resident: Vec<bool>,
-    /// The bricks to read next, the most urgent first.
+    /// Bricks to read next, the most urgent first.
     pub(crate) requests: Vec<(Tier, BrickId)>,
-    /// The codes of arrived bricks that this view does not want.
+    /// Codes of arrived bricks not wanted in this view.
     pub(crate) stale: Vec<Arc<[u8]>>,
 }
 
-/// What a frame wants of a volume.
+/// A frame's wants of a volume.
 #[derive(Clone, Copy)]
 pub(crate) struct Wants<'a> {
-    /// The bricks of the frame's view, whose roots are pinned.
+    /// Bricks of the frame's view, with pinned roots.
     pub(crate) goal: Goal<'a>,
     pub(crate) sight: &'a VisibleCells,
 }
 
-/// The bricks that are fetched ahead of a frame's views, tier by tier, the most urgent first.
+/// Bricks to prefetch, tier by tier, the most urgent first.
 #[derive(Default)]
 struct Fetched {
-    /// The bricks that are there.
+    /// Resident ones.
     kept: Vec<(Tier, VolumeBrick)>,
-    /// Those that are not.
+    /// Missing ones.
     lacking: Vec<(Tier, VolumeBrick)>,
 }
 
-/// Requests that are enough for coming steps: twice as many as can be on their way, so that workers always have some before the next plan. To put
-/// those of all steps in order takes a frame of many bricks longer than all else in it.
+/// Sufficient requests for coming steps: twice the most bricks in flight, to keep workers busy until the next plan. Sorting those of all
+/// steps takes longer than the rest of a frame with many bricks.
 const ENOUGH_REQUESTS: usize = 2 * MAX_STAGED as usize;
 
-/// All that is to be read: what the views need, and then what is fetched ahead of them.
+/// All bricks to read: the views' needs, then prefetched ones.
 fn all_requests(needed: Vec<(Tier, VolumeBrick)>, fetched: &Fetched) -> Vec<(Tier, VolumeBrick)> {
     let mut requests = needed;
     // A step may come twice, or again.
@@ -117,10 +112,10 @@ fn all_requests(needed: Vec<(Tier, VolumeBrick)>, fetched: &Fetched) -> Vec<(Tie
     requests
 }
 
-/// What is fetched ahead of a frame's views.
+/// Bricks to prefetch.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Ahead<'a> {
-    /// What the views that come next want of each volume, the nearest views first. Those whose cuts are not made yet are empty.
+    /// Goals of the coming views, the nearest first; empty for views still without cuts.
     pub(crate) coming: &'a [Vec<Goal<'a>>],
     /// Other bricks, tier by tier.
     pub(crate) listed: &'a [(Tier, VolumeBrick)],
@@ -130,11 +125,11 @@ fn bricks_of(volume: usize, ids: &[BrickId]) -> impl Iterator<Item = VolumeBrick
     ids.iter().map(move |&id| VolumeBrick { volume, id })
 }
 
-/// Which bricks of the volumes that share slots are staged, resident or failed.
+/// Staged, resident and failed bricks of the volumes sharing slots.
 pub(crate) struct Residency {
     slots: SlotTable,
     volumes: Vec<Bricks>,
-    /// The steps that come next, each with the bricks that it has and lacks, until one of these changes.
+    /// Coming steps with their present and missing bricks, until one of these changes.
     pub(crate) steps_ahead: Vec<StepAhead>,
     pub(crate) uploaded: u64,
     pub(crate) reuploaded: u64,
@@ -143,30 +138,28 @@ pub(crate) struct Residency {
     pub(crate) shared: u64,
 }
 
-/// A brick that was read, and waits for a slot.
 struct Staged {
     codes: Arc<[u8]>,
     content: Option<Content>,
 }
 
-/// A volume's bricks that are staged, have failed, or fade in.
 struct Bricks {
     staged: BTreeMap<BrickId, Staged>,
     failed: FxHashMap<BrickId, BrickError>,
     fades: Fades,
 }
 
-/// What a frame's uploads are limited by.
+/// Limits of a frame's uploads.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct UploadLimit {
-    /// Bytes that are enough for a frame, though one brick is allowed whatever its size; `None` for no such limit.
+    /// Sufficient bytes for a frame, though one brick of any size is allowed; `None` for no such limit.
     pub(crate) goal_bytes: Option<u64>,
-    /// Bytes that there is room for, which may be none; `None` for no such limit.
+    /// Available bytes, possibly none; `None` for no such limit.
     pub(crate) room_bytes: Option<u64>,
 }
 
 impl UploadLimit {
-    /// Whether a brick of this size may follow so many bytes.
+    /// Whether `size` more bytes fit after `bytes` are taken.
     fn allows(&self, bytes: u64, size: u64) -> bool {
         let fits = |limit: Option<u64>| limit.is_none_or(|limit| bytes + size <= limit);
         fits(self.room_bytes) && (bytes == 0 || fits(self.goal_bytes))
@@ -174,8 +167,8 @@ impl UploadLimit {
 }
 
 impl Residency {
-    /// The state with nothing resident, for the volumes whose slots' contents are kept in `held`, and this many slots. Bricks that come take the time
-    /// `fade` to fade in; with `None` they are drawn at once.
+    /// Initial state without resident bricks, for volumes with slot contents kept in `held`. Arriving bricks fade in over the time `fade`;
+    /// with `None` they are drawn at once.
     pub(crate) fn new(held: Vec<Arc<SlotsByContent>>, slots: u32, fade: Option<Duration>) -> Self {
         let bricks = || Bricks { staged: BTreeMap::new(), failed: FxHashMap::default(), fades: Fades::new(fade) };
         Self {
@@ -207,7 +200,7 @@ impl Residency {
         }
     }
 
-    /// Forgets that these bricks of a volume have failed: they may be read after all.
+    /// Forgets failures: these bricks may be readable after all.
     pub(crate) fn forget_failures(&mut self, volume: usize, bricks: &[BrickId]) {
         for &id in bricks {
             self.volumes[volume].failed.remove(&id);
@@ -215,7 +208,7 @@ impl Residency {
         }
     }
 
-    /// Forgets what is in the slots. From here on there are `slots` of them.
+    /// Forgets all slot contents and sets the number of slots.
     pub(crate) fn forget_slots(&mut self, slots: u32) {
         self.slots.forget(slots);
         self.steps_ahead.clear();
@@ -246,8 +239,8 @@ impl Residency {
         }
     }
 
-    /// One frame of all volumes: places staged bricks, in the plan's order and within a limit, into slots that nothing wanted is drawn from;
-    /// then makes the draw lists and plans from what is resident. `ahead` is what to fetch ahead; `at` is the frame's time.
+    /// Runs one frame of all volumes. Places staged bricks, in the plan's order and within a limit, into slots without wanted bricks; then
+    /// makes the draw lists and plans from the resident bricks. `at` is the frame's time.
     pub(crate) fn step(&mut self, wants: &[Wants<'_>], ahead: Ahead<'_>, limit: UploadLimit, at: Duration) -> Step {
         self.slots.begin_frame();
         let of_volume = |(volume, wants): (usize, &Wants<'_>)| bricks_of(volume, wants.goal.roots).collect::<Vec<_>>();
@@ -271,7 +264,7 @@ impl Residency {
         }
         if self.slots.changes.last_of(&goals) != last_change {
             let before = std::mem::replace(&mut stand_ins, self.stand_ins(wants));
-            // While steps follow one another, the next one comes before a fade would end.
+            // During playback, the next step comes before a fade would end.
             if ahead.coming.is_empty() {
                 self.begin_fades(wants, &before, &stand_ins);
             }
@@ -314,14 +307,14 @@ impl Residency {
         wants.iter().enumerate().map(of_volume).collect()
     }
 
-    /// What comes where something was drawn, an ancestor, fades in.
+    /// Starts fades of bricks that arrived where an ancestor was drawn.
     fn begin_fades(&mut self, wants: &[Wants<'_>], before: &[StandIns], now: &[StandIns]) {
         for (((bricks, wants), before), now) in self.volumes.iter_mut().zip(wants).zip(before).zip(now) {
             if !bricks.fades.are_wanted() {
                 return;
             }
             for &Ranked { cell, .. } in &wants.sight.cells {
-                // Parents come before children in a cut. What is coarser than before is there for something that had to go.
+                // Parents come before children in a cut. A coarser stand-in than before replaces an evicted brick.
                 if let (Some((before, _)), Some((now, _))) = (before.of(cell), now.of(cell))
                     && now > before
                 {
@@ -331,7 +324,7 @@ impl Residency {
         }
     }
 
-    /// What a brick that fades in takes the place of, and that one's slot.
+    /// The brick replaced by a fading one, with its slot.
     fn fading(&mut self, volume: usize, brick: BrickId, has_room: bool) -> Option<(Fading, Slot)> {
         let fading = self.volumes[volume].fades.of(brick)?;
         let slot = self.slot(volume, fading.before).filter(|_| has_room);
@@ -341,7 +334,7 @@ impl Residency {
         slot.map(|slot| (fading, slot))
     }
 
-    /// Claims what stands for the wanted cells, and what is fetched ahead. What else is drawn comes next to be kept.
+    /// Claims the stand-ins of the wanted cells, and prefetched bricks. Other drawn bricks are the next to be kept.
     fn claim(&mut self, wants: &[Wants<'_>], ahead: &[(Tier, VolumeBrick)], stand_ins: &[StandIns]) {
         for (volume, (bricks, wants)) in self.volumes.iter().zip(wants).enumerate() {
             let (cut, stand_ins) = (wants.goal.cut, &stand_ins[volume]);
@@ -359,10 +352,10 @@ impl Residency {
         }
     }
 
-    /// What is kept and fetched ahead of the view, as far as there is room beside the view's own bricks: so that each gets a
-    /// slot when it comes; and how far each coming step is. Of coming steps the nearest come first. A step that does not fit waits, and with it all
-    /// after it: half a step is of no use, and its bricks would come and go. Of the first one as much is kept as there is room for. What a step lacks
-    /// is left out while the steps before it lack enough.
+    /// Selects bricks to keep and prefetch, as far as there is room beside the view's own, so each gets a slot. Also returns the readiness
+    /// of each coming step. The nearest steps come first. A step that does not fit waits, with all after it: half a step is useless, and
+    /// its bricks would come and go. Of the first step as much is kept as fits. A step's missing bricks are left out while the steps before
+    /// it lack enough.
     fn ahead(&mut self, goals: &[Goal<'_>], ahead: Ahead<'_>) -> (Fetched, Vec<Readiness>) {
         let needed: usize = goals.iter().map(|goal| goal.cut.wanted() + goal.roots.len()).sum();
         let mut room = self.slots.count().saturating_sub(needed);
@@ -394,8 +387,8 @@ impl Residency {
         (fetched, coming)
     }
 
-    /// Adds listed bricks to what is fetched ahead, as far as there is room. Of each tier, what is there already comes before what is not: bricks of a tier do
-    /// not displace each other.
+    /// Adds listed bricks to the fetched ones, as far as there is room; in each tier the resident before the missing, so that bricks of a
+    /// tier do not displace each other.
     fn fetch_listed(&self, listed: &[(Tier, VolumeBrick)], mut room: usize, fetched: &mut Fetched) {
         for of_tier in listed.chunk_by(|a, b| a.0 == b.0) {
             let state = |brick: &VolumeBrick| self.state(brick.volume, brick.id);
@@ -408,7 +401,7 @@ impl Residency {
         }
     }
 
-    /// Finds which bricks a coming step has, and which it lacks.
+    /// Finds the present and missing bricks of a coming step.
     fn step_ahead(&self, goals: &[Goal<'_>]) -> StepAhead {
         let (mut there, mut missing, mut is_drawn_everywhere) = (Vec::new(), Vec::new(), true);
         for (volume, goal) in goals.iter().enumerate() {
@@ -428,7 +421,7 @@ impl Residency {
         StepAhead::new(goals, &self.slots.changes, there, lacking, is_drawn_everywhere)
     }
 
-    /// Returns the bricks that a volume's goal lacks, in no order, with their places in the order of reading.
+    /// Missing bricks of a volume's goal, in no order, with their keys.
     fn missing(&self, volume: usize, goal: &Goal<'_>, stand_ins: &StandIns) -> Vec<(Key, VolumeBrick)> {
         let &Goal { pyramid, cut, roots } = goal;
         let state_of = |node| match stand_ins.is_resident(node) {
@@ -440,7 +433,7 @@ impl Residency {
         requests.iter().map(|request| (request.key(pyramid), VolumeBrick { volume, id: request.id })).collect()
     }
 
-    /// What the views themselves lack, first things first, of any volume.
+    /// Missing bricks of the views themselves over all volumes, the most urgent first.
     fn needed(&self, goals: &[Goal<'_>], stand_ins: &[StandIns]) -> Vec<(Tier, VolumeBrick)> {
         let of_volume = |(volume, goal): (usize, &Goal<'_>)| self.missing(volume, goal, &stand_ins[volume]);
         plan::in_order(goals.iter().enumerate().flat_map(of_volume).collect())
@@ -458,7 +451,7 @@ impl Residency {
         for &(tier, brick) in requests {
             let VolumeBrick { volume, id } = brick;
             let Some(Staged { codes, content }) = self.volumes[volume].staged.remove(&id) else { continue };
-            // Another step's may have come first.
+            // An equal brick of another step may have come first.
             if content.is_some_and(|content| self.slots.share(brick, content, tier)) {
                 self.shared += 1;
                 stale[volume].push(codes);

@@ -1,10 +1,9 @@
-//! Which bricks of a volume are the same in several time steps: by the hashes that the source keeps of its bricks' cores. What has not changed is neither
-//! decoded nor uploaded again.
+//! Equal bricks of several time steps, found by the source's hashes of its cores. Unchanged bricks are neither decoded nor uploaded again.
 //!
-//! A core is the same where its hash is; a padded brick where its own hash and those of all its neighbours are, since its apron is theirs. Hashes are
-//! asked of the step itself: no step need be known for another one to be found equal to it, so playing on, back or round and jumping cost the
-//! same. Workers ask, before they read a brick; pages of hashes are read then, and kept within a budget. A hash that cannot be read, or is not kept,
-//! makes a brick differ from all others. Cost: about 2 us a brick, and a page of hashes for each step and level.
+//! Two cores are equal if their hashes are; two padded bricks if their own and all neighbours' hashes are, since aprons come from
+//! neighbours. Each step has its own hashes, independent of the steps between: playing on, back or round and jumping cost the same.
+//! Workers compare before reading a brick; pages of hashes are read then, and kept within a budget. A brick with an unreadable or missing
+//! hash differs from all others. Costs about 2 us per brick, and a page of hashes for each step and level.
 
 use crate::draw_list::Slot;
 use crate::neighbourhood::Part;
@@ -16,7 +15,7 @@ use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use xxhash_rust::xxh3::Xxh3Default;
 
-/// The content of a padded brick, whatever its time step: two bricks of one content are equal, voxel by voxel.
+/// Content of a padded brick, whatever its time step; equal contents are equal voxel by voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Content {
     channel: u32,
@@ -25,7 +24,7 @@ pub(crate) struct Content {
     hash: u128,
 }
 
-/// The key of a core in the cache: its brick, in the time step 0 with its hash where that is known, else in its own step.
+/// Cache key of a core: its brick, with the hash, if known, in place of the time step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct CoreKey {
     id: BrickId,
@@ -38,30 +37,29 @@ impl Content {
         Self { channel: id.channel, level: id.level, index: id.index, hash }
     }
 
-    /// The hash of the voxels.
     pub(crate) fn hash(&self) -> u128 {
         self.hash
     }
 }
 
 impl CoreKey {
-    /// The key of a brick whose hash is known, or is not.
+    /// Key of a brick; in step 0 if the hash is known, else in its own.
     pub(crate) fn new(id: BrickId, hash: Option<u128>) -> Self {
         Self { id: if hash.is_some() { BrickId { time: 0, ..id } } else { id }, hash }
     }
 }
 
-/// The hashes of the cores of a source's bricks, read page by page.
+/// Core hashes of a source, read page by page.
 pub(crate) struct CoreHashes {
     source: Arc<dyn BrickSource>,
-    /// The pages that were used last. Each is read once, by who asks first; the others who want it wait for that, and nobody else does.
+    /// The most recently used pages, each read once, by its first user; only others in need of the same page wait.
     pages: Mutex<LruCache<PageId, Arc<OnceLock<HashPage>>>>,
 }
 
-/// The hashes of a page; `None` if they cannot be read.
+/// Hashes of a page; `None` if unreadable.
 type HashPage = Option<Arc<[u128]>>;
 
-/// Bytes of a page of a source's hashes, at most.
+/// Most bytes of a page of a source's hashes.
 fn page_bytes(source: &dyn BrickSource) -> u64 {
     let levels = (0..source.pyramid().levels().len()).map(|level| Level(level as u8));
     let cells = levels.map(|level| source.pyramid().paging(level).page_cells()).max().unwrap_or(0);
@@ -73,7 +71,7 @@ fn can_be_same(source: &dyn BrickSource) -> bool {
     source.times() > 1 && source.keeps_hashes()
 }
 
-/// The bytes of a host budget in which pages of hashes are kept: a 64th of it, but room for 64 pages at least; none where there is nothing to compare.
+/// Bytes of a host budget for hash pages: a 64th of it, at least 64 pages; 0 if there is nothing to compare.
 pub(crate) fn kept_hash_bytes(source: &dyn BrickSource, host_bytes: u64) -> u64 {
     const LEAST_PAGES: u64 = 64;
     if !can_be_same(source) {
@@ -85,18 +83,17 @@ pub(crate) fn kept_hash_bytes(source: &dyn BrickSource, host_bytes: u64) -> u64 
 }
 
 impl CoreHashes {
-    /// The hashes of a source of which `kept_bytes` of pages are kept, or one page if that is more; `None` where there is nothing to compare.
+    /// Hashes of a source, with `kept_bytes` of pages, or one page if that is more; `None` if there is nothing to compare.
     pub(crate) fn new(source: &Arc<dyn BrickSource>, kept_bytes: u64) -> Option<Self> {
         let capacity = NonZeroUsize::new((kept_bytes / page_bytes(&**source)) as usize).unwrap_or(NonZeroUsize::MIN);
         can_be_same(&**source).then(|| Self { source: source.clone(), pages: Mutex::new(LruCache::new(capacity)) })
     }
 
-    /// The hash of a brick's core; `None` if it is not known.
     pub(crate) fn of_core(&self, id: BrickId) -> Option<u128> {
         self.all_of(std::iter::once(id), |hash| hash)
     }
 
-    /// Returns the content of a padded brick; `None` if it is not known. At the faces of its level a brick has fewer neighbours, and the same ones in all time steps.
+    /// Content of a padded brick; `None` if unknown. At a level's faces a brick has fewer neighbours, but the same ones in all time steps.
     pub(crate) fn of_padded(&self, id: BrickId) -> Option<Content> {
         let grid = self.source.pyramid().level(id.level).bricks;
         let parts = Part::all().filter(|part| part.has_lender(id.index, grid));
@@ -107,7 +104,7 @@ impl CoreHashes {
         Some(Content { channel, level, index, hash: hasher.digest128() })
     }
 
-    /// Tells the hashes of bricks one by one. Returns what was said of the last one; `None` as soon as a hash is not known.
+    /// Passes the hashes of bricks to `tell`. Returns its last result; `None` at the first unknown hash.
     fn all_of<T>(&self, bricks: impl Iterator<Item = BrickId>, mut tell: impl FnMut(u128) -> T) -> Option<T> {
         let mut last = None;
         let mut kept: Option<(PageId, Arc<OnceLock<HashPage>>)> = None;
@@ -133,29 +130,25 @@ impl CoreHashes {
     }
 }
 
-/// The contents of a volume's slots: written by whoever fills the slots, and asked by the workers.
+/// Contents of a volume's slots, written as slots are filled, and read by the workers.
 #[derive(Default)]
 pub(crate) struct SlotsByContent {
     slots: Mutex<FxHashMap<Content, Slot>>,
 }
 
 impl SlotsByContent {
-    /// The slot that holds a content.
     pub(crate) fn get(&self, content: &Content) -> Option<Slot> {
         self.slots.lock().unwrap_or_else(PoisonError::into_inner).get(content).copied()
     }
 
-    /// Says which slot holds a content from now on.
     pub(crate) fn insert(&self, content: Content, slot: Slot) {
         self.slots.lock().unwrap_or_else(PoisonError::into_inner).insert(content, slot);
     }
 
-    /// Says that no slot holds a content any more.
     pub(crate) fn remove(&self, content: &Content) {
         self.slots.lock().unwrap_or_else(PoisonError::into_inner).remove(content);
     }
 
-    /// Says that the slots hold nothing.
     pub(crate) fn clear(&self) {
         self.slots.lock().unwrap_or_else(PoisonError::into_inner).clear();
     }

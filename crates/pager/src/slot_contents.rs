@@ -1,13 +1,13 @@
-//! What slots hold of a source's voxels. The RAM cache keeps voxels as the source has them, so that slots can be filled anew in another
-//! way without decoding a brick again; an [`Encoder`] makes slot codes of a padded brick's voxels as it is put together. Costs a pass over
-//! the padded brick, but for unsigned voxels of 8 and 16 bits, which are codes already.
+//! Contents of slots, made from a source's voxels. The RAM cache keeps source voxels, so slots can be refilled in another way without
+//! decoding; an [`Encoder`] turns a padded brick's voxels into slot codes as it is assembled. Costs a pass over the padded brick, except
+//! for unsigned voxels of 8 and 16 bits, which are codes already.
 
 use crate::layout::Layout;
 use crate::source::BrickSource;
 use brickyard_volume::{FloatSlots, LabelCodes, SlotEncoding};
 use std::sync::Arc;
 
-/// What the slots of a volume hold of its voxels.
+/// Representation of a volume's voxels in its slots.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum SlotContents {
     /// Codes for the values of each channel, or for its labels.
@@ -15,12 +15,12 @@ pub enum SlotContents {
     Codes,
     /// 32-bit floats.
     Floats(FloatSlots),
-    /// Codes for labels by the look of a layer: labels that are further apart than 16 bits reach.
+    /// Codes for labels by the look of a layer: for labels spread wider than 16 bits.
     Labels(Arc<LabelCodes>),
 }
 
 impl SlotContents {
-    /// How a source's values are held in slots, in the same format for all channels.
+    /// Slot encoding of a channel's values; the same format for all channels.
     pub(crate) fn encoding(&self, source: &dyn BrickSource, channel: u32) -> SlotEncoding {
         let floats = match self {
             Self::Floats(floats) => Some(*floats),
@@ -30,26 +30,26 @@ impl SlotContents {
     }
 }
 
-/// How a source's values are encoded as slot codes, in the same format for all channels, where they are not put into f32 slots.
+/// Encoding of a channel's values as slot codes, outside of f32 slots; the same format for all channels.
 pub fn encoding_of(source: &dyn BrickSource, channel: u32) -> SlotEncoding {
     let (voxel_type, range) = (source.voxel_type(), source.channel_range(channel));
     if source.is_labels() {
         return SlotEncoding::of_labels(voxel_type, range, source.has_non_finite(), source.nodata());
     }
     if let Some(nodata) = source.nodata() {
-        // Whether 8 bits are enough is for all channels together, since slots hold bricks of any.
+        // Whether 8 bits are enough is decided for all channels together, since slots hold bricks of any.
         let range = if voxel_type.bytes() == 1 { source.value_range() } else { range };
         return SlotEncoding::without(voxel_type, range, nodata);
     }
     SlotEncoding::new(voxel_type, range, source.has_non_finite())
 }
 
-/// Makes slot codes of a source's voxels.
+/// Encoder of a source's voxels as slot codes.
 pub(crate) struct Encoder {
-    /// One for each channel, alike but for the values that their codes stand for.
+    /// One per channel, differing only in the values of their codes.
     encodings: Vec<SlotEncoding>,
     labels: Arc<LabelCodes>,
-    /// The voxels of a padded brick; empty where voxels are codes already.
+    /// Voxels of a padded brick; empty where voxels are codes already.
     voxels: Vec<u8>,
 }
 
@@ -64,12 +64,11 @@ impl Encoder {
         Self { encodings, labels, voxels }
     }
 
-    /// How the values of a channel are held in slots.
     pub(crate) fn encoding(&self, channel: u32) -> SlotEncoding {
         self.encodings[channel as usize]
     }
 
-    /// Has `fill` write the voxels of a padded brick, and writes their codes to `codes`.
+    /// Writes the codes of the padded brick that `fill` writes as voxels.
     ///
     /// # Errors
     /// The error of `fill`, if it fails.
@@ -93,7 +92,7 @@ impl Encoder {
     }
 }
 
-/// Bytes of the voxels that a thread needs a buffer for while it makes codes of them; 0 where they are codes already.
+/// Bytes of a thread's voxel buffer for encoding; 0 where voxels are codes already.
 pub(crate) fn scratch_bytes(source: &dyn BrickSource, layout: &Layout) -> u64 {
     if encoding_of(source, 0).is_identity() { 0 } else { layout.padded_voxels() as u64 * layout.voxel_bytes as u64 }
 }

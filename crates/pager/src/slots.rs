@@ -1,10 +1,9 @@
-//! The slot table: which volume's brick is in which slot, who may not be evicted, and who goes next. Bricks of several time steps that are the same share a
-//! slot, which is free once the last of them has gone.
+//! Slot table: the brick of each slot, and the eviction order. Equal bricks of several time steps share a slot, freed with the last of
+//! them.
 //!
-//! *Pinned* bricks stay, and so do those *claimed* in the current frame for the view; those claimed for a tier ahead of it are evicted
-//! for earlier tiers alone; all others go first, least recently used first. Claiming a brick moves it to the recent end. Later tiers
-//! are claimed first, so that the first brick met from the old end that may not go ends the search, and equal histories give
-//! equal tables.
+//! *Pinned* bricks stay, and so do those *claimed* for the view in the current frame. Prefetched bricks are evicted only for earlier tiers;
+//! all others go first, the least recently used first. Claiming a brick moves it to the recent end. Later tiers are claimed first, so the
+//! search from the old end can stop at the first claimed brick that must stay, and equal histories give equal tables.
 
 use crate::changes::Changes;
 use crate::draw_list::Slot;
@@ -16,38 +15,35 @@ use std::sync::Arc;
 
 struct Entry {
     slot: Slot,
-    /// The last frame that claimed the brick, and what for.
+    /// The last frame that claimed the brick, and the tier.
     frame: u64,
     tier: Tier,
 }
 
-/// The state of a used slot: how many bricks share it, and their content.
 #[derive(Default)]
 struct Holding {
-    /// How many bricks share the slot.
     bricks: u32,
-    /// The volume and the content, where that is known.
+    /// Volume and content, if known.
     content: Option<(usize, Content)>,
 }
 
-/// How many bricks may be known to be in slots, for each slot.
 const BRICKS_PER_SLOT: usize = 2;
 
 pub(crate) struct SlotTable {
     entries: LruCache<VolumeBrick, Entry>,
-    /// Slots never used so far are those past the end of `holdings`.
+    /// Slots past the end of `holdings` are unused so far.
     holdings: Vec<Holding>,
-    /// Slots that no brick is in any more.
+    /// Slots left by all bricks.
     free: Vec<Slot>,
-    /// Each volume's slots by their contents.
+    /// Each volume's slots by content.
     held: Vec<Arc<SlotsByContent>>,
     count: u32,
     frame: u64,
     /// Sorted.
     pinned: Vec<VolumeBrick>,
-    /// The bricks evicted last, to tell a brick that comes back from a new one.
+    /// Last evictions, to recognise returning bricks.
     evicted: LruCache<VolumeBrick, ()>,
-    /// When bricks came and went.
+    /// Arrivals and evictions.
     pub(crate) changes: Changes,
 }
 
@@ -55,7 +51,7 @@ pub(crate) struct SlotTable {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Acquired {
     pub(crate) slot: Slot,
-    /// Whether the brick is among the last evicted ones, of which as many are remembered as there are slots.
+    /// Whether the brick is among the last evicted ones, remembered for as many as there are slots.
     pub(crate) again: bool,
 }
 
@@ -76,7 +72,7 @@ impl SlotTable {
         }
     }
 
-    /// Forgets what is in the slots. From here on there are `count` of them.
+    /// Forgets all contents and sets the number of slots.
     pub(crate) fn forget(&mut self, count: u32) {
         *self = Self::new(count, std::mem::take(&mut self.held));
     }
@@ -85,12 +81,12 @@ impl SlotTable {
         self.count as usize
     }
 
-    /// Begins a frame: the last frame's claims end.
+    /// Begins a frame; the last frame's claims end.
     pub(crate) fn begin_frame(&mut self) {
         self.frame += 1;
     }
 
-    /// Replaces the set of pinned bricks. A pin takes effect once the brick has a slot.
+    /// Replaces the set of pinned bricks. Pins take effect once their brick has a slot.
     pub(crate) fn set_pins(&mut self, mut pins: Vec<VolumeBrick>) {
         pins.sort_unstable();
         self.pinned = pins;
@@ -100,12 +96,12 @@ impl SlotTable {
         self.entries.peek(&brick).map(|entry| entry.slot)
     }
 
-    /// Moves a resident brick to the recent end, so that it is evicted after the unused ones. To be called before any brick is claimed.
+    /// Moves a resident brick to the recent end, behind unused ones. To be called before any claim.
     pub(crate) fn touch(&mut self, brick: VolumeBrick) {
         self.entries.promote(&brick);
     }
 
-    /// Claims a resident brick for this frame, so that it stays. Bricks of later tiers are to be claimed first.
+    /// Claims a resident brick for this frame, so it stays. Claim later tiers first.
     pub(crate) fn claim(&mut self, brick: VolumeBrick, tier: Tier) {
         let frame = self.frame;
         if let Some(entry) = self.entries.get_mut(&brick) {
@@ -113,12 +109,12 @@ impl SlotTable {
         }
     }
 
-    /// Gives a slot to a brick that has none, and claims it for this frame. `None` if all slots are pinned, or claimed for the view, for this
-    /// tier or for an earlier one. (Even a brick that covers a hole takes no slot from a brick that the view shows at its own level: the next
-    /// frame no longer claims the bricks whose cells have been covered.)
+    /// Gives a slot to a brick without one, and claims it for this frame. `None` if all slots are pinned, or claimed for the view, for this
+    /// tier or for an earlier one. (Not even a brick covering a hole takes a slot from one shown at its own level: once covered, cells
+    /// release their former bricks in the next frame.)
     pub(crate) fn acquire(&mut self, brick: VolumeBrick, content: Option<Content>, tier: Tier) -> Option<Acquired> {
         debug_assert!(!self.entries.contains(&brick), "{brick:?} has a slot");
-        // Those evicted now may push it out.
+        // This frame's evictions may push it out.
         let again = self.evicted.contains(&brick);
         while self.free.is_empty() && self.holdings.len() == self.count as usize {
             self.evict(self.victim(tier)?);
@@ -136,7 +132,7 @@ impl SlotTable {
         Some(Acquired { slot, again })
     }
 
-    /// Gives a brick the slot that holds what it holds, and claims it for this frame. Returns whether there is one.
+    /// Gives a brick the slot with its content, if there is one, and claims it for this frame. Returns whether there is.
     pub(crate) fn share(&mut self, brick: VolumeBrick, content: Content, tier: Tier) -> bool {
         let Some(slot) = self.held[brick.volume].get(&content) else { return false };
         if self.entries.contains(&brick) {
@@ -145,7 +141,7 @@ impl SlotTable {
         self.holdings[slot.0 as usize].bricks += 1;
         self.entries.put(brick, Entry { slot, frame: self.frame, tier });
         self.changes.note(brick);
-        // Bricks that nothing is drawn from would become ever more.
+        // Otherwise bricks no longer drawn would pile up.
         while self.entries.len() > BRICKS_PER_SLOT * self.count as usize
             && let Some(victim) = self.victim(Tier::Ring)
         {
@@ -154,7 +150,6 @@ impl SlotTable {
         true
     }
 
-    /// Takes a brick out of its slot.
     fn evict(&mut self, brick: VolumeBrick) {
         let Some(Entry { slot, .. }) = self.entries.pop(&brick) else { return };
         self.evicted.put(brick, ());

@@ -1,30 +1,29 @@
-//! What the pager asks of a volume: geometry, what bricks can show, and decoded bricks. A store answers from its files; a program may
-//! answer from its own arrays, or compute.
+//! Interface of a volume to the pager: geometry, occupancy and decoded bricks. A store reads from files; a program may serve its own arrays or
+//! compute.
 
 use brickyard_volume::{BrickId, BrickIndex, Geometry, Occupancy, OccupancyBins, PageId, Pyramid, VoxelType};
 
-/// Why a brick could not be read. If the reason may pass, the pager tries again a few times; in the end it marks the brick failed and
-/// draws an ancestor.
+/// Error from reading a brick. If it may pass, the pager retries a few times, then marks the brick failed and draws an ancestor.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("{id}: {reason}")]
 pub struct BrickError {
-    /// The brick that could not be read.
+    /// The unreadable brick.
     pub id: BrickId,
-    /// What went wrong, naming the file if there is one.
+    /// The reason, with the file if there is one.
     pub reason: String,
     /// Whether the same read may succeed later: see [`brickyard_store::ReadError::is_passing`].
     pub is_passing: bool,
 }
 
 impl BrickError {
-    /// The error for a brick that is given up since `who` panicked on it, which has been printed.
+    /// Error for a brick on which `who` panicked; the panic has been printed.
     pub(crate) fn of_panic(id: BrickId, who: &str) -> Self {
         Self { id, reason: format!("{who} panicked"), is_passing: false }
     }
 }
 
-/// A paged volume: a pyramid of bricks that can be read one by one. Many worker threads call it at once. The methods that describe the volume
-/// as a whole must be quick and always give the same answer.
+/// A paged volume: a pyramid of bricks, read one by one, by many worker threads at once. Methods that describe the whole volume must be quick and
+/// always return the same result.
 ///
 /// The methods without a body are enough for a volume of one channel and one time step:
 ///
@@ -62,28 +61,28 @@ impl BrickError {
 /// # Ok::<(), BrickError>(())
 /// ```
 pub trait BrickSource: Send + Sync {
-    /// The volume's levels, and the grid of bricks of each.
+    /// The levels, each with its grid of bricks.
     fn pyramid(&self) -> &Pyramid;
-    /// The voxel spacing and the volume's position in the world.
+    /// Voxel spacing and position in the world.
     fn geometry(&self) -> &Geometry;
-    /// The type of the voxels' values.
+    /// Type of the voxel values.
     fn voxel_type(&self) -> VoxelType;
-    /// The least and greatest valid value of the volume, over all channels, time steps and levels. Values beyond them are shown as these.
+    /// Least and greatest valid value over all channels, time steps and levels. Values beyond are clamped.
     fn value_range(&self) -> (f64, f64);
-    /// The least and greatest valid value of a channel, over all time steps and levels. Values beyond are shown as these. Slots of
-    /// 32-bit types have 65,536 codes between them.
+    /// Least and greatest valid value of a channel over all time steps and levels. Values beyond are clamped. Slots of 32-bit types have
+    /// 65,536 codes in between.
     fn channel_range(&self, _channel: u32) -> (f64, f64) {
         self.value_range()
     }
-    /// Whether values are labels, which name things and are never mixed.
+    /// Whether values are labels, which are never mixed.
     fn is_labels(&self) -> bool {
         false
     }
-    /// Whether some voxel may be NaN or infinite; such voxels count as having no value.
+    /// Whether any voxel may be NaN or infinite; such voxels count as no data.
     fn has_non_finite(&self) -> bool {
         self.voxel_type().is_float()
     }
-    /// The integer that stands in voxels without a value; `None` if every integer is a value. Ranges and occupancy leave it out.
+    /// Integer of voxels without a value; `None` if every integer is a value. Ranges and occupancy leave it out.
     fn nodata(&self) -> Option<f64> {
         None
     }
@@ -95,13 +94,13 @@ pub trait BrickSource: Send + Sync {
     fn channels(&self) -> u32 {
         1
     }
-    /// How occupancy masks divide a channel's values into bins.
+    /// Bins of the occupancy masks of a channel.
     fn occupancy_bins(&self, _channel: u32) -> OccupancyBins {
         let (low, high) = self.value_range();
         OccupancyBins::over(low, high)
     }
-    /// The value bins that the brick and its descendants can show, one voxel around them included; [`Occupancy::ALL`] if this is not known.
-    /// The call may wait for a disk. Bricks that can show nothing under a transfer function are not read.
+    /// Value bins in the brick, its descendants and one voxel around; [`Occupancy::ALL`] if unknown. May wait for a disk. Bricks invisible
+    /// under a transfer function are not read.
     fn occupancy(&self, _id: BrickId) -> Occupancy {
         Occupancy::ALL
     }
@@ -116,46 +115,44 @@ pub trait BrickSource: Send + Sync {
         }
         Ok(occupancy)
     }
-    /// Whether the source keeps hashes of its bricks' cores, by which bricks that are the same in several time steps are found.
+    /// Whether the source keeps hashes of its cores, for finding equal bricks of several time steps.
     fn keeps_hashes(&self) -> bool {
         false
     }
-    /// Reads the hashes of the cores of all bricks of a page, each at its [place](Pyramid::page_of). Cores of the same hash are taken for equal.
-    /// Only called where hashes are kept.
+    /// Reads the core hashes of all bricks of a page, each at its [place](Pyramid::page_of). Equal hashes mean equal cores. Only called
+    /// where hashes are kept.
     ///
     /// # Errors
-    /// If the page cannot be read. Its bricks are taken for changed then.
+    /// If the page cannot be read. Its bricks then count as changed.
     fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, BrickError> {
         let id = BrickId { time: page.time, channel: page.channel, level: page.level, index: BrickIndex::default() };
         Err(BrickError { id, reason: "no hashes are kept".into(), is_passing: false })
     }
-    /// Tells the source that these bricks, and their aprons where they are stored, are about to be read, so that it may ask the operating system
-    /// to read ahead.
+    /// Announces coming reads of these bricks and their stored aprons, so the operating system can read ahead.
     fn advise(&self, _ids: &[BrickId]) {}
-    /// Decodes the brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. Voxels past the level's extent
-    /// are unspecified.
+    /// Decodes the brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. Voxels past the level's extent are unspecified.
     ///
     /// # Errors
     /// If the brick's bytes are missing, damaged or cannot be decoded.
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError>;
-    /// The width of the stored aprons in voxels; 0 if there are none, and aprons are to be copied from neighbouring bricks.
+    /// Width of the stored aprons in voxels; 0 without any, in which case aprons are copied from neighbours.
     fn stored_apron(&self) -> u32 {
         0
     }
-    /// Decodes the brick's stored apron, little-endian voxels in the order of [`brickyard_volume::Apron`], into `out`. Only
-    /// called where aprons are stored.
+    /// Decodes the brick's stored apron, little-endian voxels in the order of [`brickyard_volume::Apron`], into `out`. Only called where aprons are
+    /// stored.
     ///
     /// # Errors
     /// If the apron's bytes are missing, damaged or cannot be decoded.
     fn read_apron(&self, id: BrickId, _out: &mut [u8]) -> Result<(), BrickError> {
         Err(BrickError { id, reason: "no aprons are stored".into(), is_passing: false })
     }
-    /// Encoded bytes that [`BrickSource::read_core`] and [`BrickSource::read_apron`] have read so far, for all callers together.
+    /// Encoded bytes read so far by [`BrickSource::read_core`] and [`BrickSource::read_apron`], over all callers.
     fn bytes_read(&self) -> u64 {
         0
     }
-    /// The most memory in bytes that the source itself takes while its bricks are read, however large the volume is. It is in the host budget of whatever
-    /// reads them, so what is there once for many readers is no part of it.
+    /// Peak memory in bytes of the source itself during reads, whatever the volume's size. Part of the reader's host budget, so memory
+    /// shared by many readers is excluded.
     fn cache_bytes(&self) -> u64 {
         0
     }

@@ -1,23 +1,22 @@
-//! How cuts are made from the last ones: of one volume, or of several that share a number of cells.
+//! Derivation of cuts from the last ones, for one volume or for several sharing a number of cells.
 //!
-//! There is one definition. Cells are split in the order of their screen-space errors, weighted by what is seen of them (see
-//! [`visibility`]; what is hidden is not split), largest first, whichever volume they are of (ties: coarse first,
-//! then least brick id), and the first split that does not fit ends the work. So a larger budget makes the same splits
-//! and then more: no cell is ever coarser for having more slots. Cells that the last cut had split have an advantage, the
-//! *hysteresis*: their errors count [`KEEP`] times less, in other words others must be worse by 1 / [`KEEP`] to displace
-//! them; and they stay split until the error is below [`KEEP`] of the target, but as the first to yield where room runs out.
+//! The result has one definition. Cells are split in the order of their screen-space errors, weighted by visibility (see [`visibility`];
+//! hidden cells are not split), largest first across all volumes (ties: coarse first, then least brick id), until a split does not fit. A
+//! larger budget makes the same splits and then more: no cell is ever coarser for having more slots. *Hysteresis* favours cells split in
+//! the last cut: their errors count 1 / [`KEEP`] times as much, so only a cell worse by that factor displaces them; they stay split until
+//! the error is below [`KEEP`] of the target, but are the first to yield where room runs out.
 //!
-//! Therefore: where not memory bound, no error is above the target, and whatever a cold cut splits is split; where memory
-//! bound, the largest error is at most 1 / [`KEEP`] of the cold cut's; and a cut made anew for the same view is at least as fine.
+//! Therefore: where not memory bound, no error is above the target, and every split of a cold cut is made; where memory bound, the largest
+//! error is at most 1 / [`KEEP`] of the cold cut's; and a new cut for the same view is at least as fine.
 //!
-//! Volumes that stand on one grid in one place, as the channels of an image do, share a tree: a node that any of them sees is split for
-//! all, and takes as much room as it has children that each of them sees. So they can be drawn cell by cell.
+//! Volumes on one grid in one place, such as the channels of an image, share a tree, and can thus be drawn cell by cell. A node visible to
+//! any of them is split for all, and takes up one cell per child and volume that sees it.
 //!
-//! The work is incremental and two-ended: one linear pass repeats those splits of the last cut that are still called for;
-//! then heaps exchange the worst cell that is not split for the least needed split, until nothing is out of order. The
-//! order is total, and an ancestor is never after its descendants, so the outcome is the definition's.
+//! The work is incremental and two-ended: one linear pass repeats the still necessary splits of the last cut; then heaps exchange the worst
+//! unsplit cell for the least needed split, until nothing is out of order. The order is total, with ancestors before descendants, so the
+//! outcome is the definition's.
 //!
-//! Cost: 0.1 to 0.3 µs a cell for the linear pass, 0.3 to 0.5 for each split that is new, whatever the volume's size.
+//! Costs 0.1 to 0.3 µs per cell for the linear pass and 0.3 to 0.5 µs per new split, whatever the volume's size.
 
 use crate::cut::{Cut, Frusta, Members, Node, NodeId, OPEN, View, roots, world_box};
 use crate::source::BrickSource;
@@ -27,20 +26,18 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::Arc;
 
-/// Hysteresis: the share of the target below which a split cell's error has to fall before the cell is merged. So the cell has to be a
-/// quarter farther away than where it was split: more than what a hand-held, orbiting or wobbling camera moves to and fro in a second, and
-/// short of the half at which its parent would have been merged anyway. The price: on the way out, up to a quarter more of each level's
-/// radius is kept.
+/// Hysteresis: fraction of the target below which a split cell is merged. The cell must then be a quarter farther away than at its split:
+/// more than a hand-held, orbiting or wobbling camera moves to and fro in a second, and short of the half at which its parent would have
+/// been merged anyway. The price: on the way out, up to a quarter more of each level's radius is kept.
 pub(crate) const KEEP: f64 = 0.8;
 
 impl Cut {
-    /// The cut of `source` for `view` that wants at most `max_cells` cells, all bricks of the coarsest level always counted
-    /// (they are pinned, so they hold their slots whether they are in the cut or not).
+    /// Cut of `source` for `view` with at most `max_cells` wanted cells. All coarsest bricks count, in the cut or not, as they are pinned.
     pub fn new(source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
         only(cuts(&[Subject { source, view, visibility: None }], max_cells, &[]))
     }
 
-    /// The cut for a view that follows this cut's view, of at most `max_cells` wanted cells. Cells near the threshold stay as they are.
+    /// Cut for a view following this cut's view, with at most `max_cells` wanted cells. Cells near the threshold stay as they are.
     pub fn next(&self, source: &dyn BrickSource, view: &View, max_cells: usize) -> Self {
         only(cuts(&[Subject { source, view, visibility: None }], max_cells, &[self]))
     }
@@ -50,17 +47,16 @@ fn only(mut cuts: Vec<Cut>) -> Cut {
     cuts.swap_remove(0)
 }
 
-/// A volume that is to be cut.
 #[derive(Clone, Copy)]
 pub(crate) struct Subject<'a> {
     pub(crate) source: &'a dyn BrickSource,
     pub(crate) view: &'a View,
-    /// What is known of the visibility of the volume's cells; `None` if nothing is.
+    /// Known visibility of the volume's cells, if any.
     pub(crate) visibility: Option<&'a Visibility>,
 }
 
 impl Subject<'_> {
-    /// Whether another volume stands on the same grid in the same place, and is seen by the same eyes.
+    /// Whether `other` has the same grid in the same place, and the same eyes.
     fn shares_grid_with(&self, other: &Self) -> bool {
         let seen_as = |view: &View| {
             (view.rays, view.other_eye, view.level, view.window, view.pixel_error.to_bits(), view.placement)
@@ -71,20 +67,20 @@ impl Subject<'_> {
     }
 }
 
-/// For each volume, the index of the first volume that shares a tree with it: its own index if there is no earlier one.
+/// Index of the first volume sharing each volume's tree, possibly itself.
 pub(crate) fn firsts<T>(volumes: &[T], share: impl Fn(&T, &T) -> bool) -> Vec<usize> {
     let first = |volume| volumes.iter().position(|other| share(other, volume));
     // Each shares its own.
     volumes.iter().enumerate().map(|(i, volume)| first(volume).unwrap_or(i)).collect()
 }
 
-/// Whether the cuts of volumes that stand on one grid, and are seen alike, are made of one tree.
+/// Whether the cuts of volumes on one grid, seen alike, are made of one tree.
 pub(crate) fn share_trees(subjects: &[Subject<'_>], cuts: &[Arc<Cut>]) -> bool {
     let firsts = firsts(subjects, Subject::shares_grid_with);
     cuts.iter().zip(firsts).all(|(cut, first)| cut.shares_tree_with(&cuts[first]))
 }
 
-/// The cuts of volumes that together want at most `max_cells` cells. `last` are the volumes' last cuts, which the new ones follow, or empty.
+/// Cuts of several volumes with at most `max_cells` wanted cells in total, following `last` unless that is empty.
 pub(crate) fn cuts(subjects: &[Subject<'_>], max_cells: usize, last: &[&Cut]) -> Vec<Cut> {
     debug_assert!(subjects.len() <= MAX_VOLUMES, "{} volumes", subjects.len());
     let firsts = firsts(subjects, Subject::shares_grid_with);
@@ -107,18 +103,18 @@ pub(crate) fn cuts(subjects: &[Subject<'_>], max_cells: usize, last: &[&Cut]) ->
     subjects.iter().zip(&firsts).map(cut).collect()
 }
 
-/// A tree that is done.
+/// A finished tree.
 struct Tree {
     nodes: Arc<Vec<Node>>,
     roots: usize,
-    /// The bit of the volume whose cut is made next.
+    /// Bit of the volume whose cut is made next.
     next_member: Members,
 }
 
-/// The order of splitting: the largest first. Errors are not negative, so their bits order as they do.
+/// Order of splitting, the largest first. Errors are not negative, so their bits order as they do.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Key {
-    /// False for what only hysteresis keeps.
+    /// False if only hysteresis keeps the split.
     is_called_for: bool,
     error_bits: u64,
     level: Level,
@@ -127,12 +123,12 @@ struct Key {
     node: NodeId,
 }
 
-/// All trees that share a number of cells.
+/// All trees sharing a number of cells.
 struct Forest<'a> {
     builds: Vec<Build<'a>>,
     max_cells: usize,
-    /// Wanted cells with all roots counted, and with a split node counted that has no seen child: so that no split
-    /// lowers it, and what fits does not depend on the order of the splits.
+    /// Wanted cells, plus all roots and every split node without a visible child. Thus no split lowers the count, and the order does not
+    /// affect what fits.
     count: usize,
 }
 
@@ -142,7 +138,7 @@ impl<'a> Forest<'a> {
         Self { builds, max_cells, count }
     }
 
-    /// The trees, and whether a split that is called for did not fit.
+    /// Returns the trees, and whether a necessary split did not fit.
     fn grow(mut self) -> (Vec<Tree>, bool) {
         let mut splits = Vec::new();
         for build in 0..self.builds.len() {
@@ -152,7 +148,7 @@ impl<'a> Forest<'a> {
         (self.builds.into_iter().map(Build::finish).collect(), memory_bound)
     }
 
-    /// Splits what a tree's last cut had split, as far as it is still called for. Adds the cells that others are to be split.
+    /// Repeats the still necessary splits of a tree's last cut. Collects the other cells to split.
     fn repeat_splits(&mut self, build: usize, splits: &mut Vec<Key>) {
         let mut node = NodeId(0);
         while node.index() < self.builds[build].nodes.len() {
@@ -165,7 +161,7 @@ impl<'a> Forest<'a> {
         }
     }
 
-    /// Splits the worst cells in exchange for the least needed splits. Returns whether a split that is called for did not fit.
+    /// Splits the worst cells in exchange for the least needed splits. Returns whether a necessary split did not fit.
     fn exchange(&mut self, splits: Vec<Key>) -> bool {
         let mut splits = BinaryHeap::from(splits);
         let mut merges = None;
@@ -190,7 +186,7 @@ impl<'a> Forest<'a> {
         false
     }
 
-    /// Merges the node that is split last of all, if it comes after `limit`.
+    /// Merges the last node in the splitting order, if it comes after `limit`.
     fn merge_least(&mut self, merges: &mut Option<BinaryHeap<Reverse<Key>>>, limit: Option<Key>) -> Option<Key> {
         let merges = merges.get_or_insert_with(|| {
             let of_build = |(i, build): (usize, &Build<'_>)| {
@@ -206,7 +202,7 @@ impl<'a> Forest<'a> {
             }
             merges.pop();
             let build = &mut self.builds[least.build];
-            // It may have been merged, or one of its children split, since it was put here.
+            // It may have been merged since, or one of its children split.
             if !build.is_mergeable(least.node) {
                 continue;
             }
@@ -219,7 +215,7 @@ impl<'a> Forest<'a> {
         }
     }
 
-    /// Where a node comes in the order of splitting; `None` if it is not to be split.
+    /// A node's place in the order of splitting; `None` if it stays whole.
     fn key(&self, build: usize, node: NodeId) -> Option<Key> {
         let of = &self.builds[build];
         let Node { level, index, error_px, weight, .. } = *of.node(node);
@@ -238,25 +234,25 @@ impl<'a> Forest<'a> {
     }
 }
 
-/// A tree in the making, and the volumes that share it.
+/// A tree in the making, and the volumes sharing it.
 struct Build<'a> {
     subjects: Vec<Subject<'a>>,
     frusta: Frusta,
     voxel_size: f64,
     last: &'a [Node],
     nodes: Vec<Node>,
-    /// The node of the last cut that is the same as each of this one's, if there was one.
+    /// For each node, the same node of the last cut, if any.
     twins: Vec<Option<NodeId>>,
     roots: usize,
-    /// Whether the arena holds nodes that nothing leads to.
+    /// Whether the arena holds unreachable nodes.
     has_merged: bool,
 }
 
 impl<'a> Build<'a> {
-    /// The roots, of volumes that share their grid.
+    /// Starts a tree with the roots.
     fn new(subjects: Vec<Subject<'a>>, last: &'a [Node]) -> Self {
         let Subject { source, view, .. } = subjects[0];
-        // What is stretched most is what finer levels would show.
+        // Finer levels would show the most stretched direction.
         let voxel_size =
             source.geometry().voxel_size(source.pyramid().levels()[0].extent) * view.placement.stretches().0;
         let (nodes, twins) = (Vec::with_capacity(last.len() + last.len() / 8), Vec::with_capacity(last.len()));
@@ -269,7 +265,7 @@ impl<'a> Build<'a> {
         build
     }
 
-    /// The view that all share, but for what they show.
+    /// The shared view, except for its shown content.
     fn view(&self) -> &'a View {
         self.subjects[0].view
     }
@@ -287,7 +283,6 @@ impl<'a> Build<'a> {
         Tree { nodes: Arc::new(nodes), roots: self.roots, next_member: 1 }
     }
 
-    /// Whether a node is split into cells.
     fn is_mergeable(&self, id: NodeId) -> bool {
         let node = self.node(id);
         !node.is_cell() && node.children().all(|child| self.node(child).is_cell())
@@ -301,7 +296,7 @@ impl<'a> Build<'a> {
         self.twin(id).is_some_and(|twin| !twin.is_cell())
     }
 
-    /// Returns what that adds to the count of cells.
+    /// Splits a node. Returns the cells that this adds to the count.
     fn split(&mut self, id: NodeId) -> usize {
         let Node { level, index, .. } = *self.node(id);
         let mut twins = self.twin(id).filter(|twin| !twin.is_cell()).map(Node::children);
@@ -316,7 +311,7 @@ impl<'a> Build<'a> {
         self.gain(id)
     }
 
-    /// Returns what that takes from the count of cells.
+    /// Merges a node. Returns the cells that this takes from the count.
     fn merge(&mut self, id: NodeId) -> usize {
         let gain = self.gain(id);
         let node = &mut self.nodes[id.index()];
@@ -325,7 +320,7 @@ impl<'a> Build<'a> {
         gain
     }
 
-    /// Takes the newest split back. Returns what that takes from the count of cells.
+    /// Undoes the newest split. Returns the cells that this takes from the count.
     fn undo(&mut self, id: NodeId) -> usize {
         let gain = self.gain(id);
         let node = &mut self.nodes[id.index()];
@@ -336,7 +331,7 @@ impl<'a> Build<'a> {
         gain
     }
 
-    /// What the split of a node adds to the count of cells.
+    /// Cells that the split of a node adds to the count.
     fn gain(&self, id: NodeId) -> usize {
         let node = self.node(id);
         let (mut seen, mut of_any) = (0, 0);
@@ -348,7 +343,7 @@ impl<'a> Build<'a> {
         if id.index() < self.roots {
             return seen;
         }
-        // A volume that sees the node and none of its children keeps the node's cell in the count.
+        // A volume that sees the node but none of its children keeps the node's cell in the count.
         seen + (node.seen() & !of_any).count_ones() as usize - node.seen().count_ones() as usize
     }
 
@@ -361,10 +356,10 @@ impl<'a> Build<'a> {
         let error_px = self.voxel_size * (1u64 << level.0) as f64 / least_pixel;
         let (first_child, children, visible) =
             (None, 0, visible_to(&self.subjects, &self.frusta, level, index, (low, high)));
-        // No more can come here than to what holds it: so an ancestor is never split after its descendants.
+        // No more light than at the parent, so an ancestor is never split after its descendants.
         let most = self.nodes.get(parent.index()).map_or(OPEN, |parent| parent.weight);
         let mut node = Node { level, index, low, high, error_px, parent, first_child, children, weight: most, visible };
-        // What one volume hides of another is seen by neither; what is not known of one that sees it counts as seen.
+        // Parts of one volume hidden by another are visible in neither; unknown visibility counts as visible.
         let known = |(i, subject): (usize, &Subject<'_>)| {
             let weight = subject.visibility.and_then(|visibility| visibility.weight(subject.view, &node));
             if visible >> i & 1 != 0 { weight.unwrap_or(OPEN) } else { 0 }
@@ -376,7 +371,7 @@ impl<'a> Build<'a> {
     }
 }
 
-/// The volumes, of those that share a tree, for which a brick in this box is in the frustum and not empty.
+/// Members of a shared tree with something in this box: in the frustum and not empty.
 fn visible_to(
     subjects: &[Subject<'_>],
     frusta: &Frusta,
@@ -393,7 +388,7 @@ fn visible_to(
     subjects.iter().zip(0..).fold(0, |all, (subject, i)| all | (is_visible(subject) as Members) << i)
 }
 
-/// The same cells as those of these cuts, for the views' time steps and channels: a guess at what the views want there.
+/// The cells of these cuts at the views' time steps and channels: a guess at the cells wanted there.
 pub(crate) fn recut(cuts: &[Arc<Cut>], sources: &[Arc<dyn BrickSource>], views: &[View]) -> Vec<Arc<Cut>> {
     let at = |(cut, view): (&Arc<Cut>, &View)| View { time: view.time, channel: view.channel, ..cut.view.clone() };
     let views: Vec<View> = cuts.iter().zip(views).map(at).collect();
@@ -418,7 +413,7 @@ pub(crate) fn recut(cuts: &[Arc<Cut>], sources: &[Arc<dyn BrickSource>], views: 
     recut
 }
 
-/// A tree without the nodes that nothing leads to.
+/// A tree without its unreachable nodes.
 fn without_dead(nodes: &[Node], roots: usize) -> Vec<Node> {
     let mut kept: Vec<Node> = nodes[..roots].to_vec();
     let mut at = NodeId(0);
@@ -499,7 +494,7 @@ mod tests {
         let mut view = box_view(&source, Projection::Perspective { fov_y_deg: 60.0 });
         view.pixel_error = 0.1;
         let eye = view.rays.eye;
-        // One part in ten nearer and farther from the nearest corner than it was, with room and without.
+        // A tenth nearer to and farther from the nearest corner than before, with room and without.
         for max_cells in [80, 600] {
             let mut cut = Cut::new(&source, &view, max_cells);
             let mut changes = Vec::new();

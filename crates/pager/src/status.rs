@@ -1,48 +1,47 @@
-//! How far views are: what is wanted, what is there, and what it has cost.
+//! Progress of views: wanted and present bricks, and costs.
 
 use crate::source::BrickError;
 
-/// How far the views of a pager's volumes are, and what they have cost.
+/// Progress and costs of a pager's views.
 #[derive(Clone, Debug)]
 pub struct Status {
-    /// The number of cells that the views see, without those that are known to be hidden.
+    /// Cells visible to the views, except those known to be hidden.
     pub wanted: usize,
-    /// The number of wanted cells that are drawn with their own brick, at the level that the view wants.
+    /// Wanted cells drawn with their own brick, at the view's level.
     pub resident: usize,
-    /// The number of wanted cells whose own brick could not be read, not even at the last try: an ancestor is drawn instead.
+    /// Wanted cells whose own brick remained unreadable after the last try: an ancestor is drawn instead.
     pub failed: usize,
-    /// Whether nothing more will come: every cell that the views' own cuts want is resident, or has failed and its stand-in is resident; no
-    /// brick fades in any more; and, where feedback is given, the feedback about such a frame has changed nothing.
+    /// Whether nothing more will come: every wanted cell of the views' own cuts is resident, or has failed with its stand-in resident; no
+    /// brick fades in; and feedback, if given, on such a frame has changed nothing.
     pub settled: bool,
-    /// Whether nothing more will come before the pager is told what was seen of this frame: see [`Pager::feedback`](crate::Pager::feedback).
+    /// Whether nothing more will come before feedback on this frame: see [`Pager::feedback`](crate::Pager::feedback).
     pub awaits_feedback: bool,
-    /// Whether every wanted cell is drawn with some brick. False only before a volume's coarsest bricks have arrived, when nothing is
-    /// drawn, or with `error`.
+    /// Whether every wanted cell is drawn with some brick. False only before a volume's coarsest bricks arrive, when nothing is drawn, or
+    /// with `error`.
     pub covered: bool,
-    /// The share of the wanted cells' screen area that is drawn with the cells' own bricks, 0 to 1.
+    /// Fraction of the wanted cells' screen area drawn with the cells' own bricks, 0 to 1.
     pub completeness: f64,
-    /// The largest screen-space error, in pixels, among cells that a finer level could improve; 0 if there are none, infinite where the eye
-    /// is inside one.
+    /// Largest screen-space error in pixels among cells coarser than level 0; 0 without any, infinite if the eye is inside one.
     pub effective_error_px: f64,
-    /// The screen-space error that was asked for, in pixels.
+    /// Requested screen-space error in pixels.
     pub pixel_error: f64,
     /// Whether a cut would be finer with more slots.
     pub memory_bound: bool,
-    /// Why a cell is drawn with nothing, now and later: neither its brick nor any ancestor can be read. If there are several
-    /// such cells, this is the reason for one of them; `None` if there are none.
+    /// Error behind a cell drawn with nothing, now and later, as neither its brick nor any ancestor can be read; one of them if there are
+    /// several.
     pub error: Option<BrickError>,
-    /// Bytes of all slots together.
+    /// Bytes of all slots.
     pub gpu_bytes: u64,
-    /// Bytes of host memory in use.
+    /// Host memory in use, in bytes.
     pub host_bytes: u64,
-    /// The most bytes of host memory that have been in use so far; for several pagers together, an upper bound.
+    /// Peak host memory so far, in bytes; for several pagers together, an upper bound.
     pub host_bytes_peak: u64,
-    /// Totals since the pager was made.
+    /// Totals since the pager's creation.
     pub counters: Counters,
 }
 
 impl Status {
-    /// Combines this status with the status of another pager for the same picture.
+    /// Combines this status with another pager's for the same picture.
     pub fn and(&self, other: &Self) -> Self {
         let (a, b) = (self.wanted as f64, other.wanted as f64);
         let completeness = (self.completeness * a + other.completeness * b) / (a + b);
@@ -60,25 +59,25 @@ impl Status {
             error: self.error.clone().or_else(|| other.error.clone()),
             gpu_bytes: self.gpu_bytes + other.gpu_bytes,
             host_bytes: self.host_bytes + other.host_bytes,
-            // At most: they need not have come at the same time.
+            // An upper bound: the peaks need not coincide.
             host_bytes_peak: self.host_bytes_peak + other.host_bytes_peak,
             counters: self.counters.and(&other.counters),
         }
     }
 }
 
-/// How far a view is that comes next: whether it can be shown when its time comes.
+/// Progress of a coming view: whether it can be shown when its time comes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Readiness {
-    /// The number of cells that the view wants; 0 while that is not known.
+    /// Wanted cells of the view; 0 while unknown.
     pub wanted: usize,
-    /// Whether `wanted` is of the view's own pixel error.
+    /// Whether `wanted` refers to the view's own pixel error.
     pub is_planned: bool,
-    /// The number of bricks that are still to come.
+    /// Bricks still missing.
     pub missing: usize,
     /// Whether something can be drawn in every cell, or the view is whole.
     pub is_covered: bool,
-    /// Whether every brick that the view wants is resident, or has failed and its stand-in is resident.
+    /// Whether every wanted brick is resident, or has failed with its stand-in resident.
     pub is_whole: bool,
 }
 
@@ -95,27 +94,26 @@ impl Readiness {
     }
 }
 
-/// Totals since the pager was made.
+/// Totals since the pager's creation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Cores decoded, with repeats.
+    /// Cores decoded, repeats included.
     pub decoded: u64,
-    /// Encoded bytes that the sources have read for cores and stored aprons, those read for other users of a source included.
+    /// Encoded bytes read by the sources for cores and stored aprons, including reads for other users of a source.
     pub bytes_read: u64,
-    /// Bytes of decoded voxels, those of stored aprons included.
+    /// Bytes of decoded voxels, stored aprons included.
     pub bytes_decoded: u64,
-    /// Bricks that could not be read, whether wanted for themselves or for a neighbour's apron, and stored aprons that could not be read;
-    /// each is counted once.
+    /// Unreadable bricks, whether wanted for themselves or for a neighbour's apron, and unreadable stored aprons; each counts once.
     pub failed: u64,
-    /// Bricks uploaded, with repeats.
+    /// Bricks uploaded, repeats included.
     pub uploaded: u64,
-    /// Uploads of bricks that had been evicted not long before (as many evictions as there are slots are remembered): a measure of thrashing.
+    /// Uploads of recently evicted bricks (as many evictions are remembered as there are slots): a measure of thrashing.
     pub reuploaded: u64,
-    /// Uploads of bricks fetched ahead, which no view wanted yet.
+    /// Uploads of prefetched bricks, not yet wanted by any view.
     pub uploaded_ahead: u64,
     /// Bytes uploaded to slots.
     pub bytes_uploaded: u64,
-    /// Bricks that were neither read nor uploaded, since a slot held the same voxels of another time step.
+    /// Bricks neither read nor uploaded, as a slot held the same voxels of another time step.
     pub shared: u64,
 }
 

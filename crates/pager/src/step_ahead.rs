@@ -1,27 +1,25 @@
-//! A time step that comes next: which of its bricks are there, and which it lacks.
+//! A coming time step: its present and missing bricks.
 //!
-//! Finding that out takes a look-up for each node of the step's cuts, in every frame for all steps that come. So it is kept, until a brick of the step
-//! comes, goes or fails: [`Changes`] counts that. Cost: some 64 bytes for each brick that a step wants.
+//! Finding them takes a look-up per node of the step's cuts, every frame. The result is therefore kept until a brick of the step
+//! arrives, leaves or fails, as counted by [`Changes`]. Costs some 64 bytes per wanted brick.
 
 use crate::changes::Changes;
 use crate::cut::Cut;
 use crate::goal::{Goal, VolumeBrick};
 use crate::status::Readiness;
 
-/// What is known of a time step that comes next.
 pub(crate) struct StepAhead {
-    /// What this is known of: the step's cuts, and the last change of their bricks.
+    /// Validity of this state: the step's cuts, and the last change of their bricks.
     cuts: Vec<Cut>,
     last_change: u64,
-    /// The bricks that the step would be drawn with now.
+    /// Bricks with which the step would be drawn now.
     pub(crate) there: Vec<VolumeBrick>,
-    /// The bricks that the step lacks, in the order in which they are to be read.
+    /// Missing bricks of the step, in the order of reading.
     pub(crate) lacking: Vec<VolumeBrick>,
     pub(crate) readiness: Readiness,
 }
 
 impl StepAhead {
-    /// Takes note of what a step has, and lacks, after the last of these changes.
     pub(crate) fn new(
         goals: &[Goal<'_>],
         changes: &Changes,
@@ -41,7 +39,7 @@ impl StepAhead {
         Self { cuts, last_change: changes.last_of(goals), there, lacking, readiness }
     }
 
-    /// Whether these goals are the ones that this is known of, and nothing has changed since.
+    /// Whether this is the present state of these goals.
     pub(crate) fn is_of(&self, goals: &[Goal<'_>], changes: &Changes) -> bool {
         let of_bricks = |cut: &Cut| (cut.view.time, cut.view.channel, cut.member);
         let is_same =

@@ -1,4 +1,4 @@
-//! A brick store as the pager's source: every question is answered by [`Store`].
+//! A brick store as a source of the pager: each method delegates to [`Store`].
 
 use crate::source::{BrickError, BrickSource};
 use brickyard_store::{Kind, ReadError, Store};
@@ -95,7 +95,7 @@ impl BrickSource for Store {
     }
 }
 
-/// An error about a page's first brick.
+/// Attributes a page's error to the page's first brick.
 fn page_error(store: &Store, page: PageId, error: &ReadError) -> BrickError {
     let corner = store.pyramid().paging(page.level).cells([page.x, page.y, page.z]).min;
     let index = BrickIndex::from_array(corner.to_array());
@@ -104,7 +104,7 @@ fn page_error(store: &Store, page: PageId, error: &ReadError) -> BrickError {
 
 fn brick_error(id: BrickId, error: &ReadError) -> BrickError {
     let reason = match &error {
-        // Which brick it is, is said already.
+        // The error already names its brick.
         ReadError::CorruptBrick { path, id: damaged, error } if *damaged == id => {
             format!("{}: {error}", path.display())
         }

@@ -1,4 +1,4 @@
-//! A volume made of arithmetic, for the tests: any pyramid, any type, any occupancy, bricks that fail on demand.
+//! Arithmetic test volume: any pyramid, any type, any occupancy, bricks that fail on demand.
 
 use crate::budget::{PagerConfig, Planning};
 use crate::cut::View;
@@ -18,30 +18,28 @@ pub(crate) struct TestSource {
     voxel_type: VoxelType,
     /// Writes the voxel `[x, y, z]` of a brick's level.
     pub(crate) voxel_at: fn(BrickId, [u32; 3], &mut [u8]),
-    /// Bricks that show nothing; all descendants of such a brick are to be listed, too.
+    /// Invisible bricks; all descendants of such a brick are to be listed, too.
     pub(crate) empty: HashSet<BrickId>,
     pub(crate) failing: HashSet<BrickId>,
-    /// Pages of occupancy that cannot be read.
+    /// Unreadable pages of occupancy.
     pub(crate) failing_pages: HashSet<PageId>,
-    /// Whether the pages in `failing_pages` cannot be read for a reason that passes.
+    /// Whether the failures of `failing_pages` pass.
     pub(crate) failing_pages_pass: AtomicBool,
     pub(crate) panicking: HashSet<BrickId>,
-    /// How often a brick's core, or its stored apron, still fails for a reason that passes.
+    /// Remaining passing failures of a brick's core, or of its stored apron.
     pub(crate) passing: Mutex<HashMap<BrickId, u32>>,
-    /// How often each brick that fails was read.
+    /// Reads of each failing brick.
     pub(crate) reads: Mutex<HashMap<BrickId, u32>>,
-    /// The number of time steps.
     times: u32,
-    /// Width of the stored aprons.
     stored_apron: u32,
     pub(crate) failing_aprons: HashSet<BrickId>,
-    /// Whether hashes of cores are kept, and the pages of them that cannot be read.
+    /// Whether hashes of cores are kept, and their unreadable pages.
     keeps_hashes: bool,
     pub(crate) failing_hashes: HashSet<PageId>,
-    /// Where those who read a page of hashes wait for one another.
+    /// Meeting point of threads that read a page of hashes.
     pub(crate) hash_readers_meet: Option<Barrier>,
     bytes_read: AtomicU64,
-    /// What happens when bricks are advised.
+    /// Called with advised bricks.
     pub(crate) advice: fn(&[BrickId]),
 }
 
@@ -93,7 +91,6 @@ impl TestSource {
         Self::new(Pyramid::new(Extent::new(8 * n, 1, 1), [1.0; 3], 8), [1.0; 3], VoxelType::U8)
     }
 
-    /// The voxels of a brick's core.
     fn core(&self, id: BrickId) -> Vec<u8> {
         let core = self.pyramid.brick_box(id.level, id.index);
         let (low, high) = (core.min.to_array(), core.max.to_array());
@@ -110,7 +107,7 @@ impl TestSource {
         out
     }
 
-    /// Fails as told.
+    /// Fails if so configured.
     fn fail(&self, id: BrickId, failing: &HashSet<BrickId>) -> Result<(), BrickError> {
         let mut passing = self.passing.lock().unwrap();
         let left = passing.get_mut(&id).filter(|left| **left > 0);
@@ -122,17 +119,14 @@ impl TestSource {
         Err(BrickError { id, reason: "told to fail".into(), is_passing })
     }
 
-    /// This source, with so many time steps.
     pub(crate) fn with_times(self, times: u32) -> Self {
         Self { times, ..self }
     }
 
-    /// This source, with hashes of its cores.
     pub(crate) fn with_hashes(self) -> Self {
         Self { keeps_hashes: true, ..self }
     }
 
-    /// This source, with stored aprons of this width.
     pub(crate) fn with_aprons(self, width: u32) -> Self {
         Self { stored_apron: width, ..self }
     }
@@ -218,7 +212,7 @@ impl BrickSource for TestSource {
 
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
         assert!(!self.panicking.contains(&id), "told to");
-        // Where aprons are stored, those are what passes.
+        // Where aprons are stored, it is their failures that pass.
         match self.stored_apron {
             0 => self.fail(id, &self.failing)?,
             _ if self.failing.contains(&id) => {
@@ -256,7 +250,7 @@ impl BrickSource for TestSource {
     }
 }
 
-/// The configuration of a pager with three workers that plans inline, fetches nothing ahead and has no limits on uploads.
+/// Configuration of a pager with three workers that plans inline, fetches nothing ahead and has no limits on uploads.
 pub(crate) fn config(slots: u32, host_bytes: u64) -> PagerConfig {
     PagerConfig {
         slots,

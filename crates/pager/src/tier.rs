@@ -1,18 +1,18 @@
-//! Why a brick is wanted: what decides in which order bricks are read, and which of them hold slots.
+//! Tiers of bricks, which decide the order of reading and the use of slots.
 
-/// Why a brick is wanted. Bricks of earlier tiers are read first, and evict those of later tiers that are fetched ahead.
+/// Reason to want a brick. Bricks of earlier tiers are read first, and evict prefetched bricks of later tiers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Tier {
     Cover,
     Visible,
-    /// A brick of a view that comes next: of a later time step.
+    /// A brick for the coming view of a later time step.
     Coming,
     Predicted,
     Ring,
 }
 
 impl Tier {
-    /// How many of `slots` slots the bricks of this tier may hold. What is coming may hold all that the view itself leaves.
+    /// Most of `slots` slots for bricks of this tier. Coming bricks may hold all that the view itself leaves.
     pub(crate) fn slots(self, slots: usize) -> usize {
         match self {
             Self::Cover | Self::Visible | Self::Coming => slots,
@@ -21,17 +21,16 @@ impl Tier {
         }
     }
 
-    /// How many of `staged` padded bricks on their way may be of this tier or later ones.
+    /// Most of `staged` padded bricks in flight for this tier and later ones.
     pub(crate) fn staged(self, staged: usize) -> usize {
         match self {
             Self::Cover | Self::Visible => staged,
-            // Some are kept for the view itself: the first brick of a plan that a flip or a turn makes does not wait.
+            // Some are reserved for the view itself, so a new plan's first brick does not wait after a flip or a turn.
             Self::Coming => staged - staged / 8,
             Self::Predicted | Self::Ring => staged.div_ceil(4),
         }
     }
 
-    /// Whether bricks of this tier are fetched ahead: the view itself does not need them.
     pub(crate) fn is_ahead(self) -> bool {
         self > Self::Visible
     }

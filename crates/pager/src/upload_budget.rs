@@ -1,48 +1,47 @@
-//! The upload governor: how many bytes a frame may upload.
+//! Upload governor: the bytes that a frame may upload.
 //!
-//! A frame has a limit in bytes and a goal in time. Who carries the uploads out says how long they took; from that the cost of a
-//! byte is followed, and the bytes are cut so that the goal is met. The cost is the median of the last few measurements: a
-//! thread that was interrupted once says nothing about uploads, and one that is slow three times does.
+//! A frame has a limit in bytes and a goal in time. The governor estimates the cost of a byte from reported upload times, and limits the
+//! bytes to meet the goal. The cost is the median of the last few measurements, robust against single interruptions: only repeated slow
+//! uploads count.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Limits for one frame's uploads. A frame's first brick is always within them; only
-/// [`Pager::limit_uploads`](crate::Pager::limit_uploads) can hold it back.
+/// Limits on one frame's uploads. A frame's first brick is always within them; only [`Pager::limit_uploads`](crate::Pager::limit_uploads)
+/// can hold it back.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UploadLimits {
-    /// The most bytes per frame; in proportion more where frames take longer than [`Self::FRAME`].
+    /// Most bytes per frame; proportionally more for frames longer than [`Self::FRAME`].
     pub bytes: u64,
-    /// The time that uploads may add to a frame, measured by what [`Pager::uploads_took`](crate::Pager::uploads_took) is told. An eighth of
-    /// the time between frames is allowed where that is more: where frames are slow, uploads are not what makes them so.
+    /// Time that uploads may add to a frame, as reported to [`Pager::uploads_took`](crate::Pager::uploads_took); an eighth of the time
+    /// between frames if that is more, since uploads are not the cause of such slow frames.
     pub time: Duration,
 }
 
 impl UploadLimits {
-    /// The time between frames for which the limits are meant.
+    /// Time between frames for which the limits are meant.
     pub const FRAME: Duration = Duration::from_millis(16);
 }
 
-/// Measurements whose median is believed.
 const MEASUREMENTS: usize = 5;
 
 #[derive(Debug)]
 pub(crate) struct Governor {
     limits: Option<UploadLimits>,
-    /// Seconds that a byte took in the last frames that had uploads.
+    /// Seconds per byte in the last frames with uploads.
     costs: VecDeque<f64>,
-    /// Bytes of the last frame, until somebody says what they took.
+    /// Bytes of the last frame, until its upload time is reported.
     unmeasured: u64,
 }
 
 impl Governor {
-    /// A governor for these limits; with `None` everything is allowed.
+    /// Governor for these limits; `None` allows everything.
     pub(crate) fn new(limits: Option<UploadLimits>) -> Self {
         Self { limits, costs: VecDeque::new(), unmeasured: 0 }
     }
 
-    /// The bytes that a frame may upload, given the time since the last one; `None` if there is no limit. While time steps are played, frames
-    /// wait for uploads: then what half of the time between frames can carry is allowed, however many bytes that is.
+    /// Bytes that a frame may upload, given the time since the last one; `None` for no limit. During playback frames wait for uploads,
+    /// which may take half of the time between frames, whatever their bytes.
     pub(crate) fn bytes(&self, since_last: Duration, is_playing: bool) -> Option<u64> {
         let UploadLimits { bytes, time } = self.limits?;
         let frames = since_last.as_secs_f64() / UploadLimits::FRAME.as_secs_f64();
@@ -55,12 +54,10 @@ impl Governor {
         Some(bytes.min(costs.get(costs.len() / 2).map_or(f64::INFINITY, affordable) as u64))
     }
 
-    /// Takes note of how many bytes a frame has handed out.
     pub(crate) fn spent(&mut self, bytes: u64) {
         self.unmeasured = bytes;
     }
 
-    /// Takes note of how long the last frame's uploads took.
     pub(crate) fn took(&mut self, time: Duration) {
         let bytes = std::mem::take(&mut self.unmeasured);
         if bytes == 0 {
@@ -80,7 +77,7 @@ mod tests {
     const LIMITS: UploadLimits = UploadLimits { bytes: 8 << 20, time: Duration::from_millis(4) };
     const FRAME: Duration = Duration::from_millis(16);
 
-    /// Runs frames on a machine that uploads so many bytes a second, with bricks of 300,000 bytes. What each frame took.
+    /// Runs frames on a machine uploading `rate` bytes per second, with bricks of 300,000 bytes. Returns their upload times in seconds.
     fn frames(governor: &mut Governor, count: usize, rate: f64) -> Vec<f64> {
         let brick = 300_000;
         let frame = |_| {
@@ -96,17 +93,17 @@ mod tests {
     #[test]
     fn the_time_goal_is_met_whatever_the_machine() {
         let mut governor = Governor::new(Some(LIMITS));
-        // 10 GB/s: the limit in bytes decides. 500 MB/s: the time. 10 MB/s: one brick, 30 ms, is more than the goal.
+        // At 10 GB/s the byte limit decides, at 500 MB/s the time; at 10 MB/s one brick, 30 ms, exceeds the goal.
         assert!(frames(&mut governor, 20, 10e9).iter().all(|&s| s < 0.001));
         assert_eq!(governor.bytes(FRAME, false), Some(LIMITS.bytes));
         let slow = frames(&mut governor, 20, 500e6);
-        // A change is believed once it is the middle one of five.
+        // A change takes effect once it is the median of five.
         assert!(slow[..3].iter().all(|&s| s > 0.004), "{slow:?}");
         assert!(slow[3..].iter().all(|&s| s > 0.003 && s < 0.004 + 1e-9), "{slow:?}");
         assert!(frames(&mut governor, 20, 10e6)[3..].iter().all(|&s| s == 0.03));
         frames(&mut governor, 3, 10e9);
         assert_eq!(governor.bytes(FRAME, false), Some(LIMITS.bytes));
-        // One interruption, or two, is nothing.
+        // One or two interruptions have no effect.
         frames(&mut governor, 2, 1e6);
         assert_eq!(governor.bytes(FRAME, false), Some(LIMITS.bytes));
     }

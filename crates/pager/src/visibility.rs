@@ -1,25 +1,24 @@
-//! Visibility: which cells rays reach, as the renderer of the last frames has told.
+//! Visibility of cells to rays, from the renderer's feedback on the last frames.
 //!
-//! A cell's weight is the greatest transmittance with which a ray entered it, in octaves: steps coarse enough that noise
-//! does not change plans, and few, so that a view at rest comes to an end. What no ray reached is hidden: it is not wanted. A
-//! cell that was not drawn yet takes after the smallest cell around it that was, and counts as seen if there is none.
+//! A cell's weight is the greatest transmittance with which a ray entered it, in octaves: coarse enough that noise does not change plans,
+//! and few, so a resting view settles. Cells reached by no ray are hidden, and not wanted. Cells not drawn yet inherit from the smallest
+//! drawn cell around them, or count as visible.
 //!
-//! What was told holds for the cameras of nearby eyes: as long as the line of sight to a cell has not moved by half the
-//! cell's size; a smaller cell then counts like what holds it. So what comes out from behind something, or into the frustum,
-//! is wanted before it is reported; and what is reported is wanted in the next cut. While a view rests, reports add up: what
-//! has been seen stays seen (what finer bricks let through is added, what they hide is not taken away), so that cut, frame
-//! and report come to rest too.
+//! Feedback holds for nearby eyes, while the line of sight to a cell has moved by no more than half the cell's size; smaller cells then
+//! inherit from their container. Disoccluded cells, and those entering the frustum, are thus wanted before any report, and reported cells
+//! in the next cut. While a view rests, reports accumulate: visible cells stay visible (light let through by finer bricks is added, light
+//! they block is not subtracted), so cut, frame and report settle too.
 //!
-//! What was told of a time step says what is likely to be seen of the others, and so what is read and refined first there. It hides nothing of
-//! them: what no ray reached counts as hardly seen.
+//! Feedback on one time step predicts the visible cells of the others, and so the order of reading and refining them. It hides none of
+//! theirs: cells reached by no ray count as barely visible.
 //!
-//! Cost: a hash entry for each cell drawn and for each of their ancestors.
+//! Costs a hash entry per drawn cell and per ancestor.
 
 use crate::cut::{Node, OPEN, View};
 use brickyard_volume::{BrickId, BrickIndex, Level, Placement, Pyramid, ViewRays};
 use rustc_hash::FxHashMap;
 
-/// How visible cells are, as frames of one view have told.
+/// Visibility of cells, accumulated over frames of one view.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Visibility {
     view: View,
@@ -27,13 +26,13 @@ pub(crate) struct Visibility {
 }
 
 impl Visibility {
-    /// The visibility that a frame of this view told: the greatest transmittance with which rays entered each cell.
+    /// Feedback on one frame: the greatest transmittance with which rays entered each cell.
     pub(crate) fn new(pyramid: &Pyramid, view: &View, told: impl Iterator<Item = (BrickId, f32)>) -> Self {
         let mut weights = FxHashMap::default();
         for (id, transmittance) in told {
             let weight = octave(transmittance);
             let mut cell = Some((id.level, id.index));
-            // An ancestor is seen where any of its cells is.
+            // An ancestor is visible where any of its cells is.
             while let Some((level, index)) = cell {
                 let known = weights.entry((level, index)).or_insert(0);
                 if level > id.level && *known >= weight.max(1) {
@@ -46,24 +45,23 @@ impl Visibility {
         Self { view: view.clone(), weights }
     }
 
-    /// Whether this visibility was told of exactly this view.
     pub(crate) fn is_of(&self, view: &View) -> bool {
         self.view == *view
     }
 
-    /// Whether this visibility was told of the same content as this view's, seen from wherever.
+    /// Whether the feedback belongs to this view's content, from any camera.
     pub(crate) fn is_of_content(&self, view: &View) -> bool {
         self.view.time == view.time && self.is_of_steps(view)
     }
 
-    /// Whether this visibility was told of the same content as this view's, in whatever time step.
+    /// Whether the feedback belongs to this view's content, in any time step.
     fn is_of_steps(&self, view: &View) -> bool {
         let content = |view: &View| (view.opaque, view.caps, view.appearance, view.channel);
         let is_same_place = self.view.clip == view.clip && self.view.placement == view.placement;
         content(&self.view) == content(view) && is_same_place
     }
 
-    /// Adds what a later frame of the same view told: a cell's weight can only grow. Returns whether anything has changed.
+    /// Adds feedback on a later frame of the same view: weights only grow. Returns whether any has changed.
     pub(crate) fn add(&mut self, later: Self) -> bool {
         let mut has_changed = false;
         for (cell, weight) in later.weights {
@@ -76,8 +74,7 @@ impl Visibility {
         has_changed
     }
 
-    /// The weight that a view may expect of a node: the one that was told, if it still holds for the view's eyes; else `None`. It is not 0 if it was told
-    /// of another time step.
+    /// Reported weight of a node, if it still holds for the view's eyes. At least 1 if reported for another time step.
     pub(crate) fn weight(&self, view: &View, node: &Node) -> Option<u8> {
         let told = *self.weights.get(&(node.level, node.index))?;
         let allowed = (node.high - node.low).min_element() * 0.5 * view.placement.stretches().1;
@@ -88,7 +85,7 @@ impl Visibility {
     }
 }
 
-/// How far the line of sight to a node has moved, in the world.
+/// Displacement of the line of sight to a node, in world units.
 fn moved(from: &ViewRays, to: &ViewRays, placement: &Placement, node: &Node) -> f64 {
     match (from.orthographic, to.orthographic) {
         (false, false) => from.eye.distance(to.eye),
@@ -101,12 +98,12 @@ fn moved(from: &ViewRays, to: &ViewRays, placement: &Placement, node: &Node) -> 
     }
 }
 
-/// 0 for nothing, then 1 to [`OPEN`] by factors of two of the transmittance. What is not a number counts as seen.
+/// 0 for nothing, then 1 to [`OPEN`] by factors of two of the transmittance. NaN counts as visible.
 fn octave(transmittance: f32) -> u8 {
     if transmittance <= 0.0 { 0 } else { (OPEN as f32 + transmittance.log2().ceil()).min(OPEN as f32).max(1.0) as u8 }
 }
 
-/// The factor by which a node's screen-space error counts at this weight: a power of two, 1 in the open.
+/// Factor on a node's screen-space error: a power of two, 1 in the open.
 pub(crate) fn factor(weight: u8) -> f64 {
     (weight as f64 - OPEN as f64).exp2()
 }
@@ -133,7 +130,7 @@ mod tests {
         let expected = |known: &Visibility, view: &View| {
             [(0, 0), (0, 1), (1, 0), (1, 1), (0, 2)].map(|(l, x)| known.weight(view, &node(l, x)))
         };
-        // An ancestor is seen as far as any of its cells; of a descendant nothing is known.
+        // An ancestor is as visible as its most visible cell; a descendant is unknown.
         assert_eq!(expected(&known, &view), [Some(0), Some(8), Some(8), Some(0), None]);
         // Bricks of 8 voxels: 5 to the side is too far for the finest, 9 for their parents, too.
         let aside = |by: f64| {

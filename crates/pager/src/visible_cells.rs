@@ -1,10 +1,9 @@
-//! VisibleCells: what a frame's own view sees of a cut, which may have been made for an earlier one.
+//! Visible cells of a cut, possibly made for an earlier view, in a frame's own view.
 //!
-//! The cells of a cut cover the volume, so those in the view's frustum that are not empty under its transfer function are all
-//! there is to draw. Volumes that share a tree are looked at together: their cells have their ranks in one order. Two eyes see the same
-//! cells, each in an order of its own: so all that is decided of cells, what is wanted,
-//! resident, drawn with what, is decided once for both. Cost: one pass over the part of the tree in the frustum; nothing while
-//! neither view nor cut change.
+//! Cuts cover the volume, so the cells to draw are those in the view's frustum and not empty under its transfer function. Volumes
+//! sharing a tree are handled together, so their ranks are in one order. Two eyes see the same cells, each in its own order; all other
+//! decisions on cells (wanted, resident, drawn with which brick) are shared. Costs one pass over the part of the tree in the frustum;
+//! nothing while neither view nor cut change.
 
 use crate::cut::{Cut, Members, Node, NodeId, View};
 use crate::order;
@@ -14,29 +13,28 @@ use brickyard_volume::{Placement, ViewRays};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// The cells of a cut that a view sees.
+/// The cells of a cut visible to a view.
 #[derive(Clone, Debug)]
 pub(crate) struct VisibleCells {
-    /// The visible cells, back to front.
+    /// Back to front.
     pub(crate) cells: Vec<Ranked>,
-    /// The visible cells, back to front for the view's other eye; `None` if the view has one eye.
+    /// Back to front for the other eye; `None` for a single eye.
     pub(crate) for_other_eye: Option<Vec<Ranked>>,
-    /// The screen area of each visible cell, over all eyes, in an arbitrary but common unit.
+    /// Screen area of each visible cell, over all eyes, in an arbitrary but common unit.
     pub(crate) areas: Vec<f64>,
     /// Whether the cut was made for this view.
     pub(crate) is_planned: bool,
-    /// The index of the first volume whose cells are ranked in one order with these.
+    /// Index of the first volume whose cells share a ranking with these.
     pub(crate) first: usize,
 }
 
-/// A cell, and its place in the back-to-front order of all volumes that share its tree.
+/// A cell, and its back-to-front position over all volumes sharing its tree.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ranked {
     pub(crate) cell: NodeId,
     pub(crate) rank: u32,
 }
 
-/// A volume that is looked at: what it is cut to, and by which view.
 #[derive(Clone, Copy)]
 struct Looked<'a> {
     source: &'a dyn BrickSource,
@@ -49,7 +47,6 @@ impl<'a> Looked<'a> {
         self.cut.view == *self.view
     }
 
-    /// What tells of a node whether it is visible.
     fn sees(self) -> impl Fn(&Node) -> bool + 'a {
         let Self { source, cut, view } = self;
         let (is_planned, frusta) = (self.is_planned(), view.frusta());
@@ -64,12 +61,12 @@ impl<'a> Looked<'a> {
 }
 
 impl VisibleCells {
-    /// What `view` sees of `cut`, which must be of the same time step and channel.
+    /// Cells of `cut` visible to `view`, of the same time step and channel.
     pub(crate) fn new(source: &dyn BrickSource, cut: &Cut, view: &View) -> Self {
         of_tree(&[Looked { source, cut, view }], 0).swap_remove(0)
     }
 
-    /// What each volume's view sees of its cut, which must be of the same time step and channel.
+    /// Cells of each volume's cut visible to its view, of the same time step and channel.
     pub(crate) fn all(sources: &[Arc<dyn BrickSource>], cuts: &[Arc<Cut>], views: &[View]) -> Vec<Self> {
         let looked =
             sources.iter().zip(cuts).zip(views).map(|((source, cut), view)| Looked { source: &**source, cut, view });
@@ -87,7 +84,7 @@ impl VisibleCells {
     }
 }
 
-/// What volumes that stand in one place, seen by the same eyes, see of the tree that they share.
+/// Visible cells of a shared tree, for volumes in one place with the same eyes.
 fn of_tree(volumes: &[Looked<'_>], first: usize) -> Vec<VisibleCells> {
     let sees: Vec<_> = volumes.iter().map(|volume| volume.sees()).collect();
     let visible = |node: &Node| sees.iter().zip(0..).fold(0, |all, (sees, i)| all | (sees(node) as Members) << i);
@@ -109,9 +106,9 @@ fn of_tree(volumes: &[Looked<'_>], first: usize) -> Vec<VisibleCells> {
     volumes.iter().zip(0..).map(sight).collect()
 }
 
-/// A box's silhouette: pixels times a constant.
+/// Area of a box's silhouette: pixels times a constant.
 fn screen_area(rays: &ViewRays, placement: &Placement, &Node { low, high, .. }: &Node) -> f64 {
-    // Of a placed box, that of the box around it.
+    // For a placed box, that of its bounding box.
     let (low, high) = placement.world_box((low, high));
     let size = high - low;
     let faces = DVec3::new(size.y * size.z, size.z * size.x, size.x * size.y);

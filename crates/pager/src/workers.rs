@@ -1,10 +1,9 @@
-//! The workers: threads that take bricks from the newest plan, decode and assemble them, and send them to the frame loop.
+//! Worker threads, which take bricks from the newest plan, decode and assemble them, and send them to the frame loop.
 //!
-//! A plan replaces the last one at once: what it no longer names is dropped, what is being worked on is not started twice.
-//! Padded buffers are counted: a worker takes a brick only together with a buffer, and buffers come back when the frame loop
-//! gives them back, so the channel is bounded in bytes. Before it decodes, a worker tells the source about the next
-//! batch of bricks, so that the disk works ahead of the decoder. A brick whose read failed for a reason that may pass is put off until it
-//! may be tried again; meanwhile the others come.
+//! A plan replaces the last one at once: unlisted bricks are dropped, and bricks in progress are not started twice. Padded buffers are
+//! counted: a worker takes a brick only together with a buffer, and buffers return through the frame loop, so the channel is bounded in
+//! bytes. Before decoding, a worker announces the next batch of bricks to the source, so the disk works ahead of the decoder. A brick
+//! whose read failed for a passing reason is postponed until its next try; the others go on.
 
 use crate::assemble::PaddedReader;
 use crate::budget::Meter;
@@ -36,32 +35,30 @@ pub(crate) struct Workers {
 
 struct Shared {
     queue: Mutex<Queue>,
-    /// There may be something to take, or it is time to stop.
+    /// Notified of possible work and on stop.
     wake: Condvar,
     padded_bytes: usize,
     meter: Arc<Meter>,
-    /// What the slots hold.
     held: Arc<SlotsByContent>,
 }
 
 #[derive(Default)]
 struct Queue {
     requests: Vec<(Tier, BrickId)>,
-    /// Requests before this one are taken, or put off.
+    /// Requests before this one are taken or postponed.
     next: usize,
-    /// Bricks that are not to be tried again before some time.
+    /// Earliest time of the next try, by brick.
     not_before: FxHashMap<BrickId, Instant>,
-    /// Requests of the plan that wait for that.
     put_off: Vec<(Tier, BrickId)>,
     /// Requests before this one have been advised.
     advised: usize,
-    /// Taken, and not yet received by the frame loop.
+    /// Bricks taken, but not yet received by the frame loop.
     busy: FxHashSet<BrickId>,
     /// Padded bricks that may still be started.
     permits: usize,
-    /// All padded bricks that may be on their way together.
+    /// Most padded bricks in flight.
     staged: usize,
-    /// Buffers to use again; never more than permits.
+    /// Buffers for reuse; never more than permits.
     free: Vec<Arc<[u8]>>,
     stop: bool,
 }
@@ -72,16 +69,15 @@ struct Job {
     advise: Vec<BrickId>,
 }
 
-/// A brick that a worker has looked for.
 enum Found {
-    /// A slot holds the same.
+    /// A slot holds the same content.
     Held(Content),
-    /// It is in the buffer, with its content where that is known.
+    /// The buffer holds the brick, with its content if known.
     Read(Option<Content>),
 }
 
 impl Queue {
-    /// The brick to read now, if there is one and a buffer for it.
+    /// Takes the next brick to read, if one is due and a buffer is permitted.
     fn take(&mut self, now: Instant) -> Option<BrickId> {
         let put_off = self.put_off.iter().position(|&(tier, id)| self.is_due(id, now) && self.has_permit(tier));
         if let Some((_, id)) = put_off.map(|i| self.put_off.remove(i)) {
@@ -113,7 +109,6 @@ impl Queue {
         self.not_before.get(&id).is_none_or(|&time| time <= now)
     }
 
-    /// When the next brick that was put off may be read.
     fn next_due(&self) -> Option<Instant> {
         let has_permit = |(tier, _): &&(Tier, BrickId)| self.has_permit(*tier);
         self.put_off.iter().filter(has_permit).filter_map(|(_, id)| self.not_before.get(id)).min().copied()
@@ -121,7 +116,7 @@ impl Queue {
 }
 
 impl Workers {
-    /// Starts `threads` workers, which together have at most `staged` padded bricks on their way. What the slots hold, `held`, is not read.
+    /// Starts `threads` workers with at most `staged` padded bricks in flight in total. Contents in `held` are not read.
     pub(crate) fn start(
         cache: &Arc<RamCache>,
         threads: u32,
@@ -153,24 +148,23 @@ impl Workers {
         self.shared.wake.notify_all();
     }
 
-    /// The next brick that has been read, or could not be read; `None` if there is none now.
+    /// Next brick that was read or failed; `None` if there is none now.
     pub(crate) fn try_receive(&self) -> Option<Arrival> {
         let arrival = self.arrivals.as_ref()?.try_recv().ok()?;
         self.shared.lock().busy.remove(&arrival.id);
         Some(arrival)
     }
 
-    /// Takes padded buffers back. A buffer that somebody else still holds is theirs from here on, and no longer counted.
+    /// Takes padded buffers back. A buffer with another holder is left to that holder and no longer counts.
     pub(crate) fn give_back(&self, buffers: impl IntoIterator<Item = Arc<[u8]>>) {
         buffers.into_iter().for_each(|buffer| self.shared.give_back(buffer));
     }
 
-    /// The channel that finished bricks come from; `None` only while dropping.
     pub(crate) fn arrivals(&self) -> Option<&Receiver<Arrival>> {
         self.arrivals.as_ref()
     }
 
-    /// Whether any brick of the plan is still to be read, is being read, or has not been received.
+    /// Whether any brick of the plan is unread, being read, or not yet received.
     pub(crate) fn is_busy(&self) -> bool {
         let queue = self.shared.lock();
         !queue.busy.is_empty() || queue.next < queue.requests.len() || !queue.put_off.is_empty()
@@ -181,7 +175,7 @@ impl Drop for Workers {
     fn drop(&mut self) {
         self.shared.lock().stop = true;
         self.shared.wake.notify_all();
-        // A worker that waits for room in the channel gets an error instead.
+        // A worker waiting for room in the channel gets an error instead.
         self.arrivals = None;
         leave(self.threads.drain(..));
     }
@@ -210,7 +204,7 @@ impl Shared {
         }
     }
 
-    /// Advises the batch, and reads a brick into the buffer unless a slot holds the same.
+    /// Advises the batch, and reads a brick into the buffer unless a slot holds its content.
     fn read(
         &self,
         reader: &mut PaddedReader,
@@ -231,11 +225,11 @@ impl Shared {
         }
         // A buffer from `take` has one holder, so the copy never happens.
         let is_whole = reader.try_read(id, Arc::make_mut(buffer))?;
-        // The voxels that a neighbour did not lend may be there in another step.
+        // Voxels missing from a neighbour may be present in another step.
         Ok(Found::Read(content.filter(|_| is_whole)))
     }
 
-    /// The next brick of the plan and a buffer for it; `None` to stop.
+    /// Waits for the next brick of the plan and a buffer for it; `None` to stop.
     fn take(&self) -> Option<Job> {
         let mut queue = self.lock();
         loop {
@@ -287,7 +281,7 @@ impl Shared {
     }
 
     fn lock(&self) -> MutexGuard<'_, Queue> {
-        // Nothing that can panic runs under the lock but allocation; the state is whole at every step.
+        // Only allocation can panic under the lock, and the state is consistent at every step.
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,8 +1,7 @@
-//! What the paper found, held against what was measured.
+//! Comparison of the paper's findings with measurements.
 //!
-//! Ways to sample are compared by the time that a frame takes at the same quality, read off the curves: 40 dB, from which on the
-//! paper sees no artefacts any more, or 30 dB where nothing gets that far. "Lit" findings have to hold for every lighting that was
-//! measured.
+//! Sampling settings are compared by the frame time for equal quality, read off the curves: at 40 dB, from which on the paper sees
+//! no artefacts any more, or at 30 dB if nothing reaches that. "Lit" findings must hold for every measured lighting.
 
 use super::Row;
 use brickyard::volume::sampling::VIRTUAL_SAMPLES;
@@ -11,13 +10,13 @@ use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-/// The figure of a row by which methods are compared.
+/// Figure of a row for comparing methods.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Estimator {
-    /// The signal-to-noise ratio by the variance of RGB, as in the paper.
+    /// Signal-to-noise ratio by the variance of RGB, as in the paper.
     Variance,
-    /// The signal-to-noise ratio against the picture that is taken for the truth.
+    /// Signal-to-noise ratio against the truth.
     Truth,
 }
 
@@ -31,40 +30,39 @@ impl Estimator {
     }
 }
 
-/// One of the paper's findings, and what was measured about it.
+/// One of the paper's findings, and the measurement about it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// What the paper says.
+    /// The paper's claim.
     pub claim: &'static str,
-    /// The figure that the methods are compared by.
+    /// Figure for comparing the methods.
     pub by: Estimator,
-    /// Whether the measurement agrees; `None` if nothing was measured that tells.
+    /// Whether the measurement agrees; `None` if it is inconclusive.
     pub agrees: Option<bool>,
-    /// What was measured.
+    /// Measured values, in words.
     pub measured: String,
 }
 
-/// Qualities at which ways to sample are compared, decibels; the first that any of them reaches.
+/// Qualities for comparison, decibels; the first that any setting reaches is used.
 const TARGETS_DB: [f64; 2] = [40.0, 30.0];
 
-/// Times the least time that is still good.
+/// Largest good multiple of the least time.
 const GOOD: f64 = 1.25;
 
 /// The paper's example: samples per voxel for 10, 20, 30 and 40 dB.
 const EXAMPLE: [(f64, f64); 4] = [(10.0, 1.2), (20.0, 2.2), (30.0, 4.3), (40.0, 6.9)];
 
-/// How far from the example's rates still agrees.
+/// Largest factor from the example's rates in agreement.
 const EXAMPLE_TIMES: f64 = 1.25;
 
-/// Methods with the times that they take for a quality, the fastest first.
+/// Methods with their times for a quality, the fastest first.
 struct Ranking {
     target_db: f64,
     times: Vec<(Method, f64)>,
 }
 
 impl Ranking {
-    /// Ranks the methods for one filter and lighting. `None` if fewer than two methods were measured, or none is good
-    /// enough.
+    /// Ranks the methods for one filter and lighting. `None` if fewer than two methods were measured, or none is good enough.
     fn new(rows: &[Row], by: Estimator, filter: Filter, lighting: LightingModel) -> Option<Self> {
         let is_asked = |row: &&Row| row.filter == filter && row.lighting == lighting && row.is_usual();
         let rows: Vec<&Row> = rows.iter().filter(is_asked).collect();
@@ -94,8 +92,8 @@ impl Ranking {
     }
 }
 
-/// Where a curve of `(x, dB)` reaches a quality, between points as powers of x; its first point if that is good enough already.
-/// `None` if it never does.
+/// Position at which a curve of `(x, dB)` reaches a quality, interpolated in powers of x; its first point if that is good enough
+/// already. `None` if it never does.
 fn reached_at(curve: &[(f64, f64)], target_db: f64) -> Option<f64> {
     let mut curve = curve.to_vec();
     curve.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -119,8 +117,7 @@ pub fn name(method: Method) -> &'static str {
     }
 }
 
-/// Holds rows against all of the paper's findings, by one figure. The rows of each method must be in the order of
-/// rising rates.
+/// Compares rows with all of the paper's findings, by one figure. The rows of each method must be in the order of rising rates.
 pub fn findings(rows: &[Row], by: Estimator) -> Vec<Finding> {
     let finding = |claim, (agrees, measured): (Option<bool>, String)| Finding { claim, by, agrees, measured };
     let mut lit: Vec<LightingModel> = Vec::new();
@@ -221,19 +218,19 @@ fn optimum(rows: &[Row], by: Estimator) -> (Option<bool>, String) {
     (Some(4 * good >= 3 * asked), text)
 }
 
-/// The number of a quality's pixels in which a picture is noticeably another than the truth.
+/// Fraction of pixels with a noticeable difference from the truth, by quality.
 fn seen(rows: &[Row], by: Estimator) -> (Option<bool>, String) {
     let share = |db: Range<f64>| {
         let shares: Vec<f64> = rows.iter().filter(|row| db.contains(&by.db(row))).map(|row| row.noticed).collect();
         (!shares.is_empty()).then(|| shares.iter().sum::<f64>() / shares.len() as f64)
     };
     let words = |share: Option<f64>| share.map_or("–".to_string(), |share| format!("{:.1} %", 100.0 * share));
-    // Just above 40 dB: what is far above it says nothing of that limit.
+    // Just above 40 dB: pictures far above it are no evidence for that limit.
     let [low, high] = [share(30.0..40.0), share(40.0..45.0)];
     (high.map(|share| share <= 0.05), format!("noticed at 30 to 40 dB: {}; at 40 to 45: {}", words(low), words(high)))
 }
 
-/// Plain, unlit, trilinear: the paper does not say what its example is.
+/// Plain, unlit, trilinear: the paper does not specify its example.
 fn example(rows: &[Row], by: Estimator) -> (Option<bool>, String) {
     let is_plain =
         |row: &&Row| (row.method, row.filter, row.lighting) == (Method::Udvr, Filter::Trilinear, LightingModel::None);
@@ -321,7 +318,7 @@ mod tests {
         assert_eq!(agrees(&rows), [Some(true), None, None, Some(true), None, Some(false), Some(false)]);
         rows.push(row(Method::Asm, linear, none, 1.0, 45.0, 14.0));
         assert_eq!(agrees(&rows)[0], Some(false), "ASM is faster");
-        // Nobody gets to 40: what counts is 30, and there plain is fastest.
+        // None reaches 40, so 30 decides, and there plain is fastest.
         rows.push(row(Method::Udvr, cubic, phong, 1.0, 31.0, 10.0));
         rows.push(row(Method::Pcvs, cubic, phong, 1.0, 39.0, 11.0));
         assert_eq!((agrees(&rows)[1], agrees(&rows)[3]), (Some(false), Some(false)));
@@ -345,7 +342,7 @@ mod tests {
         let (agrees, text) = found(&[with(1, 20.0, 1.0), with(2, 41.0, 9.0), with(3, 41.0, 10.0)]);
         assert_eq!((agrees, &*text), (Some(true), "fastest of 1 cases: 2 in 1; three are good in 1"));
         assert_eq!(found(&[with(2, 41.0, 7.0), with(3, 41.0, 10.0)]).0, Some(false));
-        // Nobody has 40 dB, and at 30 three are not there.
+        // None has 40 dB, and at 30 three are not there.
         assert_eq!(found(&[with(2, 35.0, 7.0), with(3, 25.0, 10.0)]).0, Some(false));
     }
 

@@ -1,22 +1,22 @@
-//! The error of sampling, from pictures of one view that differ in their jitter alone.
+//! Sampling error, from pictures of one view that differ only in their jitter.
 //!
-//! A pixel's error is the variance of its colour over the pictures: what jitter changes is what sampling does not tell. It says
-//! nothing of what all the pictures have wrong alike; that is seen against a picture that is taken for the truth. Pixels that
-//! show the background in every picture are left out: with them, the figure would depend on how far away the camera is.
-//! Pictures have 8 bits a channel, so that rounding alone makes an error of up to 1/4, which is 54 dB; more is not told apart.
+//! A pixel's error is the variance of its colour over the pictures: changes under jitter are undersampled detail. Errors common
+//! to all pictures only appear against the truth. Pixels that show the background in every picture are left out: with them, the
+//! figure would depend on the camera's distance. Pictures have 8 bits a channel, so rounding alone makes an error of up to 1/4,
+//! which is 54 dB; higher qualities cannot be distinguished.
 
 use brickyard::volume::Picture;
 use brickyard::volume::transfer::lab;
 
-/// The colour space in whose components an error is counted, on the scale of 8-bit codes.
+/// Colour space in which errors are computed, on the scale of 8-bit codes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ColorSpace {
     /// Red, green and blue as displayed, 0 to 255.
     Rgb,
-    /// Luma and two differences of colour (ITU-R BT.601, full range).
+    /// Luma and two colour differences (ITU-R BT.601, full range).
     YCbCr,
-    /// Hue, saturation and lightness as a place in a double cone, where grays are on the axis and hues around it: numbers for
-    /// hue and saturation alone jump where a colour is nearly gray.
+    /// Hue, saturation and lightness as a place in a double cone, with grays on the axis and hues around it: plain numbers for
+    /// hue and saturation jump for nearly gray colours.
     Hsl,
 }
 
@@ -46,7 +46,7 @@ impl ColorSpace {
     }
 }
 
-/// Distance in CIELAB from which on two colours side by side are told apart (Mahy, Van Eycken and Oosterlinck, "Evaluation of
+/// Least CIELAB distance at which two adjacent colours can be told apart (Mahy, Van Eycken and Oosterlinck, "Evaluation of
 /// uniform color spaces developed after the adoption of CIELAB and CIELUV", 1994).
 pub const NOTICED: f64 = 2.3;
 
@@ -55,20 +55,20 @@ pub fn psnr_db(mean_square: f64) -> f64 {
     10.0 * (255.0 * 255.0 / mean_square).log10()
 }
 
-/// A series of pictures of one view that differ in their jitter alone, and the colour behind the volume.
+/// Pictures of one view that differ only in their jitter, and the background colour.
 pub struct Series {
     pictures: Vec<Picture>,
     background: [u8; 3],
 }
 
-/// A picture that is taken for the truth: the mean of a series, not rounded.
+/// Reference picture: the mean of a series, not rounded.
 pub struct Truth {
     rgb: Vec<[f64; 3]>,
     is_shown: Vec<bool>,
 }
 
 impl Series {
-    /// Makes a series of pictures. `background` is the colour behind the volume.
+    /// Creates a series with the colour behind the volume.
     ///
     /// # Panics
     /// If there are fewer than two pictures, or their sizes differ.
@@ -87,13 +87,12 @@ impl Series {
         self.pictures.iter().any(|picture| picture.rgb[pixel] != self.background)
     }
 
-    /// Returns the number of pixels that show the volume in any of the pictures.
+    /// Number of pixels that show the volume in any picture.
     pub fn shown(&self) -> usize {
         (0..self.pixels()).filter(|&pixel| self.is_shown(pixel)).count()
     }
 
-    /// Returns each pixel's error: the variance of its colour over the pictures, averaged over components. `None` for a
-    /// pixel that shows only background.
+    /// Each pixel's error: the variance of its colour over the pictures, averaged over components. `None` for background.
     pub fn variances(&self, space: ColorSpace) -> Vec<Option<f64>> {
         let variance = |pixel| {
             let colors = || self.pictures.iter().map(|picture| space.of(picture.rgb[pixel]));
@@ -107,13 +106,13 @@ impl Series {
         (0..self.pixels()).map(|pixel| self.is_shown(pixel).then(|| variance(pixel))).collect()
     }
 
-    /// Returns the signal-to-noise ratio for the mean of all pixels' errors, dB.
+    /// Signal-to-noise ratio for the mean of all pixels' errors, dB.
     pub fn psnr_db(&self, space: ColorSpace) -> f64 {
         psnr_db(mean(self.variances(space).into_iter().flatten()))
     }
 
-    /// Returns the signal-to-noise ratio for the mean square difference between the pictures and the truth, dB, over
-    /// the pixels in which either shows the volume.
+    /// Signal-to-noise ratio for the mean square difference from the truth, dB, over the pixels in which either shows the
+    /// volume.
     ///
     /// # Panics
     /// If the truth has another number of pixels.
@@ -130,8 +129,7 @@ impl Series {
         psnr_db(mean(shown.map(square)))
     }
 
-    /// Returns the share of pixels whose colour differs from the truth's by more than [`NOTICED`], over the pixels in
-    /// which either shows the volume.
+    /// Fraction of pixels with a colour difference from the truth above [`NOTICED`], where either shows the volume.
     ///
     /// # Panics
     /// If the truth has another number of pixels.
@@ -161,8 +159,7 @@ impl Series {
         }
     }
 
-    /// Makes a picture of the pixels' signal-to-noise ratios. `color` gives the colour of a ratio in dB; pixels that
-    /// show only background are black.
+    /// Picture of the pixels' signal-to-noise ratios. `color` maps a ratio in dB to a colour; background is black.
     pub fn map(&self, color: impl Fn(f64) -> [f64; 3]) -> Picture {
         let pixel = |variance: Option<f64>| match variance {
             Some(variance) => Picture::quantise(color(psnr_db(variance)).map(|c| c as f32)),
@@ -173,7 +170,7 @@ impl Series {
     }
 }
 
-/// 0 of nothing: no pixel, no error.
+/// Mean of the values; 0 if there are none.
 fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (count, sum) = values.fold((0usize, 0.0), |(count, sum), value| (count + 1, sum + value));
     if count == 0 { 0.0 } else { sum / count as f64 }

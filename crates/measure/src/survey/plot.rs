@@ -1,4 +1,4 @@
-//! Quality against speed as an SVG picture: a panel for each filter and lighting, in it a line for each method.
+//! Plot of quality against speed as SVG: a panel for each filter and lighting, with a line for each method.
 
 use super::Row;
 use super::findings::{Estimator, name};
@@ -8,10 +8,11 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use std::path::Path;
 
-/// A panel's size, pixels.
+/// Size of a panel, pixels.
 const PANEL_PX: (u32, u32) = (520, 360);
 
-/// Colours of [`Method::ALL`], told apart by all eyes (Okabe and Ito's; gray for their sky blue, and a darker yellow, on white).
+/// Colours of [`Method::ALL`], safe for colour-blind readers (Okabe and Ito's; gray for their sky blue, and a darker yellow, on
+/// white).
 const COLORS: [RGBColor; 7] = [
     RGBColor(0, 0, 0),
     RGBColor(213, 94, 0),
@@ -22,7 +23,7 @@ const COLORS: [RGBColor; 7] = [
     RGBColor(204, 121, 167),
 ];
 
-/// What is not told apart any more, because pictures have 8 bits; lines end there.
+/// Greatest distinguishable quality of pictures with 8 bits, dB; lines end there.
 const MOST_DB: f64 = 60.0;
 
 /// Draws the curves of all rows into an SVG file. The rows of each method must be in the order of rising rates.

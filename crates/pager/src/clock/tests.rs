@@ -1,4 +1,4 @@
-//! Clocks beside a model of a machine that streams so many cells a second and draws a frame in so much time.
+//! Clocks with a model of a machine of given streaming rate, in cells per second, and frame time.
 
 use super::*;
 use std::collections::HashMap;
@@ -9,15 +9,15 @@ const STEPS: u32 = 100;
 struct Machine {
     cells_per_s: f64,
     frame: Duration,
-    /// The cells that a step wants at no bias. Each level has an eighth of them, and the level changes where the bias is this large.
+    /// Wanted cells of a step without bias. Each level has an eighth of them; the level first changes at this bias.
     cells: f64,
     first_change: f64,
-    /// The cells that are there, by step and wanted number.
+    /// Present cells, by step and wanted number.
     there: HashMap<(u32, usize), f64>,
     now: Duration,
 }
 
-/// What a run showed, frame by frame.
+/// One shown step of a run.
 struct Shown {
     at: Duration,
     step: ShownStep,
@@ -126,7 +126,7 @@ fn frames_that_are_unequally_long_show_every_step() {
 
 #[test]
 fn a_clock_waits_for_its_first_step_and_learns_from_it() {
-    // A step takes 256 ms, five times as long as it may: a coarser one can be shown before that.
+    // A step takes 256 ms, five times its time: a coarser one can be shown before that.
     for (policy, start_ms) in [(Policy::HoldRate, 110..=170), (Policy::HoldQuality, 250..=270)] {
         let mut machine = Machine::new(2_000.0, 5).at_rest();
         let mut clock = playing(policy, 20.0);
@@ -137,7 +137,7 @@ fn a_clock_waits_for_its_first_step_and_learns_from_it() {
         let tally = clock.tally();
         assert!(tally.late <= 5 && (policy == Policy::HoldQuality || tally.dropped <= 3), "{policy:?}: {tally:?}");
     }
-    // One that does not come is waited for no longer than half a second.
+    // A step that does not come is waited for no longer than half a second.
     let mut machine = Machine::new(200.0, 5).at_rest();
     let mut clock = playing(Policy::HoldRate, 20.0);
     let shown = machine.run(&mut clock, 1.0);
@@ -146,7 +146,7 @@ fn a_clock_waits_for_its_first_step_and_learns_from_it() {
 
 #[test]
 fn the_rate_is_held_by_a_level_that_comes_to_rest() {
-    // A fifth of what full quality takes; where the finest level is twice as fine as the view asks for, too.
+    // A fifth of the rate for full quality; also with a finest level twice as fine as requested.
     for first_change in [0.0, 1.2] {
         let mut machine = Machine { first_change, ..Machine::new(2_000.0, 5) };
         let mut clock = playing(Policy::HoldRate, 20.0);
@@ -157,11 +157,11 @@ fn the_rate_is_held_by_a_level_that_comes_to_rest() {
         let (late, dropped) = (after.late - before.late, after.dropped - before.dropped);
         assert!(shown.len() >= 1150 && late <= 40 && dropped <= 40, "{}: {late} {dropped}", shown.len());
         let mean = shown.iter().map(|shown| shown.step.level_bias).sum::<f64>() / shown.len() as f64;
-        // Right for the rate would be 0.77 levels.
+        // The right bias for the rate would be 0.77 levels.
         assert!((0.7..1.5).contains(&(mean - first_change)), "{mean}");
         let changes = shown.windows(2).filter(|pair| pair[0].step.level_bias != pair[1].step.level_bias).count();
         assert!(changes <= 30, "{changes} changes of the level in a minute");
-        // The same clock with time to spare is as fine as the view asks for.
+        // The same clock with time to spare is as fine as the view requests.
         machine.cells_per_s = 50_000.0;
         machine.run(&mut clock, 60.0);
         assert_eq!(clock.shown().level_bias, 0.0, "{first_change}");
@@ -177,12 +177,12 @@ fn the_quality_is_held_by_steps_that_are_left_out() {
     let shown = machine.run(&mut clock, 60.0);
     let after = clock.tally();
     assert!(shown.iter().all(|shown| shown.is_whole && shown.step.level_bias == 0.0));
-    // A step takes 256 ms: every sixth is shown, 3.3 a second, of the 3.9 that there is time for.
+    // A step takes 256 ms: every sixth is shown, 3.3 per second, out of 3.9 for which there is time.
     assert!((180..=235).contains(&shown.len()), "{}", shown.len());
     assert!(after.late - before.late <= 20, "{}", after.late - before.late);
     let (shown, dropped) = ((after.shown - before.shown) as i64, (after.dropped - before.dropped) as i64);
     assert!((shown + dropped - 1200).abs() <= 20, "time runs on: {shown} {dropped}");
-    // It comes back once there is time.
+    // It returns to every step once there is time.
     machine.cells_per_s = 50_000.0;
     machine.run(&mut clock, 60.0);
     let shown = machine.run(&mut clock, 10.0);
@@ -208,7 +208,7 @@ fn where_frames_are_slower_than_steps_only_what_they_can_show_is_planned() {
         machine.run(&mut clock, 5.0);
         let before = clock.tally();
         let shown = machine.run(&mut clock, 20.0);
-        // Five steps a frame.
+        // Five steps per frame.
         assert!(shown.len() >= 190 && shown.iter().all(|shown| shown.is_whole), "{policy:?}: {}", shown.len());
         let ahead: Vec<u32> = clock.coming().map(|coming| coming.step).collect();
         assert!(ahead.windows(2).all(|pair| (pair[1] + STEPS - pair[0]) % STEPS == 5), "{ahead:?}");
@@ -224,12 +224,12 @@ fn a_jump_shows_a_step_as_soon_as_there_is_something_of_it() {
     clock.seek(40);
     assert_eq!(clock.coming().map(|coming| coming.step).collect::<Vec<_>>(), [40]);
     assert!(!clock.tick(ms(1), &[Readiness::default()]) && clock.shown().step == 3);
-    // Another jump takes the place of one that has not come off.
+    // Another jump replaces an unfinished one.
     clock.seek(41);
     let covered = Readiness { wanted: 9, missing: 8, is_covered: true, ..Readiness::default() };
     assert!(clock.tick(ms(2), &[covered]) && clock.shown().step == 41);
     assert_eq!((clock.coming().count(), clock.tally()), (0, Tally::default()));
-    // Back to where it is: nothing is to come.
+    // Back to the shown step: nothing is to come.
     clock.seek(50);
     clock.seek(41);
     assert_eq!(clock.coming().count(), 0);
@@ -248,7 +248,7 @@ fn a_clock_stops_at_the_end_where_it_is_to_stop() {
     let shown = machine.run(&mut clock, 2.0);
     assert_eq!(shown.iter().map(|shown| shown.step.step).collect::<Vec<_>>(), [97, 98, 99]);
     assert_eq!((clock.playback(), clock.next_due(), clock.shown().level_bias), (None, None, 0.0));
-    // Of one step nothing follows.
+    // A single step has no successor.
     let mut clock = Clock::new(0, 1);
     clock.play(Some(Playback::default()), Duration::ZERO);
     assert_eq!(clock.playback(), None);

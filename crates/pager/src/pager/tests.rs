@@ -1,4 +1,4 @@
-//! The pager through its frames, with sources made for it: what is loaded, drawn and let go, and what fails.
+//! The pager through its frames, with test sources: loading, drawing, eviction and failures.
 
 use super::*;
 use crate::budget::Planning;
@@ -77,7 +77,7 @@ fn a_threaded_pager_settles_around_failures_within_its_budget() {
     assert_eq!((status.wanted, status.resident, status.failed), (280, 277, 3));
     assert!(status.covered && status.error.is_none() && !status.memory_bound);
     assert!(status.completeness > 0.9 && status.completeness < 1.0);
-    // The damaged parent is met when it is asked to stand in.
+    // The damaged parent is met as a stand-in.
     assert_eq!(status.counters.failed, 4);
     let drawn = |cell| frame.volumes[0].draw.cells.iter().find(|c| c.cell == cell).map(|c| c.brick);
     assert_eq!(drawn(brick(0, [1, 1, 1])), Some(brick(1, [0, 0, 0])));
@@ -98,9 +98,9 @@ fn a_panic_beside_the_decoder_gives_a_brick_up_and_no_more() {
     let mut view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
     view.level = LevelPolicy::Locked(0);
     let status = settle(&mut pager, from_ref(&view), &mut HashMap::new()).status;
-    // The batch with that brick is advised anew where a plan replaces the one before, and of a plan that was replaced no brick counts as failed.
+    // The batch with the panicking brick is advised anew by each new plan, and no brick of a replaced plan counts as failed.
     assert!(status.failed < 9 && status.resident + status.failed == 512, "{status:?}");
-    // Bricks of a plan that was replaced may arrive later; none stays under way for ever.
+    // Bricks of a replaced plan may arrive later; none stays under way for ever.
     let mut left = 512;
     while pager.wait(Duration::from_secs(9)) {
         pager.frame(from_ref(&view), Duration::ZERO);
@@ -124,8 +124,8 @@ fn one_slot_shows_the_root_of_each_channel() {
     assert_eq!(pager.frame(from_ref(&view), Duration::ZERO).status.counters.reuploaded, 1);
 }
 
-/// A renderer that keeps uploads has, once its slots are full, a buffer of a former brick for each of them; what it gives for them serves again,
-/// and counts as the pager's.
+/// Once its slots are full, a renderer that keeps uploads has a former brick's buffer for each; the exchanged buffers are reused, and count
+/// as the pager's.
 #[test]
 fn buffers_that_a_renderer_no_longer_keeps_serve_again() {
     let source = Arc::new(TestSource::cube(40));
@@ -151,7 +151,7 @@ fn buffers_that_a_renderer_no_longer_keeps_serve_again() {
                 pager.wait(Duration::from_secs(1));
             }
         }
-        // By then what the last frame handed out has been given back, too.
+        // By then the last frame's buffers have been given back, too.
         pager.frame(&[View { channel: 1, ..view.clone() }], Duration::ZERO).status.host_bytes
     };
     let padded = 10 * 10 * 10;
@@ -174,7 +174,7 @@ fn bricks_that_fail_for_a_passing_reason_come_in_the_same_view() {
             let bricks = frame.volumes[0].draw.cells.iter().map(|cell| (cell.brick, atlas[&cell.slot.0].clone()));
             bricks.collect::<Vec<_>>()
         };
-        // One that all the others around it want, and one at a corner, at several tries.
+        // One wanted by all the others around it, and one at a corner, after several tries.
         let source = make();
         *source.passing.lock().unwrap() = [(brick(0, [2, 2, 2]), 3), (brick(0, [0, 0, 0]), 1)].into();
         // Aprons too are whole: nothing stands in for a neighbour that comes later.
@@ -324,7 +324,7 @@ fn what_is_foreseen_is_there_when_it_is_wanted() {
         frame = pager.frame(from_ref(&view_now), now);
     }
     assert!(frame.status.settled && frame.status.counters.uploaded_ahead > 0);
-    // Foreseen is the camera after 300 ms and a frame of 50: 7 farther.
+    // The predicted camera is after 300 ms and a frame of 50: 7 farther.
     let then = pager.frame(&[view(7.5)], Duration::from_millis(375)).status;
     assert!(then.settled && then.wanted > 0 && then.completeness == 1.0, "{then:?}");
     let behind = pager.frame(&[view(-12.0)], Duration::from_millis(400)).status;
@@ -355,7 +355,7 @@ fn what_is_hidden_is_not_read() {
     let mut uploaded = Vec::new();
     for shows in [1.0, 0.0] {
         let mut pager = pager_of(&source, config(600, 1 << 20));
-        // The half of the volume that is farther away.
+        // The farther half of the volume.
         let hides = |cell: &DrawCell| cell.region.min.y >= 32;
         loop {
             let frame = pager.frame(from_ref(&view), Duration::ZERO);
@@ -372,11 +372,11 @@ fn what_is_hidden_is_not_read() {
             }
         }
     }
-    // Before anything was told, some were on their way.
+    // Before any feedback, some were on their way.
     assert!(uploaded[1] < uploaded[0] * 3 / 4, "{uploaded:?}");
 }
 
-/// What was seen of an earlier frame is told late: of another view it hides nothing there, and of another appearance it says nothing.
+/// Feedback on an earlier frame arrives late: of another view it hides nothing there, and of another appearance it has no effect.
 #[test]
 fn late_feedback_is_of_the_frame_that_it_was_asked_of() {
     let source = Arc::new(TestSource::cube(64));
@@ -398,10 +398,10 @@ fn late_feedback_is_of_the_frame_that_it_was_asked_of() {
     let all = wanted(&mut pager, &here);
     let asked = pager.drawn(0).unwrap();
     assert_eq!(wanted(&mut pager, &there), all);
-    // Nothing was to be seen from here: that does not hide it from the other side.
+    // Nothing was visible from here, but that hides nothing from the other side.
     pager.feedback(0, &asked, &vec![0.0; asked.entries()]);
     assert_eq!(wanted(&mut pager, &there), all);
-    // From there nothing is to be seen either; what comes late of another appearance does not bring it back.
+    // From there nothing is visible either; late feedback of another appearance does not change this.
     let asked_there = pager.drawn(0).unwrap();
     assert_eq!(wanted(&mut pager, &other), all);
     let asked_other = pager.drawn(0).unwrap();
@@ -418,7 +418,7 @@ fn a_view_settles_when_all_has_faded_in() {
     let source = Arc::new(TestSource::cube(16));
     let view = View { level: LevelPolicy::Locked(0), ..box_view(&source, Projection::Orthographic { height: 40.0 }) };
     for fade in [None, Some(Duration::from_millis(200))] {
-        // Whatever else is staged, one brick comes a frame, the root first.
+        // Whatever else is staged, one brick arrives per frame, the root first.
         let uploads = Some(UploadLimits { bytes: 0, time: Duration::from_secs(9) });
         let config = PagerConfig { fade, uploads, workers: 1, ..config(40, 1 << 20) };
         let mut pager = pager_of(&source, config);
@@ -482,7 +482,7 @@ fn volumes_share_slots_and_what_is_hidden_keeps_its_roots() {
         is_bound && together.iter().all(|&cells| cells > 1) && together.iter().sum::<usize>() <= 270,
         "{together:?}"
     );
-    // What others do not use is one volume's.
+    // One volume can have everything unused by the others.
     let (_, alone) = wanted(&[hidden(&view), hidden(&view), placed.clone()]);
     assert!(alone[..2] == [0, 0] && alone[2] > together[2] + 50 && alone[2] <= 268, "{alone:?}");
     let (_, first) = wanted(&[view.clone(), hidden(&view), hidden(&placed)]);
@@ -494,7 +494,7 @@ fn volumes_share_slots_and_what_is_hidden_keeps_its_roots() {
     assert!(Pager::new(&shared, config(3, least)).is_ok() && Pager::new(&shared, config(3, least - 1)).is_err());
 }
 
-/// A renderer that needs one order has it from the first frame on in which volumes stand in one place.
+/// A renderer in need of one order has it from the first frame in which volumes stand in one place.
 #[test]
 fn volumes_that_come_to_share_a_grid_share_its_cut_at_once() {
     // So many cells that a plan takes longer than a frame waits for it.
@@ -528,7 +528,7 @@ fn another_pager_goes_on_with_the_cores_of_one_before() {
         let config = PagerConfig { apron: 2, slots: 700, ..config(600, bytes) };
         let shared: Arc<dyn BrickSource> = source.clone();
         let mut second = Pager::with_cores(from_ref(&shared), config.clone(), &mut kept).unwrap();
-        // Which slots they get depends on which come first.
+        // Their slots depend on the order of arrival.
         let bricks = |pager: &mut Pager| {
             let mut atlas = HashMap::new();
             let frame = settle(pager, &view, &mut atlas);
@@ -538,7 +538,7 @@ fn another_pager_goes_on_with_the_cores_of_one_before() {
         let (again, codes) = bricks(&mut second);
         assert!(decoded > 500 && again == 0, "{decoded}, then {again} of a source with aprons of {stored_apron}");
         assert!(codes.len() == 512 && codes == bricks(&mut pager_of(&source, config)).1, "bricks differ");
-        // Another source's cores are not taken, and no more than there is room for.
+        // Cores of another source are not taken, and no more than fit.
         let other: Arc<dyn BrickSource> = Arc::new(TestSource::cube(64));
         let mut kept = second.into_cores();
         let mut third = Pager::with_cores(from_ref(&other), self::config(600, bytes), &mut kept).unwrap();

@@ -1,9 +1,9 @@
-//! Views that come next: their bricks are there when the views are shown.
+//! Coming views: their bricks are there when the views are shown.
 
 use super::*;
 use crate::status::Readiness;
 
-/// A step's bricks: level 0, which it wants, and the root; and those that stand in for missing ones, two levels above.
+/// A step's bricks: level 0, which it wants, and the root; and stand-ins for missing ones, two levels above.
 const LEAST: u64 = 125 + 1;
 const BRICKS: u64 = LEAST + 8;
 
@@ -11,7 +11,7 @@ fn at_step(view: &View, time: u32) -> View {
     View { time, ..view.clone() }
 }
 
-/// Frames of a view until everything that comes next is whole, or there is no more to do.
+/// Frames of a view until all coming views are whole, or there is no more to do.
 fn fetch(pager: &mut Pager, view: &View, atlas: &mut HashMap<u32, Vec<u8>>) -> Frame {
     loop {
         let frame = pager.frame(from_ref(view), Duration::ZERO);
@@ -95,7 +95,7 @@ fn a_step_with_damage_is_whole_without_it() {
     let view = box_view(&source, Projection::Perspective { fov_y_deg: 30.0 });
     pager.expect(vec![vec![at_step(&view, 1)], vec![at_step(&view, 2)]]);
     let frame = fetch(&mut pager, &view, &mut HashMap::new());
-    // A root that cannot be read stands for nothing, and nothing needs it.
+    // An unreadable root stands in for nothing, and nothing needs it.
     assert!(frame.coming.iter().all(|ready| ready.is_whole && ready.is_covered), "{:?}", frame.coming);
     pager.expect(vec![vec![at_step(&view, 2)]]);
     let status = settle(&mut pager, &[at_step(&view, 1)], &mut HashMap::new()).status;
@@ -106,11 +106,11 @@ fn a_step_with_damage_is_whole_without_it() {
     assert_eq!(*source.reads.lock().unwrap(), [(at(1, 0, [1, 1, 1]), 1), (at(2, 3, [0, 0, 0]), 1)].into());
 }
 
-/// With slots for a part of the finest cells only, the next step is refined where the present one was seen to be visible, and covered elsewhere.
+/// With slots for only a part of the finest cells, the next step is refined where the present one was visible, and covered elsewhere.
 #[test]
 fn what_was_seen_of_a_step_says_where_the_next_one_is_refined() {
     for planning in [Planning::Inline, Planning::Thread] {
-        // The cells of the next step that are drawn at the finest level, and how many of them lie where x is low; and all cells' volume.
+        // Cells of the next step drawn at the finest level, and how many of them lie where x is low; and all cells' volume.
         let shown = |tells: bool| {
             let (_, mut pager, view) = played(120, planning);
             let mut atlas = HashMap::new();

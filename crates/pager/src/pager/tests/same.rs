@@ -1,4 +1,4 @@
-//! Bricks that are the same in several time steps: they are read and uploaded once, and every slot holds what its brick holds.
+//! Equal bricks of several time steps: they are read and uploaded once, and every slot holds its brick's voxels.
 
 use super::*;
 use crate::assemble::PaddedReader;
@@ -11,10 +11,10 @@ use std::sync::{Barrier, mpsc};
 /// Time steps after which the object is back.
 const PERIOD: u32 = 5;
 
-/// Time steps that are fetched ahead.
+/// Time steps fetched ahead.
 const AHEAD: u32 = 2;
 
-/// A box as large as a brick of level 0 that moves along x, in a volume that stands still.
+/// A box as large as a brick of level 0, moving along x in a static volume.
 fn moving_box(id: BrickId, v: [u32; 3], out: &mut [u8]) {
     let low = [8 * (id.time % PERIOD), 16, 16].map(|at| at >> id.level.0);
     let is_inside = (0..3).all(|axis| (low[axis]..low[axis] + (8 >> id.level.0).max(1)).contains(&v[axis]));
@@ -32,7 +32,7 @@ fn at_step(view: &View, time: u32) -> View {
     View { time, ..view.clone() }
 }
 
-/// Every slot that is drawn from holds its brick with its apron, voxel by voxel.
+/// Every drawn slot holds its brick with its apron, voxel by voxel.
 fn check_slots(source: &Arc<TestSource>, frame: &Frame, atlas: &HashMap<u32, Vec<u8>>) {
     // It compares nothing.
     let mut oracle = PaddedReader::new(Arc::new(RamCache::new(source.clone(), 1, 64 << 20).unwrap()));
@@ -77,7 +77,7 @@ fn what_stays_the_same_is_neither_read_nor_uploaded_again() {
             if time > PERIOD + AHEAD && time + AHEAD < 4 * PERIOD {
                 assert!(grown(|counters| counters.shared) > 0);
             } else if time > 0 && apron == 0 {
-                // Where the object was and where it is, and all that is coarser.
+                // The object's former and present places, and everything coarser.
                 let coarser: u64 = source.pyramid().levels()[1..].iter().map(|grid| grid.bricks.volume()).sum();
                 let decoded = grown(|counters| counters.decoded);
                 assert!(decoded <= 2 + coarser, "{planning:?} {time}: {decoded}");
@@ -87,7 +87,7 @@ fn what_stays_the_same_is_neither_read_nor_uploaded_again() {
     }
 }
 
-/// Two pages are read at once by who asks for them: nobody waits for a page of another's.
+/// Two pages are read at once by their users: no thread waits for another's page.
 #[test]
 fn pages_of_hashes_are_read_beside_each_other() {
     let readers = 2;
