@@ -33,7 +33,7 @@ fn with_steps() -> Sandbox {
     sandbox
 }
 
-/// The command line that appends these steps to a store.
+/// The command line to append these steps to a store.
 fn append(store: &str, steps: std::ops::Range<u32>) -> String {
     let files: String = steps.map(|number| format!("s{number}.raw ")).collect();
     format!("append {store} {files}{FLAGS}")

@@ -38,7 +38,7 @@ fn voxels(step: usize) -> Vec<u8> {
     (0..x * y * z).map(voxel).flat_map(u16::to_le_bytes).collect()
 }
 
-/// The command line that appends these steps.
+/// The command line to append these steps.
 fn append(steps: std::ops::Range<usize>) -> String {
     format!("append out.zarr {} {FLAGS}", NAMES[steps].join(" "))
 }
@@ -209,13 +209,13 @@ fn an_append_that_meets_a_fault_is_right_or_goes_on() {
     in_two(40, || Growing::new(1), rules_of, |growing, rule| growing.is_right_or_goes_on(rule));
 }
 
-/// An append that creates the store.
+/// The append creates the store.
 #[test]
 fn an_append_that_makes_a_store_and_meets_a_fault_is_right_or_goes_on() {
     in_two(20, || Growing::new(0), rules_of, |growing, rule| growing.is_right_or_goes_on(rule));
 }
 
-/// An append that reverts a cut-off one: files of an uncommitted step, or all documents but the root.
+/// The append reverts a cut-off one: files of an uncommitted step, or all documents but the root.
 #[test]
 fn an_append_after_one_that_was_cut_off_is_right_or_goes_on() {
     for part in [0.4, 0.97] {
@@ -311,7 +311,7 @@ fn a_reader_follows() {
     }
 }
 
-/// Followers of a store read whole steps or get errors that name their file; never another step's voxels or a panic.
+/// Followers of a store read whole steps or get errors naming their file; never another step's voxels or a panic.
 #[test]
 fn a_reader_that_follows_and_meets_a_fault_is_right_or_says_so() {
     let follow = |growing: &Growing, rule: &str| {

@@ -673,7 +673,7 @@ fn what_takes_too_long_to_draw() {
     check(&sandbox, &lines.iter().map(|line| (&line[..], 1, words)).collect::<Vec<_>>());
 }
 
-/// llvmpipe ends rays after a number of loop rounds: a warning tells of rays that may need more. The CPU has no such
+/// llvmpipe ends rays after a number of loop rounds: a warning reports rays in need of more. The CPU has no such
 /// limit.
 #[test]
 fn rays_that_a_software_gpu_may_leave_unfinished_are_told() {
@@ -1024,7 +1024,7 @@ fn missing_permissions() {
     chmod(&sandbox.path("locked"), 0o755);
 }
 
-/// A program that has closed standard error still gets the exit code.
+/// A caller still gets the exit code after closing standard error.
 #[test]
 fn an_error_that_nobody_hears_keeps_its_exit_code() {
     let sandbox = Sandbox::default();

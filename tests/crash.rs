@@ -1,4 +1,4 @@
-//! Packs that are killed, run out of disk, or are resumed with other input: a finished store is always the same.
+//! Packs killed, out of disk, or resumed with other input: a finished store is always the same.
 
 use brickyard_tests::sample::seed;
 use brickyard_tests::{Random, Sandbox, command, leave_out, tree, tree_difference};

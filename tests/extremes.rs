@@ -165,12 +165,12 @@ struct Subject<'a> {
 
 /// Bounds of the pixels of a view.
 struct Truth {
-    /// Level 0's picture: the least extreme that may be shown.
+    /// Level 0's picture: the least extreme permitted.
     exact: Picture,
-    /// The most extreme code that may be shown; `None` without a bound.
+    /// The most extreme code permitted; `None` without a bound.
     most: Vec<Option<f64>>,
     is_least: bool,
-    /// Number of pixels that may be off: where rays graze the face of an unmixed voxel, rounding decides on a hit.
+    /// Number of pixels permitted to differ: where rays graze the face of an unmixed voxel, rounding decides on a hit.
     allowed: usize,
 }
 

@@ -188,7 +188,7 @@ fn a_pack_of_a_series_that_meets_a_fault_is_right_or_resumed() {
     );
 }
 
-/// The same for a pack that resumes a killed one.
+/// The same for a pack resuming a killed one.
 #[test]
 fn a_pack_that_is_resumed_and_meets_a_fault_is_resumed_again() {
     let prepare = || {

@@ -143,7 +143,7 @@ fn what_shows_less_than_one_may_expect_says_why() {
     }
 }
 
-/// Stores of one shape with voxels of different sizes are drawn at different sizes: a note gives the flag that draws them alike.
+/// Stores of one shape with voxels of different sizes are drawn at different sizes: a note gives the flag for drawing them alike.
 #[test]
 fn stores_of_one_shape_and_unlike_voxels_are_named() {
     let sandbox = Sandbox::default();

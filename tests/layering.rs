@@ -120,7 +120,7 @@ fn the_library_knows_of_no_command_line() {
 /// A file by its module path in the crate.
 type Module = Vec<String>;
 
-/// The files of a crate, each with the other files that it names, except its own folder and the files inside its own module. Tests are left out.
+/// The files of a crate, each with the other files it names, except its own folder and the files inside its own module. Tests are left out.
 fn modules(source: &Path) -> BTreeMap<Module, BTreeSet<Module>> {
     let (mut texts, mut folders) = (BTreeMap::<Module, String>::new(), vec![source.to_path_buf()]);
     while let Some(folder) = folders.pop() {

@@ -69,7 +69,7 @@ fn farthest(a: &Picture, b: &Picture) -> u8 {
     a.rgb.as_flattened().iter().zip(b.rgb.as_flattened()).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0)
 }
 
-/// The names in the sandbox that begin with `film` or a dot.
+/// The names in the sandbox beginning with `film` or a dot.
 fn left(sandbox: &Sandbox) -> Vec<String> {
     let names = std::fs::read_dir(sandbox.path("")).expect("a folder");
     let names = names.map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned());
@@ -168,7 +168,7 @@ fn without_ffmpeg_an_mp4_is_refused_at_once() {
     assert!(left(&sandbox).is_empty());
 }
 
-/// Puts a script named ffmpeg into the sandbox, and returns a PATH that finds it first.
+/// Puts a script named ffmpeg into the sandbox, and returns a PATH with it in front.
 #[cfg(unix)]
 fn ffmpeg(sandbox: &Sandbox, script: &str) -> String {
     use std::os::unix::fs::PermissionsExt;

@@ -1,4 +1,4 @@
-//! Playing time steps: every frame of a session that plays, jumps and turns shows one whole step, namely the reported one; layers of different steps
+//! Playing time steps: every frame of a playing, jumping and turning session shows one whole step, namely the reported one; layers of different steps
 //! are shown by their times; playback stays within its budgets.
 
 use brickyard::backend::{BackendChoice, CompositorChoice};

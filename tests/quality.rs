@@ -1,4 +1,4 @@
-//! `brickyard quality`: its output, figures that behave like sampling errors, and refusals.
+//! `brickyard quality`: its output, figures behaving like sampling errors, and refusals.
 
 use brickyard_tests::Sandbox;
 use serde_json::Value;

@@ -16,7 +16,7 @@ const BUDGET_MIB: u64 = 96;
 /// A window's memory besides its budgets, MiB: the toolkit, fonts, a software GPU's window, bricks for picking.
 const BESIDES_MIB: u64 = 150;
 
-/// A field that moves through all of space and time, different in each channel.
+/// A field moving through all of space and time, different in each channel.
 fn store() -> TestStore {
     let value = |time: u32, channel: u32, [x, y, z]: [u32; 3]| {
         let [u, v, w] = [x, y, z].map(f64::from);

@@ -71,7 +71,7 @@ fn an_edit_of_the_transfer_function_uploads_nothing() {
     }
 }
 
-/// Nor does one that depends on gradients, nor one of values alone after it.
+/// Nor does one by gradients, nor one of values alone after it.
 #[test]
 fn an_edit_by_gradient_uploads_nothing() {
     let test = store();

@@ -1,4 +1,4 @@
-//! The whole system end to end: all tests that may run beside others.
+//! The whole system end to end: all tests fit to run beside others.
 
 mod append;
 mod append_faults;

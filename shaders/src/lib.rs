@@ -90,7 +90,7 @@ pub enum Curve {
 /// How colours are lit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Light {
-    /// Unlit: plain colours.
+    /// No lighting: plain colours.
     Unlit,
     /// Phong's model: the reflection falls with the angle between the mirrored light and the eye.
     Phong,

@@ -117,7 +117,7 @@ fn library() -> PathBuf {
     path
 }
 
-/// Starts a command and waits for its end. Kills it if it hangs; the second value reports that.
+/// Starts a command and waits for its end. Kills it if it hangs; the second value is `true` then.
 fn wait(command: &mut Command) -> (ExitStatus, bool) {
     let mut child = command.spawn().expect("the command starts");
     let started = Instant::now();

@@ -41,7 +41,7 @@ use std::time::{Duration, Instant};
 struct Arguments {
     /// A packed store
     store: PathBuf,
-    /// The function that is edited: a preset
+    /// Preset of the edited function
     #[arg(long, default_value = "viridis")]
     transfer: String,
     /// Pixels along each side

@@ -19,7 +19,7 @@ use std::process::ExitCode;
 /// Draws plots of measured flights.
 #[derive(Parser)]
 struct Arguments {
-    /// What `brickyard bench --json` printed
+    /// Output of `brickyard bench --json`
     #[arg(required = true)]
     flights: Vec<PathBuf>,
     /// Folder for the plots

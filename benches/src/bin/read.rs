@@ -44,7 +44,7 @@ struct Arguments {
     /// Voxel type of the synthetic scan: u8 or u16
     #[arg(long, default_value = "u8")]
     dtype: VoxelType,
-    /// How often everything is measured
+    /// Repetitions of every measurement
     #[arg(long, default_value_t = 5)]
     repetitions: usize,
     /// Most bricks, along the curve
