@@ -1,5 +1,4 @@
-//! Time steps that are appended while others read: the command killed at any moment, a reader that follows, two at once, input that does not fit, and
-//! zarr-python.
+//! Appended time steps under concurrent readers: kills at any moment, a following reader, two appends at once, unsuitable input, and zarr-python.
 
 use brickyard::store::{OpenError, Store};
 use brickyard::volume::Level;
@@ -17,7 +16,7 @@ const STEPS: u32 = 12;
 const FLAGS: &str = "--shape 24,20,18 --dtype u8 --brick 8 --shard 16 --downsample mean,max --aprons 1 -j 2 --time-step 0.5 \
                      --time-unit s --progress none";
 
-/// The voxels of a step, of which other parts are empty than of the others.
+/// The voxels of a step; each step is empty in other parts.
 fn step(number: u32) -> Vec<u8> {
     let [nx, ny, nz] = EXTENT;
     let voxel = |x: usize, y: usize, z: usize| {
@@ -34,13 +33,13 @@ fn with_steps() -> Sandbox {
     sandbox
 }
 
-/// The command that appends these steps to a store.
+/// The command line to append these steps to a store.
 fn append(store: &str, steps: std::ops::Range<u32>) -> String {
     let files: String = steps.map(|number| format!("s{number}.raw ")).collect();
     format!("append {store} {files}{FLAGS}")
 }
 
-/// Checks that a store has whole steps only, and returns how many; 0 where there is none yet.
+/// Checks that a store has whole steps only, and returns their number; 0 without a store.
 fn whole_steps(path: &Path) -> u32 {
     let store = match Store::open(path) {
         Ok(store) => store,
@@ -65,7 +64,7 @@ fn assert_whole(store: &Store) {
     }
 }
 
-/// Follows a store as a viewer does, until it is told to stop; how many times it grew. `reading` is held while it reads.
+/// Follows a store like a viewer, until `is_done`; returns the number of times it grew. `reading` is held during reads.
 fn follow(path: &Path, is_done: &AtomicBool, reading: &Mutex<()>) -> u32 {
     let (mut open, mut grown): (Option<Store>, u32) = (None, 0);
     while !is_done.load(Ordering::Relaxed) {
@@ -114,7 +113,7 @@ fn killed_at_any_moment_every_step_is_whole_and_the_next_append_goes_on() {
                 .stderr(Stdio::null())
                 .spawn()
                 .expect("the command starts");
-            // A few steps on, or fewer: by what is there, not by a clock, which would be another where a machine does other work.
+            // A few steps on, or fewer: by steps on disk, because a clock would vary with the machine's load.
             let until = times + (random.bits() % 6) as u32;
             let is_there = |step: u32| path.join(format!("0/c/{step}")).exists();
             while !is_there(until) && child.try_wait().expect("a child").is_none() {
@@ -134,7 +133,7 @@ fn killed_at_any_moment_every_step_is_whole_and_the_next_append_goes_on() {
                 if times < STEPS {
                     sandbox.run_ok(&append("out.zarr", times..STEPS));
                 } else {
-                    // What the last one left that was killed goes with the next, which is refused: the file is of another shape.
+                    // The next append removes the leftovers of a killed one, and is refused: the file has another shape.
                     sandbox.write("other.raw", [1; 8]);
                     let (code, _, stderr) =
                         sandbox.run("append out.zarr other.raw --shape 2,2,2 --dtype u8 --progress none");
@@ -150,7 +149,7 @@ fn killed_at_any_moment_every_step_is_whole_and_the_next_append_goes_on() {
         is_done.store(true, Ordering::Relaxed);
         reader.join().expect("a reader that sees whole steps")
     });
-    // If all kills come too early the test has tested nothing.
+    // If all kills come too early, nothing was tested.
     assert!(within >= 15 && rounds >= 1 && furthest == STEPS || rounds > 1, "{within} of 50 at work, {rounds} rounds");
     assert!(grown > 0, "the reader has seen no step come");
 }
@@ -246,7 +245,7 @@ fn what_does_not_fit_is_refused_with_both_values_and_changes_nothing() {
     ] {
         let (found, _, stderr) = sandbox.run(line);
         assert_eq!(found, code, "brickyard {line}: {stderr}");
-        // A store's own fault is not the file's.
+        // A fault of the store is not the file's.
         let is_of_store =
             ["other.zarr", "still.zarr", "folder"].iter().any(|name| line.contains(&format!("append {name}")));
         assert!(!is_of_store || !stderr.contains("s2.raw:"), "brickyard {line}: {stderr}");
@@ -258,7 +257,7 @@ fn what_does_not_fit_is_refused_with_both_values_and_changes_nothing() {
 #[test]
 fn files_are_taken_in_the_order_in_which_pack_takes_them() {
     let sandbox = with_steps();
-    // As a shell expands `s*.raw`: 0, 1, 10, 11, 2.
+    // In the shell's expansion of `s*.raw`: 0, 1, 10, 11, 2.
     let mut names: Vec<String> = (0..STEPS).map(|number| format!("s{number}.raw")).collect();
     names.sort();
     let shells = names.join(" ");
@@ -295,7 +294,7 @@ fn files_are_taken_in_the_order_in_which_pack_takes_them() {
     }
 }
 
-/// A store that came from elsewhere may lead out of its folder. What is there stays as it is.
+/// A foreign store may have links out of its folder. Their targets are untouched.
 #[test]
 fn nothing_is_written_or_deleted_through_a_link_in_a_store() {
     let sandbox = with_steps();
@@ -321,7 +320,7 @@ fn nothing_is_written_or_deleted_through_a_link_in_a_store() {
         let elsewhere = || [tree(&sandbox.path("victim")), tree(&sandbox.path("other.zarr"))];
         let before = elsewhere();
         let (code, _, stderr) = sandbox.run(&append("evil.zarr", 1..2));
-        // A level of another store has other steps, which is found before anything is written.
+        // A level linked from another store has other steps, which is detected before any write.
         let words = if link == "0" { "expected [3," } else { "symbolic link" };
         assert!(code != 0 && stderr.contains(words), "{link}: {code}: {stderr}");
         let (code, _, stderr) = sandbox.run(&format!("pack s0.raw evil.zarr --overwrite {FLAGS}"));
@@ -333,7 +332,7 @@ fn nothing_is_written_or_deleted_through_a_link_in_a_store() {
     }
 }
 
-/// What somebody else left where a step's files go stays, and stops nobody.
+/// A foreign file in the place of a step's files stays, and blocks nothing.
 #[test]
 fn a_foreign_file_does_not_stop_appends() {
     let sandbox = with_steps();
@@ -373,7 +372,7 @@ fn floats_without_data_are_so_in_steps_that_are_appended() {
     assert_eq!(found, "step,time,channel 0\n0,0,\n1,1,\n2,2,\n");
     let (code, _, stderr) = sandbox.run(&format!("append out.zarr f3.raw {flags} --nodata none"));
     assert!(code == 2 && stderr.contains("--nodata none") && stderr.contains("-9999"), "{stderr}");
-    // Of a store that never heard of it, the value is a number as any other.
+    // In a store without such a setting, the value is an ordinary number.
     sandbox.run_ok(&format!("append late.zarr f0.raw {flags}"));
     let (code, _, stderr) = sandbox.run(&format!("append late.zarr f1.raw {flags} --nodata -9999"));
     assert!(code == 3 && stderr.contains("value for no data") && stderr.contains("pass --nodata none"), "{stderr}");

@@ -1,6 +1,6 @@
-//! Faults under `append`: file operations that fail, are cut short, delayed or lost, at every n-th call. What ends with code 0 has made the
-//! store that an unharmed append makes; whatever else happens, the store opens with whole steps, which its user can count from what
-//! was said, and the next append goes on to the same bytes.
+//! Faults under `append`: file operations that fail, are cut short, delayed or lost, at every n-th call. An append with exit code 0 has made
+//! the same store as an unharmed one; otherwise the store opens with whole steps, their number is clear from the messages, and the next append
+//! continues to the same bytes.
 #![cfg(target_os = "linux")]
 
 use brickyard::store::{OpenError, Store, verify};
@@ -23,10 +23,10 @@ const EXTENT: [usize; 3] = [20, 17, 12];
 
 const NAMES: [&str; 5] = ["s0.raw", "s1.raw", "s2.raw", "s3.raw", "s4.raw"];
 
-/// Steps that the append which meets faults appends.
+/// Steps appended under faults.
 const APPENDED: usize = 2;
 
-/// Steps of noise, each of which is zero in another eighth.
+/// Steps of noise, each zero in another eighth.
 fn voxels(step: usize) -> Vec<u8> {
     let [x, y, z] = EXTENT;
     let mut random = Random(step as u64);
@@ -38,27 +38,27 @@ fn voxels(step: usize) -> Vec<u8> {
     (0..x * y * z).map(voxel).flat_map(u16::to_le_bytes).collect()
 }
 
-/// The command that appends steps, one after another.
+/// The command line to append these steps.
 fn append(steps: std::ops::Range<usize>) -> String {
     format!("append out.zarr {} {FLAGS}", NAMES[steps].join(" "))
 }
 
-/// A sandbox with the files of all steps, and a store to which steps are appended.
+/// A sandbox with the files of all steps, and a growing store.
 struct Growing {
     trial: Trial,
     files: Vec<Vec<u8>>,
     /// The store with 0, 1, 2... steps.
     stores: Vec<BTreeMap<PathBuf, Vec<u8>>>,
-    /// Steps of the store that the append finds.
+    /// Steps of the store before the append.
     steps: usize,
-    /// The sandbox that the append finds.
+    /// The sandbox before the append.
     before: Tree,
     /// The append without harm.
     run: Outcome,
 }
 
 impl Growing {
-    /// A store with so many steps; if any, the last of them is the work of an append.
+    /// A store with this many steps; the last of them, if any, was appended.
     fn new(steps: usize) -> Self {
         let trial = Trial::default();
         let files = (0..NAMES.len()).map(voxels).collect();
@@ -76,7 +76,7 @@ impl Growing {
         growing
     }
 
-    /// A store of so many steps to which the next step was being appended when the process was killed, at the rename that is `part` of the way.
+    /// A store of `steps` steps, and an append of the next one killed at the rename at `part` of its way.
     fn cut_off(steps: usize, part: f64) -> Self {
         let mut growing = Self::new(steps);
         let renames = growing.run.calls.iter().filter(|call| call.name == "rename").count() / APPENDED;
@@ -112,7 +112,7 @@ impl Growing {
         self.trial.sandbox.path("out.zarr")
     }
 
-    /// The store is the one with so many steps to which nothing ever happened.
+    /// Checks that the store equals the untouched one with this many steps.
     fn is(&self, steps: usize) -> Result<()> {
         let difference = tree_difference(&store_tree(&self.store()), &self.stores[steps]);
         ensure(difference.is_empty(), || format!("the store is not that of {steps} steps: {difference:?}"))
@@ -151,18 +151,17 @@ impl Growing {
         self.goes_on(found)
     }
 
-    /// The next append makes the store that it makes of one to which nothing happened.
+    /// Checks that the next append makes the same store as without faults.
     fn goes_on(&self, found: usize) -> Result<()> {
         let end = (found + 1).max(self.steps + APPENDED);
         self.append_unharmed(found..end)?;
         self.is(end)
     }
 
-    /// Checks that the store has whole steps only, and returns how many; 0 where there is none yet, or one whose first step is not
-    /// packed to the end.
+    /// Checks that the store has whole steps only, and returns their number; 0 without a store, or with a first step not packed to the end.
     fn whole_steps(&self) -> Result<usize> {
         let path = self.store();
-        // Readers may see the first step already, but the end of its pack is missing, which the same file gives.
+        // Readers may see the first step already, but the end of its pack is missing; the same file completes it.
         if self.steps == 0 && path.join(".brickyard-journal").exists() {
             return Ok(0);
         }
@@ -179,7 +178,7 @@ impl Growing {
     }
 }
 
-/// Whether a step has these voxels, and its coarsest level can be read.
+/// Whether a step has these voxels and a readable coarsest level.
 fn is_step(store: &Store, step: u32, voxels: &[u8]) -> Result<()> {
     let read = |level: Level| {
         let whole = store.pyramid().level(level).extent.full_box();
@@ -191,32 +190,32 @@ fn is_step(store: &Store, step: u32, voxels: &[u8]) -> Result<()> {
     ensure(read(Level(0))? == voxels, || format!("step {step} has other voxels"))
 }
 
-/// How many steps a user who reads what was said takes for appended.
+/// The number of appended steps according to the messages.
 fn steps_said(outcome: &Outcome) -> usize {
     let is_appended = |line: &&str| NAMES.iter().any(|name| line.starts_with(&format!("{name}: step ")));
     outcome.stderr.lines().filter(is_appended).count() + usize::from(outcome.stderr.contains("do not append it again"))
 }
 
-/// Rules for an append: for what it writes, for what it reads of the store, and for a file whose voxels it reads.
+/// Rules for an append: for its writes, for its reads of the store, and for the file of a step's voxels.
 fn rules_of(growing: &Growing) -> Vec<Vec<String>> {
     let inputs = NAMES[growing.steps + 1];
     let of = [("", &OF_WRITING[..]), ("out.zarr", &OF_READING), (inputs, &OF_FILES)];
     of.into_iter().flat_map(|(part, faults)| rules(faults, &growing.run, part)).collect()
 }
 
-/// An append to a store that one `append` has made: its values are not counted yet.
+/// An append to a store made by a single `append`: its values are not yet counted.
 #[test]
 fn an_append_that_meets_a_fault_is_right_or_goes_on() {
     in_two(40, || Growing::new(1), rules_of, |growing, rule| growing.is_right_or_goes_on(rule));
 }
 
-/// One that makes the store.
+/// The append creates the store.
 #[test]
 fn an_append_that_makes_a_store_and_meets_a_fault_is_right_or_goes_on() {
     in_two(20, || Growing::new(0), rules_of, |growing, rule| growing.is_right_or_goes_on(rule));
 }
 
-/// One that takes back what another left: files of a step that is not committed, or all documents but the root.
+/// The append reverts a cut-off one: files of an uncommitted step, or all documents but the root.
 #[test]
 fn an_append_after_one_that_was_cut_off_is_right_or_goes_on() {
     for part in [0.4, 0.97] {
@@ -225,7 +224,7 @@ fn an_append_after_one_that_was_cut_off_is_right_or_goes_on() {
     }
 }
 
-/// Whatever of the unsynced writes and names is lost with the power.
+/// With any loss of unsynced writes and names.
 #[test]
 fn an_append_that_loses_power_is_right_or_goes_on() {
     for (steps, cases) in [(0, 14), (2, 20)] {
@@ -237,7 +236,7 @@ fn an_append_that_loses_power_is_right_or_goes_on() {
     in_two(14, || Growing::cut_off(2, 0.97), moments, run);
 }
 
-/// The step counts when its root document has its name; whether that lasts is another thing, and both are said.
+/// A step counts once its root document has its name; whether this lasts is separate, and both are reported.
 #[test]
 fn a_step_that_may_not_last_is_not_taken_for_one_that_is_missing() {
     for steps in [0, 1] {
@@ -263,7 +262,7 @@ fn a_step_that_may_not_last_is_not_taken_for_one_that_is_missing() {
     }
 }
 
-/// The last sync before the journal goes: readers see the step, which an append of the same file ends, as its message says.
+/// The last sync before the journal is removed: readers see the step, and an append of the same file completes it, as its message explains.
 #[test]
 fn a_first_step_without_the_end_of_its_pack_is_ended_by_the_same_file() {
     let growing = Growing::new(0);
@@ -274,18 +273,18 @@ fn a_first_step_without_the_end_of_its_pack_is_ended_by_the_same_file() {
     growing.is_right_or_goes_on(&format!("sync {syncs} EIO")).expect("the step is ended");
 }
 
-/// Says to [`a_reader_follows`] where it is: in a process under faults.
+/// Environment variable that makes [`a_reader_follows`] the process under faults.
 const FOLLOWS: &str = "BRICKYARD_TESTS_FOLLOW";
 
-/// How often a follower tries a thing again that failed.
+/// The number of tries of a follower.
 const TRIES: usize = 4;
 
-/// What the first try gave that did not fail, or the last one.
+/// The first successful result, or the last try's.
 fn tried<T>(mut attempt: impl FnMut() -> Result<T>) -> Result<T> {
     (1..TRIES).find_map(|_| attempt().ok()).map_or_else(attempt, Ok)
 }
 
-/// Opens the store, reads its step, and the one that the command appends meanwhile.
+/// Opens the store, reads its step, and another appended meanwhile by the command.
 fn follow() -> Result<()> {
     let is_right = |store: &Store, step: u32| tried(|| is_step(store, step, &voxels(step as usize)));
     let store = tried(|| Store::open(Path::new("out.zarr")).map_err(|error| error.to_string()))?;
@@ -303,7 +302,7 @@ fn follow() -> Result<()> {
     Ok(())
 }
 
-/// The process that [`a_reader_that_follows_and_meets_a_fault_is_right_or_says_so`] runs; nothing by itself.
+/// The process of [`a_reader_that_follows_and_meets_a_fault_is_right_or_says_so`]; does nothing by itself.
 #[test]
 fn a_reader_follows() {
     if std::env::var_os(FOLLOWS).is_some() {
@@ -312,7 +311,7 @@ fn a_reader_follows() {
     }
 }
 
-/// Whoever follows a store sees whole steps, or errors that name their file; never another step's voxels, nor a panic.
+/// Followers of a store read whole steps or get errors naming their file; never another step's voxels or a panic.
 #[test]
 fn a_reader_that_follows_and_meets_a_fault_is_right_or_says_so() {
     let follow = |growing: &Growing, rule: &str| {
@@ -331,14 +330,14 @@ fn a_reader_that_follows_and_meets_a_fault_is_right_or_says_so() {
     let is_right = |growing: &Growing, rule: &String| {
         let outcome = follow(growing, rule);
         ended_well(&outcome, rule)?;
-        // A second try is right once the fault has passed.
+        // A second try succeeds once the fault has passed.
         let stays = ["+", "~", "halve", "empty"].iter().any(|word| rule.contains(word));
         ensure(outcome.code == Some(0) || stays, || format!("it gave up: {}", ended(&outcome)))
     };
     in_two(60, || Growing::new(1), rules, is_right);
 }
 
-/// Where nothing can be written, nothing is changed.
+/// Failed writes change nothing.
 #[test]
 fn what_cannot_be_written_is_said_and_stays_as_it_is() {
     let growing = Growing::new(2);

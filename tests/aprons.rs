@@ -1,5 +1,5 @@
-//! Stores packed with their bricks' aprons: the same padded bricks and the same pictures as from stores without, and no
-//! brick decoded for its neighbour's sake.
+//! Stores packed with aprons: the same padded bricks and pictures as from stores without, and no brick decoded for a
+//! neighbour's sake.
 
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::pager::{BrickSource, PaddedReader, RamCache};
@@ -11,7 +11,7 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Bricks of 16^3, of which many are partial.
+/// Bricks of 16^3, many of them partial.
 const ODD: Extent = Extent::new(100, 37, 211);
 
 /// Waves with noise, and an empty corner.
@@ -72,7 +72,7 @@ fn padded_bricks_are_the_same_from_stored_aprons_as_from_neighbours() {
     check(2, |v| if v as u32 % 11 == 3 { f32::NAN } else { (v * 0.37) as f32 });
 }
 
-/// Everything at the finest level is seen.
+/// A scene with everything visible at the finest level.
 fn scene() -> Scene {
     let transfer = brickyard::volume::TransferFunction {
         color: vec![[0.0, 0.9, 0.1, 0.4], [255.0, 0.2, 0.8, 0.2]],
@@ -97,8 +97,8 @@ fn pictures_are_the_same_and_no_brick_is_decoded_for_a_neighbour() {
     assert!(with == without, "not the same picture, bit for bit");
     let shown = |bricks: BrickCounts| [bricks.wanted, bricks.resident, bricks.failed, bricks.unreadable];
     assert_eq!((shown(stored.bricks), stored.bricks.reuploaded), (shown(from_neighbours.bricks), 0));
-    // 18^3 voxels for each brick read: its core and its apron. Those wanted came once, and how many coarser ones stood in
-    // for them meanwhile is a matter of time.
+    // 18^3 voxels for each brick read: its core and its apron. Those wanted came once; the number of coarser stand-ins
+    // meanwhile depends on timing.
     let (bricks, rest) = (stored.bytes.decoded / (18 * 18 * 18), stored.bytes.decoded % (18 * 18 * 18));
     let most = stored.bricks.wanted + coarse;
     assert!(
@@ -117,7 +117,7 @@ fn a_damaged_apron_is_reported_and_drawn_around() {
     let way = (BackendChoice::Cpu, CompositorChoice::Raycast);
     let mut damaged = session(&test.store, way).expect("the CPU is there");
     let (picture, stats) = settled(&mut damaged, &scene(), size);
-    // The brick itself is sound, so nothing that is wanted is missing, and its neighbours' voxels are the apron's.
+    // The brick itself is sound, so nothing wanted is missing, and its neighbours' voxels are the apron's.
     let bricks = stats.bricks;
     assert_eq!((stats.completeness, bricks.failed, bricks.unreadable), (1.0, 0, 1), "{stats:?}");
     let sound = store_with(1, |c, v| value(c, v) as u8);

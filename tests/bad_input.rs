@@ -1,12 +1,12 @@
-//! Bad input, damaged stores, impossible requests: the exit code is the documented one, the message says which file, what
-//! was expected and what was found, and nothing half-made stands under the final name.
+//! Bad input, damaged stores, impossible requests: the exit code is as documented, the message names the file, the
+//! expected and the found, and no partial result stands under the final name.
 
 use brickyard_tests::{Sandbox, leave_out, read_png, tree, tree_difference};
 use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 
-/// A line of arguments, the exit code it must end with, and what its message must say.
+/// A line of arguments, its exit code, and words of its message.
 type Case<'a> = (&'a str, i32, &'a [&'a str]);
 
 const USAGE: i32 = 2;
@@ -14,7 +14,7 @@ const BAD_INPUT: i32 = 3;
 const INCOMPLETE: i32 = 4;
 const VERIFICATION_FAILED: i32 = 5;
 
-/// Runs the cases. None may change a file, nor leave one.
+/// Runs the cases. None may change or leave a file.
 fn check(sandbox: &Sandbox, cases: &[Case]) {
     let before = tree(&sandbox.path(""));
     for (line, code, words) in cases {
@@ -97,7 +97,7 @@ fn raw_files_that_do_not_fit_their_flags() {
     );
 }
 
-/// A NIfTI-1 header of a volume of these dimensions, with `datatype` and `bitpix` as the standard numbers them.
+/// A NIfTI-1 header of a volume of these dimensions, with the standard's numbers `datatype` and `bitpix`.
 pub(crate) fn nifti_header(dims: &[i16], datatype: i16, bitpix: i16) -> Vec<u8> {
     let mut header = vec![0u8; 352];
     let mut put = |at: usize, bytes: &[u8]| header[at..at + bytes.len()].copy_from_slice(bytes);
@@ -234,7 +234,7 @@ fn what_is_not_a_finished_store() {
             ("reshaped.zarr", BAD_INPUT, &["reshaped.zarr", "expected", "found"]),
             ("foreign.zarr", BAD_INPUT, &["foreign.zarr", "not supported"]),
         ] {
-            // To damage in a store's documents, verifying has an answer of its own.
+            // Damaged documents have a separate exit code in `verify`.
             let is_damaged = ["garbled.zarr", "reshaped.zarr"].contains(&store) && command.starts_with("verify");
             check(&sandbox, &[(&line(store), if is_damaged { VERIFICATION_FAILED } else { code }, words)]);
             let (_, _, said) = sandbox.run(&line(store));
@@ -243,7 +243,7 @@ fn what_is_not_a_finished_store() {
     }
 }
 
-/// Where the first stored brick of a shard file lies. The file ends with 16 bytes an entry and a checksum.
+/// The first stored brick's range in a shard file. The file ends with 16 bytes per entry and a checksum.
 fn first_brick(shard: &[u8], entries: usize) -> std::ops::Range<usize> {
     let index = &shard[shard.len() - 4 - 16 * entries..];
     let number = |at: usize| u64::from_le_bytes(index[at..at + 8].try_into().expect("eight bytes"));
@@ -252,7 +252,7 @@ fn first_brick(shard: &[u8], entries: usize) -> std::ops::Range<usize> {
     offset..offset + length
 }
 
-/// Opaque everywhere, whatever the value: any hole would show the background.
+/// Opaque for all values: any hole would show the background.
 const OPAQUE: &str = r#"{"color": [[0, 0, 0, 1], [200, 1, 1, 0]], "opacity": [[0, 1]], "unit_distance": 0.1}"#;
 const VIEW: &str = "--size 160x120 --transfer opaque.json --background 1,0,1 --backend cpu --overwrite";
 
@@ -287,7 +287,7 @@ fn a_damaged_brick_is_named_counted_and_drawn_around() {
             &sandbox,
             &[
                 (&format!("export {store} o.raw"), BAD_INPUT, &["level 0 brick (0,0,2)", "damaged", "checksum"]),
-                // Away from the damage everything works; nothing would be drawn of it at a coarser level either.
+                // Away from the damage everything works; the damaged brick would be missing at a coarser level, too.
                 (&format!("info {store}"), 0, &[]),
             ],
         );
@@ -340,7 +340,7 @@ fn damage_other_than_a_bricks() {
     sandbox.copy("good.zarr", "sideless.zarr");
     std::fs::remove_dir_all(sandbox.path("sideless.zarr/0/.brickyard")).expect("it is there");
 
-    // Of a damaged shard everything else can still be used, and the picture has no hole.
+    // The rest of a damaged shard is still usable, and the picture has no hole.
     sandbox.run_ok(&format!("render good.zarr -o good.png {VIEW} --level 0"));
     let silhouette = |path: &str| {
         let picture = read_png(&sandbox.path(path));
@@ -367,12 +367,12 @@ fn damage_other_than_a_bricks() {
         assert!(silhouette("o.png") == silhouette("good.png"), "{name}: the picture has a hole");
         std::fs::remove_file(sandbox.path("o.png")).expect("it was written");
     }
-    // What bricks can show is not known: they may show anything, and the picture is the same.
+    // Bricks with unknown ranges may show anything, and the picture is the same.
     let (code, _, stderr) = sandbox.run(&format!("render side.zarr -o o.png {VIEW} --level 0"));
     assert!(code == 0 && stderr.contains("side.zarr/0/.brickyard/ranges"), "exit {code}: {stderr}");
     assert!(silhouette("o.png") == silhouette("good.png"));
     std::fs::remove_file(sandbox.path("o.png")).expect("it was written");
-    // Without the coarsest level there is nothing to stand in for anything; without side data, no store.
+    // Without the coarsest level there are no stand-ins; without side data, no store.
     let damaged = "coarsest.zarr/2/c/0/0/0/0";
     check(
         &sandbox,
@@ -409,7 +409,7 @@ fn outputs_that_exist_are_kept() {
             ("synth ct o.raw --shape 20,20,20", USAGE, &["o.raw", exists, "--overwrite"]),
             ("pack o.raw good.zarr --shape 2,2,2 --dtype u8", USAGE, &["good.zarr", exists, "--overwrite"]),
             ("pack o.raw good.zarr --shape 2,2,2 --dtype u8 --resume", USAGE, &["good.zarr"]),
-            // What is no store is not replaced even when told to.
+            // Anything but a store is never replaced, even on request.
             ("pack o.raw folder.zarr --shape 2,2,2 --dtype u8 --overwrite", USAGE, &["folder.zarr", "left alone"]),
             ("pack o.raw file.zarr --shape 2,2,2 --dtype u8 --overwrite", USAGE, &["file.zarr", "left alone"]),
             ("synth ct folder.raw --shape 2,2,2 --overwrite", USAGE, &["folder.raw", "left alone"]),
@@ -424,7 +424,7 @@ fn outputs_that_exist_are_kept() {
             ("render good.zarr -o new.png --stats stats.json", USAGE, &["stats.json", exists, "--overwrite"]),
         ],
     );
-    // An overwrite that fails leaves what was there.
+    // A failed overwrite keeps the old file.
     check(
         &sandbox,
         &[
@@ -612,7 +612,7 @@ fn requests_that_a_store_cannot_meet() {
     );
 }
 
-/// Numbers with which no picture would be right are refused, whichever way they come and whatever draws.
+/// Numbers that allow no right picture are refused, from any source and for any renderer.
 #[test]
 fn numbers_beyond_all_bounds() {
     let sandbox = with_good_store();
@@ -648,7 +648,7 @@ fn numbers_beyond_all_bounds() {
     check(&sandbox, &[("view good.zarr --eye 2e9,0,0", USAGE, eye), ("view good.zarr --scene step.json", USAGE, step)]);
 }
 
-/// A picture whose drawing takes longer than it may is given up, by whatever draws it, and nothing is left of it.
+/// A picture past its time limit is abandoned by every renderer, without leftovers.
 #[test]
 fn what_takes_too_long_to_draw() {
     let sandbox = with_good_store();
@@ -673,7 +673,8 @@ fn what_takes_too_long_to_draw() {
     check(&sandbox, &lines.iter().map(|line| (&line[..], 1, words)).collect::<Vec<_>>());
 }
 
-/// llvmpipe ends rays after so many rounds of loops: where they may take more, it is said. The CPU has no such bound.
+/// llvmpipe ends rays after a number of loop rounds: a warning reports rays in need of more. The CPU has no such
+/// limit.
 #[test]
 fn rays_that_a_software_gpu_may_leave_unfinished_are_told() {
     let sandbox = Sandbox::in_memory();
@@ -926,7 +927,7 @@ fn what_is_not_finite_is_packed_counted_and_left_out() {
     sandbox.run_ok("export o.zarr b.raw");
     assert!(sandbox.read("b.raw") == voxels, "every bit of every NaN is kept");
     sandbox.run_ok("render o.zarr -o o.png --size 64x48 --backend cpu");
-    // Nothing but NaN is a volume too.
+    // A volume of only NaN is valid, too.
     sandbox.write("nan.raw", f32::NAN.to_le_bytes().repeat(1000));
     sandbox.run_ok("pack nan.raw nan.zarr --shape 10,10,10 --dtype f32 --progress none");
     sandbox.run_ok("render nan.zarr -o nan.png --size 64x48 --backend cpu --background 0,1,0");
@@ -953,13 +954,13 @@ fn any_name_will_do() {
     assert!(String::from_utf8_lossy(&output.stderr).contains(&name(".tiff")), "names are printed as they are");
 }
 
-/// The command without the rights of root, who may do anything; `None` (said loudly) where that cannot be had.
+/// The command without root's unlimited rights; `None` (with a message) if unavailable.
 fn unprivileged(sandbox: &Sandbox) -> Option<impl Fn(&str) -> (i32, String) + '_> {
     use std::os::unix::fs::{MetadataExt, PermissionsExt};
     let readable = std::fs::Permissions::from_mode(0o755);
     std::fs::set_permissions(sandbox.path(""), readable).expect("our own folder");
     let is_root = std::fs::metadata(sandbox.path("")).expect("our own folder").uid() == 0;
-    // The command may lie where only root looks.
+    // The command may be in a folder only root can read.
     let program = sandbox.path("brickyard");
     std::fs::copy(sandbox.command().get_program(), &program).expect("the sandbox is writable");
     let run = move |line: &str| {
@@ -1002,7 +1003,7 @@ fn missing_permissions() {
     chmod(&sandbox.path("document.zarr/0/zarr.json"), 0);
     chmod(&sandbox.path("locked"), 0o555);
     for (line, code, path) in [
-        // Nothing is wrong with what may not be read.
+        // An unreadable file has no fault of its own.
         ("pack secret.raw locked/o.zarr --shape 10,10,10 --dtype u8", 1, "secret.raw"),
         ("pack open.raw locked/o.zarr --shape 10,10,10 --dtype u8", 1, "locked/o.zarr"),
         ("synth ct locked/o.zarr --shape 10,10,10", 1, "locked/o.zarr"),
@@ -1023,7 +1024,7 @@ fn missing_permissions() {
     chmod(&sandbox.path("locked"), 0o755);
 }
 
-/// Whoever no longer listens to what is said has the exit code.
+/// A caller still gets the exit code after closing standard error.
 #[test]
 fn an_error_that_nobody_hears_keeps_its_exit_code() {
     let sandbox = Sandbox::default();

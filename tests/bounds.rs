@@ -1,4 +1,4 @@
-//! Numbers at the ends of what scenes may have: every renderer draws them as the oracle does. What is beyond is refused (`tests/bad_input.rs`).
+//! Numbers at the limits of scenes: every renderer draws them like the oracle. Numbers beyond are refused (`tests/bad_input.rs`).
 
 use brickyard::volume::{
     Camera, Extent, Geometry, Mode, Placement, Projection, Scene, SceneLayer, Slice, Stereo, StereoLayout,
@@ -19,7 +19,7 @@ fn fog(unit_distance: f64) -> TransferFunction {
     }
 }
 
-/// Fog seen from so far away that it fills the picture.
+/// Fog seen from afar, filling the picture.
 fn from(distance: f64) -> Scene {
     let (low, high) = Geometry::default().world_box(EXTENT);
     let target = (low + high) * 0.5;

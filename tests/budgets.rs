@@ -1,10 +1,10 @@
-//! Budgets: however small they are, the picture is whole, only coarser, and the statistics say so; and a budget that no
-//! picture fits is refused with the least that does.
+//! Budgets: under any of them the picture is whole, if coarser, with matching statistics; and a budget too small for
+//! any picture is refused with the least sufficient one.
 
 use brickyard_tests::{Sandbox, leave_out, read_png};
 use serde_json::Value;
 
-/// Opaque everywhere: any hole would show the background.
+/// Opaque for all values: any hole would show the background.
 const OPAQUE: &str = r#"{"color": [[0, 0, 0.2, 0.4], [255, 1, 0.8, 0]], "opacity": [[0, 1]], "unit_distance": 0.1}"#;
 const VIEW: &str = "--size 200x150 --transfer opaque.json --background 1,0,1";
 const MAGENTA: [u8; 3] = [255, 0, 255];
@@ -18,7 +18,7 @@ fn sandbox_with_ct() -> Sandbox {
     sandbox
 }
 
-/// The backends there are, with every compositor.
+/// The available backends, with every compositor.
 fn backends(sandbox: &Sandbox) -> Vec<&'static str> {
     let works = |backend: &&str| {
         let line = format!("render ct.zarr -o try.png --overwrite --size 8x8 --backend {backend}");
@@ -113,7 +113,7 @@ fn an_orbit_within_a_small_budget_stays_within_it() {
         assert!(stats["host_bytes_peak"].as_u64().expect("bytes") <= 8 * MIB, "{stats}");
         for i in 0..6 {
             let picture = read_png(&sandbox.path(format!("turn_{i:03}.png")));
-            // The rays of one row through the middle of the body, all of which meet it between its outermost ones.
+            // The rays of one row through the middle of the body; all between its outermost pixels hit it.
             let row = &picture.rgb[75 * 200..76 * 200];
             let body: Vec<usize> = (0..200).filter(|x| row[*x] != MAGENTA).collect();
             let (first, last) = (body[0], body[body.len() - 1]);
@@ -126,7 +126,7 @@ fn an_orbit_within_a_small_budget_stays_within_it() {
 fn every_frame_of_a_random_flight_is_whole_and_within_its_budgets() {
     let sandbox = sandbox_with_ct();
     for backend in backends(&sandbox) {
-        // A software GPU takes a tenth of a second a frame.
+        // A software GPU takes a tenth of a second per frame.
         let frames = if backend == "cpu" { 200 } else { 50 };
         let printed = sandbox.run_ok(&format!(
             "bench ct.zarr --scenario random,zoom --frames {frames} --size 48x36 --backend {backend} --gpu-memory 6MiB \
@@ -143,7 +143,7 @@ fn every_frame_of_a_random_flight_is_whole_and_within_its_budgets() {
     }
 }
 
-/// The least that a message says would work.
+/// The least sufficient amount, from a message.
 fn least_bytes(stderr: &str) -> u64 {
     let after = stderr.split("at least ").nth(1).unwrap_or_else(|| panic!("no least amount in: {stderr}"));
     let mut words = after.split([' ', ';', ',', '\n']);
@@ -170,7 +170,7 @@ fn a_budget_too_small_for_anything_says_what_would_do() {
             let (code, _, stderr) = sandbox.run(&format!("{line} {least_flags} {least}"));
             assert_eq!(code, 0, "{backend} {least_flags} {least}: {stderr}");
             std::fs::remove_file(sandbox.path("small.png")).expect("it was written");
-            // It is told up to a tenth.
+            // It is given to a tenth.
             let tenth = if least < MIB { 103 } else { MIB / 10 + 1 };
             let (code, _, _) = sandbox.run(&format!("{line} {least_flags} {}", least - tenth));
             assert_eq!(code, 2, "{backend} {least_flags}: a tenth less than the least is refused");

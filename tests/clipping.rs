@@ -1,5 +1,4 @@
-//! Clip planes and slices end to end: against the oracle in all modes and ways to draw, against formulas, and that what is
-//! not shown is not read.
+//! Clip planes and slices end to end: against the oracle in all modes and ways to draw, and against formulas; hidden parts are not read.
 
 use brickyard::session::VolumeSource;
 use brickyard::store::Store;
@@ -59,7 +58,7 @@ fn volume() -> (TestStore, (DVec3, DVec3), Scene) {
     (test, geometry.world_box(extent), scene)
 }
 
-/// The settled pictures of scenes of one mode equal the oracle's, whatever draws them.
+/// Checks that the settled pictures of scenes of one mode equal the oracle's, by every way to draw.
 fn check(store: &Arc<Store>, scenes: &[(String, Scene)]) {
     let mode = scenes[0].1.mode;
     let expected: Vec<Picture> = scenes.iter().map(|(_, scene)| oracle(store, scene, SIZE)).collect();
@@ -84,7 +83,7 @@ fn planes_equal_the_oracle_in_all_modes() {
     let views = [
         ("outside", outside),
         ("orthographic", Camera { projection: ortho, ..perspective(at(-1.0, 2.0, 0.9), centre) }),
-        // The eye and what is around it are cut away.
+        // The eye and its surroundings are cut away.
         ("inside", inside),
     ];
     let six =
@@ -111,7 +110,7 @@ fn planes_equal_the_oracle_in_all_modes() {
             let through = plane(camera.eye, across.to_array());
             scenes.push((format!("{view}, a plane through the eye"), scene(camera, &[through])));
         }
-        // Rays neither enter nor leave planes that they are parallel to.
+        // Rays neither enter nor leave parallel planes.
         let along_y = Camera { projection: ortho, ..perspective(at(0.5, -1.0, 0.5), centre) };
         let beside = [plane(at(0.43, 0.5, 0.5), [1.0, 0.0, 0.0]), plane(at(0.5, 0.5, 0.71), [0.0, 0.0, -1.0])];
         scenes.push(("planes beside the rays".into(), scene(along_y, &beside)));
@@ -122,8 +121,8 @@ fn planes_equal_the_oracle_in_all_modes() {
     }
 }
 
-/// A solid ball in bricks of 16, most of them wholly inside of its surface: a cut through it is capped from edge to edge, in one colour, and left
-/// open where that is asked for. Only bricks next to the cut or the surface are read.
+/// A solid ball in bricks of 16, most of them wholly inside its surface: a cut through it is capped from edge to edge, in one colour, and left
+/// open on request. Only bricks next to the cut or the surface are read.
 #[test]
 fn a_cut_through_a_solid_is_capped_everywhere() {
     let (n, radius) = (96, 40.0);
@@ -148,7 +147,7 @@ fn a_cut_through_a_solid_is_capped_everywhere() {
         layers: vec![layer],
         ..Scene::default()
     };
-    // It faces the light, which is at the eye.
+    // It faces the light at the eye.
     let (own, white) = headlight(Some(1.0));
     let lit = Picture::quantise([0.8, 0.6, 0.2].map(|channel| (channel * own + white) as f32));
     for way in WAYS {
@@ -167,7 +166,7 @@ fn a_cut_through_a_solid_is_capped_everywhere() {
 /// The segment behind a cut belongs to the brick of its middle, which the cut may miss by half a segment.
 #[test]
 fn caps_just_behind_a_border_of_bricks_are_seen() {
-    // Borders of bricks are at 15.5, 31.5 and 47.5; all of the bricks is inside of the surface.
+    // Borders of bricks are at 15.5, 31.5 and 47.5; all bricks are inside the surface.
     let volume = FunctionSource::new(Extent::new(64, 64, 64), Geometry::default(), |_, _, _| 200u8);
     let test = TestStore::pack(&volume, 16);
     let surface = Isosurface { color: Some([0.8, 0.6, 0.2]), ..Isosurface::at(100.0) };
@@ -218,7 +217,7 @@ fn what_planes_leave_nothing_of_is_the_background() {
                 let (picture, stats) = settled(&mut session, &scene, SIZE);
                 let background = Picture::quantise(scene.background.map(|c| c as f32));
                 assert!(picture.rgb.iter().all(|p| *p == background), "{mode:?} {way:?}");
-                // Bricks that meet each of two planes are wanted though nothing is between these.
+                // Bricks on both of two planes are wanted, although nothing lies between.
                 let wanted = stats.bricks.wanted;
                 assert!(scene.clip_planes.len() > 1 || wanted == 0, "{mode:?} {way:?}: {wanted} bricks");
             }
@@ -226,7 +225,7 @@ fn what_planes_leave_nothing_of_is_the_background() {
     }
 }
 
-/// Where a ray is inside a box and on the inner sides of planes: its length there.
+/// A ray's length inside a box and on the inner sides of planes.
 fn length_inside(ray: &Ray, (low, high): (DVec3, DVec3), planes: &[ClipPlane]) -> f64 {
     let faces = DVec3::AXES.into_iter().flat_map(|n| [(low, n), (high, -n)]);
     let planes = planes.iter().map(|plane| (plane.point, plane.normal));
@@ -238,7 +237,7 @@ fn length_inside(ray: &Ray, (low, high): (DVec3, DVec3), planes: &[ClipPlane]) -
     (to - from).max(0.0)
 }
 
-/// A constant medium cut by oblique planes has Beer-Lambert's opacity over just the length that they leave.
+/// A constant medium cut by oblique planes has Beer-Lambert's opacity over exactly the remaining length.
 #[test]
 fn a_constant_medium_cut_obliquely_is_beer_lambert() {
     let extent = Extent::new(70, 70, 70);
@@ -278,7 +277,7 @@ fn a_constant_medium_cut_obliquely_is_beer_lambert() {
     }
 }
 
-/// What a slice shows of a volume whose values go up and down along x by 31 a voxel, 8192 voxels long.
+/// Slices of a volume whose values go up and down along x by 31 per voxel, 8192 voxels long.
 mod ramp {
     use super::*;
 
@@ -300,8 +299,8 @@ mod ramp {
     }
 }
 
-/// Thin slices are the trilinear value where the ray meets the plane, to 1/255: also 8192 voxels away from zero, on borders of
-/// voxels and bricks, and on the volume's faces; beside it there is nothing.
+/// Thin slices equal the trilinear value where the ray meets the plane, to 1/255: also 8192 voxels away from zero, on borders of voxels and
+/// bricks, and on the volume's faces; beside it they are empty.
 #[test]
 fn thin_slices_are_the_values_on_the_plane() {
     let test = ramp::store();
@@ -342,7 +341,7 @@ fn thin_slices_are_the_values_on_the_plane() {
         projection: Projection::Orthographic { height: 20.0 },
         ..slice.camera(world, slice.image_up(), SIZE)
     };
-    // From afar the slab is thicker, and its two sides are harder to tell from one another.
+    // From afar the slab is thicker, and its two sides are harder to distinguish.
     for normal in [[0.0, -1.0, 0.0], [0.3, -1.0, 0.2], [1.0, 0.4, -0.3]] {
         let slice = Slice { point: place, normal: DVec3::from_array(normal), thickness: 0.0 };
         scenes.push(scene(slice, Some(near(slice))));
@@ -364,7 +363,7 @@ fn thin_slices_are_the_values_on_the_plane() {
                 let ray = rays.ray(x as f64 + 0.5, y as f64 + 0.5);
                 let t = slice.normal.dot(slice.point - ray.origin) / slice.normal.dot(ray.direction);
                 let point = ray.origin + ray.direction * t;
-                // The slab is thicker than nothing: near the faces it is neither.
+                // The slab is thicker than zero: near the faces it is neither.
                 let inside = (point - world.0).min(world.1 - point).min_element();
                 let expected = match inside {
                     _ if t > 0.0 && inside > 0.005 => [ramp::value(point.x).round() as u8; 3],
@@ -401,7 +400,7 @@ fn slices_and_slabs_equal_the_oracle() {
         for (name, slice) in slices {
             let scene = Scene { slice: Some(slice), mode, ..scene.clone() };
             let camera = Some(perspective(centre + DVec3::new(25.0, -70.0, 41.0), centre));
-            // A plane may cut a slice off, too.
+            // A plane may cut off a slice, too.
             let clip_planes = vec![plane(centre + DVec3::X, [-0.9, 0.3, 0.3])];
             scenes.push((format!("{name}, from aside"), Scene { camera, ..scene.clone() }));
             scenes.push((format!("{name}, cut off"), Scene { clip_planes, ..scene.clone() }));
@@ -411,7 +410,7 @@ fn slices_and_slabs_equal_the_oracle() {
     }
 }
 
-/// Only what a plane leaves is read, and of a slice only the bricks that it meets.
+/// Only bricks left by a plane are read, and only those that meet a slice.
 #[test]
 fn bricks_out_of_sight_are_not_uploaded() {
     let extent = Extent::new(128, 128, 128);
@@ -422,7 +421,7 @@ fn bricks_out_of_sight_are_not_uploaded() {
     let slice = |slice| Scene { slice: Some(slice), ..scene(Mode::Average) };
     // Those with i + j + k up to 3, and up to 1 and 0.
     let corner = vec![plane(DVec3::splat(20.0), [-1.0, -1.0, -1.0])];
-    // Of 8 x 8 x 8 bricks; on the way down from the coarsest level those of 4, 2 and 1 to an axis may come, too.
+    // Of 8 x 8 x 8 bricks; on the way down from the coarsest level those of 4, 2 and 1 per axis may come, too.
     let layer = 64 + 16 + 4 + 1;
     // Voxel coordinates on the plane add up to 193.5: they pass the brick (i, j, k) if i + j + k is 10, 11 or 12, coarser ones if it is
     // 4, 5 or 6, and 1, 2 or 3.
@@ -466,11 +465,11 @@ fn the_command_clips_and_slices() {
     assert_eq!(picture("--slice x=10.5").pixel(32, 20), [84; 3]);
     assert_eq!(picture("--slice 10.5,0,0:1,0,0"), picture("--slice x=10.5"));
     assert_eq!(picture("--slice x=10.5 --thickness 6").pixel(32, 20), [84; 3], "the mean");
-    // From 7.5 to 13.5, but for half a step.
+    // From 7.5 to 13.5, except half a step.
     let highest = picture("--slice x=10.5 --thickness 6 --mode mip --step 0.1").pixel(32, 20)[0];
     let lowest = picture("--slice x=10.5 --thickness 6 --mode minip --step 0.1").pixel(32, 20)[0];
     assert!(highest.abs_diff(108) <= 1 && lowest.abs_diff(60) <= 1, "{lowest} to {highest}");
-    // A scene file is as good as flags, and what a picture holds is its scene.
+    // A scene file is equivalent to flags, and a picture contains its scene.
     sandbox.write(
         "scene.json",
         r#"{"mode": "average", "slice": {"point": [10.5, 0, 0], "normal": [1, 0, 0], "thickness": 6}, "clip_planes":

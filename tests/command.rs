@@ -1,4 +1,4 @@
-//! The command among other programs: pipes that its results go into, and hands that stop it.
+//! The command among other programs: pipes for its results, and interrupts.
 
 use crate::bad_input::nifti_header;
 use brickyard_tests::{Sandbox, tree, tree_difference};
@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 /// A view of the store `a.zarr`, at its finest level.
 const VIEW: &str = "--eye 300,200,200 --target 48,48,48 --level 0 --size 64x64 --backend cpu";
 
-/// A store of 6x6x6 bricks in shards of 2x2x2, to which each part of a test's own is done.
+/// A store of 6x6x6 bricks in shards of 2x2x2, for separate parts of a test.
 fn with_store() -> Sandbox {
     let sandbox = Sandbox::in_memory();
     sandbox.run_ok("synth ct a.zarr --shape 96,96,96 --brick 16 --shard 32 --progress none");
@@ -59,12 +59,12 @@ fn nothing_is_coloured_in_pipes() {
     {
         let (_, stdout, stderr) = sandbox.run(line);
         assert!(!stdout.contains('\u{1b}') && !stderr.contains('\u{1b}'), "{line}: {stdout:?}{stderr:?}");
-        // What the log says is among it.
+        // It includes log lines.
         assert!(!line.contains("a.png") || stderr.contains("WARN"), "{stderr}");
     }
 }
 
-/// A colour that another program has edited is no damage; one that is none is.
+/// A colour edited by another program is no damage; an invalid one is.
 #[test]
 fn edited_looks_are_noted_and_sound() {
     let sandbox = with_store();
@@ -90,7 +90,7 @@ fn edited_looks_are_noted_and_sound() {
     }
 }
 
-/// Remarks on a file are routine, and warnings are not.
+/// Remarks on a file are routine; warnings are not.
 #[test]
 fn packing_and_appending_say_what_is_routine() {
     let sandbox = Sandbox::default();
@@ -104,7 +104,7 @@ fn packing_and_appending_say_what_is_routine() {
     assert!(sandbox.run_ok("verify o.zarr --progress none").contains("1 brick in 1 shard is sound"));
 }
 
-/// Where what was asked for goes is named, if it cannot go there.
+/// A full destination is named.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_standard_output_is_named() {
@@ -115,7 +115,7 @@ fn a_full_standard_output_is_named() {
     assert!(output.status.code() == Some(1) && said.contains("standard output:"), "{:?}: {said}", output.status);
 }
 
-/// However many bricks are damaged: a few are named where a picture is drawn, all of them by `verify`, and the last line has their number.
+/// For any number of damaged bricks: rendering names a few, `verify` all of them, and the last line gives the count.
 #[test]
 fn damage_is_summed_up_in_a_line() {
     let sandbox = with_store();
@@ -134,7 +134,7 @@ fn damage_is_summed_up_in_a_line() {
     assert_eq!(code, 0, "{stderr}");
     assert_eq!(stderr.lines().filter(|line| line.contains("a coarser brick stands in")).count(), 3, "{stderr}");
     assert_eq!(stderr.lines().filter(|line| line.contains("bricks could not be read")).count(), 1, "{stderr}");
-    // Those who will not have such a picture are told by the exit code.
+    // The exit code serves those who reject such a picture.
     let drawn = sandbox.read("a.png");
     let (code, _, stderr) = sandbox.run(&format!("render a.zarr -o strict.png {VIEW} --strict"));
     assert!(code == 5 && stderr.contains("--strict"), "exit {code}: {stderr}");
@@ -156,10 +156,10 @@ fn a_picture_goes_into_a_pipe() {
     }
 }
 
-/// A pack of 294 shards, at work for a second or so.
+/// A pack of 294 shards, taking about a second.
 const PACK: &str = "pack in.raw b.zarr --shape 256,256,128 --dtype u16 --brick 16 --shard 32 --progress none -j 2";
 
-/// Starts a line of arguments, presses Ctrl-C once `is_time`, and returns the exit code and what was said.
+/// Runs a line of arguments, presses Ctrl-C once `is_time`, and returns the exit code and the messages.
 fn stopped(sandbox: &Sandbox, line: &str, is_time: impl Fn() -> bool) -> (Option<i32>, String) {
     let mut command = sandbox.command();
     let child = command.args(line.split_whitespace()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
@@ -187,7 +187,7 @@ fn a_pack_that_is_stopped_goes_on_to_the_same_store() {
     sandbox.run_ok(PACK);
     let whole = tree(&sandbox.path("b.zarr"));
     let journal = |store: &str| std::fs::read_to_string(sandbox.path(store).join(".brickyard-journal"));
-    // Anew, and in the place of the whole store.
+    // Anew, and replacing the whole store.
     for (flags, made_in) in [("", "b.zarr"), (" --overwrite", "b.zarr.packing")] {
         if flags.is_empty() {
             std::fs::remove_dir_all(sandbox.path("b.zarr")).expect("it is there");
@@ -199,7 +199,7 @@ fn a_pack_that_is_stopped_goes_on_to_the_same_store() {
             assert!(said.contains(words), "{words:?} is not in: {said}");
         }
         let lines = journal(made_in).expect("an unfinished pack");
-        // Of which one is the head. What begins with a blank is about others.
+        // One of them is the head. Lines that begin with a blank are about others.
         let finished = lines.lines().filter(|line| !line.starts_with(' ')).count() - 1;
         assert!(said.contains(&format!("stopped; {finished} of")), "{finished}: {said}");
         sandbox.run_ok(&format!("{PACK} --resume"));

@@ -1,8 +1,8 @@
-//! Volumes of a single value, and of a single voxel: they are shown, alike by every renderer, and it is said how.
+//! Volumes of a single value, and of a single voxel: all renderers show them alike, with a message about the look.
 
 use brickyard_tests::{Sandbox, leave_out, read_png};
 
-/// Its name, the type, the shape, and the voxels.
+/// Name, type, shape, and voxels.
 fn volumes() -> Vec<(&'static str, &'static str, [usize; 3], Vec<u8>)> {
     let floats = |n: usize, value: &dyn Fn(usize) -> f32| (0..n).flat_map(|i| value(i).to_le_bytes()).collect();
     let mut volumes = vec![
@@ -54,7 +54,7 @@ fn volumes_of_one_value_are_shown_alike_by_all() {
     }
 }
 
-/// The value is told without what 32 bits make of it.
+/// The value is reported without the digits of 32-bit rounding.
 #[test]
 fn the_one_value_has_few_digits() {
     let sandbox = Sandbox::default();

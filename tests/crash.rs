@@ -1,4 +1,4 @@
-//! Packs that are killed, run out of disk, or are resumed with something else: a finished store is always the same store.
+//! Packs killed, out of disk, or resumed with other input: a finished store is always the same.
 
 use brickyard_tests::sample::seed;
 use brickyard_tests::{Random, Sandbox, command, leave_out, tree, tree_difference};
@@ -11,12 +11,12 @@ use std::time::Duration;
 const PACK: &str = "pack in.raw out.zarr --shape 256,256,128 --dtype u8 --brick 16 --shard 32 --downsample mean,max \
                     --aprons 1 --progress none -j 2";
 
-/// Where everything but the store itself lies in a sandbox after a pack.
+/// The file beside the store in a sandbox after a pack.
 const INPUT: &str = "in.raw";
 
 /// 8 MiB that compress to about half: waves, with noise in the low bits.
 ///
-/// In memory: what a process leaves behind does not depend on the disk, but waiting for one would be most of the time.
+/// In memory: a process's leftovers do not depend on the disk, but waiting for one would take most of the time.
 fn sandbox_with_input() -> Sandbox {
     let sandbox = Sandbox::in_memory();
     let mut random = Random(7);
@@ -35,7 +35,7 @@ fn finished_shards(journal: &Path) -> usize {
     std::fs::read_to_string(journal).map_or(0, |text| text.lines().count().saturating_sub(1))
 }
 
-/// Packs anew and kills the process once so many shards are finished; again, where it was done before it could be killed.
+/// Packs anew and kills the process after `shards` finished shards; tries again if it ended before the kill.
 fn interrupt(sandbox: &Sandbox, shards: usize) {
     assert!((0..9).any(|_| killed_after(sandbox, shards, Duration::ZERO)), "it finishes before it can be killed");
 }
@@ -47,7 +47,7 @@ fn remove_store(sandbox: &Sandbox) {
     }
 }
 
-/// The names in the sandbox besides those inside the store.
+/// The names in the sandbox outside the store.
 fn beside_the_store(sandbox: &Sandbox) -> Vec<String> {
     let entries = std::fs::read_dir(sandbox.path("")).expect("the sandbox can be listed");
     let mut names: Vec<_> = entries.map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
@@ -55,7 +55,7 @@ fn beside_the_store(sandbox: &Sandbox) -> Vec<String> {
     names
 }
 
-/// Packs anew and kills the process a while after so many shards are finished; false if it had finished by then.
+/// Packs anew and kills the process `delay` after `shards` finished shards; `false` if it had ended by then.
 fn killed_after(sandbox: &Sandbox, shards: usize, delay: Duration) -> bool {
     remove_store(sandbox);
     let mut child = sandbox.command().args(PACK.split(' ')).stderr(Stdio::null()).spawn().expect("the command starts");
@@ -68,7 +68,7 @@ fn killed_after(sandbox: &Sandbox, shards: usize, delay: Duration) -> bool {
     !child.wait().expect("a child").success()
 }
 
-/// Moments are told by what is finished, not by a clock: machines that do other work stretch the time between any two.
+/// Moments depend on finished shards, not on a clock: load on the machine stretches the time between any two.
 #[test]
 fn killed_at_any_moment_and_resumed_the_store_is_the_uninterrupted_one() {
     let sandbox = sandbox_with_input();
@@ -84,7 +84,7 @@ fn killed_at_any_moment_and_resumed_the_store_is_the_uninterrupted_one() {
 
     let mut random = Random(seed());
     let (mut midway, mut furthest) = (0, 0);
-    // One moment in each part of the pack, anywhere inside it.
+    // One moment in each part of the pack, at a random place.
     const MOMENTS: u32 = 20;
     for moment in 0..MOMENTS {
         let mut after = ((f64::from(moment) + random.unit()) / f64::from(MOMENTS) * shards as f64) as usize;
@@ -113,7 +113,7 @@ fn killed_at_any_moment_and_resumed_the_store_is_the_uninterrupted_one() {
 fn a_pack_resumes_only_what_it_was() {
     let sandbox = sandbox_with_input();
     interrupt(&sandbox, 3);
-    // The lock file that a killed pack leaves goes with the next who has the lock.
+    // A killed pack's lock file goes with the next holder of the lock.
     let packed = || {
         let mut files = tree(&sandbox.path("out.zarr"));
         files.remove(Path::new(".brickyard-lock"));
@@ -136,7 +136,7 @@ fn a_pack_resumes_only_what_it_was() {
     refused(&PACK.replace("mean,max", "max --resume"), 2, &["downsample was \"mean,max\", now \"max\""]);
     refused(&format!("{PACK} --spacing 1,1,2 --resume"), 2, &["geometry was", "spacing"]);
     refused(&PACK.replace("256,256,128", "256,128,256 --resume"), 2, &["extent was [256,256,128], now [256,128,256]"]);
-    // What does not change the result may change: threads and memory.
+    // Settings without effect on the result may change: threads and memory.
     let bytes = sandbox.read(INPUT);
     std::thread::sleep(Duration::from_millis(20)); // The file system's clock may tick in 10 ms.
     sandbox.write(INPUT, bytes);
@@ -145,7 +145,7 @@ fn a_pack_resumes_only_what_it_was() {
     sandbox.run_ok("verify out.zarr --progress none");
 }
 
-/// Of packs that start together, each with its own settings, one wins; the others say who it is.
+/// Of packs started together, each with its own settings, one wins; the others name it.
 #[test]
 fn of_packs_that_start_together_one_wins() {
     let sandbox = sandbox_with_input();
@@ -195,11 +195,11 @@ fn threads_and_memory_may_change_between_runs() {
     assert_eq!(tree_difference(&tree(&sandbox.path("out.zarr")), &expected), [""; 0]);
 }
 
-/// Runs a script in a mount namespace of its own, where it may mount; false (said loudly) where that is not allowed.
+/// Runs a script in its own mount namespace with the right to mount; `false` (with a message) if that is not allowed.
 fn run_where_mounting_is_allowed(sandbox: &Sandbox, script: &str) -> bool {
     sandbox.write("script.sh", format!("mount -t tmpfs none disk || exit 77\numount disk\nset -e\n{script}"));
     std::fs::create_dir(sandbox.path("disk")).expect("the sandbox is writable");
-    // As root, else as the root of a user namespace: whichever is allowed.
+    // As root, else as the root of a user namespace.
     for flags in [["--mount"].as_slice(), &["--user", "--map-root-user", "--mount"]] {
         let mut command = Command::new("unshare");
         command.args(flags).args(["sh", "script.sh"]).current_dir(sandbox.path(""));
@@ -215,8 +215,8 @@ fn run_where_mounting_is_allowed(sandbox: &Sandbox, script: &str) -> bool {
     false
 }
 
-/// A pack on a disk of which another file leaves too little, until that is removed: `first` and `second` are the two runs'
-/// messages and exit codes, `info` what was said in between, `out.zarr` the finished store.
+/// A pack on a disk too full because of another file, then again after its removal: `first` and `second` are the two runs'
+/// messages and exit codes, `info` the output in between, `out.zarr` the finished store.
 const FULL_DISK: &str = r#"
 rm -rf out.zarr
 mount -t tmpfs -o size=$size none disk
@@ -238,7 +238,7 @@ fn a_full_disk_ends_with_exit_4_and_resumes_after_space_is_made() {
     let expected = tree(&sandbox.path("out.zarr"));
     let pages: usize = expected.values().map(|bytes| bytes.len().div_ceil(4096)).sum();
     let pack = PACK.replace("out.zarr", "disk/out.zarr");
-    // Before the first shard, midway, and when only the last few files are missing.
+    // Before the first shard, midway, and with only the last few files missing.
     for free_pages in [16, pages / 2, pages - 2] {
         let _ = std::fs::remove_dir(sandbox.path("disk"));
         let (size, filler) = (2 * pages * 4096, (2 * pages - free_pages) * 4096);
@@ -277,7 +277,7 @@ fn a_limit_of_file_sizes_ends_with_exit_4_and_resumes_without_it() {
     assert!(["File too large", "`ulimit -f`", "--resume"].iter().all(|words| said.contains(words)), "{said}");
     sandbox.run_ok(&format!("{PACK} --resume"));
     assert_eq!(tree_difference(&tree(&sandbox.path("out.zarr")), &expected), [""; 0]);
-    // Before anything is packed, and in a step that is appended.
+    // Before anything is packed, and in an appended step.
     remove_store(&sandbox);
     sandbox.write("s.raw", vec![7; 64 * 64 * 64]);
     let raw = "--shape 64,64,64 --dtype u8 --brick 16 --shard 16 --progress none";

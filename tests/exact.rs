@@ -1,4 +1,4 @@
-//! Exact pictures: whatever the budget, every brick at the level that the view wants.
+//! Exact pictures: under any budget, every brick at the view's level.
 
 use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::exact::{ExactPictureError, ExactRenderer};
@@ -44,7 +44,7 @@ fn scene(mode: Mode, level: LevelPolicy) -> Scene {
     in_mode(scene, mode, 140.0)
 }
 
-/// Of all modes, surfaces ask most of bricks.
+/// Surfaces have the greatest requirements of bricks.
 fn surfaces() -> Scene {
     scene(Mode::Isosurface, LevelPolicy::Locked(0))
 }
@@ -64,7 +64,7 @@ fn options(gpu_memory_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
     }
 }
 
-/// The least that a picture and two bricks take; `None` (said on standard error) without a GPU.
+/// The least for a picture and two bricks; `None` (with a message on standard error) without a GPU.
 fn least_gpu_bytes(store: &Arc<Store>) -> Option<u64> {
     match ExactRenderer::new(store.clone(), encoding_of(&**store, 0), surfaces().needs(), SIZE, &options(1000, 1 << 20))
         .err()
@@ -109,12 +109,12 @@ fn any_working_set_is_drawn_whole_within_any_budget() {
             assert!(stats.gpu_bytes_peak <= gpu_bytes && stats.host_bytes_peak <= HOST_BYTES, "{stats:?}");
             assert_eq!((stats.level_cells[0], stats.completeness), (216, 1.0));
         }
-        // A surface, from cells that do not know of each other.
+        // A surface, from independent cells.
         let surface = scene(Mode::Isosurface, LevelPolicy::Locked(0));
         let (picture, stats) = draw(&mut exact, &test.store, &surface);
         assert_same_surface(&picture, &oracle(&test.store, &surface, SIZE), &format!("surface in {gpu_bytes} bytes"));
         assert!(passes.contains(&stats.passes.expect("passes")), "{stats:?}");
-        // Levels as the view wants them, and a device that goes in between.
+        // Levels as the view requires, with a lost device in between.
         let scene = scene(Mode::Dvr, LevelPolicy::Auto);
         let (picture, stats) = draw(&mut exact, &test.store, &scene);
         assert!(draw(&mut exact, &test.store, &scene).0 == picture, "not the same again");
@@ -126,8 +126,8 @@ fn any_working_set_is_drawn_whole_within_any_budget() {
     }
 }
 
-/// What is drawn by rays is exact in tiles: in every mode, with two eyes, by every renderer, within a budget of a quarter of the bricks;
-/// and where a pixel's bricks do not fit, that is said.
+/// Pictures by rays are exact in tiles: in every mode, with two eyes, by every renderer, within a budget of a quarter of the bricks; if
+/// a pixel's bricks do not fit, an error reports it.
 #[test]
 fn tiles_are_exact_however_the_picture_is_drawn() {
     const HOST_BYTES: u64 = 16 << 20;
@@ -214,7 +214,7 @@ fn the_command_draws_exact_pictures_and_refuses_other_ways() {
     assert!(stats["passes"].as_u64() > Some(2), "{stats}");
     assert_eq!((&stats["memory_bound"], &stats["compositor"]), (&Value::from(false), &Value::from("sorted")));
 
-    // Where there are no passes, tiles.
+    // Tiles, for want of passes.
     let (code, _, stderr) =
         sandbox.run(&line.replace("740KiB --host-memory 1MiB", "1400KiB --host-memory 16MiB --backend cpu"));
     assert!(code == 0 && stderr.contains("drawn in ") && stderr.contains(" tiles"), "exit {code}: {stderr}");
@@ -222,7 +222,7 @@ fn the_command_draws_exact_pictures_and_refuses_other_ways() {
     let stats: Value = serde_json::from_slice(&sandbox.read("o.json")).expect("JSON");
     assert!(stats["tiles"].as_u64() > Some(2) && stats["gpu_bytes_peak"].as_u64() <= Some(1400 << 10), "{stats}");
 
-    // A damaged brick is counted, and an ancestor stands in for it.
+    // A damaged brick is counted, and replaced by an ancestor.
     let mut shard = sandbox.read("t.zarr/0/c/0/0/0");
     shard[99] ^= 1;
     sandbox.write("t.zarr/0/c/0/0/0", shard);

@@ -1,4 +1,4 @@
-//! The library's examples, run as a newcomer runs them: they are what its users copy.
+//! The library's examples, run like a newcomer's: users copy them.
 
 use brickyard::volume::{Extent, Geometry, Picture};
 use brickyard_tests::{FunctionSource, Sandbox, TestStore, assert_same, command, program, read_png};
@@ -8,14 +8,14 @@ fn example(name: &str, arguments: &[&str], sandbox: &Sandbox) -> String {
     run(program(&format!("examples/{name}")).args(arguments), sandbox)
 }
 
-/// What a program says that ends well.
+/// The output of a successful program.
 fn run(program: &mut Command, sandbox: &Sandbox) -> String {
     let output = program.current_dir(sandbox.path("")).output().expect("the program starts");
     assert!(output.status.success(), "{program:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).expect("text")
 }
 
-/// How many colours a picture has.
+/// The number of a picture's colours.
 fn colors(picture: &Picture) -> usize {
     picture.rgb.iter().collect::<std::collections::BTreeSet<_>>().len()
 }
@@ -54,7 +54,7 @@ fn bricks_of_its_own_cost_what_the_picture_shows() {
     assert!(computed.is_some_and(|mib| mib < 1000) && said.contains("of 64 GiB"), "{said}");
     let alone = read_png(&sandbox.path("gyroid.png"));
     assert!(colors(&alone) > 50, "a flat picture");
-    // The same on a device of the program's own, beside its triangles.
+    // The same on the program's own device, beside its triangles.
     let said = example("embed", &["embed.png", "1"], &sandbox);
     assert!(said.contains("waited for the GPU in these calls: at most 0.0 ms"), "{said}");
     let beside = read_png(&sandbox.path("embed.png"));

@@ -1,5 +1,5 @@
-//! Maximum and minimum projections at coarse levels: of every voxel type, through every filter, by every way to draw, nothing is lost that level 0 shows, and nothing is
-//! shown that is not there; and where something may be lost, that is said.
+//! Maximum and minimum projections at coarse levels: of every voxel type, through every filter, by every way to draw, nothing of level 0 is lost and
+//! nothing is added; possible losses are reported.
 
 use brickyard::oracle::render_reference;
 use brickyard::session::{Session, VolumeSource, resolve};
@@ -17,7 +17,8 @@ use glam::DVec3;
 
 const SIZE: (u32, u32) = (40, 33);
 
-/// A volume of noise with bright and dark specks of single voxels, and its values, x fastest; NaN where there is none. A picture shows values from 0 to `scale` on a gray ramp.
+/// Noise with bright and dark specks of single voxels, and its values, x fastest; NaN for missing ones. A picture shows values from 0 to `scale` on a
+/// gray ramp.
 struct Speckled {
     extent: Extent,
     geometry: Geometry,
@@ -41,7 +42,7 @@ impl Speckled {
         Self { extent, geometry, scale, values }
     }
 
-    /// Packs it; means and the extreme that a mode projects.
+    /// Packs it with means and the extreme for a mode.
     fn pack<T: Voxel>(&self, mode: Mode) -> TestStore {
         let extreme = if mode == Mode::MinIp { "mean,min" } else { "mean,max" };
         let value = |_, _, voxel| T::from_f64_rounded(self.values[self.extent.linear(voxel) as usize]);
@@ -79,7 +80,7 @@ impl Speckled {
             projection: Projection::Perspective { fov_y_deg: 41.0 },
             ..parallel(up, 1.0)
         };
-        // Around the volume there is what no extreme passes.
+        // The surroundings of the volume are beyond all extremes.
         let background = if mode == Mode::MinIp { [1.0; 3] } else { [0.0; 3] };
         let scene =
             |camera, slice| Scene { mode, camera: Some(camera), background, slice, ..Scene::of(self.transfer()) };
@@ -92,7 +93,7 @@ impl Speckled {
         ]
     }
 
-    /// The extremes of the voxels of level 0 in each voxel of a level and in its neighbours, so many to each side.
+    /// The extremes of level-0 voxels in each voxel of a level and in `neighbours` voxels to each side.
     fn around(&self, factor: [u32; 3], neighbours: u32, is_least: bool) -> Around<'_> {
         let n = self.extent.to_array();
         let extent = Extent::from_array(std::array::from_fn(|a| n[a].div_ceil(factor[a])));
@@ -115,7 +116,7 @@ impl Speckled {
     }
 }
 
-/// The extremes of the voxels of level 0 about each voxel of a level.
+/// The extremes of level-0 voxels about each voxel of a level.
 struct Around<'a> {
     of: &'a Speckled,
     factor: [u32; 3],
@@ -125,7 +126,7 @@ struct Around<'a> {
 }
 
 impl Around<'_> {
-    /// The extreme about the voxels that a ray passes; `None` if it passes none with a value about it.
+    /// The extreme about the voxels along a ray; `None` without a value about them.
     fn along(&self, ray: &Ray) -> Option<f64> {
         let geometry = &self.of.geometry;
         let (origin, direction) = (geometry.voxel_from_world(ray.origin), ray.direction / geometry.spacing);
@@ -146,7 +147,7 @@ impl Around<'_> {
     }
 }
 
-/// How far from the voxels that a ray passes a voxel may be that its pixel shows, in voxels of the level that is drawn.
+/// The greatest distance between a ray's voxels and one shown in its pixel, in voxels of the drawn level.
 fn neighbours(filter: Filter) -> u32 {
     match filter {
         Filter::Nearest | Filter::Trilinear => 1,
@@ -154,7 +155,7 @@ fn neighbours(filter: Filter) -> u32 {
     }
 }
 
-/// A store with a pyramid that a mode projects.
+/// A store with a pyramid for a mode.
 struct Subject<'a> {
     speckled: &'a Speckled,
     _test: TestStore,
@@ -162,14 +163,14 @@ struct Subject<'a> {
     volume: VolumeSource,
 }
 
-/// What the pixels of a view have to show.
+/// Bounds of the pixels of a view.
 struct Truth {
-    /// What level 0 shows: nothing less extreme may be shown.
+    /// Level 0's picture: the least extreme permitted.
     exact: Picture,
-    /// What nothing more extreme may be shown than, as the picture's code; `None` where there is no bound.
+    /// The most extreme code permitted; `None` without a bound.
     most: Vec<Option<f64>>,
     is_least: bool,
-    /// Pixels that may be off: where rays graze the face of a voxel that is not mixed with others, rounding decides whether they meet it.
+    /// Number of pixels permitted to differ: where rays graze the face of an unmixed voxel, rounding decides on a hit.
     allowed: usize,
 }
 
@@ -208,7 +209,7 @@ impl<'a> Subject<'a> {
         render_reference(&[store], &resolved, 1 << 30).expect("the levels can be read")
     }
 
-    /// The truth about a scene that is drawn at a level, where level 0 shows `exact`.
+    /// The truth about a scene at a level; `exact` is level 0's picture.
     fn truth(&self, scene: &Scene, level: Level, exact: &Picture) -> Truth {
         let Speckled { extent, geometry, scale, .. } = self.speckled;
         let factor = Pyramid::new(*extent, geometry.spacing.to_array(), 16).level(level).factor;
@@ -216,7 +217,7 @@ impl<'a> Subject<'a> {
         let rays: ViewRays = scene.camera.expect("a camera").rays(SIZE.0, SIZE.1).expect("a view");
         let around = self.speckled.around(factor, neighbours(scene.sampling.filter), is_least);
         let most = |x: u32, y: u32| {
-            // Of a slab not all of the ray is shown.
+            // A slab shows only a part of the ray.
             let ray = scene.slice.is_none().then(|| rays.ray(f64::from(x) + 0.5, f64::from(y) + 0.5))?;
             Some((255.0 * around.along(&ray)? / scale).clamp(0.0, 255.0))
         };
@@ -225,14 +226,14 @@ impl<'a> Subject<'a> {
         Truth { exact: exact.clone(), most, is_least, allowed }
     }
 
-    /// Draws a scene at every level, and where levels meet, in every way.
+    /// Draws a scene at every level, and across levels, in every way.
     fn check(&self, sessions: &mut [(Way, Session)], name: &str, scene: &Scene) {
         let levels = self.volume.counts().levels as u8;
         assert!(levels >= 3, "too few levels to prove anything");
         let exact = self.oracle(&Scene { level: LevelPolicy::Locked(0), ..scene.clone() });
         let policies = (0..levels).map(|level| (LevelPolicy::Locked(level), Level(level)));
         for (policy, level) in policies.chain([(LevelPolicy::Auto, Level(levels - 1))]) {
-            // A pixel error at which levels meet in views from near.
+            // A pixel error at which levels meet in near views.
             let scene = Scene { level: policy, pixel_error: 0.8, ..scene.clone() };
             let truth = self.truth(&scene, level, &exact);
             let what = format!("{:?}, {:?}, {name}, {policy:?}", self.mode, scene.sampling.filter);
@@ -282,13 +283,13 @@ fn words_of_uneven_voxels_keep_their_extremes_at_every_level() {
 #[test]
 fn floats_with_holes_keep_their_extremes_at_every_level() {
     let mut speckled = Speckled::new(Extent::new(47, 52, 40), Geometry::default(), 1e-3, true);
-    // Far outside of the window: slots hold floats.
+    // Far outside the window: slots hold floats.
     speckled.values[4711] = 1e9;
     Subject::new::<f32>(&speckled, Mode::Mip).check_all();
     Subject::new::<f32>(&speckled, Mode::MinIp).check_all();
 }
 
-/// The brightest and the darkest pixel of a picture that is not background, and whether it is said that extremes may be lost.
+/// The brightest and the darkest pixel of a picture without its background, and whether a warning about lost extremes was printed.
 fn drawn(sandbox: &Sandbox, flags: &str) -> (Option<u8>, Option<u8>, bool) {
     let drawn = format!("render {flags} -o o.png --overwrite --transfer gray.json --size 64x48 --backend cpu");
     let (code, _, said) = sandbox.run(&drawn);
@@ -298,7 +299,7 @@ fn drawn(sandbox: &Sandbox, flags: &str) -> (Option<u8>, Option<u8>, bool) {
     (codes().max(), codes().min(), said.contains("note: ") && said.contains("coarse level"))
 }
 
-/// A speck of 250 stays 250 however coarse, by default; and a store that loses it says so, only where it does.
+/// By default a speck of 250 stays 250 at any level; a store that loses it causes a warning, and only then.
 #[test]
 fn specks_stay_or_it_is_said_that_they_may_not() {
     let sandbox = Sandbox::default();
@@ -337,7 +338,7 @@ fn specks_stay_or_it_is_said_that_they_may_not() {
             assert!(!drawn("means", mode).2, "{mode} loses nothing that is promised");
         }
     }
-    // However it is drawn.
+    // Whatever the renderer.
     for way in ["--exact", "--compositor reference"] {
         for level in [0, 2] {
             let (_, _, warns) = drawn(&sandbox, &format!("means.zarr --mode mip --level {level} {way}"));
@@ -346,7 +347,7 @@ fn specks_stay_or_it_is_said_that_they_may_not() {
     }
 }
 
-/// A bright layer just behind a cut, and a dark one, does not show; of a locked coarse level it is said that it may.
+/// A bright layer just behind a cut, and a dark one, is hidden; for a locked coarse level a warning notes that it may show.
 #[test]
 fn what_is_cut_away_does_not_show() {
     let sandbox = Sandbox::default();
@@ -373,7 +374,7 @@ fn what_is_cut_away_does_not_show() {
     }
 }
 
-/// Whatever packs, images have means and maxima, and labels the most frequent.
+/// Every kind of pack gives images means and maxima, and labels the most frequent.
 #[test]
 fn all_that_pack_keep_maxima_of_images() {
     let sandbox = Sandbox::default();
@@ -391,7 +392,7 @@ fn all_that_pack_keep_maxima_of_images() {
         assert_eq!(sandbox.json(&format!("info {store} --json"))["store"]["downsample"], expected, "{store}");
         sandbox.run_ok(&format!("verify {store}"));
     }
-    // A further step follows the store, whatever the default is.
+    // A further step follows the store, whatever the default.
     sandbox.run_ok(&of_raw("append plain.zarr a.raw"));
     assert_eq!(sandbox.json("info plain.zarr --json")["store"]["downsample"], "mean");
 }

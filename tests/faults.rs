@@ -1,5 +1,5 @@
-//! File operations that fail, are cut short, delayed or lost, at every n-th call of every command: nothing wrong is ever said
-//! with exit code 0, what is refused says where, and an interrupted pack is finished by the next.
+//! File operations that fail, are cut short, delayed or lost, at every n-th call of every command: exit code 0 never comes with a
+//! wrong result, refusals name the place, and the next pack finishes an interrupted one.
 #![cfg(target_os = "linux")]
 
 use brickyard_tests::fault_cases::{
@@ -17,13 +17,13 @@ use std::path::{Path, PathBuf};
 const PACK: &str = "pack in.raw out.zarr --shape 20,17,12 --dtype u16 --brick 8 --shard 16 --downsample mean,max --aprons 1 \
                     --progress none -j 2";
 
-/// What a first pack of the same volume is made by, to be replaced.
+/// A first pack of the same volume, to be replaced.
 const OLD_PACK: &str = "pack in.raw out.zarr --shape 20,17,12 --dtype u16 --brick 8 --shard 8 --progress none -j 2";
 
 /// The extent of both.
 const SMALL: [usize; 3] = [20, 17, 12];
 
-/// Three steps that are the same, two of them in a shard: what its file holds is read back while it is written.
+/// Three equal steps, two of them in a shard: its file is read back while it is written.
 const SERIES_PACK: &str = "pack in.raw out.zarr --shape 20,17,12 --times 3 --shard-time 2 --dtype u16 --brick 8 --shard 16 \
                            --aprons 1 --progress none -j 2";
 
@@ -31,10 +31,10 @@ const SERIES_PACK: &str = "pack in.raw out.zarr --shape 20,17,12 --times 3 --sha
 const READ_PACK: &str =
     "pack in.raw out.zarr --shape 36,33,20 --dtype u16 --brick 8 --shard 32 --aprons 1 --progress none -j 2";
 
-/// A sandbox with inputs, and the store that they become.
+/// A sandbox with inputs, and the store made of them.
 struct Packed {
     trial: Trial,
-    /// Paths in the sandbox, and what is there.
+    /// Paths in the sandbox, and contents.
     inputs: Vec<(&'static str, Vec<u8>)>,
     pack: &'static str,
     expected: BTreeMap<PathBuf, Vec<u8>>,
@@ -51,12 +51,12 @@ impl Packed {
         packed
     }
 
-    /// Of noise in a raw file.
+    /// Noise in a raw file.
     fn raw(pack: &'static str, extent: [usize; 3]) -> Self {
         Self::new(pack, vec![("in.raw", voxels(extent))])
     }
 
-    /// Packs without harm; that is then what is expected.
+    /// Packs without harm, as the expected result.
     fn pack_anew(&mut self, line: &str) {
         self.run = self.trial.run(line, "");
         assert_eq!(self.run.code, Some(0), "{}", self.run.stderr);
@@ -67,24 +67,24 @@ impl Packed {
         self.trial.sandbox.path("out.zarr")
     }
 
-    /// The inputs as they were.
+    /// Restores the inputs.
     fn restore_inputs(&self) {
         write_inputs(&self.trial.sandbox.path(""), self.inputs.iter().map(|(name, bytes)| (*name, &bytes[..])));
     }
 
-    /// Makes the sandbox what the disk holds after a moment of the recorded run.
+    /// Replaces the sandbox with the disk's content after a moment of the recorded run.
     fn lose_power(&self, before: &Tree, moment: &Moment) {
         write_tree(&self.trial.sandbox.path(""), &moment.remains(&self.run, before));
         self.restore_inputs();
     }
 
-    /// Leaves just the inputs.
+    /// Removes everything but the inputs.
     fn clear(&self) {
         write_tree(&self.trial.sandbox.path(""), &Tree::new());
         self.restore_inputs();
     }
 
-    /// The store is the uninterrupted one, and nothing else is left.
+    /// Checks that the store is the uninterrupted one, without leftovers.
     fn is_whole(&self) -> Result<()> {
         let first = |path: &Path| path.components().next().map(|name| name.as_os_str().to_owned());
         let found = read_tree(&self.trial.sandbox.path(""));
@@ -102,7 +102,7 @@ impl Packed {
         ensure(outcome.code == Some(0), || format!("afterwards: brickyard {line}: {}", ended(&outcome)))
     }
 
-    /// Packs under a rule: the store is whole, or it is said that it is not, and the next pack finishes it.
+    /// Packs under a rule: the store is whole, or the failure is reported and the next pack finishes it.
     fn is_whole_or_resumed(&self, line: &str, rule: &str) -> Result<()> {
         let outcome = self.trial.run(line, rule);
         ended_well(&outcome, rule)?;
@@ -114,7 +114,7 @@ impl Packed {
         self.restore_inputs();
         let resumed = self.trial.run(&format!("{} --resume", self.pack), "");
         if is_another_input && resumed.code == Some(2) {
-            // An input that was cut meanwhile is another one, and the message says so: start over.
+            // An input truncated meanwhile is a different one, as the message states: start over.
             self.run_ok(&format!("{} --overwrite", self.pack))?;
         } else {
             ensure(resumed.code == Some(0), || format!("afterwards, --resume: {}", ended(&resumed)))?;
@@ -122,7 +122,7 @@ impl Packed {
         self.is_whole()
     }
 
-    /// The store is that of the whole input, though it was known by another length or time when it was read.
+    /// Checks that the store has the whole input, despite another length or time in its source's description.
     fn is_whole_but_for_its_source(&self) -> Result<()> {
         let voxels = |files: &BTreeMap<PathBuf, Vec<u8>>| {
             let mut files = files.clone();
@@ -153,7 +153,7 @@ fn the_library_is_reached() {
     assert!(refused.code == Some(3) && refused.stderr.contains("Input/output error"), "{}", ended(&refused));
 }
 
-/// A pack that meets a fault either makes the store that it makes without, or says that it did not and is finished by the next.
+/// A pack under a fault either makes the same store as without, or reports failure and is finished by the next.
 #[test]
 fn a_pack_that_meets_a_fault_is_right_or_resumed() {
     in_two(
@@ -167,7 +167,7 @@ fn a_pack_that_meets_a_fault_is_right_or_resumed() {
     );
 }
 
-/// The same for one whose shards hold several time steps, and for what it reads back of them.
+/// The same for a pack with several time steps per shard, and for its reads of them.
 #[test]
 fn a_pack_of_a_series_that_meets_a_fault_is_right_or_resumed() {
     const OF_READING_BACK: [Fault; 4] =
@@ -188,7 +188,7 @@ fn a_pack_of_a_series_that_meets_a_fault_is_right_or_resumed() {
     );
 }
 
-/// The same for one that goes on where another was killed.
+/// The same for a pack resuming a killed one.
 #[test]
 fn a_pack_that_is_resumed_and_meets_a_fault_is_resumed_again() {
     let prepare = || {
@@ -229,8 +229,8 @@ fn nifti(extent: [usize; 3]) -> Vec<u8> {
     encoder.write_all(&file).and_then(|()| encoder.finish()).expect("writing to memory")
 }
 
-/// A TIFF file of one plane of 16-bit voxels, uncompressed, whose values its description calibrates. That stands too far behind all
-/// else to be read with it.
+/// A TIFF file of one plane of 16-bit voxels, uncompressed, with values calibrated by its description. This stands too far behind
+/// everything else to be read with it.
 fn tiff(width: usize, plane: &[u8]) -> Vec<u8> {
     const DESCRIPTION: &[u8] = b"ImageJ=1.53t\ncf=0\nc0=-100.0\nc1=2.0\nunit=mm\n\0";
     const AFTER_DIRECTORY: usize = 8 + 2 + 10 * 12 + 4;
@@ -268,7 +268,7 @@ fn a_pack_whose_input_fails_or_changes_is_right_or_resumed() {
     const PLANES: &str = "pack planes out.zarr --brick 8 --shard 16 --progress none -j 2";
     const IMAGE: &str = "pack in.tif out.zarr --brick 8 --shard 16 --progress none -j 2";
     const NAMES: [&str; 4] = ["planes/p_1.tif", "planes/p_2.tif", "planes/p_3.tif", "planes/p_4.tif"];
-    // Of what is compressed a change is noticed; of what is not, it is another input.
+    // Changes to compressed files are noticed; uncompressed ones become another input.
     const OF_INFLATING: [Fault; 1] = [("read", ONCE, "flip")];
     let planes = || {
         let voxels = voxels([SMALL[0], SMALL[1], NAMES.len()]);
@@ -306,7 +306,7 @@ fn a_pack_whose_input_fails_or_changes_is_right_or_resumed() {
     });
 }
 
-/// Which input, and the rule.
+/// The input, and the rule.
 #[derive(Clone)]
 struct Input {
     packed: usize,
@@ -319,7 +319,7 @@ impl std::fmt::Display for Input {
     }
 }
 
-/// A store that is to be replaced is there, whole, until its successor is.
+/// A store being replaced remains, whole, until its successor exists.
 #[test]
 fn a_store_that_is_replaced_is_whole_whatever_happens() {
     let prepare = || {
@@ -346,8 +346,8 @@ fn a_store_that_is_replaced_is_whole_whatever_happens() {
     );
 }
 
-/// After a pack with `--overwrite` has stopped, or the power was gone: the old store or the new one is there, whole, and it can be
-/// gone on or started over.
+/// After a stop or power loss in a pack with `--overwrite`: the old store or the new one is there, whole, and the pack can be
+/// resumed or started over.
 fn replaced_or_not(packed: &Packed, old: &Tree) -> Result<()> {
     const JOURNAL: &str = ".brickyard-journal";
     ensure(packed.store().is_dir(), || "there is no store any more".into())?;
@@ -360,7 +360,7 @@ fn replaced_or_not(packed: &Packed, old: &Tree) -> Result<()> {
     let resumed = packed.trial.run(&format!("{} --resume", packed.pack), "");
     match resumed.code {
         Some(0) => packed.is_whole(),
-        // Nothing was begun, and the message says that the store is another.
+        // Nothing was begun, and the message reports another store.
         Some(2) if is_old => {
             ensure(store_tree(&packed.store()) == old, || "a refused --resume changed the store".into())?;
             packed.run_ok(&format!("{} --overwrite", packed.pack))?;
@@ -370,12 +370,12 @@ fn replaced_or_not(packed: &Packed, old: &Tree) -> Result<()> {
     }
 }
 
-/// The sandbox's files but for a store made anew.
+/// The sandbox's files except for a new store.
 fn only_input(packed: &Packed) -> Tree {
     packed.inputs.iter().map(|(path, bytes)| (path.into(), Some(bytes.clone()))).collect()
 }
 
-/// Whatever of the unsynced writes and names is lost with the power: what opens is whole, and the next pack finishes the rest.
+/// With any loss of unsynced writes and names: a store that opens is whole, and the next pack finishes the rest.
 #[test]
 fn a_pack_that_loses_power_is_right_or_resumed() {
     in_two(
@@ -404,7 +404,7 @@ fn a_pack_that_loses_power_is_right_or_resumed() {
     );
 }
 
-/// The same for a store that is replaced, of which there is always one.
+/// The same for a store being replaced: one store always exists.
 #[test]
 fn a_store_that_is_replaced_when_power_is_lost_is_whole() {
     let prepare = || {
@@ -428,7 +428,7 @@ fn a_store_that_is_replaced_when_power_is_lost_is_whole() {
     );
 }
 
-/// The commands that read a store.
+/// The reading commands.
 const READERS: [&str; 5] = [
     "verify out.zarr --progress none",
     "info out.zarr --json",
@@ -437,7 +437,7 @@ const READERS: [&str; 5] = [
     "probe out.zarr 13,30,7 --voxel --csv --plot plot.svg",
 ];
 
-/// A command that reads, and the rule.
+/// A reading command, and the rule.
 struct Reading {
     command: &'static str,
     rule: String,
@@ -449,7 +449,7 @@ impl std::fmt::Display for Reading {
     }
 }
 
-/// A store, and what is said of it without harm.
+/// A store, and its readers' output without harm.
 struct Readable {
     packed: Packed,
     store: Tree,
@@ -504,7 +504,7 @@ impl Readable {
         let Some(which) = READERS.iter().position(|command| *command == case.command) else { return Ok(()) };
         let is_same_picture = || read_png(&sandbox.path("picture.png")) == self.picture;
         if outcome.code != Some(0) {
-            // Figures are written when the picture is there, and whole.
+            // Figures are written once the picture is there, and whole.
             let is_of_figures = outcome.stderr.contains("stats.json");
             let left = ["level.raw", "picture.png", "plot.svg"].into_iter().find(|name| sandbox.path(name).exists());
             let is_whole = left == Some("picture.png") && is_of_figures && is_same_picture();
@@ -530,8 +530,7 @@ impl Readable {
     }
 }
 
-/// Each thing that `verify` could not read once, of what stands beside the bricks, is said: that it was read before, or will be
-/// again, is no reason to be silent.
+/// Everything beside the bricks that `verify` fails to read once is reported, even if it was read before or will be again.
 #[test]
 fn nothing_beside_the_bricks_is_checked_unread() {
     const VERIFY: &str = READERS[0];
@@ -547,9 +546,9 @@ fn nothing_beside_the_bricks_is_checked_unread() {
     });
 }
 
-/// Whether nobody who reads all of a store can have missed the fault: a file that could not be opened, read or mapped however
-/// often it was tried, or was cut before any of it was read through its map. A shard's index is read before the file is closed: who
-/// cuts off no more than that later takes nothing that is still wanted.
+/// Whether every reader of a whole store must meet the fault: a file failed every attempt to open, read or map it, or was cut
+/// before the first read through its map. A shard's index is read before the file is closed: cutting off only the index later
+/// removes nothing needed.
 fn is_sure_to_be_met(case: &Reading, outcome: &Outcome) -> bool {
     let mut words = case.rule.split_whitespace();
     let (calls, when, action) = (words.next().unwrap_or(""), words.next().unwrap_or(""), words.next().unwrap_or(""));
@@ -565,7 +564,7 @@ fn is_sure_to_be_met(case: &Reading, outcome: &Outcome) -> bool {
     }
 }
 
-/// What cannot be read is said, or read again: a report, an export and a picture are never wrong without a word.
+/// Failed reads are reported or repeated: reports, exports and pictures are never wrong without a message.
 #[test]
 fn readers_that_meet_a_fault_say_so() {
     in_two(78, Readable::new, Readable::cases, |readable, case| readable.run(case));

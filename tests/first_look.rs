@@ -1,4 +1,4 @@
-//! The first picture of a volume of which nobody has said how it looks; and what is said of pictures that show less than one may expect.
+//! The first picture of a volume without any look of its own, and messages about pictures that show less than expected.
 
 use brickyard_tests::{Sandbox, leave_out, read_png};
 
@@ -43,17 +43,17 @@ fn a_body_is_bright_and_lit_and_its_background_is_clear() {
         let picture = read_png(&sandbox.path("o.png"));
         let at = |x: usize, y: usize| luminance(picture.rgb[y * 96 + x]);
         assert!(at(48, 48) > 150.0, "{line}: its middle is {}", at(48, 48));
-        // Black up to the ball's edge, though noise is there.
+        // Black up to the ball's edge, despite the noise there.
         let black = picture.rgb.iter().filter(|pixel| luminance(**pixel) < 3.0).count() as f64 / (96.0 * 96.0);
         assert!((0.5..0.95).contains(&black), "{line}: {black} of it is black");
-        // A ball that is lit from the eye darkens to its edge.
+        // A ball lit from the eye darkens towards its edge.
         let first = (0..48).find(|&x| at(x, 48) > 30.0).unwrap_or(48);
         assert!(at(first + 2, 48) < 0.9 * at(48, 48), "{line}: {} at {first}", at(first + 2, 48));
         let expected = expected.get_or_insert_with(|| picture.clone());
         let difference = picture.difference(expected);
         assert!(difference.max <= 2 || difference.psnr_db >= 45.0, "{line}: {difference:?}");
     }
-    // What a scene file says, and flags, come before it.
+    // Scene files and flags take precedence.
     let with = |flags: &str| {
         sandbox.run_ok(&format!("render ball.zarr -o o.png --overwrite --size 96x96 --backend cpu {flags}"));
         read_png(&sandbox.path("o.png"))
@@ -83,7 +83,7 @@ fn what_is_shown_fills_the_picture_from_all_sides() {
         // 94 % of it, to a pixel.
         assert!((0.91..0.96).contains(&reach("o.png")), "{side}: {}", reach("o.png"));
     }
-    // The picture of an orbit that needs most room fits as well, and no other is larger.
+    // The orbit's largest picture fits as well, and no other is larger.
     sandbox.run_ok(&format!("render ball.zarr -o turn.png {all} --orbit 8"));
     let reaches: Vec<f64> = (0..8).map(|i| reach(&format!("turn_00{i}.png"))).collect();
     let most = reaches.iter().copied().fold(0.0, f64::max);
@@ -100,7 +100,7 @@ fn a_surface_alone_is_light() {
         read_png(&sandbox.path("o.png")).rgb.iter().map(|pixel| luminance(*pixel)).fold(0.0, f64::max)
     };
     assert!(brightest("--isovalue 200") > 200.0, "{}", brightest("--isovalue 200"));
-    // A colour that somebody has given counts, but for what shines.
+    // A given colour counts, except for highlights.
     assert!(brightest("--isovalue 200,color=0.1:0.1:0.1") < 140.0);
     assert!(brightest("--isovalue 200 --transfer gray") < 140.0);
     let (code, _, stderr) = sandbox.run("render ball.zarr -o none.png --mode isosurface");
@@ -143,7 +143,7 @@ fn what_shows_less_than_one_may_expect_says_why() {
     }
 }
 
-/// Stores of one shape whose voxels differ in size are drawn at unlike sizes: it is said, with the flag that draws them alike.
+/// Stores of one shape with voxels of different sizes are drawn at different sizes: a note gives the flag for drawing them alike.
 #[test]
 fn stores_of_one_shape_and_unlike_voxels_are_named() {
     let sandbox = Sandbox::default();

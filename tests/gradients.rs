@@ -1,5 +1,5 @@
-//! Transfer functions of value and gradient, end to end: what they show is what formulas say, by every method, step, spacing and
-//! level, and no less for what is skipped.
+//! Transfer functions of value and gradient, end to end: pictures follow formulas, by every method, step, spacing and level, with and without
+//! skipping.
 
 use brickyard::volume::{
     Camera, Extent, Filter, Geometry, Gradient, LevelPolicy, Lighting, LightingModel, Method, Picture, Projection,
@@ -16,11 +16,11 @@ fn region(shape: Shape, value: [f64; 2], gradient: [f64; 2], opacity: f64) -> Re
     Region { shape, value, gradient, color: [1.0, 0.5, 0.25], opacity }
 }
 
-/// An even slope has one gradient everywhere, so what a function makes of that is a homogeneous medium: Beer-Lambert's opacity.
+/// An even slope has one gradient everywhere, so a function of it is a homogeneous medium: Beer-Lambert's opacity.
 #[test]
 fn an_even_slope_is_beer_lambert_by_its_gradient() {
     let spacing = DVec3::new(1.0, 0.5, 2.0);
-    // World units; 16-bit codes, so that rounding a voxel changes the gradient little.
+    // World units; 16-bit codes, so that a voxel's rounding changes the gradient little.
     let slope = DVec3::new(150.0, -80.0, 60.0);
     let extent = Extent::new(72, 96, 64);
     let geometry = Geometry { spacing, ..Geometry::default() };
@@ -41,14 +41,14 @@ fn an_even_slope_is_beer_lambert_by_its_gradient() {
             regions: vec![region(Shape::Rectangle, everywhere, [0.9 * steepness, 1.1 * steepness], 0.1)],
             ..white.clone()
         },
-        // Two in one place, of which light passes 0.9 of a unit distance.
+        // Two in one place, passing 0.9 of the light per unit distance.
         TransferFunction {
             opacity: vec![[0.0, 0.04]],
             regions: vec![region(Shape::Rectangle, everywhere, [0.0, 2.0 * steepness], 1.0 - 0.9 / 0.96)],
             ..white
         },
     ];
-    // The middle of the volume, away from its faces, where voxels are repeated and nothing rises.
+    // The middle of the volume, away from its faces, where voxels are repeated and the slope is zero.
     let (low, high) = geometry.world_box(extent);
     let [from, to] = [low.lerp(high, 0.4), low.lerp(high, 0.6)];
     let alpha = 1.0 - 0.9f64.powf(to.y - from.y);
@@ -108,7 +108,7 @@ fn scene_of(transfer: TransferFunction) -> Scene {
     Scene { camera: Some(camera), level: LevelPolicy::Locked(0), ..Scene::of(transfer) }
 }
 
-/// What shows only where it is steep: by a factor, and by regions of every shape.
+/// Functions visible only on steep parts: by a factor, and by regions of every shape.
 fn steep() -> Vec<TransferFunction> {
     let flat =
         TransferFunction { color: vec![[30.0, 0.1, 0.4, 1.0], [210.0, 1.0, 0.6, 0.2]], ..TransferFunction::default() };
@@ -130,7 +130,7 @@ fn steep() -> Vec<TransferFunction> {
 fn a_rim_is_shown_and_what_is_flat_is_skipped_or_not_alike() {
     let test = ball();
     for (i, transfer) in steep().into_iter().enumerate() {
-        // A rectangle ends abruptly, where a rounded gradient decides; smooth ones are the oracle's to the last code.
+        // A rectangle ends abruptly, where a rounded gradient decides; smooth ones equal the oracle's to the last code.
         let is_smooth = i == 0 || i == 2;
         for lighting in [Lighting::default(), Lighting { model: LightingModel::BlinnPhong, ..Lighting::default() }] {
             let scene = Scene { lighting, ..scene_of(transfer.clone()) };
@@ -148,7 +148,7 @@ fn a_rim_is_shown_and_what_is_flat_is_skipped_or_not_alike() {
                 let Some(mut session) = session_without_skipping(&test.store, way) else { continue };
                 let (found, _) = settled(&mut session, &scene, SIZE);
                 assert!(found.difference(&picture).max <= 1, "{what}: skipping shows");
-                // The corner looks past the ball, through flat voxels with colours of their own.
+                // The corner looks past the ball, through coloured flat voxels.
                 assert_eq!(picture.pixel(0, 0), [0; 3], "{what}");
                 assert_ne!(picture.pixel(SIZE.0 / 2, SIZE.1 / 2), [0; 3], "{what}");
             }
@@ -156,7 +156,7 @@ fn a_rim_is_shown_and_what_is_flat_is_skipped_or_not_alike() {
     }
 }
 
-/// In a session of live scenes, projections among them, only fog depends on gradients.
+/// In a session of live scenes, with projections, only fog depends on gradients.
 #[test]
 fn other_modes_take_the_colours_alone() {
     use brickyard::volume::Mode;
@@ -175,8 +175,8 @@ fn other_modes_take_the_colours_alone() {
     }
 }
 
-/// Codes over a channel that one voxel stretches are too coarse for its gradients, whatever the window: functions of the gradient, and light under a
-/// function that tells no values apart, show what they do without that voxel.
+/// Codes over a channel stretched by one voxel are too coarse for its gradients, whatever the window: functions of the gradient, and light under a
+/// function of equal values, give the same picture as without that voxel.
 #[test]
 fn gradients_beside_an_outlier_are_those_without_it() {
     let ramp = |has_outlier: bool| {
@@ -212,14 +212,14 @@ fn gradients_beside_an_outlier_are_those_without_it() {
                 let middle = expected.rgb[8 * 16 + 8];
                 assert!(middle[0] > 100, "{way:?}, {gradient:?}, {model:?}: {middle:?}");
                 let off = expected.rgb.iter().zip(&found.rgb).filter(|(a, b)| a[0].abs_diff(b[0]) > 2).count();
-                // Of 256, what looks through the one voxel and its neighbours.
+                // Of 256, those that look through the one voxel and its neighbours.
                 assert!(off <= 12, "{way:?}, {gradient:?}, {model:?}: {off} pixels");
             }
         }
     }
 }
 
-/// A function of the gradient shows slopes that are less than a 65,535th of the channel's values a voxel.
+/// A function of the gradient shows slopes of less than a 65,535th of the channel's values per voxel.
 #[test]
 fn gradients_slighter_than_codes_are_seen() {
     let ramp = |_, _, [x, _, z]: [u32; 3]| if z < 4 { 1000.0 } else { 0.01 * x as f32 };
@@ -248,7 +248,7 @@ fn gradients_slighter_than_codes_are_seen() {
     }
 }
 
-/// A gradient just across the view has two sides that are as near: the same one is lit by every renderer. Along no axis rounding takes now the one, now the other.
+/// A gradient just across the view has two equally near sides: all renderers light the same one. Off the axes, rounding picks either.
 #[test]
 fn gradients_across_the_view_are_lit_alike() {
     let ramp = |_, _, [x, y, z]: [u32; 3]| (10 + x + 2 * y + 3 * z) as u8;
@@ -277,7 +277,7 @@ fn gradients_across_the_view_are_lit_alike() {
     }
 }
 
-/// Slots of a narrower window that stay are lit like those of the look alone: a slope too slight for codes is flat in both.
+/// Kept slots of a narrower window are lit like those of the look alone: a slope too slight for codes is flat in both.
 #[test]
 fn slots_that_are_kept_are_lit_like_fresh_ones() {
     let ramp = |_, _, [x, _, z]: [u32; 3]| if z < 4 { 1.0 } else { 5e-8 * x as f32 };

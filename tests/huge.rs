@@ -1,11 +1,11 @@
-//! Volumes past every 32-bit product: more than 2^33 voxels, mostly empty, with a known voxel at the far corner that is
-//! read and seen.
+//! Volumes past every 32-bit product: more than 2^33 voxels, mostly empty, with a known voxel at the far corner, read and
+//! drawn.
 
 use brickyard_tests::{Sandbox, leave_out, python, read_png};
 use std::process::Command;
 
 const EXTENT: [u64; 3] = [2048, 2048, 2100];
-/// What `synth sparse` puts into the very last voxel.
+/// The last voxel's value in `synth sparse`.
 const LAST: u8 = 199;
 
 #[test]
@@ -26,8 +26,8 @@ fn the_far_corner_of_nine_billion_voxels_is_read_and_seen() {
     tensorstore_reads_the_corner(&sandbox);
 }
 
-/// An orthographic look along -z at the corner, eight pixels a voxel: the last voxel's centre, (2047, 2047, 2099), is 2.5
-/// voxels right of and 1.5 above the picture's centre, at column 60.0 and row 18.0 of 80 x 60 pixels.
+/// An orthographic look along -z at the corner, eight pixels per voxel: the last voxel's centre, (2047, 2047, 2099), is
+/// 2.5 voxels right of and 1.5 above the picture's centre, at column 60.0 and row 18.0 of 80 x 60 pixels.
 fn sees_the_corner(sandbox: &Sandbox, backend: &str) {
     sandbox.write("white.json", r#"{"color": [[0, 0, 0, 0], [199, 1, 1, 1]], "opacity": [[0, 1]]}"#);
     let (code, _, stderr) = sandbox.run(&format!(
@@ -39,8 +39,8 @@ fn sees_the_corner(sandbox: &Sandbox, backend: &str) {
     }
     assert_eq!(code, 0, "{stderr}");
     let picture = read_png(&sandbox.path(format!("{backend}.png")));
-    // Towards its neighbours the voxel fades linearly; on the other side it is replicated, and ends half a voxel out. In
-    // depth the same: the half voxel before its centre shows it whole.
+    // Towards its neighbours the voxel fades linearly; on the other side it is replicated, and ends half a voxel out.
+    // Depth is alike: the half voxel before its centre shows it whole.
     let weight = |voxels: f64| match voxels {
         v if v > 0.5 => 0.0,
         v => (1.0 + v.min(0.0)).max(0.0),

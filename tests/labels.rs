@@ -20,7 +20,7 @@ use std::collections::BTreeSet;
 const SIZE: (u32, u32) = (72, 60);
 const EXTENT: Extent = Extent { x: 45, y: 38, z: 41 };
 
-/// Blobs of four labels in a background of 0, as numbers of a list.
+/// Blobs of four labels in a background of 0, as indices of a list.
 fn blob([x, y, z]: [u32; 3]) -> usize {
     let p = DVec3::new(x.into(), y.into(), z.into());
     let centres =
@@ -74,7 +74,7 @@ fn looking_at(slice: Option<Slice>, mode: Mode) -> Scene {
     Scene { slice, mode, ..at_an_angle() }
 }
 
-/// Labels that a look names have codes of their own where 16 bits do not reach: these are made of the voxels in memory.
+/// Labels named by a look have their own codes where 16 bits are too few, made from the voxels in memory.
 #[test]
 fn naming_a_label_decodes_nothing_again() {
     let test = store::<u32>([0.0, 3.0, 70_000.0, 70_001.0, 4e9]);
@@ -84,7 +84,7 @@ fn naming_a_label_decodes_nothing_again() {
         ..at_an_angle()
     };
     for way in [WAYS[1], WAYS[3]] {
-        // Every brick is there from the start, so that only codes change.
+        // Every brick is resident from the start, so that only codes change.
         let options = SessionOptions { skips_empty: false, ..options(way, 64 << 20, 64 << 20) };
         let Some(mut session) = open_session(&test.store, options) else { continue };
         let (_, first) = settled(&mut session, &naming(vec![3]), SIZE);
@@ -127,7 +127,7 @@ fn scenes(shown: &[i64]) -> Vec<(&'static str, Scene)> {
 
 fn agree(test: &TestStore, shown: &[i64]) {
     let expected = |scene: &Scene| oracle(&test.store, scene, SIZE);
-    // Codes by looks are not in the order of labels, which decides what a projection shows.
+    // Codes by looks are not in label order, which projections depend on.
     let has_order = !VolumeSource::of_store(&test.store).source.channel_range(0).1.gt(&1e9);
     let open = |way| Some((way, open_session(&test.store, options(way, 64 << 20, 64 << 20))?));
     let mut sessions: Vec<_> = WAYS.into_iter().filter_map(open).collect();
@@ -153,7 +153,7 @@ fn labels_of_16_bits_equal_the_oracle() {
     agree(&store::<i16>([0.0, 1.0, 3.0, -30_000.0, 32_767.0]), &[3, -30_000]);
 }
 
-/// Further apart than 16 bits reach: exact where they are named.
+/// Further apart than 16 bits reach: exact if named.
 #[test]
 fn labels_of_32_bits_equal_the_oracle() {
     agree(&store::<u32>([0.0, 70_000.0, 70_001.0, 4e9, 5.0]), &[70_001, 4_000_000_000]);
@@ -164,7 +164,7 @@ fn labels_of_32_bits_that_lie_close_equal_the_oracle() {
     agree(&store::<i32>([0.0, -1.0, 3.0, 60_000.0, 7.0]), &[-1, 60_000]);
 }
 
-/// The colours of a picture that are none of these, give or take 1/255, as tables of shaders have colours of 10 or 11 bits.
+/// A picture's colours other than these, give or take 1/255, because shader tables have colours of 10 or 11 bits.
 fn others(picture: &Picture, known: &[[f32; 3]]) -> BTreeSet<[u8; 3]> {
     let is_known = |found: &[u8; 3]| {
         let near = |color: &[f32; 3]| (0..3).all(|k| Picture::quantise(*color)[k].abs_diff(found[k]) <= 1);
@@ -173,7 +173,7 @@ fn others(picture: &Picture, known: &[[f32; 3]]) -> BTreeSet<[u8; 3]> {
     picture.rgb.iter().copied().filter(|found| !is_known(found)).collect()
 }
 
-/// Between labels 1 and 3 there is no 2, nor any colour that is neither's.
+/// Between labels 1 and 3 there is no 2, nor any third colour.
 #[test]
 fn between_two_labels_there_is_no_third() {
     let value = |_, _, [x, y, z]: [u32; 3]| -> u8 { if (x * 3 + y + 2 * z) % 29 < 13 { 1 } else { 3 } };
@@ -218,7 +218,7 @@ fn between_two_labels_there_is_no_third() {
     }
 }
 
-/// Labels over the image that they are of: each layer is sampled in its own way.
+/// Labels over their image: each layer is sampled in its own way.
 #[test]
 fn labels_over_an_image_equal_the_oracle() {
     let geometry = Geometry { spacing: DVec3::new(1.0, 1.25, 0.8), ..Geometry::default() };
@@ -242,7 +242,7 @@ fn labels_over_an_image_equal_the_oracle() {
             scene.layers[1].blend = Some(Blend::Over);
             scene
         };
-        // It is the last on top wherever it stands in the list.
+        // The last layer is on top wherever it stands in the list.
         let over = SceneLayer { source: Some(1), blend: Some(Blend::Over), ..over(0.4) };
         let bright = SceneLayer { source: Some(0), blend: Some(Blend::Add), ..fog.clone() };
         let turned = Placement::from_text("0.8 -0.6 0 12  0.6 0.8 0.1 -5  0 0 1.1 3").expect("a map");
@@ -267,7 +267,7 @@ fn labels_over_an_image_equal_the_oracle() {
             ("over light", Scene { layers: vec![over.clone(), bright.clone(), bright], ..slice }),
         ];
         if labels.store.voxel_type().bytes() == 1 {
-            // Codes by looks are not in the order of labels, which decides what a projection shows.
+            // Codes by looks are not in label order, which projections depend on.
             scenes.push(("over a mean", over_it(both(looking_at(None, Mode::Average), 0.7))));
         }
         let sources = stores.map(|store| VolumeSource::open(store.path()).expect("a store"));
@@ -282,7 +282,7 @@ fn labels_over_an_image_equal_the_oracle() {
                 render_reference(&stores, &resolved, 1 << 30).expect("the oracle's picture")
             };
             let expected = Expected::new(scene, &draw);
-            // Unlike cells are in no one order.
+            // Different cells have no common order.
             for (way, session) in sessions.iter_mut().filter(|(way, _)| *way != WAYS[0] || scene.mode != Mode::Dvr) {
                 let what = format!("{way:?}, {name}");
                 if draws(&what, *way) {
@@ -310,7 +310,7 @@ fn expressions_read_labels() {
     assert!(error.to_string().contains("too far apart"), "{error}");
 }
 
-/// The command's flags for labels, and what it says where they do not suit.
+/// The command's flags for labels, and its messages where they do not apply.
 #[test]
 fn the_command_shows_labels_and_says_what_is_wrong() {
     let sandbox = Sandbox::default();
@@ -337,7 +337,7 @@ fn the_command_shows_labels_and_says_what_is_wrong() {
     assert!(has(&some, color(3)) && has(&some, color(200)) && !has(&some, color(1)));
     let one = seen(&[&[&*far, "--show-labels", "4000000000"], &slice[..]].concat());
     assert!(has(&one, color(4_000_000_000)) && !has(&one, color(70_000)) && !has(&one, color(70_001)));
-    // A window is the image's, and labels over it are shown by theirs.
+    // A window applies to the image, and its labels keep their own.
     let both =
         [&*image, &*labels, "--window", "0,200", "--transfer", "viridis", "--show-labels", "3", "--slice", "z=20"];
     assert!(has(&seen(&both), color(3)));
@@ -363,7 +363,7 @@ fn the_command_shows_labels_and_says_what_is_wrong() {
     }
 }
 
-/// Colours that other programs write into the store's OME metadata are those of the labels.
+/// Colours of the store's OME metadata, written by other programs, are the labels' colours.
 #[test]
 fn labels_have_the_colours_of_the_metadata() {
     let sandbox = Sandbox::default();
@@ -392,7 +392,7 @@ fn labels_have_the_colours_of_the_metadata() {
     assert!(info.contains("2 labels with colors of their own"), "{info}");
 }
 
-/// Labels that no voxel holds are refused, whatever is allowed of images, and nobody is advised to merge them.
+/// Labels beyond 32 bits are refused, even with flags that permit losses in images, and never with advice to merge them.
 #[test]
 fn labels_beyond_32_bits_are_never_merged() {
     let sandbox = Sandbox::default();
@@ -417,13 +417,13 @@ fn labels_beyond_32_bits_are_never_merged() {
         }
         assert!(!sandbox.path("no.zarr").exists());
     }
-    // Those that fit are exact, negative ones too; a store of labels takes only such, whatever is said of the next file.
+    // Fitting ones are exact, also negative ones; a store of labels takes only these, whatever the next file is declared as.
     sandbox.run_ok("append labels.zarr small.npy --kind labels --time-step 1 --progress none");
     sandbox.run_ok("export labels.zarr labels.raw --time 0 --progress none");
     let expected = small.map(|label| i32::try_from(label).expect("32 bits").to_le_bytes());
     assert_eq!(sandbox.read("labels.raw"), expected.as_flattened());
     let (code, _, stderr) = sandbox.run("append labels.zarr wide.npy --allow-lossy --progress none");
     assert!(code == 2 && stderr.contains("fastremap.renumber"), "{code}: {stderr}");
-    // Of an image they may be clamped, as ever.
+    // As an image they may be clamped, as always.
     sandbox.run_ok("pack wide.npy image.zarr --allow-lossy --progress none");
 }

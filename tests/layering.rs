@@ -1,10 +1,10 @@
-//! The crates depend on one another in one direction only: source, store, pager, renderers, facade, window, command.
+//! Dependencies between crates in one direction only: source, store, pager, renderers, facade, window, command.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// What each crate may know of the others, at most; "" is the facade. The facade, the tests and the benchmarks may know all.
+/// Each crate's permitted dependencies; "" is the facade. The facade, the tests and the benchmarks may depend on all.
 const ALLOWED: [(&str, &[&str]); 12] = [
     ("volume", &[]),
     ("filemap", &[]),
@@ -20,7 +20,7 @@ const ALLOWED: [(&str, &[&str]); 12] = [
     ("cli", &["", "measure", "viewer"]),
 ];
 
-/// Packages that only one crate may depend on directly.
+/// Packages with a single permitted direct dependent.
 const ONLY: [(&str, &str); 4] = [("wgpu", "render"), ("zstd", "store"), ("clap", "cli"), ("eframe", "viewer")];
 
 fn direct_dependencies() -> BTreeMap<String, Vec<String>> {
@@ -57,7 +57,7 @@ fn arrows_point_one_way() {
     }
 }
 
-/// The README says how many crates of others a build takes: those that `cargo tree` lists on Linux, build scripts' and macros' among them.
+/// The README counts the third-party crates in a build: those listed by `cargo tree` on Linux, including build scripts' and macros'.
 #[test]
 fn crates_of_others_are_counted() {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
@@ -84,8 +84,8 @@ fn crates_of_others_are_counted() {
     assert!(readme.contains(&said), "the README should say: {said}");
 }
 
-/// The crates, the facade among them, name no flag of the command in what they say: others embed them. The command puts flags in
-/// place of the options that messages name, and adds which flag helps.
+/// The crates' messages, including the facade's, name no flags of the command, because other programs embed them. The command puts flags in place
+/// of named options, and adds the helpful one.
 #[test]
 fn the_library_knows_of_no_command_line() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
@@ -117,10 +117,10 @@ fn the_library_knows_of_no_command_line() {
     assert!(seen > 150, "{seen} files");
 }
 
-/// A file by its path in the crate, as Rust names it.
+/// A file by its module path in the crate.
 type Module = Vec<String>;
 
-/// The files of a crate, each with the other files that it names, but for the folder that it is in and those inside of its own. Tests are left out.
+/// The files of a crate, each with the other files it names, except its own folder and the files inside its own module. Tests are left out.
 fn modules(source: &Path) -> BTreeMap<Module, BTreeSet<Module>> {
     let (mut texts, mut folders) = (BTreeMap::<Module, String>::new(), vec![source.to_path_buf()]);
     while let Some(folder) = folders.pop() {
@@ -160,7 +160,7 @@ fn modules(source: &Path) -> BTreeMap<Module, BTreeSet<Module>> {
     texts.iter().map(|(module, text)| (module.clone(), named(module, text))).collect()
 }
 
-/// Takes away modules that name none of the others, again and again: those that are left name each other in circles, or lead to one.
+/// Removes modules without references to others until none is left: the rest form circles, or lead to one.
 fn in_circles(mut modules: BTreeMap<Module, BTreeSet<Module>>) -> Vec<String> {
     loop {
         let names: BTreeSet<Module> = modules.keys().cloned().collect();

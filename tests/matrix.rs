@@ -1,6 +1,6 @@
-//! Every way to look at a volume by every way to draw it, against the oracle. The lists of modes, methods, filters, lighting models,
-//! gradients and layouts are complete by construction (`every!` of the volume crate), so a new one that a backend, or the oracle,
-//! takes for another fails here until all know it.
+//! Every look by every way to draw, against the oracle. The lists of modes, methods, filters, lighting models, gradients and layouts are
+//! complete by construction (`every!` of the volume crate), so a new one mistaken for another by a backend or the oracle fails here until all
+//! support it.
 
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::oracle::render_reference;
@@ -25,7 +25,7 @@ fn geometry() -> Geometry {
     Geometry { spacing: DVec3::new(1.0, 0.9, 1.2), ..Geometry::default() }
 }
 
-/// Waves and a hollow, so that there are empty bricks, thin layers and places where fields bend.
+/// Waves and a hollow, for empty bricks, thin layers and curved fields.
 fn store() -> TestStore {
     let value = |_, _, [x, y, z]: [u32; 3]| {
         let [x, y, z] = [x, y, z].map(f64::from);
@@ -62,7 +62,7 @@ fn lit(model: LightingModel, gradient: Gradient) -> Lighting {
     Lighting { model, gradient, lights }
 }
 
-/// Scenes of which no two look the same, as groups that have one thing each in common.
+/// Scenes with pairwise different pictures, in groups with a common feature each.
 fn groups() -> Vec<(&'static str, Vec<Scene>)> {
     let sampled = |sampling| Scene { sampling, ..base() };
     let shaded = |lighting| Scene { lighting, ..base() };
@@ -74,7 +74,7 @@ fn groups() -> Vec<(&'static str, Vec<Scene>)> {
     let models = LightingModel::ALL.map(|model| shaded(lit(model, Gradient::Central)));
     let gradients = Gradient::ALL.map(|gradient| shaded(lit(LightingModel::BlinnPhong, gradient)));
     let of_surface = |gradient| Scene { lighting: lit(LightingModel::Phong, gradient), ..of_mode(Mode::Isosurface) };
-    // What is steep, and a region that ends in nothing: where one ends abruptly rounding decides.
+    // Steep parts, and a smoothly ending region: rounding would decide at an abrupt end.
     let by_gradient = |lighting| {
         let region = Region {
             shape: Shape::Gaussian,
@@ -113,7 +113,7 @@ fn groups() -> Vec<(&'static str, Vec<Scene>)> {
     ]
 }
 
-/// All scenes by their names.
+/// All scenes with their names.
 fn named() -> (Vec<String>, Vec<Scene>) {
     let all = groups().into_iter().flat_map(|(group, scenes)| {
         scenes.into_iter().enumerate().map(move |(i, scene)| (format!("{group}, the {i}th"), scene))
@@ -152,8 +152,8 @@ fn has_surfaces(scene: &Scene) -> bool {
     scene.layers.iter().any(|layer| !layer.isosurfaces.is_empty())
 }
 
-/// The scene of one layer as one of so many of two stores, in turns: as it is, beside it, leaning and in other colours, and glowing, again and
-/// again. Or of the first store alone, all in one place.
+/// The scene of one layer as `count` layers of two stores, in turn: unchanged, beside it, sheared and in other colours, and adding light,
+/// repeatedly. Or of the first store alone, all in one place.
 fn of_layers(scene: &Scene, (count, grids): (usize, Grids)) -> Scene {
     let Some(TransferChoice::Function(function)) = &scene.layers[0].transfer else { panic!("a function is given") };
     let color = vec![[0.0, 0.9, 0.1, 0.1], [255.0, 0.2, 0.3, 1.0]];
@@ -171,20 +171,20 @@ fn of_layers(scene: &Scene, (count, grids): (usize, Grids)) -> Scene {
         Grids::Unlike => SceneLayer { source: Some(i % 2), ..layer(i) },
         Grids::One => SceneLayer { source: Some(0), world_from_volume: Placement::default(), ..layer(i) },
     };
-    // Where levels meet, cells of `sorted` do not always know on which side of a surface a ray is: of one layer either.
+    // Where levels meet, cells of `sorted` do not always have a ray's side of a surface, even of one layer.
     let level = if grids == Grids::One && has_surfaces(scene) { LevelPolicy::Locked(0) } else { scene.level };
     Scene { layers: (0..count).map(placed).collect(), level, ..scene.clone() }
 }
 
-/// What layers stand on.
+/// The layers' grids.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Grids {
     Unlike,
     One,
 }
 
-/// One in how many scenes is tried with so many layers by a way to draw, if any. (A rasteriser in software takes seconds to compile a shader of
-/// several layers.)
+/// Samples one in this many scenes with this number of layers by a way to draw, if any. (A software rasteriser takes seconds to compile a
+/// shader of several layers.)
 fn one_in((count, grids): (usize, Grids), (backend, compositor): Way) -> Option<usize> {
     match (count, grids, backend, compositor) {
         (_, Grids::One, BackendChoice::Cpu, _) => Some(3),
@@ -200,7 +200,7 @@ fn one_in((count, grids): (usize, Grids), (backend, compositor): Way) -> Option<
     }
 }
 
-/// Scenes of several layers: two stores of unlike grids, in turns, or one.
+/// Scenes of several layers: two stores of different grids, in turn, or one.
 #[test]
 fn layers_are_the_oracle_s_by_every_way_to_draw() {
     let other = |_, _, [x, y, z]: [u32; 3]| {
@@ -242,7 +242,7 @@ fn layers_are_the_oracle_s_by_every_way_to_draw() {
     }
 }
 
-/// What a store of few codes holds: a mask, counts in 16 bits with one outlier, or waves over 40 of the codes of 16 bits.
+/// Stores of few codes: a mask, counts in 16 bits with one outlier, or waves over 40 of the codes of 16 bits.
 fn narrow_stores() -> [(&'static str, TestStore, [f64; 2]); 3] {
     let wave = |[x, y, z]: [u32; 3]| {
         let [x, y, z] = [x, y, z].map(f64::from);
@@ -258,7 +258,7 @@ fn narrow_stores() -> [(&'static str, TestStore, [f64; 2]); 3] {
     ]
 }
 
-/// Windows of few codes: what is shown between two codes is nowhere stored.
+/// Windows of few codes: the values shown between two codes are stored nowhere.
 #[test]
 fn narrow_windows_are_the_oracle_s_by_every_way_to_draw() {
     for (name, test, [low, high]) in narrow_stores() {

@@ -1,5 +1,5 @@
-//! Budgets as the kernel sees them: the anonymous and shared memory of the command, sampled while it runs (`RssAnon` and `RssShmem` in
-//! `/proc/PID/status`). Mapped pages of stores and sources are the page cache's, and can be taken back at any time.
+//! Budgets from the kernel's view: the anonymous and shared memory of the running command, sampled (`RssAnon` and `RssShmem` in
+//! `/proc/PID/status`). Mapped pages of stores and sources belong to the page cache, and can be reclaimed at any time.
 
 use brickyard::store::Store;
 use brickyard::volume::Level;
@@ -10,15 +10,15 @@ use std::time::Duration;
 
 const MIB: u64 = 1 << 20;
 
-/// What the command takes beside what its budgets are about: its relocated data, a stack and an allocator arena per thread, the
-/// picture and the scene. `info` takes 1 MiB in all.
+/// Memory of the command outside its budgets: relocated data, a stack and an allocator arena per thread, the picture and the scene.
+/// `info` takes 1 MiB in all.
 const PROGRAM: u64 = 16 * MIB;
 
-/// What a GPU's driver takes in this process: a software one compiles shaders here (LLVM), and keeps its own copies of commands. No
-/// budget is about that. Measured with llvmpipe: 20 to 40 MiB.
+/// Memory of a GPU's driver in this process, outside all budgets: a software one compiles shaders here (LLVM), and keeps its own
+/// copies of commands. Measured with llvmpipe: 20 to 40 MiB.
 const DRIVER: u64 = 96 * MIB;
 
-/// Runs the command and returns its exit code, standard error and greatest anonymous and shared memory in bytes.
+/// Runs the command; returns its exit code, standard error and greatest anonymous and shared memory in bytes.
 fn measured(sandbox: &Sandbox, line: &str) -> (i32, String, u64) {
     let mut command = sandbox.command();
     command.args(line.split_whitespace());
@@ -46,7 +46,7 @@ fn measured_program(command: &mut Command) -> (i32, String, u64) {
     (code, stderr, most)
 }
 
-/// What a process holds by itself; `None` once it has ended.
+/// A process's own memory; `None` once it has ended.
 fn held_bytes(process: u32) -> Option<u64> {
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).ok()?;
     let kib = |field: &str| {
@@ -65,7 +65,7 @@ fn check(sandbox: &Sandbox, line: &str, allowed: u64) {
 
 /// 256^3 floats of noise: 64 MiB, which compress little.
 fn sandbox() -> Sandbox {
-    // On the disk: what a process maps of files in memory counts as shared memory.
+    // On the disk: mapped files in memory count as shared memory.
     let sandbox = Sandbox::within(env!("CARGO_TARGET_TMPDIR"));
     sandbox.run_ok("synth turbulence t.raw --shape 256,256,256 --dtype f32 --progress none");
     sandbox.run_ok("pack t.raw t.zarr --shape 256,256,256 --dtype f32 --brick 32 --shard 128 --progress none");
@@ -76,14 +76,14 @@ fn sandbox() -> Sandbox {
 fn packing_stays_within_its_memory() {
     let sandbox = sandbox();
     for (i, mib) in [64u64, 96, 256].into_iter().enumerate() {
-        // The program is in the budget.
+        // The budget includes the program.
         let line = format!(
             "pack t.raw {i}.zarr --shape 256,256,256 --dtype f32 --brick 32 --shard 128 -j 2 --memory {mib}MiB --progress none"
         );
         check(&sandbox, &line, mib * MIB);
         check(&sandbox, &format!("{} --aprons 1", line.replace(".zarr", "a.zarr")), mib * MIB);
     }
-    // The same file as a series, all of whose shards are open until the last step: 37,000 small bricks.
+    // The same file as a series, with all shards open until the last step: 37,000 small bricks.
     let series =
         "pack t.raw s.zarr --shape 256,256,16 --times 16 --dtype f32 --brick 8 --shard 64 --shard-time 16 -j 2";
     check(&sandbox, &format!("{series} --memory 48MiB --progress none"), 48 * MIB);
@@ -106,20 +106,21 @@ fn appending_stays_within_its_memory() {
             "synth turbulence s{seed}.raw --shape 160,160,160 --dtype f32 --seed {seed} --progress none"
         ));
     }
-    // One that counts its values in the steps that it has, which a pack left uncounted.
+    // An append that counts the values in the existing steps, left uncounted by a pack.
     sandbox.run_ok(&format!("pack s0.raw packed.zarr {flags} --time-step 1"));
     for (store, files) in [("new.zarr", "s0.raw s1.raw s2.raw"), ("packed.zarr", "s1.raw s2.raw")] {
         check(&sandbox, &format!("append {store} {files} {flags} --memory 64MiB"), 64 * MIB);
     }
 }
 
-/// Says to [`a_reader_follows`] that it is the process which is measured.
+/// Environment variable that makes [`a_reader_follows`] the measured process.
 const FOLLOWS: &str = "BRICKYARD_TESTS_FOLLOW_STEPS";
 
 /// Appends steps of 64^3 u16, half a MiB each.
 const APPEND: &str = "append f.zarr f.raw --shape 64,64,64 --dtype u16 --brick 16 --progress none";
 
-/// The process that [`following_takes_no_more_with_each_step`] measures, which follows a store and reads each step; nothing by itself.
+/// The process measured by [`following_takes_no_more_with_each_step`], which follows a store and reads each step; does nothing by
+/// itself.
 #[test]
 fn a_reader_follows() {
     let Some(steps) = std::env::var_os(FOLLOWS) else { return };
@@ -157,7 +158,7 @@ fn exporting_stays_within_its_memory() {
         check(&sandbox, &format!("export t.zarr o.raw --overwrite --memory {mib}MiB --progress none"), mib * MIB);
     }
     assert!(sandbox.read("o.raw") == sandbox.read("t.raw"));
-    // A row of bricks of this one is 64 MiB.
+    // A row of its bricks is 64 MiB.
     let wide = "--shape 262144,16,8 --dtype f32 --brick 8 --shard 1024 --progress none";
     sandbox.write("wide.raw", vec![7; 262_144 * 16 * 8 * 4]);
     sandbox.run_ok(&format!("pack wide.raw wide.zarr {wide}"));

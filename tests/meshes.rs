@@ -1,8 +1,8 @@
-//! Triangle meshes in one picture with the volume, end to end: against the oracle in all modes and ways to draw, whatever the
-//! bricks, and against formulas.
+//! Triangle meshes in one picture with the volume, end to end: against the oracle in all modes and ways to draw, for any bricks, and
+//! against formulas.
 //!
-//! A GPU decides on a raster of 256ths of a pixel, and by other rules than the oracle, which triangle a pixel's centre is in. So
-//! pixels are left out where a 50th of a pixel to a side the oracle meets other triangles.
+//! A GPU assigns a pixel's centre to a triangle on a raster of 256ths of a pixel, and by other rules than the oracle. So pixels are
+//! left out where the oracle hits other triangles a 50th of a pixel to a side.
 
 use brickyard::backend::{BackendChoice, BackendError, CompositorChoice};
 use brickyard::exact::{ExactPictureError, ExactRenderer};
@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 
 const SIZE: (u32, u32) = (64, 50);
 
-/// Of three vertices each.
+/// A mesh of these triangles, by their vertices.
 fn mesh(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Mesh {
     let positions = positions.iter().map(|p| p.as_vec3().to_array()).collect();
     Mesh::new(positions, triangles, vec![], vec![]).expect("a mesh")
@@ -35,7 +35,7 @@ fn quad(centre: DVec3, right: DVec3, up: DVec3) -> Mesh {
     mesh(corners.map(|corner| centre + corner).to_vec(), vec![[0, 1, 2], [0, 2, 3]])
 }
 
-/// A sphere of few triangles, with normals and colours, so that it is round and tells its sides.
+/// A sphere of few triangles, with normals and colours, for a round look with distinct sides.
 fn sphere(centre: DVec3, radius: DVec3) -> Mesh {
     const AROUND: u32 = 14;
     const DOWN: u32 = 7;
@@ -91,7 +91,7 @@ fn perspective(eye: DVec3, target: DVec3) -> Camera {
     Camera { eye, target, up: DVec3::Z, projection: Projection::Perspective { fov_y_deg: 40.0 } }
 }
 
-/// From outside, parallel, and from inside of volume and meshes.
+/// From outside, parallel, and from inside volume and meshes.
 fn views((low, high): (DVec3, DVec3)) -> [(&'static str, Camera); 3] {
     let (centre, size) = ((low + high) * 0.5, high - low);
     let at = |x: f64, y: f64, z: f64| low + size * DVec3::new(x, y, z);
@@ -128,7 +128,7 @@ fn frame_of(store: &Arc<Store>, scene: &Scene, size_px: (u32, u32)) -> FrameSett
     resolved(store, scene, size_px).layers.remove(0).frames.remove(0).settings
 }
 
-/// Whether a pixel's centre is no closer to an edge than a 50th of a pixel.
+/// Whether a pixel's centre is at least a 50th of a pixel from all edges.
 fn is_clear(frame: &FrameSettings, x: u32, y: u32) -> bool {
     let met = |dx: f64, dy: f64| -> Vec<u32> {
         let ray = frame.rays.ray(x as f64 + 0.5 + dx, y as f64 + 0.5 + dy);
@@ -138,8 +138,8 @@ fn is_clear(frame: &FrameSettings, x: u32, y: u32) -> bool {
     [(-0.02, -0.02), (0.02, -0.02), (-0.02, 0.02), (0.02, 0.02)].into_iter().all(|(dx, dy)| met(dx, dy) == here)
 }
 
-/// Pictures are the same but where edges are, and, of surfaces, but for three pixels in a thousand, where rounding decides whether a
-/// ray that grazes one meets it.
+/// Asserts equal pictures except at edges, and, for surfaces, except for three pixels in a thousand, where rounding decides whether
+/// a grazing ray hits.
 fn assert_alike(found: &Picture, expected: &Picture, frame: &FrameSettings, what: &str) {
     let pixels = || (0..frame.rays.height).flat_map(|y| (0..frame.rays.width).map(move |x| (x, y)));
     let all = expected.rgb.len();
@@ -156,7 +156,7 @@ fn assert_alike(found: &Picture, expected: &Picture, frame: &FrameSettings, what
     }
     let allowed = if frame.mode == Mode::Isosurface { all * 3 / 1000 } else { 0 };
     assert!(off <= allowed, "{what}: {off} pixels are off, by up to {most}");
-    // A 25th of a pixel about each edge: so few that they cannot hide a mistake.
+    // A 25th of a pixel about each edge: too few to hide a mistake.
     assert!(left_out * 100 <= 2 * all, "{what}: {left_out} pixels at edges");
     let colors: std::collections::BTreeSet<_> = expected.rgb.iter().collect();
     assert!(colors.len() > 50, "{what}: a flat picture proves nothing");
@@ -205,7 +205,7 @@ fn translucent_meshes_equal_the_oracle_whatever_the_bricks() {
             scenes.push((format!("{view}, fog"), Scene { meshes: crowd([0.4, 0.7, 0.25]), ..scene.clone() }));
             scenes.push((format!("{view}, surface"), Scene { meshes: crowd([0.4, 0.7, 0.25]), ..surface }));
             scenes.push((format!("{view}, some opaque"), Scene { meshes: crowd([0.5, 1.0, 0.5]), ..scene.clone() }));
-            // What looks at segments from end to end, and as far as the next ones.
+            // A method that takes segments from end to end, and as far as the next ones.
             let sampling = Sampling { method: Method::Pcvs, ..Sampling::default() };
             let lighting = Lighting { model: LightingModel::BlinnPhong, ..Lighting::default() };
             let lit = Scene { sampling, lighting, meshes: crowd([0.5, 0.5, 1.0]), ..scene };
@@ -246,7 +246,7 @@ fn both_eyes_see_meshes_where_they_are() {
     }
 }
 
-/// Walls across a fog that is the same everywhere: each pixel has a formula.
+/// Walls across a uniform fog: each pixel has a formula.
 #[test]
 fn layers_in_fog_are_as_deep_as_they_should_be() {
     let extent = Extent::new(40, 40, 40);
@@ -259,7 +259,7 @@ fn layers_in_fog_are_as_deep_as_they_should_be() {
         ..TransferFunction::default()
     };
     let background = DVec3::new(0.1, 0.2, 0.3);
-    // Two that cross in the middle of the picture, one right behind another, two at one place, and an opaque one.
+    // Two crossing in the middle of the picture, one right behind another, two at one place, and an opaque one.
     let wall = |x: f64, slope: f64, color: [f64; 3], opacity: f64| {
         let (right, up) = (DVec3::new(slope, 1.0, 0.0), DVec3::Z);
         let mesh = quad(DVec3::new(x, 20.0, 20.0), right * 90.0, up * 90.0);
@@ -332,7 +332,7 @@ fn a_lost_device_gets_its_meshes_back() {
         let frame = session.step(&scene, SIZE).expect("the scene is possible");
         session.backend().expect("it has drawn").destroy_device();
         let anew = session.draw(&frame).expect("drawn anew");
-        // Bricks may be in other slots, where coordinates are rounded otherwise.
+        // Bricks may be in other slots, where coordinates are rounded differently.
         assert!(anew.difference(&before).max <= 1, "{way:?}");
         // Other meshes, none, and the first again.
         let fewer = Scene { meshes: scene.meshes[1..3].to_vec(), ..scene.clone() };
@@ -390,7 +390,7 @@ fn budgets_pay_for_meshes_that_come_and_go() {
             (backend.bytes(), backend.slots(0))
         };
         let [without, with, again] = [&bare, &scene, &bare].map(&mut drawn);
-        // On a GPU there are slots for all bricks, and what meshes take comes on top; the CPU has fewer slots for it.
+        // On a GPU there are slots for all bricks, and meshes take extra memory; on the CPU they take slots.
         let is_paid = with.0 > without.0 + 20_000 || with.1 < without.1;
         assert!(is_paid && with.0 <= 256 << 20, "{way:?}: {with:?} and {without:?}");
         assert_eq!(with, again, "the room stays");

@@ -1,5 +1,5 @@
-//! Movies and camera paths with time steps, by the command: a series of six small steps as GIF, YUV4MPEG2 and MP4, beside the pictures that `render`
-//! writes of the same views. Where ffmpeg is not installed, scripts of the same name stand in for it.
+//! Movies and camera paths with time steps, by the command: a series of six small steps as GIF, YUV4MPEG2 and MP4, beside `render`'s pictures of the
+//! same views. Without ffmpeg, scripts of the same name replace it.
 
 use brickyard::volume::Picture;
 use brickyard_tests::{Sandbox, leave_out, read_png};
@@ -8,10 +8,10 @@ use std::process::Command;
 
 const STEPS: u32 = 6;
 
-/// Each picture's look: a colour map over all values, on one thread of work, in an odd size.
+/// Each picture's look: a colour map over all values, on one thread, in an odd size.
 const SCENE: &str = "--mode mip --window 0:6500 --transfer viridis --backend cpu --size 25x23";
 
-/// A series `flow.zarr`, whose values say step and place.
+/// A series `flow.zarr`, with step and place encoded in its values.
 fn packed() -> Sandbox {
     let sandbox = Sandbox::in_memory();
     let voxels = (0..STEPS as u16).flat_map(|step| (0..9 * 8 * 7).map(move |voxel| step * 1000 + voxel));
@@ -21,7 +21,7 @@ fn packed() -> Sandbox {
     sandbox
 }
 
-/// The pictures that `render` writes, one by one.
+/// The single pictures of `render`.
 fn pictures(sandbox: &Sandbox, flags: &str, count: usize) -> Vec<Picture> {
     sandbox.run_ok(&format!("render flow.zarr -o p.png --overwrite {SCENE} {flags}"));
     (0..count).map(|i| read_png(&sandbox.path(format!("p_{i:03}.png")))).collect()
@@ -63,13 +63,13 @@ fn read_y4m(bytes: &[u8]) -> (String, Vec<Picture>) {
     (header.clone(), frames.map(picture).collect())
 }
 
-/// The largest difference in a channel, of 255.
+/// The greatest difference in a channel, of 255.
 fn farthest(a: &Picture, b: &Picture) -> u8 {
     assert_eq!((a.width, a.height), (b.width, b.height));
     a.rgb.as_flattened().iter().zip(b.rgb.as_flattened()).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0)
 }
 
-/// The names in the sandbox that begin with `film` or a dot.
+/// The names in the sandbox beginning with `film` or a dot.
 fn left(sandbox: &Sandbox) -> Vec<String> {
     let names = std::fs::read_dir(sandbox.path("")).expect("a folder");
     let names = names.map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned());
@@ -110,7 +110,7 @@ fn a_y4m_has_every_pixel_within_two() {
     assert_eq!(header, "YUV4MPEG2 W25 H23 F24:1 Ip A1:1 C444 XYSCSS=444 XCOLORRANGE=LIMITED XMATRIX=BT709");
     let expected = pictures(&sandbox, "--time all --orbit 3", 6);
     assert_eq!(found.len(), expected.len());
-    // Half a code of 219 in luma and of 224 in chroma is 1.6 of 255 at most, rounded.
+    // Half a code of 219 in luma and of 224 in chroma is at most 1.6 of 255, rounded.
     found.iter().zip(&expected).for_each(|(found, expected)| assert!(farthest(found, expected) <= 2));
     let (code, _, stderr) = sandbox.run(&line);
     assert!(code == 2 && stderr.contains("film.y4m") && stderr.contains("--overwrite"), "{code}: {stderr}");
@@ -134,7 +134,7 @@ fn a_path_drives_camera_and_time_steps() {
     let sandbox = packed();
     cameras(&sandbox, "timed.json", [r#", "time": 0"#, r#", "time": 5"#]);
     cameras(&sandbox, "path.json", ["", ""]);
-    // Along the path, all steps; the camera moves as it does without them.
+    // Along the path, all steps; the camera moves as without steps.
     let found = pictures(&sandbox, "--path timed.json --frames 6", 6);
     assert_eq!(found, pictures(&sandbox, "--path timed.json --frames 6", 6), "the same pictures each time");
     assert_eq!(found, pictures(&sandbox, "--path path.json --frames 6 --time all", 6));
@@ -145,7 +145,7 @@ fn a_path_drives_camera_and_time_steps() {
     for i in [0, 3, 4, 10] {
         assert_eq!(slow[i], pictures(&sandbox, &step(i / 2), 11)[i], "picture {i}");
     }
-    // A picture for each camera where no number is asked for; a scene's own step gives way.
+    // Without a number of frames, a picture for each camera; a scene's own step is overridden.
     sandbox.write("scene.json", r#"{"time": 3}"#);
     let listed = pictures(&sandbox, "--path timed.json --scene scene.json", 2);
     assert_eq!(listed, [found[0].clone(), found[5].clone()]);
@@ -168,7 +168,7 @@ fn without_ffmpeg_an_mp4_is_refused_at_once() {
     assert!(left(&sandbox).is_empty());
 }
 
-/// Puts a script that is called ffmpeg into the sandbox, and returns a PATH that finds it first.
+/// Puts a script named ffmpeg into the sandbox, and returns a PATH with it in front.
 #[cfg(unix)]
 fn ffmpeg(sandbox: &Sandbox, script: &str) -> String {
     use std::os::unix::fs::PermissionsExt;
@@ -209,12 +209,12 @@ fn what_ffmpeg_says_is_told_and_nothing_is_left() {
     let sandbox = packed();
     sandbox.write("film.mp4", "before");
     let line = format!("render flow.zarr --movie film.mp4 --overwrite --time all {SCENE}");
-    // It has no encoder: that is known before anything is drawn.
+    // A missing encoder is detected before any drawing.
     let path = ffmpeg(&sandbox, "echo 'Unknown encoder libx264' >&2\nexit 8\n");
     let (code, said) = render_with(&sandbox, &path, &line);
     assert!(code == Some(1) && said.contains("film.mp4") && said.contains("Unknown encoder libx264"), "{said}");
     assert!(said.contains("exit status: 8") && !said.contains("backend:"), "{said}");
-    // It writes the trial and then fails: in the middle, at the end, and by a signal.
+    // It encodes the trial and then fails: in the middle, at the end, and by a signal.
     for (failing, words) in [
         ("head -c 300 > /dev/null; echo 'no room' >&2; exit 3", "exit status: 3): no room"),
         ("cat > /dev/null; echo 'no end' >&2; exit 4", "exit status: 4): no end"),
@@ -248,13 +248,13 @@ fn an_mp4_has_the_pictures_of_all_steps() {
     for (frame, expected) in frames.iter().zip(&expected) {
         let rows = frame.chunks(26 * 3).take(23).flat_map(|row| &row[..25 * 3]);
         let squared = rows.zip(expected.rgb.as_flattened()).map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2));
-        // H.264, and colours at half the resolution: of pictures so small edges are most of them. A wrong range, matrix or order is off by more.
+        // H.264, and colours at half the resolution: such small pictures are mostly edges. A wrong range, matrix or order is off by more.
         let off = (squared.sum::<f64>() / (25.0 * 23.0 * 3.0)).sqrt();
         assert!(off < 12.0, "{off} of 255");
     }
 }
 
-/// Nothing half-made has the movie's name when the command is interrupted.
+/// No partial file has the movie's name after an interrupt.
 #[cfg(unix)]
 #[test]
 fn an_interrupted_movie_is_not_there() {
@@ -273,7 +273,7 @@ fn an_interrupted_movie_is_not_there() {
         assert!(waited < 6000, "it has written nothing for a minute");
         std::thread::sleep(std::time::Duration::from_millis(10));
     }
-    // Not INT: a shell that runs tests in the background has it ignored.
+    // Not INT: shells ignore it for tests in the background.
     let killed = Command::new("kill").args(["-TERM", &child.id().to_string()]).status().expect("kill runs");
     assert!(killed.success() && !child.wait().expect("it is ours").success());
     assert!(!sandbox.path("film.y4m").exists());

@@ -1,4 +1,4 @@
-//! The nearest filter: voxels as they are, in every mode, by every way to draw, of every kind of slot; and slices that show just the data.
+//! The nearest filter: unchanged voxels, in every mode, by every way to draw, in every kind of slot; and slices of the plain data.
 
 use brickyard::backend::BackendChoice;
 use brickyard::session::{SessionError, VolumeSource};
@@ -21,7 +21,7 @@ fn nearest() -> Sampling {
     Sampling { filter: Filter::Nearest, ..Sampling::default() }
 }
 
-/// A number from 0 to 1 that has nothing to do with those of a voxel's neighbours.
+/// A number from 0 to 1, unrelated to those of neighbouring voxels.
 fn noise([x, y, z]: [u32; 3]) -> f64 {
     let mut hash =
         (x + 1).wrapping_mul(0x9e37_79b1) ^ (y + 1).wrapping_mul(0x85eb_ca77) ^ (z + 1).wrapping_mul(0xc2b2_ae3d);
@@ -42,27 +42,27 @@ fn store<T: Voxel>(geometry: Geometry, value: impl Fn([u32; 3]) -> f64 + Send + 
     TestStore::pack(&source, 16)
 }
 
-/// Data whose slices are looked at: what a voxel holds, in windows.
+/// Sliced data: the values of voxels, and windows.
 struct Sliced<'a> {
     test: TestStore,
     value: &'a dyn Fn([u32; 3]) -> f64,
-    /// Windows, each with the format of the slots that it is seen by.
+    /// Windows, each with the format of its slots.
     windows: &'a [([f64; 2], SlotFormat)],
 }
 
-/// The display code of a value in a window, before it is rounded.
+/// The display code of a value in a window, before rounding.
 fn display(value: f64, [low, high]: [f64; 2]) -> f64 {
     255.0 * ((value - low) / (high - low)).clamp(0.0, 1.0)
 }
 
-/// The rule: a pixel is the display code of its voxel's value, rounded to the nearest. Within `tie` of the middle between two codes it may be
-/// either of them, for there single precision decides.
+/// Asserts that a pixel is the display code of its voxel's value, rounded to the nearest. Within `tie` of the middle between two codes it may be
+/// either, by single precision.
 fn assert_rounded(found: [u8; 3], display: f64, tie: f64, what: &str) {
     let [down, up] = [display - tie, display + tie].map(|code| (code + 0.5).floor().clamp(0.0, 255.0) as u8);
     assert!(found.iter().all(|&code| code == down || code == up), "{what}: {found:?} for {display}");
 }
 
-/// Where slices lie and which of a slice's pixels shows which voxel.
+/// Axes of slices, in the order of tests.
 const AXES: [usize; 3] = [2, 1, 0];
 
 fn geometry() -> Geometry {
@@ -83,15 +83,15 @@ impl Sliced<'_> {
         Scene { mode, slice, sampling: nearest(), level: LevelPolicy::Locked(0), ..Scene::of(gray) }
     }
 
-    /// Every pixel of slices through voxels' centres, through their faces, and in between, at one and at three by three pixels a voxel, is its
-    /// voxel's.
+    /// Checks slices through voxels' centres, through their faces, and in between, at one and at three by three pixels per voxel: every pixel is
+    /// its voxel's.
     fn are_exact(&self, mode: Mode) {
         let n = EXTENT.to_array();
         for way in WAYS {
             let Some(mut session) = session(&self.test.store, way) else { continue };
             for (i, &(window, format)) in self.windows.iter().enumerate() {
                 for axis in AXES {
-                    // A brick's last voxel, its face, and what is behind; the volume's own first face.
+                    // A brick's last voxel, its face, and a place behind; the volume's own first face.
                     for (k, at) in [15.5, 16.0, 16.3, 0.0, 7.99].into_iter().enumerate() {
                         let zoom = if (i + k) % 2 == 0 { 1 } else { 3 };
                         let [across, down] = [[1, 2], [0, 2], [0, 1]][axis].map(|a: usize| n[a]);
@@ -100,7 +100,7 @@ impl Sliced<'_> {
                         let encoding = resolved(&self.test.store, &scene, size).layers[0].frames[0].settings.encoding;
                         assert_eq!(encoding.format, format);
                         let (picture, _) = settled(&mut session, &scene, size);
-                        // Half of what a code stands for, where codes are not the values themselves; and what is left of the tables' precision.
+                        // Half a code's width, where codes are not the values themselves, and the tables' imprecision.
                         let coarse = if encoding.code_width() == 1.0 { 0.0 } else { 0.5 * encoding.code_width() };
                         let tie = 1e-3 + 255.0 * coarse / (window[1] - window[0]);
                         for (x, y) in (0..size.1).flat_map(|y| (0..size.0).map(move |x| (x, y))) {
@@ -147,7 +147,7 @@ fn slices_of_floats_are_the_data() {
     Sliced { test: store::<f32>(geometry(), value), value: &value, windows: &windows }.are_exact(Mode::Average);
 }
 
-/// A plane on a face that the volume ends with has no voxel above it.
+/// A plane on the volume's last face has no voxel above it.
 #[test]
 fn above_the_last_face_there_is_nothing() {
     let value = |v| (noise(v) * 255.0).round();
@@ -160,7 +160,7 @@ fn above_the_last_face_there_is_nothing() {
     }
 }
 
-/// Of voxels just behind a cut nothing is seen, where the cut is their face: neither on the cut nor where rays leave by it.
+/// Voxels just behind a cut on their face are hidden: both on the cut and where rays leave by it.
 #[test]
 fn a_cut_on_a_face_of_voxels_hides_what_is_behind_it() {
     let opaque = TransferFunction {
@@ -208,7 +208,7 @@ fn a_cut_on_a_face_of_voxels_hides_what_is_behind_it() {
     }
 }
 
-/// A slab between faces of voxels is just the voxels between them, wherever segments begin: of stripes along z every other plane is black.
+/// A slab between faces of voxels shows exactly the voxels between them, wherever segments begin: of stripes along z every other plane is black.
 #[test]
 fn a_thick_slice_between_faces_shows_no_voxel_behind_them() {
     let stripes = |_, _, [_, _, z]: [u32; 3]| (z % 2 * 255) as u8;
@@ -239,7 +239,8 @@ fn a_thick_slice_between_faces_shows_no_voxel_behind_them() {
     }
 }
 
-/// What keeps a cut clear of faces is not seen: a voxel between two cuts hides as much as one, from near and far, and what is thinner is not lost.
+/// The gap between a cut and faces is invisible: a voxel between two cuts is as opaque as a whole one, from near and far, and thinner slabs are
+/// not lost.
 #[test]
 fn a_thin_slab_keeps_its_opacity() {
     let test =
@@ -252,7 +253,7 @@ fn a_thin_slab_keeps_its_opacity() {
     };
     for way in WAYS {
         let Some(mut session) = session(&test.store, way) else { continue };
-        // From 100,000 away single precision moves points by a thirtieth of a voxel.
+        // From 100,000 away, single precision moves points by a thirtieth of a voxel.
         for (distance, thickness) in [(40.0, 1.0), (100_000.0, 1.0), (40.0, 0.1)] {
             let target = DVec3::new(1023.5, 7.5, 7.5);
             let projection = Projection::Orthographic { height: 8.0 };
@@ -270,7 +271,7 @@ fn a_thin_slab_keeps_its_opacity() {
             for scene in [cropped, between] {
                 let (picture, _) = settled(&mut session, &scene, (8, 8));
                 let expected = 255.0 * (1.0 - 0.5);
-                // A hundredth of it at most is left out on each side: 1.8.
+                // At most a hundredth of it is left out on each side: 1.8.
                 let off = picture.rgb.iter().map(|pixel| (f64::from(pixel[0]) - expected).abs()).fold(0.0, f64::max);
                 assert!(off <= 2.3, "{way:?}, {distance} off, {thickness} thick: {off}");
             }
@@ -359,8 +360,8 @@ fn agree(test: &TestStore, window: [f64; 2], format: SlotFormat, has_holes: bool
             }
             let (found, _) = settled(session, &scene, SIZE);
             let what = format!("{what}, seed {:x}", seed());
-            // Rounding also decides whether a ray meets a surface at its edge, and whether half of a place's weight is valid, on which gradients
-            // depend.
+            // Rounding also decides whether a ray hits a surface at its edge, and whether half of a place's weight is valid, which affects
+            // gradients.
             if !scene.layers[0].isosurfaces.is_empty() {
                 assert_same_surface(&found, &expected.exact, &what);
             } else if has_holes && (scene.lighting != Lighting::default() || scene.is_by_gradient()) {
@@ -397,7 +398,7 @@ fn steps_of_floats_equal_the_oracle() {
     agree(&store::<f32>(uneven(), outliers), [0.2, 0.8], SlotFormat::F32, true);
 }
 
-/// Integers that are read one by one are whole numbers, which expressions compare.
+/// Integers read one by one are whole numbers, for comparison in expressions.
 #[test]
 fn expressions_compare_what_voxels_hold() {
     let test = store::<u8>(uneven(), |v| (waves(v) * 9.0).floor() * 23.0);
@@ -420,7 +421,7 @@ fn expressions_compare_what_voxels_hold() {
     }
 }
 
-/// Whole numbers beyond those that single precision tells apart are told apart on the CPU, and refused by GPUs.
+/// Whole numbers too great for single precision are distinguished on the CPU, and refused by GPUs.
 #[test]
 fn expressions_of_great_whole_numbers_are_exact_or_refused() {
     let test = store::<u32>(uneven(), |v| 4e9 + (waves(v) * 9.0).floor());
@@ -449,7 +450,7 @@ fn expressions_of_great_whole_numbers_are_exact_or_refused() {
     }
 }
 
-/// Bricks are the same for both filters, so that a change from one to the other is at once.
+/// Bricks are the same for both filters, so that switching is immediate.
 #[test]
 fn a_change_of_filter_uploads_nothing() {
     let test = store::<u8>(uneven(), |v| waves(v) * 255.0);

@@ -1,4 +1,4 @@
-//! Integers that mark voxels without data: left out of pictures by every renderer, of slices, and of what the command says.
+//! Integers that mark voxels without data: left out of pictures by every renderer, of slices, and of the command's output.
 
 use brickyard::volume::{Camera, Extent, Geometry, LevelPolicy, Mode, Projection, Scene, TransferFunction, Voxel};
 use brickyard_tests::{
@@ -30,7 +30,8 @@ fn scene(mode: Mode, level: LevelPolicy, (low, high): (f64, f64)) -> Scene {
         unit_distance: 2.0,
         ..TransferFunction::default()
     };
-    // Along no axis, nor through faces of voxels: a sample whose valid corners weigh exactly half falls to either side by rounding.
+    // Along no axis and through no faces of voxels: a sample with exactly half its weight in valid corners falls to either side by
+    // rounding.
     let camera = Camera {
         eye: DVec3::new(83.1, -47.7, 66.3),
         target: DVec3::new(21.4, 18.3, 19.8),
@@ -40,7 +41,8 @@ fn scene(mode: Mode, level: LevelPolicy, (low, high): (f64, f64)) -> Scene {
     Scene { camera: Some(camera), mode, level, background: [0.1, 0.05, 0.2], ..Scene::of(transfer) }
 }
 
-/// Every way to draw a volume of integers against the oracle's picture, which itself is that of floats with NaN in the holes.
+/// Compares every way to draw a volume of integers with the oracle's picture, which itself equals that of floats with NaN in the
+/// holes.
 fn check<T: Voxel>(nodata: T, (low, high): (f64, f64), modes: &[Mode]) {
     let value = move |v| T::from_f64_rounded(low + (high - low) * waves(v));
     let of_holes = move |v| if is_hole(v) { nodata } else { value(v) };
@@ -69,14 +71,14 @@ fn check<T: Voxel>(nodata: T, (low, high): (f64, f64), modes: &[Mode]) {
 #[test]
 fn every_renderer_leaves_out_voxels_without_data() {
     check(255u8, (0.0, 250.0), &[Mode::Dvr, Mode::Mip, Mode::MinIp, Mode::Average]);
-    // A value among the others, where 8 bits have no code to spare.
+    // A value among the others, where 8 bits have no spare code.
     check(100u8, (0.0, 255.0), &[Mode::Dvr, Mode::Mip]);
     check(-2000i16, (-1000.0, 3000.0), &[Mode::Dvr, Mode::MinIp]);
     check(0u16, (500.0, 65535.0), &[Mode::Dvr, Mode::Average]);
     check(-9999i32, (-5000.0, 900_000.0), &[Mode::Dvr, Mode::Mip]);
 }
 
-/// Slots hold bricks of any channel: where one has no code to spare in 8 bits, all take 16.
+/// Slots hold bricks of any channel: if one has no spare code in 8 bits, all take 16.
 #[test]
 fn channels_share_slots() {
     let sandbox = Sandbox::default();
@@ -101,7 +103,7 @@ fn channels_share_slots() {
     }
 }
 
-/// 24^3 voxels of i16: a ramp, in a shell of -2000 of three voxels, with one voxel of it in the middle.
+/// 24^3 voxels of i16: a ramp, in a shell of -2000 three voxels thick, with one such voxel in the middle.
 fn padded_ct(sandbox: &Sandbox) -> Vec<u8> {
     let is_inside = |v: [i16; 3]| v.iter().all(|n| (3..21).contains(n)) && v != [12; 3];
     let voxel = |v: [i16; 3]| if is_inside(v) { -100 + 10 * v[0] + v[1] } else { -2000 };
@@ -167,7 +169,7 @@ fn floats_without_data_become_nan() {
     let sandbox = Sandbox::default();
     let values: Vec<f32> = (0..1000).map(|i| if i % 4 == 0 { -9999.9 } else { i as f32 }).collect();
     sandbox.write("a.raw", values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>());
-    // The nearest number that f32 has.
+    // The nearest f32.
     sandbox.run_ok("pack a.raw a.zarr --shape 10,10,10 --dtype f32 --nodata -9999.9 --progress none");
     let info = sandbox.json("info a.zarr --json");
     let channel = &info["store"]["channels"][0];

@@ -1,4 +1,4 @@
-//! Orientation: one object, sampled along the axes of several scanners, is one object in the world of the patient, whichever renderer draws it.
+//! Orientation: one object, sampled along the axes of several scanners, is one object in the patient's world, for every renderer.
 
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::session::{VolumeSource, resolve};
@@ -16,10 +16,10 @@ const SIZE: (u32, u32) = (60, 50);
 /// The middle of the object, millimetres to the patient's right, front and head.
 const MIDDLE: DVec3 = DVec3::new(-12.0, 31.0, 7.0);
 
-/// Half of the length of each side of the box that every scan covers.
+/// Half of each side of the box covered by every scan.
 const REACH: f64 = 20.0;
 
-/// A head that is unlike its mirror images: large in the middle, an ear on the left, a nose in front, a hat above.
+/// A head unlike its mirror images: large in the middle, an ear on the left, a nose in front, a hat above.
 fn object(place: DVec3) -> f64 {
     let blob = |at: [f64; 3], width: f64, height: f64| {
         height * (-(place - MIDDLE - DVec3::from_array(at)).length_squared() / (2.0 * width * width)).exp()
@@ -30,7 +30,7 @@ fn object(place: DVec3) -> f64 {
         + blob([1.0, 2.0, 10.0], 3.0, 90.0)
 }
 
-/// The scan whose axes run along these directions, with these spacings, about the middle of the object.
+/// The scan with these axes and spacings, about the middle of the object.
 fn scan(axes: [DVec3; 3], spacing: [f64; 3]) -> TestStore {
     let voxels = spacing.map(|s| (2.0 * REACH / s).round() as u32);
     let steps = DMat3::from_cols(axes[0] * spacing[0], axes[1] * spacing[1], axes[2] * spacing[2]);
@@ -49,7 +49,7 @@ fn along(code: &str) -> [DVec3; 3] {
     [axes[0], axes[1], axes[2]]
 }
 
-/// The scans, each with its name; the first lies as the world does.
+/// The scans by name; the first is aligned with the world.
 fn scans() -> Vec<(String, TestStore)> {
     let codes = ["RAS", "LAS", "LPS", "LIA", "PIR"];
     let upright = codes.map(|code| (code.to_string(), scan(along(code), [0.8; 3])));
@@ -94,7 +94,7 @@ fn one_object_looks_the_same_however_it_was_scanned() {
                 let what = format!("{name} {way:?} {:?}", scene.mode);
                 assert_same(&picture, &oracle(&test.store, &scene, SIZE), &what);
                 let first = first.get_or_insert_with(|| picture.clone());
-                // The scans have their voxels in other places: what is between them differs by what interpolation loses.
+                // The scans have their voxels in different places: between them they differ by interpolation.
                 let off = mean_difference(&picture, first);
                 assert!(off < 1.5, "{what}: {off} levels off the upright scan");
             }
@@ -102,7 +102,7 @@ fn one_object_looks_the_same_however_it_was_scanned() {
     }
 }
 
-/// Where the brightest part of a picture is, pixels.
+/// Centre of a picture's brightness, in pixels.
 fn centroid(picture: &Picture) -> [f64; 2] {
     let mut sums = [0.0f64; 3];
     for (i, pixel) in (0u32..).zip(&picture.rgb) {
@@ -122,7 +122,7 @@ fn scans_of_one_patient_meet() {
     let projected = Scene { lighting: Lighting::default(), ..projected };
     let way = (BackendChoice::Cpu, CompositorChoice::Raycast);
     let mut session = open_session_of(volumes, options(way, 256 << 20, 256 << 20)).expect("the CPU is always there");
-    // A voxel is 0.8 mm; at the middle a pixel has so many.
+    // A voxel is 0.8 mm; this is the size of a pixel at the middle.
     let rays = camera().rays(SIZE.0, SIZE.1).expect("a camera");
     let pixel_mm = 2.0 * rays.up.length() * (MIDDLE - rays.eye).length() / f64::from(SIZE.1);
     let only = |shown: usize| {
@@ -135,12 +135,12 @@ fn scans_of_one_patient_meet() {
         let off_mm = (place[0] - places[0][0]).hypot(place[1] - places[0][1]) * pixel_mm;
         assert!(off_mm < 0.4, "{name}: {off_mm} mm off the upright scan");
     }
-    // Drawn together they are where each is alone.
+    // Drawn together they are in the same places as alone.
     let together = centroid(&settled(&mut session, &projected, SIZE).0);
     assert!((together[0] - places[0][0]).hypot(together[1] - places[0][1]) * pixel_mm < 0.4, "{together:?}");
 }
 
-/// What is at the middle of a pixel of a picture of a slice, whose pixels are squares of `pixel_mm`.
+/// The value of a slice's picture at a world position; its pixels are squares of `pixel_mm`.
 fn shown(picture: &Picture, right: DVec3, up: DVec3, pixel_mm: f64, at: DVec3) -> f64 {
     let offset = at - MIDDLE;
     let x = f64::from(picture.width) / 2.0 + offset.dot(right) / pixel_mm;
@@ -155,7 +155,7 @@ fn slices_of_a_patient_are_seen_as_radiologists_see_them() {
         opacity: vec![[0.0, 1.0], [255.0, 1.0]],
         ..TransferFunction::default()
     };
-    // Axis, what is to the right in the picture, what is up.
+    // Axis, right and up of the picture.
     let views = [(0, DVec3::NEG_Y, DVec3::Z), (1, DVec3::NEG_X, DVec3::Z), (2, DVec3::NEG_X, DVec3::Y)];
     let pixel_mm = 2.0 * REACH / 50.0;
     for (name, test) in scans().iter().filter(|(name, _)| !name.starts_with("oblique")) {
@@ -175,7 +175,7 @@ fn slices_of_a_patient_are_seen_as_radiologists_see_them() {
             ] {
                 let mut at = MIDDLE + DVec3::from_array(at);
                 at[axis] = MIDDLE[axis];
-                // A pixel is as large as a voxel, and what is in it changes by so much from one side to the other.
+                // A pixel is as large as a voxel, and its value changes by this much from side to side.
                 let (found, expected) = (shown(&picture, right, up, pixel_mm, at), object(at));
                 assert!((found - expected).abs() < 25.0, "{name} axis {axis} {at}: {found}, expected {expected}");
             }
@@ -210,7 +210,7 @@ fn a_scan_askew_to_the_world_is_cut_by_every_plane() {
         mode: Mode::Mip,
         lighting: Lighting::default(),
         slice: Some(Slice { point: MIDDLE, normal: DVec3::new(0.2, 1.0, 0.1), thickness: 14.0 }),
-        // Its low and high end along z cut what nothing else cuts: they are the last planes of all.
+        // Only its low and high ends along z cut these parts: they are the last of all planes.
         clip: Some([MIDDLE - DVec3::new(11.0, 12.0, 2.0), MIDDLE + DVec3::new(12.0, 13.0, 3.0)]),
         clip_planes: corners.map(plane).to_vec(),
         ..scene()
@@ -223,7 +223,7 @@ fn a_scan_askew_to_the_world_is_cut_by_every_plane() {
     }
 }
 
-/// A scan whose file counts in micrometres is the same scan: the patient's world is in millimetres, and so are the distances of default looks.
+/// A scan in micrometres is the same scan: the patient's world is in millimetres, and so are the distances of default looks.
 #[test]
 fn the_unit_of_a_file_does_not_show() {
     let in_unit = |unit: &str, per_mm: f64| {
@@ -238,7 +238,7 @@ fn the_unit_of_a_file_does_not_show() {
     };
     let [mm, um] = [in_unit("millimeter", 1.0), in_unit("micrometer", 1000.0)];
     for way in [WAYS[1], WAYS[3]] {
-        // Nothing is said of the look: the gray ramp and its distance are found.
+        // Without a given look: the gray ramp and its distance are derived.
         let scene = Scene { camera: Some(camera()), ..Scene::default() };
         let [Some(mut first), Some(mut second)] = [&mm, &um].map(|test| session(&test.store, way)) else { return };
         let (expected, found) = (settled(&mut first, &scene, SIZE).0, settled(&mut second, &scene, SIZE).0);

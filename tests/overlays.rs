@@ -1,4 +1,4 @@
-//! Supersampled pictures and overlays by the command: the same samples whatever draws them, and what is drawn over pictures.
+//! Supersampled pictures and overlays by the command: the same samples by every renderer, and the overlays on pictures.
 
 use brickyard::volume::Picture;
 use brickyard_tests::{Sandbox, leave_out, read_png};
@@ -26,7 +26,7 @@ fn render(sandbox: &Sandbox, flags: &str) -> Picture {
     read_png(&sandbox.path("o.png"))
 }
 
-/// The root of the mean square of what differs, in codes.
+/// The root mean square difference, in codes.
 fn rms(a: &Picture, b: &Picture) -> f64 {
     255.0 / 10f64.powf(a.difference(b).psnr_db / 20.0)
 }
@@ -76,14 +76,14 @@ fn more_samples_come_nearer_to_what_all_of_a_pixel_shows() {
         let [one, four] = [1, 4].map(|samples| rms(&of(samples), &finest));
         assert!(one > 2.0 * four && four > 0.0, "{look}: {one} with one sample, {four} with four");
     }
-    // A first picture has four; what shows values as they are has one, and what a scene says counts.
+    // A first picture has four; modes that show plain values have one, and a scene's setting counts.
     let of = |flags: &str| render(&sandbox, &format!("--size 96x96 --backend cpu {flags}"));
     assert_eq!(of("").difference(&of("--aa 4")).max, 0);
     assert_eq!(of("--mode mip").difference(&of("--mode mip --aa 1")).max, 0);
     assert_eq!(of("--slice z=50%").difference(&of("--slice z=50% --aa 1")).max, 0);
     sandbox.write("scene.json", r#"{"pixel_samples": 2, "mode": "mip"}"#);
     assert_eq!(of("--scene scene.json").difference(&of("--mode mip --aa 2")).max, 0);
-    // The file says it.
+    // The file records it.
     of("--aa 8");
     let file = sandbox.read("o.png");
     assert!(file.windows(18).any(|bytes| bytes == br#""pixel_samples":8,"#));
@@ -106,7 +106,7 @@ fn overlays_are_drawn_beside_what_is_shown() {
         let changed = |i: &usize| drawn.rgb[*i] != plain.rgb[*i];
         let count = (0..plain.rgb.len()).filter(changed).count();
         assert!(count > 60, "{flags}: {count} pixels");
-        // Edges behind the ball are seen through its rim where that is almost clear; nothing else is.
+        // Edges behind the ball show through its rim where it is almost clear; nothing else does.
         let least = if flags.contains("--axes") { 16 } else { 1 };
         let is_shown = |i: &usize| plain.rgb[*i].iter().any(|code| *code >= least);
         let over = (0..plain.rgb.len()).filter(is_shown).filter(changed).count();

@@ -1,4 +1,4 @@
-//! A picture that the CPU draws for who looks on: seen while it is drawn, and abandoned from another thread.
+//! A picture drawn by the CPU for an onlooker: shown in progress, and abandoned from another thread.
 
 use brickyard::backend::BackendChoice;
 use brickyard::frame_governor::Quality;
@@ -36,7 +36,7 @@ fn a_picture_is_seen_while_it_is_drawn_and_abandoned() {
     let test = TestStore::pack(&FunctionSource::new(Extent::new(40, 30, 36), Geometry::default(), voxel), 16);
     let options = SessionOptions { backend: BackendChoice::Cpu, threads: 2, ..SessionOptions::default() };
     let mut session = Session::new(vec![VolumeSource::of_store(&test.store)], options);
-    // So fine that it would take long.
+    // So fine a step is slow.
     let frame = settled(&mut session, 0.01);
     let painting = Arc::new(under());
     let so_far = std::thread::scope(|scope| {
@@ -53,7 +53,7 @@ fn a_picture_is_seen_while_it_is_drawn_and_abandoned() {
     let drawn = so_far.rgb.iter().filter(|pixel| **pixel != UNDER).count();
     assert!(drawn > 0 && drawn < so_far.rgb.len(), "{drawn} pixels are drawn");
     assert!(painting.progress() < 1.0 && painting.is_abandoned());
-    // One that is not abandoned is the picture, pixel by pixel, and the session goes on as before.
+    // A completed one is the picture, pixel by pixel, and the session continues.
     let frame = settled(&mut session, 0.5);
     let painting = Arc::new(under());
     let picture = session.paint(&frame, &painting).expect("a picture");
@@ -61,8 +61,8 @@ fn a_picture_is_seen_while_it_is_drawn_and_abandoned() {
     assert!(painting.so_far().rgb == picture.rgb && picture.rgb == session.draw(&frame).expect("a picture").rgb);
 }
 
-/// A frame with few pixels looks as one of fine bricks does where its bricks are as coarse, reads few of these, and never counts as settled; what was there is there
-/// for the exact frame after it.
+/// A frame of few pixels has the look of one of fine bricks at the same coarseness, reads few of these, and never counts as settled; resident bricks
+/// remain for the exact frame after it.
 #[test]
 fn coarse_frames_have_bricks_as_coarse_as_their_pixels() {
     let wave = |n: u32| (f64::from(n) * 0.06).sin();
@@ -76,7 +76,7 @@ fn coarse_frames_have_bricks_as_coarse_as_their_pixels() {
         let frame = session.step_coarse(&scene, size, level_bias).expect("a frame");
         let Status { settled, awaits_feedback, resident, wanted, pixel_error, .. } = frame.status;
         match level_bias > 0.0 {
-            // A camera that moves is ahead of the cuts.
+            // A moving camera is ahead of the cuts.
             true if resident == wanted && pixel_error == 4.0 => {
                 assert!(!settled && !awaits_feedback);
                 return frame;

@@ -51,7 +51,7 @@ fn perspective(eye: DVec3, target: DVec3) -> Camera {
     Camera { eye, target, up: DVec3::Z, projection: Projection::Perspective { fov_y_deg: 40.0 } }
 }
 
-/// Cameras by what can go wrong with them. `low` and `high` are the corners of the volume's world box.
+/// Cameras by their risks. `low` and `high` are the corners of the volume's world box.
 fn cameras(low: DVec3, high: DVec3) -> Vec<(&'static str, Camera)> {
     let (centre, size) = ((low + high) * 0.5, high - low);
     let at = |x: f64, y: f64, z: f64| low + size * DVec3::new(x, y, z);
@@ -68,12 +68,12 @@ fn cameras(low: DVec3, high: DVec3) -> Vec<(&'static str, Camera)> {
     ]
 }
 
-/// A scene in a mode: values of these volumes, from 0 to 255, are on both sides of the surface.
+/// A scene in a mode: these volumes have values, from 0 to 255, on both sides of the surface.
 fn of_mode(mode: Mode, scene: Scene) -> Scene {
     in_mode(scene, mode, 110.0)
 }
 
-/// A store, and sessions that draw it in every way.
+/// A store, and its sessions for every way to draw.
 struct Subject {
     store: Arc<Store>,
     sessions: Vec<(Way, Session)>,
@@ -84,7 +84,7 @@ impl Subject {
         Self { store: test.store.clone(), sessions: sessions(&test.store) }
     }
 
-    /// The settled picture of every way to draw equals the oracle's.
+    /// Checks that every way's settled picture equals the oracle's.
     fn check(&mut self, scene: &Scene, what: &str) {
         let expected = oracle(&self.store, scene, SIZE);
         for (way, session) in &mut self.sessions {
@@ -220,7 +220,7 @@ fn mixed_levels_in_one_view_equal_the_oracle() {
     }
 }
 
-/// A clip box cuts through bricks and voxels; what is outside of it is neither shown nor read.
+/// A clip box cuts through bricks and voxels; everything outside is neither shown nor read.
 #[test]
 fn skipping_changes_no_picture() {
     let extent = Extent::new(61, 53, 67);
@@ -239,8 +239,8 @@ fn skipping_changes_no_picture() {
             let mut without = session_without_skipping(&test.store, way).expect("the same backend");
             let (picture, without) = settled(&mut without, &scene, SIZE);
             assert_same(&picture, &expected, &format!("{mode:?} {way:?}"));
-            // Bricks that show nothing are wanted only where nothing is skipped. (How many are uploaded besides, to stand in for
-            // them, is a matter of which come first.)
+            // Invisible bricks are wanted only without skipping. (The number of stand-ins uploaded for them depends on the order
+            // of arrival.)
             let (with, without) = (with.bricks.wanted, without.bricks.wanted);
             let leaves_out = matches!(mode, Mode::Dvr | Mode::Isosurface);
             assert!(if leaves_out { with < without } else { with == without }, "{mode:?} {way:?}: {with}, {without}");
@@ -258,7 +258,7 @@ fn a_clip_box_equals_the_oracle() {
     let (low, high) = geometry.world_box(extent);
     let at = |x: f64, y: f64, z: f64| low + (high - low) * DVec3::new(x, y, z);
     let clips = [
-        // A corner is cut out; a slab thinner than a brick; a box that reaches out on one side.
+        // A corner is cut out; a slab thinner than a brick; a box beyond one side.
         [at(0.13, 0.0, 0.21), at(0.72, 1.0, 0.9)],
         [at(0.0, 0.4, 0.0), at(1.0, 0.47, 1.0)],
         [at(0.5, -3.0, -1.0), at(2.0, 0.61, 0.53)],
@@ -271,7 +271,7 @@ fn a_clip_box_equals_the_oracle() {
                 let scene = of_mode(mode, Scene { camera, clip, ..Scene::of(transfer) });
                 let expected = oracle(&test.store, &scene, SIZE);
                 if expected.rgb.iter().all(|p| *p == expected.rgb[0]) {
-                    // This camera looks past what is left.
+                    // This camera looks past the remaining part.
                     continue;
                 }
                 subject.check(&scene, &format!("{name}, clip box {i}, {mode:?}"));
@@ -290,7 +290,7 @@ fn a_clip_box_equals_the_oracle() {
     }
 }
 
-/// A constant medium collects Beer-Lambert's opacity, whatever the step, the bricks and the levels.
+/// A constant medium has Beer-Lambert's opacity, for any step, bricks and levels.
 #[test]
 fn a_constant_medium_is_beer_lambert() {
     let extent = Extent::new(70, 70, 70);
@@ -337,7 +337,7 @@ fn a_constant_medium_is_beer_lambert() {
     }
 }
 
-/// Bricks must not show: the same volume in bricks of 16, 32 and as one brick of 128.
+/// Bricks must be invisible: the same volume in bricks of 16, 32 and as one brick of 128.
 #[test]
 fn the_brick_size_does_not_show() {
     let extent = Extent::new(90, 77, 101);
@@ -366,7 +366,7 @@ fn the_brick_size_does_not_show() {
     }
 }
 
-/// Turning the camera by a right angle about a symmetric volume gives the turned picture.
+/// A camera turned by a right angle about a symmetric volume gives the turned picture.
 #[test]
 fn a_right_angle_turns_the_picture() {
     let n = 64u32;
@@ -393,7 +393,7 @@ fn a_right_angle_turns_the_picture() {
     }
 }
 
-/// A budget far too small for what the view wants: the picture is coarser, complete, and says so.
+/// A budget far too small for the view: the picture is coarser, complete, and reports it.
 #[test]
 fn a_tiny_budget_gives_a_complete_coarser_picture() {
     let extent = Extent::new(160, 160, 160);
@@ -410,7 +410,7 @@ fn a_tiny_budget_gives_a_complete_coarser_picture() {
     let scene = Scene { camera: Some(camera), level: LevelPolicy::Locked(0), ..Scene::of(opaque) };
     let expected = oracle(&test.store, &scene, SIZE);
     for backend in WAYS {
-        // A slot is 18^3 codes; 3 MiB leave room for a hundred or two of the thousand bricks.
+        // A slot is 18^3 codes; 3 MiB have room for one or two hundred of the thousand bricks.
         let Some(mut session) = session_within(&test.store, backend, 3 << 20, 64 << 20) else { continue };
         let (picture, stats) = settled(&mut session, &scene, SIZE);
         assert!(stats.memory_bound && stats.effective_pixel_error > Some(0.0), "{stats:?}");

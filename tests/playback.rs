@@ -1,5 +1,5 @@
-//! Playing time steps: every frame of a session that plays, jumps and turns shows one step, all of it, and the step that it says; layers of
-//! unlike steps are shown by their times; what plays stays in its budgets.
+//! Playing time steps: every frame of a playing, jumping and turning session shows one whole step, namely the reported one; layers of different steps
+//! are shown by their times; playback stays within its budgets.
 
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::pager::{BrickError, BrickSource, Ending, Playback, Policy};
@@ -18,21 +18,21 @@ const SIZE: (u32, u32) = (64, 64);
 const STEPS: u32 = 60;
 const EXTENT: Extent = Extent::new(48, 48, 48);
 
-/// Frames for each way to draw and number of channels; `BRICKYARD_PLAYED_FRAMES` sets another number.
+/// Frames per way to draw and number of channels; `BRICKYARD_PLAYED_FRAMES` overrides it.
 fn frames() -> u32 {
     std::env::var("BRICKYARD_PLAYED_FRAMES").map_or(300, |text| text.parse().expect("a number of frames"))
 }
 
-/// Steps whose voxels all have the step's number for a value, by a code for each channel; bricks take as long as they are told.
+/// Steps with a uniform value, a code of the step's number per channel; bricks take a given time.
 struct Coded {
     pyramid: Pyramid,
     geometry: Geometry,
     steps: u32,
     channels: u32,
-    /// The longest time that a brick takes, in microseconds.
+    /// The longest time of a brick, in microseconds.
     longest_us: u64,
     reads: AtomicU64,
-    /// Steps of which nothing can be read.
+    /// Steps without readable bricks.
     damaged: Range<u32>,
 }
 
@@ -99,13 +99,13 @@ fn scene(channels: u32) -> Scene {
     Scene { mode: Mode::Mip, layers, camera: Some(camera(0.0)), ..Scene::default() }
 }
 
-/// A camera whose picture is within the volume from wherever it looks.
+/// A camera turned about the volume, which always fills its picture.
 fn camera(turn_deg: f64) -> Camera {
     let inside = Camera::looking_at_box(Geometry::default().world_box(EXTENT)).orbited(turn_deg);
     Camera { projection: Projection::Orthographic { height: 30.0 }, ..inside }
 }
 
-/// Every pixel shows the step that the frame says.
+/// Asserts that every pixel shows the frame's step.
 fn assert_one_step(session: &mut Session, frame: &Frame, channels: u32) {
     let picture = session.draw(frame).expect("it draws");
     let expected: [u8; 3] = std::array::from_fn(|i| code(frame.scene.time, if channels == 1 { 0 } else { i as u32 }));
@@ -125,7 +125,7 @@ fn no_picture_mixes_steps_or_has_a_hole() {
     for (backend, channels) in [BackendChoice::Cpu, BackendChoice::Gpu].into_iter().flat_map(|b| [(b, 1), (b, 3)]) {
         let source = Coded::new(STEPS, channels, 2000);
         let volume = VolumeSource::new(source);
-        // Little room, so that levels fall, or for some steps.
+        // Little memory: levels drop, or it holds only some steps.
         let Some(mut session) = open_session_of(vec![volume], live(24 << 20, backend)) else { continue };
         let mut dice = Random(7 + u64::from(channels));
         let mut scene = scene(channels);
@@ -152,9 +152,9 @@ fn no_picture_mixes_steps_or_has_a_hole() {
             shown.insert(frame.scene.time);
         }
         assert!(shown.len() > 10, "{backend:?}: only {shown:?}");
-        // It comes to rest at what was asked for last, as fine as it can.
+        // It comes to rest at the latest request, as fine as possible.
         session.play(None);
-        // Only a step that was not asked for last is a jump.
+        // Only a step other than the latest request is a jump.
         let after = |steps: u32| (frame.scene.time + steps) % STEPS;
         scene.time = if after(7) == scene.time { after(8) } else { after(7) };
         let frame = until(&mut session, &scene, |frame| frame.status.settled);
@@ -163,7 +163,7 @@ fn no_picture_mixes_steps_or_has_a_hole() {
     }
 }
 
-/// Two volumes of so many steps, whose bricks share no slots.
+/// Two volumes of this many steps, without common slots.
 fn growing(steps: u32) -> Vec<VolumeSource> {
     let slow = Coded::new(steps, 3, 6000);
     let slow =
@@ -171,13 +171,13 @@ fn growing(steps: u32) -> Vec<VolumeSource> {
     vec![VolumeSource::new(Coded::new(steps, 3, 2000)), VolumeSource::new(Arc::new(slow))]
 }
 
-/// So many layers of both volumes, each in a colour of its own.
+/// This many layers of both volumes, each in its own colour.
 fn coloured(count: usize) -> Vec<SceneLayer> {
     let axis = |i: usize| std::array::from_fn(|c| f64::from(u8::from(c == i)));
     (0..count).map(|i| layer(i % 2, i as u32, axis(i))).collect()
 }
 
-/// Changes a session or its scene, which had `steps` steps, in some way that makes slots, pagers or volumes anew, or asks for bricks that are not there.
+/// Randomly changes a session or its scene, of `steps` steps, so that slots, pagers or volumes are recreated, or bricks are missing.
 fn change(session: &mut Session, scene: &mut Scene, (steps, size): (&mut u32, &mut (u32, u32)), dice: &mut Random) {
     let number = dice.bits();
     match dice.bits() % 24 {
@@ -194,13 +194,13 @@ fn change(session: &mut Session, scene: &mut Scene, (steps, size): (&mut u32, &m
         8 => scene.time = (number % u64::from(*steps)) as u32,
         9 => session.play([None, Some(playback(dice))][number as usize % 2]),
         10 => scene.camera = Some(camera(360.0 * dice.unit())),
-        // Losses in a row are an error.
+        // Consecutive losses are an error.
         11 if number.is_multiple_of(3) => session.backend().into_iter().for_each(|backend| backend.destroy_device()),
         _ => {}
     }
 }
 
-/// Every pixel shows the steps of the frame that the session says is shown, of all its layers.
+/// Asserts that every pixel shows the steps of the reported frame, of all its layers.
 fn assert_whole(session: &Session, picture: &Picture, what: &str) {
     let scene = &session.shown().expect("a picture was drawn").scene;
     let mut expected = [0; 3];
@@ -211,8 +211,8 @@ fn assert_whole(session: &Session, picture: &Picture, what: &str) {
     }
 }
 
-/// Whatever a live session's volumes, slots and looks become, the picture before stays until there is something of the next one in every place: of all
-/// layers, for both eyes.
+/// Through all changes of a live session's volumes, slots and looks, the previous picture stays until the next one has something in every place: of
+/// all layers, for both eyes.
 #[test]
 fn no_change_shows_a_hole() {
     for backend in [BackendChoice::Cpu, BackendChoice::Gpu] {
@@ -233,7 +233,7 @@ fn no_change_shows_a_hole() {
             held += u32::from(session.shows_before(&frame));
         }
         assert!(steps > 15 && held > 10, "{backend:?}: {steps} steps, {held} frames");
-        // It comes to rest at what was asked for last.
+        // It comes to rest at the latest request.
         session.play(None);
         scene.time = if scene.time == 0 { 1 } else { 0 };
         let frame = until(&mut session, &scene, |frame| frame.status.settled);
@@ -281,7 +281,7 @@ fn every_step_is_played_in_order_and_whole() {
     while *shown.last().unwrap() < STEPS - 1 {
         let last = *shown.last().unwrap();
         let frame = until(&mut session, &scene, |frame| frame.scene.time != last);
-        // At the level that the view wants.
+        // At the view's level.
         let status = &frame.status;
         assert!(status.resident == status.wanted && status.effective_error_px <= 1.0, "{status:?}, {:?}", frame.coming);
         shown.push(frame.scene.time);
@@ -294,8 +294,7 @@ fn every_step_is_played_in_order_and_whole() {
     assert_eq!((session.playback(), session.next_due()), (None, None));
 }
 
-/// Steps of which not even the coarsest level can be read are errors while they are shown, and no more than that, though they are more than
-/// are planned ahead.
+/// Steps without even a readable coarsest level are errors while shown, and nothing worse, even if there are more of them than are planned ahead.
 #[test]
 fn steps_that_cannot_be_read_are_said_and_played_past() {
     for policy in [Policy::HoldRate, Policy::HoldQuality, Policy::EveryStep] {

@@ -1,11 +1,11 @@
-//! `brickyard quality`: what it writes, that its figures behave as errors of sampling do, and what it refuses.
+//! `brickyard quality`: its output, figures behaving like sampling errors, and refusals.
 
 use brickyard_tests::Sandbox;
 use serde_json::Value;
 
 const FEW: &str = "--size 96x96 --methods udvr,pdvr --filters trilinear --lightings none --frames 6 -j 2";
 
-/// Two layers thinner than a voxel, which is where plain samples fall beside.
+/// Two layers thinner than a voxel, which plain samples miss.
 const LAYERS: &str = r#"{ "color": [[0, 0.2, 0.5, 1.0], [255, 1.0, 0.8, 0.5]],
     "opacity": [[92, 0], [100, 0.4], [108, 0], [128, 0], [136, 0.7], [144, 0]], "unit_distance": 1.0 }"#;
 
@@ -35,7 +35,7 @@ fn more_samples_are_better_and_everything_is_written() {
     for of_method in rows.chunks(3) {
         for field in ["rgb_db", "ycbcr_db", "hsl_db", "truth_db"] {
             let db: Vec<f64> = of_method.iter().map(|row| number(row, field)).collect();
-            // Twice as many samples halve the error at least, 6 dB, once they meet every layer; with fewer, half of that.
+            // Twice as many samples at least halve the error, 6 dB, once they hit every layer; with fewer, half of that.
             assert!(db[0] + 3.0 < db[1] && db[1] + 3.0 < db[2], "{field}: {db:?}");
         }
         assert!(number(&of_method[0], "cpu_ms") > 0.0);
@@ -99,7 +99,7 @@ fn what_cannot_be_measured_is_refused() {
         ("-o q --methods udvr,plvs --gradient-opacity 1:0,9:1", "plvs is pre-integrated"),
         ("-o q --mode mip", "direct volume rendering"),
         ("-o q --stereo anaglyph", "--stereo"),
-        // A survey's own, which a flag would seem to change.
+        // A survey's own settings, which a flag would appear to change.
         ("-o q --method pdvr", "unexpected argument '--method'"),
         ("-o q --filter tricubic", "unexpected argument '--filter'"),
         ("-o q --lighting phong", "unexpected argument '--lighting'"),

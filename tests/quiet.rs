@@ -1,3 +1,3 @@
-//! Tests that need the machine for themselves.
+//! Tests in need of an otherwise idle machine.
 
 mod recovery;

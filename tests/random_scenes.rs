@@ -1,5 +1,5 @@
-//! Scenes at random beside the oracle: voxels of every type, smooth, few-valued, masks or masks with one outlier; windows of one code to all of
-//! them; every mode, method, filter, light, with surfaces, cuts and caps; by every way to draw. Most of a thousand are left to `--all`.
+//! Random scenes against the oracle: voxels of every type, smooth, few-valued, masks or masks with one outlier; windows of one code to all of them;
+//! every mode, method, filter, light, with surfaces, cuts and caps; by every way to draw. Most of a thousand are left to `--all`.
 
 use brickyard::backend::CompositorChoice;
 use brickyard::session::Session;
@@ -18,10 +18,10 @@ const EXTENT: Extent = Extent::new(36, 29, 40);
 const TYPES: [VoxelType; 7] =
     [VoxelType::U8, VoxelType::I8, VoxelType::U16, VoxelType::I16, VoxelType::U32, VoxelType::I32, VoxelType::F32];
 
-/// What a volume's voxels are.
+/// The content of a volume's voxels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Content {
-    /// Waves over all values of the type, or over a range that floats and 32-bit integers have values in.
+    /// Waves over all values of the type, or over a range of float and 32-bit integer values.
     Smooth,
     /// Waves over a few whole numbers.
     Counts,
@@ -76,7 +76,7 @@ fn pack(voxel_type: VoxelType, content: Content) -> TestStore {
     }
 }
 
-/// Draws a scene's numbers.
+/// Random choices for a scene.
 struct Choice(Random);
 
 impl Choice {
@@ -108,7 +108,7 @@ impl Choice {
         // Where neighbouring voxels differ by 4,096 windows, the rounding of a sample's place is a hundredth of a window.
         let least = match content {
             Content::Smooth => 0.0,
-            // Slots hold values up to some hundred million windows away: means are true of these, and splines where they hardly reach.
+            // Slots hold values up to some hundred million windows away: means are correct for these, and splines where they hardly reach.
             Content::Outlier if mode == Mode::Average || filter == Filter::Tricubic => {
                 (outlier(voxel_type) / 1e8).max(most / 4096.0)
             }
@@ -185,7 +185,7 @@ impl Choice {
                 }
                 false => Lighting::default(),
             },
-            // Segments whose ends are looked at reach out of bricks' aprons if they are longer.
+            // Segments sampled at their ends reach out of bricks' aprons if they are longer.
             step: if method == Method::Udvr && surfaces == 0 { self.of(&[0.5, 0.8, 1.0]) } else { 0.4 },
             background: [0.1, 0.0, 0.2],
             clip_planes: (0..planes).map(|_| plane(self)).collect(),
@@ -196,7 +196,7 @@ impl Choice {
     }
 }
 
-/// A store, what it holds, and the sessions that draw it.
+/// A store, its content, and its sessions.
 struct Stage {
     voxel_type: VoxelType,
     content: Content,
@@ -204,7 +204,7 @@ struct Stage {
     sessions: Vec<(Way, Option<Session>)>,
 }
 
-/// How many pixels are more than 1/255 outside of the range of what is expected.
+/// The number of pixels more than 1/255 outside the range of the expected ones.
 fn pixels_off(found: &Picture, expected: &[Picture]) -> usize {
     let is_off = |&at: &usize| {
         (0..3).any(|k| {
@@ -216,8 +216,8 @@ fn pixels_off(found: &Picture, expected: &[Picture]) -> usize {
     (0..found.rgb.len()).filter(is_off).count()
 }
 
-/// A scene from eyes as far apart as 32-bit floats may move a sample, and with surfaces as far apart as codes may round a value: of rays that graze a
-/// surface, and of voxels that have its value, rounding decides.
+/// The scene from eyes as far apart as 32-bit rounding may move a sample, and with surfaces as far apart as codes may round a value: rounding decides
+/// for rays that graze a surface, and for voxels with its value.
 fn within_rounding(scene: &Scene) -> Vec<Scene> {
     let camera = scene.camera.expect("a camera");
     let geometry = geometry();
@@ -227,7 +227,7 @@ fn within_rounding(scene: &Scene) -> Vec<Scene> {
         let camera = Camera { eye: camera.eye + offset, target: camera.target + offset, ..camera };
         Scene { camera: Some(camera), ..scene.clone() }
     };
-    // Half a code, which is a 510th of the window at most. A session may keep finer slots of a window before.
+    // Half a code, at most a 510th of the window. A session may keep finer slots of an earlier window.
     let Some(TransferChoice::Function(function)) = &scene.layers[0].transfer else { panic!("a function") };
     let half_code = (function.color[function.color.len() - 1][0] - function.color[0][0]) / 1020.0;
     let with_surfaces = |offset: f64| {
@@ -264,12 +264,12 @@ fn scenes_at_random_are_the_oracle_s() {
 }
 
 impl Stage {
-    /// Draws the `i`th scene in one way. Returns whether it shows nothing, and how it is wrong, if it is.
+    /// Draws the `i`th scene in one way. Returns whether it is blank, and its error, if any.
     fn check(&mut self, i: usize) -> (bool, Option<String>) {
         let mut choice = Choice(Random(seed() ^ (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15)));
         let mut scene = choice.scene(self.voxel_type, self.content);
         let (way, drawn) = &mut self.sessions[(choice.0.bits() % WAYS.len() as u64) as usize];
-        // Where levels meet, cells of `sorted` do not always know on which side of a surface a ray is.
+        // Where levels meet, cells of `sorted` do not always have a ray's side of a surface.
         if way.1 == CompositorChoice::Sorted && !scene.layers[0].isosurfaces.is_empty() {
             scene.level = LevelPolicy::Locked(0);
         }

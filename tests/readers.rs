@@ -1,7 +1,7 @@
-//! Independent programs read what we write, and we read what they write: zarr-python, tensorstore, nibabel, tifffile,
-//! Pillow, pydicom, SimpleITK, numpy.
+//! Independent programs read our files, and we read theirs: zarr-python, tensorstore, nibabel, tifffile, Pillow,
+//! pydicom, SimpleITK, numpy.
 //!
-//! The work is done by scripts in `tests/python`, one process for many cases, since Python's start takes seconds.
+//! Scripts in `tests/python` do the work, one process for many cases, since Python takes seconds to start.
 
 use brickyard_tests::Sandbox;
 

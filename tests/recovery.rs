@@ -1,4 +1,4 @@
-//! What breaks in mid-flight: the GPU's device, and the files of an open store.
+//! Failures in mid-flight: of the GPU's device, and of the files of an open store.
 
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::session::{Session, SessionError};
@@ -13,7 +13,7 @@ use std::time::Duration;
 
 const SIZE: (u32, u32) = (64, 48);
 
-/// One test at a time: lavapipe (Mesa 22.3) was seen to take minutes for a device while another was being destroyed.
+/// One test at a time: lavapipe (Mesa 22.3) was seen to take minutes for a device during the destruction of another.
 static TURN: Mutex<()> = Mutex::new(());
 
 fn turn() -> MutexGuard<'static, ()> {
@@ -23,7 +23,7 @@ fn turn() -> MutexGuard<'static, ()> {
 const COMPOSITORS: [CompositorChoice; 3] =
     [CompositorChoice::Sorted, CompositorChoice::Raycast, CompositorChoice::Compute];
 
-/// 64^3 voxels in bricks of 16^3, of which 3 MiB hold a part.
+/// 64^3 voxels in bricks of 16^3; 3 MiB hold a part of them.
 fn waves() -> TestStore {
     let extent = Extent::new(64, 64, 64);
     TestStore::pack(&FunctionSource::new(extent, Geometry::default(), |_, _, [x, y, z]| (x ^ y ^ z) as u8 * 4), 16)
@@ -46,10 +46,11 @@ fn a_lost_device_is_started_anew_with_the_same_picture() {
             assert!(before.rgb.iter().any(|p| *p != before.rgb[0]), "a flat picture proves nothing");
             let frame = session.step(&scene, SIZE).expect("it was drawn before");
 
-            // Found out by drawing, by uploading what a new view wants, and by drawing in a new size.
+            // Detected by drawing, by uploading for a new view, and by drawing in a new size.
             destroy_device(&session);
             let anew = session.draw(&frame).expect("drawn anew");
-            // Not byte for byte: threads may bring bricks to other slots, where texture coordinates are rounded otherwise.
+            // Not byte for byte: threads may bring bricks to other slots, where texture coordinates are rounded
+            // differently.
             assert_same(&anew, &before, &format!("{way:?} within {mebibytes} MiB"));
             destroy_device(&session);
             let aside = Scene { pixel_error: 0.5, ..scene.clone() };
@@ -76,7 +77,7 @@ fn a_device_that_is_always_lost_is_an_error() {
             return;
         };
         let scene = session.resolve(&Scene::default(), SIZE).expect("the scene is possible");
-        // Uploads go out in batches, so not every step finds the device gone.
+        // Uploads go out in batches, so not every step finds the device lost.
         session.fit(&scene).expect("there is memory");
         let error = (0..1000).find_map(|_| {
             destroy_device(&session);
@@ -89,11 +90,11 @@ fn a_device_that_is_always_lost_is_an_error() {
     }
 }
 
-/// What it is called, whether the shard is open, how many of its 64 bricks it costs, and how it is done.
+/// Name, whether the shard is open, the number of its 64 bricks lost, and the operation.
 type Harm<'a> = (&'a str, bool, RangeInclusive<u64>, &'a dyn Fn(&Path));
 
-/// One shard of eight is harmed while the store is open, before or after the shard itself was opened: the picture has no
-/// hole, and the bricks that could not be read are counted.
+/// One shard of eight is harmed in an open store, before or after the shard itself was opened: the picture has no hole,
+/// and the unreadable bricks are counted.
 #[test]
 fn files_that_change_under_an_open_store_are_drawn_around() {
     let _turn = turn();
@@ -109,13 +110,13 @@ fn files_that_change_under_an_open_store_are_drawn_around() {
             file.read_exact_at(&mut byte, 20).expect("the first brick has more");
             file.write_all_at(&[!byte[0]], 20).expect("it is ours");
         }),
-        // What is mapped stays.
+        // Mapped files stay.
         ("removed", true, 0..=0, &|path| remove_file(path).expect("it is there")),
         ("removed before it was opened", false, 64..=64, &|path| remove_file(path).expect("it is there")),
     ];
     let extent = Extent::new(64, 64, 64);
     let noise = |_, _, [x, y, z]: [u32; 3]| (x ^ y.wrapping_mul(31) ^ z.wrapping_mul(57)) as u8 | 1;
-    // One colour, opaque, whatever the value: a hole would show the background, and no level differs from another.
+    // One opaque colour for all values: a hole would show the background, and all levels are alike.
     let transfer = TransferFunction {
         color: vec![[0.0, 1.0, 0.5, 0.0]],
         opacity: vec![[0.0, 1.0]],
@@ -125,7 +126,7 @@ fn files_that_change_under_an_open_store_are_drawn_around() {
     let scene =
         |level| Scene { background: [0.0, 0.0, 1.0], level: LevelPolicy::Locked(level), ..Scene::of(transfer.clone()) };
     for (what, is_open, failed, harm) in harms {
-        // What is drawn with makes no difference to what is read: all ways once, then the quickest.
+        // Reading does not depend on the way to draw: all ways once, then the fastest.
         let ways = if what == "halved" { &WAYS[..] } else { &[(BackendChoice::Cpu, CompositorChoice::Raycast)] };
         for &way in ways {
             let test = TestStore::pack(&FunctionSource::new(extent, Geometry::default(), noise), 8);

@@ -1,6 +1,5 @@
-//! A window that a wild hand uses: random input, always the same, through the window system, on three channels of a time series. It goes on, its memory
-//! stays within its budgets, no picture has a hole, and it still does what it is told. 30 s; `BRICKYARD_SOAK_EVENTS=100000` takes as many events
-//! (`tools/soak`).
+//! A window under random input, reproducible and through the window system, on three channels of a time series. It keeps running, its memory stays
+//! within its budgets, no picture has a hole, and it still obeys. 30 s; `BRICKYARD_SOAK_EVENTS=100000` sets the number of events (`tools/soak`).
 
 use brickyard::volume::{Extent, Geometry, Scene};
 use brickyard_tests::{Display, FunctionSource, Random, Sandbox, TestStore, leave_out};
@@ -14,10 +13,10 @@ const SIZE: [u64; 2] = [1000, 700];
 /// Budgets of slots and of bricks, MiB.
 const BUDGET_MIB: u64 = 96;
 
-/// What a window takes besides its budgets: the toolkit, fonts, a software GPU's window, bricks for picking.
+/// A window's memory besides its budgets, MiB: the toolkit, fonts, a software GPU's window, bricks for picking.
 const BESIDES_MIB: u64 = 150;
 
-/// What goes by in all of space and time, and differs in each channel.
+/// A field moving through all of space and time, different in each channel.
 fn store() -> TestStore {
     let value = |time: u32, channel: u32, [x, y, z]: [u32; 3]| {
         let [u, v, w] = [x, y, z].map(f64::from);
@@ -27,7 +26,7 @@ fn store() -> TestStore {
     TestStore::pack(&FunctionSource::series(Extent::new(150, 130, 110), Geometry::default(), 5, 3, value), 32)
 }
 
-/// Input as xdotool has it in words. The key for quitting is left out, and so is what types into the fields of files.
+/// Random input in the words of xdotool, without the key for quitting and without typing into the fields of files.
 fn input(random: &mut Random) -> String {
     let mut pick = |count: u64| random.bits() % count;
     let place = format!("{} {}", pick(SIZE[0]), pick(SIZE[1]));
@@ -84,7 +83,7 @@ fn input(random: &mut Random) -> String {
     }
 }
 
-/// Anonymous memory of a process as the kernel counts it, MiB; `None` once it has ended.
+/// Anonymous memory of a process, as counted by the kernel, MiB; `None` once it has ended.
 fn anonymous_mib(window: &Child) -> Option<u64> {
     let status = std::fs::read_to_string(format!("/proc/{}/status", window.id())).ok()?;
     let line = status.lines().find(|line| line.starts_with("RssAnon:"))?;
@@ -116,13 +115,13 @@ fn a_wild_hand_does_no_harm() {
         None => begun.elapsed() > Duration::from_secs(30),
     };
     while !is_over(events) {
-        // One call for many: it costs as much as they do.
+        // One call for many: it costs as much as the inputs.
         let words: Vec<String> = (0..25).map(|_| input(&mut random)).collect();
         events += words.len() as u64;
         display.input(&(words.join(" ") + " sleep 0.05"));
         match anonymous_mib(&window) {
             Some(mib) => most_mib = most_mib.max(mib),
-            // The hand has found the menu's last entry.
+            // The input has hit the menu's last entry.
             None => {
                 let ended = window.wait().expect("it has ended");
                 let said = std::fs::read_to_string(&log).unwrap_or_default();
@@ -133,7 +132,7 @@ fn a_wild_hand_does_no_harm() {
     }
     println!("{events} events in {:.0} s: at most {most_mib} MiB of anonymous memory", begun.elapsed().as_secs_f64());
     assert!(most_mib <= 2 * BUDGET_MIB + BESIDES_MIB, "{most_mib} MiB after {events} events");
-    // It still does what it is told; a field that is typed into, or a menu, may have the keyboard at first.
+    // It still obeys; a text field or a menu may have the keyboard at first.
     let asked = Instant::now();
     let scene = loop {
         display.input("key Escape key Escape key ctrl+s");

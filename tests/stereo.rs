@@ -1,4 +1,4 @@
-//! Stereo pictures end to end: both eyes equal the oracle in every layout and way to draw, and share what is resident.
+//! Stereo pictures end to end: both eyes equal the oracle in every layout and way to draw, and share resident bricks.
 
 use brickyard::offline::render_settled;
 use brickyard::session::{ResolvedScene, Session, SessionOptions};
@@ -43,7 +43,7 @@ fn scene(camera: Camera, stereo: Option<Stereo>) -> Scene {
     Scene { camera: Some(camera), stereo, background: [0.1, 0.0, 0.2], ..Scene::of(transfer) }
 }
 
-/// Cameras outside of the volume and inside, and eyes so far apart that what is off-axis shows.
+/// Cameras outside the volume and inside, and eyes far enough apart to reveal off-axis errors.
 fn cameras() -> Vec<(&'static str, Camera, f64)> {
     let (low, high) = geometry().world_box(EXTENT);
     let at = |x: f64, y: f64, z: f64| low + (high - low) * DVec3::new(x, y, z);
@@ -112,13 +112,13 @@ fn picture(session: &mut Session, scene: &ResolvedScene) -> (Picture, RenderStat
     (picture.expect("the picture settles"), stats)
 }
 
-/// What both eyes see is uploaded once: the pair takes what the two eyes want between them.
+/// Bricks seen by both eyes are uploaded once: the pair takes the union of the two eyes' bricks.
 #[test]
 fn one_residency_set_serves_both_eyes() {
     let test = store(8);
     let (low, high) = geometry().world_box(EXTENT);
     let camera = Camera::looking_at_box((low, high));
-    // The volume reaches out of the picture on all sides.
+    // The volume extends beyond the picture on all sides.
     let projection = Projection::Perspective { fov_y_deg: 15.0 };
     let near = Camera { eye: camera.eye.midpoint(camera.target), projection, ..camera };
     let stereo = stereo(&near, StereoLayout::Anaglyph, 0.1);
@@ -144,13 +144,13 @@ fn one_residency_set_serves_both_eyes() {
         assert_eq!(drawn, left.1.union(&right.1).copied().collect(), "{way:?}");
         assert!(left.1 != right.1, "{way:?}: each eye sees bricks that the other does not, at the picture's sides");
         let alone = left.0.max(right.0);
-        // What only one eye sees is a border at two sides, of eyes three times as far apart as by default; and some bricks more
-        // or less stand in while others come.
+        // Only a border at two sides is seen by a single eye, for eyes three times as far apart as by default; and the number
+        // of stand-ins for missing bricks varies.
         assert!(uploaded * 100 <= alone * 115, "{way:?}: {uploaded} against {alone}");
     }
 }
 
-/// The command: every layout, in passes too, is what the oracle makes of the same flags; a scene file says the same.
+/// The command: every layout, in passes too, equals the oracle's for the same flags, and so does a scene file.
 #[test]
 fn the_command_makes_every_layout() {
     let sandbox = Sandbox::default();
@@ -178,7 +178,7 @@ fn the_command_makes_every_layout() {
     }
 }
 
-/// A camera that moves, with feedback from both eyes: it comes to rest, and both eyes see what an offline pair sees.
+/// A moving camera, with feedback from both eyes: it comes to rest, and both eyes equal an offline pair's.
 #[test]
 fn live_pairs_settle() {
     let test = store(16);
@@ -189,7 +189,7 @@ fn live_pairs_settle() {
         let scene_at = |turn_deg: f64| {
             let camera = camera.orbited(turn_deg);
             let stereo = Some(stereo(&camera, StereoLayout::Interlaced, separation));
-            // Else hysteresis may keep finer bricks than the oracle has.
+            // Otherwise hysteresis may keep finer bricks than the oracle's.
             Scene { level: LevelPolicy::Locked(0), ..scene(camera, stereo) }
         };
         for turn_deg in [0.0, 3.0, 6.0] {

@@ -1,5 +1,5 @@
-//! What changes while a session is open: the transfer function, the camera, a brick that cannot be read. Every way to draw
-//! comes to the same picture, and fetches no more than it has to.
+//! Changes in an open session: the transfer function, the camera, an unreadable brick. Every way to draw reaches the same
+//! picture, and fetches no more than necessary.
 
 use brickyard::backend::BackendChoice;
 use brickyard::oracle::render_reference;
@@ -31,7 +31,7 @@ fn store() -> TestStore {
     TestStore::pack(&FunctionSource::new(EXTENT, Geometry::default(), |_, _, v| waves(v)), 16)
 }
 
-/// Something is to be seen of every value, so every brick is wanted.
+/// Every value is visible, so every brick is wanted.
 fn transfer(red: f64, opacity: f64) -> TransferFunction {
     TransferFunction {
         color: vec![[0.0, red, 0.1, 0.4], [255.0, 0.9, 1.0 - red, 0.2]],
@@ -58,7 +58,7 @@ fn an_edit_of_the_transfer_function_uploads_nothing() {
         let (_, before) = settled(&mut session, &scene(transfer(0.9, 0.3), 20.0), SIZE);
         for (red, opacity) in [(0.2, 0.02), (0.7, 0.9)] {
             let edited = scene(transfer(red, opacity), 20.0);
-            // As somebody does who goes on drawing meanwhile; the next test's edits are not prepared.
+            // Like a caller that goes on drawing meanwhile; the next test's edits are not prepared.
             session.prepare(&transfer(red, opacity));
             while !session.is_prepared(&transfer(red, opacity)) {
                 std::thread::sleep(Duration::from_millis(1));
@@ -71,7 +71,7 @@ fn an_edit_of_the_transfer_function_uploads_nothing() {
     }
 }
 
-/// Neither does one that depends on gradients, nor one of values alone after it.
+/// Nor does one by gradients, nor one of values alone after it.
 #[test]
 fn an_edit_by_gradient_uploads_nothing() {
     let test = store();
@@ -92,8 +92,8 @@ fn an_edit_by_gradient_uploads_nothing() {
     }
 }
 
-/// Light, splines, pre-integration, another size, another mode and another layer: slots and tables are made anew for each, and
-/// what main memory has is not decoded again.
+/// Light, splines, pre-integration, another size, another mode and another layer: slots and tables are recreated for each, and
+/// bricks in main memory are not decoded again.
 #[test]
 fn scenes_that_ask_for_more_go_on_with_what_is_decoded() {
     let test = store();
@@ -124,7 +124,7 @@ fn scenes_that_ask_for_more_go_on_with_what_is_decoded() {
             let expected = render_reference(&[&test.store, &test.store], &resolved, 1 << 30).expect("the levels");
             assert!(picture.difference(&expected).max <= 2, "{what}: {:?}", picture.difference(&expected));
             assert!(stats.gpu_bytes_peak <= 64 << 20 && stats.host_bytes_peak <= 64 << 20, "{what}: {stats:?}");
-            // The second layer has a cache of its own.
+            // The second layer has its own cache.
             let most = if scene.layers.len() == 2 || decoded == 0 { 2 << 20 } else { decoded };
             assert!(stats.bytes.decoded <= most, "{what}: {} bytes after {decoded}", stats.bytes.decoded);
             assert!(stats.bricks.uploaded >= uploaded, "{what}: counts go on");
@@ -138,7 +138,7 @@ fn scenes_that_ask_for_more_go_on_with_what_is_decoded() {
     }
 }
 
-/// A maximum projection is drawn from maxima, as the command draws it, and fog after it from means.
+/// A maximum projection uses maxima, as in the command, and fog after it means.
 #[test]
 fn modes_are_drawn_from_the_pyramids_that_suit_them() {
     // Of eight voxels one is four times as bright.
@@ -162,7 +162,7 @@ fn modes_are_drawn_from_the_pyramids_that_suit_them() {
     assert!(maxima.difference(&means).max > 5, "the pyramids look alike");
 }
 
-/// Voxels that a program computes, without a file.
+/// Voxels computed by a program, without a file.
 struct Computed {
     pyramid: Pyramid,
     geometry: Geometry,
@@ -208,7 +208,7 @@ fn a_program_s_own_bricks_are_drawn_as_a_store_s() {
     }
 }
 
-/// However one came to a view, its settled picture is the one that a session finds which never saw another.
+/// By whatever route a view is reached, its settled picture equals that of a session that never saw another.
 #[test]
 fn a_view_after_a_flight_equals_the_oracle() {
     let test = store();

@@ -1,4 +1,4 @@
-//! The whole system end to end: all that may run beside other tests.
+//! The whole system end to end: all tests fit to run beside others.
 
 mod append;
 mod append_faults;

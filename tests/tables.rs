@@ -1,5 +1,5 @@
-//! Transfer tables, read back code by code: every code that a voxel can have shows its own entry, in every way to draw. And
-//! the files that tables come from.
+//! Transfer tables, read back code by code: every possible voxel code shows its own entry, in every way to draw. And the
+//! files of transfer functions.
 
 use brickyard::volume::{
     Camera, Extent, Geometry, LevelPolicy, Mode, Picture, Projection, Scene, TransferFunction, Voxel,
@@ -7,11 +7,11 @@ use brickyard::volume::{
 use brickyard_tests::{FunctionSource, Random, Sandbox, TestStore, WAYS, read_png, session, settled};
 use glam::DVec3;
 
-/// Voxels along a side of the square that holds one code: rays through its middle meet that code alone, so that nothing is
-/// interpolated but equals.
+/// Voxels along a side of one code's square: rays through its middle meet this code alone, so that interpolation is only
+/// between equals.
 const SQUARE: u32 = 3;
 
-/// A function whose colour and opacity jump from each code to the next: any other entry than a code's own would show.
+/// A function with jumps of colour and opacity from each code to the next: any entry but a code's own would show.
 fn noise(codes: u32) -> TransferFunction {
     let mut random = Random(codes as u64);
     let mut unit = || random.unit();
@@ -23,7 +23,7 @@ fn noise(codes: u32) -> TransferFunction {
     }
 }
 
-/// Draws a volume one voxel thick that holds all the codes below `side` squared, and looks at the pixel of each.
+/// Draws a volume one voxel thick of all codes below `side` squared, and checks the pixel of each.
 fn check<T: Voxel>(side: u32) {
     let codes = side * side;
     let extent = Extent::new(SQUARE * side, SQUARE * side, 1);
@@ -68,7 +68,7 @@ fn all_256_codes_of_8_bits() {
     check::<u8>(16);
 }
 
-/// Data of 12 bits are stored and drawn as 16-bit codes, whose table has an entry for each of the 4,096.
+/// 12-bit data are stored and drawn as 16-bit codes, with a table entry for each of the 4,096.
 #[test]
 fn all_4096_codes_of_12_bits() {
     check::<u16>(64);
@@ -116,7 +116,7 @@ fn files_of_other_programs_draw_what_our_own_does() {
     // Gradient opacity of 1 everywhere is none.
     let (text, notes) = render("property.vp.json");
     assert!(text == own && !notes.contains("note:"), "{notes}");
-    // Voxels are a world unit apart here, so that Slicer's gradients are in our units.
+    // Voxels are a world unit apart here, which puts Slicer's gradients in our units.
     let steep = render("own.json --gradient-opacity 0:0.3,255:1").0;
     assert!(steep != own && render("property.vp").0 == steep);
     let scaled = render("scaled.json").0;

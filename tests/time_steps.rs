@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 const EXTENT: [u16; 3] = [9, 8, 7];
 const STEPS: u16 = 6;
 
-/// Each voxel's value says its step and its place.
+/// A voxel's value: its step and its place.
 fn value(step: u16, [x, y, z]: [u16; 3]) -> u16 {
     step * 1000 + (z * EXTENT[1] + y) * EXTENT[0] + x
 }
@@ -25,7 +25,7 @@ fn bytes(steps: &[u16], [xs, ys, zs]: [std::ops::Range<u16>; 3]) -> Vec<u8> {
     bytes
 }
 
-/// A store `flow.zarr` whose steps are half a second apart.
+/// A store `flow.zarr` with steps half a second apart.
 fn packed() -> Sandbox {
     let sandbox = Sandbox::default();
     let steps: Vec<u16> = (0..STEPS).collect();
@@ -51,7 +51,7 @@ fn a_curve_has_each_steps_value() {
     assert_eq!(csv, format!("step,time,channel 0\n2,1,{}\n3,1.5,{}\n", value(2, [4, 5, 6]), value(3, [4, 5, 6])));
     let text = sandbox.run_ok("probe flow.zarr 4,5,6 --voxel --time 2:4");
     assert!(text.contains("voxel 4,5,6") && text.contains(&format!(": {}", value(3, [4, 5, 6]))), "{text}");
-    // One step is told as it always was.
+    // A single step has the usual output.
     let one = sandbox.json("probe flow.zarr 4,5,6 --voxel --time 3 --json");
     assert_eq!(one["channels"][0]["value"], f64::from(value(3, [4, 5, 6])));
 }
@@ -98,7 +98,7 @@ fn pictures_of_steps_are_numbered_and_the_same_each_time() {
     for i in 0..3 {
         let [a, b] = ["a", "b"].map(|run| read_png(&sandbox.path(format!("{run}_00{i}.png"))));
         assert_eq!(a, b, "picture {i}");
-        // Each is what its step and camera show by themselves: a third of the orbit later, two steps later.
+        // Each equals its step and camera by themselves: a third of the orbit later, two steps later.
         sandbox.run_ok(&format!("render flow.zarr -o one.png --overwrite --time {} --orbit 3 {scene}", 2 * i + 1));
         assert_eq!(a, read_png(&sandbox.path(format!("one_00{i}.png"))), "picture {i}");
     }
@@ -107,7 +107,7 @@ fn pictures_of_steps_are_numbered_and_the_same_each_time() {
     assert!(brightest(0) < brightest(1) && brightest(1) < brightest(2));
 }
 
-/// A store that another one replaces while its steps are drawn: pictures of the one, then an end, and none of the other.
+/// A store replaced while its steps are drawn: pictures of the old one, then an end, and none of the new.
 #[test]
 fn steps_of_a_store_that_is_replaced_are_not_mixed_with_the_other_s() {
     const TIMES: usize = 60;
@@ -144,7 +144,7 @@ fn steps_of_a_store_that_is_replaced_are_not_mixed_with_the_other_s() {
     }
 }
 
-/// Runs the command in the sandbox, where it may have 64 files open; returns what it says on standard error.
+/// Runs the command in the sandbox with a limit of 64 open files; returns its standard error.
 fn run_with_few_files(sandbox: &Sandbox, line: &str) -> String {
     let program = sandbox.command().get_program().to_owned();
     let mut shell = Command::new("sh");

@@ -1,5 +1,4 @@
-//! Several stores in one picture: streamed by every backend against the oracle, 32 of them under the usual budgets, and all that is
-//! refused.
+//! Several stores in one picture: streamed by every backend against the oracle, 32 of them under the usual budgets, and all refusals.
 
 use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::offline::render_settled;
@@ -19,7 +18,7 @@ use std::time::{Duration, Instant};
 
 const SIZE: (u32, u32) = (56, 44);
 
-/// The ways to draw several volumes that have an order of their own.
+/// Ways to draw several volumes, each with its own order.
 const WAYS: [(BackendChoice, CompositorChoice); 2] =
     [(BackendChoice::Cpu, CompositorChoice::Auto), (BackendChoice::Gpu, CompositorChoice::Raycast)];
 
@@ -69,7 +68,7 @@ fn scene() -> Scene {
     of(vec![plain(), askew()])
 }
 
-/// An expression over layers that stand there, whose values look like the first layer of [`scene`].
+/// An expression over layers at these places, with values in the look of the first layer of [`scene`].
 fn combined(text: &str, places: &[SceneLayer]) -> Scene {
     let bare = |layer: &SceneLayer| SceneLayer { world_from_volume: layer.world_from_volume, ..SceneLayer::default() };
     let expression = SceneExpression { text: text.into(), transfer: plain().transfer };
@@ -80,7 +79,7 @@ fn lit(gradient: Gradient, lights: &[[f64; 3]]) -> Lighting {
     Lighting { model: LightingModel::BlinnPhong, gradient, lights: lights.iter().map(|&light| light.into()).collect() }
 }
 
-/// A session; `None` (said loudly) where there is no GPU.
+/// A session; `None` (with a message) without a GPU.
 fn open(volumes: &[VolumeSource], options: &SessionOptions) -> Option<Session> {
     open_session_of(volumes.to_vec(), *options)
 }
@@ -92,7 +91,7 @@ fn settle(session: &mut Session, resolved: &ResolvedScene) -> (Picture, RenderSt
     (picture.expect("the picture settles"), stats)
 }
 
-/// The settled picture of a way to draw; `None` (said loudly) where there is no GPU.
+/// The settled picture of a way to draw; `None` (with a message) without a GPU.
 fn draw(
     volumes: &[VolumeSource],
     resolved: &ResolvedScene,
@@ -101,12 +100,12 @@ fn draw(
     Some(settle(&mut open(volumes, options)?, resolved))
 }
 
-/// Bricks are fetched ahead, uploads are limited and fade in, and the picture is the same in the end.
+/// With prefetching, limited uploads and fades the final picture is the same.
 #[test]
 fn live_sessions_of_several_volumes_settle() {
     let stores = two();
     let volumes = volumes(&stores);
-    // Else hysteresis may keep finer bricks than the oracle has.
+    // Otherwise hysteresis may keep finer bricks than the oracle's.
     let scene = Scene { level: LevelPolicy::Locked(0), ..scene() };
     let first = resolve(&volumes, &scene, SIZE).expect("the scene is possible");
     let at = |turn_deg: f64| Scene { camera: Some(first.camera.orbited(turn_deg)), ..scene.clone() };
@@ -127,8 +126,8 @@ fn live_sessions_of_several_volumes_settle() {
     }
 }
 
-/// Layers of one grid and another one, hidden and shown in turns: the picture is the oracle's, and a hidden layer keeps its coarsest bricks
-/// alone. Sessions of `sorted` have the layers of one grid.
+/// Layers of one grid and another one, hidden and shown in turn: the picture is the oracle's, and a hidden layer keeps only its coarsest
+/// bricks. Sessions of `sorted` have the layers of one grid.
 #[test]
 fn layers_come_and_go_in_a_live_session() {
     let stores = two();
@@ -171,7 +170,7 @@ fn layers_come_and_go_in_a_live_session() {
     }
 }
 
-/// What a layer hides of another comes out when the layer lets light through, or is moved, or another expression is shown.
+/// Hidden parts of a layer appear when the occluding layer becomes translucent or moves, or with another expression.
 #[test]
 fn what_another_layer_hid_comes_out() {
     let (large, small) = (store::<u8>([61, 53, 47], [1.0; 3], 8, 1.0), store::<u16>([50, 42, 38], [1.0; 3], 8, 1.2));
@@ -187,7 +186,7 @@ fn what_another_layer_hid_comes_out() {
         let expression = SceneExpression { text: text.into(), transfer: Some(opaque(alpha).into()) };
         Scene { expression: Some(expression), ..combined(text, &[plain(), plain()]) }
     };
-    // As large, and where the second one is, as it can be: from all sides it is in front.
+    // As large as the second, and as close to its place as possible: from all sides it is in front.
     let scenes = [
         vec![of_alpha(1.0, 0.0), of_alpha(0.0, 0.0), of_alpha(1.0, 0.0), of_alpha(1.0, 40.0)],
         vec![of_expression("a + b", 1.0), of_expression("a + b", 0.03), of_expression("b - a * 0.5", 0.03)],
@@ -198,7 +197,7 @@ fn what_another_layer_hid_comes_out() {
         let Some(mut session) = open(&volumes, &options) else { continue };
         let mut before = None;
         for (i, scene) in scenes.iter().enumerate() {
-            // Coarse while it is hidden: what is read once stays.
+            // Coarse while hidden: bricks once read stay.
             let level = LevelPolicy::Locked((i + 1) as u8 % 2);
             let scene = Scene { camera: Some(first.camera), level, ..scene.clone() };
             let resolved = session.resolve(&scene, SIZE).expect("the scene is possible");
@@ -241,7 +240,7 @@ fn a_lost_device_is_started_anew_with_the_same_picture() {
     let Some((before, _)) = draw(&volumes, &resolved, &options) else { return };
     let mut session = open(&volumes, &options).expect("there is a GPU");
     session.fit(&resolved).expect("there is memory");
-    // Found out by uploading, and by drawing what was settled.
+    // Detected by uploading, and by drawing the settled picture.
     session.backend().expect("it fits").destroy_device();
     let (picture, stats) = settle(&mut session, &resolved);
     assert_same(&picture, &before, "lost before it was filled");
@@ -250,7 +249,7 @@ fn a_lost_device_is_started_anew_with_the_same_picture() {
     session.backend().expect("it has drawn").destroy_device();
     assert_same(&session.draw(&frame).expect("drawn anew"), &before, "lost when it was settled");
     let mut session = open(&volumes, &options).expect("there is a GPU");
-    // Uploads go out in batches, so not every step finds the device gone.
+    // Uploads go out in batches, so not every step finds the device lost.
     let always_lost = (0..1000).find_map(|_| {
         session.backend().iter().for_each(|backend| backend.destroy_device());
         session.wait(Duration::from_millis(5));
@@ -327,8 +326,8 @@ fn two_stores_equal_the_oracle_on_every_backend() {
     }
 }
 
-/// Two layers of one store show its channels as two stores of a channel each would be shown, each in its style; and the scene that is written
-/// into a picture's file is of the same picture.
+/// Two layers of one store show its channels like two stores of a channel each, each in its style; and the scene written into a picture's
+/// file gives the same picture.
 #[test]
 fn the_channels_of_one_store_are_layers() {
     let extent = Extent::new(52, 47, 41);
@@ -402,7 +401,7 @@ fn many_volumes_live_within_the_budgets() {
 fn impossible_scenes_and_budgets_are_refused() {
     let stores = two();
     let volumes = volumes(&stores);
-    // What a scene alone, and what it asks of stores; all reasons are tried beside the check itself.
+    // Errors of a scene alone, and of its requirements of stores; the check itself has tests of all reasons.
     for scene in [of(vec![]), of(vec![plain(); 3]), Scene { level: LevelPolicy::Locked(9), ..scene() }] {
         let error = resolve(&volumes, &scene, SIZE).expect_err("refused");
         assert!(matches!(error, SessionError::Scene(_)), "{error}");
@@ -454,7 +453,7 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
         "render a.zarr b.zarr -o surfaces.png --size 32x32 --backend cpu --volume 0:isovalue=0.5,opacity=0.4,color=1:0:0 \
          --volume 1:isovalue=-300 --volume 1:isovalue=300,opacity=0.5 --light 9,-80,40",
     );
-    // The scene file says what the flags say; files are named as seen from its folder.
+    // The scene file matches the flags; it names files relative to its folder.
     std::fs::create_dir(sandbox.path("deep")).expect("the sandbox is writable");
     let fire = r#"{"color": [[0, 1, 0, 0], [9, 1, 1, 0]], "opacity": [[0, 0], [9, 0.7]]}"#;
     sandbox.write("deep/function.json", fire);
@@ -545,7 +544,7 @@ fn the_command_shows_several_stores_and_says_what_is_wrong() {
     }
 }
 
-/// The codes of a channel's slots are for its own values: a channel of small values beside one of large ones is drawn as if it were alone.
+/// The codes of a channel's slots are for its own values: a channel of small values beside one of large ones is drawn as if alone.
 #[test]
 fn float_channels_of_unlike_ranges_equal_the_oracle() {
     let extent = Extent::new(40, 36, 33);
@@ -566,7 +565,7 @@ fn float_channels_of_unlike_ranges_equal_the_oracle() {
     };
     let both = of(vec![fog(0), fog(1)]);
     for way in [WAYS[0], WAYS[1], (BackendChoice::Gpu, CompositorChoice::Sorted)] {
-        // One session for all: the slots of one channel do not do for the other.
+        // One session for all: one channel's slots are unsuitable for the other.
         let options = SessionOptions { threads: 2, ..options(way, 64 << 20, 64 << 20) };
         let Some(mut session) = open_session_of(volumes(std::slice::from_ref(&test)), options) else { continue };
         for scene in [of(vec![fog(0)]), of(vec![fog(1)]), both.clone(), of(vec![fog(0)])] {

@@ -1,5 +1,5 @@
-//! Narrow windows over wide channels of 32-bit types: outliers, integers beyond 16 bits, values at the ends of their type. Every way to draw
-//! comes to the oracle's picture, which reads voxels as they are; and a window that is dragged uploads nothing again.
+//! Narrow windows over wide channels of 32-bit types: outliers, integers beyond 16 bits, values at their type's limits. Every way to draw
+//! reaches the picture of the oracle, which reads unencoded voxels; and a dragged window uploads nothing again.
 
 use brickyard::import::Source;
 use brickyard::oracle::render_reference;
@@ -26,7 +26,7 @@ fn waves([x, y, z]: [u32; 3]) -> f64 {
     0.5 + 0.2 * (0.31 * u + 0.17 * v).sin() + 0.2 * (0.29 * v - 0.18 * w).cos() + 0.1 * (0.4 * w).sin()
 }
 
-/// Where the outliers are: a great one and a small one.
+/// Places of the outliers, a great one and a small one.
 const GREAT: [u32; 3] = [11, 9, 20];
 const SMALL: [u32; 3] = [30, 21, 7];
 
@@ -43,7 +43,7 @@ fn with_outliers(v: [u32; 3]) -> f32 {
     }
 }
 
-/// A volume, and the window that is looked at.
+/// A volume, and its window.
 struct Subject {
     name: &'static str,
     test: TestStore,
@@ -52,7 +52,7 @@ struct Subject {
 
 fn subjects() -> Vec<Subject> {
     let of = |name, test, window| Subject { name, test, window };
-    // Labels of two kinds beside one that is as large as can be.
+    // Labels of two kinds beside one of nearly the greatest value.
     let label = |v| match v {
         GREAT => 4_000_000_000,
         _ => 70_000 + (waves(v) > 0.5) as u32,
@@ -63,7 +63,7 @@ fn subjects() -> Vec<Subject> {
         [_, 10..14, 12..20] | [3, 4, 5] => f32::NAN,
         _ => with_outliers(v),
     };
-    // As netCDF fills what nobody has measured.
+    // Like netCDF's fill value for missing measurements.
     let fill = |v: [u32; 3]| if v[0] < 30 { waves(v) as f32 } else { 9.969_21e36 };
     let both_ways = |v: [u32; 3]| match v[1] {
         9 => 2_000_000_000,
@@ -164,7 +164,7 @@ fn narrow_windows_over_wide_channels_are_the_oracle_s() {
     }
 }
 
-/// A surface around an outlier, far from the window of the fog, leaves the fog as it is.
+/// A surface around an outlier, far from the fog's window, leaves the fog unchanged.
 #[test]
 fn surfaces_far_from_the_fog_s_window_leave_it_as_it_is() {
     let test = pack(with_outliers);
@@ -187,7 +187,7 @@ fn surfaces_far_from_the_fog_s_window_leave_it_as_it_is() {
     }
 }
 
-/// Each pixel of a slice is a voxel's own colour, by arithmetic alone.
+/// Each pixel of a slice has its voxel's own colour, by arithmetic alone.
 #[test]
 fn a_slice_of_labels_has_their_own_colours() {
     let label = |v: [u32; 3]| if v == [39, 32, 35] { 4_000_000_000 } else { 70_000 + (v[0] / 3 + v[1] / 4) % 2 };
@@ -206,11 +206,11 @@ fn a_slice_of_labels_has_their_own_colours() {
     }
 }
 
-/// A window is dragged over a channel that is far wider, then stretched: slots change once, when floats take the place of codes.
+/// A window dragged over a far wider channel, then stretched: slots change once, when floats replace codes.
 #[test]
 fn a_window_that_is_dragged_uploads_nothing_again() {
     let test = pack(with_outliers);
-    // Something is to be seen of every value, so every brick is wanted.
+    // Every value is visible, so every brick is wanted.
     let scene = |low: f64, width: f64| {
         let mut transfer = ramp([low, low + width]);
         transfer.opacity[0][1] = 0.02;
@@ -236,8 +236,8 @@ fn a_window_that_is_dragged_uploads_nothing_again() {
     }
 }
 
-/// In a live session a drag is drawn from the codes that there are. Once it rests they are replaced by floats, which nobody sees happen: the
-/// picture before stays until the new one is whole.
+/// In a live session a drag is drawn from existing codes. At rest, floats replace them invisibly: the previous picture stays until the new
+/// one is whole.
 #[test]
 fn slots_change_after_a_drag_behind_the_picture_before() {
     let value = |v| match v {
@@ -299,7 +299,7 @@ fn slots_change_after_a_drag_behind_the_picture_before() {
     }
 }
 
-/// Constants of any size are shown alike through the window that they are given.
+/// Constants of any size look alike through their windows.
 #[test]
 fn constants_of_any_size_are_the_oracle_s() {
     for value in [0.0f32, 1.0, -70_000.25, 1e9, 1e30] {
@@ -317,7 +317,7 @@ fn constants_of_any_size_are_the_oracle_s() {
     }
 }
 
-/// What an expression reads of a channel with outliers is as exact.
+/// An expression's inputs from a channel with outliers are equally exact.
 #[test]
 fn expressions_read_values_as_they_are() {
     let (first, second) =
@@ -341,7 +341,7 @@ fn expressions_read_values_as_they_are() {
     }
 }
 
-/// Volumes of unlike slots in one picture: codes of 8 and 16 bits, and floats.
+/// Volumes of different slots in one picture: codes of 8 and 16 bits, and floats.
 #[test]
 fn floats_and_codes_are_drawn_together() {
     let bytes = pack(|v| (255.0 * waves([v[1], v[2], v[0]])) as u8);

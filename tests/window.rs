@@ -1,5 +1,5 @@
-//! The window on a display of its own (Xvfb), with input through the window system (xdotool): what it shows is what `render` writes of the scene that
-//! it saves, and a hand changes what it should.
+//! The window on its own display (Xvfb), with input through the window system (xdotool): it shows the picture of its saved scene by `render`, and
+//! input has the intended effects.
 
 use brickyard::volume::{Camera, Extent, Geometry, LightingModel, Mode, Picture, Scene};
 use brickyard_tests::{Display, FunctionSource, Sandbox, TestStore, command, read_png, run};
@@ -37,7 +37,7 @@ fn is_in(screen: &Picture, picture: &Picture) -> bool {
     (0..=rows).any(|top| (0..picture.height).all(|y| is_alike(row(screen, left, top + y), row(picture, 0, y))))
 }
 
-/// Nothing is drawn over the picture.
+/// Settings without overlays.
 const BARE: &str =
     r#"{"outline": false, "axes": false, "scale_bar": false, "color_bar": false, "clip_handles": false}"#;
 
@@ -102,7 +102,7 @@ fn a_mode_that_is_chosen_in_the_window_is_that_of_render() {
     }
 }
 
-/// An open window, and the folder that it was opened in.
+/// An open window, and its working folder.
 struct Opened<'a> {
     display: &'a Display,
     sandbox: &'a Sandbox,
@@ -114,7 +114,7 @@ impl<'a> Opened<'a> {
         Self::telling(display, sandbox, arguments, Stdio::inherit())
     }
 
-    /// A window whose log goes somewhere.
+    /// A window with a log.
     fn telling(display: &'a Display, sandbox: &'a Sandbox, arguments: &[&str], log: impl Into<Stdio>) -> Self {
         let unless_said = |flag, value| if arguments.contains(&flag) { Vec::new() } else { vec![flag, value] };
         let arguments = [arguments, &unless_said("--backend", "cpu"), &unless_said("--size", "900x600")].concat();
@@ -123,12 +123,12 @@ impl<'a> Opened<'a> {
         Self { display, sandbox, window }
     }
 
-    /// The window's document, which it saves. Waits until it has.
+    /// The window's document, which it saves on request. Waits for the file.
     fn document(&self) -> Value {
         let (begun, path) = (Instant::now(), self.sandbox.path("brickyard.json"));
         self.display.input("key ctrl+s");
         loop {
-            // A file that is being written is no document yet.
+            // A file still being written is no document yet.
             if let Some(document) = std::fs::read(&path).ok().and_then(|text| serde_json::from_slice(&text).ok()) {
                 std::fs::remove_file(&path).expect("removed");
                 return document;
@@ -142,7 +142,7 @@ impl<'a> Opened<'a> {
         serde_json::from_value(self.document()).expect("a scene")
     }
 
-    /// Sends input until the document is as it should be: on a slow machine a whole drag may fall into one frame, and the wheel's way is smoothed over
+    /// Repeats input until the document is as expected: on a slow machine a whole drag may fall into one frame, and the wheel is smoothed over
     /// several.
     fn until(&self, input: &str, is_it: &dyn Fn(&Value) -> bool) -> Value {
         let begun = Instant::now();
@@ -220,7 +220,7 @@ fn time_steps_are_played_and_the_picture_is_of_the_step_that_is_said() {
         assert!(most(&picture, &rendered) <= 1, "{backend}: {}", most(&picture, &rendered));
         assert!(is_in(&read_png(&sandbox.path("last.png")), &rendered), "{backend}: the window shows another picture");
     }
-    // Round and round, until the key stops it.
+    // In a loop, until stopped by the key.
     let opened = Opened::new(&display, &sandbox, &[&path, "--backend", "cpu", "--fresh"]);
     let is_on = |document: &Value| document["window"]["play"]["on"] == true;
     display.input("key space");
@@ -249,7 +249,7 @@ fn mark(screen: &Picture) -> f64 {
     runs.max_by_key(|(length, _)| *length).filter(|(length, _)| *length > 9).expect("a mark").1
 }
 
-/// However fast steps follow one another, each frame of the window marks the step of the picture that it shows.
+/// At any rate of steps, each frame of the window marks the step of its own picture.
 #[test]
 fn the_row_of_steps_is_about_the_picture_in_the_same_frame() {
     const LAST: u32 = 15;
@@ -309,7 +309,7 @@ fn a_store_that_grows_is_followed() {
     }
 }
 
-/// A drag of the first button from one place to another, as xdotool has it in words.
+/// A drag of the first button from one place to another, in the words of xdotool.
 fn drag([x, y]: [f64; 2], [right, down]: [f64; 2]) -> String {
     let at = |share: f64| format!("mousemove {:.0} {:.0} sleep 0.2", x + share * right, y + share * down);
     format!("{} mousedown 1 sleep 0.2 {} {} mouseup 1", at(0.0), at(0.5), at(1.0))
@@ -320,7 +320,7 @@ fn a_handle_moves_its_face_of_the_clip_box() {
     let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
     let opened = Opened::new(&display, &sandbox, &[&path]);
-    // Without panels the picture is all of the window.
+    // Without panels the picture fills the window.
     let document = opened.until("key F10 sleep 0.5 key c", &|document| document["clip"].is_array());
     let scene: Scene = serde_json::from_value(document.clone()).expect("a scene");
     let rays = scene.camera.expect("a camera").rays(900, 600).expect("rays");
@@ -334,7 +334,7 @@ fn a_handle_moves_its_face_of_the_clip_box() {
     let cut = opened.until(&drag(from, [to[0] - from[0], to[1] - from[1]]), &|now| now["clip"] != document["clip"]);
     let clip: [[f64; 3]; 2] = serde_json::from_value(cut["clip"].clone()).expect("a box");
     let share = (clip[1][0] - low.x) / (high.x - low.x);
-    // Where the press and the first half of the way fall into one frame, a drag begins after them.
+    // If the press and the first half of the way fall into one frame, a drag begins after them.
     assert!((0.7..0.9).contains(&share), "{share}");
     assert_eq!((clip[0], &clip[1][1..]), (low.to_array(), &high.to_array()[1..]), "the other faces stay");
     assert_eq!(cut["camera"], document["camera"], "the view stays");
@@ -349,7 +349,7 @@ fn a_hand_makes_points_of_a_transfer_function_and_moves_them() {
     let opened = Opened::new(&display, &sandbox, &[&[&path[..]], &flags[..]].concat());
     let points =
         |document: &Value| document["layers"][0]["transfer"]["opacity"].as_array().cloned().unwrap_or_default();
-    // The editor folds out of its heading, in the panel on the left, once there is one.
+    // The editor unfolds from its heading, in the panel on the left, once there is one.
     opened.document();
     display.input("mousemove 74 379 sleep 0.3 click 1 sleep 0.7");
     let made = opened.until("mousemove 140 450 sleep 0.3 click --repeat 2 --delay 60 1", &|now| points(now).len() == 3);
@@ -369,7 +369,7 @@ fn slices_meet_where_the_pointer_is() {
     let opened = Opened::new(&display, &sandbox, &[&path]);
     display.input("key p");
     assert_eq!(opened.document()["window"]["layout"], "planes");
-    // The slice across z is the upper left quarter of what the panel leaves.
+    // The slice across z is the upper left quarter of the area beside the panel.
     let crosshair = |document: &Value| document["window"]["planes"]["crosshair"].as_array().cloned();
     let there = opened.until("mousemove 400 150 sleep 0.2 mousedown 1 sleep 0.2 mouseup 1", &|document| {
         crosshair(document).is_some()
@@ -401,7 +401,7 @@ fn a_window_begins_as_it_was_left() {
 fn a_window_outlives_its_store_and_what_it_cannot_write() {
     let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
-    // A folder is in the picture's place.
+    // A folder in the picture's place.
     std::fs::create_dir(sandbox.path("brickyard.png")).expect("a folder");
     let opened = Opened::new(&display, &sandbox, &[&path]);
     std::fs::remove_dir_all(test.path()).expect("removed");
@@ -415,7 +415,7 @@ fn a_window_outlives_its_store_and_what_it_cannot_write() {
 fn a_window_goes_on_after_its_gpu_was_lost() {
     let (Some(display), test) = (Display::start(), store()) else { return };
     let path = test.path().display().to_string();
-    // It is lost in the middle of a turn, and while a picture is on its way.
+    // The device is lost in the middle of a turn, and during the saving of a picture.
     let tour = format!(
         "0 set window.overlays {BARE}\n0 set mode mip\n0.2 orbit 9 4\n0.3 orbit 9 4\n0.3 lose-gpu\n0.4 orbit 9 4\n\
         settled set layers.0.window [40, 210]\nsettled set step 0.4\n0 save-picture picture.png\n0 lose-gpu\nsettled undo\n0 undo\n0 undo\n\
@@ -450,7 +450,7 @@ fn a_gpu_that_is_lost_again_and_again_leaves_the_volumes_to_the_cpu_and_then_end
     let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
     let losses = "settled lose-gpu\n".repeat(3);
-    // Small pictures of one sample are settled sooner: losses have to follow each other within seconds.
+    // Small pictures of one sample settle sooner: losses have to follow each other within seconds.
     let losses = format!("0 set pixel_samples 1\n{losses}");
     sandbox.write("tour.txt", format!("{losses}settled save-picture picture.png\nsettled lose-gpu\nsettled quit\n"));
     let arguments = ["-v", &path, "--backend", "gpu", "--script", "tour.txt", "--size", "640x400"];
@@ -570,7 +570,7 @@ fn what_keeps_a_window_from_opening_is_said() {
     assert!(code == 3 && said.contains("line 2") && said.contains("did you mean 'orbit'?"), "{code}: {said}");
 }
 
-/// The ends of the only distance that a window's document has.
+/// The ends of the only distance in a window's document.
 fn measured(document: &Value) -> [DVec3; 2] {
     let found: Vec<[DVec3; 2]> = serde_json::from_value(document["window"]["distances"].clone()).expect("distances");
     let [ends] = found[..] else { panic!("{found:?}") };
@@ -581,7 +581,7 @@ fn measured(document: &Value) -> [DVec3; 2] {
 fn a_distance_in_a_slice_lies_in_it() {
     let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
-    // The slice across z is the upper left quarter of what the panel leaves.
+    // The slice across z is the upper left quarter of the area beside the panel.
     let tour = "0 set window.layout planes\n0 set window.tool distance\nsettled click 400 150\nsettled click 460 200\n\
         settled save-scene scene.json\nsettled quit\n";
     sandbox.write("tour.txt", tour);
@@ -634,12 +634,12 @@ fn a_saved_picture_has_what_the_window_shows_over_it() {
     assert!(most(&bare, &read_png(&sandbox.path("rendered.png"))) <= 1);
 }
 
-/// A view turns while a picture is saved, which is no other one for that.
+/// A view turns during the saving of a picture, without effect on it.
 #[test]
 fn a_view_turns_while_a_picture_is_saved() {
     let (Some(display), test, sandbox) = (Display::start(), store(), Sandbox::in_memory()) else { return };
     let path = test.path().display().to_string();
-    // Each screenshot is a few frames of the window: the picture is under way before the turn, and the view has come to rest after it.
+    // Each screenshot takes a few frames of the window: the picture is under way before the turn, and the view is at rest after it.
     let looks = |name: &str| (0..8).map(|i| format!("0 screenshot {name}{i}.png\n")).collect::<String>();
     let tour = format!(
         "0 set window.overlays {BARE}\n0 set pixel_samples 8\n0 set step 0.4\nsettled save-scene scene.json\n\
@@ -658,7 +658,7 @@ fn a_view_turns_while_a_picture_is_saved() {
     }
     assert!(is_ahead, "the view waits for the picture");
     let screens = ["before7.png", "after7.png", "last.png"].map(|name| read_png(&sandbox.path(name)));
-    // The panel at the left, and the row that says how far the picture is, differ.
+    // The panel at the left and the row with the picture's progress differ.
     let part = |screen: &Picture| -> Vec<[u8; 3]> {
         (120..350).flat_map(|y| (400..690).map(move |x| (x, y))).map(|(x, y)| screen.rgb[y * 700 + x]).collect()
     };

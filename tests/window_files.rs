@@ -1,5 +1,5 @@
-//! The window and its files, on a display of its own (Xvfb): volumes and meshes are added, a scene file brings its volumes, an empty window opens some, and voxels
-//! are exported as the command does.
+//! The window and its files, on its own display (Xvfb): volumes and meshes are added, a scene file brings its volumes, an empty window opens some,
+//! and voxels are exported like by the command.
 
 use brickyard::volume::{Extent, Geometry};
 #[cfg(target_os = "linux")]
@@ -13,7 +13,7 @@ fn store(edge: u32) -> TestStore {
     TestStore::pack(&FunctionSource::series(extent, Geometry::default(), 2, 1, move |_, _, v| value(v)), 16)
 }
 
-/// Plays a script in a window that the CPU draws. Returns the exit code, and what it said.
+/// Plays a script in a window drawn by the CPU. Returns the exit code and the messages.
 fn play_to_end(display: &Display, sandbox: &Sandbox, arguments: &[&str], script: &str) -> (Option<i32>, String) {
     sandbox.write("script.txt", script);
     let arguments = [arguments, &["--backend", "cpu", "--size", "900x600", "--script", "script.txt"]].concat();
@@ -21,7 +21,7 @@ fn play_to_end(display: &Display, sandbox: &Sandbox, arguments: &[&str], script:
     (ended.status.code(), String::from_utf8_lossy(&ended.stderr).into_owned())
 }
 
-/// Plays a script that does not fail.
+/// Plays a script without failure.
 fn play(display: &Display, sandbox: &Sandbox, arguments: &[&str], script: &str) {
     let (code, said) = play_to_end(display, sandbox, arguments, script);
     assert!(code == Some(0), "{code:?}: {said}");
@@ -99,7 +99,7 @@ fn a_file_that_does_not_open_is_named_once() {
     assert!(code == Some(1) && is_told, "{code:?}: {said}");
 }
 
-/// All files below a folder, with what is in them.
+/// All files below a folder, with their content.
 #[cfg(target_os = "linux")]
 fn files(folder: &std::path::Path) -> Vec<(std::path::PathBuf, Vec<u8>)> {
     let entries = std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path());
@@ -142,7 +142,7 @@ fn a_full_disk_is_said_and_leaves_what_was_there() {
         let is_told = |line: &str| line.contains(name) && line.contains("No space left on device");
         assert!(ended.status.code() == Some(1) && said.lines().any(is_told), "{command}: {:?}: {said}", ended.status);
     }
-    // The folder of the store that was to be packed is gone on with the next time.
+    // The folder of the unfinished pack is resumed the next time.
     let after: Vec<_> = files(&under).into_iter().filter(|(path, _)| !path.starts_with(under.join("cache"))).collect();
     let name = |files: &[(std::path::PathBuf, _)]| files.iter().map(|(path, _)| path.clone()).collect::<Vec<_>>();
     assert!(after == before, "{:?} instead of {:?}", name(&after), name(&before));
@@ -159,7 +159,7 @@ fn a_state_that_cannot_be_kept_leaves_the_one_before() {
         harm(&mut view, &under, rule);
         let window = view.stderr(std::process::Stdio::piped()).spawn().expect("it runs");
         display.focus();
-        // The window is shown some frames before it has the keyboard.
+        // The window is visible some frames before it has the keyboard.
         display.input(&format!("sleep 0.5 key {key} sleep 0.5 key ctrl+q"));
         let ended = window.wait_with_output().expect("it ends");
         assert!(ended.status.success());

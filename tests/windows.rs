@@ -1,4 +1,4 @@
-//! The window on displays of its own. The soak, first by name, runs beside the other tests.
+//! The window on its own displays. The soak, first by name, runs beside the other tests.
 
 mod soak;
 mod window;

@@ -1,4 +1,4 @@
-//! The words page and the code agree: the names that it gives are there, and the words that were given up are gone.
+//! Agreement of the words page and the code: the given names exist, and retired words are gone.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -64,7 +64,7 @@ fn the_words_page_and_the_code_agree() {
     assert!(problems.is_empty(), "{problems:#?}");
 }
 
-/// Whether a line says a word, or several in a row; a part of a longer name is a word too, as `leap` in `no_leap`.
+/// Whether a line has a word, or several in a row; a part of a longer name is a word too, as `leap` in `no_leap`.
 fn says(line: &str, given_up: &str) -> bool {
     let lower = line.to_lowercase();
     let said: Vec<&str> = lower.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty()).collect();

@@ -1,12 +1,12 @@
-//! The bare codec: a store's encoded bricks in RAM, decoded with plain Zstandard. The yardstick for everything that reads:
-//! no file, no index, no checksum, no cache.
+//! The bare codec: a store's encoded bricks in RAM, decoded by plain Zstandard. The yardstick for all readers: no file, no
+//! index, no checksum, no cache.
 
 use brickyard_store::shard::{ShardIndex, index_bytes};
 use brickyard_store::{BrickCodec, Codec, ShardError, ShardId, Store};
 use brickyard_volume::BrickId;
 use std::ops::Range;
 
-/// Of each brick: its checksum's length.
+/// Checksum length of each brick.
 const CRC_BYTES: usize = 4;
 
 /// Encoded bricks of one store.
@@ -18,9 +18,9 @@ pub struct EncodedBricks {
     bricks: Vec<Payload>,
 }
 
-/// Where a brick lies in the bytes.
+/// A brick's place in the bytes.
 enum Payload {
-    /// As it is.
+    /// Uncompressed.
     Stored(Range<usize>),
     /// A Zstandard frame.
     Frame(Range<usize>),
@@ -56,33 +56,33 @@ impl EncodedBricks {
         Ok(Self { codec, voxel_bytes, core_bytes: store.core_bytes(), bytes, bricks })
     }
 
-    /// How many bricks.
+    /// Number of bricks.
     pub fn len(&self) -> usize {
         self.bricks.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no bricks.
     pub fn is_empty(&self) -> bool {
         self.bricks.is_empty()
     }
 
-    /// Encoded bytes of all.
+    /// Encoded bytes of all bricks.
     pub fn encoded_bytes(&self) -> usize {
         self.bytes.len()
     }
 
-    /// A decoder for one thread.
+    /// Creates a decoder for one thread.
     pub fn decoder(&self) -> BareDecoder<'_> {
         BareDecoder { bricks: self, zstd: zstd::bulk::Decompressor::default(), shuffled: vec![0; self.core_bytes] }
     }
 }
 
-/// The payload of an encoded brick whose bytes were copied to `at`.
+/// The payload of an encoded brick, with its bytes copied to `at`.
 fn payload(codec: Codec, encoded: &[u8], at: Range<usize>) -> Payload {
     match codec {
         Codec::None => Payload::Stored(at),
         Codec::Zstd(_) => Payload::Frame(at),
-        // One block with one stream, as the store's writer makes them: see `brickyard_store::blosc`.
+        // One block with one stream, as from the store's writer: see `brickyard_store::blosc`.
         Codec::ShuffleZstd(_) if encoded[2] & 0x02 != 0 => Payload::Stored(at.start + 16..at.end),
         Codec::ShuffleZstd(_) => Payload::Frame(at.start + 24..at.end),
     }
@@ -99,7 +99,7 @@ impl BareDecoder<'_> {
     /// Decodes brick `i` into `out`.
     ///
     /// # Errors
-    /// If it is damaged.
+    /// If the brick is damaged.
     pub fn decode(&mut self, i: usize, out: &mut [u8]) -> Result<(), String> {
         let EncodedBricks { codec, voxel_bytes, bytes, bricks, .. } = self.bricks;
         let frame = match &bricks[i] {
@@ -124,7 +124,7 @@ impl BareDecoder<'_> {
     }
 }
 
-/// Voxels from the planes of their first bytes, second bytes, ...
+/// Rebuilds voxels from the planes of their first bytes, second bytes, ...
 fn unshuffle<const N: usize>(planes: &[u8], out: &mut [u8]) {
     let voxels = out.as_chunks_mut::<N>().0;
     let count = voxels.len();

@@ -1,5 +1,4 @@
-//! Random boxes of one brick's size. Box `i` of a seed is a formula that any other program can repeat, so that other readers
-//! can be given the same boxes:
+//! Random boxes of one brick's size. Box `i` of a seed is a simple formula, so that other readers can use the same boxes:
 //!
 //! ```text
 //! mix(k)    = SplitMix64: z = seed + (k + 1) * 0x9E3779B97F4A7C15; z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9;
@@ -10,7 +9,7 @@
 
 use brickyard_volume::{Extent, VoxelBox};
 
-/// Where the boxes lie.
+/// Placement of the boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Placement {
     /// On the brick grid: one brick each.
@@ -19,7 +18,7 @@ pub enum Placement {
     Offset,
 }
 
-/// Box `i` of `edge`^3 voxels inside the extent, which is at least that along every axis.
+/// Box `i` of `edge`^3 voxels inside the extent, which is at least `edge` along every axis.
 pub fn random_box(seed: u64, i: u64, extent: Extent, edge: u32, placement: Placement) -> VoxelBox {
     let n = extent.to_array();
     let corner = std::array::from_fn(|a| {
@@ -40,7 +39,7 @@ fn mix(seed: u64, k: u64) -> u64 {
 mod tests {
     use super::*;
 
-    /// The first numbers of SplitMix64 with seed 1234567, as its author's C program prints them.
+    /// The first numbers of SplitMix64 with seed 1234567, as printed by its author's C program.
     #[test]
     fn the_formula_is_splitmix64() {
         assert_eq!([0, 1, 2].map(|k| mix(1234567, k)), [6457827717110365317, 3203168211198807973, 9817491932198370423]);

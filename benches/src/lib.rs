@@ -1,7 +1,7 @@
-//! What the benchmark programs share: a clock for wall and processor time, interleaved repetitions, medians, tables.
+//! Common code of the benchmark programs: a clock for wall and processor time, interleaved repetitions, medians, tables.
 //!
 //! Machines are rarely quiet. So the cases of a benchmark run in turn, repetition by repetition, and are compared within
-//! each repetition; what is printed are medians. Processor time tells work from waiting and from other programs.
+//! each repetition; the output is medians. Processor time separates work from waiting and from other programs.
 
 pub mod bare;
 pub mod boxes;
@@ -10,7 +10,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-/// What something took.
+/// Wall and processor time of a piece of work.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Timing {
     /// From start to end, seconds.
@@ -19,23 +19,23 @@ pub struct Timing {
     pub cpu_s: f64,
 }
 
-/// Runs `work` once.
+/// Runs `work` once and times it.
 pub fn time<R>(work: impl FnOnce() -> R) -> (Timing, R) {
     let (wall, cpu) = (Instant::now(), cpu_seconds());
     let result = work();
     (Timing { wall_s: wall.elapsed().as_secs_f64(), cpu_s: cpu_seconds() - cpu }, result)
 }
 
-/// Processor time that this process has used so far.
+/// Processor time used so far by this process, in seconds.
 fn cpu_seconds() -> f64 {
     let now = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
     now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
 }
 
-/// The middle value; the mean of the two middle ones of an even number.
+/// The median; for an even number of values, the mean of the two middle ones.
 ///
 /// # Panics
-/// If there is none.
+/// If there are no values.
 pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_by(f64::total_cmp);
@@ -43,10 +43,10 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     (values[(n - 1) / 2] + values[n / 2]) / 2.0
 }
 
-/// Hands the numbers below `count` out in order to `threads` workers, each of which `make` makes on its own thread.
+/// Distributes the numbers below `count`, in order, to `threads` workers, each created by `make` on its own thread.
 ///
 /// # Errors
-/// The first failure; the numbers after it may not have been worked on.
+/// The first failure; later numbers may be left undone.
 pub fn in_parallel<W, E>(threads: usize, count: usize, make: impl Fn() -> W + Sync) -> Result<(), E>
 where
     W: FnMut(usize) -> Result<(), E>,
@@ -74,7 +74,7 @@ where
     failure.into_inner().expect("nobody panics under the lock").map_or(Ok(()), Err)
 }
 
-/// A Markdown table.
+/// Formats a Markdown table.
 pub fn markdown(head: &[&str], rows: &[Vec<String>]) -> String {
     let line = |cells: &mut dyn Iterator<Item = &str>| format!("| {} |\n", cells.collect::<Vec<_>>().join(" | "));
     let mut table = line(&mut head.iter().copied());

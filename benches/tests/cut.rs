@@ -1,4 +1,4 @@
-//! The benchmark of the cut runs, on a small volume: no figure is judged here.
+//! The benchmark of the cut runs, on a small volume: no figures are judged here.
 
 use std::process::Command;
 

@@ -1,4 +1,4 @@
-//! The benchmark programs run, on small data: no figure is judged here.
+//! The benchmark programs run, on small data: no figures are judged here.
 
 use std::process::Command;
 

@@ -1,7 +1,7 @@
-//! Composition: a shader is some files and all that those import.
+//! Composition: a shader is some files and all their imports.
 //!
-//! A line `//!import a b` of a file, behind its head comment, names what it needs: a file, in whatever folder, or a *part* that the variant
-//! chooses (a file of the part's folder, or text made for the variant). Each is taken once; what is not imported is not there.
+//! A line `//!import a b` of a file, behind its head comment, lists its needs: files, in any folder, or *parts* chosen by the variant (a
+//! file of the part's folder, or text made for the variant). Each is taken once; anything not imported is absent.
 
 use crate::bindings;
 use std::collections::{HashMap, HashSet};
@@ -12,7 +12,7 @@ macro_rules! files {
     };
 }
 
-/// All WGSL files by their paths, without `.wgsl`, and the text of each.
+/// All WGSL files: path without `.wgsl`, and text.
 pub(crate) const FILES: &[(&str, &str)] = files! {
     "passes":
         "blit" "march_joint" "march_medium" "march_samples" "march_surface" "peel" "raycast_compute" "raycast_fragment" "resolve_join" "resolve_over"
@@ -42,17 +42,17 @@ pub(crate) const FILES: &[(&str, &str)] = files! {
 
 const IMPORT: &str = "//!import";
 
-/// The parts that a variant chooses, each by the name that files import: the WGSL text that stands for it.
+/// The parts chosen by a variant: WGSL text by the part's import name.
 #[derive(Debug, Default)]
 pub(crate) struct Parts(HashMap<&'static str, String>);
 
 impl Parts {
-    /// Makes parts of which only `bindings` is chosen yet: the numbers of all bindings, as constants.
+    /// Creates parts with only `bindings` chosen: the numbers of all bindings, as constants.
     pub(crate) fn new() -> Self {
         Self::default().text("bindings", bindings::wgsl())
     }
 
-    /// Lets a file of the part's folder stand for it. No file may have the part's name.
+    /// Chooses a file of the part's folder for it. No file may have the part's name.
     ///
     /// # Panics
     /// If the folder has no such file.
@@ -61,24 +61,24 @@ impl Parts {
         self.text(part, format!("{IMPORT} {file}\n"))
     }
 
-    /// Lets a text stand for a part. The text may import what it needs.
+    /// Chooses a text for a part. The text may have imports.
     pub(crate) fn text(mut self, part: &'static str, text: String) -> Self {
         self.0.insert(part, text);
         self
     }
 
-    /// Returns the source of a shader: these files, and all files and parts that they import, each once.
+    /// Returns the source of a shader: these files, and all imported files and parts, each once.
     ///
     /// # Panics
-    /// If there is no file or part of a name that is imported; a test composes every variant.
+    /// If an import names no file or part; a test composes every variant.
     pub(crate) fn compose(&self, roots: &[&str]) -> String {
         self.gather(roots).unwrap_or_else(|name| panic!("no shader file or part `{name}`"))
     }
 
-    /// Returns the source of a shader: these files, and all files and parts that they import, each once.
+    /// Returns the source of a shader: these files, and all imported files and parts, each once.
     ///
     /// # Errors
-    /// The name that is imported, if there is no file or part of it.
+    /// The name of an import without a file or part.
     pub(crate) fn gather(&self, roots: &[&str]) -> Result<String, String> {
         let (mut taken, mut source) = (HashSet::new(), String::new());
         let mut wanted: Vec<&str> = roots.to_vec();
@@ -99,12 +99,12 @@ impl Parts {
     }
 }
 
-/// The name by which a file is imported.
+/// The import name of a file.
 pub(crate) fn name_of(path: &str) -> &str {
     path.rsplit('/').next().unwrap_or(path)
 }
 
-/// The names of the files and parts that a text imports.
+/// The imported names of a text.
 fn imports(text: &str) -> impl Iterator<Item = &str> {
     text.lines().filter_map(|line| line.strip_prefix(IMPORT)).flat_map(str::split_whitespace)
 }

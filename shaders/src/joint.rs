@@ -1,23 +1,23 @@
 //! Shaders of several layers: the files of one layer, in the context of each in turn.
 //!
-//! What differs from layer to layer is in private variables (the part `context`): the layer's number, its frame, its first places in
-//! shared buffers, flags. The function `become_#` sets them for the layer with that number; textures are chosen by the number. Up to
-//! [`MOST_UNROLLED`] layers, shared code is called once for each, so that drivers fold what is constant; more layers are gone through by loops,
-//! as the time to compile grows faster than the number of calls.
+//! Private variables (the part `context`) hold the differences between layers: the layer's number, its frame, its first places in shared
+//! buffers, flags. The function `become_#` sets them for layer number #, which also chooses textures. Up to [`MOST_UNROLLED`] layers, shared
+//! code is called once for each, so that drivers fold constants; more layers are looped over, as compile time grows faster than the number of
+//! calls.
 
 use crate::compose::Parts;
 use crate::{Curve, Filter, Light, Medium, Sampler, Surfaces, margin};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
-/// The most layers for which code is repeated. Measured in `docs/performance.md`.
+/// The most layers with unrolled code. Measured in `docs/performance.md`.
 const MOST_UNROLLED: usize = 4;
 
-/// The variables of the part `context` that say one thing or the other of a layer, in the order of the bits of [`LayerShader::numbers`].
+/// The boolean variables of the part `context`, in the order of the bits of [`LayerShader::numbers`].
 const FLAGS: [&str; 7] = ["HAS_INVALID", "IS_LABELS", "IS_FLOAT", "IS_UNBOUNDED", "ADDS", "HAS_SURFACES", "HAS_GRID"];
 
-/// Where a layer's parts of the shared buffers begin, in items of each buffer. The layer's part of the draw lists is
-/// not among them, as it changes with each frame: see [`FrameUniform::list_at`](crate::FrameUniform::list_at).
+/// The starts of a layer's parts of the shared buffers, in items of each buffer. Its part of the draw lists changes with each frame and is given
+/// by [`FrameUniform::list_at`](crate::FrameUniform::list_at).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct FirstPlaces {
     /// Index of the first macro-cell of the layer's pool in the buffer of ranges.
@@ -29,39 +29,38 @@ pub struct FirstPlaces {
     pub count: u32,
 }
 
-/// What a shader of several layers has to know of one of them when it is composed.
+/// A layer's properties for the composition of a shader of several layers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LayerShader {
-    /// Index of the pool that the layer's bricks are in, and so of its atlas.
+    /// Index of the pool with the layer's bricks, and so of its atlas.
     pub pool: u32,
     /// Whether some voxels have no value.
     pub has_invalid: bool,
-    /// Whether values are labels, which are read at the nearest voxel. Layers of labels share a pool with no others.
+    /// Whether values are labels, read at the nearest voxel. Layers of labels share a pool with no others.
     pub is_labels: bool,
-    /// Whether all values are whole numbers, as labels are. Only expressions use it.
+    /// Whether all values are whole numbers, like labels. Used by expressions only.
     pub is_whole: bool,
     /// Whether the layer's slots hold 32-bit floats instead of codes.
     pub is_float: bool,
-    /// Whether the layer's transfer table lies over few of the codes that slots hold.
+    /// Whether the layer's transfer table spans few of the codes in slots.
     pub is_narrow: bool,
-    /// Whether the layer adds its light to others instead of mixing with them. A layer that adds is not lit.
+    /// Whether the layer adds its light to others instead of mixing with them. Adding layers are unlit.
     pub adds: bool,
     /// Whether the layer has isosurfaces.
     pub has_surfaces: bool,
-    /// Whether the layer is classified by value and gradient magnitude, and not by value alone.
+    /// Whether the layer is classified by value and gradient magnitude, rather than by value alone.
     pub has_grid: bool,
-    /// Where the layer's parts of the shared buffers begin.
+    /// Starts of the layer's parts of the shared buffers.
     pub first: FirstPlaces,
-    /// The value of the table's first code, and the difference from it to the value of the last, each as the bits of an `f32`. Only
-    /// expressions use them: they are 0 where there is none.
+    /// The value of the table's first code, and the difference from it to the value of the last, each as the bits of an `f32`. Used by
+    /// expressions only, otherwise 0.
     pub values: [u32; 2],
 }
 
-/// What a shader has to know of an expression over the layers when it is composed.
+/// An expression's properties for the composition of a shader.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct ExpressionShader {
-    /// WGSL of the function `expression` and of its result's struct, as the expression itself gives it: with gradients
-    /// if the layers are lit.
+    /// WGSL of the function `expression` and of its result's struct, from the expression itself: with gradients if the layers are lit.
     pub wgsl: String,
     /// Index of the first place of the expression's transfer table in the buffer of tables.
     pub first_place: u32,
@@ -72,19 +71,19 @@ pub struct ExpressionShader {
     pub values: [u32; 2],
 }
 
-/// The variant of a march through several layers at once: everything that is decided when a pipeline is made.
+/// The variant of a march through several layers at once: everything decided at the creation of a pipeline.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct JointVariant {
-    /// How segments become media in all layers. Surfaces and grids are said layer by layer: of [`Medium::surfaces`]
-    /// only [`Surfaces::Alone`] counts, which means that there is no fog, and [`Medium::has_grid`] does not count.
+    /// How segments become media in all layers. Surfaces and grids are set layer by layer: of [`Medium::surfaces`] only [`Surfaces::Alone`]
+    /// counts, as the absence of fog, and [`Medium::has_grid`] is ignored.
     pub medium: Medium,
-    /// How fields are made of their voxels, but those of labels.
+    /// How fields are interpolated from voxels, except for labels.
     pub filter: Filter,
     /// Whether only a slab between layers of meshes is drawn.
     pub has_meshes: bool,
     /// The layers, at least one, in the order of their frames.
     pub layers: Vec<LayerShader>,
-    /// The expression whose medium takes the place of the layers' media; `None` if the layers show their own.
+    /// The expression whose medium replaces the layers' media; `None` if the layers show their own.
     pub expression: Option<ExpressionShader>,
 }
 
@@ -93,8 +92,8 @@ impl JointVariant {
         self.layers.iter().any(|layer| layer.has_surfaces)
     }
 
-    /// The parts that all marches through these layers share. How bricks of a layer are found (`find`) differs between
-    /// compositors and is not among them.
+    /// The parts common to all marches through these layers. The search for a layer's bricks (`find`) differs between compositors and is not
+    /// among them.
     pub(crate) fn parts(&self) -> Parts {
         let parts = Parts::new()
             .text("context", self.context())
@@ -122,7 +121,7 @@ impl JointVariant {
         }
     }
 
-    /// The part `context`: constants of this variant, and variables that describe the layer that shared code is about.
+    /// The part `context`: constants of this variant, and variables of the current layer.
     fn context(&self) -> String {
         let Medium { curve, parts, is_pre_integrated, surfaces, .. } = self.medium;
         let is_cut = self.has_surfaces();
@@ -146,7 +145,7 @@ impl JointVariant {
         )
     }
 
-    /// The flags of [`FLAGS`]: constants where they are the same for all layers, so that what no layer has is no part of the compiled shader.
+    /// The flags of [`FLAGS`]: constants if equal for all layers, to keep features unused by all layers out of the compiled shader.
     fn flags(&self) -> String {
         let declare = |(bit, name): (usize, &&str)| match self.common_flag(bit) {
             Some(flag) => format!("const {name}: bool = {flag};\n"),
@@ -155,18 +154,18 @@ impl JointVariant {
         FLAGS.iter().enumerate().map(declare).collect()
     }
 
-    /// A flag that is the same for all layers.
+    /// The common value of a flag, if equal for all layers.
     fn common_flag(&self, bit: usize) -> Option<bool> {
         let flag = self.layers[0].flags()[bit];
         self.layers.iter().all(|layer| layer.flags()[bit] == flag).then_some(flag)
     }
 
-    /// The names of flags that differ from layer to layer, each with its bit.
+    /// Names of the flags that differ between layers, each with its bit.
     fn own_flags(&self) -> impl Iterator<Item = (usize, &'static str)> {
         FLAGS.into_iter().enumerate().filter(|(bit, _)| self.common_flag(*bit).is_none())
     }
 
-    /// The part `layers`: each layer's variables, and functions that do something for all layers, one after the other.
+    /// The part `layers`: each layer's variables, and functions over all layers, one after the other.
     fn layers(&self) -> String {
         let mut text = "//!import context frame shade way\n".to_string() + &self.declarations();
         let (each, first) = (|line: &str| self.each(line), self.of_layer(0, "become_#();"));
@@ -189,12 +188,12 @@ impl JointVariant {
         text
     }
 
-    /// Whether loops go over the layers.
+    /// Whether the shader loops over the layers.
     fn is_looped(&self) -> bool {
         self.layers.len() > MOST_UNROLLED
     }
 
-    /// Some lines for each layer, one after the other: repeated, or in a loop.
+    /// Lines for each layer, one after the other: unrolled, or in a loop.
     fn each(&self, lines: &str) -> String {
         match self.is_looped() {
             true => format!("    for (var i = 0u; i < LAYERS; i++) {{\n{}    }}\n", looped(lines, "i")),
@@ -202,16 +201,16 @@ impl JointVariant {
         }
     }
 
-    /// Some lines for one layer.
+    /// Lines for one layer.
     fn of_layer(&self, i: usize, lines: &str) -> String {
         if self.is_looped() { looped(lines, &format!("{i}u")) } else { repeated(lines, i) }
     }
 
-    /// Each layer's frame and way, and the functions that make a layer the one that shared code is about.
+    /// Each layer's frame and way, and the functions that switch to a layer.
     fn declarations(&self) -> String {
         let layers = || self.layers.iter().zip(0..);
         if !self.is_looped() {
-            // Frames are read once: in loops, lavapipe would read them anew in each round.
+            // Frames are read once: lavapipe would re-read them in each round of a loop.
             let unrolled = |(layer, i): (&LayerShader, usize)| {
                 let own = "var<private> frame_#: Frame;\nvar<private> way_#: Way;\n\n\
                            fn become_#() {\n    layer = #u;\n    frame = frame_#;\n    way = way_#;\n    ";
@@ -228,7 +227,7 @@ impl JointVariant {
         )
     }
 
-    /// WGSL that sets the variables of the part `context` to what is said of a layer.
+    /// WGSL that sets the variables of the part `context` for a layer.
     fn settings(&self, layer: &LayerShader) -> String {
         let FirstPlaces { range, place, count } = layer.first;
         let light = if layer.adds { Light::Unlit } else { self.medium.light };
@@ -241,7 +240,7 @@ impl JointVariant {
         )
     }
 
-    /// The part `asking`: functions with which a ray asks something of all layers.
+    /// The part `asking`: a ray's queries over all layers.
     fn asking(&self) -> String {
         format!(
             "//!import find layers way\nfn is_any_due(walk: Walk) -> bool {{\n    var is_any = false;\n{}    return is_any;\n}}\n\n\
@@ -256,9 +255,9 @@ impl JointVariant {
         )
     }
 
-    /// The functions of the part `layers` by which the media of all layers are seen together.
+    /// The functions of the part `layers` that combine the media of all layers.
     fn seeing(&self) -> String {
-        // A layer without surfaces passes none: in a loop it is asked all the same.
+        // Layers without surfaces pass none, but loops include them all the same.
         let cut = |lines: &str| {
             let layers = self.layers.iter().enumerate().filter(|(_, layer)| layer.has_surfaces);
             let repeated = || layers.map(|(i, _)| self.of_layer(i, lines)).collect();
@@ -283,13 +282,13 @@ impl JointVariant {
         )
     }
 
-    /// The function of the part `layers` that collects what an expression reads of each layer.
+    /// The function of the part `layers` that collects an expression's input from each layer.
     fn reading(&self) -> String {
         let mut text = String::from("//!import expression no_value\nfn read_all() -> Read {\n    var read: Read;\n");
         for (i, layer) in self.layers.iter().enumerate() {
             let [low, width] = layer.values.map(f32::from_bits);
             let value = format!("{low:?}f + way_#.value * {width:?}f");
-            // Whole numbers are compared by expressions.
+            // Expressions compare whole numbers.
             let value = if layer.is_whole { format!("round({value})") } else { value };
             let mut lines = format!(
                 "    read.values[{i}] = {value};\n    \
@@ -316,7 +315,7 @@ impl LayerShader {
         [has_invalid, is_labels, is_float, self.sampler() == Sampler::Voxels, adds, has_surfaces, has_grid]
     }
 
-    /// Where the layer's parts of the shared buffers begin, and a bit for each of its flags: what shaders with loops over layers read of it.
+    /// The starts of the layer's parts of the shared buffers, and a bit for each of its flags: the input of shaders with loops over layers.
     pub fn numbers(&self) -> [u32; 4] {
         let FirstPlaces { range, place, count } = self.first;
         [
@@ -328,7 +327,7 @@ impl LayerShader {
     }
 }
 
-/// Lines that are about the layer `#`, for a layer with variables of its own.
+/// Lines about the layer `#`, for a layer with its own variables.
 fn repeated(lines: &str, i: usize) -> String {
     let lines = lines.replace("    join_shown();\n", "").replace("prepare_#();", "frame_# = frames[#];");
     let lines = lines.replace("restore_#();", "way = way_#;").replace("cap_#", "way_#.cap");
@@ -336,7 +335,7 @@ fn repeated(lines: &str, i: usize) -> String {
     kept.iter().fold(lines, |lines, call| lines.replace(call, "way_# = way;")).replace('#', &i.to_string())
 }
 
-/// Lines that are about the layer `#`, for the one with this index in a shader with loops.
+/// Lines about the layer `#`, for the layer with this index in a shader with loops.
 fn looped(lines: &str, index: &str) -> String {
     let lines = lines.replace("    prepare_#();\n", "").replace("way_#", &format!("all_kept[{index}]"));
     let lines = lines.replace("cap_#", &format!("all_kept[{index}].ranks.z"));
@@ -351,8 +350,8 @@ fn looped(lines: &str, index: &str) -> String {
 }
 
 impl ExpressionShader {
-    /// The part `expression`: the struct with what is read of `count` layers, the function over it, and where in the
-    /// tables the media of its values are.
+    /// The part `expression`: the struct of values read from `count` layers, the function over it, and the place in the tables of the media of
+    /// its values.
     fn declarations(&self, count: usize, is_lit: bool) -> String {
         let [low, width] = self.values.map(f32::from_bits);
         let (first, last) = (self.first_place, self.last_place);
@@ -368,8 +367,8 @@ impl ExpressionShader {
     }
 }
 
-/// The part `atlas`: the atlases and stored gradients of the layers' pools, and functions that sample them for the
-/// layer that shared code is about. `layers` says of each layer its pool, and how that is sampled.
+/// The part `atlas`: the atlases and stored gradients of the layers' pools, and functions that sample them for the current layer. `layers` gives
+/// each layer's pool and its sampler.
 pub(crate) fn atlases(layers: &[(u32, Sampler)], filter: Filter) -> String {
     let mut text = "//!import bindings context sampler\n".to_string();
     for sampler in Sampler::ALL.into_iter().filter(|sampler| layers.iter().any(|(_, own)| own == sampler)) {
@@ -406,8 +405,8 @@ pub(crate) fn atlases(layers: &[(u32, Sampler)], filter: Filter) -> String {
     text
 }
 
-/// WGSL that runs the statement of the layer that shared code is about, for its pool and sampler. It is a `switch` over layers, or the statement
-/// alone where all layers have the same. The statement has to return.
+/// WGSL that runs the current layer's statement, for its pool and sampler: a `switch` over layers, or the statement alone if all layers have the
+/// same. The statement has to return.
 fn of_layer(layers: &[(u32, Sampler)], statement: impl Fn(u32, Sampler) -> String) -> String {
     let statements: Vec<String> = layers.iter().map(|(pool, sampler)| statement(*pool, *sampler)).collect();
     let first = &statements[0];

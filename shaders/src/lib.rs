@@ -1,43 +1,43 @@
-//! The WGSL of the renderer, by concern, composed by imports (`compose`). A variant holds just what it uses, so what is off costs
-//! nothing. The numbers of bindings are in [`bindings`]. Shared code is about one layer at a time, which it finds in its
-//! *context*. The context of a single layer is all constants; for several layers see `joint`.
+//! The renderer's WGSL, by concern, composed by imports (`compose`). A variant contains only the code it uses, so disabled features cost
+//! nothing. [`bindings`] numbers all bindings. Shared code handles one layer at a time, found in its *context*: constants for a single layer;
+//! for several layers see `joint`.
 //!
 //! # Files and parts
 //!
 //! | folder of `shaders/wgsl` | holds |
 //! | --- | --- |
-//! | `passes` | the files that a pipeline begins with: entry points |
-//! | `shared` | what they have in common, one noun a file |
-//! | `parts/PART` | the files of which the variant chooses one to stand for a part |
+//! | `passes` | root files of pipelines, with entry points |
+//! | `shared` | code common to passes, one noun a file |
+//! | `parts/PART` | the files for a part, of which the variant chooses one |
 //!
-//! Files import files and parts by name. Some parts are text made for the variant; those have no folder. Whatever stands for a part declares
-//! what the files that import it call.
+//! Files import files and parts by name. Some parts have no folder: their text is made for the variant. A part's file or text declares the
+//! functions called by the files that import it.
 //!
 //! | part | role |
 //! | --- | --- |
 //! | `bindings` | the numbers of all bindings: text of the table in [`bindings`] |
-//! | `context` | constants of the variant and of the layer that shared code is about: text; with several layers, also variables that are set for each in turn |
-//! | `atlas` | the atlases and stored gradients, and their samples (`sample_atlas`, `smooth_atlas` for gradients, `sample_gradients`): text that imports `sample` or `sample_cubic`; `sample_voxels` or `sample_cubic_voxels` of 32-bit floats, in narrow windows, and where voxels may have no value; `sample_nearest` or `sample_nearest_voxel` besides, where fields have steps |
+//! | `context` | constants of the variant and of the current layer: text; for several layers, also variables, set for each in turn |
+//! | `atlas` | the atlases and stored gradients, and their samples (`sample_atlas`, `smooth_atlas` for gradients, `sample_gradients`): text that imports `sample` or `sample_cubic`; `sample_voxels` or `sample_cubic_voxels` for 32-bit floats, narrow windows, and voxels without a value; also `sample_nearest` or `sample_nearest_voxel` for fields with steps |
 //! | `world` | the map from voxels to the scene's world: `to_world`, `gradient_to_world` |
-//! | `limits` | what meshes leave of a ray's stretch: `limited` |
+//! | `limits` | the part of a ray's stretch between meshes: `limited` |
 //! | `gradient` | differences of values about a place: `differences` |
 //! | `pixel` | the sum of a ray's samples: `Pixel` |
-//! | `boxes` | reading bricks by the boxes of segments, where coarse levels hold extremes: `take_box` |
+//! | `boxes` | samples of bricks by the boxes of segments, for coarse levels of extremes: `take_box` |
 //! | `take` | a segment of one layer: `take` |
 //! | `sees` | whether samples with codes in a range can change a ray's pixel: `sees` |
 //! | `cast` | a ray from its start to its end: `cast_ray` |
-//! | `feedback` | the marks of bricks that rays enter: `mark` |
-//! | `texels` | the type of the texture that a compute shader writes, `Texels`: text with the texture's format |
-//! | `layers` | the variables of several layers, and what is done for all of them (`take_all` and others): text; each function names the layers one after the other, or loops over those that are `kept` |
-//! | `asking` | questions of a ray to all layers (`is_any_due` and others): text, likewise |
-//! | `find` | the brick of a layer, `find`: of rays through octrees, or of cells drawn as boxes |
+//! | `feedback` | marks of the bricks entered by rays: `mark` |
+//! | `texels` | the type of the texture written by a compute shader, `Texels`: text with the texture's format |
+//! | `layers` | the variables of several layers, and operations on all of them (`take_all` and others): text; each function lists the layers one after the other, or loops over the `kept` ones |
+//! | `asking` | queries of a ray over all layers (`is_any_due` and others): text, likewise |
+//! | `find` | the brick of a layer, `find`: for rays through octrees, or for cells drawn as boxes |
 //! | `part` | one of several layers in a segment: `show_part` |
 //! | `see` | all layers together: `see_all` |
 //! | `value` | the colour of an expression's value: `value_color` |
-//! | `expression` | the expression over what is read of the layers, `result_of`: text around the function that the expression gives |
+//! | `expression` | the expression over the values read from the layers, `result_of`: text around the expression's own function |
 //! | `seen` | the colours of a resolving pass: `seen` |
-//! | `eyes` | the pictures of eyes in one: `color_of_eyes` |
-//! | `written` | the colour as an application's texture takes it: `written` |
+//! | `eyes` | the pictures of both eyes in one: `color_of_eyes` |
+//! | `written` | a colour in the form of an application's texture: `written` |
 
 pub mod bindings;
 mod compose;
@@ -48,7 +48,7 @@ use compose::Parts;
 pub use joint::{ExpressionShader, FirstPlaces, JointVariant, LayerShader};
 pub use layout::{CellBrick, CellInstance, FrameUniform, HALVES_X, LEAF, MeshLook, MeshVertex, NO_RANGES, RayBrick};
 
-/// How a ray's samples become its pixel, and how the pixels of cells are blended where cells are drawn one by one.
+/// How a ray's samples become its pixel, and how the pixels of separately drawn cells are blended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Gather {
     /// Emission and absorption, of fog, isosurfaces or both. Cells blend *over* each other.
@@ -65,7 +65,7 @@ impl Gather {
     /// All four ways to gather.
     pub const ALL: [Self; 4] = [Self::Composite, Self::Project, Self::Average, Self::Isosurface];
 
-    /// Whether what is in front hides what is behind. Only then can rays say with how much light they entered a brick.
+    /// Whether the front hides the back. Only then can rays report the light with which they entered a brick.
     pub const fn occludes(self) -> bool {
         match self {
             Self::Composite | Self::Isosurface => true,
@@ -74,7 +74,7 @@ impl Gather {
     }
 }
 
-/// What [`Gather::Composite`] takes for the field along a segment.
+/// The field assumed by [`Gather::Composite`] along a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Curve {
     /// The value in the segment's middle, everywhere.
@@ -83,15 +83,14 @@ pub enum Curve {
     Line,
     /// A cubic curve through the values at the ends of the segment and of its neighbours.
     Cubic,
-    /// The field itself, read in the middle of each part. There are more parts where the values at the segment's ends
-    /// differ more.
+    /// The field itself, read in the middle of each part; more parts for a greater difference between the values at the segment's ends.
     Field,
 }
 
 /// How colours are lit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Light {
-    /// No light: colours are shown as they are.
+    /// No lighting: plain colours.
     Unlit,
     /// Phong's model: the reflection falls with the angle between the mirrored light and the eye.
     Phong,
@@ -101,10 +100,10 @@ pub enum Light {
     Tone,
 }
 
-/// How the field is made of voxels.
+/// How the field is interpolated from voxels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Filter {
-    /// The value of the voxel that a place is in. Gradients are those of the trilinear field.
+    /// The value of the nearest voxel. Gradients are those of the trilinear field.
     Nearest,
     /// Linear between the eight voxels around a place.
     Trilinear,
@@ -112,7 +111,7 @@ pub enum Filter {
     Tricubic,
 }
 
-/// How the field's gradient is found.
+/// How the field's gradient is computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Gradient {
     /// Central differences of the filtered field, a voxel to each side: 6 samples.
@@ -137,25 +136,25 @@ pub enum Surfaces {
 /// How the segments of a ray become media.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Medium {
-    /// What is taken for the field along a segment.
+    /// The assumed field along a segment.
     pub curve: Curve,
-    /// Number of virtual samples of a segment. [`Curve::Middle`] and [`Curve::Field`] do not use it.
+    /// Number of virtual samples in a segment; unused by [`Curve::Middle`] and [`Curve::Field`].
     pub parts: u32,
-    /// Whether virtual samples are pre-integrated: each is the mean of the transfer function over the values from one
-    /// end of its part of the segment to the other. [`Curve::Middle`] and [`Curve::Field`] do not use it.
+    /// Whether virtual samples are pre-integrated: each is the mean of the transfer function over the values from end to end of its part of the
+    /// segment. Unused by [`Curve::Middle`] and [`Curve::Field`].
     pub is_pre_integrated: bool,
-    /// How the colours of fog and surfaces are lit. Surfaces are lit by Blinn's model if the fog is unlit.
+    /// How the colours of fog and surfaces are lit. In unlit fog, surfaces are lit by Blinn's model.
     pub light: Light,
-    /// How the field's gradient is found.
+    /// How the field's gradient is computed.
     pub gradient: Gradient,
-    /// Whether there are isosurfaces, fog, or both.
+    /// Isosurfaces, fog, or both.
     pub surfaces: Surfaces,
-    /// Whether samples are classified by value and gradient magnitude, and not by value alone.
+    /// Whether samples are classified by value and gradient magnitude, rather than by value alone.
     pub has_grid: bool,
 }
 
 impl Medium {
-    /// Plain sampling: one sample in the middle of each segment, unlit, without surfaces. It has shaders of its own.
+    /// Plain sampling: one sample in the middle of each segment, unlit, without surfaces. It has its own shaders.
     pub const PLAIN: Self = Self {
         curve: Curve::Middle,
         parts: 1,
@@ -166,7 +165,7 @@ impl Medium {
         has_grid: false,
     };
 
-    /// How surfaces are lit: as the fog is, or by Blinn's model if the fog is unlit.
+    /// How surfaces are lit: like the fog, or by Blinn's model if the fog is unlit.
     fn surface_light(&self) -> Light {
         if self.light == Light::Unlit { Light::BlinnPhong } else { self.light }
     }
@@ -188,33 +187,33 @@ impl Medium {
     }
 }
 
-/// The variant of a march through one layer: everything that is decided when a pipeline is made.
+/// The variant of a march through one layer: everything decided at the creation of a pipeline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Variant {
     /// How samples become a pixel.
     pub gather: Gather,
-    /// Whether some voxels have no value. Such voxels are left out of what is filtered.
+    /// Whether some voxels have no value. The filter leaves these out.
     pub has_invalid: bool,
-    /// Whether values are labels, which are read at the nearest voxel, whatever the filter is.
+    /// Whether values are labels, read at the nearest voxel whatever the filter.
     pub is_labels: bool,
     /// Whether slots hold 32-bit floats instead of codes.
     pub is_float: bool,
-    /// Whether the transfer table lies over few of the codes that slots hold.
+    /// Whether the transfer table spans few of the codes in slots.
     pub is_narrow: bool,
-    /// How the field is made of voxels.
+    /// How the field is interpolated from voxels.
     pub filter: Filter,
-    /// How segments become media. It is [`Medium::PLAIN`] unless `gather` is [`Gather::Composite`].
+    /// How segments become media: [`Medium::PLAIN`] unless `gather` is [`Gather::Composite`].
     pub medium: Medium,
     /// Whether only a slab between layers of meshes is drawn.
     pub has_meshes: bool,
-    /// Whether the volume has another place in the scene than its store gives it.
+    /// Whether the scene places the volume elsewhere than its store.
     pub is_placed: bool,
-    /// Whether coarse bricks are read by the boxes of segments: they hold the extremes that [`Gather::Project`] shows.
+    /// Whether coarse bricks are read by the boxes of segments: they hold the extremes shown by [`Gather::Project`].
     pub keeps_extremes: bool,
 }
 
 impl Variant {
-    /// Whether the march looks at samples one by one, and not at segments from end to end.
+    /// Whether the march takes single samples instead of segments from end to end.
     const fn has_samples(&self) -> bool {
         !matches!(self.gather, Gather::Isosurface) && self.is_plain()
     }
@@ -225,11 +224,10 @@ impl Variant {
     }
 }
 
-/// The mark of a brick that a ray has entered with all its light. Marks are transmittances times `MARK_STEPS`, rounded
-/// up.
+/// The mark of a brick entered by a ray with all its light. Marks are transmittances times `MARK_STEPS`, rounded up.
 pub const MARK_STEPS: u32 = 255;
 
-/// WGSL source of the `sorted` compositor's march through one layer. Its entry points are `proxy` and `march`.
+/// WGSL source of the `sorted` compositor's march through one layer, with entry points `proxy` and `march`.
 pub fn sorted(variant: &Variant) -> String {
     let march = match variant.gather {
         _ if variant.has_samples() => "march_samples",
@@ -239,13 +237,13 @@ pub fn sorted(variant: &Variant) -> String {
     variant.parts().compose(&[march])
 }
 
-/// The kind of shader that casts rays.
+/// The kind of shader for ray casting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// A fragment shader: entry points `fullscreen` and `raycast`.
     Fragment,
-    /// A compute shader: entry point `raycast`, in workgroups of [`WORKGROUP_PX`] squared pixels. The text is WGSL's
-    /// name of the format of the texels that it writes.
+    /// A compute shader: entry point `raycast`, in workgroups of [`WORKGROUP_PX`] squared pixels. The text is WGSL's name of the written texel
+    /// format.
     Compute(&'static str),
 }
 
@@ -257,7 +255,7 @@ impl Stage {
         }
     }
 
-    /// Adds the part `texels`, the texture that a compute shader writes. A fragment shader needs no such part.
+    /// Adds the part `texels`, the texture written by a compute shader. Fragment shaders need no such part.
     fn part(self, parts: Parts) -> Parts {
         match self {
             Self::Fragment => parts,
@@ -271,9 +269,8 @@ impl Stage {
 /// Pixels along the edge of a compute shader's workgroup.
 pub const WORKGROUP_PX: u32 = 8;
 
-/// WGSL source of a shader that casts a ray for each pixel through one layer. The [stage](Stage) says what its entry
-/// points are. With `marks`, rays of [`Gather::Composite`] and [`Gather::Isosurface`] write into [`bindings::MARKS`]
-/// with how much light they entered each brick.
+/// WGSL source of a shader that casts a ray for each pixel through one layer. Its [stage](Stage) gives the entry points. With `marks`, rays of
+/// [`Gather::Composite`] and [`Gather::Isosurface`] write the light with which they entered each brick to [`bindings::MARKS`].
 pub fn raycast(variant: &Variant, stage: Stage, marks: bool) -> String {
     let sees = match variant.gather {
         Gather::Composite if variant.medium.surfaces != Surfaces::None => "sees_surfaces",
@@ -292,20 +289,19 @@ pub fn raycast(variant: &Variant, stage: Stage, marks: bool) -> String {
     stage.part(parts).compose(&[stage.root()])
 }
 
-/// WGSL source of a shader that casts a ray for each pixel through several layers at once. The [stage](Stage) says what
-/// its entry points are. With `marks`, rays write into [`bindings::MARKS`] with how much light they entered each brick.
+/// WGSL source of a shader that casts a ray for each pixel through several layers at once. Its [stage](Stage) gives the entry points. With
+/// `marks`, rays write the light with which they entered each brick to [`bindings::MARKS`].
 pub fn raycast_joint(variant: &JointVariant, stage: Stage, marks: bool) -> String {
     variant.casting(stage, marks).compose(&[stage.root()])
 }
 
-/// WGSL source of the `sorted` compositor's march through several layers at once that share their grid. Its entry
-/// points are `proxy` and `march`.
+/// WGSL source of the `sorted` compositor's march through several layers at once with a common grid, with entry points `proxy` and `march`.
 pub fn sorted_joint(variant: &JointVariant) -> String {
     variant.parts().file("find", "find_cell").compose(&["march_joint"])
 }
 
 impl JointVariant {
-    /// The parts of a shader that casts rays through these layers.
+    /// The parts of a ray-casting shader for these layers.
     fn casting(&self, stage: Stage, marks: bool) -> Parts {
         let feedback = if marks { "mark" } else { "mark_none" };
         stage.part(self.parts().file("cast", "cast_joint").file("find", "find_leaf").file("feedback", feedback))
@@ -317,7 +313,7 @@ impl Variant {
         Sampler::of(self.has_invalid, self.is_float || self.is_narrow, self.is_labels)
     }
 
-    /// The parts that all marches through one layer share: the layer's context, and what its samples add up to.
+    /// The parts common to all marches through one layer: the layer's context, and the sum of its samples.
     fn parts(&self) -> Parts {
         let pixel = match self.gather {
             Gather::Composite if self.is_plain() => "composite",
@@ -343,7 +339,7 @@ impl Variant {
             .file("take", take)
     }
 
-    /// The part `context` of a layer that is alone: constants.
+    /// The part `context` of a single layer: constants.
     fn context(&self) -> String {
         let Self { has_invalid, is_labels, is_float, filter, .. } = *self;
         let firsts = ["NODE", "BRICK", "RANGE", "PLACE", "COUNT"];
@@ -358,11 +354,10 @@ impl Variant {
     }
 }
 
-/// The part `context` of passes that read no layer's bricks.
+/// The part `context` of passes that read no bricks.
 const NO_LAYER: &str = "const LAYERS: u32 = 1u;\nconst layer: u32 = 0u;\nconst FIRST_PLACE: u32 = 0u;\n";
 
-/// The least distance, in texels, that a sample has to keep from the faces of its slot, so that its filter touches
-/// nothing outside of the slot.
+/// The least distance, in texels, between a sample and the faces of its slot at which the filter touches nothing outside the slot.
 fn margin(filter: Filter) -> f32 {
     match filter {
         Filter::Nearest | Filter::Trilinear => 0.5,
@@ -370,7 +365,7 @@ fn margin(filter: Filter) -> f32 {
     }
 }
 
-/// How far segments' boxes reach beyond them, in voxels of level 0.
+/// The reach of segments' boxes beyond them, in voxels of level 0.
 fn box_reach(filter: Filter) -> f32 {
     match filter {
         Filter::Nearest => 0.0,
@@ -403,7 +398,7 @@ pub(crate) enum Sampler {
 impl Sampler {
     const ALL: [Self; 3] = [Self::Full, Self::Voxels, Self::Label];
 
-    /// How an atlas is sampled some of whose voxels may have no value, or whose numbers no hardware filters exactly enough, or that has labels.
+    /// The sampling of an atlas with missing values, with numbers too exact for hardware filters, or with labels.
     fn of(has_invalid: bool, is_exact: bool, is_labels: bool) -> Self {
         match is_exact || has_invalid {
             _ if is_labels => Self::Label,
@@ -412,7 +407,7 @@ impl Sampler {
         }
     }
 
-    /// The names of the files that sample by a filter.
+    /// The names of a filter's files.
     fn files(self, filter: Filter) -> &'static str {
         match (self, filter) {
             (Self::Full, Filter::Nearest) => "sample sample_nearest",
@@ -425,7 +420,7 @@ impl Sampler {
         }
     }
 
-    /// The function that gives the field's values.
+    /// The function for the field's values.
     fn function(self, filter: Filter) -> &'static str {
         match (self, filter) {
             (Self::Voxels, Filter::Nearest) => "sample_nearest_voxel",
@@ -434,7 +429,7 @@ impl Sampler {
         }
     }
 
-    /// What reads of segments' boxes need: how far those reach beyond the segments, in voxels of level 0, and the value of a texel by its place.
+    /// Text for reads by segments' boxes: their reach beyond the segments, in voxels of level 0, and the value of a texel by its place.
     fn boxes(self, filter: Filter) -> String {
         let nearest = if self == Self::Voxels { "sample_nearest_voxel" } else { "sample_nearest" };
         format!(
@@ -444,7 +439,7 @@ impl Sampler {
         )
     }
 
-    /// The function that gives the values of the field whose gradients are taken. Labels have none of those.
+    /// The function for the values of the field whose gradients are taken. Labels have no gradients.
     fn smooth_function(self) -> &'static str {
         match self {
             Self::Full => "sample_full",
@@ -454,32 +449,31 @@ impl Sampler {
     }
 }
 
-/// What a resolving pass makes its colours of.
+/// The source of a resolving pass's colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Seen {
-    /// Samples that have been gathered in this way.
+    /// Samples gathered in this way.
     Gathered(Gather),
-    /// The picture that has been composed of all slabs between layers of meshes.
+    /// The picture composed of all slabs between layers of meshes.
     Slabs,
     /// The sums of the projections of several layers.
     Joined,
 }
 
-/// What a resolving pass draws.
+/// The output of a resolving pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Shown {
     /// Display colours, over the background.
     Picture,
     /// Colours of a slab between layers of meshes, over the layer behind it.
     Slab,
-    /// A layer's part of the sums of joined projections. There are two targets: one for what mixes, one for what adds.
+    /// A layer's part of the sums of joined projections. There are two targets, for mixing and for adding layers.
     Sums,
-    /// A layer that lies over the others, in the targets of [`Shown::Sums`]: what adds is dimmed by it, and covered.
+    /// A layer over the others, in the targets of [`Shown::Sums`]: it dims and covers the adding layers.
     Over,
 }
 
-/// WGSL source of a resolving pass, which makes colours of what was gathered. Its entry points are `fullscreen` and
-/// `resolve`.
+/// WGSL source of a resolving pass, which turns gathered samples into colours, with entry points `fullscreen` and `resolve`.
 pub fn resolve(seen: Seen, shown: Shown) -> String {
     let seen = match seen {
         Seen::Gathered(Gather::Composite | Gather::Isosurface) | Seen::Slabs => "resolve_composite",
@@ -496,10 +490,10 @@ pub fn resolve(seen: Seen, shown: Shown) -> String {
     Parts::new().text("context", NO_LAYER.into()).file("seen", seen).compose(&[resolve])
 }
 
-/// How the pictures of eyes share one picture.
+/// Arrangement of the eyes' pictures in one picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Eyes {
-    /// There is one eye, and its picture is shown as it is.
+    /// One eye: its picture as it is.
     One,
     /// The left eye's picture in the left half, the right eye's in the right.
     SideBySide,
@@ -507,12 +501,12 @@ pub enum Eyes {
     TopBottom,
     /// One picture for red-cyan glasses, with the red glass before the left eye.
     Anaglyph,
-    /// Rows 0, 2, 4... from the top are the left eye's, the others the right eye's.
+    /// Rows 0, 2, 4... from the top for the left eye, the others for the right eye.
     Interlaced,
 }
 
 impl Eyes {
-    /// All five ways for the pictures of eyes to share one.
+    /// All five arrangements.
     pub const ALL: [Self; 5] = [Self::One, Self::SideBySide, Self::TopBottom, Self::Anaglyph, Self::Interlaced];
 
     fn file(self) -> &'static str {
@@ -526,9 +520,8 @@ impl Eyes {
     }
 }
 
-/// WGSL source of the pass that puts a finished picture on an application's texture. With `encodes`, the texture
-/// encodes light, as sRGB formats do, and the pass writes light; else it writes the colours' codes as they are. Its
-/// entry points are `stretched` and `blit`.
+/// WGSL source of the pass that puts a finished picture on an application's texture, with entry points `stretched` and `blit`. With `encodes`,
+/// the texture encodes light, as sRGB formats do, and the pass writes light; else it writes the colours' codes as they are.
 pub fn blit(eyes: Eyes, encodes: bool) -> String {
     blit_parts(eyes, encodes).compose(&["blit"])
 }
@@ -537,7 +530,7 @@ fn blit_parts(eyes: Eyes, encodes: bool) -> Parts {
     Parts::new().file("eyes", eyes.file()).file("written", if encodes { "written_light" } else { "written_codes" })
 }
 
-/// WGSL source of the pass that finds the next layer of meshes. Its entry points are `corner` and `peel`.
+/// WGSL source of the pass over the next layer of meshes, with entry points `corner` and `peel`.
 pub fn peel() -> String {
     Parts::new().text("context", NO_LAYER.into()).compose(&["peel"])
 }
@@ -578,7 +571,7 @@ mod tests {
         all
     }
 
-    /// The variant of trilinear codes that all have a value, in the layer's own world and without meshes.
+    /// The variant of trilinear codes without missing values, in the layer's own world and without meshes.
     fn plain(gather: Gather, medium: Medium) -> Variant {
         Variant {
             gather,
@@ -652,8 +645,7 @@ mod tests {
         }
     }
 
-    /// Shaders of one layer and of three layers at once, in which all media are of this kind; each behind a name for
-    /// messages.
+    /// Shaders of one layer and of three layers at once, all with media of this kind; each behind a name for messages.
     fn joint(medium: Medium) -> Vec<(String, String)> {
         let mut all = Vec::new();
         for (count, filter) in [(1, Filter::Tricubic), (3, Filter::Nearest), (3, Filter::Trilinear)] {
@@ -668,8 +660,7 @@ mod tests {
         all
     }
 
-    /// Shaders of as many layers as there can be, and of expressions over one, two and all layers; each behind a name
-    /// for messages.
+    /// Shaders of the most layers, and of expressions over one, two and all layers; each behind a name for messages.
     fn joint_expressions() -> Vec<(String, String)> {
         let of = |count: u32, expression: Option<(Light, ExpressionShader)>| {
             let fog = Medium { curve: Curve::Cubic, light: Light::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN };
@@ -698,7 +689,7 @@ mod tests {
         assert_eq!(bindings::FIRST_GRADIENTS, bindings::FIRST_ATLAS + brickyard_volume::MAX_VOLUMES as u32);
     }
 
-    /// Every WGSL file is valid with the parts of some variant and nothing but what it imports.
+    /// Every WGSL file is valid with the parts of some variant and only its own imports.
     #[test]
     fn every_file_is_valid_by_itself() {
         use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -759,7 +750,7 @@ mod tests {
         naga::front::wgsl::parse_str(source).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(source)))
     }
 
-    /// Each is parsed once for all that is asked of it: that is most of the time.
+    /// Each source is parsed once for all checks: parsing takes most of the time.
     #[test]
     fn every_variant_is_valid_and_its_structs_are_those_of_their_twins() {
         use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -796,7 +787,7 @@ mod tests {
         }
     }
 
-    /// The members of a struct of WGSL, each as (name, offset in bytes), and the struct's size in bytes.
+    /// The members of a WGSL struct, each as (name, offset in bytes), and the struct's size in bytes.
     fn layout(module: &Module, name: &str) -> (Vec<(String, usize)>, usize) {
         for (_, ty) in module.types.iter() {
             if let (Some(n), TypeInner::Struct { members, span }) = (&ty.name, &ty.inner)

@@ -1,5 +1,5 @@
-//! Cut faces: just behind a clip plane or a side of the clip box the cut's normal lights, not the gradient of what it lays open, and isosurfaces
-//! that it opens are capped.
+//! Cut faces: just behind a clip plane or a side of the clip box the cut's normal lights instead of the opened field's gradient, and opened
+//! isosurfaces are capped.
 
 use crate::list::finest;
 use crate::scenery::{
@@ -15,7 +15,7 @@ fn noisy() -> Volume {
     Volume::new(SMALL, 16, uneven(), u8_codes(), |p| (40.0 + 170.0 * noise(p)).round())
 }
 
-/// A place of a volume in the world, in shares of its box.
+/// A world position in a volume, in shares of its box.
 fn at(volume: &Volume, share: DVec3) -> DVec3 {
     let (low, high) = volume.geometry.world_box(volume.pyramid.levels()[0].extent);
     low + (high - low) * share
@@ -25,7 +25,7 @@ fn cut(volume: &Volume, share: f64, normal: DVec3) -> ClipPlane {
     ClipPlane { point: at(volume, DVec3::splat(share)), normal }
 }
 
-/// Opaque noise of one colour, cut askew: every pixel has the colour of a plane, whatever the noise is.
+/// Opaque noise of one colour, cut askew: every pixel has a plane's colour, whatever the noise.
 #[test]
 fn a_cut_through_opaque_noise_is_lit_as_a_plane() {
     let volume = noisy();
@@ -52,7 +52,7 @@ fn a_cut_through_opaque_noise_is_lit_as_a_plane() {
             let shot = Shot::new(&frame, finest(&volume, &frame), &transfer);
             let color = |x: u32, y: u32| {
                 let ray = rays.ray(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                // The place is where the first sample is, at most 0.2 behind the cut: no lamp is so near that it matters.
+                // The place of the first sample, at most 0.2 behind the cut: no lamp is near enough for this to matter.
                 let point =
                     if face == normal { at(&volume, DVec3::splat(0.5)) } else { at(&volume, DVec3::splat(0.6)) };
                 let place =
@@ -68,7 +68,7 @@ fn a_cut_through_opaque_noise_is_lit_as_a_plane() {
     }
 }
 
-/// In noise that is seen through, where normals of cut and field mix.
+/// Translucent noise, where normals of cut and field mix.
 #[test]
 fn cuts_through_noise_match_the_oracle() {
     let volume = noisy();
@@ -95,13 +95,13 @@ fn cuts_through_noise_match_the_oracle() {
             };
             let shot = Shot::new(&frame, finest(&volume, &frame), &transfer);
             let ways = if lighting == 1 + i % 2 { &MOST[..] } else { &MOST[..1] };
-            // Where a ray enters by an edge, rounding decides which of two faces it is.
+            // A ray that enters by an edge has one of two faces, by rounding.
             shot.agree(&mut stage, ways, 1, &format!("{method:?}, lighting {lighting}, cut {}", i / 4));
         }
     }
 }
 
-/// Caps of one opaque surface and of several translucent ones, alone and in fog, in bricks that lie wholly inside of surfaces and in others.
+/// Caps of one opaque surface and of several translucent ones, alone and in fog, in bricks wholly inside surfaces and others.
 #[test]
 fn caps_match_the_oracle() {
     let of = |encoding: SlotEncoding| {
@@ -155,7 +155,7 @@ fn caps_match_the_oracle() {
             };
             let shot = |caps| Shot::new(&frame(caps), finest(volume, &frame(caps)), &transfer);
             let what = format!("{mode:?}, {} surfaces, cut {}, {:?}", surfaces.len(), i / 5, encoding.voxel_type);
-            // Rays that graze a surface, and those that enter by an edge of two cuts.
+            // Rays that graze a surface, or enter by an edge of two cuts.
             shot(true).agree(&mut stage, &MOST, 3, &what);
             let open = shot(false).oracle(&[volume]);
             let capped = pixels_off(&open, &shot(true).oracle(&[volume]));
@@ -164,7 +164,7 @@ fn caps_match_the_oracle() {
     }
 }
 
-/// A cut that lies behind the eye lights nothing, wherever the lattice begins.
+/// A cut behind the eye lights nothing, wherever the lattice begins.
 #[test]
 fn a_cut_behind_the_eye_does_not_light() {
     let volume = Volume::new(SMALL, 16, Geometry::default(), u8_codes(), |p| 90.0 + 2.0 * p.x + p.y);
@@ -195,7 +195,7 @@ fn a_cut_behind_the_eye_does_not_light() {
     }
 }
 
-/// By segments of several voxels, of which the cut leaves a part: its middle is what is lit.
+/// Segments of several voxels, partly cut off: the rest is lit at its middle.
 #[test]
 fn expressions_behind_a_cut_are_lit_where_they_are_seen() {
     let volume = noisy();
@@ -223,8 +223,8 @@ fn expressions_behind_a_cut_are_lit_where_they_are_seen() {
     }
 }
 
-/// Two layers that overlap, cut by one plane, the second one on a grid of its own: what begins on the cut is at one distance, whatever rounding
-/// makes of it. Of two caps the first layer's is seen, and a cap before opaque fog of either layer.
+/// Two overlapping layers, cut by one plane, the second on its own grid: everything begins on the cut at one distance, despite rounding. Of two
+/// caps the first layer's is seen, and a cap comes before opaque fog of either layer.
 #[test]
 fn caps_are_in_the_order_of_layers_and_before_fog() {
     let ball = |centre: DVec3| {
@@ -241,7 +241,7 @@ fn caps_are_in_the_order_of_layers_and_before_fog() {
     let turned = Placement::from_text("0.985 -0.174 0 4.5  0.174 0.985 0 -3.8  0 0 1 0").expect("a map");
     let plane = ClipPlane { point: middle - 0.5, normal: DVec3::new(0.3, 1.0, -0.2) };
     let rays = look(middle + DVec3::new(-6.0, -70.0, 20.0), middle, 30.0).rays(44, 36).expect("a camera");
-    // Which layer is opaque fog, and from which a pixel of the middle row is.
+    // The layer of opaque fog, and the layer seen in the middle row.
     for (opaque, seen) in [(None, 0), (Some(0), 1), (Some(1), 0)] {
         let transfers = [0, 1].map(|i| fog(colors[i], if opaque == Some(i) { 1.0 } else { 0.0 }));
         let frame = |i: usize| {

@@ -1,4 +1,4 @@
-//! Fog where what has to come out is known without an oracle, or follows from how often each part of a ray is taken.
+//! Fog with a result known without an oracle, or determined by the number of times each part of a ray is taken.
 
 use crate::list::{OWN, finest, list};
 use crate::scenery::{constant, look, u8_codes, vivid};
@@ -16,14 +16,14 @@ fn cube(n: u32, edge: u32, code: f64) -> Volume {
     Volume::new([n; 3], edge, Geometry::default(), u8_codes(), move |_| code)
 }
 
-/// Where a ray goes through a volume's box; the other way round if it does not.
+/// A ray's stretch in a volume's box; reversed if it misses.
 fn stretch(volume: &Volume, ray: &Ray) -> [f64; 2] {
     let (low, high) = volume.geometry.world_box(volume.pyramid.levels()[0].extent);
     let (a, b) = ((low - ray.origin) / ray.direction, (high - ray.origin) / ray.direction);
     [a.min(b).max_element().max(0.0), a.max(b).min_element()]
 }
 
-/// What a constant medium of a coloured fog shows, pixel by pixel.
+/// The picture of a coloured fog of constant medium.
 fn beer_lambert(volume: &Volume, frame: &FrameSettings, transfer: &TransferFunction) -> Picture {
     let ([_, alpha], [_, r, g, b]) = (transfer.opacity[0], transfer.color[0]);
     let ViewRays { width, height, .. } = frame.rays;
@@ -38,7 +38,7 @@ fn beer_lambert(volume: &Volume, frame: &FrameSettings, transfer: &TransferFunct
 
 #[test]
 fn a_constant_medium_is_beer_lambert_whatever_steps_and_bricks() {
-    // Thin enough that alpha per step is far below 1/255, and thick; 2,197 cells are more than one submission of `sorted`.
+    // Thin, with alpha per step far below 1/255, and thick; 2,197 cells are more than one submission of `sorted`.
     let (large, small) = (&[0.31, 1.0, 2.7][..], &[0.23, 1.0, 3.7, 40.0, 1000.0][..]);
     for (n, edge, alpha, steps) in [
         (104, 32, 0.0025, large),
@@ -72,7 +72,7 @@ fn a_constant_medium_is_beer_lambert_whatever_steps_and_bricks() {
 fn turning_the_camera_about_a_symmetric_volume_turns_the_picture() {
     let n = 40;
     let centre = DVec3::splat(n as f64 * 0.5);
-    // Unchanged by a quarter turn about z, and different along x and the diagonals.
+    // Unchanged by a quarter turn about z, but different along x and the diagonals.
     let value = |p: DVec3| {
         let q = p - centre;
         let wave = (q.x * 0.5).cos() + (q.y * 0.5).cos() + 0.2 * (q.x * q.x * q.y * q.y * 0.001).sin();
@@ -92,7 +92,8 @@ fn turning_the_camera_about_a_symmetric_volume_turns_the_picture() {
         let mut other = |x, y, z, up| render(x, y, z, up).expect("an adapter");
         assert_close(&front, &other(-13.0, 61.0, 22.0, DVec3::Z), 0, &format!("orbit, {way:?}"));
         assert!(front.difference(&other(13.0, 61.0, 22.0, DVec3::Z)).max > 20, "the view must matter");
-        // From above, rolling the camera by a quarter turn leaves the picture, which turns with the volume; tilted, it turns.
+        // From above, a camera rolled by a quarter turn sees the same picture, which turns with the volume; from aside, the
+        // picture turns.
         let [upright, rolled] = [DVec3::Y, DVec3::X].map(|up| other(5.0, 3.0, 70.0, up));
         let [a, b] =
             [DVec3::Y, DVec3::X].map(|up| camera(DVec3::new(5.0, 3.0, 70.0), up).rays(48, 48).expect("a camera"));
@@ -105,13 +106,13 @@ fn turning_the_camera_about_a_symmetric_volume_turns_the_picture() {
     }
 }
 
-/// Whether a pixel's ray runs along an edge of the volume, so that rounding alone decides whether they meet.
+/// Whether a pixel's ray runs along an edge of the volume, where rounding alone decides on a hit.
 fn grazes(frame: &FrameSettings, volume: &Volume, x: u32, y: u32) -> bool {
     let [near, far] = stretch(volume, &frame.rays.ray(x as f64 + 0.5, y as f64 + 0.5));
     (far - near).abs() < 1e-9
 }
 
-/// A medium where every sample weighs the same: a gap or a double anywhere changes the colour.
+/// A medium with equal weight for all samples: any gap or double changes the colour.
 #[test]
 fn cells_partition_every_ray() {
     let volume = Volume::new([24, 17, 31], 8, Geometry::default(), u8_codes(), |_| 128.0);

@@ -1,4 +1,4 @@
-//! Jittered and moved lattices, and rays beside pixels' centres: the same samples as the oracle's, and about the truth.
+//! Jittered and shifted lattices, and rays beside pixels' centres: the oracle's samples, close to the truth.
 
 use crate::list::finest;
 use crate::scenery::{SMALL, lightings, overview, tinted, wavy};
@@ -24,8 +24,8 @@ fn jittered_pictures_match_the_oracle_in_bricks_of_any_size() {
         (Mode::Average, Method::Udvr, 0),
         (Mode::Isosurface, Method::Udvr, 0),
     ] {
-        // In one zone, and with zones that start amid the volume. Segments longer than a voxel reach out of bricks' aprons where their ends
-        // are looked at.
+        // In one zone, and with zones that start inside the volume. Segments longer than a voxel reach out of bricks' aprons if their ends
+        // are sampled.
         let is_in_the_middle = mode != Mode::Isosurface && method == Method::Udvr;
         let (step, finest, levels) = if is_in_the_middle { (1.7, 0.9, 3) } else { (0.6, 0.3, 2) };
         for lattice in [Lattice::uniform(step, 0), Lattice::for_view(finest, 1.0, &rays, 0.25, levels)] {
@@ -56,7 +56,7 @@ fn jittered_pictures_match_the_oracle_in_bricks_of_any_size() {
         let still =
             FrameSettings { sampling: Sampling { jitter: Jitter::None, ..frame.sampling }, lattice, ..frame.clone() };
         let still = Shot::new(&still, finest(&volumes[0], &still), &transfer).render(&mut stages[0], CPU);
-        // A surface is found where it is, wherever the ends of segments are.
+        // Surfaces are found in place, wherever segments end.
         assert!(frame.mode == Mode::Isosurface || still != Some(expected), "{what} moves the lattice");
     }
 }
@@ -83,7 +83,7 @@ fn jittered_pictures_scatter_about_the_truth() {
         let mean: Vec<f64> = (0..truth.len()).map(mean).collect();
         (rms(&pictures[0]), rms(&mean))
     });
-    // What a mean has wrong is what opacity makes of scatter: it goes with the square of the step, down to the rounding of the truth.
+    // A mean's error comes from opacity's effect on scatter: it falls with the square of the step, down to the rounding of the truth.
     assert!(errors.iter().all(|(one, mean)| mean < one), "{errors:?}");
     assert!(errors[0].0 > 2.0 && errors[1].1 < 0.7 * errors[0].1 && errors[2].1 < 0.5, "{errors:?}");
 }

@@ -1,5 +1,5 @@
-//! Layers in one picture, where what has to come out is known without an oracle: one layer through the shaders of several, halves of
-//! one, sums of projections, in any order.
+//! Joined layers with a result known without an oracle: one layer through the shaders of several, halves of one, sums of
+//! projections, in any order.
 
 use crate::list::finest;
 use crate::scenery::{look, scaled, u8_codes, waves};
@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 const EXTENT: [u32; 3] = [35, 29, 37];
 
-/// Two volumes of one grid.
+/// Two volumes on one grid.
 fn pair() -> [Volume; 2] {
     let of = |field: &dyn Fn(DVec3) -> f64| {
         Volume::new(EXTENT, 16, Geometry::default(), u8_codes(), scaled(u8_codes(), field))
@@ -42,7 +42,7 @@ fn frame(volume: &Volume, transfer: &TransferFunction) -> FrameSettings {
     volume.frame(rays, transfer, Lattice::uniform(0.7, 0))
 }
 
-/// As good as where it was, but no longer in its own world: what the shaders of several layers are for.
+/// Practically in place, but outside its own world: the case for the shaders of several layers.
 fn a_hair_away() -> Placement {
     Placement::from_text("1 0 0 1e-9  0 1 0 0  0 0 1 0").expect("a map")
 }
@@ -51,26 +51,26 @@ fn mixed(settings: &FrameSettings) -> VolumeFrame {
     VolumeFrame { settings: settings.clone(), blend: Blend::Mix, opacity: 1.0 }
 }
 
-/// A stage with room for all of this.
+/// A stage with room for all these cases.
 fn stage<'a>(volumes: &[&'a Volume]) -> Stage<'a> {
     let has_all = Needs { apron: 4, gradient_layers: 2, is_pre_integrated: true, has_grid: true, ..Needs::PLAIN };
     Stage::with_room(volumes, [Needs { meshes: MeshCapacity::of([&*slanted_wall().mesh]), ..has_all }])
 }
 
-/// A picture of all bricks; `None` where there is no adapter.
+/// A picture of all bricks; `None` without an adapter.
 fn render(stage: &mut Stage<'_>, way: Way, frames: &[VolumeFrame]) -> Option<Picture> {
     let lists = stage.volumes.iter().zip(frames).map(|(volume, frame)| finest(volume, &frame.settings)).collect();
     Shot { frames: frames.to_vec(), lists, transfers: Vec::new(), combination: None, is_apart: false }
         .render(stage, way)
 }
 
-/// What is left of the light in the cells of the last picture of such frames.
+/// The light left in the cells of the last picture of such frames.
 fn marks(stage: &mut Stage<'_>, way: Way, frame: &FrameSettings) -> Vec<f32> {
     let renderer = stage.renderer(way, &frame.needs());
     renderer.and_then(|renderer| renderer.visibility(0).map(<[f32]>::to_vec)).unwrap_or_default()
 }
 
-/// All ways in which a frame of fog and surfaces can differ, a few at a time.
+/// Frames of fog and surfaces in all their variety, a few differences at a time.
 fn variety(volume: &Volume) -> Vec<FrameSettings> {
     let plain = frame(volume, &transfer(0.1));
     let lit = Lighting {
@@ -122,7 +122,7 @@ fn one_layer_is_the_same_through_the_shaders_of_several() {
             assert_close(&away, &alone, 0, &what);
             let away = marks(&mut stage, way, settings);
             assert!(seen.len() == away.len() && seen.is_empty() == (way == SORTED), "{what}: {} marks", seen.len());
-            // Rays that graze a brick may find it empty by the one way and pass it by the other.
+            // Rays that graze a brick may find it empty by one way and miss it by the other.
             let off = seen.iter().zip(&away).filter(|(a, b)| (*a - *b).abs() > 0.05).count();
             assert!(off <= 2, "{what}: {off} marks");
         }
@@ -146,7 +146,7 @@ fn two_halves_are_a_whole() {
     }
 }
 
-/// With surfaces in one of two layers, of which the other one is turned.
+/// With surfaces in one of two layers, and the other turned.
 #[test]
 fn the_order_of_layers_does_not_show() {
     let [first, second] = pair();
@@ -209,7 +209,7 @@ fn projections_are_joined_by_all() {
     }
 }
 
-/// One projection that is half there, and one in front of a wall.
+/// One projection at half opacity, and one in front of a wall.
 #[test]
 fn a_projection_may_be_half_there() {
     let [volume, _] = pair();

@@ -1,4 +1,4 @@
-//! Several layers in one picture: of unlike grids, types, levels and places, with crops, clips and both ways to blend; the channels of one
+//! Several layers in one picture: of different grids, types, levels and places, with crops, clips and both blends; the channels of one
 //! image; and expressions over them.
 
 use crate::list::{Entry, OWN, list};
@@ -12,19 +12,19 @@ use brickyard::volume::*;
 use brickyard_tests::sample::sampled;
 use glam::DVec3;
 
-/// A volume, where it is and how it looks.
+/// A volume, its place and its look.
 struct Member {
     volume: Volume,
     placement: Placement,
     transfer: TransferFunction,
     blend: Blend,
     crop: Option<[DVec3; 2]>,
-    /// Its isosurfaces, where pictures have some.
+    /// Its isosurfaces, in pictures with surfaces.
     surfaces: Vec<Isosurface>,
 }
 
 impl Member {
-    /// One that mixes, in its own world.
+    /// A mixing member in its own world.
     fn new(volume: Volume, rgb: [[f64; 3]; 2], alpha: f64) -> Self {
         let transfer = ramp((volume.encoding.low, volume.encoding.high), rgb, alpha);
         let (placement, crop, surfaces) = (Placement::default(), None, Vec::new());
@@ -55,7 +55,7 @@ fn float_codes() -> SlotEncoding {
     SlotEncoding::new(VoxelType::F32, (-1.0, 1.0), true)
 }
 
-/// Three volumes: 8 bits where its store says, 16 bits turned, leaning and stretched, floats with holes that adds light.
+/// Three volumes: 8 bits at its store's place; 16 bits turned, sheared and stretched; and floats with holes, which adds light.
 fn members() -> [Member; 3] {
     let u16_codes = SlotEncoding::new(VoxelType::U16, (0.0, 65535.0), false);
     let geometry =
@@ -81,7 +81,7 @@ fn members() -> [Member; 3] {
     ]
 }
 
-/// Channels of one image, of which two share slots; the second one has nothing where x is below 20.
+/// Channels of one image, two of them in shared slots; the second is empty below x = 20.
 fn channels() -> [Member; 3] {
     let geometry = Geometry { spacing: DVec3::new(1.0, 0.9, 1.1), origin: DVec3::new(1.0, -2.0, 0.0), unit: None };
     let right = |p: DVec3| if p.x < 20.0 { 0.0 } else { 255.0 * waves(DVec3::new(p.y, p.z, p.x) * 1.1) };
@@ -100,15 +100,15 @@ fn channels() -> [Member; 3] {
     ]
 }
 
-/// Whence and how finely members are seen.
+/// View and resolution of members.
 #[derive(Clone, Copy)]
 struct View<'a> {
     camera: Camera,
     step: f64,
-    /// Zones begin where pixels are so many voxels.
+    /// Voxels per pixel at which zones begin.
     pixel_error: f64,
     filter: Filter,
-    /// The scene's.
+    /// The scene's clip.
     clip: Option<&'a Clip>,
 }
 
@@ -119,7 +119,7 @@ fn frames(members: &[Member], view: &View<'_>, look: &Look) -> Vec<VolumeFrame> 
         let Member { volume, placement, transfer, blend, crop, surfaces } = member;
         let shown = if look.has_surfaces { &surfaces[..] } else { &[] };
         let transfer = &look.transfer(transfer, &volume.encoding);
-        // Segments longer than a voxel reach out of bricks' aprons where methods look at their ends.
+        // Segments longer than a voxel reach out of bricks' aprons if a method samples their ends.
         let step = if look.sampling.method == Method::Udvr { view.step } else { f64::min(view.step, 0.4) };
         let settings = FrameSettings {
             placement: *placement,
@@ -137,10 +137,10 @@ fn frames(members: &[Member], view: &View<'_>, look: &Look) -> Vec<VolumeFrame> 
     members.iter().map(frame).collect()
 }
 
-/// Which cells are not split, and how a member's are drawn.
+/// The predicate for unsplit cells, and each member's entries in a cell.
 type Cells<'a> = (&'a dyn Fn(BrickId) -> bool, &'a dyn Fn(usize, BrickId) -> Vec<Entry>);
 
-/// Whether a brick of level 1 is drawn as it is, and not its children.
+/// Whether a brick of level 1 is drawn itself instead of its children.
 fn is_coarse(id: BrickId) -> bool {
     id.level == Level(1) && id.index.to_array().iter().sum::<u32>() % 3 == 1
 }
@@ -150,7 +150,7 @@ fn own(_: usize, _: BrickId) -> Vec<Entry> {
     vec![OWN]
 }
 
-/// How channels are drawn in a cell: some with a coarser brick, some with one that fades in; no two of them alike.
+/// A channel's entries in a cell: some with a coarser brick, some with a fading one; all channels differ.
 fn entries(channel: usize, cell: BrickId) -> Vec<Entry> {
     let share = [20, 33, 50][channel];
     let [x, y, z] = cell.index.to_array();
@@ -183,13 +183,13 @@ fn volumes(members: &[Member]) -> Vec<&Volume> {
     members.iter().map(|member| &member.volume).collect()
 }
 
-/// How many pixels of a look may be off: rays that graze a surface pass it or do not as is rounded; stored gradients are half floats, and
-/// where they all but cancel out, rounding decides where they point.
+/// The number of pixels of a look that may be off: rounding decides whether a grazing ray passes a surface; stored gradients are half
+/// floats, and where they nearly cancel, rounding decides their direction.
 fn allowed(look: &Look) -> usize {
     2 * look.has_surfaces as usize + if look.lighting.gradient == Gradient::Stored { 3 } else { 0 }
 }
 
-/// Where half of a place's weight has no value, rounding decides whether it shows.
+/// Where half of a place's weight has no value, rounding decides its visibility.
 const HALF_VALID: usize = 1;
 
 #[test]
@@ -207,14 +207,14 @@ fn volumes_of_unlike_grids_match_the_oracle() {
         view(camera(true, [70.0, 35.0, 20.0]), 1.0, 0.01, Filter::Trilinear, Some(&clip)),
         view(camera(false, [60.0, 50.0, -20.0]), 0.9, 1.0, Filter::Tricubic, Some(&clip)),
     ];
-    // Each from another side.
+    // Each look from another side.
     let looks: Vec<(Look, &View<'_>)> =
         looks().into_iter().enumerate().map(|(i, look)| (look, &views[(i + i / 4) % 4])).collect();
     let needs = looks.iter().flat_map(|(look, view)| frames(&members, view, look)).map(|frame| frame.settings.needs());
     let mut stage = Stage::with_room(&volumes(&members), needs);
     for (i, (look, view)) in looks.iter().enumerate() {
         let what = format!("{look:?} from {:?}", view.camera.eye);
-        // The CPU takes all; of the others those by rays some of each kind, and without rays what needs no order.
+        // The CPU takes all; others take some of each kind by rays, and unordered ones without rays.
         let is_taken = |way: &Way| match *way {
             RAYCAST => i % 4 == 0 || look.mode.is_projection(),
             COMPUTE => i % 12 == 2,
@@ -235,7 +235,7 @@ fn volumes_of_unlike_grids_match_the_oracle() {
     }
 }
 
-/// Cell by cell with bricks of their own levels, fading on their own, from slots that they share.
+/// Cell by cell with bricks of different levels and separate fades, from shared slots.
 #[test]
 fn channels_of_one_image_match_the_oracle() {
     let members = channels();
@@ -248,24 +248,24 @@ fn channels_of_one_image_match_the_oracle() {
     let needs = looks().into_iter().flat_map(|look| frames(&members, &views[0], &look));
     let mut stage = Stage::with_room(&volumes(&members), needs.map(|frame| frame.settings.needs()));
     for (i, look) in looks().into_iter().enumerate() {
-        // Without rays fog and lit surfaces by every method, with meshes and without, opacities by gradients, and surfaces alone.
+        // Without rays: fog and lit surfaces by every method, with meshes and without, opacities by gradients, and surfaces alone.
         let is_of_method = look.sampling.method != Method::Udvr && look.lighting.model == LightingModel::Phong;
         let is_sorted = is_of_method || [0, 4, 6, 12].contains(&i) || look.mode == Mode::Isosurface && look.has_meshes;
-        // Cells of `sorted` do not know on which side of a surface a ray comes from bricks of another level.
+        // Cells of `sorted` do not have a ray's side of a surface from bricks of another level.
         let (even, mixed): (Cells<'_>, Cells<'_>) = ((&|_| false, &own), (&is_coarse, &entries));
         let (cells, ways): (Cells<'_>, &[Way]) = match i {
             0 => (mixed, &MOST),
             7 => (mixed, &[CPU, RAYCAST]),
             _ if is_sorted => (if look.has_surfaces { even } else { mixed }, &[CPU, SORTED]),
             _ if look.mode == Mode::Dvr => (mixed, &[CPU]),
-            // Cells that are left out have values that projections show; `joins` has those of one grid.
+            // The omitted cells have values visible in projections; `joins` tests those of one grid.
             _ => continue,
         };
         let transfer = transfers(&members, &look);
         let shot = shot(&members, frames(&members, &views[i % 3], &look), &transfer, cells);
         shot.agree(&mut stage, ways, allowed(&look) + HALF_VALID, &format!("{look:?}"));
     }
-    // Where all channels have bricks of one level, their samples are found once for all.
+    // Channels with bricks of one level find their samples once for all.
     for view in &views {
         let transfer = transfers(&members, &PLAIN);
         let alike = shot(&members, frames(&members, view, &PLAIN), &transfer, (&is_coarse, &own));
@@ -273,8 +273,8 @@ fn channels_of_one_image_match_the_oracle() {
     }
 }
 
-/// Channels that share a cut and the same with cuts of their own, in fog, by another method, with surfaces in it and alone: pictures and
-/// visibility are alike, also while bricks fade in.
+/// Channels with a shared cut and with separate cuts, in fog, by another method, with surfaces in it and alone: pictures and visibility
+/// are alike, also during fades.
 #[test]
 fn a_shared_cut_does_not_show() {
     let members = channels();
@@ -298,7 +298,7 @@ fn a_shared_cut_does_not_show() {
             (picture, [0, 1, 2].map(|layer| renderer.visibility(layer).expect("light").to_vec()))
         };
         let ((shared, light), (apart, light_apart)) = (drawn(false), drawn(true));
-        // Both are the oracle's to a step.
+        // Both equal the oracle's within a step.
         assert!(shared.difference(&apart).max <= 2, "{look:?}: {:?}", shared.difference(&apart));
         for (light, apart) in light.iter().flatten().zip(light_apart.iter().flatten()) {
             assert!((light - apart).abs() < 0.01, "{look:?}: {light} {apart}");
@@ -307,7 +307,7 @@ fn a_shared_cut_does_not_show() {
     }
 }
 
-/// Over three volumes; the second one is made of what some of them have not.
+/// Over three volumes; the second fills in missing values of the others.
 const EXPRESSIONS: [&str; 2] = [
     "default(a, 0) / 255 + default(b, 0) / 65535 * 0.5 + default(c, -1) * 0.1",
     "valid(a) && valid(b) ? max(a / 255, b / 65535) : default(c, -1) * 0.5 + 0.5",
@@ -333,16 +333,16 @@ fn expressions_match_the_oracle() {
             }
             let shot = shot(&members, frames, &transfer, (&is_coarse, &own));
             let shot = Shot { combination: Some(&combination), ..shot };
-            // Where half of a place's weight has no value, rounding decides which side of an expression is taken.
+            // Where half of a place's weight has no value, rounding decides the branch of an expression.
             shot.agree(&mut stage, ways, 3, text);
         }
     }
 }
 
-/// Numbers of layers for which shaders do not repeat their code.
+/// Numbers of layers without unrolled shader code.
 const COUNTS: [usize; 3] = [5, 16, MAX_VOLUMES];
 
-/// Layers of several types, places and crops, some with surfaces; and an expression over them. A run draws one number of them.
+/// Layers of several types, places and crops, some with surfaces; and an expression over them. A run draws one of the numbers.
 #[test]
 fn many_layers_match_the_oracle() {
     let rgb = |i: usize| [RED, GREEN, BLUE][i % 3];

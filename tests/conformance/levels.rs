@@ -1,4 +1,4 @@
-//! Lists in which cells are of several levels, drawn with ancestors, fading in, or not there at all.
+//! Lists of cells of several levels: drawn with ancestors, fading, or absent.
 
 use crate::list::{OWN, finest, list};
 use crate::scenery::{scaled, u8_codes, uneven, views, vivid, waves, wavy};
@@ -28,13 +28,13 @@ fn mixed_levels_and_stand_ins_match_the_oracle() {
     let mut stage = Stage::exact(&[&volume]);
     let transfer = vivid(U8);
     let mut views = views(&volume);
-    // Along an edge of bricks rounding decides whose samples are, and with that of which level.
+    // Along an edge of bricks rounding decides a sample's brick, and with it the level.
     views.retain(|(name, _)| !name.contains("edges"));
     for (i, (name, rays)) in views.into_iter().enumerate() {
         // With an error of 3 pixels the lattice has several zones in view; with 0.3 two.
         let zones = |pixel_error| (pixel_error, Lattice::for_view(0.7, 0.8, &rays, pixel_error, 5));
         let lattices = [(0.0, Lattice::uniform(0.7, 0)), zones(0.3), zones(3.0)];
-        // All of it from outside and from inside.
+        // All combinations from outside and from inside.
         let (lattices, modes) = match i {
             0 | 1 => (&lattices[..], &Mode::ALL[..]),
             _ => (&lattices[..1], &[Mode::Dvr, Mode::MinIp, Mode::Isosurface][..]),
@@ -49,11 +49,11 @@ fn mixed_levels_and_stand_ins_match_the_oracle() {
                     shot.agree(&mut stage, &MOST, 0, &what);
                     continue;
                 }
-                // Where segments are longer than voxels, bricks take those of neighbours, which may be of another level.
+                // Where segments are longer than voxels, bricks take those of neighbours, perhaps of another level.
                 let allowed = per_mille(if pixel_error > 1.0 { 40 } else { 2 });
                 let expected = shot.oracle(&stage.volumes);
                 shot.agree_with(&expected, &mut stage, &[CPU, RAYCAST], allowed, &what);
-                // Where levels meet, cells of `sorted` do not know what the one before has seen.
+                // Where levels meet, cells of `sorted` do not have the previous cell's findings.
                 shot.agree_with(&expected, &mut stage, &[SORTED], per_mille(40), &what);
                 let Some(found) = shot.render(&mut stage, SORTED).filter(|_| pixel_error <= 1.0) else { continue };
                 let background = Picture::quantise(frame.background);
@@ -65,7 +65,7 @@ fn mixed_levels_and_stand_ins_match_the_oracle() {
     }
 }
 
-/// Cells that the cut leaves out are skipped, and are as good as cells that show nothing.
+/// Cells left out of the cut are skipped, and give the same picture as invisible cells.
 #[test]
 fn cells_that_are_not_there_show_nothing() {
     let volume = Volume::new([61, 70, 52], 16, uneven(), u8_codes(), |p| {
@@ -104,13 +104,13 @@ fn an_empty_list_is_the_background() {
     }
 }
 
-/// The list in which cells with two entries have the one or the other alone.
+/// The list with one alone of each cell's two entries.
 fn one_of_two(list: &DrawList, is_taken: impl Fn(&DrawCell) -> bool) -> DrawList {
     let taken = list.cells.iter().filter(|entry| entry.pixels == PixelShare::ALL || is_taken(entry));
     DrawList { cells: taken.map(|entry| DrawCell { pixels: PixelShare::ALL, ..*entry }).collect() }
 }
 
-/// Pixel by pixel, a brick that fades in is drawn as if it were there, or as if it were not.
+/// Pixel by pixel, a fading brick is drawn as if it were resident, or as if it were not.
 #[test]
 fn a_fade_has_each_pixel_of_one_picture_or_the_other() {
     let volume = wavy([45, 37, 52], 16);
@@ -122,7 +122,7 @@ fn a_fade_has_each_pixel_of_one_picture_or_the_other() {
                 let frame = volume.frame_in(mode, rays, &vivid(U8), Lattice::uniform(0.7, 0));
                 let (before, after) =
                     (PixelShare { from: share, ..PixelShare::ALL }, PixelShare { to: share, ..PixelShare::ALL });
-                // Not all at once: there are no more entries than slots.
+                // Not all at once: entries must not exceed slots.
                 let fades = |id: BrickId| (id.index.x + 2 * id.index.y + id.index.z) % 4 == 1;
                 let entries = |id| if fades(id) { vec![(1, before), (0, after)] } else { vec![OWN] };
                 let list = list(&volume, &frame, &|_| false, &entries);
@@ -142,7 +142,7 @@ fn a_fade_has_each_pixel_of_one_picture_or_the_other() {
     }
 }
 
-/// A camera that turns faster than cuts are made sees what the last one left coarse: many cells, of few bricks.
+/// A camera that turns faster than cuts are made sees parts left coarse by the last one: many cells, of few bricks.
 #[test]
 fn a_list_may_have_more_entries_than_there_are_slots() {
     let volume = Volume::new([30; 3], 8, Geometry::default(), u8_codes(), scaled(u8_codes(), waves));
@@ -163,7 +163,7 @@ fn a_list_may_have_more_entries_than_there_are_slots() {
     }
 }
 
-/// What is in a slot is what was put there last, and what a frame shows is by its own transfer function: nothing skipped may outlive either.
+/// A slot holds its latest brick, and a frame uses its own transfer function: no skip outlives either.
 #[test]
 fn nothing_is_left_of_bricks_and_functions_before() {
     let fill_of = |value: f64| Volume::new([30, 30, 30], 32, uneven(), u8_codes(), move |_| value);

@@ -1,22 +1,22 @@
-//! Draw lists, as a pager makes them: the cells of a cut back to front as rays see them, with the bricks that stand for them.
+//! Draw lists, as from a pager: the cells of a cut in back-to-front order for rays, with their bricks.
 
 use crate::volume::Volume;
 use brickyard_pager::{DrawCell, DrawList, PixelShare};
 use brickyard_volume::*;
 use glam::DVec3;
 
-/// How a cell is drawn: with the ancestor so many levels up, in these pixels.
+/// A cell's entry: levels up to the drawn ancestor, and pixels.
 pub(crate) type Entry = (u8, PixelShare);
 
-/// With its own brick.
+/// The cell's own brick.
 pub(crate) const OWN: Entry = (0, PixelShare::ALL);
 
-/// The finest bricks of all of a volume.
+/// All finest bricks of a volume.
 pub(crate) fn finest(volume: &Volume, frame: &FrameSettings) -> DrawList {
     list(volume, frame, &|_| false, &|_| vec![OWN])
 }
 
-/// The cells where `stop` says so, in their order, each with such entries.
+/// The cells selected by `stop`, in order, with their entries.
 pub(crate) fn list(
     volume: &Volume,
     frame: &FrameSettings,
@@ -44,17 +44,17 @@ pub(crate) fn list(
     DrawList { cells: (0..).zip(cells).flat_map(draw).collect() }
 }
 
-/// Whence cells are seen, in voxel space.
+/// Origin of the view, in voxel space.
 struct View<'a> {
     pyramid: &'a Pyramid,
     eye: DVec3,
-    /// Where all rays go, if that is one way.
+    /// The common direction of all rays, in parallel views.
     parallel: Option<DVec3>,
     stop: &'a dyn Fn(BrickId) -> bool,
 }
 
 impl View<'_> {
-    /// Of the halves at each splitting plane the one that rays come from is last.
+    /// At each splitting plane, the half nearer to the rays' origin comes last.
     fn descend(&self, id: BrickId, cells: &mut Vec<BrickId>) {
         if id.level.0 == 0 || (self.stop)(id) {
             return cells.push(id);

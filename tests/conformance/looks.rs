@@ -1,4 +1,4 @@
-//! What several layers are looked at by.
+//! Looks for pictures of several layers.
 
 use brickyard::volume::*;
 use glam::DVec3;
@@ -15,7 +15,7 @@ pub(crate) fn surface(value: f64, opacity: f64) -> Isosurface {
     Isosurface { value, color: Some([0.9, 0.8, 0.3]), opacity }
 }
 
-/// What of a scene is the same for all volumes.
+/// Scene settings common to all volumes.
 #[derive(Clone, Debug)]
 pub(crate) struct Look {
     pub(crate) mode: Mode,
@@ -37,7 +37,7 @@ pub(crate) const PLAIN: Look = Look {
 };
 
 impl Look {
-    /// A translucent wall through the middle of things and an opaque one behind; in projections the opaque one alone.
+    /// A translucent wall through the middle and an opaque one behind; in projections the opaque one alone.
     pub(crate) fn meshes(&self) -> Vec<ShownMesh> {
         let wall = |x: f32, opacity: f64| {
             let corner = |y: f32, z: f32| [x + 0.2 * y, y, z];
@@ -60,7 +60,7 @@ impl Look {
     }
 }
 
-/// Unlit, lit from the eye, and by lights that stand somewhere, by gradients of every kind; without surfaces and with them.
+/// Unlit, lit from the eye, and by placed lights, with gradients of every kind; without surfaces and with them.
 fn lit() -> Vec<Look> {
     let lit = |model, gradient, lights: &[[f64; 3]]| Lighting {
         model,

@@ -1,7 +1,7 @@
-//! The conformance suite of renderers: what every backend and compositor must show, over one fixture, through the face that sessions draw
-//! by (`brickyard::backend::Renderer`). `volume`, `list` and `stage` do in memory what stores, pagers and sessions do; `shot` compares with
-//! the oracle, which draws each picture once for all renderers; `scenery` is what is looked at. Each test says who takes it: the CPU takes
-//! all; a rasteriser in software takes seconds to compile a shader, so of those with many each GPU compositor takes some.
+//! Conformance suite of renderers: pictures required of every backend and compositor, over one fixture, through the interface of sessions
+//! (`brickyard::backend::Renderer`). `volume`, `list` and `stage` replace stores, pagers and sessions in memory; `shot` compares with the
+//! oracle, which draws each picture once for all renderers; `scenery` has the subjects. Each test chooses its renderers: the CPU takes all;
+//! a software rasteriser takes seconds to compile a shader, so each GPU compositor takes some of those with many.
 
 mod cuts;
 mod fog;

@@ -1,5 +1,5 @@
-//! Every sampling method, filter and lighting, through bricks of several sizes; what they all have in common with a plain picture is in
-//! `modes`.
+//! Every sampling method, filter and lighting, through bricks of several sizes; `modes` covers the features they share with plain
+//! pictures.
 
 use crate::list::finest;
 use crate::scenery::{
@@ -12,10 +12,10 @@ use crate::volume::Volume;
 use brickyard::volume::*;
 use glam::DVec3;
 
-/// One way to look, and who takes it.
+/// One look, and its renderers.
 struct Take {
     sampling: Sampling,
-    /// The number of its lighting.
+    /// Index of its lighting.
     lighting: usize,
     /// Whether opacities depend on gradients, too.
     is_steep: bool,
@@ -34,7 +34,7 @@ impl Take {
     }
 }
 
-/// Each method with a function of values, and those that can with one of values and gradients, in these lightings. On a GPU those with
+/// Each method with a function of values, and capable ones with one of values and gradients, in these lightings. On a GPU those with
 /// functions of values, in `few` lightings.
 fn takes(filter: Filter, lightings: &[usize], few: &[usize]) -> Vec<Take> {
     let mut takes = Vec::new();
@@ -53,7 +53,7 @@ fn takes(filter: Filter, lightings: &[usize], few: &[usize]) -> Vec<Take> {
     takes
 }
 
-/// Draws them in the bricks of a volume, and on the CPU by turns in those of others of its like.
+/// Draws the takes in a volume's bricks, and on the CPU in turn in those of its variants.
 fn agree(volume: &Volume, others: &[Volume], takes: &[Take], allowed: impl Fn(Way, &Take) -> usize) {
     let transfers = [tinted(range(&volume.encoding)), steep(range(&volume.encoding))];
     let frames: Vec<FrameSettings> = takes.iter().map(|take| take.frame(volume, &transfers)).collect();
@@ -79,12 +79,13 @@ fn agree(volume: &Volume, others: &[Volume], takes: &[Take], allowed: impl Fn(Wa
     }
 }
 
-/// How many pixels rounding may decide: stored gradients are half floats, and where they all but cancel out, it decides where they point.
+/// The number of pixels left to rounding: stored gradients are half floats, and where they nearly cancel, rounding decides their
+/// direction.
 fn rounded(take: &Take) -> usize {
     (lightings()[take.lighting].gradient == Gradient::Stored) as usize
 }
 
-/// In bricks of 16, and of other sizes by turns, the last of which holds all of it.
+/// In bricks of 16, and of other sizes in turn, up to a single brick.
 fn agree_in_bricks_of_any_size(filter: Filter, few: &[usize]) {
     let others = [8, 32, 64].map(|edge| wavy(SMALL, edge));
     let all: Vec<usize> = (0..lightings().len()).collect();
@@ -120,14 +121,14 @@ fn agree_with_holes(encoding: SlotEncoding, field: &dyn Fn(DVec3) -> f64) {
     let value = |p: DVec3| if is_hole(p) { f64::NAN } else { field(p) };
     let of = |edge| Volume::new(SMALL, edge, uneven(), encoding, value);
     for (f, filter) in Filter::ALL.into_iter().enumerate() {
-        // A place has a value if half of the weight is valid: where it is just half, rounding decides, and with it a gradient.
+        // A place has a value if half of the weight is valid: at exactly half, rounding decides it, and its gradient.
         let allowed = |way, take: &Take| {
-            // In a field of steps it also decides which voxel a place is in, and so whether it has a value.
+            // In a stepped field it also decides a place's voxel, and so whether there is a value.
             let stepped = if filter == Filter::Nearest { 3 } else { 0 };
             (way != CPU || take.is_steep) as usize + rounded(take) + stepped
         };
         let mut takes = takes(filter, &[0, 1, 5], &[0, 1, 5]);
-        // The compositors take turns, for they have the same samples; with the other filter it is the other's turn.
+        // The compositors take turns, because they share samples; with the other filter the order swaps.
         for (i, take) in takes.iter_mut().filter(|take| take.ways.len() > 1).enumerate() {
             take.ways = [&[CPU, RAYCAST], &[CPU, SORTED]][(i + f) % 2];
         }
@@ -155,7 +156,7 @@ fn projections_are_filtered_alike() {
     }
 }
 
-/// The same rays through bricks with what their own needs ask for and no more, of each size by turns.
+/// The same rays through bricks of exactly their own needs, of each size in turn.
 #[test]
 fn bricks_with_just_what_is_needed_show_the_same() {
     let volumes = [8, 32, 64].map(|edge| Volume::new(SMALL, edge, uneven(), u8_codes(), scaled(u8_codes(), waves)));

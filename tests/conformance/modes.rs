@@ -1,4 +1,4 @@
-//! Every mode from everywhere, by codes of every kind.
+//! Every mode from all sides, by codes of every kind.
 
 use crate::list::finest;
 use crate::scenery::{float_slots, parallel, scaled, tinted, u8_codes, uneven, views, vivid, waves, wavy, wild};
@@ -10,12 +10,12 @@ use glam::DVec3;
 
 const U8: (f64, f64) = (0.0, 255.0);
 
-/// Whether a ray that grazes a surface meets it is a matter of rounding: so many pixels may be off.
+/// Rounding decides whether a ray that grazes a surface hits it: this many pixels may be off.
 fn grazing(mode: Mode, rays: &ViewRays) -> usize {
     if mode == Mode::Isosurface { (2 * rays.width * rays.height / 1000) as usize } else { 0 }
 }
 
-/// These modes from these views, all bricks being there.
+/// These modes from these views, with all bricks resident.
 fn agree(
     stage: &mut Stage<'_>,
     ways: &[Way],
@@ -55,7 +55,7 @@ fn steps_that_grow_with_distance_match_the_oracle() {
     agree(&mut stage, &MOST, &views(&volume), &[Mode::Dvr, Mode::Isosurface], &vivid(U8), &growing);
 }
 
-/// A volume may use 3,000 of 65,536 codes: then the table must be looked up to a fraction of one.
+/// A volume may use 3,000 of 65,536 codes: then table look-ups must resolve fractions of a code.
 #[test]
 fn sixteen_bits_and_floats_match_the_oracle() {
     let wide = SlotEncoding::new(VoxelType::I16, (0.0, 0.0), false);
@@ -71,7 +71,7 @@ fn sixteen_bits_and_floats_match_the_oracle() {
     agree(&mut stage, &MOST, &all, &modes, &vivid((0.0, 1e-3)), &short);
 }
 
-/// Values past both ends of the table, with outliers, and integers that f32s do not have.
+/// Values past both ends of the table, with outliers, and integers without an f32.
 #[test]
 fn f32_slots_match_the_oracle() {
     let floats = SlotEncoding { has_invalid: false, ..float_slots() };
@@ -99,8 +99,8 @@ fn invalid_voxels_match_the_oracle() {
         if is_hole { f64::NAN } else { 10.0 * waves(p) }
     };
     let volume = Volume::new([45, 37, 52], 16, uneven(), encoding, holes);
-    // A sample whose valid corners weigh exactly half falls to either side by rounding: rays along an axis through voxel
-    // faces meet whole lines of such samples. Those views are left out.
+    // A sample with exactly half its weight in valid corners falls to either side by rounding: rays along an axis through voxel faces meet
+    // whole lines of such samples. Those views are left out.
     let mut views = views(&volume);
     views.retain(|(name, _)| !["axis", "grazing", "edges"].iter().any(|along| name.contains(along)));
     agree(&mut Stage::exact(&[&volume]), &MOST, &views, &Mode::ALL, &tinted((0.0, 10.0)), &short);
@@ -159,7 +159,7 @@ fn the_brick_size_does_not_show() {
                     let whole = whole.get_or_insert_with(|| found.clone());
                     let what = format!("bricks of {}, {name}, {mode:?}, {way:?}", volume.pyramid.edge());
                     assert_close(&found, whole, grazing(mode, &rays), &what);
-                    // Positions are rounded relative to other bricks: to 2^-18 of a voxel, so now and then to one step of the picture.
+                    // Positions are rounded relative to other bricks, to 2^-18 of a voxel: rarely to one step of the picture.
                     let noise = found.difference(whole).psnr_db;
                     assert!(mode == Mode::Isosurface || noise > 60.0, "{what}: {noise} dB");
                 }

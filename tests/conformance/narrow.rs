@@ -1,5 +1,5 @@
-//! Windows of few codes: masks, counts, one outlier beside them, and waves over few codes of 16 bits. Between two codes a transfer function may
-//! show anything, and nothing may be lost to the bits of a filter.
+//! Windows of few codes: masks, counts, one outlier beside them, and waves over few codes of 16 bits. A transfer function may show anything
+//! between two codes, and a filter's precision must lose none of it.
 
 use crate::list::finest;
 use crate::scenery::{SMALL, lightings, noise, overview, steep, tinted, uneven, waves};
@@ -10,7 +10,7 @@ use brickyard::volume::*;
 use glam::DVec3;
 use std::collections::BTreeSet;
 
-/// A volume in whose table a window is laid over few codes, and the function that is shown.
+/// A volume with a window over few codes of its table, and its transfer function.
 struct Narrow {
     volume: Volume,
     transfer: TransferFunction,
@@ -23,7 +23,7 @@ impl Narrow {
         narrow
     }
 
-    /// The same in slots of whatever kind its window takes.
+    /// The same in any kind of slots, as the window requires.
     fn in_slots(
         voxel_type: VoxelType,
         range: (f64, f64),
@@ -35,7 +35,7 @@ impl Narrow {
         Self { volume: Volume::new(SMALL, 16, uneven(), encoding, value), transfer }
     }
 
-    /// Draws these modes, each with a sampling and a lighting of its own.
+    /// Draws these modes, each with its own sampling and lighting.
     fn agree(&self, ways: &[Way], looks: &[(Mode, Sampling, usize)], what: &str) {
         let Self { volume, transfer } = self;
         let frame = |&(mode, sampling, lighting): &(Mode, Sampling, usize)| {
@@ -53,7 +53,7 @@ impl Narrow {
     }
 }
 
-/// In and out of a ball with a bite, by number.
+/// Whether a place is inside a ball with a bite, as a number.
 fn ball(p: DVec3) -> f64 {
     let from = p - DVec3::new(19.3, 14.1, 18.2);
     f64::from(u8::from(from.length() < 11.0 && !(from.x.abs() < 3.0 && from.y < 0.0)))
@@ -105,7 +105,7 @@ fn masks_match_the_oracle_between_their_two_codes() {
     }
 }
 
-/// Of 0 to 3 counts nearly all there is, or there is a voxel with all that the type has.
+/// Of 0 to 3 counts nearly all of the greatest, or a voxel with the type's maximum.
 #[test]
 fn counts_and_one_outlier_match_the_oracle() {
     let counts = |p: DVec3| (noise(p) * if ball(p) > 0.0 { 3.9 } else { 1.2 }).floor();
@@ -126,7 +126,7 @@ fn counts_and_one_outlier_match_the_oracle() {
     }
 }
 
-/// Where f32s have 8 bits behind the point, and where they have more.
+/// With 8 fractional bits in f32s, and with more.
 #[test]
 fn waves_over_few_codes_match_the_oracle() {
     for (i, width) in [1.0, 2.0, 5.0, 16.0, 70.0, 300.0, 511.0].into_iter().enumerate() {
@@ -139,13 +139,13 @@ fn waves_over_few_codes_match_the_oracle() {
         let steep = Narrow { transfer: steep(window), ..Narrow::new(VoxelType::U16, range, tinted(window), wave) };
         steep.agree(&MOST[..1], &[by(Method::Udvr, Filter::Trilinear, 4)], &format!("{width} codes, steep"));
     }
-    // A sixth of all codes of 8 bits.
+    // A sixth of all 8-bit codes.
     let wave = |p: DVec3| (100.0 + 42.0 * waves(p)).round();
     let narrow = Narrow::new(VoxelType::U8, (0.0, 255.0), tinted((100.0, 142.0)), wave);
     narrow.agree(&MOST, &MODES.map(plain), "42 codes of 8 bits");
 }
 
-/// Inside and outside of a mask there is no gradient: what rounding leaves of an even field far from the table's first value lights nothing.
+/// Inside and outside a mask there is no gradient: rounding residues of an even field far from the table's first value light nothing.
 #[test]
 fn even_masks_are_flat_however_narrow_the_window() {
     for (voxel_type, most, window) in
@@ -158,7 +158,7 @@ fn even_masks_are_flat_however_narrow_the_window() {
             unit_distance: 2.5,
             ..TransferFunction::default()
         };
-        // Beside values so far off that 16-bit codes would be too coarse for the first window.
+        // Beside values too far off for the first window in 16-bit codes.
         let range = (0.0, if voxel_type == VoxelType::F32 { 100.0 } else { most });
         let mask = Narrow::in_slots(voxel_type, range, transfer, |p| most * ball(p));
         let looks = [Filter::Trilinear, Filter::Tricubic].map(|filter| by(Method::Udvr, filter, 1));
@@ -166,7 +166,7 @@ fn even_masks_are_flat_however_narrow_the_window() {
     }
 }
 
-/// Where all voxels around a place are alike its value is just theirs, so that an expression may compare it, and be lit by what is greater.
+/// A place among equal voxels has exactly their value, so that an expression may compare it, and be lit by the greater result.
 #[test]
 fn expressions_compare_even_values_exactly() {
     for voxel_type in [VoxelType::U8, VoxelType::U16, VoxelType::F32] {
@@ -180,7 +180,7 @@ fn expressions_compare_even_values_exactly() {
             };
             let combination = Combination::new(Expression::parse(text, 1).expect("an expression"), shown);
             let transfer = combination.of_volume(0, &[[0.0, 1.0]]);
-            // A spline is less than 1 by less than an f32 knows well inside of a mask.
+            // Well inside a mask, a spline is less than 1 by less than f32 precision.
             let filters = [Filter::Trilinear, Filter::Tricubic];
             for filter in filters.into_iter().take(if text.contains(">=") { 1 } else { 2 }) {
                 let sampling = Sampling { filter, ..Sampling::default() };
@@ -200,7 +200,7 @@ fn expressions_compare_even_values_exactly() {
     }
 }
 
-/// A value's whole range may lie between two voxels of which a window shows a hundred-thousandth.
+/// Two neighbouring voxels may span the whole range of values, with a window on a hundred-thousandth of it.
 #[test]
 fn stored_gradients_of_narrow_windows_match_the_oracle() {
     for (voxel_type, most) in [(VoxelType::U32, 3e5), (VoxelType::F32, 2e4)] {

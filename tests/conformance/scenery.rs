@@ -1,4 +1,4 @@
-//! What is looked at, and whence: fields, transfer functions, lights and views that catch a renderer's usual mistakes.
+//! Subjects and views: fields, transfer functions, lights and cameras that catch a renderer's usual mistakes.
 
 use crate::volume::Volume;
 use brickyard::volume::*;
@@ -8,17 +8,17 @@ pub(crate) fn u8_codes() -> SlotEncoding {
     SlotEncoding::new(VoxelType::U8, (0.0, 255.0), false)
 }
 
-/// Of 16 bits, where 0 is no value.
+/// Codes of 16 bits; 0 is no value.
 pub(crate) fn wide_codes() -> SlotEncoding {
     SlotEncoding::new(VoxelType::F32, (-1.0, 3.0), true)
 }
 
-/// Of f32 slots, with a window from about -1 to 3 of a channel that is far wider, where some voxels have no value.
+/// f32 slots, with a window from about -1 to 3 of a far wider channel, and some voxels without a value.
 pub(crate) fn float_slots() -> SlotEncoding {
     SlotEncoding::new(VoxelType::F32, (-1e9, 1e9), true).for_window(Some(Window::of([-1.0, 3.0])), KeptSlots::default())
 }
 
-/// Waves past both ends of an encoding's range, with outliers as far as its channel goes.
+/// Waves past both ends of an encoding's range, with outliers at its channel's limits.
 pub(crate) fn wild(encoding: SlotEncoding) -> impl Fn(DVec3) -> f64 {
     let wide = scaled(encoding, |p| 1.2 * waves(p) - 0.03);
     move |p| match p.as_uvec3().to_array() {
@@ -28,18 +28,18 @@ pub(crate) fn wild(encoding: SlotEncoding) -> impl Fn(DVec3) -> f64 {
     }
 }
 
-/// Of spacings that differ, away from the origin.
+/// Unequal spacings, away from the origin.
 pub(crate) fn uneven() -> Geometry {
     Geometry { spacing: DVec3::new(1.0, 0.8, 1.3), origin: DVec3::new(5.0, -20.0, 3.0), unit: None }
 }
 
-/// Smooth, without symmetry, between 0 and 1 in voxel space.
+/// A smooth field without symmetry, between 0 and 1 in voxel space.
 pub(crate) fn waves(p: DVec3) -> f64 {
     let wave = (p.x * 0.31).sin() + (p.y * 0.23 + 1.0).sin() + (p.z * 0.37 + p.x * 0.1).cos();
     (wave / 6.0 + 0.5).clamp(0.0, 1.0)
 }
 
-/// A number between 0 and 1 for each voxel, without a pattern.
+/// A number between 0 and 1 per voxel, without a pattern.
 pub(crate) fn noise(p: DVec3) -> f64 {
     let [x, y, z] = p.as_uvec3().to_array();
     let hash = (x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77) ^ z.wrapping_mul(0xc2b2_ae3d))
@@ -57,7 +57,7 @@ pub(crate) fn wavy(extent: [u32; 3], edge: u32) -> Volume {
     Volume::new(extent, edge, uneven(), u8_codes(), scaled(u8_codes(), waves))
 }
 
-/// Colours and opacity that change quickly, with a clear stretch. Points lie on whole 8-bit codes of the range, where tables are exact (the
+/// Rapidly changing colours and opacity, with a clear stretch. Points lie on whole 8-bit codes of the range, where tables are exact (the
 /// oracle has none).
 pub(crate) fn tinted((low, high): (f64, f64)) -> TransferFunction {
     let at = |code: u32| low + code as f64 / 255.0 * (high - low);
@@ -69,14 +69,14 @@ pub(crate) fn tinted((low, high): (f64, f64)) -> TransferFunction {
     }
 }
 
-/// The same with a jump.
+/// The tinted function with a jump.
 pub(crate) fn vivid((low, high): (f64, f64)) -> TransferFunction {
     let mut vivid = tinted((low, high));
     vivid.opacity[3][0] = low + 179.0 / 255.0 * (high - low);
     vivid
 }
 
-/// The tinted one where the field is steep, and a region besides. All of it is smooth: the oracle has no table.
+/// The tinted function on steep parts of the field, and a region besides. All of it is smooth, because the oracle has no table.
 pub(crate) fn steep((low, high): (f64, f64)) -> TransferFunction {
     let code = (high - low) / 255.0;
     let region = Region {
@@ -90,7 +90,7 @@ pub(crate) fn steep((low, high): (f64, f64)) -> TransferFunction {
     TransferFunction { gradient_opacity, regions: vec![region], ..tinted((low, high)) }
 }
 
-/// One colour that lets so much of the light pass over a distance.
+/// One colour with a given opacity over a distance.
 pub(crate) fn constant(alpha: f64, unit_distance: f64) -> TransferFunction {
     TransferFunction {
         color: vec![[0.0, 1.0, 0.5, 0.0]],
@@ -108,7 +108,7 @@ fn lit(model: LightingModel, gradient: Gradient, lights: &[DVec3]) -> Lighting {
     Lighting { model, gradient, lights: lights.to_vec() }
 }
 
-/// None; by gradients of each kind from the eye and by a light; and from cool to warm by two lights.
+/// Unlit; by gradients of each kind from the eye and by a light; and cool to warm by two lights.
 pub(crate) fn lightings() -> [Lighting; 8] {
     let (left, right, below) =
         (DVec3::new(-30.0, 10.0, 40.0), DVec3::new(90.0, 10.0, 40.0), DVec3::new(0.0, -50.0, -20.0));
@@ -129,19 +129,19 @@ pub(crate) fn look(eye: DVec3, target: DVec3, fov_y_deg: f64) -> Camera {
     Camera { eye, target, up: DVec3::new(0.1, 0.2, 1.0), projection: Projection::Perspective { fov_y_deg } }
 }
 
-/// The same without perspective.
+/// The same camera without perspective.
 pub(crate) fn parallel(eye: DVec3, target: DVec3, height: f64) -> Camera {
     Camera { projection: Projection::Orthographic { height }, ..look(eye, target, 1.0) }
 }
 
-/// A volume of which there are small pictures, and a hole that it may have.
+/// Extent of a volume for small pictures with an optional hole.
 pub(crate) const SMALL: [u32; 3] = [40, 29, 37];
 
 pub(crate) fn is_hole(p: DVec3) -> bool {
     (p - DVec3::new(20.0, 15.0, 18.0)).length() < 6.5
 }
 
-/// A small picture of all of a volume; smaller yet by splines, which take the oracle far longer.
+/// A small picture of a whole volume; even smaller for splines, which are far slower in the oracle.
 pub(crate) fn overview(volume: &Volume, filter: Filter) -> ViewRays {
     let (low, high) = volume.geometry.world_box(volume.pyramid.levels()[0].extent);
     let centre = (low + high) * 0.5;

@@ -1,5 +1,4 @@
-//! A picture to be drawn: frames and draw lists of some volumes. The oracle draws it once, and then it is compared with what each renderer
-//! makes of it.
+//! A shot: frames and draw lists of some volumes. The oracle draws it once, for comparison with each renderer's picture.
 
 use crate::stage::{Stage, Way, placed};
 use crate::volume::Volume;
@@ -10,40 +9,40 @@ use brickyard_tests::sample::{draws, seed};
 use glam::DVec3;
 use std::collections::BTreeSet;
 
-/// In 1/255. Slots hold exactly the oracle's values. Renderer and oracle take the same samples: interpolation, opacity and sums in f32 leave
-/// less than a tenth of a step, and rounding to 8 bits turns that into at most one.
+/// In 1/255. Slots hold exactly the oracle's values. Renderer and oracle take the same samples: f32 interpolation, opacity and sums leave
+/// less than a tenth of a step, which rounding to 8 bits turns into at most one.
 const TOLERANCE: u8 = 1;
 
-/// What is to be drawn, layer by layer.
+/// The frames, lists and transfer functions of a picture, layer by layer.
 pub(crate) struct Shot<'a> {
     pub(crate) frames: Vec<VolumeFrame>,
     pub(crate) lists: Vec<DrawList>,
     pub(crate) transfers: Vec<&'a TransferFunction>,
     pub(crate) combination: Option<&'a Combination>,
-    /// Whether each layer has a cut of its own, though some could share one.
+    /// Whether each layer has its own cut, although some could share one.
     pub(crate) is_apart: bool,
 }
 
 impl<'a> Shot<'a> {
-    /// One volume by itself.
+    /// A single volume.
     pub(crate) fn new(frame: &FrameSettings, list: DrawList, transfer: &'a TransferFunction) -> Self {
         let frames = vec![VolumeFrame::alone(frame.clone())];
         Self { frames, lists: vec![list], transfers: vec![transfer], combination: None, is_apart: false }
     }
 
-    /// What it needs of bricks.
+    /// Its requirements of bricks.
     pub(crate) fn needs(&self) -> Needs {
         self.frames.iter().map(|frame| frame.settings.needs()).reduce(Needs::union).expect("a layer")
     }
 
-    /// Which cut a layer is of: that of the first with its grid and place.
+    /// A layer's cut: that of the first layer with the same grid and place.
     fn cut(&self, layer: usize) -> u32 {
         let grid = |frame: &VolumeFrame| (frame.settings.geometry.clone(), frame.settings.placement);
         let is_of = |frame: &VolumeFrame| !self.is_apart && grid(frame) == grid(&self.frames[layer]);
         self.frames.iter().position(is_of).unwrap_or(layer) as u32
     }
 
-    /// A renderer's picture; `None` where there is no adapter at all.
+    /// A renderer's picture; `None` without an adapter.
     pub(crate) fn render(&self, stage: &mut Stage<'_>, way: Way) -> Option<Picture> {
         let lists: Vec<DrawList> =
             self.lists.iter().enumerate().map(|(i, list)| placed(list, i, self.lists.len())).collect();
@@ -80,14 +79,14 @@ impl<'a> Shot<'a> {
         }
     }
 
-    /// Draws it by the oracle and these ways, and compares; all pixels but so many must be the same.
+    /// Compares these ways' pictures with the oracle's; at most `allowed` pixels may differ.
     pub(crate) fn agree(&self, stage: &mut Stage<'_>, ways: &[Way], allowed: usize, what: &str) {
         let expected = self.oracle(&stage.volumes);
         assert_telling(&expected, what);
         self.agree_with(&expected, stage, ways, allowed, what);
     }
 
-    /// Draws it by these ways and compares with the oracle's picture `expected`. Of the cases on a GPU it draws the seed's third.
+    /// Compares these ways' pictures with the oracle's picture `expected`. Draws a third of the cases on a GPU, by the seed.
     pub(crate) fn agree_with(
         &self,
         expected: &Picture,
@@ -107,11 +106,11 @@ impl<'a> Shot<'a> {
     }
 }
 
-/// Which level places have in a list.
+/// Levels of places in a list.
 struct Levels<'a> {
     list: &'a DrawList,
     extent: Extent,
-    /// For each voxel the first entry of its cell.
+    /// For each voxel, the first entry of its cell.
     first: Vec<u32>,
 }
 
@@ -131,9 +130,9 @@ impl<'a> Levels<'a> {
         Self { list, extent, first }
     }
 
-    /// The level of a place in a pixel; where a list has nothing there is nothing to see.
+    /// The level of a place in a pixel; nothing is visible outside the list.
     fn at(&self, point: DVec3, x: u32, y: u32) -> usize {
-        // Rounding may put the last sample of a ray a hair outside.
+        // Rounding may put a ray's last sample a hair outside.
         let n = self.extent.to_array();
         let voxel = std::array::from_fn(|a| (point[a].max(0.0) as u32).min(n[a] - 1));
         let first = self.first[self.extent.linear(voxel) as usize] as usize;
@@ -142,19 +141,19 @@ impl<'a> Levels<'a> {
     }
 }
 
-/// How many pixels are past the tolerance.
+/// The number of pixels past the tolerance.
 pub(crate) fn pixels_off(found: &Picture, expected: &Picture) -> usize {
     let is_off = |(a, b): &(&[u8; 3], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > TOLERANCE);
     found.rgb.iter().zip(&expected.rgb).filter(is_off).count()
 }
 
-/// All pixels but so many are within the tolerance.
+/// Asserts that at most `allowed` pixels exceed the tolerance.
 pub(crate) fn assert_close(found: &Picture, expected: &Picture, allowed: usize, what: &str) {
     let off = pixels_off(found, expected);
     assert!(off <= allowed, "{what}: {off} pixels of {}, {:?}", found.rgb.len(), found.difference(expected));
 }
 
-/// There is something to be seen.
+/// Asserts that the picture is not flat.
 pub(crate) fn assert_telling(picture: &Picture, what: &str) {
     let colors: BTreeSet<_> = picture.rgb.iter().collect();
     assert!(colors.len() > 20, "{what}: a flat picture proves nothing");

@@ -1,4 +1,4 @@
-//! Renderers by name, each holding all bricks of some volumes: slots in, frame out.
+//! Renderers by name, each with all bricks of some volumes: slots in, frame out.
 
 use crate::volume::Volume;
 use brickyard::backend::{BackendChoice, CompositorChoice, Renderer};
@@ -16,32 +16,32 @@ pub(crate) const CPU: Way = WAYS[3];
 
 pub(crate) const ALL: [Way; 4] = [CPU, SORTED, RAYCAST, COMPUTE];
 
-/// All but the one whose shaders are another's.
+/// All but the one that shares another's shaders.
 pub(crate) const MOST: [Way; 3] = [CPU, SORTED, RAYCAST];
 
 /// The largest picture.
 const SIZE: (u32, u32) = (160, 160);
 
-/// Volumes, and the renderers that draw them.
+/// Volumes and their renderers.
 pub(crate) struct Stage<'a> {
     pub(crate) volumes: Vec<&'a Volume>,
-    /// What bricks on a GPU have at least, so that one renderer will do for many frames.
+    /// Minimum contents of bricks on a GPU, for the use of one renderer in many frames.
     room: Option<Needs>,
     made: Vec<(Way, Needs, Box<dyn Renderer>)>,
 }
 
 impl<'a> Stage<'a> {
-    /// One where each renderer's bricks have just what a frame needs.
+    /// A stage where each renderer's bricks have exactly a frame's needs.
     pub(crate) fn exact(volumes: &[&'a Volume]) -> Self {
         Self { volumes: volumes.to_vec(), room: None, made: Vec::new() }
     }
 
-    /// One where bricks on a GPU have what any of some frames needs.
+    /// A stage where bricks on a GPU have the needs of all these frames.
     pub(crate) fn with_room(volumes: &[&'a Volume], frames: impl IntoIterator<Item = Needs>) -> Self {
         Self { room: frames.into_iter().reduce(Needs::union), ..Self::exact(volumes) }
     }
 
-    /// The renderer of frames that need so much; `None`, said loudly, where there is no adapter at all.
+    /// The renderer for frames with these needs; `None`, with a message, without an adapter.
     pub(crate) fn renderer(&mut self, way: Way, frame: &Needs) -> Option<&mut dyn Renderer> {
         let needs = self.room.filter(|_| way != CPU).map_or(*frame, |room| room.union(*frame));
         let known = self.made.iter().position(|(made, has, _)| (*made, *has) == (way, needs));
@@ -70,7 +70,7 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// A renderer for such volumes; `None`, said loudly, where there is no adapter at all.
+/// A renderer for such volumes; `None`, with a message, without an adapter.
 pub(crate) fn open(way: Way, needs: &[VolumeNeeds]) -> Option<Box<dyn Renderer>> {
     let compositor = match way {
         (BackendChoice::Cpu, _) => {
@@ -92,7 +92,7 @@ pub(crate) fn open(way: Way, needs: &[VolumeNeeds]) -> Option<Box<dyn Renderer>>
     }
 }
 
-/// Puts all bricks of a layer, one of so many, where [`placed`] looks for them; those that fit, the coarsest first.
+/// Puts all bricks of layer `layer` of `layers` in their slots for [`placed`]; those that fit, the coarsest first.
 pub(crate) fn fill(renderer: &mut dyn Renderer, (layer, layers): (usize, usize), volume: &Volume, needs: &Needs) {
     for brick in volume.bricks() {
         let slot = in_turn(volume.slot(brick), layer, layers);
@@ -103,7 +103,7 @@ pub(crate) fn fill(renderer: &mut dyn Renderer, (layer, layers): (usize, usize),
     }
 }
 
-/// A layer's list, where the bricks of all lie in turns: they may share slots.
+/// A layer's list with the slots of all layers interleaved: they may share slots.
 pub(crate) fn placed(list: &DrawList, layer: usize, layers: usize) -> DrawList {
     let mut list = list.clone();
     list.cells.iter_mut().for_each(|cell| cell.slot = in_turn(cell.slot, layer, layers));

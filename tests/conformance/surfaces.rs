@@ -1,4 +1,4 @@
-//! Surfaces: translucent and not, in fog of several kinds and alone, where they are and nowhere else.
+//! Surfaces: translucent and opaque, in several kinds of fog and alone, in their places and nowhere else.
 
 use crate::list::finest;
 use crate::scenery::{
@@ -11,7 +11,7 @@ use crate::volume::Volume;
 use brickyard::volume::*;
 use glam::DVec3;
 
-/// A faint surface, a clear one of the same kind as nothing, and one that hides what is behind it.
+/// A faint surface, an invisible one, and one that hides everything behind it.
 fn surfaces(encoding: &SlotEncoding) -> Vec<Surface> {
     let at = |code: f64| encoding.low + code / 255.0 * (encoding.high - encoding.low);
     let faint = Isosurface { value: at(105.0), color: Some([0.2, 1.0, 0.4]), opacity: 0.3 };
@@ -23,7 +23,7 @@ fn surfaces(encoding: &SlotEncoding) -> Vec<Surface> {
 /// Mode, whether opacities depend on gradients, method and lighting.
 type Look = (Mode, bool, Method, usize);
 
-/// What all renderers take.
+/// Looks for all renderers.
 const LOOKS: [Look; 11] = [
     (Mode::Isosurface, false, Method::Udvr, 0),
     (Mode::Isosurface, true, Method::Udvr, 4),
@@ -38,7 +38,7 @@ const LOOKS: [Look; 11] = [
     (Mode::Dvr, true, Method::Lvs, 1),
 ];
 
-/// What the CPU takes besides.
+/// Further looks for the CPU.
 const MORE_LOOKS: [Look; 5] = [
     (Mode::Dvr, false, Method::Udvr, 2),
     (Mode::Dvr, false, Method::Plvs, 3),
@@ -47,7 +47,7 @@ const MORE_LOOKS: [Look; 5] = [
     (Mode::Dvr, true, Method::Cvs, 3),
 ];
 
-/// In bricks of 16, by the CPU by turns in those of other sizes too.
+/// In bricks of 16, and on the CPU in turn in those of other sizes too.
 fn agree(encoding: SlotEncoding, filter: Filter, on_gpu: bool) {
     let (low, high) = range(&encoding);
     let value = |p: DVec3| match encoding.floats {
@@ -84,7 +84,7 @@ fn agree(encoding: SlotEncoding, filter: Filter, on_gpu: bool) {
             (1 + i % 3, &[CPU]),
         ] {
             let what = format!("{look:?}, {filter:?} in {}", volumes[volume].pyramid.edge());
-            // Where a ray grazes a surface, or a place has just half of its weight, rounding decides.
+            // Rounding decides where a ray grazes a surface, or a place has just half of its weight.
             shot(&volumes[volume]).agree_with(&expected, &mut stages[volume], ways, 2, &what);
         }
         assert!(pictures.insert(expected.rgb), "{look:?} shows the same as another");
@@ -120,8 +120,8 @@ fn surfaces_in_f32_slots_match_the_oracle() {
     agree(float_slots(), Filter::Tricubic, false);
 }
 
-/// A ball, of which only the bricks are there that its surface is in. Whatever the step, every ray that is longer inside than
-/// two steps meets it. (Between voxels the ball is up to 0.02 thinner; half a chord of 1 is that deep.)
+/// A ball, with only the bricks on its surface resident. Whatever the step, every ray longer inside than two steps hits it. (Between voxels
+/// the ball is up to 0.02 thinner; half a chord of 1 is that deep.)
 #[test]
 fn surfaces_have_no_pinholes() {
     let (n, radius) = (64, 23.4);
@@ -165,13 +165,13 @@ fn surfaces_have_no_pinholes() {
             }
             assert!(met > 8000, "{met}");
             let off = pixels_off(&found, &expected);
-            // Longer steps than voxels reach so far out of a brick that gradients there are one-sided.
+            // Steps longer than voxels reach so far out of a brick that gradients there are one-sided.
             assert!(off <= if step > 1.0 { 200 } else { 0 }, "{way:?}, step {step}, tilt {tilt}: {off} pixels");
         }
     }
 }
 
-/// Rays skip a brick that has nothing of the surface in parts: where they go on they know on which side they are.
+/// Rays skip surface-free parts of a brick, and resume on the right side of the surface.
 #[test]
 fn surfaces_are_not_met_where_there_are_none() {
     let wave = |p: DVec3| {
@@ -195,7 +195,7 @@ fn surfaces_are_not_met_where_there_are_none() {
     }
 }
 
-/// Cells look at the segment before their own, too, of which their apron holds a part: a ray that is inside in that part alone meets nothing.
+/// Cells also search the segment before their own, partly in their apron: a ray inside only in that part hits nothing.
 #[test]
 fn cells_meet_no_surface_that_segments_pass_over() {
     let centre = DVec3::new(3.5, 5.0, 6.5);
@@ -217,8 +217,8 @@ fn cells_meet_no_surface_that_segments_pass_over() {
     assert!(met > 1000, "{met} pixels");
 }
 
-/// A slanted plane through bricks of 8, of which only those are there that it is in, or half a voxel beside. Its crossing may lie in a
-/// segment of a cell that is not there: the cell that the segment reaches into takes it.
+/// A slanted plane through bricks of 8; only bricks on it or half a voxel beside are resident. Its crossing may lie in a segment of an absent
+/// cell: the cell into which the segment reaches takes it.
 #[test]
 fn long_steps_miss_no_plane() {
     let (n, edge) = (32, 8.0);
@@ -247,13 +247,13 @@ fn long_steps_miss_no_plane() {
     }
 }
 
-/// Where all voxels have just the isovalue, rounding makes no speckles.
+/// Where all voxels equal the isovalue, rounding makes no speckles.
 #[test]
 fn a_plateau_at_the_isovalue_is_inside() {
     let value = |p: DVec3| if p.x < 17.0 { 60.0 } else { 90.0 };
     let volume = Volume::new([40; 3], 16, Geometry::default(), u8_codes(), value);
     let (transfer, mut stage) = (vivid((0.0, 255.0)), Stage::exact(&[&volume]));
-    // From inside of the plateau nothing is met but its end.
+    // From inside the plateau only its end is hit.
     for (target, is_met) in [([39.0, 21.0, 19.0], false), ([0.0, 21.0, 19.0], true)] {
         let rays = look(DVec3::new(30.0, 20.0, 20.0), target.into(), 45.0).rays(40, 33).expect("a camera");
         let surfaces = Surface::all(&[Isosurface::at(90.0)], &transfer, &volume.encoding);

@@ -1,4 +1,4 @@
-//! What renderers report about the cells that they have drawn: with how much light rays entered them.
+//! Renderers' reports on drawn cells: the light with which rays entered them.
 
 use crate::list::finest;
 use crate::scenery::{parallel, u8_codes};
@@ -8,19 +8,19 @@ use crate::volume::Volume;
 use brickyard::volume::*;
 use glam::DVec3;
 
-/// Bricks of 16^3, five of them one behind the other along z, two by two, and so many codes: 0 shows nothing, 100 lets half of the light
-/// through in 16 voxels, 200 lets nothing through.
+/// Bricks of 16^3, five behind each other along z, two by two, and their codes: 0 is invisible, 100 halves the light in 16 voxels, 200
+/// is opaque.
 const EDGE: f64 = 16.0;
 const HALF: f64 = 100.0;
 const OPAQUE: f64 = 200.0;
 
 fn column(codes: [f64; 5]) -> Volume {
-    // Between codes that differ samples have codes in between: the step to the next brick's code is inside its own.
+    // Between different codes samples have codes in between: the step to the next brick's code is inside its own.
     let code = |p: DVec3| codes[((p.z / EDGE) as usize).min(4)];
     Volume::new([32, 32, 80], 16, Geometry::default(), u8_codes(), code)
 }
 
-/// Entered from in front of the first brick by rays `aside` from the middle, bricks must report so much.
+/// Expects these reports from bricks entered in front of the first by rays `aside` from the middle.
 fn check(codes: [f64; 5], mode: Mode, aside: f64, expected: Option<[f32; 5]>) {
     let volume = column(codes);
     let transfer = TransferFunction {
@@ -44,7 +44,7 @@ fn check(codes: [f64; 5], mode: Mode, aside: f64, expected: Option<[f32; 5]>) {
         assert_eq!(renderer.visibility(0), None, "{way:?}: nothing has been drawn yet");
         shot.render(&mut stage, way);
         let found = stage.renderer(way, &shot.needs()).and_then(|renderer| renderer.visibility(0));
-        // Cells of `sorted` know nothing of one another.
+        // Cells of `sorted` are independent of one another.
         let (Some(expected), Some(found)) = (expected.filter(|_| way != SORTED), found) else {
             assert!(found.is_none() && (expected.is_none() || way == SORTED), "{way:?} {mode:?}: {found:?}");
             continue;
@@ -63,7 +63,7 @@ fn check(codes: [f64; 5], mode: Mode, aside: f64, expected: Option<[f32; 5]>) {
 #[test]
 fn an_opaque_slab_hides_what_is_behind() {
     check([OPAQUE, OPAQUE, HALF, 0.0, OPAQUE], Mode::Dvr, 0.0, Some([1.0, 0.0, 0.0, 0.0, 0.0]));
-    // Also what is empty, and an empty one in front hides nothing.
+    // Empty bricks report too, and an empty one in front hides nothing.
     check([0.0, OPAQUE, 0.0, OPAQUE, 0.0], Mode::Dvr, 0.0, Some([1.0, 1.0, 0.0, 0.0, 0.0]));
     check([0.0; 5], Mode::Dvr, 0.0, Some([1.0; 5]));
 }
@@ -75,7 +75,7 @@ fn a_half_transparent_slab_halves_the_light() {
 
 #[test]
 fn a_surface_hides_what_is_behind() {
-    // The value passes 150 a quarter of a voxel inside of the first brick of 200.
+    // The value passes 150 a quarter of a voxel inside the first brick of 200.
     check([0.0, 0.0, OPAQUE, 0.0, 0.0], Mode::Isosurface, 0.0, Some([1.0, 1.0, 1.0, 0.0, 0.0]));
     check([OPAQUE, OPAQUE, OPAQUE, OPAQUE, HALF], Mode::Isosurface, 0.0, Some([1.0; 5]));
 }

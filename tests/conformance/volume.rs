@@ -1,5 +1,5 @@
-//! A volume in memory, given by a function: what a store holds of it, padded bricks of codes on every level, and the same values as
-//! whole arrays for the oracle. Takes a few milliseconds for the sizes that are drawn here.
+//! A volume in memory from a function: padded bricks of codes on every level, as from a store, and the same values as whole arrays
+//! for the oracle. Takes a few milliseconds for the sizes drawn here.
 
 use brickyard_pager::{Slot, VolumeNeeds};
 use brickyard_reference::Array;
@@ -7,7 +7,7 @@ use brickyard_volume::*;
 use glam::DVec3;
 use std::sync::Arc;
 
-/// What slots hold of values, which become what they stand for.
+/// Encodes values as the contents of slots, and rounds them to the encoded values.
 fn hold(encoding: &SlotEncoding, values: &mut [f64]) -> Vec<u8> {
     if encoding.floats.is_some() {
         let mut slots = vec![0; values.len() * 4];
@@ -33,13 +33,13 @@ fn hold(encoding: &SlotEncoding, values: &mut [f64]) -> Vec<u8> {
     codes.iter().flat_map(|code| code.to_le_bytes()[..encoding.format.bytes()].to_vec()).collect()
 }
 
-/// A volume whose level arrays hold exactly what its slot codes stand for.
+/// A volume whose level arrays hold exactly the values of its slot codes.
 pub(crate) struct Volume {
     pub(crate) pyramid: Pyramid,
     pub(crate) geometry: Geometry,
     pub(crate) encoding: SlotEncoding,
     pub(crate) levels: Vec<Array>,
-    /// What slots hold of each level's voxels.
+    /// Slots' contents for each level's voxels.
     slots: Vec<Vec<u8>>,
 }
 
@@ -63,9 +63,9 @@ impl Volume {
         Self { pyramid, geometry, encoding, levels, slots }
     }
 
-    /// What a renderer has to know of it, where bricks have what these pictures need.
+    /// A renderer's description of the volume, with bricks for these needs.
     pub(crate) fn needs(&self, bricks: &Needs) -> VolumeNeeds {
-        // An atlas of just so many slots may have no shape: a tenth more, as sessions have.
+        // An atlas of exactly this many slots may have no shape: a tenth more, as in sessions.
         let slots = self.pyramid.brick_count() as u32;
         VolumeNeeds {
             encoding: self.encoding,
@@ -87,7 +87,7 @@ impl Volume {
         })
     }
 
-    /// Where a brick goes, counted as [`Self::bricks`] does.
+    /// A brick's slot, in the order of [`Self::bricks`].
     pub(crate) fn slot(&self, brick: BrickId) -> Slot {
         let coarser = &self.pyramid.levels()[brick.level.index() + 1..];
         let before: u64 = coarser.iter().map(|grid| grid.bricks.volume()).sum();
@@ -95,7 +95,7 @@ impl Volume {
         Slot(before as u32 + x + n.x * (y + n.y * z))
     }
 
-    /// A brick with its apron, the volume's faces replicated, and its gradients if there are to be some.
+    /// A brick with its apron, the volume's faces replicated, and with gradients if needed.
     pub(crate) fn padded(&self, brick: BrickId, needs: &Needs) -> Arc<[u8]> {
         let (edge, apron, level) = (self.pyramid.edge(), needs.apron, brick.level.index());
         let (extent, SlotEncoding { format, has_invalid, .. }) = (self.levels[level].extent, self.encoding);
@@ -145,7 +145,7 @@ impl Volume {
         }
     }
 
-    /// The same in a mode; an isosurface where the transfer function has its middle colour.
+    /// The same in another mode; with an isosurface at the transfer function's middle colour.
     pub(crate) fn frame_in(
         &self,
         mode: Mode,

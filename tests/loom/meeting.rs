@@ -1,4 +1,4 @@
-//! The window's meeting with a session that comes home, in every order in which their threads can take turns.
+//! The window's meeting with a returning session, in every interleaving of their threads.
 
 #![cfg(all(loom, test))]
 
@@ -11,7 +11,7 @@ use loom::thread::{self, JoinHandle};
 use meeting::Meeting;
 use std::time::Duration;
 
-/// A session that comes home, and whether it has told the window to look.
+/// A returning session, and whether it has woken the window.
 fn session(meeting: &Arc<Meeting>) -> (JoinHandle<()>, Arc<AtomicBool>) {
     let is_told = Arc::new(AtomicBool::new(false));
     let (of_thread, meeting) = (is_told.clone(), meeting.clone());
@@ -23,7 +23,7 @@ fn session(meeting: &Arc<Meeting>) -> (JoinHandle<()>, Arc<AtomicBool>) {
     (thread, is_told)
 }
 
-/// Time does not pass here: a window that is not woken waits for ever, which the model finds.
+/// Time stands still here: a window never woken waits forever, which the model detects.
 #[test]
 fn a_window_that_waits_is_woken() {
     loom::model(|| {

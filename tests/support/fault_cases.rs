@@ -1,7 +1,7 @@
-//! Cases of a command under faults: which faults there are, at which calls of a run, and at which moments the power may go.
+//! Cases of a command under faults: kinds of faults, calls of a run, and moments of power loss.
 //!
-//! Each case is one run of the command under one rule. A run takes a sample of them ([`sample`](crate::sample)); `BRICKYARD_FAULT_CASES` sets how many
-//! each test takes, or `all`.
+//! Each case is one run of the command under one rule. A test runs a sample of them ([`sample`](crate::sample)); `BRICKYARD_FAULT_CASES` sets the
+//! number per test, or `all`.
 
 use crate::faults::{Call, Outcome};
 use crate::power_loss::{Disk, Lost, Tree};
@@ -11,20 +11,20 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-/// The result of a case: an error says what went wrong.
+/// The result of a case; an error describes the failure.
 pub type Result<T> = std::result::Result<T, String>;
 
-/// At that call alone.
+/// At this call alone.
 pub const ONCE: &str = "";
-/// At that call and at all that follow.
+/// At this call and all later ones.
 pub const FROM_THEN_ON: &str = "+";
-/// At that call and at all that follow on the same file.
+/// At this call and all later ones on the same file.
 pub const ON_THAT_FILE: &str = "~";
 
-/// A kind of fault: the calls, how often, and what happens to them.
+/// A kind of fault: calls, frequency, and action.
 pub type Fault = (&'static str, &'static str, &'static str);
 
-/// Faults of a disk or a file system on which something is written.
+/// Faults of a disk or file system during writing.
 pub const OF_WRITING: [Fault; 26] = [
     ("open,write,sync,rename,unlink,mkdir", ONCE, "kill"),
     ("write", ONCE, "tear"),
@@ -54,7 +54,7 @@ pub const OF_WRITING: [Fault; 26] = [
     ("any", "%", "delay:3"),
 ];
 
-/// Faults of a file system from which something is read.
+/// Faults of a file system during reading.
 pub const OF_READING: [Fault; 15] = [
     ("open", ONCE, "EMFILE"),
     ("open", ON_THAT_FILE, "EACCES"),
@@ -82,7 +82,7 @@ pub const OF_FILES: [Fault; 5] = [
     ("stat", ONCE, "empty"),
 ];
 
-/// Chooses the cases that are run: of each group as many as the group has or as its share is, from all of its length.
+/// Chooses the cases to run: an equal share of each group, or the whole group if it is smaller, spread over its length.
 fn chosen<C>(groups: Vec<Vec<C>>, at_most: usize) -> Vec<C> {
     let count = match std::env::var("BRICKYARD_FAULT_CASES") {
         Ok(text) if text == "all" => usize::MAX,
@@ -92,7 +92,7 @@ fn chosen<C>(groups: Vec<Vec<C>>, at_most: usize) -> Vec<C> {
     };
     let mut left = count;
     let mut groups: Vec<Vec<C>> = groups.into_iter().filter(|group| !group.is_empty()).collect();
-    // The part of its share that a small group does not take goes to the other groups.
+    // The unused share of a small group goes to larger ones.
     groups.sort_by_key(Vec::len);
     let mut chosen = Vec::new();
     let many = groups.len();
@@ -106,7 +106,7 @@ fn chosen<C>(groups: Vec<Vec<C>>, at_most: usize) -> Vec<C> {
     chosen
 }
 
-/// The rules of each of these faults at every call of a run, on files whose path contains `part`.
+/// The rules of these faults at every call of a run on files with `part` in their paths.
 pub fn rules(of: &[Fault], run: &Outcome, part: &str) -> Vec<Vec<String>> {
     let rules = |(calls, often, action): &Fault| {
         let concerns = |name: &str| *calls == "any" || calls.split(',').any(|call| call == name);
@@ -123,10 +123,10 @@ pub fn rules(of: &[Fault], run: &Outcome, part: &str) -> Vec<Vec<String>> {
     of.iter().map(rules).collect()
 }
 
-/// Two sandboxes side by side: runs a part of the cases in each. `prepare` makes what a worker needs, `cases` lists them.
+/// Runs the cases in two sandboxes side by side. `prepare` makes a worker's fixture, `cases` lists its cases.
 ///
 /// # Panics
-/// With all that went wrong.
+/// If cases fail, with all their errors.
 pub fn in_two<W, C: std::fmt::Display>(
     at_most: usize,
     prepare: impl Fn() -> W + Sync,
@@ -150,7 +150,7 @@ pub fn in_two<W, C: std::fmt::Display>(
     assert!(failures.is_empty(), "{} cases failed (seed {:x}):\n{}", failures.len(), seed(), failures.join("\n"));
 }
 
-/// An error with these words, unless something holds.
+/// Returns an error with this message unless a condition holds.
 ///
 /// # Errors
 /// If it does not hold.
@@ -158,7 +158,7 @@ pub fn ensure(holds: bool, otherwise: impl FnOnce() -> String) -> Result<()> {
     if holds { Ok(()) } else { Err(otherwise()) }
 }
 
-/// How a run ended, in words.
+/// Describes the end of a run.
 pub fn ended(outcome: &Outcome) -> String {
     let how = match (outcome.hung, outcome.code) {
         (true, _) => "it hung".into(),
@@ -168,17 +168,17 @@ pub fn ended(outcome: &Outcome) -> String {
     format!("{how}: {}", outcome.stderr.trim())
 }
 
-/// Whatever happens, a command ends, with a documented exit code, and a message that names a file.
+/// Checks that a command ended with a documented exit code and a message that names a file, whatever happened.
 ///
 /// # Errors
-/// If this one did not.
+/// If it did not.
 pub fn ended_well(outcome: &Outcome, rule: &str) -> Result<()> {
     if outcome.code == Some(0)
         || (outcome.code.is_none() && !outcome.hung && (rule.contains("kill") || rule.contains("tear")))
     {
         return Ok(());
     }
-    // 2 is for command lines, and these are right.
+    // 2 is for wrong command lines, and these are right.
     ensure(matches!(outcome.code, Some(1 | 3 | 4 | 5)), || ended(outcome))?;
     let error = outcome.stderr.lines().find(|line| line.starts_with("error: ")).unwrap_or_default();
     let names_a_file = [
@@ -199,24 +199,24 @@ pub fn ended_well(outcome: &Outcome, rule: &str) -> Result<()> {
     ]
     .iter()
     .any(|name| error.contains(name));
-    // The folder that the store is in, which is synced too.
+    // The store's folder, which is synced too.
     let names_the_folder = error.starts_with("error: .: ");
     ensure(names_a_file || names_the_folder, || format!("the message names no file: {}", ended(outcome)))
 }
 
-/// A store's files but for the lock, which a pack leaves that was stopped, and the next one takes.
+/// A store's files except for the lock: a stopped pack leaves it, and the next one takes it.
 pub fn store_tree(store: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut files = tree(store);
     files.remove(Path::new(".brickyard-lock"));
     files
 }
 
-/// A moment in a run, and what the power failure takes.
+/// A moment of power loss in a run, and the losses.
 pub struct Moment {
-    /// Calls made before.
+    /// Calls made before it.
     calls: usize,
     lost: Lost,
-    /// The last of them.
+    /// The last of these calls.
     last: String,
 }
 
@@ -226,7 +226,7 @@ impl std::fmt::Display for Moment {
     }
 }
 
-/// Every moment of a run that began with `before` at which the disk has changed, for every way to lose power then.
+/// Every moment of a run that changes the disk, with every kind of loss; `before` is the disk at the start.
 pub fn moments(run: &Outcome, before: &Tree) -> Vec<Vec<Moment>> {
     let mut disk = Disk::new(before);
     let changes: Vec<usize> = (0..run.calls.len()).filter(|&i| disk.follow(&run.calls[i])).collect();
@@ -235,14 +235,14 @@ pub fn moments(run: &Outcome, before: &Tree) -> Vec<Vec<Moment>> {
         let last = format!("{} {}", run.calls[i].name, run.calls[i].path.display());
         Moment { calls: i + 1, lost: ways(i as u64)[way], last }
     };
-    // The last one, of which a code of 0 was said, always.
+    // The last moment always: after it the run reports code 0.
     let last = vec![(0..6).filter_map(|way| Some(moment(way, *changes.last()?))).collect()];
     let by_way = (0..6).map(|way| changes.iter().map(|&i| moment(way, i)).collect());
     by_way.chain(last).collect()
 }
 
 impl Moment {
-    /// Returns the files that are left if the power goes at this moment, of a disk that had the files `before` when the run began.
+    /// Returns the files left after a power loss at this moment; `before` is the disk at the start.
     pub fn remains(&self, run: &Outcome, before: &Tree) -> Tree {
         let mut disk = Disk::new(before);
         for call in &run.calls[..self.calls] {
@@ -251,14 +251,14 @@ impl Moment {
         disk.after_power_loss(self.lost)
     }
 
-    /// Whether the run changed nothing after this moment, so that it has said that all is done.
+    /// Whether the run changed nothing after this moment, so that it may have reported success.
     pub fn is_end_of(&self, run: &Outcome) -> bool {
         let changes = ["write", "truncate", "mkdir", "unlink", "sync", "rename"];
         !run.calls[self.calls..].iter().any(|call| call.result >= 0 && changes.contains(&&*call.name))
     }
 }
 
-/// Writes inputs below a folder, each time with the same times of change: a pack is resumed from the same input only.
+/// Writes inputs below a folder, always with the same modification times: a pack resumes only from the same input.
 ///
 /// # Panics
 /// If a file cannot be written.

@@ -1,5 +1,5 @@
-//! The command under faults: run with the library of `tests/faults` preloaded, which fails, delays, cuts short and records its
-//! file operations as a rule says.
+//! The command under faults: the preloaded library of `tests/faults` fails, delays, truncates and records its file operations
+//! by rules.
 
 use crate::{Sandbox, command};
 use std::fs::File;
@@ -7,31 +7,31 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
 use std::time::{Duration, Instant};
 
-/// How long a command may run under faults before it counts as hanging. None takes a tenth of it.
+/// Time until a command under faults counts as hanging. None takes a tenth of it.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// A place to run `brickyard` under faults: a sandbox whose files are at the mercy of rules, and another one for what
-/// the command says and for the record of its calls.
+/// A place to run `brickyard` under faults: a sandbox whose files are subject to rules, and another for the command's output
+/// and the record of its calls.
 pub struct Trial {
-    /// The sandbox in which the command runs, and whose files the rules concern.
+    /// The sandbox of the command and of the rules.
     pub sandbox: Sandbox,
     aside: Sandbox,
     under: PathBuf,
 }
 
-/// How a run of `brickyard` under faults ended, and what it did.
+/// The end of a run of `brickyard` under faults, and its calls.
 pub struct Outcome {
     /// The exit code; `None` if a signal ended the command.
     pub code: Option<i32>,
-    /// Whether the command hung, and was killed for it.
+    /// Whether the command hung, and was killed.
     pub hung: bool,
-    /// What the command wrote to standard output.
+    /// Standard output of the command.
     pub stdout: Vec<u8>,
-    /// What the command wrote to standard error.
+    /// Standard error of the command.
     pub stderr: String,
-    /// The calls that the command made on files of the sandbox, in order.
+    /// The command's calls on files of the sandbox, in order.
     pub calls: Vec<Call>,
-    /// A line for a shell that repeats the run.
+    /// A shell line that repeats the run.
     pub how: String,
 }
 
@@ -40,16 +40,16 @@ pub struct Outcome {
 pub struct Call {
     /// The kind of the call: `open`, `write`, ... (`tests/faults/src/rules.rs` has them all).
     pub name: String,
-    /// What the call returned; below zero if it failed, or did nothing and said that it did.
+    /// The result of the call; below zero if it failed, or falsely reported success.
     pub result: i64,
-    /// A number that goes with the call: the flags of an open, rename or unlink, the offset of a write, the new length
-    /// of a truncated file, 1 for a sync of the whole file system.
+    /// The call's number: flags of an open, rename or unlink, offset of a write, new length of a truncated file, 1 for a sync
+    /// of the whole file system.
     pub number: i64,
-    /// The file or folder that the call was on, by its path in the sandbox.
+    /// The call's file or folder, as a path in the sandbox.
     pub path: PathBuf,
-    /// The new name that the call gave the file, as a path in the sandbox; `None` if it gave none.
+    /// The file's new name, as a path in the sandbox, if the call gave one.
     pub to: Option<PathBuf>,
-    /// The bytes that a write wrote; empty for any other call.
+    /// The bytes of a write; empty for other calls.
     pub bytes: Vec<u8>,
 }
 
@@ -62,8 +62,8 @@ impl Default for Trial {
 }
 
 impl Trial {
-    /// Runs `brickyard` on a line of arguments (split at blanks) under rules (see `tests/faults/src/rules.rs`). An
-    /// empty text has no rule, and does no harm.
+    /// Runs `brickyard` on a line of arguments (split at blanks) under rules (see `tests/faults/src/rules.rs`); an empty text
+    /// has no rules.
     ///
     /// # Panics
     /// If the command cannot be started, or the library to preload is not built.
@@ -73,7 +73,7 @@ impl Trial {
         self.run_command(command, rule)
     }
 
-    /// Runs another program, which stands in the sandbox's folder, as [`run`](Self::run) runs `brickyard`.
+    /// Runs another program from the sandbox's folder, like [`run`](Self::run).
     ///
     /// # Panics
     /// If it cannot be started, or the library to preload is not built.
@@ -103,12 +103,13 @@ impl Trial {
     }
 }
 
-/// Harms what a command does to files below a folder, whose path has no links, by rules (see `tests/faults/src/rules.rs`).
+/// Subjects a command's operations on files below a folder to rules (see `tests/faults/src/rules.rs`). The folder's path has
+/// no links.
 pub fn harm(command: &mut Command, under: &Path, rule: &str) {
     command.env("LD_PRELOAD", library()).env("BRICKYARD_FAULTS_UNDER", under).env("BRICKYARD_FAULTS", rule);
 }
 
-/// The path of the library to preload. Cargo builds it beside the tests, which depend on it.
+/// The path of the preloaded library. Cargo builds it beside the tests, which depend on it.
 fn library() -> PathBuf {
     let test = std::env::current_exe().expect("this program has a path");
     let path = test.with_file_name("libbrickyard_faults.so");
@@ -116,7 +117,7 @@ fn library() -> PathBuf {
     path
 }
 
-/// Starts a command and waits until it ends. Kills it if it hangs; the second value says whether it did.
+/// Starts a command and waits for its end. Kills it if it hangs; the second value is `true` then.
 fn wait(command: &mut Command) -> (ExitStatus, bool) {
     let mut child = command.spawn().expect("the command starts");
     let started = Instant::now();
@@ -132,7 +133,7 @@ fn wait(command: &mut Command) -> (ExitStatus, bool) {
     }
 }
 
-/// Parses the record of a run (see `tests/faults/src/record.rs`). Paths below `under` are made relative to it.
+/// Parses the record of a run (see `tests/faults/src/record.rs`), with paths relative to `under`.
 fn parse(mut log: &[u8], under: &Path) -> Vec<Call> {
     let mut calls = Vec::new();
     while let Some(end) = log.iter().position(|&byte| byte == b'\n') {
@@ -154,11 +155,11 @@ fn parse(mut log: &[u8], under: &Path) -> Vec<Call> {
     calls
 }
 
-/// Asserts that the library reaches the command, which is the same file for all tests: it has seen each kind of call
-/// that a pack makes. `outcome` is that of a pack without harm.
+/// Asserts, from a pack without faults, that the library reaches the command, which is the same file for all tests: each kind
+/// of call of a pack is recorded.
 ///
 /// # Panics
-/// If a kind of call that a pack makes is not in the record.
+/// If the record lacks a kind of call.
 pub fn assert_reached(outcome: &Outcome) {
     let program = command().get_program().to_owned();
     for name in ["open", "read", "write", "map", "sync", "rename", "lock", "stat", "mkdir", "unlink", "list"] {

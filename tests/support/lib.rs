@@ -1,4 +1,4 @@
-//! What the whole-system tests share: volumes from functions, packing, sessions, the command, Python.
+//! Common code of the whole-system tests: volumes from functions, packing, sessions, the command, Python.
 
 #[cfg(target_os = "linux")]
 pub mod fault_cases;
@@ -33,11 +33,10 @@ pub use display::Display;
 pub use missing::leave_out;
 pub use nearest::{Expected, off};
 
-/// How long a command may run before it counts as hanging. The slowest takes about a minute, on two cores that do other
-/// work too.
+/// Time until a command counts as hanging. The slowest takes about a minute, on two busy cores.
 const LONGEST_RUN: Duration = Duration::from_mins(10);
 
-/// A source whose voxels are a function of (time, channel, `[x, y, z]`).
+/// A source of voxels from a function of (time, channel, `[x, y, z]`).
 pub struct FunctionSource<T, F> {
     info: SourceInfo,
     function: F,
@@ -45,12 +44,12 @@ pub struct FunctionSource<T, F> {
 }
 
 impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> FunctionSource<T, F> {
-    /// A source of one time step and one channel; [`FunctionSource::series`] makes one of more.
+    /// Creates a source of one time step and one channel.
     pub fn new(extent: Extent, geometry: Geometry, function: F) -> Self {
         Self::series(extent, geometry, 1, 1, function)
     }
 
-    /// A source of several time steps and channels.
+    /// Creates a source of several time steps and channels.
     pub fn series(extent: Extent, geometry: Geometry, times: u32, channels: u32, function: F) -> Self {
         let info = SourceInfo {
             extent,
@@ -71,13 +70,13 @@ impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> FunctionSource<T, F
         Self { info, function, voxel: std::marker::PhantomData }
     }
 
-    /// This source, whose voxels of a value hold no data.
+    /// Marks voxels of this value as no data.
     pub fn without(mut self, nodata: f64) -> Self {
         self.info.nodata = Some(nodata);
         self
     }
 
-    /// This source, lying so in a patient.
+    /// Places the source in a patient.
     pub fn oriented(mut self, orientation: Orientation) -> Self {
         self.info.orientation = Some(orientation);
         self
@@ -103,7 +102,7 @@ impl<T: Voxel, F: Fn(u32, u32, [u32; 3]) -> T + Send + Sync> Source for Function
     }
 }
 
-/// A store in a temporary folder, which is removed when this is dropped.
+/// A store in a temporary folder, removed on drop.
 pub struct TestStore {
     folder: tempfile::TempDir,
     /// The open store.
@@ -111,8 +110,8 @@ pub struct TestStore {
 }
 
 impl TestStore {
-    /// Packs a source into a store with bricks of `edge`^3 voxels, shards of four bricks along each edge, and one pyramid: that of means, which
-    /// [`TestStore::store`] is, whatever mode is drawn.
+    /// Packs a source into a store with bricks of `edge`^3 voxels, shards of four bricks along each edge, and the pyramid of means alone, which
+    /// [`TestStore::store`] is in all modes.
     ///
     /// # Panics
     /// If packing or opening fails.
@@ -143,10 +142,10 @@ impl TestStore {
     }
 }
 
-/// A way to draw: a backend and its compositor.
+/// A way to draw: backend and compositor.
 pub type Way = (BackendChoice, CompositorChoice);
 
-/// All ways to draw: the GPU with each of its compositors, and the CPU.
+/// All ways to draw: the GPU with each compositor, and the CPU.
 pub const WAYS: [Way; 4] = [
     (BackendChoice::Gpu, CompositorChoice::Sorted),
     (BackendChoice::Gpu, CompositorChoice::Raycast),
@@ -154,30 +153,29 @@ pub const WAYS: [Way; 4] = [
     (BackendChoice::Cpu, CompositorChoice::Raycast),
 ];
 
-/// Opens a session for a store, with budgets of 256 MiB each on the GPU and on the host. `None` if the way needs a GPU
-/// and there is no adapter; [`leave_out`] says so.
+/// Opens a session for a store, with budgets of 256 MiB each on the GPU and on the host. `None`, by [`leave_out`], if the way needs a GPU and
+/// there is no adapter.
 pub fn session(store: &Arc<Store>, way: Way) -> Option<Session> {
     session_within(store, way, 256 << 20, 256 << 20)
 }
 
-/// Opens a session for each way to draw that this machine has, as [`session`] does.
+/// Opens a [`session`] for each way to draw on this machine.
 pub fn sessions(store: &Arc<Store>) -> Vec<(Way, Session)> {
     WAYS.into_iter().filter_map(|way| Some((way, session(store, way)?))).collect()
 }
 
-/// Opens a session for a store that skips nothing: bricks that show nothing are read, and empty space is sampled.
-/// `None` if the way needs a GPU and there is no adapter; [`leave_out`] says so.
+/// Opens a session for a store without skipping: invisible bricks are read, and empty space is sampled. `None`, by [`leave_out`], if the way
+/// needs a GPU and there is no adapter.
 pub fn session_without_skipping(store: &Arc<Store>, way: Way) -> Option<Session> {
     open_session(store, SessionOptions { skips_empty: false, ..options(way, 256 << 20, 256 << 20) })
 }
 
-/// Opens a session for a store under budgets. `None` if the way needs a GPU and there is no adapter; [`leave_out`] says
-/// so.
+/// Opens a session for a store under budgets. `None`, by [`leave_out`], if the way needs a GPU and there is no adapter.
 pub fn session_within(store: &Arc<Store>, way: Way, gpu_memory_bytes: u64, host_memory_bytes: u64) -> Option<Session> {
     open_session(store, options(way, gpu_memory_bytes, host_memory_bytes))
 }
 
-/// Options of a session that draws in this way under budgets, with two threads.
+/// Options of a session for this way to draw under budgets, with two threads.
 pub fn options((backend, compositor): Way, backend_bytes: u64, host_memory_bytes: u64) -> SessionOptions {
     SessionOptions {
         backend,
@@ -190,17 +188,15 @@ pub fn options((backend, compositor): Way, backend_bytes: u64, host_memory_bytes
     }
 }
 
-/// Opens a session for a store with these options. `None` if they ask for a GPU and there is no adapter; [`leave_out`]
-/// says so.
+/// Opens a session for a store with these options. `None`, by [`leave_out`], if they need a GPU and there is no adapter.
 pub fn open_session(store: &Arc<Store>, options: SessionOptions) -> Option<Session> {
     open_session_of(vec![VolumeSource::of_store(store)], options)
 }
 
-/// Opens a session for volumes with these options. `None` if they ask for a GPU and there is no adapter; [`leave_out`]
-/// says so.
+/// Opens a session for volumes with these options. `None`, by [`leave_out`], if they need a GPU and there is no adapter.
 ///
 /// # Panics
-/// If there is no adapter where `BRICKYARD_REQUIRE` asks for one.
+/// If there is no adapter but `BRICKYARD_REQUIRE` requires one.
 pub fn open_session_of(volumes: Vec<VolumeSource>, options: SessionOptions) -> Option<Session> {
     static HAS_ADAPTER: OnceLock<bool> = OnceLock::new();
     if options.backend == BackendChoice::Gpu && !HAS_ADAPTER.get_or_init(|| !adapters().is_empty()) {
@@ -210,15 +206,14 @@ pub fn open_session_of(volumes: Vec<VolumeSource>, options: SessionOptions) -> O
     Some(Session::new(volumes, options))
 }
 
-/// The scene in another mode. In [`Mode::Isosurface`] each layer gets one isosurface, of `isovalue`; in any other mode
-/// layers have none.
+/// The scene in another mode. In [`Mode::Isosurface`] each layer gets one isosurface, at `isovalue`; in other modes none.
 pub fn in_mode(mut scene: Scene, mode: Mode, isovalue: f64) -> Scene {
     let surfaces = if mode == Mode::Isosurface { vec![Isosurface::at(isovalue)] } else { Vec::new() };
     scene.layers.iter_mut().for_each(|layer| layer.isosurfaces.clone_from(&surfaces));
     Scene { mode, ..scene }
 }
 
-/// Draws the settled picture of a scene. Returns the picture and the statistics of the whole run.
+/// Draws the settled picture of a scene, with the statistics of the whole run.
 ///
 /// # Panics
 /// If the scene is impossible, the session fails, or the view does not settle within a minute.
@@ -241,17 +236,16 @@ pub fn resolved(store: &Arc<Store>, scene: &Scene, size_px: (u32, u32)) -> Resol
 /// Draws a scene of a store's volume with the oracle.
 ///
 /// # Panics
-/// If the scene is impossible, the levels that it needs cannot be read, or they do not fit 1 GiB.
+/// If the scene is impossible, or its levels cannot be read or do not fit 1 GiB.
 pub fn oracle(store: &Arc<Store>, scene: &Scene, size_px: (u32, u32)) -> Picture {
     render_reference(&[store], &resolved(store, scene, size_px), 1 << 30).expect("the levels can be read")
 }
 
-/// Asserts the contract between renderers: every channel of two pictures is within 1/255, or their PSNR is at least 50
-/// dB, where rounding accumulates over many samples. `what` names the case in messages.
+/// Asserts the contract between renderers: every channel of two pictures is within 1/255, or their PSNR is at least 50 dB, where rounding
+/// accumulates over many samples. `what` names the case in messages.
 ///
 /// # Panics
-/// If the pictures differ by more or in size, or the expected one is a single colour (then nothing would have been
-/// tested).
+/// If the pictures differ by more or in size, or the expected one is a single colour (then the test would be empty).
 pub fn assert_same(found: &Picture, expected: &Picture, what: &str) {
     let flat = expected.rgb.iter().all(|p| *p == expected.rgb[0]);
     assert!(!flat, "{what}: the expected picture is one flat colour");
@@ -259,9 +253,8 @@ pub fn assert_same(found: &Picture, expected: &Picture, what: &str) {
     assert!(difference.max <= 1 || difference.psnr_db >= 50.0, "{what}: {difference:?}");
 }
 
-/// Asserts the contract between renderers for isosurfaces: every channel is within 1/255 for all but three pixels in a
-/// thousand, or the PSNR of the pictures is at least 50 dB. Rounding decides whether a ray that grazes a surface meets
-/// it. `what` names the case in messages.
+/// Asserts the contract between renderers for isosurfaces: every channel is within 1/255 for all but three pixels in a thousand, or the
+/// pictures' PSNR is at least 50 dB. Rounding decides whether a ray that grazes a surface hits it. `what` names the case in messages.
 ///
 /// # Panics
 /// If more pixels are off, the pictures differ in size, or the expected one is a single colour.
@@ -275,7 +268,7 @@ pub fn assert_same_surface(found: &Picture, expected: &Picture, what: &str) {
     assert!(alike, "{what}: {off} pixels, {difference:?}");
 }
 
-/// A command that runs the `brickyard` program of this build, which `tools/test` builds before the tests.
+/// The `brickyard` program of this build, as a command; `tools/test` builds it before the tests.
 ///
 /// # Panics
 /// If it is not built.
@@ -283,7 +276,7 @@ pub fn command() -> Command {
     program("brickyard")
 }
 
-/// A command that runs a program of this build by its name: `examples/NAME` for an example.
+/// A program of this build by name, as a command: `examples/NAME` for an example.
 ///
 /// # Panics
 /// If it is not built.
@@ -312,8 +305,8 @@ pub fn run_ok(arguments: &[&str]) -> (String, String) {
     (stdout, stderr)
 }
 
-/// The path of the Python that has the independent readers: `BRICKYARD_PYTHON`, or what `tools/setup python` sets up.
-/// `None` if there is none; [`leave_out`] says so.
+/// Path of the Python with the independent readers: `BRICKYARD_PYTHON`, or the one from `tools/setup python`. `None`, by [`leave_out`], if
+/// there is none.
 pub fn python() -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap_or(Path::new("."));
     let path =
@@ -325,7 +318,7 @@ pub fn python() -> Option<PathBuf> {
     Some(path)
 }
 
-/// The bytes of an array of voxels, x fastest, whose values are a function of `[x, y, z]`, rounded to the voxel type.
+/// Bytes of an array of voxels, x fastest, from a function of `[x, y, z]`, rounded to the voxel type.
 pub fn bytes_of(voxel_type: VoxelType, extent: Extent, value: impl Fn([u32; 3]) -> f64) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(extent.volume() as usize * voxel_type.bytes());
     for z in 0..extent.z {
@@ -341,8 +334,7 @@ pub fn bytes_of(voxel_type: VoxelType, extent: Extent, value: impl Fn([u32; 3]) 
     bytes
 }
 
-/// A temporary folder in which `brickyard` runs, removed when this is dropped. All paths that it is given are relative
-/// to it.
+/// A temporary working folder for `brickyard`, removed on drop. All paths given to the command are relative to it.
 pub struct Sandbox(tempfile::TempDir);
 
 impl Default for Sandbox {
@@ -352,16 +344,15 @@ impl Default for Sandbox {
 }
 
 impl Sandbox {
-    /// Makes a sandbox in a file system without a disk if there is one (Linux's `/dev/shm`), else in the default folder
-    /// for temporary files.
+    /// Creates a sandbox in a file system in memory if there is one (Linux's `/dev/shm`), else in the default folder for temporary files.
     pub fn in_memory() -> Self {
         tempfile::tempdir_in("/dev/shm").map_or_else(|_| Self::default(), Self)
     }
 
-    /// Makes a sandbox inside of an existing folder.
+    /// Creates a sandbox inside an existing folder.
     ///
     /// # Panics
-    /// If no folder can be made there.
+    /// If no folder can be created there.
     pub fn within(folder: &str) -> Self {
         Self(tempfile::tempdir_in(folder).expect("a temporary folder"))
     }
@@ -371,7 +362,7 @@ impl Sandbox {
         self.0.path().join(path)
     }
 
-    /// Writes a file of the sandbox, in place of one that is there.
+    /// Writes or replaces a file of the sandbox.
     ///
     /// # Panics
     /// If it cannot be written.
@@ -388,7 +379,7 @@ impl Sandbox {
         std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
     }
 
-    /// Copies all files of a folder of the sandbox to another folder of it.
+    /// Copies all files of a folder of the sandbox to another of its folders.
     ///
     /// # Panics
     /// If a file cannot be read or written.
@@ -400,15 +391,14 @@ impl Sandbox {
         }
     }
 
-    /// A command that runs `brickyard` in the sandbox's folder.
+    /// The `brickyard` command with the sandbox as working folder.
     pub fn command(&self) -> Command {
         let mut command = command();
         command.current_dir(self.0.path());
         command
     }
 
-    /// Runs `brickyard` in the sandbox on a line of arguments (split at blanks) and returns (exit code, standard
-    /// output, standard error).
+    /// Runs `brickyard` in the sandbox on a line of arguments (split at blanks); returns (exit code, standard output, standard error).
     ///
     /// # Panics
     /// If it cannot be started, hangs, or is killed by a signal.
@@ -416,7 +406,7 @@ impl Sandbox {
         outcome(self.command().args(line.split_whitespace()))
     }
 
-    /// Runs `brickyard` in the sandbox on a line of arguments (split at blanks) and returns its standard output.
+    /// Runs `brickyard` in the sandbox on a line of arguments (split at blanks); returns its standard output.
     ///
     /// # Panics
     /// If it does not end with exit code 0.
@@ -426,8 +416,7 @@ impl Sandbox {
         stdout
     }
 
-    /// Runs `brickyard` in the sandbox on a line of arguments (split at blanks) and parses the JSON on its standard
-    /// output.
+    /// Runs `brickyard` in the sandbox on a line of arguments (split at blanks); parses its standard output as JSON.
     ///
     /// # Panics
     /// If it does not end with exit code 0, or prints anything but JSON.
@@ -436,11 +425,11 @@ impl Sandbox {
         serde_json::from_str(&text).unwrap_or_else(|error| panic!("brickyard {line}: {error}: {text}"))
     }
 
-    /// Runs a script of `tests/python`, with the path of `brickyard` and the sandbox's as its arguments. Returns false
-    /// if there is no Python with the independent readers.
+    /// Runs a script of `tests/python` with the paths of `brickyard` and of the sandbox. Returns `false` if there is no Python with the
+    /// independent readers.
     ///
     /// # Panics
-    /// If the script fails; its output is shown.
+    /// If the script fails, with its output.
     pub fn python(&self, script: &str) -> bool {
         let Some(python) = python() else { return false };
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("python").join(script);
@@ -452,7 +441,7 @@ impl Sandbox {
     }
 }
 
-/// Runs a command without input and returns (exit code, standard output, standard error).
+/// Runs a command without input; returns (exit code, standard output, standard error).
 fn outcome(command: &mut Command) -> (i32, String, String) {
     let mut child =
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it can be started");
@@ -468,19 +457,19 @@ fn outcome(command: &mut Command) -> (i32, String, String) {
     (child.wait().expect("it is ours").code().expect("no signal"), stdout, stderr)
 }
 
-/// Reads a pipe on a thread of its own. The receiver gets all that came out of it once its other end is closed.
+/// Reads a pipe on its own thread. The receiver gets the whole output after the pipe closes.
 fn read_on_a_thread(mut pipe: impl Read + Send + 'static) -> Receiver<String> {
     let (sender, receiver) = channel();
     std::thread::spawn(move || {
         let mut bytes = Vec::new();
         pipe.read_to_end(&mut bytes).expect("the pipe can be read");
-        // Nobody waits for it once the test has failed.
+        // After a failed test there is no receiver.
         let _ = sender.send(String::from_utf8_lossy(&bytes).into_owned());
     });
     receiver
 }
 
-/// Reads every file below a folder. The keys are the files' paths from the folder.
+/// Reads every file below a folder, keyed by relative path.
 ///
 /// # Panics
 /// If a file or folder cannot be read.
@@ -501,8 +490,7 @@ pub fn tree(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     files
 }
 
-/// Describes the files in which two trees differ, one a line: missing, extra, or of other content. Empty if the trees
-/// are the same.
+/// Describes the differences between two trees of files, one a line: missing, extra, or different content. Empty for equal trees.
 pub fn tree_difference(found: &BTreeMap<PathBuf, Vec<u8>>, expected: &BTreeMap<PathBuf, Vec<u8>>) -> Vec<String> {
     let names: BTreeSet<&PathBuf> = found.keys().chain(expected.keys()).collect();
     let differs = |name: &&PathBuf| found.get(*name) != expected.get(*name);
@@ -514,7 +502,7 @@ pub fn tree_difference(found: &BTreeMap<PathBuf, Vec<u8>>, expected: &BTreeMap<P
 /// Reads an 8-bit RGB PNG file.
 ///
 /// # Panics
-/// If the file cannot be read, or is no such PNG.
+/// If the file cannot be read or is no such PNG.
 pub fn read_png(path: &Path) -> Picture {
     let file = std::fs::File::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let mut reader = png::Decoder::new(std::io::BufReader::new(file)).read_info().expect("a PNG");
@@ -524,7 +512,7 @@ pub fn read_png(path: &Path) -> Picture {
     Picture { width: info.width, height: info.height, rgb: bytes.as_chunks::<3>().0.to_vec() }
 }
 
-/// Pseudo-random numbers, the same in every run (SplitMix64). The number is the state, at first the seed.
+/// Pseudo-random numbers, reproducible (SplitMix64). The number is the state, at first the seed.
 pub struct Random(pub u64);
 
 impl Random {

@@ -1,6 +1,6 @@
-//! Tests for which something is missing on this machine: they are left out, and say so; or they fail, where it is required.
+//! Tests without their requirements on this machine: skipped with a message, or failed if these are mandatory.
 
-/// What tests may need: its name in `BRICKYARD_REQUIRE`, and how to get it.
+/// Requirements of tests: name in `BRICKYARD_REQUIRE`, and remedy.
 const CURES: [(&str, &str); 6] = [
     ("gpu", "a graphics adapter: run `tools/setup`, which installs a software one (mesa-vulkan-drivers, libvulkan1)"),
     ("python", "the independent readers: run `tools/setup python`, or set BRICKYARD_PYTHON to a Python that has them"),
@@ -13,12 +13,12 @@ const CURES: [(&str, &str); 6] = [
     ("permissions", "a user without rights: as root, setpriv (of util-linux); else any"),
 ];
 
-/// Says on standard error that a test, or a part of it, is left out for want of `name`: `gpu`, `python`, `display`, `mount`,
+/// Reports on standard error a test, or a part of it, skipped for lack of `name`: `gpu`, `python`, `display`, `mount`,
 /// `ffmpeg` or `permissions`.
 ///
 /// # Panics
-/// If the name is not one of those, or the environment variable `BRICKYARD_REQUIRE` (names between commas) has it.
-/// `tools/test` requires a GPU, Python and a display, unless the variable is set.
+/// If the name is none of these, or is in the environment variable `BRICKYARD_REQUIRE` (names between commas). `tools/test`
+/// requires a GPU, Python and a display unless the variable is set.
 pub fn leave_out(name: &str, reason: impl std::fmt::Display) {
     let cure = CURES.iter().find(|(known, _)| *known == name).map(|(_, cure)| *cure).expect("a name of the list");
     let required = std::env::var("BRICKYARD_REQUIRE").unwrap_or_default();

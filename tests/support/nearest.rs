@@ -1,4 +1,4 @@
-//! Pictures of what is read at the nearest voxel, where rounding decides which of two voxels a place is in.
+//! Pictures of nearest-voxel reads, where rounding decides which of two voxels a place is in.
 
 use brickyard::volume::{Camera, Picture, Scene};
 use glam::DVec3;
@@ -10,7 +10,7 @@ pub fn off(found: &Picture, expected: &Picture) -> Vec<usize> {
     (0..found.rgb.len()).filter(is_off).collect()
 }
 
-/// What the oracle shows of a scene: from its camera, and, made when they are first asked for, from a thousandth of a voxel beside it.
+/// The oracle's pictures of a scene: from its camera, and lazily from a thousandth of a voxel beside it.
 pub struct Expected<'a> {
     draw: &'a dyn Fn(&Scene) -> Picture,
     scene: &'a Scene,
@@ -20,10 +20,10 @@ pub struct Expected<'a> {
 }
 
 impl<'a> Expected<'a> {
-    /// What the oracle shows of a scene that has a camera; `draw` is the oracle.
+    /// Draws a scene with a camera; `draw` is the oracle.
     ///
     /// # Panics
-    /// If its picture is a single colour: then nothing would be tested.
+    /// If its picture is a single colour: then the test would be empty.
     pub fn new(scene: &'a Scene, draw: &'a dyn Fn(&Scene) -> Picture) -> Self {
         let exact = draw(scene);
         assert!(exact.rgb.iter().any(|p| *p != exact.rgb[0]), "the expected picture is one flat colour");
@@ -39,8 +39,8 @@ impl<'a> Expected<'a> {
         })
     }
 
-    /// The picture equals the oracle's, but for at most a thousandth of the pixels, which are what the oracle has a thousandth of a voxel away:
-    /// there rounding decides which of two voxels a place is in.
+    /// Asserts that a picture equals the oracle's in all but a thousandth of the pixels, and in those the oracle's from a thousandth of a voxel
+    /// away: there rounding decides which of two voxels a place is in.
     ///
     /// # Panics
     /// If it does not, or the scene has no camera. `what` names the case in messages.

@@ -1,27 +1,26 @@
-//! What a disk may hold when the power goes: a file system that keeps apart what was synced and what was not.
+//! Possible contents of a disk after a power loss: a file system with synced and unsynced changes kept apart.
 //!
-//! It is fed with the record of a run. Any write to a file since that file was last synced may be lost, or leave a hole where it
-//! would have made the file longer. Any change of names in a folder since that folder was last synced may be lost; a rename is one
-//! change. POSIX promises no more than that, and every file system keeps more.
+//! Its input is the record of a run. Any write to a file since its last sync may be lost, or leave a hole where it would have
+//! extended the file. Any change of names in a folder since its last sync may be lost; a rename is one change. POSIX promises no
+//! more, and every file system preserves more.
 
 use crate::Random;
 use crate::faults::Call;
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
-/// Which of the changes that were not synced are lost when the power goes.
+/// Unsynced changes lost with the power.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lost {
-    /// Nothing is lost: the process was killed, and the power is on.
+    /// Nothing: the process was killed, and the power is on.
     Nothing,
-    /// All changes that were not synced are lost.
+    /// All unsynced changes.
     Everything,
-    /// Bytes that were written are lost, but not the lengths that they gave files: those are longer by zeros. Changes
-    /// of names last.
+    /// Written bytes, but not the new lengths of files, which are padded with zeros. Changes of names last.
     Bytes,
-    /// Changes of names are lost. The bytes of files last.
+    /// Changes of names. The bytes of files last.
     Names,
-    /// Each change is lost or lasts by chance, and a write may leave zeros. The number is the seed.
+    /// Each change at random, and a write may leave zeros. The number is the seed.
     Some(u64),
 }
 
@@ -35,15 +34,15 @@ enum Change {
 #[derive(Default)]
 struct Inode {
     is_folder: bool,
-    /// The bytes of a file that are sure to last.
+    /// The durable bytes of a file.
     bytes: Vec<u8>,
     names: BTreeMap<String, Id>,
-    /// The names in a folder as the running system sees them.
+    /// The names in a folder in the running system.
     names_now: BTreeMap<String, Id>,
     changes: Vec<Change>,
 }
 
-/// One change of names: for each folder and name what the name stands for afterwards, `None` for nothing.
+/// One change of names: each folder and name with its new target, `None` for nothing.
 struct Naming(Vec<(Id, String, Option<Id>)>);
 
 impl Naming {
@@ -52,14 +51,14 @@ impl Naming {
     }
 }
 
-/// A disk as a record of calls leaves it: what is synced, and what is not.
+/// A disk after a record of calls: synced and unsynced changes.
 pub struct Disk {
     inodes: Vec<Inode>,
-    /// The changes of names that are not synced, in order.
+    /// The unsynced changes of names, in order.
     namings: Vec<Naming>,
 }
 
-/// Files and folders by their paths: a file has its bytes, a folder `None`.
+/// Files and folders by path: a file has its bytes, a folder `None`.
 pub type Tree = BTreeMap<PathBuf, Option<Vec<u8>>>;
 
 const ROOT: Id = 0;
@@ -72,11 +71,11 @@ const TRUNCATE: i64 = 0o1000;
 const EXCHANGE: i64 = 2;
 /// The number of a sync of the whole file system.
 const WHOLE: i64 = 1;
-/// What the record has in place of a rename's flags for a link: a second name for the same file.
+/// The record's number for a link, in place of a rename's flags: a second name for the same file.
 const LINK: i64 = -1;
 
 impl Disk {
-    /// A disk on which these files and folders have long been: all of it is synced.
+    /// Creates a disk with these files and folders, all synced.
     pub fn new(tree: &Tree) -> Self {
         let root = Inode { is_folder: true, ..Inode::default() };
         let mut disk = Self { inodes: vec![root], namings: Vec::new() };
@@ -101,8 +100,7 @@ impl Disk {
         disk
     }
 
-    /// Makes the change that a recorded call makes. Returns false if the call changes nothing: it failed, or only
-    /// reads.
+    /// Applies a recorded call. Returns `false` if it changes nothing: it failed, or only reads.
     pub fn follow(&mut self, call: &Call) -> bool {
         if call.result < 0 {
             return false;
@@ -165,7 +163,7 @@ impl Disk {
             self.inodes[id].changes.clear();
             return true;
         }
-        // With the folder's changes go those of others that a rename ties to them, and what was before those.
+        // A rename ties the folder's changes to those of other folders, which are synced too, with their predecessors.
         let mut folders = vec![id];
         let mut lasting = vec![false; self.namings.len()];
         for (naming, lasts) in self.namings.iter().zip(&mut lasting).rev() {
@@ -184,7 +182,7 @@ impl Disk {
         true
     }
 
-    /// The files and folders that are on the disk when the power comes back, by what is lost.
+    /// The files and folders on the disk after the power returns.
     pub fn after_power_loss(&self, lost: Lost) -> Tree {
         let mut random = Random(if let Lost::Some(seed) = lost { seed } else { 0 });
         let mut names: Vec<BTreeMap<String, Id>> = self.inodes.iter().map(|inode| inode.names.clone()).collect();
@@ -247,7 +245,7 @@ impl Disk {
         true
     }
 
-    /// The folder that holds a path's last name, and that name; `None` if there is no such folder.
+    /// The folder of a path's last name, and that name; `None` if there is no such folder.
     fn place(&self, path: &Path) -> Option<(Id, String)> {
         let folder = self.find(path.parent()?)?;
         Some((folder, path.file_name()?.to_string_lossy().into_owned()))
@@ -261,9 +259,9 @@ impl Disk {
 #[derive(Clone, Copy, PartialEq)]
 enum Fate {
     Lasts,
-    /// The change is as if it had not been.
+    /// The change never happened.
     Lost,
-    /// The bytes of the change are lost, but not the length that it gave the file: it is longer by zeros.
+    /// The bytes of the change are lost, but not the file's new length, padded with zeros.
     Hole,
 }
 
@@ -301,7 +299,7 @@ fn parts(path: &Path) -> impl Iterator<Item = String> {
     })
 }
 
-/// Reads a folder with all that is in it. The keys are paths from the folder.
+/// Reads a folder with all its content, keyed by relative path.
 ///
 /// # Panics
 /// If a file or folder cannot be read.
@@ -324,7 +322,7 @@ pub fn read_tree(folder: &Path) -> Tree {
     tree
 }
 
-/// Makes a folder hold just these files and folders. What else is in it is removed.
+/// Makes a folder hold exactly these files and folders; removes others.
 ///
 /// # Panics
 /// If a file or folder cannot be removed or written.
@@ -333,7 +331,7 @@ pub fn write_tree(folder: &Path, tree: &Tree) {
         std::fs::remove_dir_all(folder).expect("the folder is ours");
     }
     std::fs::create_dir_all(folder).expect("the folder is ours");
-    // A folder comes before what is in it.
+    // A folder comes before its content.
     for (path, bytes) in tree {
         let path = folder.join(path);
         match bytes {

@@ -1,5 +1,5 @@
-//! Samples of long lists of cases, chosen by a seed: `BRICKYARD_SEED`, which `tools/test` sets to the commit's number and prints, or 0.
-//! `BRICKYARD_CASES=all` takes every case. A sampled case found wrong becomes a test of its own.
+//! Samples of long lists of cases, by a seed: `BRICKYARD_SEED`, which `tools/test` sets to the commit's hash and prints, or 0.
+//! `BRICKYARD_CASES=all` takes every case. A failed sample becomes a test of its own.
 
 use crate::{Random, Way};
 use brickyard::backend::BackendChoice;
@@ -18,13 +18,13 @@ pub fn takes_all() -> bool {
     std::env::var("BRICKYARD_CASES").is_ok_and(|text| text == "all")
 }
 
-/// Indices of the cases that this run takes of a list: one in `one_in`, or all.
+/// Indices of this run's cases in a list: one in `one_in`, or all.
 pub fn sampled(list: &str, count: usize, one_in: usize) -> Vec<usize> {
     places(list, count, if takes_all() { count } else { count.div_ceil(one_in) })
 }
 
-/// Indices of `wanted` of `count` cases, ascending: the list is cut into as many equal parts, and each gives one of its cases. Lists are
-/// sampled independently, each by its name.
+/// Indices of `wanted` of `count` cases, ascending: one from each of `wanted` equal parts of the list. Lists are sampled independently, by
+/// name.
 pub fn places(list: &str, count: usize, wanted: usize) -> Vec<usize> {
     let wanted = wanted.min(count);
     let mut random = random(list);
@@ -32,13 +32,12 @@ pub fn places(list: &str, count: usize, wanted: usize) -> Vec<usize> {
     (0..wanted).map(|part| at(part) + (random.unit() * (at(part + 1) - at(part)) as f64) as usize).collect()
 }
 
-/// Whether this run draws a case, named with its way to draw: the CPU draws every case, and a GPU a third of them, for shaders take long to
-/// compile.
+/// Whether this run draws a case, named with its way to draw: the CPU draws every case, and a GPU a third, because shaders compile slowly.
 pub fn draws(case: &str, way: Way) -> bool {
     way.0 == BackendChoice::Cpu || takes_all() || random(case).bits().is_multiple_of(3)
 }
 
-/// A generator seeded by the name and the run.
+/// A generator with a seed from the name and the run.
 fn random(name: &str) -> Random {
     Random(seed() ^ name.bytes().fold(0u64, |hash, byte| hash.wrapping_mul(31).wrapping_add(u64::from(byte))))
 }

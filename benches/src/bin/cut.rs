@@ -1,4 +1,4 @@
-//! The octree cut of a volume of 4096³ voxels, on one thread: from nothing, and from the last cut while the camera moves.
+//! The octree cut of a volume of 4096³ voxels, on one thread: from scratch, and from the last cut while the camera moves.
 //!
 //! ```text
 //! cold    Cut::new for each view
@@ -6,8 +6,8 @@
 //! fly     the same, from outside to the volume's centre in 360 views
 //! ```
 //!
-//! Each at a number of slots. The target is half a pixel of 1920x1080, for which there are too few slots: the cuts are memory bound,
-//! so that views exchange cells. No brick is read. Prints a Markdown table, then one line of JSON.
+//! Each at a number of slots. The target is half a pixel of 1920x1080, too fine for the slots: the cuts are memory bound, so that
+//! views exchange cells. No brick is read. Prints a Markdown table, then one line of JSON.
 
 use brickyard_benches::{markdown, median, time};
 use brickyard_pager::{BrickError, BrickSource, Cut, View, cut_capacity};
@@ -34,7 +34,7 @@ struct Arguments {
     pixel_error: f64,
 }
 
-/// A volume of which only the shape is known.
+/// A volume's shape alone.
 struct Shape {
     pyramid: Pyramid,
     geometry: Geometry,

@@ -1,5 +1,5 @@
-//! What an edit of the transfer function costs beside a frame: a store's view is drawn again and again, with the same function or
-//! with another one, in turn.
+//! The cost of an edit of the transfer function, beside a frame: a store's view is redrawn with the same function and with another
+//! one, in turn.
 //!
 //! ```text
 //! frame    resolve, step and draw with the function of the frame before, whose table is there
@@ -7,12 +7,11 @@
 //! edit     what step and draw take longer then: the table is turned into what the renderer looks up, and uploaded
 //! ```
 //!
-//! An edit is measured with a picture of 16 x 16 pixels, which takes so little itself that the difference is not lost in it.
-//! The two functions differ in colour, and by 1/1000 in opacity: nothing of an edit is spared, and both take the same samples. A
-//! brick uploaded is an error.
+//! An edit is measured on a picture of 16 x 16 pixels, cheap enough not to hide the difference. The two functions differ in colour,
+//! and by 1/1000 in opacity: the edit skips no work, and both take the same samples. An uploaded brick is an error.
 //!
-//! Another edit reveals: a session that shows values above the middle of the window alone is given the whole function. Bricks that
-//! showed nothing were not fetched; this edit uploads them, and the picture is drawn at once without:
+//! Another edit reveals: a session that shows only values above the middle of the window gets the whole function. Invisible bricks
+//! were not fetched; this edit uploads them, and the picture is first drawn without:
 //!
 //! ```text
 //! bricks   uploaded for the first view, and by the edit
@@ -42,7 +41,7 @@ use std::time::{Duration, Instant};
 struct Arguments {
     /// A packed store
     store: PathBuf,
-    /// The function that is edited: a preset
+    /// Preset of the edited function
     #[arg(long, default_value = "viridis")]
     transfer: String,
     /// Pixels along each side
@@ -56,7 +55,7 @@ struct Arguments {
     threads: usize,
 }
 
-/// Pixels along each side of the picture that shows what an edit takes.
+/// Pixels along each side of the picture for the cost of an edit.
 const TINY: u32 = 16;
 
 const WAYS: [(&str, BackendChoice, CompositorChoice); 3] = [
@@ -109,7 +108,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Bricks and times of an edit that shows hidden values.
+/// Bricks and times of an edit that reveals hidden values.
 #[derive(Serialize)]
 struct Reveal {
     bricks_before: u64,
@@ -136,7 +135,7 @@ fn reveal(mut session: Session, whole: &Scene, size: u32) -> Result<Reveal, Box<
     Ok(Reveal { bricks_before, bricks, first_ms, settled_ms })
 }
 
-/// A scene that shows values above the middle of its function's range alone.
+/// A scene that shows only values above the middle of its function's range.
 fn upper_half(scene: &Scene) -> Result<Scene, Box<dyn Error>> {
     let Some(TransferChoice::Function(mut function)) = scene.layers[0].transfer.clone() else {
         return Err("no function".into());
@@ -159,7 +158,7 @@ fn scenes(store: &Arc<Store>, preset: &str) -> Result<[Scene; 2], Box<dyn Error>
     Ok([first, second].map(Scene::of))
 }
 
-/// What a frame took, and the one after it, with another function.
+/// Costs of a frame, and of the next one with another function.
 struct Turn {
     frame: Timing,
     edit: Timing,

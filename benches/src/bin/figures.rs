@@ -1,13 +1,13 @@
-//! The plots and the table of `docs/performance.md` from what `brickyard bench --json` printed.
+//! The plots and the table of `docs/performance.md`, from the output of `brickyard bench --json`.
 //!
 //! ```text
 //! brickyard bench turbulence-*.zarr --scenario still,fly --json > flights.json
 //! cargo run --release -p brickyard-benches --bin figures -- flights.json --out docs/images
 //! ```
 //!
-//! Writes `frame-time.svg` (median time of a frame when nothing moves, against the volume's edge, and the 20 ms of real time), `first-picture.svg` (from
-//! opening to the first picture and to the settled one) and prints the table of all flights. Stores of one kind,
-//! the part of their names before the last dash, are one line. `--beside NAME=EDGE:MS,EDGE:MS...` adds another renderer.
+//! Writes `frame-time.svg` (median time of a still frame, against the volume's edge, and the 20 ms of real time) and `first-picture.svg` (from
+//! opening to the first picture and to the settled one), and prints the table of all flights. Stores of one kind, the part of their names before the
+//! last dash, are one line. `--beside NAME=EDGE:MS,EDGE:MS...` adds another renderer.
 
 use clap::Parser;
 use plotters::prelude::*;
@@ -19,7 +19,7 @@ use std::process::ExitCode;
 /// Draws plots of measured flights.
 #[derive(Parser)]
 struct Arguments {
-    /// What `brickyard bench --json` printed
+    /// Output of `brickyard bench --json`
     #[arg(required = true)]
     flights: Vec<PathBuf>,
     /// Folder for the plots
@@ -30,7 +30,7 @@ struct Arguments {
     beside: Vec<Line>,
 }
 
-/// A frame in real time, by the paper that plots frame time against size.
+/// Real-time frame in milliseconds, from the paper that plots frame time against size.
 const REAL_TIME_MS: f64 = 20.0;
 
 /// Points of a line, by the volume's edge in voxels.

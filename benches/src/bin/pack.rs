@@ -1,12 +1,12 @@
-//! What packing costs beyond compression: CPU and wall time of `pack`, over those of one bare compression pass over the
-//! same level-0 bricks with the same codec, measured in one run; and the peak of anonymous memory.
+//! The cost of packing beyond compression: CPU and wall time of `pack`, over those of one bare compression pass over
+//! the same level-0 bricks with the same codec, measured in one run; and the peak of anonymous memory.
 //!
 //! ```text
 //! cargo run --release -p brickyard-benches --bin pack -- FILE X,Y,Z DTYPE [CODEC] [MEMORY_MIB] [THREADS]
 //! ```
 //!
-//! The bare pass gathers 64 bricks at a time (untimed) and then encodes them (timed), so that it is compression and
-//! nothing else. The store is written beside the file and removed.
+//! The bare pass gathers 64 bricks at a time (untimed) and then encodes them (timed), for pure compression time. The
+//! store is written beside the file and removed.
 
 use brickyard_benches::{Timing, in_parallel, time};
 use brickyard_import::{RawLayout, RawSource, Source};
@@ -47,7 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         std::fs::remove_dir_all(&store)?;
         Ok((result?, peak_kib, cost))
     };
-    // Once untimed: page cache, and what the first run allocates.
+    // Once untimed, for the page cache and first-run allocations.
     packing(options.threads)?;
     println!("{file} {shape:?} {voxel_type} {} --memory {} MiB", options.codec, options.memory_bytes >> 20);
     let mut counts = vec![1, options.threads];
@@ -109,7 +109,7 @@ fn bare_pass(source: &dyn Source, options: &PackOptions, threads: usize) -> Resu
     Ok(total)
 }
 
-/// Runs `work` while the process's anonymous memory is sampled every millisecond.
+/// Runs `work` and samples the process's anonymous memory every millisecond.
 fn with_peak<R>(work: impl FnOnce() -> R) -> (R, u64, Timing) {
     let (done, peak) = (AtomicBool::new(false), AtomicU64::new(0));
     let (cost, result) = std::thread::scope(|scope| {

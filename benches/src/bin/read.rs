@@ -1,4 +1,4 @@
-//! Reading a brick store, beside the bare codec on the same bytes, all in one run.
+//! Reading a brick store, beside the bare codec on the same bytes, in one run.
 //!
 //! ```text
 //! bare codec   encoded bricks held in RAM, plain Zstandard (and unshuffling): the yardstick
@@ -7,12 +7,12 @@
 //! boxes        Store::read_box of random brick-sized boxes, on the brick grid and off it
 //! ```
 //!
-//! Bricks are those of level 0 that are stored, along a Morton curve. The curve is cut into four slices, and every
-//! case works on a slice before any goes on to the next: so a machine that is fast now and slow then is so for all of them.
+//! Bricks are the stored ones of level 0, along a Morton curve. The curve is cut into four slices, and all cases work on a
+//! slice before any goes on to the next: a machine of varying speed varies alike for all of them.
 //!
-//! Everything is read once before the clock starts: the page cache is warm, the RAM caches' buffers are allocated (what they
-//! hold is the end of the last sweep: useless at the beginning of the next, if the volume is larger), and the decoded bytes
-//! have been compared. Prints a Markdown table, then one line of JSON.
+//! Everything is read once before the clock starts: the page cache is warm, the RAM caches' buffers are allocated (they hold
+//! the end of the last sweep, useless at the start of the next in a larger volume), and the decoded bytes have been
+//! compared. Prints a Markdown table, then one line of JSON.
 
 use brickyard_benches::bare::EncodedBricks;
 use brickyard_benches::boxes::{Placement, random_box};
@@ -44,7 +44,7 @@ struct Arguments {
     /// Voxel type of the synthetic scan: u8 or u16
     #[arg(long, default_value = "u8")]
     dtype: VoxelType,
-    /// How often everything is measured
+    /// Repetitions of every measurement
     #[arg(long, default_value_t = 5)]
     repetitions: usize,
     /// Most bricks, along the curve
@@ -98,7 +98,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     Ok(())
 }
 
-/// What is measured.
+/// The measured operations.
 #[derive(Clone, Copy, PartialEq)]
 enum Task {
     Bare,
@@ -150,9 +150,9 @@ fn cases() -> Vec<Case> {
 #[derive(Clone, Copy)]
 struct Sample {
     timing: Timing,
-    /// Bricks or boxes delivered.
+    /// Delivered bricks or boxes.
     items: usize,
-    /// Cores that the RAM cache decoded for them.
+    /// Cores decoded for them by the RAM cache.
     decoded: u64,
 }
 
@@ -160,7 +160,7 @@ struct Bench {
     store: Arc<Store>,
     ids: Vec<BrickId>,
     encoded: EncodedBricks,
-    /// Of the sweeps with one thread and with two.
+    /// For the sweeps with one thread and with two.
     caches: [Arc<RamCache>; 2],
     boxes: usize,
     seed: u64,
@@ -217,7 +217,7 @@ impl Bench {
         Ok(crc.sum())
     }
 
-    /// Every case once.
+    /// Runs every case once.
     fn round(&self, cases: &[Case]) -> Result<Vec<Sample>, String> {
         let none = Sample { timing: Timing { wall_s: 0.0, cpu_s: 0.0 }, items: 0, decoded: 0 };
         let mut samples = vec![none; cases.len()];
@@ -332,12 +332,12 @@ fn morton(store: &Store, count: usize) -> Result<Vec<BrickId>, String> {
     Ok(stored)
 }
 
-/// Every bit moved to three times its place.
+/// Moves every bit to three times its place.
 fn spread(n: u32) -> u128 {
     (0..32).map(|bit| (n as u128 >> bit & 1) << (3 * bit)).sum()
 }
 
-/// A packed scan of `extent`^3 voxels, made if it is not there.
+/// A packed scan of `extent`^3 voxels, created if missing.
 fn synthetic(extent: u32, voxel_type: VoxelType) -> Result<PathBuf, String> {
     let path = Path::new("target/bench").join(format!("ct-{extent}-{voxel_type}.zarr"));
     if !path.join("zarr.json").exists() {

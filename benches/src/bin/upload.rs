@@ -1,12 +1,12 @@
-//! Padded bricks into slots: into the CPU backend's (which looks at every code for its macro-cells), and into the GPU's atlas for
-//! either compositor, where there is an adapter.
+//! Uploads of padded bricks: to the CPU backend's slots (which scan every code for macro-cells), and to the GPU's atlas for either
+//! compositor, if there is an adapter.
 //!
 //! ```text
 //! cargo run --release -p brickyard-benches --bin upload -- --bricks 256
 //! ```
 //!
-//! The bricks are noise: nothing is faster for being uniform. Uploads of the GPU go on beside the loop, but no more than two batches of
-//! them, so a rate over many batches is what gets through. Prints a Markdown table, medians over repetitions.
+//! The bricks are noise, so that uniformity speeds nothing up. GPU uploads continue beside the loop, but at most two batches, so a rate
+//! over many batches is the throughput. Prints a Markdown table, medians over repetitions.
 
 use brickyard_benches::{Timing, markdown, median, time};
 use brickyard_pager::{Slot, VolumeNeeds};
@@ -30,14 +30,14 @@ const EDGE: u32 = 64;
 const PICTURE_PX: (u32, u32) = (512, 512);
 const MEMORY_BYTES: u64 = 256 << 20;
 
-/// Somewhere to upload to.
+/// A destination of uploads.
 enum Slots {
     Cpu(Box<SoftwareRenderer>),
     Gpu(Box<GpuRenderer>),
 }
 
 impl Slots {
-    /// Every backend and compositor there is.
+    /// Every available backend and compositor.
     fn all(encoding: SlotEncoding) -> Result<Vec<(String, Self)>, String> {
         let needs = VolumeNeeds {
             encoding,

@@ -1,4 +1,4 @@
-// The finished picture over a part of an application's texture, stretched.
+// The finished picture, stretched over a part of an application's texture.
 //!import eyes written
 
 struct Place {

@@ -1,5 +1,5 @@
-// Adds up the segments of a cell of layers that share their grid: in each segment every layer takes its part (`way`), and all that is there
-// is seen together. The rule is written down beside its CPU twin, the volume crate's `compositing`.
+// Adds up the segments of a cell of layers with a common grid: in each segment every layer takes its part (`way`), and all parts are seen
+// together. The rule is documented with its CPU twin, the volume crate's `compositing`.
 //!import frame jitter lattice layers limits see sorted way
 
 @fragment
@@ -9,7 +9,7 @@ fn march(in: Proxy) -> @location(0) vec4f {
     let whole = limited(all, in.position.xy) + shift;
     shift_all(shift);
     drawn = box_of(in);
-    // All layers' rays are the same.
+    // All layers have the same ray.
     let own = own_stretch(in, way.ray, whole);
     var light = Light(vec3f(0.0), 1.0);
     var walk = enter_zone(tick_at(own.x), 0u, whole);

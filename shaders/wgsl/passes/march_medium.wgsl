@@ -1,4 +1,4 @@
-// Adds up the segments of a cell, each looked at from end to end.
+// Adds up the segments of a cell, each evaluated from end to end.
 //!import caps cut_face field lattice medium sight sorted take
 
 @fragment

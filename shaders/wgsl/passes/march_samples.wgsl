@@ -11,7 +11,8 @@ fn march(in: Proxy) -> @location(0) vec4f {
     let box = box_of(in);
     var pixel = pixel_start();
     var walk = enter_zone(tick_at(own.x), 0u, stretch);
-    // A loop of its own: on lavapipe whatever is in a loop takes time in each round, also where an `if` leaves it out.
+    // A loop of its own: on lavapipe every part of a loop's body costs time in each round, even under an `if` not
+    // taken.
     let is_coarse = HAS_BOXES && any(in.texel_scale < vec3f(1.0));
     while (is_coarse && own.x < own.y && walk.middle < own.y && !is_final(pixel)) {
         let point = ray.origin + ray.direction * walk.middle;

@@ -1,7 +1,7 @@
-// Looks for the surface in a cell.
+// Searches a cell for the surface.
 //
-// Cells do not know on which side a ray comes from the one before. So each looks in its own field from as far before it as its
-// apron goes: what two cells would see each just beyond the plane where they meet, one of them sees.
+// A cell does not have the ray's side from the cell before, so each searches its own field from as far before it as its apron goes. A surface just
+// beyond the common plane of two cells, from either's view, is thus seen by one of them.
 //!import field lattice sight sorted surface
 
 @fragment
@@ -20,8 +20,8 @@ fn march(in: Proxy) -> @location(0) vec4f {
         pixel = pixel_before(seen);
     }
     pixel = begin(pixel, field, walk.start, stretch.x);
-    // A segment may begin before the apron does. The cell sees only its end then: a ray inside there is not on a known side, for the segment's own cell looks
-    // at both ends.
+    // A segment may begin before the apron. The cell then sees only its end: a ray inside there is on an unknown side, because the segment's own cell
+    // evaluates both ends.
     let is_part = walk.start < field.reach.x && walk.middle < own.x;
     pixel.side = select(pixel.side, 0.0, is_part && pixel.side > 0.0);
     while (own.x < own.y && walk.middle < last && !is_final(pixel)) {

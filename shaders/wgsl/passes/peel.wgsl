@@ -1,7 +1,7 @@
-// The next layer of the meshes: of all triangles behind the layer before, the nearest, and of those the first.
+// The next layer of the meshes: the nearest triangle behind the layer before, and the first among equally near ones.
 //
-// Distances are not what the rasteriser interpolates: each fragment meets its pixel's ray with its triangle's plane, so that a layer
-// is where the ray's samples say, and the same number whenever it is computed.
+// Distances are not interpolated by the rasteriser: each fragment intersects its pixel's ray with its triangle's plane, so that a
+// layer lies exactly on the ray's samples and has the same distance whenever it is computed.
 //!import bindings frame hidden lighting ray
 
 const PLAIN_COLOR: f32 = 0.8;
@@ -46,7 +46,7 @@ fn corner(@builtin(vertex_index) i: u32, @builtin(instance_index) look: u32) -> 
     let x = dot(from_eye, frame.clip_x);
     let y = dot(from_eye, frame.clip_y);
     let w = dot(from_eye, frame.clip_w);
-    // Nothing is clipped but what is behind the eye; depths are the fragments' own.
+    // Only places behind the eye are clipped; fragments write their own depths.
     let in_perspective = vec4f(x, y, w - frame.near, w);
     return Corner(select(in_perspective, vec4f(x, y, w / frame.mesh_far, 1.0), frame.orthographic != 0u), i / 3u, look);
 }
@@ -54,7 +54,7 @@ fn corner(@builtin(vertex_index) i: u32, @builtin(instance_index) look: u32) -> 
 struct Layer {
     // Premultiplied.
     @location(0) color: vec4f,
-    // One more than the triangle's, counted over all meshes.
+    // One more than the triangle's index, counted over all meshes.
     @location(1) number: u32,
     @builtin(frag_depth) depth: f32,
 }
@@ -78,7 +78,7 @@ fn peel(in: Corner) -> Layer {
     let area = dot(to_b, across);
     let inverse = 1.0 / select(area, 1e-30, abs(area) < 1e-30);
     let turned = cross(from_a, to_b);
-    // The rasteriser's coverage may reach a hair out of the triangle: what is seen there is its edge.
+    // The rasteriser's coverage may exceed the triangle by a hair: there its edge is seen.
     let of_b = clamp(dot(from_a, across) * inverse, 0.0, 1.0);
     let of_c = clamp(dot(direction, turned) * inverse, 0.0, 1.0 - of_b);
     let weights = vec3f(1.0 - of_b - of_c, of_b, of_c);
@@ -111,7 +111,7 @@ fn peel(in: Corner) -> Layer {
     }
     let size = length(normal);
     let cosine = min(abs(dot(normal, direction)) / max(size, 1e-30), 1.0);
-    // What has no area has no normal, and shows its colour as if it faced the eye.
+    // A triangle without area has no normal, and shows its colour as if it faced the eye.
     let share = AMBIENT + DIFFUSE * select(1.0, cosine, size > 0.0);
     let white = select(0.0, SPECULAR * tenth_power(cosine), size > 0.0);
     color = select(color, share * color + white, (look.flags & IS_LIT) != 0u);

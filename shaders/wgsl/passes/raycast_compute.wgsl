@@ -1,5 +1,5 @@
-// Rays by compute shader: workgroups of 8 x 8 pixels, side by side in some rows of the picture. Eight invocations that follow each other
-// are 4 x 2 pixels, and 32 are 8 x 4: rays that run together should stay together.
+// Rays by compute shader: workgroups of 8 x 8 pixels, side by side in some rows of the picture. Eight consecutive invocations are 4 x 2
+// pixels, and 32 are 8 x 4, so that rays that run together stay together.
 //!import bindings cast frame texels
 
 @group(2) @binding(TEXELS) var texels: Texels;

@@ -1,4 +1,4 @@
-// Rays by fragment shader, of one triangle over the picture.
+// Rays by fragment shader, with one triangle over the picture.
 //!import cast frame fullscreen
 
 @fragment

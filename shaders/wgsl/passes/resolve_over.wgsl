@@ -1,4 +1,4 @@
-// The projection of a layer that lies over others: it covers what adds, and what mixes is dimmed by its opacity when all is resolved.
+// The projection of a layer over others: it covers adding layers, and dims mixing ones by its opacity in the final resolving pass.
 //!import frame fullscreen seen
 
 struct Sums {

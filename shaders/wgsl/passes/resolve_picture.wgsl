@@ -1,5 +1,5 @@
-// Resolves a pixel: its colour over the background, rounded to an 8-bit code as `Picture::quantise` does. The middle between two codes goes
-// up; a target may round it either way, and an H200 rounds 25.5 down.
+// Resolves a pixel: its colour over the background, rounded to an 8-bit code like `Picture::quantise`. Halves go up here: a target may
+// round them either way, and an H200 rounds 25.5 down.
 //!import frame fullscreen seen
 
 @fragment

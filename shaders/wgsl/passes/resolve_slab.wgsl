@@ -1,4 +1,4 @@
-// What is seen of a slab, over the layer behind it; to be blended behind what is in front.
+// A slab's colours over the layer behind it, to be blended behind everything in front.
 //!import bindings frame fullscreen seen
 
 @group(1) @binding(LAYER_COLOR) var layer_color: texture_2d<f32>;

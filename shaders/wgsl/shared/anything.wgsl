@@ -1,2 +1,2 @@
-// The range of codes that tells nothing: samples may be past its ends, too.
+// The range of codes without information: samples may be past its ends, too.
 const ANYTHING: u32 = 0xffff0000u;

@@ -1,12 +1,11 @@
-// The transfer table: what is to be seen at each of so many places between the least and the greatest code that the nearest
-// one will do. A place is two words: colour in 11, 11 and 10 bits from the lowest, and depth. Entries over values and gradients have colour
-// likewise, and opacity.
+// Transfer table of media, sampled finely enough from the least to the greatest code for nearest look-up. A place is two words: colour in
+// 11, 11 and 10 bits from the lowest, and depth. Entries over values and gradients hold colour likewise, and opacity.
 //!import context frame table
 
 struct Medium {
     // Straight.
     color: vec3f,
-    // How often light is halved on its way through a unit distance.
+    // Halvings of the light per unit distance.
     depth: f32,
 }
 

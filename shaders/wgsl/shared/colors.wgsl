@@ -1,6 +1,6 @@
-// The transfer table of a projection: colours at so many places between the least and the greatest code that the nearest one will do. A place is
-// 64 bits: 21 for each part of the colour, from the lowest, and one for whether there is any opacity. A pixel's colour is then off by less than
-// a thousandth of a display code.
+// Transfer table of a projection: colours, sampled finely enough from the least to the greatest code for nearest look-up. A place is 64 bits: 21
+// for each part of the colour, from the lowest, and one for any opacity at all. A pixel's colour is off by less than a thousandth of a display
+// code.
 //!import context frame table
 
 fn place_of(value: f32) -> vec2u {

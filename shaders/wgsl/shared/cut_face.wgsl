@@ -1,19 +1,18 @@
-// Where a ray enters what is shown through a clip plane or a side of the clip box, whose normal then lights the first voxel. Twin of the volume
+// Where a ray enters the shown region through a clip plane or a side of the clip box, whose normal then lights the first voxel. Twin of the volume
 // crate's `cut_face`.
 //!import context frame ray world
 
 const CUT_ALONE: f32 = 0.5;
 const CUT_GONE: f32 = 1.5;
 
-// A cut by which a ray enters, as `cut_face` gives it; its unit normal, turned to the eye; and how many texels of a brick the ray goes behind
-// it, by distance.
+// A ray's entry cut, from `cut_face`; its unit normal, turned to the eye; and texels of a brick behind it per distance along the ray.
 struct Met {
     cut: vec4f,
     normal: vec3f,
     rate: f32,
 }
 
-// The cut of the ray, found once: whatever is in a loop takes time in each round.
+// The ray's cut, found once: every part of a loop's body costs time in each round.
 var<private> met: Met;
 
 fn meet_cut(ray: Ray, eye: f32) {
@@ -23,7 +22,7 @@ fn meet_cut(ray: Ray, eye: f32) {
     met.normal = -normalize(gradient_to_world(met.cut.xyz));
 }
 
-// Before light is asked for in a brick with so many texels in a level-0 voxel.
+// Needed before lighting in a brick with `scale` texels per level-0 voxel.
 fn meet_brick(ray: Ray, scale: vec3f) {
     met.rate = rate_in(met.cut, ray, scale);
 }
@@ -33,13 +32,13 @@ fn rate_in(cut: vec4f, ray: Ray, scale: vec3f) -> f32 {
     return select(rate, 1.0, all(cut.xyz == vec3f(0.0)));
 }
 
-// The share of the met cut's normal at a distance.
+// The met cut's share of the normal at a distance.
 fn met_share(t: f32) -> f32 {
     return clamp((CUT_GONE - (t - met.cut.w) * met.rate) / (CUT_GONE - CUT_ALONE), 0.0, 1.0);
 }
 
-// The gradient in voxel space of the height above the cut, and the distance at which the ray enters; no gradient if it enters by no cut. `eye` is the
-// distance of the eye, behind which the ray begins where its lattice is moved.
+// The gradient in voxel space of the height above the cut, and the entry distance; no gradient for an entry without a cut. `eye` is the distance of
+// the eye, which lies ahead of the ray's origin where the lattice is moved.
 fn cut_face(ray: Ray, eye: f32) -> vec4f {
     var cut = vec4f(0.0, 0.0, 0.0, eye);
     for (var a = 0u; a < 3u; a++) {
@@ -59,14 +58,14 @@ fn cut_face(ray: Ray, eye: f32) -> vec4f {
     return cut;
 }
 
-// Whether a ray whose stretch begins at `start` enters what is shown there by the cut that was met, and caps may stand on it.
+// Whether a ray's stretch from `start` begins on the met cut, and caps are enabled.
 fn is_at_cut(start: f32) -> bool {
-    // Rounding moves a distance by less; behind it, a layer of meshes bounds the stretch.
+    // Rounding moves a distance by less; behind the cut, a layer of meshes bounds the stretch.
     let is_here = abs(start - met.cut.w) <= 0.01 * frame.step + 1e-6 * abs(start);
     return frame.caps != 0u && is_here && any(met.cut.xyz != vec3f(0.0));
 }
 
-// The unit normal of a place with a normal, or none if it is flat, mixed with the met cut's; both turned to the eye.
+// A place's unit normal, if it is not flat, mixed with the met cut's; both turned to the eye.
 fn cut_normal(share: f32, is_flat: bool, normal: vec3f, view: vec3f) -> vec3f {
     return normalize(mix(select(normal, -view, is_flat), met.normal, share));
 }

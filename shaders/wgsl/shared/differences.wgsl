@@ -1,5 +1,5 @@
-// Differences across two voxels along each axis, about a place with a value: of values, or, where these are labels, of the indicator of the label
-// there, which is as high as one code.
+// Differences across two voxels along each axis, about a place with a value: of values, or, for labels, of the indicator of the label there, with
+// the height of one code.
 //!import atlas context field frame gradient lighting
 
 fn differences(field: Field, t: f32, middle: f32) -> vec3f {
@@ -23,7 +23,7 @@ fn differences(field: Field, t: f32, middle: f32) -> vec3f {
     return (high - low) / frame.last_code;
 }
 
-// How much of the surroundings of a texel, or of the nearest one that the brick has, is of a label.
+// A label's share around a texel, or around the nearest one in the brick.
 fn share_at(field: Field, texel: vec3f, label: f32) -> f32 {
     return share_of_label(clamp(texel, field.low, field.high), label);
 }

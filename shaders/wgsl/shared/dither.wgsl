@@ -1,5 +1,5 @@
-// A pixel's threshold: Bayer's matrix of 8 by 8. Where a brick fades in, pixels with lesser thresholds show it, the others what was
-// there before. In integers, so that it is the same in all renderers; the twin of `Pixels::threshold` in the pager's draw_list.rs.
+// A pixel's threshold, by Bayer's matrix of 8 by 8. Where a brick fades in, pixels with lesser thresholds show it, the others its
+// predecessor. In integers, for the same result in all renderers; twin of `PixelShare::threshold` in the pager's dither.rs.
 fn dither(position: vec2f) -> u32 {
     let y = u32(position.y);
     let z = u32(position.x) ^ y;

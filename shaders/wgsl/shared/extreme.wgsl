@@ -1,7 +1,6 @@
-// What the samples of a projection add up to: the greatest value so far, as (value, 1) where something was sampled, else (0, 0); it is blended
-// by max over a target cleared to zero.
-// A ray takes its far half first: from the middle of things an extreme is soon found, and what is around them skipped, before
-// and behind.
+// A projection's sum of samples: the greatest value so far, as (value, 1) if something was sampled, else (0, 0); blended by max over a target
+// cleared to zero.
+// A ray takes its far half first: from the middle of things it soon finds an extreme, and skips their surroundings before and behind.
 const FIRST_SHARE: f32 = 0.5;
 
 struct Pixel {
@@ -18,7 +17,7 @@ fn light_left(pixel: Pixel) -> f32 {
     return 1.0;
 }
 
-// Nothing passes the end of the scale.
+// Nothing exceeds the end of the scale.
 fn is_final(pixel: Pixel) -> bool {
     return pixel.value >= 1.0;
 }

@@ -1,4 +1,4 @@
-// What is the same for all of a frame. Twin of `FrameUniform` in layout.rs, where each field's unit is given.
+// Settings of a frame, the same for all pixels. Twin of `FrameUniform` in layout.rs, which gives each field's unit.
 //!import bindings context
 
 struct Frame {
@@ -44,51 +44,50 @@ struct Frame {
     grid_at: u32,
     first_row: u32,
     adaptive_step: f32,
-    // Of projections: what adds is 1, what mixes 0; opacity, and the depth of a medium of that opacity.
+    // Of projections: 1 to add, 0 to mix; opacity, and the depth of a medium with this opacity.
     adds: f32,
     opacity: f32,
     reach: vec3f,
     flat_depth: f32,
     grid: vec4f,
-    // Of surfaces, in the order of their values: the normalised code from which on a place is past each; colour and opacity.
+    // Of isosurfaces, by ascending value: the normalised code at which each begins; colour and opacity.
     thresholds: array<vec4f, 2>,
     surfaces: array<vec4f, 8>,
     light_places: array<vec4f, 4>,
-    // What a voxel along each axis is in the scene's world, and a gradient of 1 to a voxel there, but for its length. The first `w` is
-    // what that has to be multiplied by to be by the step.
+    // A voxel's vector along each axis in the scene's world, and the gradient of 1 per voxel there, but for its length. The first `w` is the
+    // factor to a gradient per step.
     axes: array<vec4f, 3>,
     slopes: array<vec4f, 3>,
     zone_starts: array<vec4u, 4>,
     planes: array<vec4f, 14>,
     list_at: vec2u,
-    // The difference of values below which the field is flat.
+    // Difference of values below which the field is flat.
     flat: f32,
     spare: f32,
-    // Of voxels read one by one: the number of the table's first code, how much of the table is between a number and the next, and the greatest
-    // difference.
+    // Of voxels read one by one: the number of the table's first code, the share of the table per number, and the greatest difference.
     first_slot: f32,
     per_slot: f32,
     farthest_slots: f32,
-    // What stored gradients have to be multiplied by to be differences of values.
+    // Factor from stored gradients to differences of values.
     gradient_scale: f32,
     plane_count: u32,
     jitter_phase: u32,
-    // The codes of a texel of 1; the table's first code, and its last entry; and counts of `opaque_before` from a code to the next.
+    // The code of a texel of 1; the table's first code and its last entry; and counts of `opaque_before` per code.
     slot_codes: f32,
     first_code: f32,
     last_entry: f32,
     counts_per_code: u32,
-    // 1 if isosurfaces are capped where a clip opens them.
+    // 1 if isosurfaces opened by a clip are capped.
     caps: u32,
     // The code at which the first isosurface begins.
     threshold_code: f32,
-    // Of several layers that loops go over, where the layer's parts of the shared buffers begin (ranges, places of the table, counts), and flags.
+    // For loops over layers: where the layer's parts of the shared buffers begin (ranges, places of the table, counts), and flags.
     firsts: vec4u,
 }
 
-// Not a uniform: lavapipe builds those that steer loops into the shader, and compiles it anew whenever the camera moves.
+// Not a uniform: lavapipe compiles those that steer loops into the shader, and so would recompile it whenever the camera moves.
 @group(0) @binding(FRAMES) var<storage, read> frames: array<Frame, LAYERS>;
 
-// The layer's. Read once, by each entry point: in a loop, lavapipe reads storage anew each round, lane by lane, which made frames take 1.3
+// The layer's frame, read once by each entry point: in a loop, lavapipe re-reads storage each round, lane by lane, which made frames take 1.3
 // times as long.
 var<private> frame: Frame;

@@ -1,5 +1,5 @@
-// The transfer table of values and gradient magnitudes, looked up bilinearly. The rule is written down beside its CPU twin, the volume
-// crate's `TransferGrid`.
+// Transfer table of values and gradient magnitudes, looked up bilinearly. The rule is documented with its CPU twin, the volume crate's
+// `TransferGrid`.
 //!import classify frame
 
 const GRID_COLUMNS: u32 = 256u;
@@ -12,7 +12,7 @@ fn grid_entry(index: u32) -> vec4f {
     return vec4f(color_of(place.x), bitcast<f32>(place.y));
 }
 
-// What is seen at a value, where these are the differences of values across two voxels of so many texels per level-0 voxel.
+// The medium at a value with these differences of values across two voxels, for `texel_scale` texels per level-0 voxel.
 fn classify_by_gradient(value: f32, differences: vec3f, texel_scale: vec3f) -> Medium {
     let gradient = length(differences * texel_scale / frame.spacing);
     let row = clamp((value * frame.last_code - frame.grid.x) * frame.grid.y, 0.0, frame.grid.w);
@@ -26,7 +26,7 @@ fn classify_by_gradient(value: f32, differences: vec3f, texel_scale: vec3f) -> M
     let d = grid_entry(at + GRID_COLUMNS + 1u);
     let s = row - first_row;
     let t = column - first_column;
-    // Written so that what is the same in all four stays that.
+    // Written to keep four equal values exact.
     let low = a.w + t * (b.w - a.w);
     let high = c.w + t * (d.w - c.w);
     let alpha = low + s * (high - low);

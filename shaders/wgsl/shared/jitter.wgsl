@@ -1,5 +1,4 @@
-// How far a pixel's lattice is moved. The rule is written down beside its CPU twin, the volume crate's
-// `jitter`.
+// Shift of a pixel's lattice. The rule is documented with its CPU twin, the volume crate's `jitter`.
 //!import context frame lattice table
 
 const WHITE: u32 = 1u;
@@ -7,7 +6,7 @@ const BLUE: u32 = 2u;
 const BLUE_EDGE: u32 = 32u;
 const JITTER_STEPS: u32 = 256u;
 
-// By how much less than the first segment's length, where rays enter what is shown at `whole.x`.
+// The shift, less than the first segment's length, of a ray that enters the shown region at `whole.x`.
 fn jitter_shift(whole: vec2f, position: vec2f) -> f32 {
     if (frame.jitter == 0u && frame.jitter_phase == 0u) {
         return 0.0;
@@ -24,7 +23,7 @@ fn jitter_steps(pixel: vec2u) -> u32 {
     if (frame.jitter == WHITE) {
         return mix_bits(pixel.x + mix_bits(pixel.y + mix_bits(frame.jitter_seed))) >> 24u;
     }
-    // Behind all else in the table's buffer: four steps to a word, two words to an entry.
+    // In the table's buffer: four steps to a word, two words to an entry.
     let place = (pixel.y % BLUE_EDGE) * BLUE_EDGE + pixel.x % BLUE_EDGE;
     let words = table[FIRST_PLACE + frame.jitter_seed + (place >> 3u)];
     return (select(words.x, words.y, (place & 4u) != 0u) >> ((place & 3u) * 8u)) & 255u;

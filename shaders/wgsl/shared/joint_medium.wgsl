@@ -1,5 +1,4 @@
-// What is seen of all layers together in an interval of a ray. The rule is written down beside its CPU twin, the volume crate's
-// `JointMedium`.
+// All layers together in an interval of a ray. The rule is documented with its CPU twin, the volume crate's `JointMedium`.
 //!import layer_medium
 
 struct Light {
@@ -8,16 +7,16 @@ struct Light {
 }
 
 struct JointMedium {
-    // Of layers that mix: colour times depth, and depth.
+    // Of mixing layers: colour times depth, and depth.
     color: vec3f,
     depth: f32,
-    // Of layers that add.
+    // Of adding layers.
     emission: vec3f,
 }
 
-// With a share of what a layer shows of a piece.
+// Adds a share of a layer's medium in a piece.
 fn with_share(before: JointMedium, shown: Pixel, share: f32) -> JointMedium {
-    // A medium's colour times its depth is what is seen of it in its own light times this.
+    // Factor from premultiplied colour to colour times depth.
     var thinned = 1.0;
     if (!IS_ONE_SAMPLE) {
         thinned = select(shown.depth / hidden_by(shown.depth), 1.0 / LN_2, shown.depth * LN_2 < THIN);
@@ -29,7 +28,7 @@ fn with_share(before: JointMedium, shown: Pixel, share: f32) -> JointMedium {
 fn see(light: Light, together: JointMedium) -> Light {
     let nats = together.depth * LN_2;
     let hidden = hidden_by(together.depth);
-    // The mean, from the interval's front to its back, of the light that passes from there.
+    // The interval's mean of the light passing to its front.
     let dimmed = select(hidden / nats, 1.0 - 0.5 * nats, nats < THIN);
     let seen = together.color * (LN_2 * dimmed) + together.emission * dimmed;
     return Light(light.color + light.transmittance * seen, light.transmittance * (1.0 - hidden));

@@ -1,6 +1,5 @@
-// What a shader that goes through its layers in loops keeps of each way from one turn to the next. What is indexed by a variable takes long to
-// compile, by the square of what there is of it: so bricks and fields are read anew in each turn, and what a variant has no use for is neither
-// kept nor restored.
+// State that a shader with loops over layers keeps of each way between turns. Arrays with variable indices compile slowly, with the square of
+// their size: so bricks and fields are read anew in each turn, and a variant's unused state is neither kept nor restored.
 //!import context find joint_medium ray way
 
 struct Kept {
@@ -22,10 +21,10 @@ struct Kept {
 
 var<private> all_kept: array<Kept, LAYERS>;
 
-// What all layers show of a segment, where none of them has surfaces.
+// The media of all layers in a segment, if none of them has surfaces.
 var<private> shown_together: JointMedium;
 
-// The layer's frame and numbers. `lighting` is that of layers that do not add.
+// Switches to a layer's frame and numbers. `lighting` is that of layers that do not add.
 fn turn_to(i: u32, lighting: u32) {
     layer = i;
     frame = frames[i];
@@ -59,7 +58,7 @@ fn restore(i: u32) {
     }
 }
 
-// Everything, after a leaf has been found.
+// Keeps everything, after a leaf has been found.
 fn keep(i: u32) {
     all_kept[i].ray = way.ray;
     all_kept[i].stretch = way.stretch;
@@ -67,7 +66,7 @@ fn keep(i: u32) {
     keep_taken(i);
 }
 
-// What changes where the leaf is looked at.
+// Keeps the state changed by a look at the leaf.
 fn keep_looked(i: u32) {
     all_kept[i].until = way.until;
     all_kept[i].is_seen = way.is_seen;
@@ -80,7 +79,7 @@ fn keep_looked(i: u32) {
     }
 }
 
-// What changes where a segment is taken.
+// Keeps the state changed by taking a segment.
 fn keep_taken(i: u32) {
     if (!IS_MIDDLE) {
         all_kept[i].known = way.known;
@@ -99,7 +98,7 @@ fn keep_taken(i: u32) {
     }
 }
 
-// What a layer shows of a segment, to be seen together with what others show.
+// Joins a layer's medium in a segment to those of the others.
 fn join_shown() {
     if (!IS_READ && !IS_CUT) {
         shown_together = with_share(shown_together, way.shown, 1.0);

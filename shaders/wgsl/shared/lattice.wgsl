@@ -1,11 +1,11 @@
-// The sampling lattice: ticks of `frame.step` from the eye; in zone z a segment is 2^z ticks long. The rule itself is
-// written down beside its CPU twin, the volume crate's `Lattice`.
+// The sampling lattice: ticks of `frame.step` from the eye; in zone z a segment is 2^z ticks long. The rule is
+// documented with its CPU twin, the volume crate's `Lattice`.
 //!import frame
 
 const ZONES: u32 = 16u;
 const NEVER: u32 = 1u << 30u;
 
-// A segment on the way along a ray, and the zone it is in.
+// A segment along a ray, and its zone.
 struct Walk {
     // Its first tick.
     tick: u32,
@@ -23,7 +23,7 @@ fn zone_start(zone: u32) -> u32 {
     return select(NEVER, frames[layer].zone_starts[(zone >> 2u) & 3u][zone & 3u], zone < ZONES);
 }
 
-// The segment from a tick, in the zone of that tick, which is `first_zone` or a later one; `stretch` is the ray's.
+// The segment at a tick, in the tick's zone, which is `first_zone` or a later one; `stretch` is the ray's.
 fn enter_zone(tick: u32, first_zone: u32, stretch: vec2f) -> Walk {
     var zone = first_zone;
     while (zone + 1u < ZONES && zone_start(zone + 1u) <= tick) {
@@ -36,13 +36,13 @@ fn enter_zone(tick: u32, first_zone: u32, stretch: vec2f) -> Walk {
     return Walk(aligned, stride, zone_start(zone + 1u), start, end, 0.5 * (start + end));
 }
 
-// The tick of distance `t`, whose end lies past `t` whatever is rounded.
+// The tick at distance `t`; its end lies past `t` in spite of rounding.
 fn tick_at(t: f32) -> u32 {
     let tick = min(u32(max(t / frame.step, 0.0)), NEVER);
     return select(tick, tick + 1u, f32(tick + 1u) * frame.step <= t);
 }
 
-// Whether the walk has come to the end of its zone: then `next_zone` has to follow.
+// Whether the walk is at the end of its zone: then `next_zone` has to follow.
 fn is_zone_left(walk: Walk) -> bool {
     return walk.tick >= walk.zone_end;
 }

@@ -1,4 +1,4 @@
-// The light of sRGB values, and back.
+// Light from sRGB values, and back.
 fn light_of(color: vec3f) -> vec3f {
     return select(pow((color + 0.055) / 1.055, vec3f(2.4)), color / 12.92, color <= vec3f(0.04045));
 }

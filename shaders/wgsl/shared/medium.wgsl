@@ -1,6 +1,6 @@
-// Direct volume rendering by every method but the plain one: segments become media. The rules are written down beside their CPU
-// twins, the volume crate's `sampling`, `preintegration` and `lighting`. What `CURVE`, `PARTS`, `IS_PRE_INTEGRATED`, `LIGHTING`,
-// `HAS_FOG` and `HAS_GRID` leave out is no part of the compiled shader.
+// Direct volume rendering by every method but the plain one: segments become media. The rules are documented with their CPU
+// twins, the volume crate's `sampling`, `preintegration` and `lighting`. Code ruled out by `CURVE`, `PARTS`,
+// `IS_PRE_INTEGRATED`, `LIGHTING`, `HAS_FOG` and `HAS_GRID` is not part of the compiled shader.
 //!import classify context cut_face differences field grid no_value pixel shade world
 
 // Values of CURVE.
@@ -13,8 +13,8 @@ const MOST_PARTS: u32 = 8u;
 const CLOSE_CODES: f32 = 0.015625;
 const MAX_DEPTH: f32 = 4096.0;
 
-// What is known of the field about a segment: values a segment's length before it, at its ends, and after it, `NO_VALUE` where
-// there is none; and of those gradients that were asked for (see `differences`), a bit each.
+// The known field about a segment: values a segment's length before it, at its ends, and after it, `NO_VALUE` where there is
+// none; and the gradients computed so far (see `differences`), a bit each.
 struct Known {
     values: vec4f,
     length: f32,
@@ -39,7 +39,8 @@ fn known_of(field: Field, start: f32, end: f32) -> Known {
     return known;
 }
 
-// The next segment's, or the first one's, of which nothing is known (a length of 0): of one as long, all but the last value are.
+// The known field of the next segment, or of a first one (length 0 before it). For a segment of equal length only the last value
+// is new.
 fn known_next(before: Known, field: Field, start: f32, end: f32) -> Known {
     let length = end - start;
     if (before.length == 0.0 || (CURVE == CUBIC && abs(length - before.length) > 1e-3 * length)) {
@@ -61,7 +62,7 @@ fn known_next(before: Known, field: Field, start: f32, end: f32) -> Known {
     return known;
 }
 
-// A colour lit at a place of the ray, by one of the ways to light, where the normal is so much that of the cut that was met.
+// A colour lit at a place of the ray; `share` is the met cut's share of the normal.
 fn shade(lighting: u32, field: Field, ray: Ray, t: f32, color: vec3f, differences: vec3f, share: f32) -> vec3f {
     let is_flat = length(differences) < frame.flat;
     let view = to_world(ray.direction);
@@ -73,7 +74,7 @@ fn shade(lighting: u32, field: Field, ray: Ray, t: f32, color: vec3f, difference
     return lit(lighting, frame.lights, color, is_flat && share <= 0.0, normal, view, place);
 }
 
-// The running integral of one of four channels up to an entry, 64 bits as two words.
+// The running integral of one of four channels up to an entry: 64 bits in two words.
 fn sum_at(entry: u32, channel: u32) -> vec2u {
     return table[FIRST_PLACE + u32(frame.last_place) + 1u + entry * 4u + channel];
 }
@@ -82,12 +83,12 @@ fn left_integral(left: f32) -> f32 {
     return left * log(max(left, 1e-30)) - left;
 }
 
-// What there is of the integral past an entry, on the first `t` of the way to the next.
+// The integral past an entry, over the first `t` of the way to the next.
 fn rest_of(entry: u32, t: f32) -> vec4f {
     let places = frame.last_place / frame.last_entry;
     let a = medium_at(u32(f32(entry) * places + 0.5));
     let b = medium_at(u32((f32(entry) + 1.0) * places + 0.5));
-    // What of the light is left; opacity is linear from entry to entry.
+    // Transmittance; opacity is linear from entry to entry.
     let before = exp2(-a.depth);
     let slope = before - exp2(-b.depth);
     var depth = t * min(-log2(max(before - 0.5 * t * slope, 1e-30)), MAX_DEPTH);
@@ -97,7 +98,7 @@ fn rest_of(entry: u32, t: f32) -> vec4f {
     return vec4f(mix(a.color, b.color, 0.5 * t) * depth, depth);
 }
 
-// The integral past the ends of the table between two places in entries: the medium there is that at the end.
+// The integral past the table's ends between two places in entries: the end's medium goes on there.
 fn beyond(low: f32, high: f32) -> vec4f {
     let before = max(min(high, 0.0) - low, 0.0);
     let behind = max(high - max(low, frame.last_entry), 0.0);
@@ -135,7 +136,7 @@ fn mean_medium(one: f32, other: f32) -> Medium {
     return Medium(color, depth / (greatest - least));
 }
 
-// What is seen of what may be, at a value and its differences, lit if it is to be.
+// Adds a medium at a value with its differences: classified by gradient, and lit, if the variant does so.
 fn add_by_gradient(
     pixel: Pixel, by_value: Medium, field: Field, ray: Ray, t: f32, length: f32, value: f32, differences: vec3f
 ) -> Pixel {
@@ -153,7 +154,7 @@ fn add_by_gradient(
     return add(pixel, medium, color, length);
 }
 
-// A real sample, and what it stands for.
+// Adds a real sample, which stands for `length`.
 fn add_sampled(pixel: Pixel, field: Field, ray: Ray, t: f32, length: f32) -> Pixel {
     let value = inside(field, t);
     let medium = classify(value);
@@ -166,7 +167,7 @@ fn add_sampled(pixel: Pixel, field: Field, ray: Ray, t: f32, length: f32) -> Pix
     return add_by_gradient(pixel, medium, field, ray, t, length, value, differences(field, t, value));
 }
 
-// The curve of Catmull and Rom through four values.
+// The Catmull-Rom curve through four values.
 fn catmull_rom(a: vec3f, b: vec3f, c: vec3f, d: vec3f, t: f32) -> vec3f {
     return b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)));
 }
@@ -180,13 +181,13 @@ fn on_curve(values: vec4f, s: f32) -> f32 {
     return clamp(value, min(values.y, values.z), max(values.y, values.z));
 }
 
-// A pixel, and what is known of the field, behind a segment.
+// A pixel and the known field, behind a segment.
 struct Taken {
     pixel: Pixel,
     known: Known,
 }
 
-// Takes the fog of a segment, given what is known of the field from the one before it in the same brick.
+// Takes the fog of a segment, given the known field of the one before in the same brick.
 fn take_fog(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, end: f32) -> Taken {
     var pixel = before;
     let length = end - start;
@@ -194,7 +195,7 @@ fn take_fog(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, en
         return Taken(add_sampled(pixel, field, ray, 0.5 * (start + end), length), so_far);
     }
     var known = known_next(so_far, field, start, end);
-    // Where only one end has a value, it stands for the other.
+    // If only one end has a value, it stands for the other.
     var values = known.values;
     if (HAS_INVALID) {
         values.y = select(values.z, values.y, has_value(values.y));
@@ -237,7 +238,7 @@ fn take_fog(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, en
     return Taken(pixel, known);
 }
 
-// With all gradients that the curve passes through.
+// Adds the missing gradients of the curve's nodes.
 fn with_gradients(so_far: Known, values: vec4f, field: Field, start: f32, end: f32) -> Known {
     var known = so_far;
     let length = end - start;

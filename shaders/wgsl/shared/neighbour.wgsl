@@ -1,4 +1,4 @@
-// The value a voxel away from a texel; one that is not there is as good as the one in the middle.
+// The value a voxel away from a texel; a missing one counts as `middle`.
 //!import field no_value
 
 fn neighbour(field: Field, texel: vec3f, offset: vec3f, middle: f32) -> f32 {

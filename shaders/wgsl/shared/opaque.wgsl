@@ -1,5 +1,5 @@
-// Whether samples with codes in a range can have opacity. `opaque_before` counts the table's places with opacity before each. A place is a code,
-// or what is between two. Twin of the volume crate's `OpaqueCodes`.
+// Whether samples with codes in a range can have opacity. `opaque_before` counts the opaque places of the table before each; a place is a code
+// or lies between two. Twin of the volume crate's `OpaqueCodes`.
 //!import bindings context counted frame
 
 @group(0) @binding(OPAQUE_BEFORE) var<storage, read> opaque_before: array<u32>;

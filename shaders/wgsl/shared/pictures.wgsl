@@ -1,4 +1,4 @@
-// What each eye sees; one eye's picture is both. Places go from 0 to 1, from the upper left corner.
+// Pictures of the eyes; a single eye's picture is both. Places go from 0 to 1, from the upper left corner.
 //!import bindings
 
 @group(0) @binding(LEFT_PICTURE) var left_picture: texture_2d<f32>;

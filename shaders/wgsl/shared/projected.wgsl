@@ -1,4 +1,4 @@
-// What a projection shows of a colour: a medium of the layer's opacity, or what adds that much.
+// A colour in a projection: a medium of the layer's opacity, or as much light to add.
 //!import frame
 
 fn projected(color: vec3f) -> vec4f {

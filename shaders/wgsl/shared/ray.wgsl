@@ -1,5 +1,5 @@
-// The ray of a pixel, in voxel space, with t in world units: `origin + t * direction`. It depends on nothing but the
-// pixel's coordinates, so that every cell's fragment at a pixel sees bit for bit the same ray.
+// A pixel's ray in voxel space, with t in world units: `origin + t * direction`. It depends only on the pixel's coordinates, so
+// that the fragments of all cells get the same ray bit for bit.
 //!import frame
 
 struct Ray {
@@ -29,8 +29,8 @@ fn pixel_ray(pixel: vec2f) -> Ray {
     return ray_along(frame.eye, (frame.forward + offset) / length);
 }
 
-// No component is zero afterwards: a ray along a box's face gets slabs of (-huge, huge) or an empty one, never 0 * inf.
-// At 1e-30 voxels per world unit the ray still does not move along that axis in f32.
+// Leaves no component zero: a ray along a box's face gets slabs of (-huge, huge) or an empty one, never 0 * inf. At 1e-30 voxels
+// per world unit the ray still does not move along that axis in f32.
 fn parallel_safe(direction: vec3f) -> vec3f {
     return select(direction, vec3f(1e-30), abs(direction) < vec3f(1e-30));
 }
@@ -44,17 +44,17 @@ fn clip(ray: Ray, low: vec3f, high: vec3f) -> vec2f {
     return vec2f(max(max(near.x, near.y), near.z), min(min(far.x, far.y), far.z));
 }
 
-// The stretch (from, to) of the ray that is shown: before the eye, in the shown box, on the inner sides of the clip planes. Empty
-// if from >= to. The rule is written down beside its CPU twin, the volume crate's `Clip`.
+// The shown stretch (from, to) of the ray: before the eye, in the shown box, on the inner sides of the clip planes. Empty if from
+// >= to. The rule is documented with its CPU twin, the volume crate's `Clip`.
 fn shown(ray: Ray) -> vec2f {
     let boxed = clip(ray, frame.shown_low, frame.shown_high);
     var stretch = vec2f(max(boxed.x, 0.0), boxed.y);
     for (var i = 0u; i < frame.plane_count; i++) {
-        // Not of the private copy: what is indexed would stay in memory.
+        // Not from the private copy, which would stay in memory when indexed.
         let plane = frames[layer].planes[i];
         let height = dot(plane.xyz, ray.origin - frame.eye) + plane.w;
         let rise = dot(plane.xyz, ray.direction);
-        // Along the plane it is passed at a distance too great to matter, ahead or behind: all or nothing is shown.
+        // A ray along the plane passes it too far away to matter, ahead or behind: all or nothing is shown.
         let t = -height / select(rise, 1e-20, abs(rise) < 1e-20);
         let enters = rise > -1e-20;
         stretch = vec2f(select(stretch.x, max(stretch.x, t), enters), select(min(stretch.y, t), stretch.y, enters));

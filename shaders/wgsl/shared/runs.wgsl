@@ -1,13 +1,13 @@
 // The raycast compositor of one layer: one ray per pixel, front to back through the leaves of the draw list's octree.
 //
-// A ray goes from segment to segment of its lattice. The leaf that holds a segment's midpoint takes it and those that follow
-// up to where the ray leaves the leaf; so every segment is sampled at most once, whatever is rounded. Leaves where nothing
-// is drawn, bricks and macro-cells that cannot change the pixel are skipped.
+// A ray goes from segment to segment of its lattice. The leaf around a segment's midpoint takes it and the following ones
+// until the ray leaves the leaf, so that every segment is sampled at most once, however places are rounded. Empty leaves,
+// and bricks and macro-cells that cannot change the pixel, are skipped.
 //!import bricks macrocells pixel sees
 
-// Macro-cells of a brick that are seen, one after the other along the ray.
+// Consecutive visible macro-cells of a brick along the ray.
 struct Run {
-    // From where to where; behind the eye if there is none.
+    // From and to; behind the eye if there is none.
     enter: f32,
     end: f32,
     // The first cell past it.

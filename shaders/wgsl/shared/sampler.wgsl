@@ -1,4 +1,4 @@
-// How atlases are sampled.
+// The sampler of atlases.
 //!import bindings
 
 @group(0) @binding(ATLAS_SAMPLER) var atlas_sampler: sampler;

@@ -1,18 +1,18 @@
-// Where a ray passes surfaces. The rule is written down beside its CPU twin, the volume crate's `surface`.
+// Search for surfaces along a ray. The rule is documented with its CPU twin, the volume crate's `surface`.
 //!import context field frame no_value
 
 const SEARCH_PARTS: u32 = 8u;
 const ROUNDS: u32 = 2u;
 
-// How many surfaces a value is past; -1 where there is none.
+// Number of surfaces that a value is past; -1 without a value.
 fn rank_of(value: f32) -> i32 {
     let first = select(vec4f(0.0), vec4f(1.0), frame.thresholds[0] <= vec4f(value));
     let others = select(vec4f(0.0), vec4f(1.0), frame.thresholds[1] <= vec4f(value));
     return select(-1, i32(dot(first + others, vec4f(1.0))), has_value(value));
 }
 
-// Where in a piece of the ray a surface is passed, to its inside or out of it. (All parts are sampled: to leave loops early where
-// rays part ways is what software rasterisers are slowest at.)
+// Where a surface is passed in a piece of the ray, inward or outward. All parts are sampled: software rasterisers are slowest at
+// early loop exits where rays diverge.
 fn locate(field: Field, start: f32, end: f32, threshold: f32, is_up: bool) -> f32 {
     var near = start;
     var far = end;
@@ -29,7 +29,7 @@ fn locate(field: Field, start: f32, end: f32, threshold: f32, is_up: bool) -> f3
             far = select(far, t, is_first_past);
             far_value = select(far_value, value, is_first_past);
             is_past = is_past || is_first_past;
-            // If the first place is past it already, the brick before saw it on the other side there.
+            // If even the first place is past it, the brick before saw that place on the other side.
             near = select(t, near, is_past);
             near_value = select(select(far_value, value, has_value(value)), near_value, is_past);
         }

@@ -1,7 +1,8 @@
-// Light of a place in the field. Twin of the volume crate's `Lighting`. What `LIGHTING` leaves out is no part of the compiled shader.
+// Lighting of places in the field. Twin of the volume crate's `Lighting`. Code ruled out by `LIGHTING` is not part of the compiled
+// shader.
 //!import frame lighting
 
-// Ways to light.
+// Lighting models.
 const UNLIT: u32 = 0u;
 const PHONG: u32 = 1u;
 const BLINN_PHONG: u32 = 2u;

@@ -1,11 +1,11 @@
-// A pixel's ray with its lattice moved, and what of it is shown.
+// A pixel's ray with its lattice moved, and its shown stretch.
 //!import jitter limits ray
 
 struct Sight {
     ray: Ray,
-    // From where to where.
+    // From and to.
     stretch: vec2f,
-    // The distance of the eye, behind which the ray begins.
+    // Distance from the ray's origin to the eye.
     eye: f32,
 }
 

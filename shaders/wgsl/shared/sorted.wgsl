@@ -1,7 +1,7 @@
 // The sorted compositor: one box per cell, back to front; the back faces start a march through the cell.
 //
-// Every fragment recomputes the pixel's ray, its stretch in the whole volume and its lattice, and takes the samples whose
-// points lie in its cell's half-open box: cells share no sample and leave none out, whatever the rasteriser does at edges.
+// Every fragment recomputes the pixel's ray, its stretch in the whole volume and its lattice, and takes the samples in its cell's
+// half-open box: cells share no sample and omit none, whatever the rasteriser does at edges.
 //!import bindings context dither frame ray world
 
 // Twin of `CellInstance` in layout.rs.
@@ -22,7 +22,7 @@ struct CellBrick {
 }
 
 @group(0) @binding(CELLS) var<storage, read> cells: array<Cell>;
-// Of each cell one for each layer.
+// For each cell, one per layer.
 @group(0) @binding(CELL_BRICKS) var<storage, read> cell_bricks: array<CellBrick>;
 
 struct Proxy {
@@ -31,7 +31,7 @@ struct Proxy {
     @location(1) @interpolate(flat) region_max: vec3f,
     @location(2) @interpolate(flat) pixels: vec2u,
     @location(3) @interpolate(flat) first_brick: u32,
-    // The first brick. (Read from storage by fragments, it would be read anew in each round of a loop by lavapipe.)
+    // The first brick. (If fragments read it from storage, lavapipe would re-read it in each round of a loop.)
     @location(4) @interpolate(flat) texel_scale: vec3f,
     @location(5) @interpolate(flat) texel_offset: vec3f,
 }
@@ -41,13 +41,13 @@ struct Proxy {
 fn proxy(@builtin(vertex_index) i: u32, @builtin(instance_index) instance: u32) -> Proxy {
     frame = frames[layer];
     let cell = cells[instance];
-    // Where the map to the world mirrors, the strip is mirrored back, so that back faces stay that.
+    // If the map to the world mirrors, the strip is mirrored back to keep its back faces.
     let mirrors = dot(cross(frame.axes[0].xyz, frame.axes[1].xyz), frame.axes[2].xyz) < 0.0;
     let bits = (vec3u(0x287au, 0x02afu, 0x31e3u) >> vec3u(i)) ^ vec3u(u32(mirrors), 0u, 0u);
     let corner = select(cell.region_min, cell.region_max, (bits & vec3u(1u)) == vec3u(1u));
 
-    // Outward by an eighth of a pixel at the box's far side, so that snapping to the raster loses no pixel. The same for
-    // all corners: the box stays a convex box, and a pixel gets one back face.
+    // Outward by an eighth of a pixel at the box's far side, so that snapping to the raster loses no pixel. All corners move alike: the
+    // box stays convex, and a pixel gets one back face.
     let half_size = (cell.region_max - cell.region_min) * 0.5;
     let centre = cell.region_min + half_size - frame.eye;
     let edges = vec3f(length(frame.axes[0].xyz), length(frame.axes[1].xyz), length(frame.axes[2].xyz));
@@ -59,7 +59,7 @@ fn proxy(@builtin(vertex_index) i: u32, @builtin(instance_index) instance: u32) 
     let x = dot(from_eye, frame.clip_x);
     let y = dot(from_eye, frame.clip_y);
     let w = dot(from_eye, frame.clip_w);
-    // Nothing is clipped but what is behind the eye: there is no depth buffer.
+    // Only places behind the eye are clipped: there is no depth buffer.
     out.position = select(vec4f(x, y, w - frame.near, w), vec4f(x, y, 0.5, 1.0), frame.orthographic != 0u);
     out.region_min = cell.region_min;
     out.region_max = cell.region_max;
@@ -70,9 +70,9 @@ fn proxy(@builtin(vertex_index) i: u32, @builtin(instance_index) instance: u32) 
     return out;
 }
 
-// The cell that is drawn.
+// The drawn cell.
 struct Box {
-    // Where middles of its segments are.
+    // Bounds of its segments' midpoints.
     low: vec3f,
     high: vec3f,
     centre: vec3f,
@@ -82,7 +82,7 @@ struct Box {
 var<private> drawn: Box;
 
 fn box_of(in: Proxy) -> Box {
-    // The volume's own faces are no borders: a point that rounding puts past one still belongs to the cell inside.
+    // The volume's own faces are no borders: a point rounded past one still belongs to the cell inside.
     let low = select(in.region_min, vec3f(-1e30), in.region_min <= vec3f(0.0));
     let high = select(in.region_max, vec3f(1e30), in.region_max >= frame.extent);
     return Box(low, high, (in.region_min + in.region_max) * 0.5, in.first_brick);
@@ -92,7 +92,7 @@ fn is_in_box(box: Box, point: vec3f) -> bool {
     return all(point >= box.low) && all(point < box.high);
 }
 
-// Where on a stretch middles of the cell's segments can be: its box, widened by what rounding moves a point. Empty where the entry does
+// The part of a stretch with midpoints of the cell's segments: its box, widened by the rounding of points. Empty where the entry does
 // not draw the pixel.
 fn own_stretch(in: Proxy, ray: Ray, stretch: vec2f) -> vec2f {
     let own = clip(ray, in.region_min - frame.slack, in.region_max + frame.slack);
@@ -100,7 +100,7 @@ fn own_stretch(in: Proxy, ray: Ray, stretch: vec2f) -> vec2f {
     return vec2f(first, select(first, min(own.y, stretch.y), has_pixel(in)));
 }
 
-// Whether the entry draws a pixel: another one may have it.
+// Whether this entry draws a pixel, and not another.
 fn has_pixel(in: Proxy) -> bool {
     let threshold = dither(in.position.xy);
     return threshold >= in.pixels.x && threshold < in.pixels.y;

@@ -1,39 +1,39 @@
-// A ray's way through one layer: what it finds of the layer in each segment.
+// A ray's way through one layer, with its finds in each segment.
 //!import caps cut_face field find frame lattice medium part ray
 
 struct Way {
     ray: Ray,
-    // The cut by which it enters.
+    // The entry cut.
     met: Met,
-    // Where it is in what is shown of the layer.
+    // The ray's stretch in the shown part of the layer.
     stretch: vec2f,
-    // Up to where it was looked at last, and whether anything may be seen up to there.
+    // End of the latest look, and whether anything may be visible up to there.
     until: f32,
     is_seen: bool,
     found: Found,
     field: Field,
     known: Known,
-    // Of its own surfaces, how many it is past, and how many at the end of its part of the segment; negative where that is not known.
+    // Number of its own surfaces behind it, now and at the end of its part of the segment; negative if unknown.
     rank: i32,
     last: i32,
-    // Of the cap where it enters, one more than the surface's index; 0 without a cap.
+    // One more than the surface's index of a cap at the entry; 0 without a cap.
     cap: i32,
-    // Where the part ends, and where the next surface in it is passed: far away if none is, a tie before its cut if it is a cap.
+    // End of the part, and crossing of its next surface: far away without one, a tie before the cut for a cap.
     end: f32,
     crossing: f32,
-    // The piece up to that surface, and what the layer shows of it.
+    // The piece up to that surface, and the layer's medium in it.
     piece: vec2f,
     shown: Pixel,
-    // Where media are an expression's: the value in the middle of the part, `NO_VALUE` if there is none, and the part's length.
+    // For expressions: the value in the middle of the part, `NO_VALUE` if there is none, and the part's length.
     value: f32,
     length: f32,
-    // Where that is lit: the gradient of the value's code by the step, in the scene's world; zero where the field is flat.
+    // For lit expressions: the gradient of the value's code per step, in the scene's world; zero where the field is flat.
     gradient: vec3f,
 }
 
 var<private> way: Way;
 
-// By how much the lattice is moved, and with it each ray's origin.
+// Shift of the lattice, and so of each ray's origin.
 var<private> moved_by: f32;
 
 // The middle of the segment.
@@ -43,7 +43,7 @@ var<private> segment_middle: f32;
 fn set_out(position: vec2f) {
     way.ray = pixel_ray(position);
     let stretch = shown(way.ray);
-    // One that is empty is nowhere.
+    // An empty stretch is nowhere.
     way.stretch = select(vec2f(1e30, -1e30), stretch, stretch.x < stretch.y);
     way.found = nothing_found();
     way.until = -1.0;
@@ -54,7 +54,7 @@ fn set_out(position: vec2f) {
     way.rank = first_rank(stretch.x);
 }
 
-// The stretch of all layers so far, and of this one.
+// The union of the stretches of all layers so far and of this one.
 fn union_with(whole: vec2f) -> vec2f {
     return vec2f(min(whole.x, way.stretch.x), max(whole.y, way.stretch.y));
 }
@@ -67,20 +67,20 @@ fn shift_by(shift: f32) {
     way.met.cut.w += shift;
 }
 
-// The layer's part of a segment: empty if it has none.
+// The layer's part of a segment; may be empty.
 fn part_of(walk: Walk) -> vec2f {
     return vec2f(max(walk.start, way.stretch.x), min(walk.end, way.stretch.y));
 }
 
-// How far apart things of several layers may be that begin on one cut, as a share of the step: rounding parts them.
+// Greatest distance between things of several layers that begin on one cut, as a share of the step: rounding separates them.
 const CAP_TIE: f32 = 0.01;
 
-// Whether a layer's next crossing is passed with the next of all. A cap so near behind it is, in the order of layers.
+// Whether a layer's next crossing is passed together with the next of all. Caps within a tie behind it are, in the order of layers.
 fn is_passed_with(next: f32, crossing: f32, cap: i32) -> bool {
     return crossing <= next + select(0.0, CAP_TIE * frame.step, cap > 0);
 }
 
-// The cut is the layer's again, where something may ask for it. A loop over layers finds it anew, for what it keeps of each has to be little.
+// Restores the layer's cut for lighting and surfaces. A loop over layers finds it anew, to keep little state per layer.
 fn meet_again() {
     if (IS_LOOPED && (LIGHTING != UNLIT || HAS_SURFACES)) {
         meet_cut(way.ray, moved_by);
@@ -90,7 +90,7 @@ fn meet_again() {
     }
 }
 
-// Takes the layer's part of a segment, for which it has been looked at.
+// Takes the layer's part of a segment, after a look.
 fn take_part(walk: Walk) {
     segment_middle = walk.middle;
     let part = part_of(walk);

@@ -1,5 +1,5 @@
-//! The functions of libc that this library takes the place of. Each finds the path that it is about, asks the rules, makes the call
-//! (to the kernel, or for listings to libc's own function), and records it.
+//! Replacements for libc's functions. Each finds its path, applies the rules, makes the call (to the kernel, or for listings to
+//! libc's own function), and records it.
 
 use crate::kernel::{self, call, fail, keeping_errno, path_at, path_of};
 use crate::record::{self, Entry};
@@ -9,7 +9,7 @@ use std::ffi::CStr;
 use std::sync::OnceLock;
 use std::time::Duration;
 
-/// A call on a file below the folder, and what a rule does to it.
+/// A call on a file below the folder, and its rule's action.
 struct Site {
     settings: &'static Settings,
     call: Call,
@@ -17,8 +17,8 @@ struct Site {
     action: Option<Action>,
 }
 
-/// What the rules do to a call; `None` if the call is on no file below the folder. Waits or ends the process if a rule
-/// says so.
+/// The action of the rules on a call; `None` if the call is on no file below the folder. Waits or ends the process if a rule
+/// requires it.
 fn site(call: Call, path: impl FnOnce() -> Option<String>) -> Option<Site> {
     let settings = settings()?;
     let path = path().filter(|path| path.split('\t').any(|path| settings.concerns(path)))?;
@@ -32,7 +32,7 @@ fn site(call: Call, path: impl FnOnce() -> Option<String>) -> Option<Site> {
 }
 
 impl Site {
-    /// Makes the call, unless a rule has it fail or lie, and records it together with `number`.
+    /// Makes the call, unless a rule makes it fail or lie, and records it with `number`.
     fn run(self, number: i64, real: impl FnOnce() -> i64) -> i64 {
         let turn = record::turn(self.settings);
         let result = match self.action {
@@ -52,7 +52,7 @@ impl Site {
         result
     }
 
-    /// Cuts the file to half of its length or to nothing, and records that, if a rule says so.
+    /// Cuts the file to half its length or to nothing, and records it, if a rule requires it.
     fn cut(&self) {
         let Some(Action::Cut { halves }) = self.action else { return };
         let length = kernel::length(&self.path).unwrap_or(0) / 2 * halves as i64;
@@ -61,7 +61,7 @@ impl Site {
         record::add(self.settings, &Entry { call, result: 0, number: length, path: &self.path, bytes: &[] });
     }
 
-    /// How many of `count` bytes are to be read or written: half of them if a rule says so.
+    /// The number of bytes to read or write: `count`, or half of it under a rule.
     fn allowed(&self, count: usize) -> usize {
         match self.action {
             Some(Action::Short | Action::Tear) => count.div_ceil(2),
@@ -76,8 +76,8 @@ impl Site {
     }
 }
 
-/// Makes a system call that returns a number and takes numbers and pointers, under the rules for its `kind`. `path` is
-/// the file that the call is on, and `number` is recorded with it.
+/// Makes a system call with a number as its result, on numbers and pointers, under the rules for its `kind`. `path` is the call's
+/// file, and `number` is recorded with it.
 unsafe fn simple(
     kind: Call,
     path: impl FnOnce() -> Option<String>,
@@ -85,7 +85,7 @@ unsafe fn simple(
     system_call: i64,
     a: [usize; 6],
 ) -> i64 {
-    // SAFETY: the caller passes on what its own caller promises the kernel.
+    // SAFETY: the caller passes on its own caller's promise to the kernel.
     let real = || unsafe { call(system_call, a) };
     match site(kind, path) {
         Some(site) => site.run(number, real),
@@ -101,22 +101,21 @@ unsafe fn open_at(folder: c_int, name: *const c_char, flags: c_int, mode: mode_t
     unsafe { simple(Call::Open, path, flags as i64, libc::SYS_openat, a) as c_int }
 }
 
-/// Reads through `real`, which is given how many bytes to read. `first` is where they go; a rule may change one of
-/// them.
+/// Reads through `real`, which takes the number of bytes. `first` is their destination; a rule may change one of them.
 fn reading(file: c_int, bytes: usize, first: *mut u8, real: impl FnOnce(usize) -> i64) -> ssize_t {
     let Some(site) = site(Call::Read, || path_of(file)) else { return real(bytes) as ssize_t };
     let allowed = site.allowed(bytes);
     let flip = (site.action == Some(Action::Flip)).then(|| site.place(1 << 20));
     let result = site.run(bytes as i64, || real(allowed));
     if let Some(place) = flip.filter(|_| result > 0) {
-        // SAFETY: so many bytes were read to where the caller said.
+        // SAFETY: this many bytes were read to the caller's destination.
         unsafe { *first.add(place % result as usize) ^= 0x10 };
     }
     result as ssize_t
 }
 
-/// Writes through `real`, which is given how many bytes to write. `offset` is where in the file they go; `None` is the
-/// file's position, which is asked for afterwards.
+/// Writes through `real`, which takes the number of bytes. `offset` is their place in the file; `None` is the file's position,
+/// queried afterwards.
 fn writing(file: c_int, bytes: &[u8], offset: Option<i64>, real: impl FnOnce(usize) -> i64) -> ssize_t {
     let Some(site) = site(Call::Write, || path_of(file)) else { return real(bytes.len()) as ssize_t };
     let turn = record::turn(site.settings);
@@ -138,19 +137,18 @@ fn writing(file: c_int, bytes: &[u8], offset: Option<i64>, real: impl FnOnce(usi
     result as ssize_t
 }
 
-/// The bytes of a buffer that a caller gave.
+/// The bytes of a caller's buffer.
 unsafe fn buffer<'a>(bytes: *const c_void, count: size_t) -> &'a [u8] {
     if count == 0 {
         return &[];
     }
-    // SAFETY: the caller's caller promises the kernel so many bytes.
+    // SAFETY: the caller's caller promises the kernel this many bytes.
     unsafe { std::slice::from_raw_parts(bytes.cast(), count) }
 }
 
-/// The first buffer of a list that is not empty, or an empty one. A read or write of a list comes to this buffer alone,
-/// as one that is cut short does.
+/// The first non-empty buffer of a list, or an empty one. A read or write of a list is reduced to this buffer, like a short one.
 unsafe fn first_part(parts: *const iovec, count: c_int) -> iovec {
-    // SAFETY: the caller's caller promises the kernel so many parts.
+    // SAFETY: the caller's caller promises the kernel this many parts.
     let parts = unsafe { std::slice::from_raw_parts(parts, count.max(0) as usize) };
     let empty = iovec { iov_base: std::ptr::null_mut(), iov_len: 0 };
     parts.iter().copied().find(|part| part.iov_len > 0).unwrap_or(empty)
@@ -158,7 +156,7 @@ unsafe fn first_part(parts: *const iovec, count: c_int) -> iovec {
 
 unsafe fn map(at: *mut c_void, length: size_t, access: c_int, flags: c_int, file: c_int, offset: off_t) -> *mut c_void {
     let a = [at as usize, length, access as usize, flags as usize, file as usize, offset as usize];
-    // Maps of no file are made in signal handlers too, where nothing else may be done.
+    // Maps of no file are also made in signal handlers, where nothing else is permitted.
     if file < 0 {
         // SAFETY: as the caller promises.
         return unsafe { call(libc::SYS_mmap, a) } as *mut c_void;
@@ -170,7 +168,7 @@ unsafe fn map(at: *mut c_void, length: size_t, access: c_int, flags: c_int, file
     let result = site.run(length as i64, real);
     if result > 0 && access == libc::PROT_READ {
         keeping_errno(|| {
-            // SAFETY: the map was made this moment, and the caller does not know it yet.
+            // SAFETY: the map was just made, and is still unknown to the caller.
             unsafe {
                 match action {
                     Some(Action::Flip) => kernel::flip_mapped(result as usize, length, file, offset, place),
@@ -209,7 +207,7 @@ unsafe fn unlink_at(folder: c_int, name: *const c_char, flags: c_int) -> c_int {
     }
 }
 
-/// The address of libc's own function of a name, which this library's function of that name hides.
+/// The address of libc's own function, hidden by this library's function of the same name.
 fn behind(name: &CStr) -> *mut c_void {
     // SAFETY: the name is a string.
     unsafe { libc::dlsym(libc::RTLD_NEXT, name.as_ptr()) }
@@ -220,7 +218,7 @@ unsafe fn open_listing(name: *const c_char) -> *mut libc::DIR {
     static REAL: OnceLock<usize> = OnceLock::new();
     type Opens = unsafe extern "C" fn(*const c_char) -> *mut libc::DIR;
     let real = *REAL.get_or_init(|| behind(c"opendir") as usize);
-    // SAFETY: that is libc's function of this type, and the name is what the caller promises it.
+    // SAFETY: this is libc's function of this type, and the name is as promised by the caller.
     let real = || unsafe { std::mem::transmute::<usize, Opens>(real)(name) as i64 };
     // SAFETY: the caller promises a string.
     let site = site(Call::List, || unsafe { path_at(libc::AT_FDCWD, name) });
@@ -232,7 +230,7 @@ unsafe fn next_entry(listing: *mut libc::DIR) -> *mut libc::dirent64 {
     static REAL: OnceLock<usize> = OnceLock::new();
     type Reads = unsafe extern "C" fn(*mut libc::DIR) -> *mut libc::dirent64;
     let real = *REAL.get_or_init(|| behind(c"readdir64") as usize);
-    // SAFETY: that is libc's function of this type, and the listing is what the caller promises it.
+    // SAFETY: this is libc's function of this type, and the listing is as promised by the caller.
     let real = || unsafe { std::mem::transmute::<usize, Reads>(real)(listing) as i64 };
     // SAFETY: the caller promises an open listing.
     let site = site(Call::List, || path_of(unsafe { libc::dirfd(listing) }));
@@ -240,26 +238,26 @@ unsafe fn next_entry(listing: *mut libc::DIR) -> *mut libc::dirent64 {
     result.max(0) as *mut libc::dirent64
 }
 
-/// Declares functions in the place of libc's, with what they do here. Their arguments are what libc's own expect.
+/// Declares replacements for libc's functions, with their bodies. Their arguments are those of libc's own.
 macro_rules! instead {
     ($($(#[$doc:meta])* $name:ident($($argument:ident: $type:ty),*) -> $result:ty $body:block)*) => {$(
         $(#[$doc])*
         #[unsafe(no_mangle)]
         unsafe extern "C" fn $name($($argument: $type),*) -> $result {
-            // SAFETY: the caller promises libc's function what this one passes on.
+            // SAFETY: the caller promises libc's function these arguments.
             unsafe { $body }
         }
     )*};
 }
 
 instead! {
-    // In C these two take the mode only if a file is made; here it is then whatever the register holds.
+    // In C these two take the mode only to create a file; otherwise it is here an arbitrary register.
     open(name: *const c_char, flags: c_int, mode: mode_t) -> c_int { open_at(libc::AT_FDCWD, name, flags, mode) }
     open64(name: *const c_char, flags: c_int, mode: mode_t) -> c_int { open_at(libc::AT_FDCWD, name, flags, mode) }
     openat(folder: c_int, name: *const c_char, flags: c_int, mode: mode_t) -> c_int { open_at(folder, name, flags, mode) }
     openat64(folder: c_int, name: *const c_char, flags: c_int, mode: mode_t) -> c_int { open_at(folder, name, flags, mode) }
     close(file: c_int) -> c_int {
-        // A file that cannot be closed without an error is closed all the same.
+        // A close that fails closes the file all the same.
         let real = || call(libc::SYS_close, [file as usize, 0, 0, 0, 0, 0]);
         match site(Call::Close, || path_of(file)) {
             Some(site) => {
@@ -312,7 +310,7 @@ instead! {
     fdatasync(file: c_int) -> c_int {
         simple(Call::Sync, || path_of(file), 0, libc::SYS_fdatasync, [file as usize, 0, 0, 0, 0, 0]) as c_int
     }
-    /// Told from the others by its number.
+    /// Distinguished from the others by its number.
     syncfs(file: c_int) -> c_int {
         simple(Call::Sync, || path_of(file), 1, libc::SYS_syncfs, [file as usize, 0, 0, 0, 0, 0]) as c_int
     }
@@ -346,7 +344,7 @@ instead! {
     linkat(from_dir: c_int, from: *const c_char, to_dir: c_int, to: *const c_char, flags: c_int) -> c_int {
         let path = || Some(format!("{}\t{}", path_at(from_dir, from)?, path_at(to_dir, to)?));
         let a = [from_dir as usize, from as usize, to_dir as usize, to as usize, flags as usize, 0];
-        // Its own flags would be taken for those of an exchange.
+        // Its own flags would be mistaken for those of an exchange.
         simple(Call::Rename, path, LINK, libc::SYS_linkat, a) as c_int
     }
     link(from: *const c_char, to: *const c_char) -> c_int { linkat(libc::AT_FDCWD, from, libc::AT_FDCWD, to, 0) }
@@ -385,5 +383,5 @@ instead! {
     readdir64(listing: *mut libc::DIR) -> *mut libc::dirent64 { next_entry(listing) }
 }
 
-/// What the record has in place of a rename's flags for a link: a second name for the same file.
+/// The record's number for a link, in place of a rename's flags: a second name for the same file.
 const LINK: i64 = -1;

@@ -1,15 +1,15 @@
-//! The record of calls: `CALL RESULT NUMBER LENGTH PATH [PATH]`, tab-separated, a newline, then `LENGTH` bytes, those that were
-//! written. `NUMBER` is the offset of a write, the flags of an open, or the length of a truncation. Calls that failed, or did
-//! nothing and said that they did, have a `RESULT` below zero. A write that did nothing is not recorded.
+//! The record of calls: `CALL RESULT NUMBER LENGTH PATH [PATH]`, tab-separated, a newline, then the `LENGTH` written bytes. `NUMBER`
+//! is the offset of a write, the flags of an open, or the length of a truncation. Calls that failed, or falsely reported success,
+//! have a `RESULT` below zero. Writes without effect are not recorded.
 //!
-//! While there is a record, calls on files below the folder are made one at a time (but for closing), so that the record has them in
-//! their order.
+//! While there is a record, calls on files below the folder (except for closing) are made one at a time, so that they are recorded
+//! in order.
 
 use crate::kernel;
 use crate::rules::{Call, Settings};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
-/// A call, as it is recorded.
+/// A call, as recorded.
 pub(crate) struct Entry<'a> {
     pub(crate) call: Call,
     pub(crate) result: i64,
@@ -20,8 +20,7 @@ pub(crate) struct Entry<'a> {
 
 static TURN: Mutex<()> = Mutex::new(());
 
-/// Waits for other calls that are recorded, and keeps them out until the guard is dropped. `None` if nothing is
-/// recorded.
+/// Waits for other recorded calls, and keeps them out until the guard is dropped. `None` without a record.
 pub(crate) fn turn(settings: &Settings) -> Option<MutexGuard<'static, ()>> {
     settings.log.as_ref().map(|_| TURN.lock().unwrap_or_else(PoisonError::into_inner))
 }

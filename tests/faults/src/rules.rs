@@ -1,12 +1,12 @@
-//! Which calls are harmed, and how.
+//! Rules for faults: the affected calls, and the action.
 //!
 //! A rule is `CALLS WHEN ACTION [PATH]`, separated by blanks:
 //!
 //! - `CALLS`: names of [`Call`]s, separated by commas, or `any`.
-//! - `WHEN`, among those calls: `7` is the seventh alone; `7+` the seventh and all that follow; `7~` the seventh and all that follow on
+//! - `WHEN`, among those calls: `7` is the seventh alone; `7+` the seventh and all later ones; `7~` the seventh and all later ones on
 //!   the same file; `%7` every seventh.
 //! - `ACTION`: see [`Action`].
-//! - `PATH`: a text; the rule is about files only whose path contains it.
+//! - `PATH`: a text; restricts the rule to files with this text in their path.
 
 use std::collections::HashSet;
 use std::path::PathBuf;
@@ -57,7 +57,7 @@ impl Call {
     }
 }
 
-/// What a rule does to a call.
+/// A rule's action on a call.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Action {
     /// `EIO`, `ENOSPC`...: the call fails with this error.
@@ -70,13 +70,13 @@ pub(crate) enum Action {
     Kill,
     /// `tear`: half of the call's bytes are written, then the process ends, as by SIGKILL.
     Tear,
-    /// `lie`: the call does nothing and says that it did.
+    /// `lie`: the call does nothing and reports success.
     Lie,
-    /// `halve`, `empty`: after the call, the file is cut to half of its length, or to nothing.
+    /// `halve`, `empty`: after the call, the file is cut to half its length, or to nothing.
     Cut { halves: u64 },
-    /// `flip`: one byte of what the call reads or maps is changed.
+    /// `flip`: one byte of the read or mapped data is changed.
     Flip,
-    /// `lose`: a page of what the call maps cannot be read.
+    /// `lose`: a page of the map cannot be read.
     Lose,
 }
 
@@ -141,7 +141,7 @@ impl FromStr for When {
 }
 
 struct Rule {
-    /// The kinds of calls that the rule is about; empty for any.
+    /// The affected kinds of calls; empty for any.
     calls: Vec<Call>,
     when: When,
     action: Action,
@@ -152,7 +152,7 @@ struct Rule {
 #[derive(Default)]
 struct State {
     seen: u64,
-    /// The files that [`When::SameFile`] has met.
+    /// The files seen by [`When::SameFile`].
     files: HashSet<String>,
 }
 
@@ -170,7 +170,7 @@ impl FromStr for Rule {
 }
 
 impl Rule {
-    /// Counts the call, if the rule is about it. Returns what the rule does to it; `None` if it does nothing.
+    /// Counts the call, if the rule affects it. Returns the rule's action on it, if any.
     fn meet(&self, call: Call, path: &str) -> Option<Action> {
         if !(self.calls.is_empty() || self.calls.contains(&call)) || !path.contains(&self.part) {
             return None;
@@ -192,22 +192,21 @@ impl Rule {
     }
 }
 
-/// What the environment says: the folder, the rules and the log.
+/// The environment's settings: the folder, the rules and the log.
 pub(crate) struct Settings {
     pub(crate) under: String,
     rules: Vec<Rule>,
     pub(crate) log: Option<PathBuf>,
 }
 
-/// The settings, read once; `None` if `BRICKYARD_FAULTS_UNDER` is no absolute path. Ends the process if a rule is not
-/// understood.
+/// The settings, read once; `None` if `BRICKYARD_FAULTS_UNDER` is no absolute path. Ends the process on an invalid rule.
 pub(crate) fn settings() -> Option<&'static Settings> {
     static SETTINGS: OnceLock<Option<Settings>> = OnceLock::new();
     let read = || {
         let under = std::env::var("BRICKYARD_FAULTS_UNDER").ok().filter(|under| under.starts_with('/'))?;
         let rules = std::env::var("BRICKYARD_FAULTS").unwrap_or_default();
         let rules = rules.split(';').filter(|rule| !rule.trim().is_empty()).map(str::parse);
-        // A rule that is not understood would be a test that tests nothing.
+        // An invalid rule would make an empty test.
         let rules = rules.collect::<Result<_, ()>>().unwrap_or_else(|()| std::process::abort());
         Some(Settings { under, rules, log: std::env::var_os("BRICKYARD_FAULTS_LOG").map(PathBuf::from) })
     };
@@ -220,8 +219,7 @@ impl Settings {
         path.strip_prefix(&self.under).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
     }
 
-    /// Counts the call for all rules that are about it. Returns what the first rule that it meets does to it; `None` if
-    /// it meets none.
+    /// Counts the call for all rules that affect it. Returns the action of the first matching rule, if any.
     pub(crate) fn meet(&self, call: Call, path: &str) -> Option<Action> {
         // All rules count, whatever an earlier one does.
         self.rules.iter().fold(None, |first, rule| {

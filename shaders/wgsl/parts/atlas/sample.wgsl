@@ -1,4 +1,4 @@
-// The value at a point of the atlas (in texels), by the hardware's trilinear filter. Never negative.
+// The atlas's value at a point (in texels), by the hardware's trilinear filter. Never negative.
 //!import frame sampler
 
 fn sample_full(atlas: texture_3d<f32>, point: vec3f) -> f32 {

@@ -1,4 +1,4 @@
-// The tricubic B-spline of the 64 texels around a point of the atlas, as eight of the hardware's trilinear samples (Sigg and
+// Tricubic B-spline of the 64 texels around a point of the atlas, in eight of the hardware's trilinear samples (Sigg and
 // Hadwiger, Fast Third-Order Texture Filtering, GPU Gems 2, 2005). Never negative.
 //!import frame sampler
 
@@ -6,12 +6,12 @@ fn sample_full(atlas: texture_3d<f32>, point: vec3f) -> f32 {
     let corner = floor(point - 0.5);
     let t = point - 0.5 - corner;
     let s = 1.0 - t;
-    // Weights of the outer voxels, and of each pair along an axis.
+    // Weights of the outer voxels and of each pair along an axis.
     let first = s * s * s / 6.0;
     let last = t * t * t / 6.0;
     let far = (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0 + last;
     let near = 1.0 - far;
-    // Where between the texels of a pair both have their shares.
+    // Points at which the hardware's filter gives both texels of a pair their weights.
     let low = (corner - 0.5 + (near - first) / near) * frame.texel;
     let high = (corner + 1.5 + last / far) * frame.texel;
     var planes: vec2f;

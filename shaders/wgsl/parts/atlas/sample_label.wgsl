@@ -1,6 +1,6 @@
-// The indicators of labels.
+// Indicators of labels.
 
-// How much of the surroundings of a point has a label: the field that is 1 in texels with that label and 0 in all others, filtered linearly.
+// A label's indicator at a point: 1 in texels with the label and 0 in all others, filtered linearly.
 fn share_in_atlas(atlas: texture_3d<f32>, point: vec3f, label: f32) -> f32 {
     let corner = floor(point - 0.5);
     let t = point - 0.5 - corner;

@@ -1,7 +1,7 @@
-// The value of the texel that a place is in: labels, which are never mixed, and fields of steps.
+// Nearest texel: for labels, which are never interpolated, and for fields with steps.
 //!import context no_value
 
-// The value at a point of the atlas (in texels); `NO_VALUE` where the texel has none.
+// The atlas's value at a point (in texels); `NO_VALUE` where the texel has none.
 fn sample_nearest(atlas: texture_3d<f32>, point: vec3f) -> f32 {
     let value = textureLoad(atlas, vec3i(floor(point)), 0).x;
     return select(value, NO_VALUE, HAS_INVALID && value <= 0.0);

@@ -1,4 +1,4 @@
-// The value of the voxel that a place is in: see `sample_voxels`.
+// Nearest voxel: see `sample_voxels`.
 //!import voxel
 
 fn sample_nearest_voxel(atlas: texture_3d<f32>, point: vec3f) -> f32 {

@@ -1,13 +1,13 @@
-// The value at a point of the atlas (in texels), voxel by voxel: of 32-bit floats, which no hardware has to filter; of codes in a narrow window,
-// for which its 8 bits of fraction are few; and where voxels may have no value, which are left out.
+// The atlas's value at a point (in texels), voxel by voxel: for 32-bit floats, which hardware need not filter; for codes in a narrow window,
+// where the hardware's 8 bits of fraction are too few; and for fields with missing values, which are left out.
 //!import voxel
 
-// Weighted sums between two others. Where both are alike it is just that: an expression may compare it.
+// Interpolates weighted sums. Equal ones yield exactly themselves: an expression may compare them.
 fn between(near: vec2f, far: vec2f, share: f32) -> vec2f {
     return near + share * (far - near);
 }
 
-// The weighted sums between a voxel and the next one along x.
+// The weighted sums between a voxel and the next along x.
 fn line(atlas: texture_3d<f32>, first: vec3i, share: f32) -> vec2f {
     return between(voxel(atlas, first), voxel(atlas, first + vec3i(1, 0, 0)), share);
 }

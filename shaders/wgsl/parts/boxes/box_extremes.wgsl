@@ -1,5 +1,5 @@
-// Of a coarse brick all texels count that a segment's box touches. Twin of the volume crate's `extremes`. `texel` is the segment's middle, `way` from one of its ends
-// to the other, and `scale` the brick's texels per level-0 voxel.
+// Box samples of coarse bricks: all texels touched by a segment's box count. Twin of the volume crate's `extremes`. `texel` is the segment's middle,
+// `way` goes from one of its ends to the other, and `scale` is the brick's texels per level-0 voxel.
 //!import atlas frame no_value pixel
 
 const HAS_BOXES: bool = true;
@@ -17,7 +17,7 @@ fn take_box(pixel: Pixel, texel: vec3f, way: vec3f, scale: vec3f, length: f32) -
         let bit = vec3u(i & 1u, (i >> 1u) & 1u, i >> 2u);
         taken = take_texel(taken, select(low, high, bit == vec3u(1u)), length);
     }
-    // Mostly no box touches more than its corners.
+    // Most boxes touch only their corner texels.
     let is_wide = any(high > low + 1.0);
     for (var z = low.z; is_wide && z <= high.z; z += 1.0) {
         for (var y = low.y; y <= high.y; y += 1.0) {

@@ -1,4 +1,4 @@
-// All bricks are sampled in the middles of segments.
+// No boxes: all bricks are sampled in the middles of segments.
 //!import pixel
 
 const HAS_BOXES: bool = false;

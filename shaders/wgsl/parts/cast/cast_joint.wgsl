@@ -1,6 +1,6 @@
-// Several layers: one ray per pixel, front to back along the lattice that all of them share. In each segment every layer takes its
-// part (`way`), and all that is there is seen together. Where none of them shows anything, the ray skips to where the first of them
-// may again. The rule is written down beside its CPU twin, the volume crate's `compositing`.
+// Several layers: one ray per pixel, front to back along their common lattice. In each segment every layer takes its part (`way`), and all
+// parts are seen together. Where no layer shows anything, the ray skips to the first that may again. The rule is documented with its CPU
+// twin, the volume crate's `compositing`.
 //!import asking dither frame jitter lattice layers limits see way
 
 fn cast_ray(position: vec2f) -> vec4f {
@@ -11,8 +11,8 @@ fn cast_ray(position: vec2f) -> vec4f {
     shift_all(shift);
     var light = Light(vec3f(0.0), 1.0);
     var walk = enter_zone(tick_at(whole.x), 0u, whole);
-    // Leaves; in a leaf, skips to a macro-cell in which something is seen; there, segments: each in a loop of its own, for software
-    // rasterisers go through all that a loop has for every ray. Whatever lies behind a 4096th adds less than a sixteenth of an 8-bit code.
+    // Leaves; in a leaf, skips to a visible macro-cell; there, segments. Each has its own loop, because software rasterisers run the whole
+    // body of a loop for every ray. Behind a transmittance of 1/4096, everything adds less than a sixteenth of an 8-bit code.
     while (walk.start < whole.y && light.transmittance >= 1.0 / 4096.0) {
         if (is_zone_left(walk)) {
             walk = next_zone(walk, whole);
@@ -31,7 +31,7 @@ fn cast_ray(position: vec2f) -> vec4f {
                 }
                 is_empty = is_empty && is_in;
             }
-            // At least one segment, even where rounding puts the end of what was found before it: every round goes on.
+            // At least one segment, even if rounding puts the end of the find before it: every round advances.
             var is_on = is_in;
             while (is_on) {
                 take_all(walk);

@@ -1,5 +1,5 @@
-// As for samples: leaves, runs of macro-cells, segments. But segments are looked at from end to end, each in the brick that owns it,
-// and what is known of the field goes with a ray from one segment of a brick to the next.
+// Like `raycast_samples`: leaves, runs of macro-cells, segments. But segments are evaluated from end to end, each in the brick that
+// owns it, and the known field carries over from one segment of a brick to the next.
 //!import bricks caps cut_face dither field lattice macrocells feedback medium runs sees sight take tree
 
 fn cast_ray(position: vec2f) -> vec4f {
@@ -16,7 +16,7 @@ fn cast_ray(position: vec2f) -> vec4f {
             walk = next_zone(walk, stretch);
         }
         let place = find_place(ray.origin + ray.direction * walk.middle);
-        // The leaf has at least this segment, even where rounding puts its end before it.
+        // The leaf has at least this segment, even if rounding puts its end before it.
         let leave = max(min(leaving(ray, place.low, place.size), stretch.y), walk.end);
         var brick: RayBrick;
         var is_brick_seen = place.number != 0u;
@@ -28,18 +28,18 @@ fn cast_ray(position: vec2f) -> vec4f {
         }
         let field = field_about(brick.low + 0.5 / brick.texel_scale, brick.texel_scale, brick.texel_offset, ray);
         meet_brick(ray, brick.texel_scale);
-        // Longer segments reach out of macro-cells farther than their ranges hold.
+        // Longer segments reach farther out of macro-cells than the ranges cover.
         let is_covered = (CURVE == MIDDLE && !HAS_SURFACES) || overhang(ray, brick.texel_scale, walk.stride) == 0.0;
         let has_cells = is_brick_seen && is_covered && brick.first_range != NO_RANGES;
         var cells = first_cell(ray, walk.middle, brick.low, brick.texel_scale);
         loop {
-            // The whole leaf if it is seen and has no cells to tell; else what is seen of it next.
+            // Without macro-cells to test, the whole leaf or nothing; otherwise its next visible run.
             var run = Run(select(leave, walk.middle, is_brick_seen), select(-1.0, leave, is_brick_seen), cells);
             if (has_cells) {
                 run = next_run(ray, pixel, brick, cells, leave);
                 cells = run.cells;
             }
-            // A leaf too thin for its segment's length to be told from nothing is left, too: every round goes on.
+            // A leaf too thin to resolve a segment's length is left, too: every round advances.
             if (run.enter > walk.middle || leave <= walk.middle) {
                 walk = walk_past(walk, run.enter, stretch);
                 pixel.rank = max(select(pixel.rank, -1, HAS_INVALID), -1);

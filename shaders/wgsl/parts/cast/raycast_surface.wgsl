@@ -1,5 +1,5 @@
-// As for samples: leaves, runs of macro-cells, segments. But segments are looked at from end to end, and the side that the ray is
-// on goes with it from brick to brick, also over what is skipped.
+// Like `raycast_samples`: leaves, runs of macro-cells, segments. But segments are evaluated from end to end, and the ray's side carries over
+// from brick to brick, also across skipped stretches.
 //!import bricks dither field lattice macrocells feedback runs sees sight surface tree
 
 fn cast_ray(position: vec2f) -> vec4f {
@@ -10,15 +10,15 @@ fn cast_ray(position: vec2f) -> vec4f {
     var pixel = pixel_before(seen);
     var field: Field;
     var walk = enter_zone(tick_at(stretch.x), 0u, stretch);
-    // Where the ray has left the last leaf, and a hair on: rounding does not find the same leaf again.
+    // Where the ray has left the last leaf, and a hair farther: rounding does not find the same leaf again.
     var left = 0.0;
     let hair = 0.01 * voxel_length(ray, vec3f(1.0));
     while (walk.start < stretch.y && !is_final(pixel)) {
         if (is_zone_left(walk)) {
             walk = next_zone(walk, stretch);
         }
-        // Long segments reach out of their leaf. A seen brick takes its neighbours' segments as far as they reach into it, and an unseen one
-        // leaves its own to the next: the ray looks into each leaf in a segment's reach.
+        // Long segments reach out of their leaf. A visible brick takes its neighbours' segments as far as they reach into it, and an
+        // invisible one leaves its own to the next: the ray visits each leaf within a segment's reach.
         let hang = overhang(ray, vec3f(1.0), walk.stride);
         let reach = min(walk.middle + hang, stretch.y);
         let at = clamp(max(left, stretch.x), walk.middle - hang, reach);
@@ -36,20 +36,20 @@ fn cast_ray(position: vec2f) -> vec4f {
         if (!is_brick_seen && end > at && left < reach) {
             continue;
         }
-        // The leaf has at least this segment, even where rounding puts its end before it.
+        // The leaf has at least this segment, even if rounding puts its end before it.
         let leave = max(min(end + select(-hang, hang, is_brick_seen), stretch.y), walk.end);
         field = field_about(brick.low + 0.5 / brick.texel_scale, brick.texel_scale, brick.texel_offset, ray);
-        // Longer segments reach out of macro-cells farther than their ranges hold.
+        // Longer segments reach farther out of macro-cells than the ranges cover.
         let has_cells = is_brick_seen && overhang(ray, brick.texel_scale, walk.stride) == 0.0;
         var cells = first_cell(ray, walk.middle, brick.low, brick.texel_scale);
         loop {
-            // The whole leaf if it is seen and has no cells to tell; else what is seen of it next.
+            // Without macro-cells to test, the whole leaf or nothing; otherwise its next visible run.
             var run = Run(select(leave, walk.middle, is_brick_seen), select(-1.0, leave, is_brick_seen), cells);
             if (has_cells) {
                 run = next_run(ray, pixel, brick, cells, leave);
                 cells = run.cells;
             }
-            // A leaf too thin for its segment's length to be told from nothing is left, too: every round goes on.
+            // A leaf too thin to resolve a segment's length is left, too: every round advances.
             if (run.enter > walk.middle || leave <= walk.middle) {
                 walk = walk_past(walk, run.enter, stretch);
                 pixel.side = select(pixel.side, 0.0, HAS_INVALID);

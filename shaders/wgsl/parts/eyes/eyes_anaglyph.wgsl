@@ -1,4 +1,4 @@
-// For red-cyan glasses, by Dubois's matrices; they are written down beside their CPU twin, the volume crate's `stereo`.
+// For red-cyan glasses, by Dubois's matrices; they are documented with their CPU twin, the volume crate's `stereo`.
 //!import light pictures
 
 const LEFT_EYE = mat3x3f(0.456100, -0.0400822, -0.0152161, 0.500484, -0.0378246, -0.0205971, 0.176381, -0.0157589, -0.00546856);

@@ -1,5 +1,5 @@
-// The feedback: for each brick the greatest transmittance with which a ray has entered it, in steps of 1/255, rounded up. After
-// the first rays a brick costs each ray one load.
+// Visibility feedback: for each brick the greatest transmittance of an entering ray, in steps of 1/255, rounded up. After the
+// first rays a brick costs each ray one load.
 //!import bindings context
 
 const MARK_STEPS: f32 = 255.0;

@@ -1,3 +1,3 @@
-// No feedback: in projections nothing hides anything.
+// No feedback: none is requested, or nothing hides anything, as in projections.
 fn mark(number: u32, transmittance: f32) {
 }

@@ -1,8 +1,8 @@
-// What a cell's fragment finds on its way through a layer: the one brick that stands for the layer in the cell, if there is one.
+// Bricks for a cell's fragment: in each layer at most one stands for the cell.
 //!import context cut_face field lattice ray sorted way
 
 struct Found {
-    // Nothing is remembered.
+    // Nothing to remember.
     none: u32,
 }
 
@@ -10,7 +10,7 @@ fn nothing_found() -> Found {
     return Found(0u);
 }
 
-// A fragment takes the parts of segments whose middles are in its cell.
+// Whether a part's middle lies in the fragment's cell: a fragment takes only such parts.
 fn is_own(t: f32) -> bool {
     return is_in_box(drawn, way.ray.origin + way.ray.direction * t);
 }
@@ -27,7 +27,7 @@ fn open_brick() {
     way.met.rate = rate_in(way.met.cut, way.ray, brick.texel_scale);
 }
 
-// What a loop over layers keeps of what was found, and what is restored from that.
+// State of the find kept by a loop over layers, for `restore_found`.
 fn kept_found() -> vec3u {
     return vec3u(0u);
 }

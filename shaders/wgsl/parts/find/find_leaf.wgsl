@@ -1,13 +1,13 @@
-// What a ray finds on its way through a layer: leaf by leaf of the octree, and macro-cell by macro-cell.
+// Bricks for a ray: leaf by leaf of a layer's octree, and macro-cell by macro-cell.
 //!import bricks cut_face feedback field frame lattice macrocells opaque ranks tree way
 
 struct Found {
-    // Where the ray leaves the leaf that it has come to last, and whether anything may be seen there.
+    // The exit from the latest leaf, and whether anything may be visible in it.
     leave: f32,
     is_seen: bool,
     number: u32,
     brick: RayBrick,
-    // Ticks of the segments for which it was looked at.
+    // Ticks per segment at the latest look.
     stride: u32,
 }
 
@@ -22,18 +22,18 @@ fn is_own(t: f32) -> bool {
     return true;
 }
 
-// Whether anything can be seen where codes are in a range.
+// Whether anything can be visible with codes in a range.
 fn may_show(range: u32) -> bool {
     return has_codes(range) && ((HAS_FOG && has_opacity(range)) || (HAS_SURFACES && is_passed(way.rank, range)));
 }
 
-// Whether the layer's part of a segment is past the leaf that was found last.
+// Whether the layer's part of a segment is past the latest leaf.
 fn is_due(walk: Walk) -> bool {
     let part = part_of(walk);
     return part.x < part.y && 0.5 * (part.x + part.y) >= way.found.leave;
 }
 
-// Finds the leaf of the layer's part of a segment, if it is not the last one's.
+// Finds the leaf of the layer's part of a segment, unless it is the latest one.
 fn find(walk: Walk, threshold: u32, transmittance: f32) {
     if (!is_due(walk)) {
         return;
@@ -53,7 +53,7 @@ fn find(walk: Walk, threshold: u32, transmittance: f32) {
     }
 }
 
-// The brick with the number that was found, and its field.
+// Loads the found brick and its field.
 fn open_brick() {
     way.found.brick = brick_at(way.found.number);
     let scale = way.found.brick.texel_scale;
@@ -61,7 +61,7 @@ fn open_brick() {
     way.met.rate = rate_in(way.met.cut, way.ray, scale);
 }
 
-// What a loop over layers keeps of what was found, and what is restored from that.
+// State of the find kept by a loop over layers, for `restore_found`.
 fn kept_found() -> vec3u {
     return vec3u(bitcast<u32>(way.found.leave), way.found.number, way.found.stride << 1u | u32(way.found.is_seen));
 }
@@ -74,14 +74,14 @@ fn restore_found(kept: vec3u) {
     open_brick();
 }
 
-// Whether the layer's part of a segment is somewhere else than where it was looked at last.
+// Whether the layer's part of a segment is outside the range of the latest look.
 fn is_elsewhere(walk: Walk) -> bool {
     let part = part_of(walk);
     let is_past = 0.5 * (part.x + part.y) >= way.until;
     return part.x < part.y && (is_past || (!IS_MIDDLE && walk.stride != way.found.stride));
 }
 
-// Looks at the leaf's macro-cell of the layer's part of a segment.
+// Looks up the macro-cell for the layer's part of a segment.
 fn look(walk: Walk) {
     if (!is_elsewhere(walk)) {
         return;
@@ -90,7 +90,7 @@ fn look(walk: Walk) {
     way.is_seen = way.found.is_seen;
     way.found.stride = walk.stride;
     let brick = way.found.brick;
-    // Longer segments reach out of macro-cells farther than their ranges hold.
+    // Longer segments reach farther out of macro-cells than the ranges cover.
     let is_covered = IS_MIDDLE || overhang(way.ray, brick.texel_scale, walk.stride) == 0.0;
     if (way.is_seen && brick.first_range != NO_RANGES && is_covered) {
         let part = part_of(walk);
@@ -101,15 +101,15 @@ fn look(walk: Walk) {
         way.is_seen = may_show(cell_range(brick.first_range, u32((at.z * along + at.y) * along + at.x)));
         way.until = min(way.found.leave, leaving(way.ray, brick.low + at * size, size));
     }
-    // What is skipped may have no value.
+    // A skipped stretch may have no value.
     way.known.length = select(0.0, way.known.length, way.is_seen);
     way.rank = select(way.rank, -1, HAS_INVALID && !way.is_seen);
 }
 
-// Up to where there is nothing of the layer, from a segment on for which it has been looked at: no farther than the segment if it has a part.
+// The end of the layer's empty stretch from a segment after a look: the segment's own end if its part may be visible.
 fn empty_until(walk: Walk) -> f32 {
     let part = part_of(walk);
-    // Ahead of it, nothing up to the segment that it begins in; behind it, nothing at all.
+    // Before the layer, empty up to its first segment; behind it, empty for good.
     let ahead = way.stretch.x - 0.5 * f32(walk.stride) * frame.step;
     let empty = select(select(way.until, ahead, walk.end <= way.stretch.x), 1e30, walk.start >= way.stretch.y);
     return select(empty, walk.end, part.x < part.y && way.is_seen);

@@ -1,4 +1,4 @@
-// Differences of values across two voxels along each axis, about a place with a value.
+// Central differences of values: across two voxels along each axis, about a place with a value.
 //!import field neighbour
 
 const IS_STORED: bool = false;

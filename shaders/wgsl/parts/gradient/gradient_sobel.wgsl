@@ -1,4 +1,4 @@
-// Differences of values across two voxels along each axis, about a place with a value, by the 3D Sobel operator.
+// Differences of values by the 3D Sobel operator: across two voxels along each axis, about a place with a value.
 //!import field neighbour
 
 const IS_STORED: bool = false;

@@ -1,4 +1,4 @@
-// What a layer shows of its part of a segment, piece by piece between its own surfaces.
+// A layer's media in its part of a segment, piece by piece between its own surfaces.
 //!import caps differences layers medium search joint_medium way
 
 fn show_nothing() {
@@ -20,7 +20,7 @@ fn show_part(start: f32, end: f32) {
         way.rank = select(way.last, way.rank, way.rank >= 0 && way.last >= 0);
     }
     if (way.cap > 0) {
-        // Before all that other layers have behind the cut.
+        // Before everything of other layers behind the cut.
         way.crossing = start - CAP_TIE * frame.step;
         way.piece = vec2f(start);
         return;
@@ -28,7 +28,7 @@ fn show_part(start: f32, end: f32) {
     show_piece(start);
 }
 
-// The piece from a place on, up to the layer's next surface or the part's end.
+// Shows the piece from `start` to the layer's next surface or the part's end.
 fn show_piece(start: f32) {
     var end = way.end;
     way.crossing = 1e30;
@@ -45,12 +45,12 @@ fn show_piece(start: f32) {
     }
 }
 
-// Of the surfaces that are passed in the segment, the next.
+// The next surface passed in the segment.
 fn next_surface() -> u32 {
     return u32(max(way.rank - select(1, 0, way.last > way.rank), 0));
 }
 
-// Shows the next surface in front of what comes behind it, and goes on to the next piece.
+// Blends the next surface in front of everything behind it, and goes on to the next piece.
 fn pass_surface(light: Light) -> Light {
     let t = way.piece.y;
     let is_cap = way.cap > 0;

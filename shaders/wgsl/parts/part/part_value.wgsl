@@ -1,4 +1,4 @@
-// What an expression reads of a layer's part of a segment: the value in the middle, and the gradient there if the expression is lit.
+// An expression's input from a layer's part of a segment: the value in the middle, and the gradient there if the expression is lit.
 //!import context differences field frame no_value shade way world
 
 fn show_nothing() {
@@ -11,7 +11,7 @@ fn show_part(start: f32, end: f32) {
     way.value = inside(way.field, middle);
     way.length = end - start;
     way.gradient = vec3f(0.0);
-    // Between their borders labels are even.
+    // Labels are even between their borders.
     if (LIGHTING != UNLIT && !IS_LABELS) {
         let across = differences(way.field, middle, way.value);
         let is_flat = length(across) < frame.flat;

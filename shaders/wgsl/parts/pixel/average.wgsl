@@ -1,4 +1,4 @@
-// The length-weighted sum of the values and the sum of lengths.
+// Length-weighted sum of the values, and sum of lengths.
 // A ray begins where it enters the volume.
 const FIRST_SHARE: f32 = 0.0;
 

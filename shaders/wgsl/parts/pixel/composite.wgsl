@@ -1,4 +1,4 @@
-// Direct volume rendering: emission and absorption, front to back; premultiplied.
+// Direct volume rendering: emission and absorption, front to back, premultiplied.
 //!import classify through
 
 // A ray begins where it enters the volume.

@@ -1,16 +1,16 @@
-// What a layer shows of a piece of a segment by itself. The rule is written down beside its CPU twin, the volume crate's `LayerMedium`.
+// A layer's own medium over a piece of a segment. The rule is documented with its CPU twin, the volume crate's `LayerMedium`.
 //!import classify context
 
 struct Pixel {
-    // Premultiplied colour of a layer that mixes, and its depth: halvings of the light on the way through. Of a single sample
-    // (`IS_ONE_SAMPLE`) it is colour times depth, which is what it will be needed as.
+    // Premultiplied colour of a mixing layer, and its depth: halvings of the light on the way through. For a single sample
+    // (`IS_ONE_SAMPLE`), colour times depth, as needed later.
     color: vec3f,
     depth: f32,
-    // What a layer that adds gives.
+    // Light of an adding layer.
     emission: vec3f,
 }
 
-// Below so many natural logarithms of the light a difference to all of it would be what rounding leaves.
+// Depth in natural logarithms below which 1 minus the remaining light would be rounding error.
 const THIN: f32 = 1e-3;
 const LN_2: f32 = 0.69314718;
 
@@ -18,7 +18,7 @@ fn pixel_start() -> Pixel {
     return Pixel(vec3f(0.0), 0.0, vec3f(0.0));
 }
 
-// The share of the light that a depth takes.
+// The share of the light absorbed by a depth.
 fn hidden_by(depth: f32) -> f32 {
     let nats = depth * LN_2;
     return select(1.0 - exp2(-depth), nats - 0.5 * nats * nats, nats < THIN);

@@ -1,4 +1,4 @@
-// Maximum and minimum intensity. The minimum is the maximum of 1 - value (`frame.invert` 1).
+// Maximum and minimum intensity; the minimum is the maximum of 1 - value (`frame.invert` 1).
 //!import extreme frame
 
 fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {

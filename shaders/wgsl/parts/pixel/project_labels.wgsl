@@ -1,4 +1,4 @@
-// The greatest of the labels that are shown. Labels that are hidden hide nothing.
+// The greatest visible label; hidden labels hide nothing.
 //!import colors extreme
 
 fn accumulate(pixel: Pixel, value: f32, length: f32) -> Pixel {

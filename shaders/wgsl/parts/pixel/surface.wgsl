@@ -1,14 +1,14 @@
-// Isosurfaces: the first place where a ray passes the threshold, opaque, lit from the eye. The rule is written down beside its
-// CPU twin, the volume crate's `surface`.
+// Isosurface: the first place where a ray passes the threshold, opaque, lit from the eye. The rule is documented with its CPU twin, the volume
+// crate's `surface`.
 //!import cut_face field frame lighting no_value search sight
 
 struct Pixel {
     // 1 before the surface, then 0.
     transmittance: f32,
-    // Which one the ray is on: 1 inside, -1 outside, 0 not known, `AT_CUT` not known of a ray whose first place may be on a cap: as from outside,
-    // it meets what is inside.
+    // The ray's side: 1 inside, -1 outside, 0 unknown. `AT_CUT` is unknown before a first place that may be on a cap: it meets an inside as from
+    // outside.
     side: f32,
-    // The piece of the ray with the surface; a cap's has no length.
+    // The piece of the ray with the surface; without length for a cap.
     start: f32,
     end: f32,
 }
@@ -19,7 +19,7 @@ fn pixel_start() -> Pixel {
     return Pixel(1.0, 0.0, 0.0, 0.0);
 }
 
-// Before the first place of what is seen.
+// The pixel before the first place of the ray's stretch.
 fn pixel_before(seen: Sight) -> Pixel {
     met.cut = cut_face(seen.ray, seen.eye);
     var pixel = pixel_start();
@@ -27,7 +27,7 @@ fn pixel_before(seen: Sight) -> Pixel {
     return pixel;
 }
 
-// At the start of the first segment that is looked at: on a cap, if that is inside, at the first place behind a cut.
+// The pixel at the start of the first segment: on a cap if the first place, right behind a cut, is inside.
 fn begin(before: Pixel, field: Field, start: f32, first: f32) -> Pixel {
     let place = max(start, field.reach.x);
     let side = side_of(value_at(field, place));
@@ -47,7 +47,7 @@ fn side_of(value: f32) -> f32 {
     return select(0.0, select(-1.0, 1.0, value >= frame.threshold), has_value(value));
 }
 
-// Looks for the surface in a segment, as far as the field can be sampled.
+// Searches a segment for the surface, as far as the field can be sampled.
 fn search(before: Pixel, field: Field, segment_start: f32, segment_end: f32) -> Pixel {
     let start = max(segment_start, field.reach.x);
     let end = min(segment_end, field.reach.y);
@@ -58,7 +58,7 @@ fn search(before: Pixel, field: Field, segment_start: f32, segment_end: f32) -> 
     return Pixel(select(before.transmittance, 0.0, is_crossed), side, start, end);
 }
 
-// The pixel of a ray that ended in the field, or met nothing.
+// The pixel of a ray after its end in the field or a miss.
 fn pixel_in(pixel: Pixel, field: Field, ray: Ray) -> vec4f {
     if (is_final(pixel)) {
         let t = locate(field, pixel.start, pixel.end, frame.threshold, pixel.side > 0.0);
@@ -67,8 +67,7 @@ fn pixel_in(pixel: Pixel, field: Field, ray: Ray) -> vec4f {
     return vec4f(0.0);
 }
 
-// The difference of the values a voxel to each side, or as far as the field goes. A place without a value is as good as the
-// surface.
+// The difference of the values a voxel to each side, or as far as the field goes. A place without a value counts as the surface.
 fn difference(field: Field, texel: vec3f, axis: vec3f) -> f32 {
     let low = max(texel - axis, field.low);
     let high = min(texel + axis, field.high);
@@ -78,7 +77,7 @@ fn difference(field: Field, texel: vec3f, axis: vec3f) -> f32 {
     return change * 2.0 / dot(high - low, axis);
 }
 
-// The surface's colour at a place, or a cap's, which the cut lights.
+// The lit colour of the surface at a place, or of a cap, under the cut's normal.
 fn lit(field: Field, ray: Ray, t: f32, is_cap: bool) -> vec3f {
     let texel = clamp(field.origin + field.along * t, field.low, field.high);
     let differences = vec3f(

@@ -1,10 +1,10 @@
-// A ray's pixel: what is behind is seen through what is in front.
+// A ray's pixel, composited front to back.
 //!import classify frame
 
 struct Pixel {
     color: vec3f,
     transmittance: f32,
-    // How many surfaces the ray is past; negative where that is not known.
+    // Number of surfaces behind the ray; negative if unknown.
     rank: i32,
 }
 
@@ -21,7 +21,7 @@ fn light_left(pixel: Pixel) -> f32 {
     return pixel.transmittance;
 }
 
-// Whatever lies behind adds less than a sixteenth of an 8-bit code.
+// Everything behind adds less than a sixteenth of an 8-bit code.
 fn is_final(pixel: Pixel) -> bool {
     return pixel.transmittance < 1.0 / 4096.0;
 }

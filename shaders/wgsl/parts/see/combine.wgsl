@@ -1,4 +1,4 @@
-// The medium of an expression's value takes the place of those of the layers. Twin of the oracle's `put_combined`.
+// The medium of an expression's value replaces those of the layers. Twin of the oracle's `put_combined`.
 //!import classify expression layers joint_medium value
 
 fn see_all(light: Light) -> Light {

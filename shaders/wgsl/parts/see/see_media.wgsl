@@ -20,7 +20,7 @@ fn see_all(before: Light) -> Light {
     return light;
 }
 
-// With the share that a piece has of an interval.
+// Adds a piece's share of an interval.
 fn with_piece(before: JointMedium, shown: Pixel, piece: vec2f, interval: vec2f) -> JointMedium {
     if (!IS_CUT) {
         return with_share(before, shown, 1.0);

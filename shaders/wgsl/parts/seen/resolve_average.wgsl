@@ -1,4 +1,4 @@
-// The mean value through the table's colours; opaque where something was sampled.
+// The mean value, through the table's colours; opaque where something was sampled.
 //!import colors gathered projected
 
 fn seen(position: vec2f) -> vec4f {

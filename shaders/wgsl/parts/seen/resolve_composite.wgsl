@@ -1,4 +1,4 @@
-// The gathered colour, which is premultiplied.
+// The gathered colour, premultiplied.
 //!import gathered
 
 fn seen(position: vec2f) -> vec4f {

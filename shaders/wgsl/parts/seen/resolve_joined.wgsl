@@ -1,4 +1,5 @@
-// Projections of several layers that have been added up: a medium of what mixes, on top what adds, and over both, with an opacity, what covers them.
+// Summed projections of several layers: a medium of the mixing layers, on top the light of adding layers, and over both, with an opacity, covering
+// layers.
 //!import bindings
 
 @group(0) @binding(GATHERED) var mixed: texture_2d<f32>;

@@ -1,4 +1,4 @@
-// The greatest or least value through the table's colours; opaque where something was sampled.
+// The greatest or least value, through the table's colours; opaque where something was sampled.
 //!import colors frame gathered projected
 
 fn seen(position: vec2f) -> vec4f {

@@ -1,4 +1,4 @@
-// Every sample there is counts.
+// Every sample counts.
 //!import pixel
 
 fn sees(pixel: Pixel, range: u32) -> bool {

@@ -1,4 +1,4 @@
-// Whether anything of fog can be seen where codes are in a range.
+// Whether fog can be visible with codes in a range.
 //!import opaque pixel
 
 fn sees(pixel: Pixel, range: u32) -> bool {

@@ -1,4 +1,4 @@
-// Whether samples with codes in a range can pass the extreme found so far.
+// Whether samples with codes in a range can beat the extreme so far.
 //!import counted frame pixel
 
 fn sees(pixel: Pixel, range: u32) -> bool {

@@ -1,4 +1,4 @@
-// Whether the surface can be where codes are in a range: if they are on both sides of it, or on another one than the ray.
+// Whether the surface can be where codes are in a range: they are on both sides of it, or not on the ray's side.
 //!import anything frame pixel
 
 fn sees(pixel: Pixel, range: u32) -> bool {

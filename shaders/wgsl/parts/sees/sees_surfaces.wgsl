@@ -1,4 +1,4 @@
-// Whether anything of fog and surfaces can be seen where codes are in a range.
+// Whether fog or surfaces can be visible with codes in a range.
 //!import opaque pixel ranks
 
 fn sees(pixel: Pixel, range: u32) -> bool {

@@ -1,8 +1,8 @@
-// Isosurfaces, in fog or alone: each cuts its segment, and what is in front of it and behind it are segments of their own. The rule is
-// written down beside its CPU twin, the volume crate's `surface`.
+// Isosurfaces, in fog or alone: each cuts its segment into one in front of it and one behind. The rule is documented with its CPU
+// twin, the volume crate's `surface`.
 //!import caps differences medium search
 
-// Takes a segment, given what is known of the field from the one before it in the same brick.
+// Takes a segment, given the known field of the one before in the same brick.
 fn take(before: Pixel, so_far: Known, field: Field, ray: Ray, start: f32, end: f32) -> Taken {
     var taken = Taken(before, so_far);
     if (taken.pixel.rank < 0) {

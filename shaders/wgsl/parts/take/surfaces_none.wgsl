@@ -1,4 +1,4 @@
-// No surfaces: a segment is its fog.
+// No surfaces: a segment is only fog.
 //!import medium
 
 fn take(before: Pixel, known: Known, field: Field, ray: Ray, start: f32, end: f32) -> Taken {

@@ -1,4 +1,4 @@
-// The colour of an expression's value, lit by the value's gradient in the middle of the segment.
+// The colour of an expression's value, lit by its gradient in the middle of the segment.
 //!import cut_face expression frame shade way world
 
 fn value_color(color: vec3f, result: Result) -> vec3f {

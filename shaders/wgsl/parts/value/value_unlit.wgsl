@@ -1,4 +1,4 @@
-// The colour of an expression's value, as it is.
+// The colour of an expression's value, unlit.
 //!import expression
 
 fn value_color(color: vec3f, result: Result) -> vec3f {

@@ -1,11 +1,11 @@
-// The scene's world, where a volume may be placed by any affine map: from its corner on.
+// Map to the scene's world, from the volume's corner on, for any affine placement.
 //!import frame
 
 fn to_world(voxels: vec3f) -> vec3f {
     return along_axes(frame.axes, voxels);
 }
 
-// Of a gradient by voxels, of any length.
+// Of a gradient per voxel; the result has any length.
 fn gradient_to_world(gradient: vec3f) -> vec3f {
     return along_axes(frame.slopes, gradient);
 }

@@ -1,4 +1,4 @@
-// Colours are written as they are.
+// Writes colours as they are.
 fn written(color: vec3f) -> vec3f {
     return color;
 }

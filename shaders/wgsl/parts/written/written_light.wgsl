@@ -1,4 +1,4 @@
-// The target encodes light: what it stores are the colours as they are.
+// The target encodes light, so that it stores the colours as they are.
 //!import light
 
 fn written(color: vec3f) -> vec3f {
