@@ -28,7 +28,7 @@ pub(super) struct Turbulence {
 struct Octave {
     cells: f64,
     amplitude: f32,
-    /// Where in the lattice this octave starts.
+    /// The octave's start in the lattice.
     shift: [i64; 3],
 }
 
@@ -68,7 +68,7 @@ impl Turbulence {
 pub(super) struct TurbulenceRows<'a> {
     lattice: &'a [f32],
     octaves: Vec<OctaveRows>,
-    /// The plane that the octaves are blended for.
+    /// The plane of the blended octaves.
     z: Option<u32>,
 }
 
