@@ -2,7 +2,6 @@
 
 use brickyard_volume::{Extent, counted};
 
-/// One axis of a set of volumes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Axis {
     T,
@@ -112,7 +111,7 @@ impl Sizes {
         }
     }
 
-    /// Creates sizes from a list in the order of `axes`. Other axes have size 1.
+    /// Creates sizes in the order of `axes`. Other axes have size 1.
     pub(crate) fn from_ordered(axes: &[Axis], sizes: &[u32]) -> Self {
         let size = |axis| axes.iter().position(|&a| a == axis).map_or(1, |i| sizes[i]);
         Self {
@@ -122,8 +121,7 @@ impl Sizes {
         }
     }
 
-    /// Returns the size of the whole array in bytes. The error names a size of 0, or reports an array beyond 2^63
-    /// bytes.
+    /// Returns the array's bytes. The error names a size of 0, or reports an array beyond 2^63 bytes.
     pub(crate) fn checked_bytes(self, element_bytes: usize) -> Result<u64, String> {
         let Sizes { extent, channels, times } = self;
         let all = [extent.x, extent.y, extent.z, channels, times];

@@ -1,11 +1,11 @@
-//! A source under another description.
+//! Sources with replaced descriptions.
 
 use crate::error::ImportError;
 use crate::source::{Access, Lent, Source, SourceInfo};
 use brickyard_volume::VoxelBox;
 use std::ops::Deref;
 
-/// A source under another description, and possibly other numbers of its time steps. Voxels are unchanged.
+/// A source under another description, possibly with renumbered time steps. Voxels are unchanged.
 pub struct Described<S> {
     /// The new description.
     pub info: SourceInfo,

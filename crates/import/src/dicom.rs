@@ -1,9 +1,9 @@
-//! DICOM series (CT, MR and the like): a folder or list of files with one slice each, or enhanced files with a place for every frame.
+//! DICOM series (CT, MR and the like): one slice per file, or enhanced files with a place for every frame.
 //!
-//! Opening reads all headers; slices are sorted by position, never by name or number, and must be one upright, evenly spaced stack of one series,
-//! apart from missing ones left blank. Voxels are the rescaled values (Hounsfield units of a CT): integers where slopes and intercepts are, else
-//! floats. If 16 stored bits and an intercept may not fit in 16 bits, opening decodes all slices once to decide. Reading decodes whole slices on
-//! request, so each thread takes the memory of one slice.
+//! Opening reads all headers. Slices are sorted by position, never by name or number, and must be one upright, evenly spaced stack of one series,
+//! apart from missing ones left blank. Voxels are rescaled values (Hounsfield units of a CT): integers if slopes and intercepts are, else floats.
+//! If 16 stored bits and an intercept may not fit in 16 bits, opening decodes all slices once to decide. Reading decodes whole slices on request,
+//! in the memory of one slice per thread.
 
 mod decode;
 mod frames;
@@ -47,7 +47,7 @@ const MOST_LOOKED_AT_BYTES: u64 = 256 << 20;
 /// Most bytes of a damaged file searched for the UID of its series.
 const MOST_SEARCHED_BYTES: usize = 1 << 20;
 
-/// A DICOM series as a source: slices sorted by position, decoded from their files on request.
+/// A DICOM series as a source.
 pub(crate) struct DicomSeries {
     info: SourceInfo,
     files: Vec<(Header, Frames)>,
@@ -58,7 +58,7 @@ pub(crate) struct DicomSeries {
     blank: f64,
 }
 
-/// Opens a DICOM file. If it holds a single slice, the rest of its series is read from its folder, as in most programs.
+/// Opens a DICOM file. A single slice brings the rest of its series from its folder, as in most programs.
 pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let header = Header::read(path)?;
     check_is_image(&header)?;
@@ -104,12 +104,11 @@ fn others_of_series(header: &Header, folder: &Path) -> Vec<Note> {
     if others > 0 { vec![Note::warning(note)] } else { Vec::new() }
 }
 
-/// Whether an error lies in the file itself.
 fn is_of_the_file(error: &ImportError) -> bool {
     matches!(error, ImportError::Invalid { .. } | ImportError::Unsupported { .. })
 }
 
-/// Whether a file with an unreadable header may belong to the same series: its first bytes contain the series' UID or are deflated, or there is no
+/// Whether a file with an unreadable header may be of the same series: its first bytes contain the series' UID or are deflated, or there is no
 /// UID.
 fn may_be_of(path: &Path, header: &Header) -> Result<bool, ImportError> {
     let Some(series) = header.text(tags::SERIES_INSTANCE_UID) else { return Ok(true) };
@@ -123,7 +122,7 @@ fn may_be_of(path: &Path, header: &Header) -> Result<bool, ImportError> {
     Ok(series.is_empty() || has(&series) || has(uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN))
 }
 
-/// Returns the series represented by a file, with the other slices in its folder; `None` for a file of several frames, which stands alone.
+/// Returns the series represented by a file, with the other slices in its folder; `None` for a file of several frames.
 pub(crate) fn series_of(path: &Path) -> Result<Option<String>, ImportError> {
     let header = Header::read(path)?;
     Ok((!stands_alone(&header)).then(|| header.series().into_owned()))
@@ -134,7 +133,7 @@ fn stands_alone(header: &Header) -> bool {
     header.number(tags::NUMBER_OF_FRAMES).is_some_and(|n| n > 1.0) || header.is_mosaic()
 }
 
-/// Opens DICOM files of one series as a volume. Files without an image are left out of a folder (`is_folder`), and an error in a list.
+/// Opens DICOM files of one series. Files without an image are skipped in a folder (`is_folder`), and an error in a list.
 pub(crate) fn open_series(
     paths: &[PathBuf],
     is_folder: bool,
@@ -291,7 +290,7 @@ fn look_of(header: &Header) -> ChannelLook {
     }
 }
 
-/// Checks that all files have pictures of one size.
+/// Checks that all pictures have one size.
 fn check_sizes(files: &[(Header, Frames)]) -> Result<(), ImportError> {
     let size = |(_, frames): &(Header, Frames)| {
         let [columns, rows] = frames.size();
@@ -489,7 +488,7 @@ fn voxels_of(
     .map(voxels)
 }
 
-/// Refuses 32-bit numbers that would needlessly change as floats: labels, those beside missing slices, and those scaled only by whole numbers.
+/// Refuses 32-bit numbers needlessly changed as floats: labels, those beside missing slices, and those scaled only by whole numbers.
 fn check_exact(
     files: &[(Header, Frames)],
     slices: &[(Slice, Meaning)],
@@ -617,7 +616,6 @@ impl Source for DicomSeries {
     }
 }
 
-/// Fills a plane with one value.
 fn fill(plane: &mut [u8], voxel_type: VoxelType, value: f64) {
     with_voxel_type!(voxel_type, T => {
         let (voxels, _) = plane.as_chunks_mut::<{ size_of::<T>() }>();

@@ -1,4 +1,4 @@
-//! Recognition of DICOM files by their first bytes, since names are unreliable. Old files, and those received over a network, have no preamble, and
+//! Recognition of DICOM files by their first bytes, since names are unreliable. Old files, and those sent over networks, have no preamble, and
 //! often no first group.
 
 use crate::error::ImportError;
@@ -29,12 +29,11 @@ const FIRST: &[(&[u8; 4], &[u8; 2])] = &[
 /// Greatest length of such an element.
 const LONGEST_FIRST: u32 = 256;
 
-/// Whether a file starting with these bytes is a DICOM file.
 pub(crate) fn is_dicom(start: &[u8]) -> bool {
     first_group_at(start).is_some()
 }
 
-/// Returns the byte of the first group in a DICOM file starting with these bytes; `None` for other files.
+/// Returns the byte of the first group in a file starting with these bytes; `None` unless it is a DICOM file.
 pub(crate) fn first_group_at(start: &[u8]) -> Option<usize> {
     if start.get(MAGIC_AT..BODY_AT) == Some(MAGIC) {
         return Some(BODY_AT);
@@ -47,7 +46,6 @@ pub(crate) fn first_group_at(start: &[u8]) -> Option<usize> {
     FIRST.iter().any(is_first).then_some(0)
 }
 
-/// Whether a file has the extension of a DICOM file.
 fn is_named_so(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     ["dcm", "dicom", "ima"].iter().any(|known| extension == *known)

@@ -1,5 +1,5 @@
-//! Duplicates in a list of files: one file under two names, the halves of one NIfTI image, slices of one DICOM series. Each would
-//! become a step of its own, equal to another. Costs one file-system query per file, and the header of each DICOM file.
+//! Duplicates in a list: one file under two names, the halves of one NIfTI image, slices of one DICOM series. Each would become
+//! one of two equal steps. Costs one file-system query per file, and the header of each DICOM file.
 
 use crate::error::ImportError;
 use crate::{dicom, nifti};
@@ -29,7 +29,6 @@ impl FileId {
         Self::Path(known.unwrap_or_else(|_| path.to_owned()))
     }
 
-    /// The folder containing a file.
     fn of_parent(path: &Path) -> Self {
         Self::of(path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")))
     }

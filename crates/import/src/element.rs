@@ -1,5 +1,5 @@
-//! Numbers as stored in files, and their conversion line by line to little-endian voxels: copied, byte-swapped,
-//! widened, narrowed or scaled. Contiguous lines of the native order cost one `memcpy`.
+//! Stored numbers, and their conversion line by line to little-endian voxels: copied, byte-swapped, widened, narrowed
+//! or scaled. Contiguous lines of the native order cost one `memcpy`.
 
 use brickyard_volume::{VoxelType, with_voxel_type};
 use half::f16;
@@ -15,7 +15,6 @@ pub enum Endian {
 }
 
 impl Endian {
-    /// Byte order of this machine's memory.
     pub(crate) fn native() -> Self {
         if cfg!(target_endian = "little") { Self::Little } else { Self::Big }
     }
@@ -138,7 +137,6 @@ pub(crate) struct Decode {
 }
 
 impl Decode {
-    /// Voxel type of the decoded numbers.
     pub(crate) fn voxel_type(&self) -> VoxelType {
         self.scale.map_or(self.element.voxel_type(), |scale| scale.to)
     }
@@ -179,7 +177,7 @@ impl Decode {
         }
     }
 
-    /// Whether decoding is a plain copy: voxels have the same bytes as their stored numbers.
+    /// Whether decoding is a plain copy.
     pub(crate) fn is_copy(&self) -> bool {
         let is_little = self.endian == Endian::Little || self.element.bytes() == 1;
         matches!(self.element, Element::Voxel(_)) && self.scale.is_none() && is_little

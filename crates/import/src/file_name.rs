@@ -1,11 +1,11 @@
-//! A file's name as texts and numbers, read in one of two ways: every run of digits is a number, or numbers include signs, fractions
+//! Texts and numbers in a file's name, read in one of two ways: every run of digits is a number, or numbers include signs, fractions
 //! and powers of ten. Numbers are kept as digits, for exact comparison at any length.
 
 use std::cmp::Ordering;
 use std::fmt;
 use std::path::Path;
 
-/// Numbers are compared on a common scale as long as they are less than 10 to this power there.
+/// Common scale of compared numbers: they must be less than 10 to this power.
 const MOST_PLACES: u32 = 36;
 /// Most digits of a power of ten in a name.
 const LONGEST_EXPONENT: usize = 3;
@@ -19,7 +19,6 @@ pub(crate) enum Reading {
     Values,
 }
 
-/// A number in a name.
 #[derive(Clone, Debug)]
 pub(crate) struct Number {
     is_negative: bool,
@@ -30,7 +29,6 @@ pub(crate) struct Number {
     pub(crate) written: Written,
 }
 
-/// Spelling of a number.
 #[derive(Clone, Debug)]
 pub(crate) struct Written {
     text: String,

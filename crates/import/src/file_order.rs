@@ -1,12 +1,11 @@
 //! The order of several files: as given, or by the numbers in their names.
 //!
-//! A list keeps its order, unless that is alphabetical but not natural, as from a shell's expansion of a pattern (`s1`, `s10`, `s2`).
-//! Files ordered by a program (from a folder or a pattern) are sorted by the numbers in their names, which must then count them
-//! (`numbering.rs`). With `--order` the caller is responsible.
+//! A list keeps its order, unless that is alphabetical but not natural, as from a shell's pattern (`s1`, `s10`, `s2`). The files of a
+//! folder or pattern are sorted by the numbers in their names, which must then count them (`numbering.rs`). With `--order` the caller is
+//! responsible.
 //!
 //! A number may have a sign, a fraction or a power of ten (`t_0.25`, `t_0.5`), or two counters may have a point between them (`1.9`,
-//! `1.10`). Where the two readings give different orders, the look of the numbers and their even counting decide; if they cannot, the
-//! files are refused.
+//! `1.10`). If these readings give different orders, the numbers' form and even counting decide, or the files are refused.
 
 use crate::error::ImportError;
 use crate::file_name::{Name, Number, Reading};
@@ -27,8 +26,8 @@ impl FileList {
     /// is one plane) lets an error message suggest `axes`.
     ///
     /// # Errors
-    /// If `told` is [`FileOrder::Given`], since files of a folder have no given order; or if it is `None`, and the numbers in the names do
-    /// not count the files without gaps or can be read in two ways.
+    /// If `told` is [`FileOrder::Given`], since files of a folder have none; or if it is `None`, and the numbers do not count the files
+    /// without gaps or can be read in two ways.
     pub(crate) fn of_folder(
         folder: &Path,
         paths: &[PathBuf],
@@ -47,13 +46,12 @@ impl FileList {
         Ok(list.into())
     }
 
-    /// Puts at least two files named by the caller in order. `told` is the caller's order. If it is `None`, files whose order is neither
-    /// alphabetical nor natural keep it, and others are sorted by the numbers in their names. `are_planes` (each file is one plane) lets
-    /// an error message suggest `axes`.
+    /// Puts at least two files named by the caller in order. `told` is the caller's order. If `None`, an order neither alphabetical nor
+    /// natural is kept; other files are sorted by the numbers in their names. `are_planes` (each file is one plane) lets an error message
+    /// suggest `axes`.
     ///
     /// # Errors
-    /// If `told` is `None`, files are sorted by the numbers in their names, and these do not count the files without gaps or can be read
-    /// in two ways.
+    /// If files are sorted without `told`, and their numbers do not count them without gaps or can be read in two ways.
     pub(crate) fn of_list(paths: &[PathBuf], told: Option<FileOrder>, are_planes: bool) -> Result<Self, ImportError> {
         let list = ByNumbers::of(paths);
         let is_natural = list.paths == paths && list.doubt.is_none();
@@ -80,11 +78,10 @@ impl FileList {
     }
 }
 
-/// Files in the order of the numbers in their names.
 struct ByNumbers {
     paths: Vec<PathBuf>,
     reading: Reading,
-    /// Two files in doubt: the other reading of numbers, just as likely, reverses them.
+    /// Two files reversed by the other, equally likely, reading of numbers.
     doubt: Option<[PathBuf; 2]>,
     /// Whether reading numbers as values made a difference.
     is_by_values: bool,
@@ -115,8 +112,7 @@ impl ByNumbers {
         }
     }
 
-    /// Checks that names without a counter have one order by the alphabet and by their digits, which may not be decimal numbers (`f_09`,
-    /// `f_0a`).
+    /// Checks that names without a counter have the same order by the alphabet and by their digits, possibly not decimal (`f_09`, `f_0a`).
     fn check_words(&self) -> Result<(), ImportError> {
         let alphabetical = |by: fn(&str) -> String| self.paths.is_sorted_by_key(|path| by(&path.to_string_lossy()));
         if !numbering::are_words(&self.paths, self.reading)
@@ -157,8 +153,8 @@ impl From<ByNumbers> for FileList {
     }
 }
 
-/// The likely reading of numbers in names, given the files' orders by `counters` and by `values`, and the names in the latter; `None` if
-/// nothing decides.
+/// The likely reading of numbers, given the files' orders by `counters` and by `values`, and the names in the latter; `None` if nothing
+/// decides.
 fn likely(counters: &[PathBuf], values: &[PathBuf], names: &[Name]) -> Option<Reading> {
     let count = numbering::check(counters, Reading::Counters, false).is_ok();
     let are_even = numbering::check(values, Reading::Values, false).is_ok();

@@ -12,7 +12,7 @@ pub(crate) fn first_bytes(path: &Path, count: usize) -> Result<Vec<u8>, ImportEr
     Ok(start)
 }
 
-/// Whether a path is a regular file. A failure to examine it is an error, since skipping the path could skip a slice.
+/// Whether a path is a regular file. Failing to examine it is an error: skipping it could skip a slice.
 pub(crate) fn is_file(path: &Path) -> Result<bool, ImportError> {
     Ok(std::fs::metadata(path).map_err(ImportError::io(path))?.is_file())
 }

@@ -15,8 +15,8 @@ const NPY: usize = 2;
 const NIFTI: usize = 3;
 const RAW: usize = 4;
 
-/// Lists the input files of a folder, in no order. Raw files do not identify themselves, so they count only with layout options, or where
-/// nothing else is there. `read` lists the readable formats, for messages.
+/// Lists the input files of a folder, in no order. Raw files do not identify themselves, so they count only with layout options, or
+/// alone. `read` lists the readable formats, for messages.
 ///
 /// # Errors
 /// If the folder cannot be read, has no such files, or has those of several formats.
@@ -86,7 +86,6 @@ fn kind_by_name(path: &Path) -> Option<usize> {
     }
 }
 
-/// Whether a file has the extension of a TIFF file.
 pub(crate) fn is_tiff_name(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     ["tif", "tiff", "btf", "tf8"].iter().any(|e| extension == *e)

@@ -1,4 +1,4 @@
-//! Known but unsupported formats: recognised by their first bytes and named to the user, with
+//! Known but unsupported formats: recognised by their first bytes, and named in messages with
 //! advice.
 
 use crate::error::ImportError;
@@ -80,7 +80,6 @@ pub(crate) fn refuse(path: &Path, name: &str) -> Result<(), ImportError> {
     }
 }
 
-/// Whether a file with this start is an ENVI header.
 pub(crate) fn is_envi(start: &[u8]) -> bool {
     without_prolog(start).get(..4).is_some_and(|word| word.eq_ignore_ascii_case(b"ENVI"))
 }

@@ -1,5 +1,5 @@
-//! Inflation of a gzip file: its members in sequence, as `gzip` itself reads them. Trailing zeros, which tapes and file systems use to fill blocks,
-//! are ignored.
+//! Inflation of a gzip file: its members in sequence, like `gzip` itself. Trailing zeros, with which tapes and file systems fill blocks, are
+//! ignored.
 
 use flate2::bufread::GzDecoder;
 use std::io::{BufRead, Read, Result};

@@ -1,6 +1,6 @@
-//! Count of the values that change on conversion to voxels, over the whole input when it is opened: no loss goes unreported.
+//! Count of the values changed by conversion to voxels, over the whole input when it is opened: no loss goes unreported.
 //!
-//! Only inputs with possible losses are read for it: those of 64 bits, and those whose scaled numbers may leave f32.
+//! Only inputs with possible losses are read for it: 64-bit ones, and those whose scaled numbers may leave f32.
 
 use crate::element::{Decode, Element, Endian, Scale};
 use crate::error::ImportError;
@@ -11,13 +11,11 @@ use std::path::Path;
 
 /// Counts the numbers of an input that do not fit its voxels.
 pub(crate) struct Losses<'a> {
-    /// The current file.
     path: &'a Path,
     /// Number of files before it.
     files_before: usize,
     first_path: &'a Path,
     decode: Decode,
-    /// Whether the user allows losses.
     allowed: bool,
     /// Whether the numbers are labels, none of which may become another.
     are_labels: bool,
@@ -29,7 +27,7 @@ pub(crate) struct Losses<'a> {
     rounded: u64,
     /// A lost number, as stored in the file.
     example: Option<String>,
-    /// Whether signed 64-bit labels were seen that fit only signed, and only unsigned numbers of 32 bits.
+    /// Whether signed 64-bit labels were seen that fit only i32, and only u32.
     has_negative: bool,
     has_great: bool,
 }
@@ -59,7 +57,7 @@ impl Fate {
 }
 
 impl<'a> Losses<'a> {
-    /// Starts a count; `None` if decoding loses nothing, or its losses are known. Where the options allow losses, they are counted; otherwise,
+    /// Starts a count; `None` if decoding loses nothing, or its losses are known. Losses are counted where the options allow them; otherwise,
     /// and always for labels, the first one is an error. `nodata` is the file's no-data value.
     pub(crate) fn may_occur(
         path: &'a Path,
@@ -101,7 +99,7 @@ impl<'a> Losses<'a> {
         })
     }
 
-    /// Decoding for the numbers seen: signed labels become unsigned if only an unsigned type holds them.
+    /// Decoding for the numbers seen: signed labels become unsigned if only u32 holds them.
     pub(crate) fn decode(&self) -> Decode {
         let unsigned = Scale { slope: 1.0, intercept: 0.0, to: VoxelType::U32 };
         Decode { scale: if self.has_great { Some(unsigned) } else { self.decode.scale }, ..self.decode }
@@ -155,7 +153,7 @@ impl<'a> Losses<'a> {
             (Element::U64, _) => each!(u64, n => scaled_integer(n.into()), n as f64),
             (Element::F64, _) => each!(f64, n => self.fate_of_f64(n, n * slope + intercept)?, n),
             (Element::F16, _) => each!(half::f16, n => scaled(n.to_f64(), false), n.to_f64()),
-            // For images, the note on scaled 32-bit numbers mentions their rounding in general; labels are checked one by one.
+            // For images, the note on scaled 32-bit numbers covers their rounding; labels are checked one by one.
             (Element::Voxel(t), _) => {
                 let is_wide = self.are_labels && t.bytes() == 4;
                 with_voxel_type!(t, T => each!(T, n => scaled(n as f64, is_wide), n as f64))
@@ -164,8 +162,8 @@ impl<'a> Losses<'a> {
         Ok(())
     }
 
-    /// Returns the fate of a 64-bit float with this value. A no-data number is not lost, as it becomes NaN or infinite; no other number may
-    /// become equal to its f32.
+    /// Returns the fate of a 64-bit float. A no-data number becomes NaN or infinite, which is no loss; no other number may become equal to its
+    /// f32.
     fn fate_of_f64(&self, number: f64, value: f64) -> Result<Fate, ImportError> {
         let (fate, held) = (Fate::of_float(number, value, true), value as f32);
         let Some(nodata) = self.nodata else { return Ok(fate) };
@@ -189,7 +187,6 @@ impl<'a> Losses<'a> {
         ImportError::options(self.path, problem)
     }
 
-    /// Counts a lost number of this value.
     fn lose(&mut self, fate: Fate, number: &dyn std::fmt::Debug, value: f64) -> Result<(), ImportError> {
         let voxel_type = self.decode().voxel_type();
         let (least, greatest) = voxel_type.limits();
@@ -231,7 +228,7 @@ impl<'a> Losses<'a> {
         }
     }
 
-    /// Returns a sentence for the user with the number of changed values, and the kind of change.
+    /// Returns a sentence with the number and kind of changed values.
     pub(crate) fn note(&self) -> Note {
         let (from, to) = (self.decode.element.name(), self.decode().voxel_type());
         let lost = [(self.beyond, Fate::Beyond), (self.rounded, Fate::Rounded)].into_iter().filter(|(n, _)| *n > 0);

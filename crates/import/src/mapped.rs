@@ -1,4 +1,4 @@
-//! A file read through a map, and the checks that make its bytes credible.
+//! A file read through a map, with checks of its bytes' validity.
 
 use crate::error::ImportError;
 use crate::stamp::Stamp;
@@ -16,7 +16,6 @@ pub(crate) struct MappedFile {
 }
 
 impl MappedFile {
-    /// Maps the file at `path`.
     pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
         let file = File::open(path).map_err(ImportError::io(path))?;
         // The stamp before the map, so that changes between the two are noticed.
@@ -25,13 +24,13 @@ impl MappedFile {
         Ok(Self { path: path.to_owned(), map, stamp: Some(stamp) })
     }
 
-    /// Maps a scratch file without a name. `path` is the file it was made from, for messages.
+    /// Maps an unnamed scratch file. `path` is its original, for messages.
     pub(crate) fn of_scratch(path: &Path, scratch: &File) -> Result<Self, ImportError> {
         let map = GuardedMap::new(scratch).map_err(ImportError::io(path))?;
         Ok(Self { path: path.to_owned(), map, stamp: None })
     }
 
-    /// Size and modification time of the file when it was opened; `None` for a scratch file.
+    /// The file's stamp when it was opened; `None` for a scratch file.
     pub(crate) fn stamp(&self) -> Option<Stamp> {
         self.stamp
     }

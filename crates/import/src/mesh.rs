@@ -1,8 +1,8 @@
-//! Readers of triangle meshes: STL, PLY, OBJ and glTF, each by its extension.
+//! Readers of triangle meshes: STL, PLY, OBJ and glTF, by extension.
 //!
-//! A file is read whole and becomes one [`Mesh`] in the world: several parts are joined, polygons are cut into triangles about their
-//! first corner. Vertex colours are read (PLY, OBJ, glTF; in glTF times the material's); textures are not. Reading takes memory for
-//! the file and the mesh together.
+//! A file is read whole and becomes one [`Mesh`] in the world: parts are joined, and polygons cut into triangles about their first
+//! corner. Vertex colours are read (PLY, OBJ, glTF; in glTF times the material's), textures are not. Reading takes the memory of the
+//! file and the mesh together.
 
 mod gltf;
 mod obj;
@@ -59,8 +59,8 @@ struct Parts {
 }
 
 impl Parts {
-    /// Appends a part whose triangles count from its own first vertex. If other parts have normals or colours and this has not, its
-    /// normals become those of its triangles, and its colour the default.
+    /// Appends a part whose triangles count from its own first vertex. If only other parts have normals or colours, its normals
+    /// become those of its triangles, and its colour the default.
     fn join(&mut self, part: Parts) {
         let before = self.positions.len();
         let moved = |i: u32| u32::try_from(before).ok().and_then(|before| i.checked_add(before)).unwrap_or(u32::MAX);
@@ -76,7 +76,6 @@ impl Parts {
         }
     }
 
-    /// Adds a polygon's triangles.
     fn polygon(&mut self, corners: &[u32]) {
         self.triangles.extend(corners.windows(2).skip(1).map(|pair| [corners[0], pair[0], pair[1]]));
     }

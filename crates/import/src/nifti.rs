@@ -1,7 +1,7 @@
 //! NIfTI-1 and NIfTI-2, both byte orders: `.nii`, `.nii.gz` and `.hdr`/`.img` pairs.
 //!
 //! The body is a plain array read through [`RawSource`]. A compressed one is inflated, streaming, into an unnamed scratch file of its inflated
-//! size, which is then mapped. In a series, it is inflated when its step is read, and its scratch file goes when other steps are opened.
+//! size, which is then mapped. In a series this happens when its step is read, and the file goes when other steps are opened.
 
 mod header;
 mod placement;
@@ -51,8 +51,8 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     RawSource::new(file, found.array, info)?.with_losses(None, options)
 }
 
-/// Examines a NIfTI file or pair without keeping it open. A compressed one is not inflated if its last bytes confirm the size promised by its
-/// header, unless all its values have to be checked.
+/// Examines a NIfTI file or pair without keeping it open. A compressed one is inflated only if its last bytes contradict its header's size, or
+/// all its values have to be checked.
 pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, ImportError> {
     let found = Found::read(path)?;
     let expected = found.bytes()?;
@@ -65,7 +65,6 @@ pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, Impo
     Ok(StepFile::of(&open(path, options)?))
 }
 
-/// Contents of a header.
 struct Found {
     header: Header,
     array: ArrayLayout,
@@ -135,7 +134,7 @@ impl Found {
     }
 }
 
-/// Inflated size from the end of a gzip file, modulo 2^32: of its last member, if it has several. `None` if the file is too short.
+/// Inflated size stored in a gzip file's last member, modulo 2^32. `None` if the file is too short.
 fn inflated_bytes(path: &Path) -> Result<Option<u32>, ImportError> {
     let mut file = File::open(path).map_err(ImportError::io(path))?;
     if file.metadata().map_err(ImportError::io(path))?.len() < LEAST_GZIP_BYTES {
@@ -190,7 +189,7 @@ impl Read for Stream {
     }
 }
 
-/// Inflates the first `expected` bytes into a scratch file and counts the rest, so that the checksum at the end is verified too.
+/// Inflates the first `expected` bytes into a scratch file and counts the rest, thus verifying the final checksum.
 fn inflate(
     mut stream: impl Read,
     path: &Path,

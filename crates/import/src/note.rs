@@ -15,7 +15,6 @@ impl Note {
         Self { text: text.into(), is_warning: false }
     }
 
-    /// Creates a warning.
     pub(crate) fn warning(text: impl Into<String>) -> Self {
         Self { text: text.into(), is_warning: true }
     }

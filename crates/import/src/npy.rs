@@ -1,6 +1,6 @@
 //! NumPy's `.npy`: a short Python dictionary before a plain array, read through [`RawSource`].
 //!
-//! The header is parsed here, since its values cannot be trusted: lengths are capped and products checked.
+//! The header is parsed here without trusting its values: lengths are capped and products checked.
 
 use crate::axes::{AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
@@ -17,7 +17,6 @@ use std::path::Path;
 /// Advice for arrays that are not plain.
 const PLAIN: &str = "save one array of plain numbers, of 2 to 5 dimensions";
 
-/// First bytes of every `.npy` file.
 pub(crate) const MAGIC: &[u8] = b"\x93NUMPY";
 
 /// Longest header read; NumPy's own are 118 bytes.

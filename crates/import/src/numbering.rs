@@ -1,5 +1,5 @@
-//! Numbers in files' names as counters. Files taken in sequence must have one counter without gaps: a second one (`_c0`, `_c1`)
-//! would mix the planes of different things, and a missing file would shift all later ones.
+//! Counters in files' names. Files taken in sequence must have one counter without gaps: a second one (`_c0`, `_c1`) would mix
+//! planes of different things, and a missing file would shift all later ones.
 
 use crate::file_name::{Name, Number, Reading, in_decimals};
 use std::collections::BTreeMap;
@@ -14,7 +14,7 @@ const MOST_SHOWN: usize = 6;
 /// `are_planes` (each file is one plane) lets the message suggest `axes`.
 ///
 /// # Errors
-/// A message with the missing or surplus numbers, and a way to read the files all the same.
+/// A message with the missing or surplus numbers, and a way to read the files anyway.
 pub(crate) fn check(paths: &[PathBuf], reading: Reading, are_planes: bool) -> Result<(), String> {
     let names: Vec<Name> = paths.iter().map(|path| Name::of(path, reading, LONGEST_NUMBER)).collect();
     let mut kinds: BTreeMap<&[String], usize> = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! Opening of the user's inputs: picks the reader by flags, name and first bytes, joins several files, and applies the user's overrides.
+//! Opening of the user's inputs: picks the reader by flags, name and first bytes, joins files, and applies the user's overrides.
 
 use crate::described::Described;
 use crate::dicom_files::{MAGIC_BYTES, is_dicom};
@@ -29,7 +29,6 @@ enum Format {
 }
 
 impl Format {
-    /// The format of one file, with its article.
     fn of_file(self) -> &'static str {
         match self {
             Self::Raw => "a raw file",
@@ -49,12 +48,11 @@ const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_t
 const AS_NAMED: &str = ", or pass `order` given to take the files as they are named";
 
 /// Opens an input: a file, a list of files, a folder of files of one format, or a pattern of file names, with `*` and `?` or with one number
-/// as `%04d`. Several files are one time step each or, for TIFF files of a single page, one plane each, in the order [`OpenOptions::order`].
-/// DICOM files must be of one series, and are sorted by the positions in their headers.
+/// as `%04d`. Several files are one time step each or, for single-page TIFF files, one plane each, in the order [`OpenOptions::order`]. DICOM
+/// files must be of one series, and are sorted by the positions in their headers.
 ///
 /// # Errors
-/// If the input cannot be read. The message names the file, the reason and the option that would help (an option of [`OpenOptions`], in
-/// backticks).
+/// If the input cannot be read. The message names the file, the reason and the helpful option of [`OpenOptions`], in backticks.
 pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     // `unordered`: nobody has put the files in order.
     let (paths, folder, unordered) = match inputs {
@@ -133,8 +131,8 @@ pub fn check_folder(folder: &Path) -> Result<(), ImportError> {
 /// each with the same options and [`OpenOptions::is_step`].
 ///
 /// # Errors
-/// As for [`open`]: if a file is named twice, or the numbers in the names have gaps or count more than steps, unless the caller sets an order.
-/// In any order: if two files are one image or of one series, or a file lies in a folder of the list.
+/// If a file is named twice, or the numbers in the names have gaps or count more than steps, unless the caller sets an order. In any order: if
+/// two files are one image or of one series, or a file lies in a listed folder.
 pub fn order_steps(paths: &[PathBuf], options: &OpenOptions) -> Result<(Vec<PathBuf>, String), ImportError> {
     if options.order != Some(FileOrder::Given) {
         check_named_once(paths, AS_NAMED)?;
@@ -158,7 +156,6 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
     })
 }
 
-/// Opens several files of a time step each.
 fn open_steps(paths: &[PathBuf], format: Format, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let check = |path: &Path| match format {
         Format::Nifti => nifti::check(path, options),

@@ -44,7 +44,7 @@ pub enum NoData {
     OfFile,
     /// All voxels hold data, whatever the file says.
     None,
-    /// Voxels of this value hold no data, whatever the file says. Compared with voxels after the file's own scaling.
+    /// Voxels of this value, after the file's own scaling, hold no data, whatever the file says.
     Value(f64),
 }
 
@@ -65,18 +65,18 @@ pub struct OpenOptions {
     pub times: Option<u32>,
     /// Order of the axes, slowest first, in place of the file's or format's. Not for NIfTI and DICOM, whose order is fixed.
     pub axes: Option<AxisOrder>,
-    /// Whether the input is one of several, each a time step of its own. `order` is then the order of these, and also of the files in a folder if
-    /// natural; a file standing for all the files of its set is an error.
+    /// Whether the input is one of several time steps. `order` is then the order of these, and also of the files in a folder if natural; a file
+    /// standing for its whole set is an error.
     pub is_step: bool,
-    /// Order of several files. `None` keeps the order of a list that is neither alphabetical nor natural. Other lists, and folders, are sorted by
-    /// the numbers in the files' names, which must count the files without gaps. Must be `None` for DICOM files.
+    /// Order of several files. `None` keeps a list's order if neither alphabetical nor natural. Other lists, and folders, are sorted by the
+    /// numbers in the files' names, which must count the files without gaps. Must be `None` for DICOM files.
     pub order: Option<FileOrder>,
     /// Distance between voxel centres along x, y, z, in place of the file's; each above 0. DICOM slices are then taken as evenly spaced, with a
-    /// note if their positions are not, unless `gaps` keeps the places of missing ones.
+    /// note if their positions are not, unless `gaps` keeps missing ones' places.
     pub spacing: Option<DVec3>,
     /// Treatment of missing slices in a DICOM series.
     pub gaps: Gaps,
-    /// Encoding of the steps before. DICOM steps, whose type and blanks follow from the data, use the same one if possible.
+    /// Encoding of the steps before. DICOM steps, whose type and blanks depend on the data, adopt it if possible.
     pub held_as: Option<HeldAs>,
     /// Position of the first voxel's centre, in place of the file's.
     pub origin: Option<DVec3>,
@@ -90,10 +90,10 @@ pub struct OpenOptions {
     pub time_stamps: Option<PathBuf>,
     /// Which voxels hold no data. The voxels' type must hold the value.
     pub nodata: NoData,
-    /// Whether values outside the voxel type may be rounded, clamped or become infinite: 64-bit numbers, and scaled numbers beyond f32. Otherwise
-    /// the first such value is an error, and always in labels.
+    /// Whether values outside the voxel type may be rounded, clamped or become infinite: 64-bit numbers, and scaled numbers beyond f32.
+    /// Otherwise, and always in labels, the first such value is an error.
     pub allow_lossy: bool,
-    /// Whether the voxels are labels: a value outside the voxel type is then an error, since it would turn into another label.
+    /// Whether the voxels are labels: a value outside the voxel type is then an error, as it would become another label.
     pub are_labels: bool,
     /// Whether the same files were opened before with these options: the search for values outside the voxel type, and its note, are skipped.
     pub is_looked_at: bool,

@@ -1,5 +1,5 @@
-//! Patterns of file names: `step_*.npy` and `step_??.npy`, or `step_%04d.raw` as printf writes numbers. A shell expands only the first two, and
-//! not into lists beyond its limit; here a folder may hold any number of files.
+//! Patterns of file names: `step_*.npy` and `step_??.npy`, or printf's `step_%04d.raw`. A shell expands only the first two, and only up to its
+//! limit; here a folder may hold any number of files.
 
 use crate::error::ImportError;
 use crate::files::is_file;
@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 /// Most files listed in a message.
 const MOST_SHOWN: usize = 3;
 
-/// A pattern of file names.
 #[derive(Debug, PartialEq)]
 enum Pattern {
     /// With `*` for any text and `?` for any one character.

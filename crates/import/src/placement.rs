@@ -1,4 +1,4 @@
-//! Placement of a volume in a patient by its header's matrix: kept whole, and also as an origin if the volume is upright.
+//! Placement of a volume in a patient by its header's matrix: kept whole, and also as the origin of an upright volume.
 
 use crate::note::Note;
 use crate::source::SourceInfo;

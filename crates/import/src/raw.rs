@@ -1,10 +1,9 @@
 //! Uncompressed arrays in files: headerless raw files, and the engine under every format whose body is a plain array (`.npy`,
 //! NIfTI, ImageJ's single-directory TIFF).
 //!
-//! Files are memory-mapped; a box is copied line by line along the array's fastest axis, in any order of its axes. A box counts
-//! only if the file is unchanged since opening after the box was read. Cost of a box: its own bytes, once; nothing where they
-//! are lent in place. Announced boxes are passed to the kernel plane by plane, since plain faulting reads a cold file several
-//! times slower.
+//! Files are memory-mapped; a box is copied line by line along the array's fastest axis, in any order of its axes, and is valid
+//! only if the file is still unchanged afterwards. Cost of a box: its own bytes, once; nothing where they are lent in place.
+//! Announced boxes are passed to the kernel plane by plane, since plain faulting reads a cold file several times slower.
 
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
@@ -19,7 +18,7 @@ use std::path::Path;
 /// Bytes checked for losses at a time: whole numbers of every type.
 const LOSSES_AT_ONCE: usize = 1 << 20;
 
-/// The layout of a headerless file: its contents and their order.
+/// Layout of a headerless file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RawLayout {
     /// Number of voxels along x, y, z of one volume.
@@ -39,7 +38,7 @@ pub struct RawLayout {
 }
 
 impl RawLayout {
-    /// Creates the layout of a single little-endian volume, x fastest, from the start of the file.
+    /// Describes a single little-endian volume, x fastest, from the start of the file.
     pub fn new(extent: Extent, voxel_type: VoxelType) -> Self {
         let (endian, axes) = (Endian::Little, AxisOrder::default());
         Self { extent, voxel_type, endian, offset: 0, channels: 1, times: 1, axes }
@@ -64,7 +63,7 @@ pub(crate) struct ArrayLayout {
 }
 
 impl ArrayLayout {
-    /// Returns the size of the array in bytes, without the offset, or the reason why there is none.
+    /// Returns the array's bytes, without the offset, or the reason why they cannot be counted.
     pub(crate) fn body_bytes(&self) -> Result<u64, String> {
         self.sizes.checked_bytes(self.decode.element.bytes())
     }
@@ -121,14 +120,14 @@ impl RawSource {
         Ok(Self { info, file, array })
     }
 
-    /// Completes the parts of the description that depend on the voxel type left by [`RawSource::with_losses`].
+    /// Completes the description where it depends on the voxel type left by [`RawSource::with_losses`].
     pub(crate) fn described(mut self, describe: impl FnOnce(&mut SourceInfo)) -> Self {
         describe(&mut self.info);
         self
     }
 
-    /// Reads the whole array, counts the values that do not fit its voxels, and adds a note on them. Arrays without possible
-    /// losses are not read. `nodata` is the file's no-data value.
+    /// Reads the whole array, counts the values that do not fit its voxels, and adds a note. Arrays without possible losses are
+    /// not read. `nodata` is the file's no-data value.
     ///
     /// # Errors
     /// If a forbidden loss occurs, or the file cannot be read.
@@ -328,8 +327,8 @@ fn fitting_shapes(layout: &RawLayout, found: u64) -> Vec<String> {
     fits
 }
 
-/// Returns an identity of input files: `prefix` for the way they are read, then the absolute path, size and modification time of
-/// each file.
+/// Returns an identity of input files: `prefix` for the way they are read, then each file's absolute path, size and modification
+/// time.
 pub(crate) fn identity(prefix: &str, paths: &[impl AsRef<Path>]) -> Result<String, ImportError> {
     let mut identity = prefix.to_owned();
     for path in paths {

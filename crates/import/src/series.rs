@@ -1,9 +1,8 @@
 //! One file per time step, as one source.
 //!
-//! Opening the series examines and closes each file; its description and state are kept. While voxels are read, the last few steps are
-//! open, and a reopened file must be unchanged. So neither descriptors, maps nor scratch space grow with the number of steps. Steps are
-//! mostly read in sequence; jumping between more steps than are open costs an opening each time, which for compressed files means inflating
-//! them.
+//! Opening the series examines and closes each file, keeping its description and state. During reads, the last few steps are open, and a
+//! reopened file must be unchanged. So neither descriptors, maps nor scratch space grow with the number of steps. Steps are mostly read in
+//! sequence; jumping between more than the open ones costs an opening each time, which inflates compressed files.
 
 #[cfg(test)]
 mod tests;
@@ -47,7 +46,6 @@ impl StepFile {
     }
 }
 
-/// Opens a step's file.
 type Open = dyn Fn(&Path) -> Result<Box<dyn Source>, ImportError> + Send + Sync;
 
 /// A time series: files of one time step each, with the same extent, voxel type, channels and spacing.
@@ -71,7 +69,6 @@ struct Step {
     identity: Range<usize>,
 }
 
-/// A recently read step.
 struct Recent {
     time: u32,
     /// `None` until it is open. The opening thread holds the lock, so others wait instead of opening it too.
@@ -258,7 +255,6 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
     Ok(())
 }
 
-/// Checks that lengths are in one unit.
 fn check_unit(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &Path) -> Result<(), ImportError> {
     if step.geometry.unit.is_none() || step.geometry.unit == first.geometry.unit {
         return Ok(());

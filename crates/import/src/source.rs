@@ -31,8 +31,8 @@ pub struct SourceInfo {
     pub channel_looks: Vec<ChannelLook>,
     /// Value of voxels without data, as delivered by [`Source::read_box`]; `None` if there is no such value. It fits the voxel type.
     pub nodata: Option<f64>,
-    /// Whether the source itself marks its voxels without data: floats are NaN there, and a number equal to [`nodata`](Self::nodata), or to
-    /// another source's, is a value.
+    /// Whether the source itself marks voxels without data: floats are NaN there, and a number equal to [`nodata`](Self::nodata), or to another
+    /// source's, is a value.
     pub knows_nodata: bool,
     /// Identity of the input for `--resume`: names, sizes and modification times of files, or a generator's settings.
     pub identity: String,
@@ -61,7 +61,7 @@ impl SourceInfo {
         }
     }
 
-    /// Sets the file's no-data value, called `name` there. A value outside the voxel type is left out, with a note; NaN and infinities hold no
+    /// Sets the file's no-data value, called `name` there. A value outside the voxel type is dropped, with a note; NaN and infinities hold no
     /// data anyway.
     pub(crate) fn set_nodata(&mut self, value: f64, name: &str) {
         // As the voxels are, possibly narrowed.
@@ -164,7 +164,7 @@ pub trait Source: Send + Sync {
     /// exactly as [`Source::read_box`] would deliver them.
     ///
     /// # Errors
-    /// As for [`Source::read_box`]. `take` may have been called with bytes of a file cut short or written to during the read: discard its result.
+    /// As for [`Source::read_box`]. `take` may have seen a file cut short or written to during the read: discard its result.
     fn lend(
         &self,
         _time: u32,

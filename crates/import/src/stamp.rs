@@ -1,13 +1,13 @@
-//! State of a file that is read more than once: its size and time of last writing.
+//! State of a file that is read more than once.
 
 use crate::error::ImportError;
 use std::fs::Metadata;
 use std::path::Path;
 use std::time::SystemTime;
 
-/// State of a file when it was opened: its size and modification time. A source may read a file for days, and checks
-/// made at the start hold only for this state. The inode number is left out, because some network file systems change
-/// it by themselves.
+/// Size and modification time of a file when it was opened. A source may read a file for days, and checks made at the
+/// start hold only for this state. The inode number is left out, because some network file systems change it by
+/// themselves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Stamp {
     bytes: u64,
@@ -24,7 +24,6 @@ impl Stamp {
         Self { bytes: file.len(), modified: file.modified().ok() }
     }
 
-    /// Size of the file in bytes.
     pub(crate) fn bytes(&self) -> u64 {
         self.bytes
     }

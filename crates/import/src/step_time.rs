@@ -29,8 +29,8 @@ impl TimeSpan {
 }
 
 impl StepTime {
-    /// Time axis of steps in order: by their increment if all have the same, else by their stamps if all have one and these ascend. Returns a warning
-    /// if they do not ascend.
+    /// Time axis of steps in order: by their increment if common to all, else by their stamps if all have one and these ascend. Warns if they do not
+    /// ascend.
     pub(crate) fn axis(steps: &[Self]) -> (Option<TimeAxis>, Option<Note>) {
         let increment = steps.first().and_then(|first| first.increment.as_ref()).filter(|it| it.number > 0.0);
         if let Some(TimeSpan { number, unit }) =

@@ -1,5 +1,5 @@
-//! Every n-th voxel of a source: a small copy of a large volume, made without reading all of it. Sources with box access are read by the needed rows;
-//! sources that decode planes, by the needed planes.
+//! Every n-th voxel of a source: a small copy of a large volume, made without reading all of it: only the needed rows of sources with box access, and
+//! the needed planes of sources that decode planes.
 
 use crate::error::ImportError;
 use crate::source::{Access, Source, SourceInfo};
@@ -7,7 +7,7 @@ use brickyard_volume::{Extent, PlacementError, VoxelBox};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// A source of every n-th voxel of another one, along each axis. Every voxel keeps its value and the position of its centre in the world. The first
+/// A source of every n-th voxel of another one, along each axis. Voxels keep their values, and their centres their positions in the world. The first
 /// one is in the middle of the first n, so the bounding boxes agree, to half a voxel of the other source.
 pub struct Strided {
     source: Arc<dyn Source>,
@@ -61,7 +61,6 @@ impl Strided {
         )
     }
 
-    /// Copies every n-th voxel of a row of the other source.
     fn pick(&self, row: &[u8], out: &mut [u8]) {
         match self.info.voxel_type.bytes() {
             1 => pick_each::<1>(row, self.stride[0], out),

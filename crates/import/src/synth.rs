@@ -1,9 +1,9 @@
 //! Generated volumes as sources: for demonstrations, benchmarks and tests.
 //!
-//! A voxel's value depends on its position, the kind, the extent, the time step and the seed, never on the division
-//! into boxes or on threads. Fields are functions of the unit cube (voxel `i` of `n` is at `(i + 0.5) / n`), so every
-//! extent shows the same object, finer with more voxels. Values are in *units* of 0 to 255: stored unchanged in u8 and
-//! f32, times 200 in u16 (so that the low byte carries the noise, as in a scan).
+//! A voxel's value depends on its position, the kind, the extent, the time step and the seed, never on boxes or
+//! threads. Fields are functions of the unit cube (voxel `i` of `n` is at `(i + 0.5) / n`), so every extent shows the
+//! same object, finer with more voxels. Values are in *units* of 0 to 255: stored unchanged in u8 and f32, times 200
+//! in u16 (so that the low byte carries the noise, as in a scan).
 //!
 //! A box is made row by row: a kind's [`RowField`] fills a row of f32, which is then rounded to the voxel type.
 
@@ -224,7 +224,6 @@ impl RowField for Constant {
     }
 }
 
-/// Storage of units.
 #[derive(Clone, Copy)]
 enum Units {
     U8,
@@ -271,7 +270,7 @@ impl Units {
 }
 
 /// Low 22 bits: a value of `0..2^22` rounded to the nearest integer, ties to even. Adding 2^23 leaves it in the low
-/// mantissa bits, in a single vector instruction, unlike a conversion.
+/// mantissa bits, in one vector instruction, unlike a conversion.
 #[inline]
 fn round_bits(value: f32) -> u32 {
     (value + (1 << 23) as f32).to_bits()

@@ -1,5 +1,5 @@
-//! Shared parts of the readers' tests: a field whose voxels all differ from their neighbours, written in any axis and
-//! byte order, and the check that a source delivers it whole and in random boxes.
+//! Shared parts of the readers' tests: a field whose neighbouring voxels all differ, written in any axis and byte
+//! order, and the check that a source delivers it whole and in random boxes.
 
 use crate::note::Note;
 use crate::source::Source;
@@ -107,8 +107,8 @@ pub(crate) fn temp_file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf
     (folder, path)
 }
 
-/// Runs the test of this name again in a process of its own, for a clean measurement of its memory, on a file made by
-/// `write`. Returns the file in the new process, and `None` in the parent.
+/// Reruns the test of this name in a process of its own, to measure its memory, on a file made by `write`. Returns
+/// the file in the new process, and `None` in the parent.
 pub(crate) fn alone_with(name: &str, write: impl FnOnce(&Path)) -> Option<PathBuf> {
     const ALONE: &str = "BRICKYARD_TEST_ALONE";
     if let Some(path) = std::env::var_os(ALONE) {

@@ -1,9 +1,9 @@
 //! TIFF stacks on the `tiff` crate: multi-page files and BigTIFF, strips and tiles in every compression it decodes, lists of single-plane
-//! files, sets of OME-TIFF files, and the descriptions of page order and value meaning by ImageJ, OME-XML, tifffile and MetaMorph.
+//! files, sets of OME-TIFF files, and the page order and value meaning described by ImageJ, OME-XML, tifffile and MetaMorph.
 //!
 //! Opening walks all directories once: planes must agree, and their data must lie inside the file. Reading decodes only the strips or tiles
 //! that intersect a box; since those mostly span a plane's width, each plane is best requested once. Each reading thread has a decoder of its
-//! own, kept for the next call. Stacks with a single directory (from ImageJ over 4 GiB, from MetaMorph) are plain arrays and go through
+//! own, kept for the next call. Single-directory stacks (ImageJ's over 4 GiB, MetaMorph's) are plain arrays, read through
 //! [`RawSource`](crate::raw::RawSource).
 
 mod calibration;
@@ -58,7 +58,7 @@ use std::sync::Mutex;
 /// Most idle decoders: each is an open file, and a process may have some 1,000.
 const MOST_IDLE: usize = 128;
 
-/// A stack of planes in TIFF files as a source; strips and tiles are decoded on request.
+/// A stack of planes in TIFF files as a source.
 struct TiffStack {
     info: SourceInfo,
     format: PageFormat,
@@ -80,7 +80,7 @@ struct TiffFile {
     pages: u32,
 }
 
-/// Parts of a stack: its files, the format of its pages, and the map of planes to pages.
+/// A stack's files, page format, and map of planes to pages.
 struct Parts {
     files: Vec<TiffFile>,
     format: PageFormat,

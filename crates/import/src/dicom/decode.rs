@@ -1,5 +1,4 @@
-//! Decoding of separately packed frames: run-length, JPEG or JPEG 2000. Errors describe the problem with the frame,
-//! without the file.
+//! Decoding of separately packed frames: run-length, JPEG or JPEG 2000. Errors omit the file.
 
 use super::pixels::{MOST_JPEG_2000_BITS, PixelFormat, Samples};
 use crate::element::Endian;

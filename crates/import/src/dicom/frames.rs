@@ -1,4 +1,4 @@
-//! Frames of a file: their packing, their places, and the reading of one.
+//! Frames of a file: their packing, places and decoding.
 //!
 //! Frames are read and decoded one by one, in the memory of one, however many the file holds.
 
@@ -25,7 +25,6 @@ const ABSURD_RATIO: u64 = 1 << 16;
 const JPEG_PIXEL_BYTES: u64 = 8;
 const JPEG_2000_PIXEL_BYTES: u64 = 20;
 
-/// Packing of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Packing {
     Native(Endian),
@@ -42,7 +41,7 @@ enum Codec {
     Jpeg2000,
 }
 
-/// Frames of one DICOM file: the storage of their pixels, and their places. The slices of a mosaic are frames of one picture.
+/// Frames of one DICOM file: their storage and places. The slices of a mosaic are frames of one picture.
 #[derive(Debug)]
 pub(super) struct Frames {
     pub(super) format: PixelFormat,
@@ -138,7 +137,6 @@ impl Frames {
         size_of_val(&self.places[..]) + ranges
     }
 
-    /// Reads the packed bytes of one frame.
     fn read_packed(&self, header: &Header, frame: usize) -> Result<Vec<u8>, ImportError> {
         let path = header.path.as_path();
         match self.packing {
@@ -296,7 +294,6 @@ fn fragment_places(path: &Path, count: u64, start: u64) -> Result<Vec<Vec<(u64, 
     Ok((0..starts.len()).map(of_frame).collect())
 }
 
-/// Reads several ranges in sequence.
 fn read_ranges(path: &Path, ranges: &[(u64, u64)]) -> Result<Vec<u8>, ImportError> {
     let mut file = File::open(path).map_err(ImportError::io(path))?;
     let mut bytes = vec![0; ranges.iter().map(|r| r.1 as usize).sum()];

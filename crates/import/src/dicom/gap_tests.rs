@@ -83,7 +83,7 @@ fn later_steps_are_held_as_those_before() {
     };
     assert_eq!(held_as(14, None), (VoxelType::I16, Some(-1011.0)), "its own");
     assert_eq!(held_as(14, Some(-1025.0)), (VoxelType::I16, Some(-1025.0)));
-    // A value here.
+    // This value occurs here.
     assert_eq!(held_as(14, Some(-1010.0)), (VoxelType::I16, Some(-1011.0)));
 }
 

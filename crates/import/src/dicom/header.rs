@@ -1,8 +1,7 @@
 //! Header of one DICOM file: the few elements needed by a volume, from the data set and from the functional groups of an enhanced multi-frame file,
 //! and the start of the pixel data.
 //!
-//! Values are read in passing and all others skipped, so the cost depends on the header, not on the file's size. Lengths are checked against the file
-//! before use.
+//! Other values are skipped, so the cost depends on the header, not on the file's size. Lengths are checked against the file before use.
 
 use crate::dicom_files::first_group_at;
 use crate::error::ImportError;
@@ -26,7 +25,7 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
 
-/// Bytes of a deflated data set inflated first in search of its header. If too few, four times as many are inflated, up to [`MOST_INFLATED_HEADER`].
+/// Bytes of a deflated data set inflated first in search of its header; if too few, four times as many, up to [`MOST_INFLATED_HEADER`].
 const FIRST_INFLATED: u64 = 1 << 20;
 const MOST_INFLATED_HEADER: u64 = 64 << 20;
 
@@ -90,7 +89,7 @@ const MOSAIC_SLICES: Tag = Tag(0x0019, 0x100a);
 /// Values by element; those common to the slices of a series are held once.
 type Values = BTreeMap<Tag, Arc<PrimitiveValue>>;
 
-/// Header of one DICOM file: the elements needed by a volume, and the place of the pixels.
+/// Header of one DICOM file.
 pub(super) struct Header {
     pub(super) path: PathBuf,
     /// The file's stamp when the header was read.
@@ -109,7 +108,6 @@ pub(super) struct Header {
     pub(super) pixels: Option<PixelElement>,
 }
 
-/// The element with the pixels.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PixelElement {
     pub(super) tag: Tag,
@@ -188,7 +186,7 @@ impl Header {
         Ok(())
     }
 
-    /// Checks that the file is unchanged since its header was read. Call it after reading from the file, before trusting the bytes.
+    /// Checks that the file is unchanged since its header was read. Call it after reading, before trusting the bytes.
     pub(super) fn confirm(&self) -> Result<(), ImportError> {
         self.stamp.map_or(Ok(()), |stamp| stamp.check(&self.path))
     }
@@ -248,8 +246,8 @@ impl Header {
         self.frames.len()
     }
 
-    /// Returns the numbers of an element: the value for a frame (counted from 0), else the value shared by all frames, else the whole file's. `None`
-    /// if it is missing or not a list of finite numbers.
+    /// Returns the numbers of an element: the value for a frame (counted from 0), else for all frames, else for the whole file. `None` if it is
+    /// missing or not a list of finite numbers.
     pub(super) fn numbers(&self, frame: usize, tag: Tag) -> Option<Vec<f64>> {
         let numbers = self.value(frame, tag)?.to_multi_float64().ok()?;
         (!numbers.is_empty() && numbers.iter().all(|n| n.is_finite())).then_some(numbers)
@@ -294,7 +292,7 @@ impl Header {
 
     /// Collects the needed elements up to the pixel data.
     fn read_data_set(&mut self, bytes: &[u8], start: usize) -> Result<(), ImportError> {
-        // Unknown syntaxes are refused when their pixels are needed; their headers follow the standard, which is explicit for all but the two oldest.
+        // Unknown syntaxes are refused when their pixels are needed; headers are explicit little endian in all but the two oldest.
         let known = [uids::IMPLICIT_VR_LITTLE_ENDIAN, EXPLICIT_BIG_ENDIAN];
         let named = known.into_iter().find(|s| *s == self.syntax).unwrap_or(uids::EXPLICIT_VR_LITTLE_ENDIAN);
         let syntax = written_in(bytes, start, named);
@@ -423,7 +421,7 @@ fn rounding_of(text: &str) -> f64 {
     if places > 0 { 0.5 * 0.1f64.powi(places) } else { 0.0 }
 }
 
-/// The actual syntax of a data set's header: some writers name explicit VR and omit it, or the reverse. Only explicit VR has its two letters in an
+/// The actual syntax of a data set's header: some writers name explicit VR and omit it, or the reverse. Only explicit VR has two letters in an
 /// element's fifth and sixth byte, where a length would be in the thousands.
 fn written_in<'a>(bytes: &[u8], start: usize, named: &'a str) -> &'a str {
     let Some(&[a, b]) = bytes.get(start + 4..start + 6) else { return named };
@@ -508,7 +506,6 @@ struct Elements<'a> {
     read_to: Rc<Cell<u64>>,
     /// End of the last value read or skipped.
     position: usize,
-    /// Open sequences.
     sequences: Vec<Tag>,
     /// Number of open items: as many as sequences, or one less.
     items: usize,

@@ -1,8 +1,8 @@
 //! Siemens mosaics: the slices of a volume side by side in one picture, as its MR scanners write fMRI and diffusion.
 //!
-//! The number of slices, and the side of the first on which the others lie, come from Siemens' own header (CSA), an element of the file. The
-//! file's position is for a first slice as large as the whole picture: the real one's corner is half of the difference further in, along rows
-//! and columns. Both are as in nibabel and dcm2niix.
+//! The number of slices, and the side on which they follow the first, come from Siemens' own header (CSA), an element of the file. The file's
+//! position is for a first slice as large as the whole picture: the real one's corner is half of the difference further in, along rows and
+//! columns. Both are as in nibabel and dcm2niix.
 
 use super::header::Header;
 use crate::error::ImportError;
@@ -117,8 +117,8 @@ fn lacking(path: &Path, what: &str) -> ImportError {
 
 /// The numbers of an element of Siemens' own header, in the form written since 2004 ("SV10"); `None` if it has none.
 ///
-/// A count of elements, each of 84 bytes with its name, number of values and number of items, then the items: 16 bytes, whose second number is a
-/// text's length, and the text, padded to a multiple of 4 bytes.
+/// Format: a count of elements, each of 84 bytes with its name, number of values and number of items, then the items: 16 bytes, whose second
+/// number is a text's length, and the text, padded to a multiple of 4 bytes.
 fn csa_numbers(csa: &[u8], name: &str) -> Option<Vec<f64>> {
     let number = |at: usize| Some(u32::from_le_bytes(*csa.get(at..)?.first_chunk()?));
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes.split(|&b| b == 0).next().unwrap_or_default()).into_owned();

@@ -7,11 +7,10 @@ use brickyard_volume::{VoxelBox, VoxelType, with_voxel_type};
 use dicom_dictionary_std::tags;
 use std::path::Path;
 
-/// Most bits of an exactly decoded JPEG 2000 pixel. The decoder computes in f32, which holds integers of 24 bits, and
+/// Most bits of an exactly decoded JPEG 2000 pixel. The decoder computes in f32, with integers up to 24 bits, and
 /// coefficients have a few bits more than pixels.
 pub(super) const MOST_JPEG_2000_BITS: u32 = 16;
 
-/// Storage of a pixel's numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PixelFormat {
     pub(super) columns: u32,
@@ -82,12 +81,11 @@ impl PixelFormat {
         Ok(())
     }
 
-    /// Number of pixels of a frame.
     pub(super) fn pixels(&self) -> u64 {
         self.columns as u64 * self.rows as u64
     }
 
-    /// Refuses a decoded frame whose size differs from the header's, or whose pixels have more bytes than the header
+    /// Refuses a decoded frame whose size differs from the header's, or with more bytes per pixel than the header
     /// allocates.
     pub(super) fn check_decoded(&self, found: [u32; 2], width: usize) -> Result<(), String> {
         if found == [self.columns, self.rows] && (1..=self.width).contains(&width) {
@@ -104,8 +102,8 @@ impl PixelFormat {
         if self.signed { [-(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1] } else { [0, (1 << self.bits) - 1] }
     }
 
-    /// Clamps a decoded number to [`PixelFormat::limits`]. If only one of stream (`signed`) and header declares signed
-    /// numbers, only the bits have a meaning, and the number is returned unchanged.
+    /// Clamps a decoded number to [`PixelFormat::limits`]. If only one of stream (`signed`) and header is signed, only
+    /// the bits have a meaning, and the number is returned unchanged.
     pub(super) fn clamped(&self, n: i64, signed: bool) -> i64 {
         let [least, greatest] = self.limits();
         if signed == self.signed && self.shift == 0 { n.clamp(least, greatest) } else { n }
@@ -183,7 +181,6 @@ impl Samples {
 }
 
 impl Meaning {
-    /// The value of a stored number.
     #[inline]
     pub(super) fn value(&self, n: i64) -> f64 {
         n as f64 * self.slope + self.intercept

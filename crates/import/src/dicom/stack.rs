@@ -1,7 +1,7 @@
 //! Arrangement of slices as one volume: sorted along their normal, and refused unless they form an upright, evenly spaced stack.
 //!
 //! Positions and directions are the patient's (mm; x to the left, y to the back, z to the head: "LPS"), as in files. The resulting matrix
-//! uses NIfTI's world, x to the right and y to the front, so that volumes of one patient meet in any format.
+//! uses NIfTI's world, x to the right and y to the front, so that volumes of one patient align in any format.
 
 use crate::error::ImportError;
 use crate::note::Note;
@@ -13,7 +13,7 @@ use std::path::PathBuf;
 const SPACING_TOLERANCE: f64 = 1e-2;
 /// Largest part of a spacing explained by rounding of positions: far from a missing slice.
 const ROUNDING_TOLERANCE: f64 = 0.1;
-/// Most by which a distance between slices may differ from a whole number of steps, as part of a step.
+/// Most by which a distance between slices may differ from a whole number of steps, in steps.
 const WHOLE_TOLERANCE: f64 = 0.25;
 /// Largest difference of directions (a sine): over a stack's width of 1000 pixels, a tenth of a pixel.
 const DIRECTION_TOLERANCE: f64 = 1e-4;
@@ -56,7 +56,6 @@ pub(super) struct Placement {
 /// Rule for the distances between slices.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Spacing {
-    /// Even.
     Even,
     /// Fixed, in mm, whatever the positions say.
     Told(f64),
@@ -235,7 +234,6 @@ fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, asked: Sp
     }
 }
 
-/// Whether a distance between slices differs from the expected one.
 fn is_uneven(gap: f64, expected: f64) -> bool {
     (gap - expected).abs() > SPACING_TOLERANCE * expected
 }

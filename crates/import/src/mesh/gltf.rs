@@ -1,8 +1,7 @@
-//! glTF 2.0, as `.gltf` with its buffers inside or beside it, or `.glb`: all triangles of the scene, each placed by its node, in the
-//! pose without animation. Colours are the vertices' times the material's, encoded from glTF's linear light to picture codes.
+//! glTF 2.0, as `.gltf` with its buffers inside or beside it, or `.glb`: all triangles of the scene, placed by its nodes, in the pose
+//! without animation. Colours are the vertices' times the material's, encoded from linear light to picture codes.
 //!
-//! Files are not trusted: named buffers must lie in the file's own folder, and declared sizes are checked before anything is allocated
-//! for them.
+//! Files are not trusted: named buffers must lie in the file's folder, and declared sizes are checked before any allocation.
 
 use super::{Parts, code};
 use crate::error::ImportError;
@@ -15,8 +14,7 @@ use gltf::{Accessor, Document, Node, Primitive, Semantic};
 use std::borrow::Cow;
 use std::path::{Component, Path, PathBuf};
 
-/// Most memory for the contents of a JSON document: up to [`CONTAINER_BYTES`] for each object and list, and [`VALUE_BYTES`] for each
-/// value in one.
+/// Most memory for a JSON document's contents: up to [`CONTAINER_BYTES`] per object and list, and [`VALUE_BYTES`] per value in one.
 const MOST_JSON_BYTES: u64 = 1 << 30;
 const CONTAINER_BYTES: u64 = 600;
 const VALUE_BYTES: u64 = 32;
@@ -24,7 +22,7 @@ const VALUE_BYTES: u64 = 32;
 /// Bytes of a vertex (position, normal and colour), and of a triangle (three indices).
 const VERTEX_BYTES: u64 = 27;
 const TRIANGLE_BYTES: u64 = 12;
-/// Limit of the memory for copies of meshes: this much, or [`MOST_COPIES`] times the buffers.
+/// Most memory for copies of meshes: this, or [`MOST_COPIES`] times the buffers.
 const MOST_PLACED_BYTES: u64 = 1 << 30;
 const MOST_COPIES: u64 = 8;
 
@@ -127,7 +125,7 @@ fn placed_nodes<'a>(document: &Document, roots: Vec<Node<'a>>) -> Result<Vec<(No
     Ok(placed)
 }
 
-/// Checks the total memory of all nodes' meshes, since many nodes may show the same one.
+/// Checks the total memory of the nodes' meshes; many nodes may show the same one.
 fn check_size(nodes: &[(Node<'_>, DMat4)], buffers: &[Vec<u8>]) -> Result<(), String> {
     let bytes_of = |primitive: Primitive<'_>| {
         let vertices = primitive.get(&Semantic::Positions).map_or(0, |accessor| accessor.count() as u64);

@@ -171,7 +171,6 @@ impl PropertyAccess for Face {
     }
 }
 
-/// A skipped element.
 struct Skipped;
 
 impl PropertyAccess for Skipped {

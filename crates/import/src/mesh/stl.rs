@@ -1,4 +1,4 @@
-//! STL, binary or text. Vertices in the same place are merged; the file's normals are dropped, being those of the
+//! STL, binary or text. Vertices in the same place are merged; stored normals are dropped, being those of the
 //! triangles anyway.
 
 use super::Parts;

@@ -1,5 +1,5 @@
-//! Placement of a NIfTI volume: spacing from `pixdim`, position from the sform or, without one, the qform. And its times: steps
-//! from `pixdim` and `toffset`.
+//! Placement of a NIfTI volume: spacing from `pixdim`, position from the sform or, without one, the qform; times from `pixdim`
+//! and `toffset`.
 
 use super::header::Header;
 use crate::note::Note;

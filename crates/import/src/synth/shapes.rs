@@ -25,7 +25,7 @@ fn ml_depth(z: f64) -> f64 {
     255.0 * (1.0 - (PI * z / 2.0).sin()) / (2.0 * (1.0 + ML_ALPHA))
 }
 
-/// Computes rows of the Marschner-Lobb signal: the same ripple in every plane, plus a value depending on z alone.
+/// Rows of the Marschner-Lobb signal: the same ripple in every plane, plus a value depending on z alone.
 pub(super) struct MarschnerLobb {
     extent: Extent,
     min_x: u32,
@@ -60,7 +60,6 @@ pub(super) fn ramp_at(p: DVec3) -> f64 {
     255.0 * (p.x + p.y + p.z) / 3.0
 }
 
-/// Computes rows of the kind `ramp`.
 pub(super) struct Ramp {
     extent: Extent,
     min_x: u32,
@@ -217,7 +216,6 @@ impl Sparse {
     }
 }
 
-/// Computes rows of the kind `sparse`.
 pub(super) struct SparseRows {
     balls: BallRows,
     last: [u32; 3],

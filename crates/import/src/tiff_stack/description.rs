@@ -1,9 +1,9 @@
-//! A TIFF file's description, by any program: the map of pages to planes, spacing and unit, times, channels, and the meaning of stored
+//! A TIFF file's description, by any program: the map of planes to pages, spacing and unit, times, channels, and the meaning of stored
 //! numbers.
 //!
 //! [`hyperstack`](super::hyperstack) (ImageJ), [`ome`](super::ome), [`shaped`](super::shaped) (tifffile), [`stk`](super::stk) (MetaMorph)
-//! and [`tag_scale`](super::tag_scale) fill it. A page order is followed or is a [`Description::problem`]; other unclear parts are left
-//! out, with a note.
+//! and [`tag_scale`](super::tag_scale) fill it. A page order is followed or is a [`Description::problem`]; other unclear parts are
+//! dropped, with a note.
 
 use super::calibration::Calibration;
 use super::ome::Pixels;
@@ -18,7 +18,6 @@ use crate::step_time::StepTime;
 use brickyard_volume::{ChannelLook, Extent, TimeAxis, VoxelType, time_unit};
 use glam::DVec3;
 
-/// A TIFF file's description of itself.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Description {
     pub(super) declared: Option<Declared>,
@@ -27,7 +26,7 @@ pub(super) struct Description {
     /// Why the described page order cannot be followed.
     pub(super) problem: Option<String>,
     pub(super) spacing: Option<Spacing>,
-    /// Whether pixels per inch are no scale, because the program names a unit where they are.
+    /// Whether to ignore pixels per inch, since the program names a unit whenever they are a scale.
     pub(super) ignores_resolution: bool,
     /// UDUNITS name.
     pub(super) unit: Option<&'static str>,
@@ -92,7 +91,6 @@ pub(super) struct Declared {
 }
 
 impl Declared {
-    /// A single plane.
     pub(super) fn one_plane() -> Self {
         Self {
             page_axes: vec![Axis::T, Axis::C, Axis::Z],

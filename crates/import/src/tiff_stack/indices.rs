@@ -1,5 +1,5 @@
-//! A TIFF file's bytes for the library, which refuses pages of indices into a palette: the current page's PhotometricInterpretation is replaced, so
-//! that its pixels pass for numbers. Costs a comparison for each read.
+//! A TIFF file's bytes for the library, which refuses palette indices: the current page's PhotometricInterpretation is replaced, so that its pixels
+//! pass for numbers. Costs a comparison for each read.
 
 use std::fs::File;
 use std::io::{BufReader, Read, Result, Seek, SeekFrom};

@@ -20,7 +20,6 @@ pub(super) enum Predictor {
     Floats,
 }
 
-/// Storage of rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rows {
     pub(super) predictor: Predictor,
@@ -141,7 +140,7 @@ mod tests {
             }
             let mut more = vec![0; bytes.len() + 1];
             prop_assert!(unpack(&packed, &mut more).is_err());
-            // Some writers omit the end code: only its last bits can then be missing.
+            // Some writers omit the end code, so more is cut off: data, too.
             let shorter = &packed[..packed.len() - rest - 1];
             prop_assert!(unpack(&shorter[..shorter.len().saturating_sub(3)], &mut more).is_err());
         }

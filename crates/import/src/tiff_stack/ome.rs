@@ -1,7 +1,7 @@
 //! OME-XML, read as a stream: the first image's `Pixels`, the map of its planes to pages, and the files of the pages.
 //!
-//! Only the needed parts are kept: a plane's place takes 28 bytes, and at most one tag, or one text between two tags, is held at a time.
-//! Elements count only in their places by the schema; comments, CDATA and annotations are no elements.
+//! Only the needed parts are kept: a plane's place takes 28 bytes, and at most one tag, or one text between tags, is held at a time.
+//! Elements count only in their places by the schema; comments, CDATA and annotations do not.
 
 #[cfg(test)]
 mod tests;
@@ -28,7 +28,6 @@ const MOST_PARTS: usize = 1 << 17;
 /// Most channels with looks.
 const MOST_LOOKS: usize = 4096;
 
-/// The `Pixels` of an image.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Pixels {
     /// Axes from plane to plane, slowest first.
@@ -149,7 +148,6 @@ enum Element {
     Other,
 }
 
-/// State of the reading.
 #[derive(Default)]
 struct Walk {
     has_begun: bool,
@@ -344,7 +342,6 @@ impl Walk {
         Ok(Element::Other)
     }
 
-    /// The description, once all is read.
     fn description(mut self) -> Result<Description, Failure> {
         let uuid = self.uuid.take();
         if let Some(says) = self.elsewhere {

@@ -144,7 +144,6 @@ impl Plane {
         (t as u64 * sizes.channels as u64 + c as u64) * sizes.extent.z as u64 + z as u64
     }
 
-    /// The plane of this number.
     fn at(index: u64, sizes: Sizes) -> Self {
         let (z, channels) = (sizes.extent.z as u64, sizes.channels as u64);
         Self([(index / z / channels) as u32, (index / z % channels) as u32, (index % z) as u32])

@@ -79,7 +79,6 @@ pub(super) fn follow(
     Ok((other, description))
 }
 
-/// Files of a set.
 pub(super) struct Set {
     /// The first has the XML, if it has pages.
     pub(super) paths: Vec<PathBuf>,
@@ -164,7 +163,7 @@ fn same_uuid(a: &str, b: &str) -> bool {
     plain(a) == plain(b)
 }
 
-/// Finds the regular file of this name in the folder of `path`, or below it. `what` is the purpose of the name, for messages.
+/// Finds the regular file of this name in the folder of `path`, or below it. `what` describes the name in messages.
 fn beside(path: &Path, name: &str, what: &str) -> Result<PathBuf, ImportError> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let outside = || {

@@ -123,7 +123,6 @@ pub(super) struct OpenTiff {
 
 /// Packing of a page's strips or tiles, and the places of those not left to the library.
 enum Packing {
-    /// Not yet examined.
     Unknown,
     Library,
     Lzw {
@@ -256,8 +255,7 @@ impl OpenTiff {
         })
     }
 
-    /// Memory in bytes for decoding a strip or tile of the page: the decoded pixels, the decompressor's state, and the lists of
-    /// offsets and lengths.
+    /// Memory in bytes for decoding a strip or tile of the page: decoded pixels, decompressor, and lists of offsets and lengths.
     pub(super) fn reader_bytes(&mut self, format: &PageFormat) -> Result<u64, ImportError> {
         let path = self.path.clone();
         let refuse = |e| refusal(&path, "a page", e);
@@ -565,7 +563,6 @@ impl OpenTiff {
         Ok(())
     }
 
-    /// Width and height of a strip or tile.
     fn chunk_size(&self, format: &PageFormat) -> (u32, u32) {
         match self.decoder.get_chunk_type() {
             ChunkType::Strip => (format.width, self.decoder.chunk_dimensions().1.min(format.height)),

@@ -15,7 +15,6 @@ pub(super) struct Place {
     pub(super) page: u32,
 }
 
-/// Map of planes to pages of files.
 #[derive(Debug, PartialEq)]
 pub(super) struct PageMap {
     /// Sizes in pages: samples within a page are not counted as channels. Those along x and y are a page's.
@@ -67,7 +66,6 @@ impl PageMap {
         }
     }
 
-    /// Number of planes.
     pub(super) fn planes(&self) -> u64 {
         planes_of(self.sizes)
     }

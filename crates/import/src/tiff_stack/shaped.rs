@@ -1,5 +1,5 @@
 //! The description written by tifffile, and by scikit-image and napari through it: JSON with the array's shape and, often, its axes,
-//! `{"shape": [3, 4, 7, 9], "axes": "TZYX"}`. Values from its callers stand beside these: spacings and units among them.
+//! `{"shape": [3, 4, 7, 9], "axes": "TZYX"}`, beside values from their callers, such as spacings and units.
 //!
 //! The last axes are those of a page; the others are steps, channels and slices by their letters. One axis without a meaning is taken along
 //! z; several are ambiguous, and left to the user.
@@ -98,7 +98,6 @@ fn text_of<'a>(values: &'a Value, key: &str) -> Option<&'a str> {
     values.get(key)?.as_str().map(str::trim).filter(|text| !text.is_empty())
 }
 
-/// A described array.
 struct Array {
     shape: Vec<u32>,
     axes: Option<String>,

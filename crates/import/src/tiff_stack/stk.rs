@@ -1,5 +1,5 @@
-//! MetaMorph's stacks (STK): one directory, for the pixels of the first plane, and the other planes behind it. Private tags, always in the
-//! low byte order, give the number of planes, and the place and time of each.
+//! MetaMorph's stacks (STK): one directory, for the pixels of the first plane, and the other planes behind it. Private tags, always
+//! little-endian, give the number of planes, and the place and time of each.
 //!
 //! The tags' lengths are not those of their types, so their bytes are read here: of UIC2 24 a plane, of UIC1 8 an entry.
 
@@ -109,7 +109,6 @@ fn described(planes: &[[u8; UIC2_BYTES as usize]]) -> Description {
     description
 }
 
-/// The four bytes at `at` as a number.
 fn long(bytes: &[u8], at: usize) -> u32 {
     bytes.get(at..at + 4).map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
 }

@@ -1,5 +1,5 @@
-//! Size of pixels by a page's tags: GeoTIFF's model of the ground, or pixels per inch or centimetre. It is used only without a described
-//! one. Tags have no distance of planes, except for GeoTIFF's third scale.
+//! Size of pixels by a page's tags: GeoTIFF's model of the ground, or pixels per inch or centimetre; used unless a description gives it.
+//! Tags have no distance of planes, except for GeoTIFF's third scale.
 
 use super::description::{Description, Spacing};
 use super::hyperstack::is_length;

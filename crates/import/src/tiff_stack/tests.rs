@@ -459,7 +459,7 @@ fn damaged_lzw_names_the_chunk() {
     let field = Field { sizes: [37, 19, 1, 1, 1], voxel_type: VoxelType::U8 };
     let bytes = written(field, "z", &Layout { lzw: Some(1), chunk: Ok([16, 16]), ..Layout::default() });
     let mut short = bytes.clone();
-    // The third tile, which contains only an end code.
+    // The third tile, cut to a clear and an end code.
     let entry = short.windows(4).rposition(|w| w == [0x44, 1, 4, 0]).unwrap();
     let list = u32::from_le_bytes(short[entry + 8..entry + 12].try_into().unwrap()) as usize + 8;
     let third = u32::from_le_bytes(short[list..list + 4].try_into().unwrap()) as usize;

@@ -155,7 +155,6 @@ impl OpenTiff {
         })
     }
 
-    /// Whether the page has MetaMorph's tags of a stack.
     pub(super) fn is_metamorph(&mut self) -> bool {
         self.decoder.image_ifd().find_entry(stk::UIC2).is_some()
     }

@@ -82,7 +82,6 @@ pub(super) struct Walked {
     pub(super) thumbnails: Thumbnails,
 }
 
-/// Pages to examine.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Pages {
     All,

@@ -24,7 +24,6 @@ pub(super) fn next_piece<R>(xml: &mut Reader<Pieces<R>>, piece: &mut Vec<u8>) {
 /// Why a text cannot be followed.
 #[derive(Debug)]
 pub(super) enum Failure {
-    /// A disk error.
     Disk(std::io::Error),
     /// A problem of its content, in words.
     Meaning(String),
@@ -88,7 +87,6 @@ pub(super) fn number<T: std::str::FromStr>(tag: &BytesStart, name: &str) -> Resu
     }
 }
 
-/// The value of an attribute.
 pub(super) fn attribute(tag: &BytesStart, name: &str) -> Result<Option<String>, Failure> {
     for attribute in tag.attributes().with_checks(false) {
         let attribute = attribute.map_err(|error| Failure::from(quick_xml::Error::from(error)))?;
