@@ -1,5 +1,5 @@
-//! Recognition of DICOM files by their first bytes, since names are unreliable. Old files, and those sent over networks, have no preamble, and
-//! often no first group.
+//! DICOM file detection by first bytes, since names are unreliable. Old files, and those sent over networks, have no preamble, and often no
+//! first group.
 
 use crate::error::ImportError;
 use crate::files::{first_bytes, is_file};

@@ -34,7 +34,6 @@ pub(crate) struct Written {
     text: String,
     /// Digits before the power of ten.
     length: usize,
-    /// Digits after the point.
     pub(crate) fraction: Option<String>,
     pub(crate) is_signed: bool,
     pub(crate) has_exponent: bool,

@@ -1,4 +1,4 @@
-//! Choice of a folder's files: those of the one format it holds. Each is a time step, or a slice of a volume.
+//! File selection in a folder: those of its one format. Each is a time step, or a slice of a volume.
 
 use crate::error::ImportError;
 use crate::files::is_file;

@@ -1,5 +1,4 @@
-//! Inflation of a gzip file: its members in sequence, like `gzip` itself. Trailing zeros, with which tapes and file systems fill blocks, are
-//! ignored.
+//! Gzip decoder for files of several members, like `gzip` itself. Ignores trailing zeros, with which tapes and file systems fill blocks.
 
 use flate2::bufread::GzDecoder;
 use std::io::{BufRead, Read, Result};

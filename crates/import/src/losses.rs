@@ -1,4 +1,4 @@
-//! Count of the values changed by conversion to voxels, over the whole input when it is opened: no loss goes unreported.
+//! Loss counter: values changed by conversion to voxels, over the whole input when it is opened. No loss goes unreported.
 //!
 //! Only inputs with possible losses are read for it: 64-bit ones, and those whose scaled numbers may leave f32.
 
@@ -32,7 +32,6 @@ pub(crate) struct Losses<'a> {
     has_great: bool,
 }
 
-/// Outcome of a number's conversion.
 #[derive(Clone, Copy, PartialEq)]
 enum Fate {
     Kept,
@@ -114,7 +113,6 @@ impl<'a> Losses<'a> {
         Fate::of_integer(fits && !(self.has_negative && self.has_great))
     }
 
-    /// Continues with another file of the same input.
     pub(crate) fn next_file(&mut self, path: &'a Path) {
         self.path = path;
         self.files_before += 1;

@@ -145,7 +145,7 @@ fn inflated_bytes(path: &Path) -> Result<Option<u32>, ImportError> {
     Ok(Some(u32::from_le_bytes(end)))
 }
 
-/// The header's and the body's name, given either; the same name twice unless it is a pair's.
+/// Returns the header's and the body's path of a pair, given either; any other path twice.
 pub(crate) fn pair_of(path: &Path) -> (PathBuf, PathBuf) {
     let name = path.to_string_lossy();
     let lower = name.to_ascii_lowercase();
@@ -259,7 +259,7 @@ fn cut_short(array: &ArrayLayout, expected: u64, found: u64) -> String {
     )
 }
 
-/// Bytes in the largest unit with a number of at least 1.
+/// Formats bytes in the largest unit that leaves a number of at least 1.
 fn human_bytes(bytes: u64) -> String {
     let units = [(1u64 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")];
     match units.into_iter().find(|(size, _)| bytes >= *size) {

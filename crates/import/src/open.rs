@@ -1,4 +1,4 @@
-//! Opening of the user's inputs: picks the reader by flags, name and first bytes, joins files, and applies the user's overrides.
+//! Entry point for inputs: picks the reader by flags, name and first bytes, joins files, and applies the user's overrides.
 
 use crate::described::Described;
 use crate::dicom_files::{MAGIC_BYTES, is_dicom};

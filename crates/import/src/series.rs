@@ -33,7 +33,6 @@ pub(crate) struct StepFile {
 }
 
 impl StepFile {
-    /// Describes an open file.
     pub(crate) fn of(source: &dyn Source) -> Self {
         Self {
             info: source.info().clone(),

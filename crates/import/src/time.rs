@@ -1,4 +1,4 @@
-//! The user's times of an input's steps, in place of its file's.
+//! User-given times of an input's steps, replacing its file's.
 
 use crate::error::ImportError;
 use crate::options::OpenOptions;

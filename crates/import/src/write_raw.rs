@@ -1,5 +1,5 @@
-//! Writing of a source to a headerless file: all threads make boxes, appended in order of completion; the file takes
-//! its name only when complete.
+//! Raw file writer: all threads make boxes, appended in order of completion; the file takes its name only when
+//! complete.
 
 use crate::error::ImportError;
 use crate::source::{Access, Source};

@@ -1,4 +1,4 @@
-//! Decoding of separately packed frames: run-length, JPEG or JPEG 2000. Errors omit the file.
+//! Decoders of separately packed frames: run-length, JPEG and JPEG 2000. Errors omit the file.
 
 use super::pixels::{MOST_JPEG_2000_BITS, PixelFormat, Samples};
 use crate::element::Endian;

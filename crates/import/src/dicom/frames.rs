@@ -131,7 +131,6 @@ impl Frames {
         packed + self.format.pixels() * per_pixel
     }
 
-    /// Bytes of the frames' places.
     pub(super) fn held_bytes(&self) -> usize {
         let ranges: usize = self.places.iter().map(|ranges| size_of_val(&ranges[..])).sum();
         size_of_val(&self.places[..]) + ranges

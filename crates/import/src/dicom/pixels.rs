@@ -1,4 +1,4 @@
-//! Storage of a pixel's numbers, and their conversion to voxels.
+//! Pixel format: the storage of numbers, and their conversion to voxels.
 
 use super::header::Header;
 use crate::element::Endian;

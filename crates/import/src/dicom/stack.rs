@@ -1,4 +1,4 @@
-//! Arrangement of slices as one volume: sorted along their normal, and refused unless they form an upright, evenly spaced stack.
+//! Stack builder: sorts slices along their normal into one volume, and refuses them unless they form an upright, evenly spaced stack.
 //!
 //! Positions and directions are the patient's (mm; x to the left, y to the back, z to the head: "LPS"), as in files. The resulting matrix
 //! uses NIfTI's world, x to the right and y to the front, so that volumes of one patient align in any format.
@@ -41,7 +41,6 @@ pub(super) struct Slice {
     pub(super) step_mm: Option<(f64, &'static str)>,
 }
 
-/// Placement of a stack of slices in the world.
 #[derive(Debug)]
 pub(super) struct Placement {
     pub(super) spacing: DVec3,
@@ -63,7 +62,6 @@ pub(super) enum Spacing {
     WithGaps,
 }
 
-/// Sorted slices along z.
 struct Along {
     spacing: f64,
     levels: Vec<u32>,
@@ -284,7 +282,6 @@ fn with_gaps(gaps: &[f64], steps: Steps) -> Option<Along> {
     (u64::from(last) < 2 * levels.len() as u64).then_some(Along { spacing, levels, note: None })
 }
 
-/// The error for unevenly spaced slices.
 fn uneven(gaps: &[f64], steps: Steps, slices: &[Slice], names: &Names) -> ImportError {
     let expected = steps.mm;
     let count = gaps.iter().filter(|gap| is_uneven(**gap, expected)).count();

@@ -11,7 +11,6 @@ use std::path::Path;
 #[derive(Clone, Debug)]
 pub(super) struct Header {
     pub(super) endian: Endian,
-    /// Whether the voxels are in the same file as the header.
     pub(super) single_file: bool,
     pub(super) extent: Extent,
     pub(super) times: u32,
@@ -28,7 +27,6 @@ pub(super) struct Header {
     pub(super) time_step: f64,
     /// Unit of the fourth axis in `xyzt_units`: 8 second, 16 millisecond, 24 microsecond; greater ones are no times.
     pub(super) time_unit: u8,
-    /// Time of the first step.
     pub(super) time_start: f64,
     pub(super) qform_code: i32,
     pub(super) sform_code: i32,
@@ -89,7 +87,6 @@ enum Refusal {
     Unsupported(String),
 }
 
-/// Fields as stored in the file.
 struct RawHeader {
     dim: [i64; 8],
     datatype: i16,
@@ -248,7 +245,7 @@ impl Fields<'_> {
         i64::from_le_bytes(self.at(offset))
     }
 
-    /// Reads a number used in computing voxels.
+    /// Reads an f32 exactly, for computing voxels.
     fn exact_f32(&self, offset: usize) -> f64 {
         f32::from_le_bytes(self.at(offset)) as f64
     }

@@ -30,7 +30,6 @@ pub(super) struct Description {
     pub(super) ignores_resolution: bool,
     /// UDUNITS name.
     pub(super) unit: Option<&'static str>,
-    /// Times of the steps.
     pub(super) time: Option<TimeAxis>,
     /// Time of the only step.
     pub(super) step_time: StepTime,
@@ -48,7 +47,6 @@ pub(super) struct Description {
 /// OME-XML beyond a plain order of pages.
 #[derive(Debug, PartialEq)]
 pub(super) struct Ome {
-    /// The file's own UUID.
     pub(super) uuid: Option<String>,
     pub(super) says: OmeSays,
 }
@@ -70,7 +68,6 @@ pub(super) struct Spacing {
     pub(super) z: Option<f64>,
 }
 
-/// Declared arrangement of pages.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Declared {
     /// Axes from page to page (t, c, z), slowest first.

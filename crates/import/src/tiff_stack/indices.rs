@@ -1,4 +1,4 @@
-//! A TIFF file's bytes for the library, which refuses palette indices: the current page's PhotometricInterpretation is replaced, so that its pixels
+//! TIFF bytes as shown to the library, which refuses palette indices: the current page's PhotometricInterpretation is replaced, so that its pixels
 //! pass for numbers. Costs a comparison for each read.
 
 use std::fs::File;

@@ -1,4 +1,4 @@
-//! The kind of JPEG in a strip or tile, by its first bytes: the library mistakes unsupported kinds for damage.
+//! JPEG kinds of strips and tiles, by their first bytes: the library mistakes unsupported kinds for damage.
 
 /// Returns the kind of an unsupported JPEG: any but baseline, extended and progressive. `None` also without a frame.
 pub(super) fn kind_not_read(jpeg: &[u8]) -> Option<&'static str> {

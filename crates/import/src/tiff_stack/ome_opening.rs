@@ -1,4 +1,4 @@
-//! Opening by OME-XML: of a file, or the files of its set, and the order of their pages.
+//! OME-XML opening: of a file, or the files of its set, with the order of their pages.
 //!
 //! A set's files are opened one by one, and their directories walked; some of those with many pages stay open.
 

@@ -1,10 +1,9 @@
-//! Map of planes to pages by OME's `TiffData` elements: in any order, from several files. Every plane must have one page.
+//! Plane-to-page map from OME's `TiffData` elements: in any order, from several files. Every plane must have one page.
 
 use super::ome::{Pixels, TiffData};
 use super::page_map::{PageMap, PageOrder, Place, planes_of, too_few_or_many};
 use crate::axes::{Axis, Sizes};
 
-/// Files of the mapped pages.
 pub(super) struct Files<'a> {
     /// Number of pages of each file.
     pub(super) pages: &'a [u32],

@@ -1,4 +1,4 @@
-//! Opening of TIFF files as a stack: finds the files and pages, and checks their agreement. All directories are walked once.
+//! TIFF stack opening: finds the files and pages, and checks that they agree. Walks all directories once.
 
 use super::description::{Declared, Description, OmeSays, Spacing};
 use super::ome_opening::{Opening, open_companion};

@@ -1,4 +1,4 @@
-//! Decoding of one TIFF file: its pages' format, the check of their data, and rectangles of samples.
+//! Page decoder of one TIFF file: page formats, checks of their data, and rectangles of samples.
 
 use super::indices::{self, PageBytes};
 use super::jpeg;
@@ -111,9 +111,7 @@ pub(super) struct OpenTiff {
     /// The current page, from 0, and whether it holds indices into a palette.
     page: u32,
     is_palette: bool,
-    /// The file's size and modification time when it was opened.
     pub(super) stamp: Stamp,
-    /// Packing of samples in the current page.
     packing: Packing,
     /// The decoded strip or tile.
     chunk: Vec<u8>,
@@ -123,6 +121,7 @@ pub(super) struct OpenTiff {
 
 /// Packing of a page's strips or tiles, and the places of those not left to the library.
 enum Packing {
+    /// Not yet examined.
     Unknown,
     Library,
     Lzw {

@@ -1,4 +1,4 @@
-//! Map of planes to pages of files: a rule, where pages follow one another along axes, or else a list.
+//! Plane-to-page map of a stack's files: a rule where pages follow one another along axes, else a list.
 
 use super::description::Declared;
 use super::page::PageFormat;

@@ -1,5 +1,5 @@
-//! Size of pixels by a page's tags: GeoTIFF's model of the ground, or pixels per inch or centimetre; used unless a description gives it.
-//! Tags have no distance of planes, except for GeoTIFF's third scale.
+//! Pixel sizes from a page's tags: GeoTIFF's model of the ground, or pixels per inch or centimetre; used unless a description gives
+//! them. Tags have no distance of planes, except for GeoTIFF's third scale.
 
 use super::description::{Description, Spacing};
 use super::hyperstack::is_length;
@@ -19,7 +19,6 @@ const PROJECTED: u16 = 1;
 const GEOGRAPHIC: u16 = 2;
 const METRE: u16 = 9001;
 
-/// Tags of a page about the size of pixels.
 #[derive(Debug, Default)]
 pub(super) struct ScaleTags {
     /// Pixels per unit along x and y (XResolution, YResolution).

@@ -1,4 +1,4 @@
-//! Reading of a TIFF file's description, in all forms, and the tags beside it.
+//! Reader of a TIFF file's description, in all forms, and the tags beside it.
 //!
 //! OME-XML, which may have many megabytes, is read as a stream; other forms are read whole, up to a limit.
 

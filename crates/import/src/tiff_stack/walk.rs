@@ -1,4 +1,4 @@
-//! Walk of a TIFF file's directories, once: lists the pages, checks their agreement, and finds copies.
+//! Single walk of a TIFF file's directories: lists the pages, checks that they agree, and finds copies.
 
 use super::description::Description;
 use super::page::{OpenTiff, PageFormat};

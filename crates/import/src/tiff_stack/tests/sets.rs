@@ -1,4 +1,4 @@
-//! Maps of planes to pages by OME-XML: in one file, in several, and in a separate file.
+//! Plane-to-page maps from OME-XML: in one file, in several, and in a separate file.
 
 use super::*;
 use crate::FileOrder;
