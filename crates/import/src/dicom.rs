@@ -58,7 +58,7 @@ pub(crate) struct DicomSeries {
     blank: f64,
 }
 
-/// Opens a DICOM file. A single slice brings the rest of its series from its folder, as in most programs.
+/// Opens a DICOM file. A single slice is joined by the rest of its series in the folder, as in most programs.
 pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let header = Header::read(path)?;
     check_is_image(&header)?;

@@ -51,7 +51,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     RawSource::new(file, found.array, info)?.with_losses(None, options)
 }
 
-/// Examines a NIfTI file or pair without keeping it open. A compressed one is inflated only if its last bytes contradict its header's size, or
+/// Examines a NIfTI file or pair without keeping it open. A compressed one is inflated if its last bytes do not confirm its header's size, or
 /// all its values have to be checked.
 pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, ImportError> {
     let found = Found::read(path)?;

@@ -1,4 +1,4 @@
-//! Uncompressed arrays in files: headerless raw files, and the engine under every format whose body is a plain array (`.npy`,
+//! Uncompressed arrays in files: headerless raw files, and the engine for every format whose body is a plain array (`.npy`,
 //! NIfTI, ImageJ's single-directory TIFF).
 //!
 //! Files are memory-mapped; a box is copied line by line along the array's fastest axis, in any order of its axes, and is valid

@@ -1,5 +1,5 @@
-//! Every n-th voxel of a source: a small copy of a large volume, made without reading all of it: only the needed rows of sources with box access, and
-//! the needed planes of sources that decode planes.
+//! Every n-th voxel of a source: a small copy of a large volume, made without reading all of it. Only the needed rows are read of sources with box
+//! access, and only the needed planes of sources that decode planes.
 
 use crate::error::ImportError;
 use crate::source::{Access, Source, SourceInfo};

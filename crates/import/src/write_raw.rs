@@ -1,5 +1,5 @@
-//! Raw file writer: all threads make boxes, appended in order of completion; the file takes its name only when
-//! complete.
+//! Raw file writer: all threads make pieces, and write each at its offset as soon as it is done. The file takes its
+//! name only when complete.
 
 use crate::error::ImportError;
 use crate::source::{Access, Source};

@@ -1,4 +1,4 @@
-//! A TIFF file's description, by any program: the map of planes to pages, spacing and unit, times, channels, and the meaning of stored
+//! A TIFF file's description, by any program: the plane-to-page map, spacing and unit, times, channels, and the meaning of stored
 //! numbers.
 //!
 //! [`hyperstack`](super::hyperstack) (ImageJ), [`ome`](super::ome), [`shaped`](super::shaped) (tifffile), [`stk`](super::stk) (MetaMorph)
@@ -167,7 +167,7 @@ impl Description {
         }
     }
 
-    /// Sets physical sizes along x, y and z, each with its unit, as named by OME, converting to the unit of x. A missing y is x's.
+    /// Sets physical sizes along x, y and z, each with OME's name of its unit, in the unit of x. A missing y is x's.
     pub(super) fn set_physical_sizes(&mut self, sizes: [Option<(f64, String)>; 3]) {
         let [Some((x, unit)), y, z] = sizes else { return };
         self.set_unit(Some(&unit));

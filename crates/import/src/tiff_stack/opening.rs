@@ -161,7 +161,7 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
     Ok(Box::new(TiffStack::new(parts, &description, options)?))
 }
 
-/// Refuses a file whose OME-XML names a set of files: its place in the set may differ from its name.
+/// Refuses a file whose OME-XML names a set of files: its place in the set may not follow from its name.
 fn check_is_no_part(path: &Path, description: &Description) -> Result<(), ImportError> {
     let is_part = description.ome.as_ref().is_some_and(|ome| match &ome.says {
         OmeSays::Pixels(pixels) => pixels.parts.len() > 1,
