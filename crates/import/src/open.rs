@@ -291,7 +291,7 @@ fn narrowed(value: f64, voxel_type: VoxelType) -> f64 {
     if voxel_type.is_float() { f64::from(value as f32) } else { value }
 }
 
-/// Replaces the file's no-data value by the user's.
+/// Replaces the file's no-data value with the user's.
 fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result<(), ImportError> {
     let value = match nodata {
         NoData::OfFile => return Ok(()),

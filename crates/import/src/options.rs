@@ -102,7 +102,7 @@ pub struct OpenOptions {
 }
 
 impl OpenOptions {
-    /// Replaces the file's spacing, origin and unit by the user's.
+    /// Replaces the file's spacing, origin and unit with the user's.
     pub(crate) fn override_geometry(&self, info: &mut SourceInfo, path: &Path) -> Result<(), ImportError> {
         if let Some(spacing) = self.spacing {
             if !(spacing.min_element() > 0.0 && spacing.is_finite()) {

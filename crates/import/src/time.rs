@@ -9,7 +9,7 @@ use std::path::Path;
 /// Most bytes of a file of stamps: some ten million of them.
 const LONGEST_STAMPS: u64 = 256 << 20;
 
-/// Replaces the file's time step, unit and stamps by the user's.
+/// Replaces the file's time step, unit and stamps with the user's.
 pub(crate) fn override_time(info: &mut SourceInfo, path: &Path, options: &OpenOptions) -> Result<(), ImportError> {
     if options.time_step.is_some() && options.time_stamps.is_some() {
         let problem = "`time_step` and `time_stamps`: steps are evenly spaced, or each has a time of its own; give one of the two";

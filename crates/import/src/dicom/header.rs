@@ -406,7 +406,7 @@ impl Header {
     }
 }
 
-/// Replaces an unknown representation (UN), as written by systems passing on foreign elements, by the standard's.
+/// Replaces an unknown representation (UN), as written by systems passing on foreign elements, with the standard's.
 fn as_known(header: DataElementHeader) -> DataElementHeader {
     let entry = StandardDataDictionary.by_tag(header.tag).filter(|_| header.vr == VR::UN);
     DataElementHeader { vr: entry.map_or(header.vr, |entry| entry.vr().relaxed()), ..header }

@@ -9,7 +9,7 @@ use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
 use dicom_dictionary_std::{tags, uids};
 use glam::DVec3;
 
-/// Replaces an element by one of unknown representation, with the same bytes.
+/// Replaces an element with one of unknown representation, with the same bytes.
 fn forget(written: &mut Written, tag: Tag) {
     let known = written.0.take_element(tag).unwrap();
     let bytes = match known.value().primitive().unwrap() {
@@ -48,7 +48,7 @@ fn elements_of_unknown_representation_mean_what_the_standard_says() {
     }
 }
 
-/// Replaces a sequence by one of unknown representation: an item without elements, with and without
+/// Replaces a sequence with one of unknown representation: an item without elements, with and without
 /// its length.
 fn forget_items(folder: &Folder, tag: Tag) {
     let bytes = std::fs::read(folder.file(0)).unwrap();
