@@ -1,15 +1,13 @@
-//! A file map that outlives its file: where a truncation, a vanished network share or a failing disk has taken bytes away,
-//! reading gives zeros instead of the signal (SIGBUS) that ends the process.
+//! A file map that outlives its file: bytes lost to a truncation, a vanished network share or a failing disk read as zeros instead of raising the
+//! signal (SIGBUS) that ends the process.
 //!
-//! The guard is a signal handler, installed with the first map. It looks the faulting address up in a table of all maps, puts
-//! pages of zeros over the fault and returns, so that the read goes on. Zeros look like data: so whoever reads asks
-//! [`GuardedMap::lost`] *after* it has copied or decoded, and takes nothing for true of a map that has lost bytes. A file that is cut
-//! short within a page reads as zeros without any signal: where nothing else would find that (a checksum, say), readers ask the file for its length too.
-//! A fault anywhere else, and a signal that somebody sent (it has no address), are passed on to the handler that was there before. In a
-//! signal handler only atomics and system calls are allowed: so the table is a list of blocks that is never freed, and a
-//! place in it is taken and given back by atomic stores.
+//! A signal handler, installed with the first map, looks the faulting address up in a table of all maps, covers the fault with pages of zeros and
+//! returns, so the read goes on. Zeros look like data: readers check [`GuardedMap::lost`] *after* copying or decoding, and discard everything from a
+//! map with lost bytes. A file cut short within a page reads as zeros without a signal; readers without a checksum or the like compare the file's
+//! length too. Faults elsewhere, and signals sent by a process (they have no address), go to the previous handler. A signal handler may only use
+//! atomics and system calls, so the table is a list of blocks, never freed, whose places are taken and returned by atomic stores.
 //!
-//! Cost: nothing while all goes well, but a scan of the table for each map that is made.
+//! Cost: a scan of the table for each new map, otherwise nothing unless a fault occurs.
 
 use memmap2::{Advice, Mmap};
 use std::fs::File;
@@ -18,40 +16,39 @@ use std::ptr::{null, null_mut};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicPtr, AtomicUsize, Ordering, fence};
 
-/// A read-only memory map of a whole file. Bytes that are lost while it is mapped (by a truncation, or a disk or
-/// network that fails) read as zeros, without a signal that ends the process.
+/// Read-only memory map of a whole file. Bytes lost while it is mapped (by a truncation, or a failing disk or network) read as zeros, without a fatal
+/// signal.
 ///
-/// Readers must ask [`GuardedMap::lost`] after they have copied or decoded, and trust nothing that they read from a map
-/// that has lost bytes. Where a file is cut short within a page, the rest of that page reads as zeros although `lost`
-/// is false: only a checksum or the length of the file shows that.
+/// Check [`GuardedMap::lost`] after copying or decoding, and discard everything read from a map with lost bytes. In a file cut short within a page,
+/// the rest of the page reads as zeros although `lost` is false: only a checksum or the file's length reveals it.
 pub struct GuardedMap {
     map: Mmap,
     place: &'static Place,
 }
 
 impl GuardedMap {
-    /// Maps a file, and installs the handler of SIGBUS signals with the first map of the process.
+    /// Maps a file. The first map of the process installs the SIGBUS handler.
     ///
     /// # Errors
     /// If the operating system refuses the map or the handler.
     pub fn new(file: &File) -> std::io::Result<Self> {
         install()?;
-        // SAFETY: the map is read-only, of pages that the handler keeps readable, and lent as bytes, for which every value is valid.
-        // That nobody writes to the file meanwhile cannot be had of any file. Where somebody does, reads give old bytes or new
-        // ones: so nothing that is read here may be trusted twice, and readers check what they have copied or decoded.
+        // SAFETY: the map is read-only, its pages are kept readable by the handler, and it is lent as bytes, for which every value is valid. No file
+        // can be protected from writers. Under a concurrent write, reads give old or new bytes: nothing read here may be trusted twice, and readers
+        // check their copied or decoded data.
         let map = unsafe { Mmap::map(file) }?;
         let place = Place::take(map.as_ptr() as usize, map.len());
         Ok(Self { map, place })
     }
 
-    /// Whether bytes of the file could not be read, so that zeros were read in their place.
+    /// Whether bytes of the file could not be read and were replaced by zeros.
     pub fn lost(&self) -> bool {
-        // What was read before is read before: another thread's fault may have put the zeros there.
+        // Earlier reads must precede this load: another thread's fault may have put the zeros there.
         fence(Ordering::Acquire);
         self.place.faults.load(Ordering::Acquire) > 0
     }
 
-    /// Asks the kernel to read a range of bytes ahead. A refusal costs speed only.
+    /// Requests read-ahead of a range of bytes from the kernel. A refusal costs speed only.
     pub fn advise(&self, range: Range<usize>) {
         if let Err(error) = self.map.advise_range(Advice::WillNeed, range.start, range.len()) {
             tracing::debug!(%error, "madvise");
@@ -69,27 +66,26 @@ impl Deref for GuardedMap {
 
 impl Drop for GuardedMap {
     fn drop(&mut self) {
-        // Before the map goes: afterwards its addresses can be anybody's.
+        // Before the unmap, after which the addresses may be reused.
         self.place.give_back();
     }
 }
 
-/// A map's place in the table.
+/// An entry of the table, for one map.
 struct Place {
     /// Address of the first byte, or [`FREE`], or [`TAKEN`].
     start: AtomicUsize,
     /// Address past the last byte.
     end: AtomicUsize,
-    /// How often the map has been mended.
+    /// Number of repaired faults.
     faults: AtomicUsize,
 }
 
 const FREE: usize = 0;
-/// Not free any more, but not to be looked at yet.
+/// No longer free, not yet valid.
 const TAKEN: usize = 1;
 
-/// Faults of a map after which everything behind the next one is given up: each hole costs the process up to two of its
-/// mappings, of which it may have some ten thousand.
+/// The fault of a map, counted from 1, at which all behind it is given up: each hole costs the process up to two of its some ten thousand mappings.
 const MAX_HOLES: usize = 8;
 
 struct Block {
@@ -106,11 +102,11 @@ impl Block {
     }
 
     fn next(&self) -> Option<&'static Block> {
-        // SAFETY: the pointer is null or that of a leaked block.
+        // SAFETY: the pointer is null or points to a leaked block.
         unsafe { self.next.load(Ordering::Acquire).as_ref() }
     }
 
-    /// The next block, made if there is none.
+    /// The next block, created if missing.
     fn next_or_new(&self) -> &'static Block {
         if let Some(next) = self.next() {
             return next;
@@ -120,7 +116,7 @@ impl Block {
         match added {
             // SAFETY: it came from a box, and is never freed.
             Ok(_) => unsafe { &*new },
-            // SAFETY: another thread was faster: nobody else has seen the new one, and theirs is never freed.
+            // SAFETY: another thread was faster: the new block is still private to this one, and theirs is never freed.
             Err(theirs) => unsafe {
                 drop(Box::from_raw(new));
                 &*theirs
@@ -153,18 +149,18 @@ impl Place {
         self.start.store(FREE, Ordering::Release);
     }
 
-    /// The place of the map that holds an address.
+    /// The place of the map containing an address.
     fn of(address: usize) -> Option<&'static Self> {
         let holds = |place: &&Place| {
             let (start, end) = (place.start.load(Ordering::Acquire), place.end.load(Ordering::Acquire));
-            // Where the place has changed hands meanwhile, the two do not belong together.
+            // If the place was reused meanwhile, the two loads do not belong together.
             start > TAKEN && (start..end).contains(&address) && place.start.load(Ordering::Acquire) == start
         };
         std::iter::successors(Some(&TABLE), |block| block.next()).find_map(|block| block.places.iter().find(holds))
     }
 }
 
-/// The handler before, a leaked box.
+/// The previous handler, a leaked box.
 static PREVIOUS: AtomicPtr<libc::sigaction> = AtomicPtr::new(null_mut());
 static PAGE_BYTES: AtomicUsize = AtomicUsize::new(0);
 
@@ -177,8 +173,8 @@ fn install() -> std::io::Result<()> {
 
 fn install_now() -> std::io::Result<()> {
     let checked = |code: libc::c_int| if code == 0 { Ok(()) } else { Err(std::io::Error::last_os_error()) };
-    // SAFETY: `sysconf` reads a constant. All-zero is a valid `sigaction`, and both calls get valid pointers or null. The
-    // handler keeps to what a signal handler may do, and what it needs is stored before it is installed.
+    // SAFETY: `sysconf` reads a constant. All-zero is a valid `sigaction`, and both calls get valid pointers or null. The handler does only
+    // signal-safe work, and the values it needs are stored before its installation.
     unsafe {
         PAGE_BYTES.store(libc::sysconf(libc::_SC_PAGESIZE) as usize, Ordering::Release);
         let mut previous: libc::sigaction = std::mem::zeroed();
@@ -188,7 +184,7 @@ fn install_now() -> std::io::Result<()> {
     }
 }
 
-/// Makes [`on_bus_error`] the handler; returns what the system does.
+/// Makes [`on_bus_error`] the handler; returns the system call's result.
 fn set_handler() -> libc::c_int {
     // SAFETY: all-zero is a valid `sigaction`; the call gets a valid pointer and null.
     unsafe {
@@ -200,24 +196,24 @@ fn set_handler() -> libc::c_int {
 }
 
 extern "C" fn on_bus_error(signal: libc::c_int, info: *mut libc::siginfo_t, context: *mut libc::c_void) {
-    // SAFETY: the kernel passes what belongs to the signal; the handler was installed with `SA_SIGINFO`, so that is there.
+    // SAFETY: the kernel passes the signal's own info, present because the handler was installed with `SA_SIGINFO`.
     let info_read = unsafe { &*info };
-    // Only the kernel's reports of an access that failed carry an address. Of a signal sent by `kill` or `sigqueue` the same bytes are
-    // the sender and what it likes; one about memory found broken that nobody reads is no failed access.
+    // Only the kernel's reports of a failed access carry an address. In a signal sent by `kill` or `sigqueue` the same bytes hold the sender and its
+    // payload; a report of broken memory without a reader is no failed access.
     let is_fault = matches!(info_read.si_code, libc::BUS_ADRERR | libc::BUS_OBJERR | libc::BUS_MCEERR_AR);
     // SAFETY: signals with these codes have an address.
     let is_mended = is_fault && mend(unsafe { info_read.si_addr() } as usize);
     if !is_mended {
         pass_on(signal, info, context);
         if !is_fault {
-            // Handlers before (Rust's own, for one) give the signal back its default and return, so that a fault comes again and ends the
-            // process. One that was sent does not come again, and the maps are still to be guarded.
+            // Earlier handlers (Rust's own, for one) restore the signal's default and return, so a fault recurs and ends the process. A sent signal
+            // does not recur, and the maps still need their guard.
             set_handler();
         }
     }
 }
 
-/// Puts zeros over a fault in one of the maps; false if it is in none, or that is not possible.
+/// Covers a fault in one of the maps with zeros; returns false if it lies in none, or the system refuses.
 fn mend(address: usize) -> bool {
     let Some(place) = Place::of(address) else { return false };
     let page_bytes = PAGE_BYTES.load(Ordering::Acquire);
@@ -225,24 +221,23 @@ fn mend(address: usize) -> bool {
     let is_last = place.faults.fetch_add(1, Ordering::Relaxed) + 1 >= MAX_HOLES;
     let bytes = if is_last { place.end.load(Ordering::Acquire) - first } else { page_bytes };
     let flags = libc::MAP_PRIVATE | libc::MAP_FIXED | libc::MAP_ANON;
-    // SAFETY: the pages lie inside a map of ours (its last page is all its own), which cannot go away now: the access that failed
-    // is this thread's, through a borrow of the map. A page that can still be read is replaced only past the last hole, by zeros,
-    // with the same access; the fault was counted before, so whoever reads those zeros finds the map lost afterwards.
+    // SAFETY: the pages lie inside one of our maps (whose last page is all its own). It cannot go away now: the failed access is this thread's,
+    // through a borrow of the map. Readable pages are replaced only past the last hole, by zeros with the same access; the fault was counted before,
+    // so readers of those zeros find the map lost afterwards.
     let zeros = unsafe { libc::mmap(first as *mut libc::c_void, bytes, libc::PROT_READ, flags, -1, 0) };
     zeros != libc::MAP_FAILED
 }
 
-/// Does what would have been done without this handler.
+/// Does as the system would without this handler.
 fn pass_on(signal: libc::c_int, info: *mut libc::siginfo_t, context: *mut libc::c_void) {
-    // SAFETY: the pointer is that of a leaked box, stored before this handler was installed. A handler that is neither the
-    // default nor to be ignored is a function of the kind that its flags say. All-zero is a valid `sigaction`. `info` is the
-    // kernel's, whose codes above 0 are its own reports.
+    // SAFETY: the pointer is to a leaked box, stored before this handler was installed. A handler other than the default and "ignore" is a function
+    // of the kind given by its flags. All-zero is a valid `sigaction`. `info` is the kernel's; codes above 0 are its own reports.
     unsafe {
         let previous = &*PREVIOUS.load(Ordering::Acquire);
         match previous.sa_sigaction {
             libc::SIG_IGN if (*info).si_code <= 0 => {}
             libc::SIG_DFL | libc::SIG_IGN => {
-                // The kernel does not let a fault be ignored. Raised again, the signal arrives when this handler returns.
+                // The kernel does not allow a fault to be ignored. Raised again, the signal arrives when this handler returns.
                 let mut default: libc::sigaction = std::mem::zeroed();
                 default.sa_sigaction = libc::SIG_DFL;
                 libc::sigaction(signal, &default, null_mut());
@@ -284,7 +279,7 @@ mod tests {
         // The kernel fills the file's last page with zeros.
         assert!(map[..10 * page + 5].iter().all(|&b| b == 7) && map[10 * page + 5..11 * page].iter().all(|&b| b == 0));
         assert!(!map.lost());
-        // From several threads, in and out of order, more often than there are holes.
+        // From several threads, in and out of order, with more faults than allowed holes.
         std::thread::scope(|scope| {
             for thread in 0..4 {
                 let map = &map;
@@ -295,7 +290,7 @@ mod tests {
         assert!(map.lost());
         assert!(map[..10 * page].iter().all(|&b| b == 7), "what is there stays");
         assert!(other_map.iter().all(|&b| b == 7) && !other_map.lost());
-        // A place is used again without its past.
+        // A reused place forgets its past.
         drop(map);
         assert!(!GuardedMap::new(&other).unwrap().lost());
     }
@@ -315,7 +310,7 @@ mod tests {
         assert!(Place::of(address).is_none());
     }
 
-    /// In a process of its own, which ends as it would without the handler.
+    /// Runs in a child process, which ends as it would without the handler.
     #[test]
     fn a_fault_elsewhere_still_ends_the_process() {
         const CHILD: &str = "BRICKYARD_TEST_BUS_ERROR";
@@ -326,19 +321,19 @@ mod tests {
         }
         let file = file_of(9);
         let _guarded = GuardedMap::new(&file).unwrap();
-        // SAFETY: read as bytes; that it cannot be read is the point.
+        // SAFETY: read as bytes; failing to read them is the point.
         let unguarded = unsafe { Mmap::map(&file) }.unwrap();
         file.set_len(0).unwrap();
         std::process::exit(unguarded[5] as i32);
     }
 
-    /// A signal that somebody sends has no address, whatever stands where one would be: here, that of a map.
+    /// A sent signal has no address, whatever its bytes hold in the address's place: here, the address of a map.
     #[test]
     fn a_signal_that_is_sent_mends_nothing_and_leaves_the_guard() {
         let file = file_of(3 * page_bytes());
         let map = GuardedMap::new(&file).unwrap();
-        // SAFETY: all-zero is a valid `siginfo_t`; its third word of 8 bytes, where faults have their address, is the sender's to fill.
-        // The signal goes to this thread, so it is dealt with when the call returns.
+        // SAFETY: all-zero is a valid `siginfo_t`; its third word of 8 bytes, the address of a fault, is the sender's to fill. The signal goes to
+        // this thread, so it is handled before the call returns.
         let sent = unsafe {
             let mut info: libc::siginfo_t = std::mem::zeroed();
             info.si_signo = libc::SIGBUS;

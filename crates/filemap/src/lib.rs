@@ -1,4 +1,4 @@
-//! Files as memory, for readers of sources and of stores alike: [`GuardedMap`].
+//! Files as memory, for readers of sources and of stores: [`GuardedMap`].
 
 mod guarded_map;
 

@@ -1,4 +1,4 @@
-//! What stands in for readers that were left out of this build: their files are known, and refused.
+//! Stand-ins for readers left out of this build: they recognise their files, and refuse them.
 
 #[cfg(not(feature = "dicom"))]
 pub(crate) mod dicom {

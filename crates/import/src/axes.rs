@@ -1,8 +1,7 @@
-//! The order of an array's axes, written as letters slowest first (`tczyx`, as NumPy shows a shape).
+//! The order of an array's axes, as letters slowest first (`tczyx`, like the shape in NumPy).
 
 use brickyard_volume::{Extent, counted};
 
-/// One axis of a set of volumes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Axis {
     T,
@@ -12,8 +11,7 @@ pub(crate) enum Axis {
     X,
 }
 
-/// The order of an array's axes, slowest first. Each axis occurs at most once, and x and y always do. An axis that is
-/// left out has size 1.
+/// Order of an array's axes, slowest first. Each axis occurs at most once, x and y always. A missing axis has size 1.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AxisOrder(Vec<Axis>);
 
@@ -28,12 +26,12 @@ impl AxisOrder {
         }
     }
 
-    /// Creates an order from axes, slowest first, that are known to be valid: no duplicates, x and y among them.
+    /// Creates an order from valid axes, slowest first: no duplicates, x and y among them.
     pub(crate) fn of(axes: &[Axis]) -> Self {
         Self(axes.to_vec())
     }
 
-    /// Returns the axes in reverse order, as an array in Fortran order has them.
+    /// Returns the axes in reverse order, for arrays in Fortran order.
     pub(crate) fn reversed(mut self) -> Self {
         self.0.reverse();
         self
@@ -94,7 +92,6 @@ impl std::fmt::Display for AxisOrder {
     }
 }
 
-/// The sizes of an array along its five axes, in voxels, channels and time steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Sizes {
     pub(crate) extent: Extent,
@@ -113,7 +110,7 @@ impl Sizes {
         }
     }
 
-    /// Creates sizes from a list in the order of `axes`. An axis that is not in `axes` has size 1.
+    /// Creates sizes in the order of `axes`. Other axes have size 1.
     pub(crate) fn from_ordered(axes: &[Axis], sizes: &[u32]) -> Self {
         let size = |axis| axes.iter().position(|&a| a == axis).map_or(1, |i| sizes[i]);
         Self {
@@ -123,8 +120,7 @@ impl Sizes {
         }
     }
 
-    /// Returns the size of the whole array in bytes. The error says which size is 0, or that the array exceeds 2^63
-    /// bytes.
+    /// Returns the array's bytes. The error names a size of 0, or reports an array beyond 2^63 bytes.
     pub(crate) fn checked_bytes(self, element_bytes: usize) -> Result<u64, String> {
         let Sizes { extent, channels, times } = self;
         let all = [extent.x, extent.y, extent.z, channels, times];

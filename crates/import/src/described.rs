@@ -1,17 +1,17 @@
-//! A source under another description.
+//! Sources with replaced descriptions.
 
 use crate::error::ImportError;
 use crate::source::{Access, Lent, Source, SourceInfo};
 use brickyard_volume::VoxelBox;
 use std::ops::Deref;
 
-/// A source under another description, whose time steps may have other numbers. Its voxels are read as they are.
+/// A source under another description, possibly with renumbered time steps. Voxels are unchanged.
 pub struct Described<S> {
-    /// What the source is said to be.
+    /// The new description.
     pub info: SourceInfo,
     /// The source itself: boxed, or borrowed.
     pub source: S,
-    /// The number under which the source's first time step is asked for.
+    /// The new number of the source's first time step.
     pub first: u32,
 }
 

@@ -1,11 +1,9 @@
-//! DICOM series (CT, MR and the like): a folder or list of files with one slice each, or enhanced files with a place for
-//! every frame.
+//! DICOM series (CT, MR and the like): one slice per file, or enhanced files with a place for every frame.
 //!
-//! Opening reads all headers; slices are sorted by position, never by name or number, and must be one upright, evenly
-//! spaced stack of one series, but for missing ones that are to be blank. Voxels are the rescaled values (Hounsfield units of a CT): integers where slopes and
-//! intercepts are, else floats. Where 16 stored bits and an intercept leave open whether 16 bits are enough, opening decodes all
-//! slices once to see. Reading decodes whole slices, each when it is asked for: the memory is that of one slice per
-//! thread.
+//! Opening reads all headers. Slices are sorted by position, never by name or number, and must be one upright, evenly spaced stack of one series,
+//! apart from missing ones left blank. Voxels are rescaled values (Hounsfield units of a CT): integers if slopes and intercepts are, else floats.
+//! If 16 stored bits and an intercept may not fit in 16 bits, opening decodes all slices once to decide. Reading decodes whole slices on request,
+//! in the memory of one slice per thread.
 
 mod decode;
 mod frames;
@@ -43,25 +41,24 @@ use pixels::Meaning;
 use stack::{Names, Slice, Spacing, kinds};
 use std::path::{Path, PathBuf};
 
-/// Larger frames are not decoded just to find the smallest type that holds their values: nobody has said yet what memory there is.
+/// Largest frame decoded in search of the smallest voxel type: there is no memory budget yet.
 const MOST_LOOKED_AT_BYTES: u64 = 256 << 20;
 
-/// In as many first bytes of a file that is damaged the UID of its series is looked for.
+/// Most bytes of a damaged file searched for the UID of its series.
 const MOST_SEARCHED_BYTES: usize = 1 << 20;
 
-/// A DICOM series as a source: slices sorted by position, each decoded from its file when it is asked for.
+/// A DICOM series as a source.
 pub(crate) struct DicomSeries {
     info: SourceInfo,
     files: Vec<(Header, Frames)>,
-    /// The slices, ascending along z.
+    /// Slices, ascending along z.
     slices: Vec<(Slice, Meaning)>,
-    /// For each z the slice that lies there; `None` where one is missing, whose voxels are all `blank`.
+    /// Index of the slice at each z; `None` where one is missing, whose voxels are all `blank`.
     places: Vec<Option<usize>>,
     blank: f64,
 }
 
-/// Opens a DICOM file. If it holds a single slice, the other slices of its series are read from its folder, as most
-/// programs do.
+/// Opens a DICOM file. A single slice is joined by the rest of its series in the folder, as in most programs.
 pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let header = Header::read(path)?;
     check_is_image(&header)?;
@@ -94,11 +91,11 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
     DicomSeries::new(series, options, notes).map(|s| Box::new(s) as _)
 }
 
-/// Says of a file of several frames that others of its series lie beside it; nothing if there are none that can be read.
+/// Notes the other files of a multi-frame file's series in the same folder, if any can be read.
 fn others_of_series(header: &Header, folder: &Path) -> Vec<Note> {
     let is_other = |path: &&PathBuf| path.file_name() != header.path.file_name();
     let is_of_it = |path: &&PathBuf| Header::read(path).is_ok_and(|it| is_image(&it) && it.series() == header.series());
-    // What cannot be read is no reason to refuse what can.
+    // Unreadable neighbours do not matter.
     let beside = files_in(folder).unwrap_or_default();
     let others = beside.iter().filter(is_other).filter(is_of_it).count() as u64;
     let files = counted(others, "file");
@@ -107,17 +104,16 @@ fn others_of_series(header: &Header, folder: &Path) -> Vec<Note> {
     if others > 0 { vec![Note::warning(note)] } else { Vec::new() }
 }
 
-/// Whether a file itself is the reason why it cannot be read.
 fn is_of_the_file(error: &ImportError) -> bool {
     matches!(error, ImportError::Invalid { .. } | ImportError::Unsupported { .. })
 }
 
-/// Whether a file whose header cannot be read may be of the same series: it has the series' UID among its first bytes, or these are
-/// deflated, or there is none.
+/// Whether a file with an unreadable header may be of the same series: its first bytes contain the series' UID or are deflated, or there is no
+/// UID.
 fn may_be_of(path: &Path, header: &Header) -> Result<bool, ImportError> {
     let Some(series) = header.text(tags::SERIES_INSTANCE_UID) else { return Ok(true) };
     let start = first_bytes(path, MOST_SEARCHED_BYTES)?;
-    // A longer UID that begins with this one is another.
+    // A longer UID starting with this one differs.
     let goes_on = |byte: Option<&u8>| byte.is_some_and(|byte| byte.is_ascii_digit() || *byte == b'.');
     let has = |uid: &str| {
         let mut places = start.windows(uid.len()).enumerate().filter(|(_, bytes)| *bytes == uid.as_bytes());
@@ -126,7 +122,7 @@ fn may_be_of(path: &Path, header: &Header) -> Result<bool, ImportError> {
     Ok(series.is_empty() || has(&series) || has(uids::DEFLATED_EXPLICIT_VR_LITTLE_ENDIAN))
 }
 
-/// The series that a file stands for, with the other slices in its folder; `None` if it stands for itself alone, with several frames.
+/// Returns the series represented by a file, with the other slices in its folder; `None` for a file of several frames.
 pub(crate) fn series_of(path: &Path) -> Result<Option<String>, ImportError> {
     let header = Header::read(path)?;
     Ok((!stands_alone(&header)).then(|| header.series().into_owned()))
@@ -137,8 +133,7 @@ fn stands_alone(header: &Header) -> bool {
     header.number(tags::NUMBER_OF_FRAMES).is_some_and(|n| n > 1.0) || header.is_mosaic()
 }
 
-/// Opens DICOM files of one series as a volume. If they are a folder's (`is_folder`), files without an image are left
-/// out; otherwise such a file is an error.
+/// Opens DICOM files of one series. Files without an image are skipped in a folder (`is_folder`), and an error in a list.
 pub(crate) fn open_series(
     paths: &[PathBuf],
     is_folder: bool,
@@ -240,7 +235,7 @@ impl DicomSeries {
         let Voxels { voxel_type, blank } = voxels_of(&files, &slices, missing > 0, options.held_as)?;
         check_exact(&files, &slices, voxel_type, missing > 0, options)?;
         sizes.checked_bytes(voxel_type.bytes()).map_err(|p| ImportError::invalid(&paths[0], p))?;
-        // Padding that is taken for values makes other voxels of the same files.
+        // Padding kept as values makes other voxels from the same files.
         let is_padding_kept = options.nodata != NoData::OfFile && files.iter().any(|(header, _)| header.has_padding());
         let kind = if is_padding_kept { "dicom with padding as values" } else { "dicom" };
         let mut info = SourceInfo { identity: identity(kind, &paths)?, ..SourceInfo::plain(sizes, voxel_type) };
@@ -283,7 +278,7 @@ impl DicomSeries {
     }
 }
 
-/// How the series looks: by its description, and by the window of the first file.
+/// The channel's look: the series' description, and the window of the first file.
 fn look_of(header: &Header) -> ChannelLook {
     let first = |tag| header.numbers(0, tag).map(|numbers| numbers[0]);
     let window = first(tags::WINDOW_CENTER).zip(first(tags::WINDOW_WIDTH)).filter(|(_, width)| *width > 0.0);
@@ -295,7 +290,7 @@ fn look_of(header: &Header) -> ChannelLook {
     }
 }
 
-/// All files must have pictures of one size.
+/// Checks that all pictures have one size.
 fn check_sizes(files: &[(Header, Frames)]) -> Result<(), ImportError> {
     let size = |(_, frames): &(Header, Frames)| {
         let [columns, rows] = frames.size();
@@ -318,7 +313,7 @@ fn check_sizes(files: &[(Header, Frames)]) -> Result<(), ImportError> {
     Ok(())
 }
 
-/// Frames of one file need a place each.
+/// Checks that each frame of a file has a place.
 fn check_frames(header: &Header, count: u64) -> Result<(), ImportError> {
     let placed = header.placed_frames() as u64;
     if count > 1 && placed == 0 {
@@ -421,7 +416,7 @@ fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) ->
         let problem = "RescaleSlope is 0: every voxel would have one value; expected another slope, or none";
         return Err(ImportError::invalid(&header.path, problem));
     }
-    // Written as unsigned by some, whatever the pixels are.
+    // Some writers store it as unsigned, whatever the pixels are.
     let wrap = |n: f64| frames.format.wrapped(n as i64);
     let padding = header.number(tags::PIXEL_PADDING_VALUE).filter(|_| nodata == NoData::OfFile).and_then(|value| {
         let limit = header.number(tags::PIXEL_PADDING_RANGE_LIMIT).unwrap_or(value);
@@ -433,21 +428,21 @@ fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) ->
     Ok(Meaning { slope: slope.unwrap_or(1.0), intercept: intercept.unwrap_or(0.0), padding })
 }
 
-/// The first value of padding, which is NaN in float voxels: that there is one is compared with later steps.
+/// The first padding value, which is NaN in float voxels, for comparison with later steps.
 fn padding_of_floats(slices: &[(Slice, Meaning)], voxel_type: VoxelType) -> Option<f64> {
     let (_, meaning) = slices.iter().find(|(_, meaning)| meaning.padding.is_some())?;
     let [least, _] = meaning.padding.filter(|_| voxel_type.is_float())?;
-    // No number is -0.
+    // Turns -0 into 0.
     Some(f64::from(meaning.value(least) as f32) + 0.0)
 }
 
-/// What voxels are, and those of missing slices.
+/// Voxel type, and the value of missing slices.
 struct Voxels {
     voxel_type: VoxelType,
     blank: f64,
 }
 
-/// The smallest type that holds every value, and where slices are missing one more, which no voxel has; floats where values are not integers.
+/// Chooses the smallest type for every value, plus an unused one if slices are missing; floats if values are not integers.
 fn voxels_of(
     files: &[(Header, Frames)],
     slices: &[(Slice, Meaning)],
@@ -458,7 +453,7 @@ fn voxels_of(
     if !slices.iter().all(|(_, meaning)| meaning.is_whole()) {
         return Ok(floats);
     }
-    // One integer stands for padding in all slices; where it would be a value of some, padding is NaN.
+    // One integer marks padding in all slices; if it would be a value in some, padding is NaN.
     let is_padded = slices.iter().any(|(_, m)| m.padding.is_some());
     if is_padded && slices.iter().any(|(_, m)| *m != slices[0].1) {
         return Ok(floats);
@@ -469,7 +464,7 @@ fn voxels_of(
             Some([padding, _]) => slices[0].1.value(padding),
             None => least - 1.0,
         };
-        // As in the steps before, if no voxel has that value there.
+        // As in the steps before, unless a voxel has that value here.
         let theirs = held_as.and_then(|held| held.nodata).filter(|value| !(least..=greatest).contains(value));
         let blank = if is_padded { blank } else { theirs.unwrap_or(blank) };
         let (least, greatest) = if are_missing { (least.min(blank), greatest.max(blank)) } else { (least, greatest) };
@@ -485,7 +480,7 @@ fn voxels_of(
     if possible.voxel_type.bytes() < 4 || !is_short || !is_small {
         return Ok(possible);
     }
-    // Scanners that store 16 bits and shift them seldom use them all: twice the memory for nothing. So look.
+    // Scanners that shift 16 stored bits seldom use them all: decode to avoid doubling the memory.
     range_of(slices, |slice, meaning| {
         let (header, frames) = &files[slice.file];
         Ok(frames.read(header, slice.frame)?.range(&frames.format, meaning.padding))
@@ -493,8 +488,7 @@ fn voxels_of(
     .map(voxels)
 }
 
-/// Refuses numbers of 32 bits that become floats where that would make others of them without need: labels, beside missing slices, and where
-/// nothing is scaled but by whole numbers.
+/// Refuses 32-bit numbers needlessly changed as floats: labels, those beside missing slices, and those scaled only by whole numbers.
 fn check_exact(
     files: &[(Header, Frames)],
     slices: &[(Slice, Meaning)],
@@ -518,7 +512,7 @@ fn check_exact(
     Err(ImportError::unsupported(&header.path, what))
 }
 
-/// Least and greatest of the rescaled ends of what each slice stores.
+/// Least and greatest of the rescaled ends of each slice's stored range.
 fn range_of(
     slices: &[(Slice, Meaning)],
     stored: impl Fn(&Slice, &Meaning) -> Result<[i64; 2], ImportError>,
@@ -569,7 +563,7 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxe
     notes
 }
 
-/// Says that no pixel can have the value that means padding.
+/// Notes padding values outside the pixels' range.
 fn note_on_padding(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], nodata: NoData) -> Option<Note> {
     let is_left_out = |(slice, meaning): &&(Slice, Meaning)| {
         nodata == NoData::OfFile && meaning.padding.is_none() && files[slice.file].0.has_padding()
@@ -622,7 +616,6 @@ impl Source for DicomSeries {
     }
 }
 
-/// Makes all voxels of a plane one value.
 fn fill(plane: &mut [u8], voxel_type: VoxelType, value: f64) {
     with_voxel_type!(voxel_type, T => {
         let (voxels, _) = plane.as_chunks_mut::<{ size_of::<T>() }>();

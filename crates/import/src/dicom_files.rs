@@ -1,20 +1,20 @@
-//! Which files are DICOM's: told by their first bytes, for names say nothing. Old files and those that networks pass on have no preamble, and often no
+//! DICOM file detection by first bytes, since names are unreliable. Old files, and those sent over networks, have no preamble, and often no
 //! first group.
 
 use crate::error::ImportError;
 use crate::files::{first_bytes, is_file};
 use std::path::{Path, PathBuf};
 
-/// Byte at which the mark `DICM` stands, after a preamble of any content.
+/// Byte of the mark `DICM`, after a preamble of any content.
 const MAGIC_AT: usize = 128;
-/// Byte at which the first group begins, after the mark `DICM`.
+/// Byte of the first group, after the mark `DICM`.
 const BODY_AT: usize = 132;
 const MAGIC: &[u8] = b"DICM";
 
-/// Number of first bytes that [`is_dicom`] needs.
+/// Number of first bytes needed by [`is_dicom`].
 pub(crate) const MAGIC_BYTES: usize = BODY_AT;
 
-/// Elements that a file without a preamble begins with, and their representations: the group of what the file is, or the first one of the data set.
+/// First elements of files without a preamble, with their representations: of the file meta group, or of the data set's first group.
 const FIRST: &[(&[u8; 4], &[u8; 2])] = &[
     (b"\x02\0\0\0", b"UL"),
     (b"\x08\0\0\0", b"UL"),
@@ -26,15 +26,14 @@ const FIRST: &[(&[u8; 4], &[u8; 2])] = &[
     (b"\x08\0\x18\0", b"UI"),
 ];
 
-/// The greatest length of such an element.
+/// Greatest length of such an element.
 const LONGEST_FIRST: u32 = 256;
 
-/// Whether a file that starts with these bytes is a DICOM file.
 pub(crate) fn is_dicom(start: &[u8]) -> bool {
     first_group_at(start).is_some()
 }
 
-/// The byte at which a DICOM file's first group begins, which starts with these bytes; `None` if it is none.
+/// Returns the byte of the first group in a file starting with these bytes; `None` unless it is a DICOM file.
 pub(crate) fn first_group_at(start: &[u8]) -> Option<usize> {
     if start.get(MAGIC_AT..BODY_AT) == Some(MAGIC) {
         return Some(BODY_AT);
@@ -47,7 +46,6 @@ pub(crate) fn first_group_at(start: &[u8]) -> Option<usize> {
     FIRST.iter().any(is_first).then_some(0)
 }
 
-/// Whether a file's name says that it is a DICOM file.
 fn is_named_so(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     ["dcm", "dicom", "ima"].iter().any(|known| extension == *known)
@@ -56,7 +54,7 @@ fn is_named_so(path: &Path) -> bool {
 /// Lists the DICOM files of a folder, sorted by path, without hidden ones.
 ///
 /// # Errors
-/// If the folder cannot be read, or holds files of which the name alone says that they are DICOM's beside others that are.
+/// If the folder cannot be read, or files that are DICOM's only in name lie beside real ones.
 pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     let (mut paths, mut unknown) = (Vec::new(), None);
     for entry in std::fs::read_dir(folder).map_err(ImportError::io(folder))? {
@@ -70,7 +68,7 @@ pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
             false => unknown = unknown.or(is_named_so(&path).then_some(path)),
         }
     }
-    // It may be a slice of them.
+    // It may be a slice of their series.
     if let Some(path) = unknown.filter(|_| !paths.is_empty()) {
         let problem = "no DICOM file, though its name says so and others beside it are: fetch it again, or take it out of the folder";
         return Err(ImportError::invalid(&path, problem));

@@ -1,6 +1,5 @@
-//! Files of a list that are one: the same file under two names, the halves of one NIfTI image, slices of one DICOM series. Each
-//! would be a step of its own, equal to another. Looking costs one question to the file system for each file, and the header of each
-//! DICOM file.
+//! Duplicates in a list: one file under two names, the halves of one NIfTI image, slices of one DICOM series. Each would become
+//! one of two equal steps. Costs one file-system query per file, and the header of each DICOM file.
 
 use crate::error::ImportError;
 use crate::{dicom, nifti};
@@ -8,13 +7,13 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::path::{Path, PathBuf};
 
-/// A file or folder, whatever it is called.
+/// Identity of a file or folder under any name.
 #[derive(PartialEq, Eq, Hash)]
 enum FileId {
-    /// Its device, and its number there.
+    /// Device, and number on it.
     #[cfg(unix)]
     Node { device: u64, inode: u64 },
-    /// Its path, where there is no more to know.
+    /// The path, where nothing better is known.
     Path(PathBuf),
 }
 
@@ -25,18 +24,17 @@ impl FileId {
             use std::os::unix::fs::MetadataExt;
             return Self::Node { device: data.dev(), inode: data.ino() };
         }
-        // A file that cannot be asked for is told when it is opened.
+        // Files that cannot be examined are reported on opening.
         let known = path.canonicalize().or_else(|_| std::path::absolute(path));
         Self::Path(known.unwrap_or_else(|_| path.to_owned()))
     }
 
-    /// The folder that a file is looked for in.
     fn of_parent(path: &Path) -> Self {
         Self::of(path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")))
     }
 }
 
-/// Refuses a file that is there twice, under one name or several. `way_on` says what else to do than to name it once.
+/// Refuses a file listed twice, under one name or several. `way_on` is the message's alternative to naming it once.
 pub(crate) fn check_named_once(paths: &[PathBuf], way_on: &str) -> Result<(), ImportError> {
     let mut seen: HashMap<FileId, &Path> = HashMap::new();
     for path in paths {
@@ -53,7 +51,7 @@ pub(crate) fn check_pairs<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> R
     let mut seen: HashMap<FileId, &Path> = HashMap::new();
     for path in paths {
         match seen.entry(FileId::of(&nifti::pair_of(path).0)) {
-            // A user may name one half twice on purpose, as with `--order given`.
+            // A half may be repeated on purpose, as with `--order given`.
             Entry::Occupied(first) if FileId::of(first.get()) != FileId::of(path) => {
                 let problem = format!(
                     "is half of an image, of which {} is the other: name one of the two, which opens both",
@@ -68,11 +66,11 @@ pub(crate) fn check_pairs<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> R
     Ok(())
 }
 
-/// Refuses DICOM files that are slices of one series, of which each stands for all that are in its folder.
+/// Refuses several DICOM slices of one series: each stands for the whole series in its folder.
 pub(crate) fn check_series<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), ImportError> {
     let mut seen: HashMap<(FileId, String), &Path> = HashMap::new();
     for path in paths {
-        // A header that cannot be read is told when the file is opened.
+        // Unreadable headers are reported on opening.
         let Ok(Some(series)) = dicom::series_of(path) else { continue };
         match seen.entry((FileId::of_parent(path), series)) {
             Entry::Occupied(first) if FileId::of(first.get()) != FileId::of(path) => {
@@ -90,7 +88,7 @@ pub(crate) fn check_series<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> 
     Ok(())
 }
 
-/// Refuses a file in a folder that is named, too.
+/// Refuses files inside folders of the same list.
 pub(crate) fn check_folders(paths: &[PathBuf]) -> Result<(), ImportError> {
     let folders: HashMap<FileId, &Path> =
         paths.iter().filter(|path| path.is_dir()).map(|path| (FileId::of(path), path.as_path())).collect();

@@ -1,5 +1,5 @@
-//! Numbers as files store them, and how a line of them becomes little-endian voxels: copied, byte-swapped, widened,
-//! narrowed or scaled. Contiguous lines of the native order cost one `memcpy`.
+//! Stored numbers, and their conversion line by line to little-endian voxels: copied, byte-swapped, widened, narrowed
+//! or scaled. Contiguous lines of the native order cost one `memcpy`.
 
 use brickyard_volume::{VoxelType, with_voxel_type};
 use half::f16;
@@ -15,7 +15,6 @@ pub enum Endian {
 }
 
 impl Endian {
-    /// The byte order of this machine's memory.
     pub(crate) fn native() -> Self {
         if cfg!(target_endian = "little") { Self::Little } else { Self::Big }
     }
@@ -42,11 +41,11 @@ impl std::fmt::Display for Endian {
     }
 }
 
-/// The type of a number in a file: a voxel type, a type that is widened to one, or a wider type that must be narrowed.
+/// Type of a number in a file: a voxel type, a type widened to one, or a wider type to be narrowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Element {
     Voxel(VoxelType),
-    /// 16-bit float, which is widened to f32 without loss.
+    /// 16-bit float, widened to f32 without loss.
     F16,
     I64,
     U64,
@@ -72,7 +71,7 @@ impl Element {
         }
     }
 
-    /// The voxel type that numbers of this type become if they are not scaled.
+    /// Voxel type of unscaled numbers of this type.
     pub(crate) fn voxel_type(self) -> VoxelType {
         match self {
             Self::Voxel(t) => t,
@@ -99,7 +98,7 @@ impl Element {
 pub(crate) struct Scale {
     pub(crate) slope: f64,
     pub(crate) intercept: f64,
-    /// Voxel type of the values: f32, or an integer type that holds every one of them.
+    /// Voxel type of the values: f32, or an integer type holding them all.
     pub(crate) to: VoxelType,
 }
 
@@ -119,7 +118,7 @@ impl Scale {
     }
 }
 
-/// The smallest integer type that holds both numbers; floats if there is none.
+/// The smallest integer type holding both numbers; f32 if there is none.
 pub(crate) fn smallest_type(least: f64, greatest: f64) -> VoxelType {
     use VoxelType::*;
     let holds = |t: &VoxelType| {
@@ -129,7 +128,6 @@ pub(crate) fn smallest_type(least: f64, greatest: f64) -> VoxelType {
     [U8, I8, U16, I16, U32, I32].into_iter().find(holds).unwrap_or(F32)
 }
 
-/// How a stored number becomes a voxel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Decode {
     pub(crate) element: Element,
@@ -138,14 +136,13 @@ pub(crate) struct Decode {
 }
 
 impl Decode {
-    /// The voxel type that decoding gives.
     pub(crate) fn voxel_type(&self) -> VoxelType {
         self.scale.map_or(self.element.voxel_type(), |scale| scale.to)
     }
 
     /// Decodes `count` numbers that start every `src_stride` bytes to voxels that start every `dst_stride` bytes.
     pub(crate) fn line(&self, src: &[u8], src_stride: usize, dst: &mut [u8], dst_stride: usize, count: usize) {
-        /// One stored type: its bytes in either order, then as it is (`$voxel`) or scaled (from its `$wide`).
+        /// One stored type: its bytes in either order, then unchanged (`$voxel`) or scaled (from its `$wide`).
         macro_rules! decode {
             ($t:ty, $number:ident => $voxel:expr, $wide:expr) => {{
                 let (little, big) = (<$t>::from_le_bytes, <$t>::from_be_bytes);
@@ -179,15 +176,15 @@ impl Decode {
         }
     }
 
-    /// Whether decoding is a plain copy: a voxel has the same bytes as its stored number.
+    /// Whether decoding is a plain copy.
     pub(crate) fn is_copy(&self) -> bool {
         let is_little = self.endian == Endian::Little || self.element.bytes() == 1;
         matches!(self.element, Element::Voxel(_)) && self.scale.is_none() && is_little
     }
 }
 
-/// Applies `f` to `count` numbers of `N` bytes, giving voxels of `M` bytes. The contiguous case is its own loop so
-/// that it vectorises.
+/// Applies `f` to `count` numbers of `N` bytes, giving voxels of `M` bytes. The contiguous case has its own loop,
+/// which vectorises.
 #[inline]
 fn map_line<const N: usize, const M: usize>(
     src: &[u8],

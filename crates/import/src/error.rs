@@ -1,8 +1,8 @@
-//! Why an input cannot be read.
+//! Errors of reading an input.
 
 use std::path::{Path, PathBuf};
 
-/// Why an input cannot be read. Every message names the file and says what was expected, what was found and what to do.
+/// Failure to read an input. Every message names the file, the expectation, the finding and a remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
     /// The operating system could not open, read or write a file.
@@ -14,7 +14,7 @@ pub enum ImportError {
         #[source]
         error: std::io::Error,
     },
-    /// The process, or the system, has no more of what it takes to open a file. The file itself may be sound.
+    /// The process, or the system, is out of a resource needed to open a file. The file itself may be sound.
     #[error("{path}: {error}: {limit}; nothing is wrong with the file", path = path.display())]
     Limit {
         /// Path of the file.
@@ -22,42 +22,42 @@ pub enum ImportError {
         /// The operating system's error.
         #[source]
         error: std::io::Error,
-        /// Which limit that is, and what raises it.
+        /// The exhausted limit, and how to raise it.
         limit: &'static str,
     },
     /// Scratch space cannot be written.
     #[error("{directory}: no scratch file can be written there: {error}; `scratch_dir` names another folder", directory = directory.display())]
     Scratch {
-        /// The folder of scratch files.
+        /// Folder of scratch files.
         directory: PathBuf,
         /// The operating system's error.
         #[source]
         error: std::io::Error,
     },
-    /// The file is damaged, cut short or not what it says.
+    /// The file is damaged, cut short or mislabelled.
     #[error("{path}: {problem}", path = path.display())]
     Invalid {
         /// Path of the file or folder.
         path: PathBuf,
-        /// What was expected, what was found, and what to do.
+        /// The expectation, the finding and a remedy.
         problem: String,
     },
-    /// The file is valid but uses a feature that is not supported.
+    /// The file is valid but uses an unsupported feature.
     #[error("{path}: {feature} is not supported{advice}", path = path.display())]
     Unsupported {
         /// Path of the file or folder.
         path: PathBuf,
-        /// The feature that is not supported.
+        /// The unsupported feature.
         feature: String,
-        /// What to do instead, starting with a semicolon; empty if nothing helps.
+        /// The alternative, starting with a semicolon; empty if there is none.
         advice: String,
     },
-    /// The file does not say what is needed, or options contradict it or each other: the caller must choose.
+    /// The file lacks necessary information, or options contradict it or each other: the caller must choose.
     #[error("{path}: {problem}", path = path.display())]
     Options {
         /// Path of the file or folder.
         path: PathBuf,
-        /// What is missing or contradictory, and which option settles it.
+        /// The missing or contradictory information, and the option to settle it.
         problem: String,
     },
 }
@@ -96,19 +96,19 @@ impl ImportError {
     }
 }
 
-/// The system's own error, without the name of a temporary file that nobody has asked for.
+/// Returns the system's own error, without the name of a temporary file unknown to the user.
 pub fn without_path(error: std::io::Error) -> std::io::Error {
     let inner =
         error.get_ref().and_then(|named| named.source()).and_then(|inner| inner.downcast_ref::<std::io::Error>());
     inner.and_then(std::io::Error::raw_os_error).map_or(error, std::io::Error::from_raw_os_error)
 }
 
-/// Whether an error tells of what the process may do, and nothing of the file.
+/// Whether an error is about the process's permissions or limits rather than the file.
 pub fn is_of_process(error: &std::io::Error) -> bool {
     error.kind() == std::io::ErrorKind::PermissionDenied || limit_behind(error).is_some()
 }
 
-/// The limit of process or system that an error tells of, and what raises it; `None` if it tells of none.
+/// Returns the limit of the process or system behind an error, with the way to raise it; `None` for other errors.
 pub fn limit_behind(error: &std::io::Error) -> Option<&'static str> {
     use rustix::io::Errno;
     match Errno::from_io_error(error)? {

@@ -1,11 +1,11 @@
-//! A file's name as the texts and numbers in it, which can be read in two ways: every run of digits is a number, or signs, fractions
-//! and powers of ten belong to theirs. Numbers are kept by their digits, so that they are compared exactly, however long.
+//! Texts and numbers in a file's name, read in one of two ways: every run of digits is a number, or numbers include signs, fractions
+//! and powers of ten. Numbers are kept as digits, for exact comparison at any length.
 
 use std::cmp::Ordering;
 use std::fmt;
 use std::path::Path;
 
-/// Numbers are told apart on a common scale as long as they are less than 10 to this power there.
+/// Common scale of compared numbers: they must be less than 10 to this power.
 const MOST_PLACES: u32 = 36;
 /// Most digits of a power of ten in a name.
 const LONGEST_EXPONENT: usize = 3;
@@ -15,32 +15,29 @@ const LONGEST_EXPONENT: usize = 3;
 pub(crate) enum Reading {
     /// As runs of digits: `t_-0.25` holds 0 and 25.
     Counters,
-    /// With their signs (after `_`, `=` or at the start), fractions and powers of ten: `t_-0.25` holds -0.25.
+    /// With signs (after `_`, `=` or at the start), fractions and powers of ten: `t_-0.25` holds -0.25.
     Values,
 }
 
-/// A number in a name.
 #[derive(Clone, Debug)]
 pub(crate) struct Number {
     is_negative: bool,
-    /// Without zeros before and after; empty for 0.
+    /// Without leading and trailing zeros; empty for 0.
     digits: String,
-    /// The number is 0.`digits` times ten to the power of this.
+    /// Power of ten times 0.`digits`.
     magnitude: i64,
     pub(crate) written: Written,
 }
 
-/// How a number is written.
 #[derive(Clone, Debug)]
 pub(crate) struct Written {
     text: String,
     /// Digits before the power of ten.
     length: usize,
-    /// The digits after the point.
     pub(crate) fraction: Option<String>,
     pub(crate) is_signed: bool,
     pub(crate) has_exponent: bool,
-    /// Whether what looks like a power of ten may as well be a letter and a counter, as in `plate1e-3`.
+    /// Whether the apparent power of ten may as well be a letter and a counter, as in `plate1e-3`.
     pub(crate) is_doubtful: bool,
 }
 
@@ -55,12 +52,12 @@ impl Number {
         Self { is_negative: is_negative && !is_zero, digits, magnitude, written }
     }
 
-    /// Whether it is a plain run of digits.
+    /// Whether the number is a plain run of digits.
     fn is_plain(&self) -> bool {
         !self.written.is_signed && self.written.fraction.is_none() && !self.written.has_exponent
     }
 
-    /// Whether it is written as -0, which nobody prints who counts below 0.
+    /// Whether the number is written as -0, never printed by a program counting below 0.
     pub(crate) fn is_minus_zero(&self) -> bool {
         self.written.text.starts_with('-') && self.is_plain_zero()
     }
@@ -69,17 +66,17 @@ impl Number {
         self.digits.is_empty() && self.written.fraction.is_none() && !self.written.has_exponent
     }
 
-    /// Whether it lies between -1 and 1.
+    /// Whether the number lies between -1 and 1.
     pub(crate) fn is_below_one(&self) -> bool {
         self.digits.is_empty() || self.magnitude <= 0
     }
 
-    /// The power of ten of its last digit; 0 of integers.
+    /// Power of ten of the last digit; 0 for integers.
     pub(crate) fn place(&self) -> i64 {
         (self.magnitude - self.digits.len() as i64).min(0)
     }
 
-    /// How often it holds ten to the power of `place`, which is not above its own; `None` if that is too often to count.
+    /// The number in units of ten to the power of `place`, at most its own place; `None` if too large.
     pub(crate) fn in_places(&self, place: i64) -> Option<i128> {
         if self.digits.is_empty() {
             return Some(0);
@@ -90,12 +87,12 @@ impl Number {
         (count.unsigned_abs() < 10u128.pow(MOST_PLACES)).then_some(count)
     }
 
-    /// Its sign and first digits, and the power of ten that they are multiplied by.
+    /// Sign and first digits, and their power of ten.
     pub(crate) fn power(&self) -> ((bool, &str), i64) {
         ((self.is_negative, &self.digits), self.magnitude)
     }
 
-    /// Finds the number that begins at a byte, and where it ends.
+    /// Finds the number at a byte, and its end.
     fn at(text: &str, at: usize, reading: Reading) -> Option<(Self, usize)> {
         let bytes = text.as_bytes();
         let digits_at = |from: usize| bytes[from.min(bytes.len())..].iter().take_while(|c| c.is_ascii_digit()).count();
@@ -205,7 +202,7 @@ impl fmt::Display for Number {
     }
 }
 
-/// A count of tens to the power of `place`, which is at most 0, as a decimal number.
+/// Formats a count of tens to the power of `place`, at most 0, as a decimal number.
 pub(crate) fn in_decimals(count: i128, place: i64) -> String {
     let after = place.unsigned_abs() as usize;
     let digits = format!("{:0>1$}", count.unsigned_abs(), after + 1);
@@ -216,16 +213,16 @@ pub(crate) fn in_decimals(count: i128, place: i64) -> String {
     format!("{sign}{integer}{point}{fraction}")
 }
 
-/// A name and the numbers in it. Names are in the order of their texts and numbers, one after another.
+/// A name and its numbers. Names are ordered by their texts and numbers in turn.
 #[derive(PartialEq, Eq)]
 pub(crate) struct Name {
-    /// The text between the numbers.
+    /// Text between the numbers.
     pub(crate) texts: Vec<String>,
     pub(crate) numbers: Vec<Number>,
 }
 
 impl Name {
-    /// Takes a path apart; numbers of more digits than `longest` are text.
+    /// Splits a path; numbers of more than `longest` digits are text.
     pub(crate) fn of(path: &Path, reading: Reading, longest: usize) -> Self {
         let path = path.to_string_lossy();
         let mut found = Self { texts: vec![String::new()], numbers: Vec::new() };

@@ -1,12 +1,11 @@
 //! The order of several files: as given, or by the numbers in their names.
 //!
-//! A list keeps its order, unless it is in alphabetical but not in natural order: so shells expand a pattern (`s1`, `s10`,
-//! `s2`). Files that somebody else put in order (a folder's, a pattern's) are taken by the numbers in their names, which must then count
-//! them (`numbering.rs`). With `--order` the caller answers for it.
+//! A list keeps its order, unless that is alphabetical but not natural, as from a shell's pattern (`s1`, `s10`, `s2`). The files of a
+//! folder or pattern are sorted by the numbers in their names, which must then count them (`numbering.rs`). With `--order` the caller is
+//! responsible.
 //!
 //! A number may have a sign, a fraction or a power of ten (`t_0.25`, `t_0.5`), or two counters may have a point between them (`1.9`,
-//! `1.10`). Where that makes another order, what the numbers look like and whether they count evenly tells; where it does not, the
-//! files are refused.
+//! `1.10`). If these readings give different orders, the numbers' form and even counting decide, or the files are refused.
 
 use crate::error::ImportError;
 use crate::file_name::{Name, Number, Reading};
@@ -15,20 +14,20 @@ use crate::options::FileOrder;
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
-/// Files in the order in which they are read.
+/// Files in reading order.
 pub(crate) struct FileList {
     pub(crate) paths: Vec<PathBuf>,
-    /// A sentence for the user that says which order this is.
+    /// A sentence for the user about this order.
     pub(crate) note: String,
 }
 
 impl FileList {
-    /// Sorts the files of a folder, or of a pattern, by the numbers in their names. `told` is the order that the caller asks for.
-    /// `are_planes` says that each file is one plane, so that an error message may suggest `axes`.
+    /// Sorts the files of a folder, or of a pattern, by the numbers in their names. `told` is the caller's order. `are_planes` (each file
+    /// is one plane) lets an error message suggest `axes`.
     ///
     /// # Errors
-    /// If `told` is [`FileOrder::Given`], since files of a folder have no given order; or if it is `None`, and the
-    /// numbers in the names do not count the files without gaps or can be read in two ways.
+    /// If `told` is [`FileOrder::Given`], since files of a folder have none; or if it is `None`, and the numbers do not count the files
+    /// without gaps or can be read in two ways.
     pub(crate) fn of_folder(
         folder: &Path,
         paths: &[PathBuf],
@@ -47,13 +46,12 @@ impl FileList {
         Ok(list.into())
     }
 
-    /// Puts at least two files that the caller has named in order. `told` is the order that the caller asks for. If it
-    /// is `None`, files whose order is neither alphabetical nor natural keep it, and others are sorted by the numbers
-    /// in their names. `are_planes` says that each file is one plane, so that an error message may suggest `axes`.
+    /// Puts at least two files named by the caller in order. `told` is the caller's order. If `None`, an order neither alphabetical nor
+    /// natural is kept; other files are sorted by the numbers in their names. `are_planes` (each file is one plane) lets an error message
+    /// suggest `axes`.
     ///
     /// # Errors
-    /// If `told` is `None`, files are sorted by the numbers in their names, and these do not count the files without
-    /// gaps or can be read in two ways.
+    /// If files are sorted without `told`, and their numbers do not count them without gaps or can be read in two ways.
     pub(crate) fn of_list(paths: &[PathBuf], told: Option<FileOrder>, are_planes: bool) -> Result<Self, ImportError> {
         let list = ByNumbers::of(paths);
         let is_natural = list.paths == paths && list.doubt.is_none();
@@ -80,11 +78,10 @@ impl FileList {
     }
 }
 
-/// Files in the order of the numbers in their names.
 struct ByNumbers {
     paths: Vec<PathBuf>,
     reading: Reading,
-    /// Two files whose order is another one where numbers are read in the other way, which is as likely.
+    /// Two files reversed by the other, equally likely, reading of numbers.
     doubt: Option<[PathBuf; 2]>,
     /// Whether reading numbers as values made a difference.
     is_by_values: bool,
@@ -115,8 +112,7 @@ impl ByNumbers {
         }
     }
 
-    /// Checks that names in which nothing is counted are in one order by the alphabet and by their digits, which may be no decimal numbers
-    /// (`f_09`, `f_0a`).
+    /// Checks that names without a counter have the same order by the alphabet and by their digits, possibly not decimal (`f_09`, `f_0a`).
     fn check_words(&self) -> Result<(), ImportError> {
         let alphabetical = |by: fn(&str) -> String| self.paths.is_sorted_by_key(|path| by(&path.to_string_lossy()));
         if !numbering::are_words(&self.paths, self.reading)
@@ -133,7 +129,7 @@ impl ByNumbers {
         Err(ImportError::options(&self.paths[0], problem))
     }
 
-    /// Checks that the numbers can be read in one way, and count the files. `way_on` says how the caller may give an order.
+    /// Checks that the numbers can be read in one way, and count the files. `way_on` is advice on giving an order.
     fn check(&self, are_planes: bool, way_on: &str) -> Result<(), ImportError> {
         let problem = match &self.doubt {
             Some([before, after]) => Err(format!(
@@ -157,8 +153,8 @@ impl From<ByNumbers> for FileList {
     }
 }
 
-/// How numbers in names are meant, of which the files' orders by `counters` and by `values` are known, and the names in the latter;
-/// `None` if nothing tells.
+/// The likely reading of numbers, given the files' orders by `counters` and by `values`, and the names in the latter; `None` if nothing
+/// decides.
 fn likely(counters: &[PathBuf], values: &[PathBuf], names: &[Name]) -> Option<Reading> {
     let count = numbering::check(counters, Reading::Counters, false).is_ok();
     let are_even = numbering::check(values, Reading::Values, false).is_ok();
@@ -176,7 +172,7 @@ fn likely(counters: &[PathBuf], values: &[PathBuf], names: &[Name]) -> Option<Re
         return Some(Reading::Counters);
     }
     let fractions: Vec<&str> = varying.iter().filter_map(|number| number.written.fraction.as_deref()).collect();
-    // Digits of one length are in the same order either way, so that signs or powers of ten make the difference.
+    // Digits of one length sort alike in both readings, so signs or powers of ten make the difference.
     let are_alike = fractions.iter().all(|digits| digits.len() == fractions[0].len());
     if are_alike || varying.iter().any(|number| number.written.has_exponent) {
         return Some(Reading::Values);
@@ -185,10 +181,10 @@ fn likely(counters: &[PathBuf], values: &[PathBuf], names: &[Name]) -> Option<Re
     if numbering::count_by_one(counters) && !(are_even && values.len() > 2) {
         return Some(Reading::Counters);
     }
-    // As most programs print numbers: 0.1 and not 0.10. A counter of several lengths has no zero before it, as 0.05 has.
+    // As most programs print numbers: 0.1 and not 0.10. A counter of several lengths has no leading zero, unlike 0.05.
     let are_printed = fractions.iter().all(|digits| digits.len() == 1 || !digits.ends_with('0'));
     let are_padded = fractions.iter().any(|digits| digits.len() > 1 && digits.starts_with('0'));
-    // Two numbers are always even; 0.25 and 0.5 are fractions all the same.
+    // Two numbers are always even; 0.25 and 0.5 are still fractions.
     let are_told = are_even && (values.len() > 2 || varying.iter().all(|number| number.is_below_one()));
     (are_padded || are_printed && are_told).then_some(Reading::Values)
 }
@@ -197,7 +193,7 @@ fn name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Sorts paths so that numbers within names count as numbers: `s2` before `s10`.
+/// Sorts paths with numbers in names as numbers: `s2` before `s10`.
 pub(crate) fn in_natural_order(paths: &[PathBuf]) -> Vec<PathBuf> {
     let mut sorted = paths.to_vec();
     sorted.sort_by(|a, b| natural_order(&a.to_string_lossy(), &b.to_string_lossy()).then_with(|| a.cmp(b)));
@@ -210,7 +206,7 @@ fn natural_order(a: &str, b: &str) -> Ordering {
         let (Some(&x), Some(&y)) = (a.first(), b.first()) else { return a.len().cmp(&b.len()) };
         if x.is_ascii_digit() && y.is_ascii_digit() {
             let (m, n) = (leading_number(&mut a), leading_number(&mut b));
-            // Without leading zeros the longer number is the greater one, however long.
+            // Without leading zeros the longer number is the greater one, at any length.
             match m.len().cmp(&n.len()).then_with(|| m.cmp(n)) {
                 Ordering::Equal => continue,
                 unequal => return unequal,
@@ -257,12 +253,12 @@ mod tests {
             let list = FileList::of_list(&paths(names), told, true).unwrap();
             (list.paths.iter().map(|p| p.display().to_string()).collect::<Vec<_>>(), list.note)
         };
-        // Neither alphabetical nor by numbers: somebody meant it.
+        // Neither alphabetical nor by numbers: on purpose.
         for given in [&["before.npy", "after.npy"][..], &["s3.npy", "s1.npy", "s2.npy"], &["s2.npy", "s1.npy"]] {
             let (found, note) = listed(given, None);
             assert!(found == given && note.contains("in the order given, from "), "{note}");
         }
-        // As a shell expands `s_*.tif`, of letters of either case too.
+        // As a shell expands `s_*.tif`, with letters of either case too.
         for shells in [["s_1.tif", "s_10.tif", "s_2.tif"], ["S_1.tif", "s_10.tif", "S_2.tif"]] {
             let told = Some(FileOrder::Natural);
             let message = FileList::of_list(&paths(&shells), None, true).err();
@@ -277,7 +273,7 @@ mod tests {
         assert!(found[0] == "s_9.tif" && !note.contains("`order` given"), "{note}");
     }
 
-    /// Lists as shells make them, and the order of their numbers; `None` if it cannot be told.
+    /// Lists in a shell's order, and the order of their numbers; `None` if ambiguous.
     #[test]
     fn decimal_numbers_are_in_their_order() {
         for (names, expected) in [
@@ -326,7 +322,7 @@ mod tests {
                             assert!(message.contains(word), "{names:?}: {message}");
                         }
                     }
-                    // Somebody put these in order.
+                    // In this order on purpose.
                     let reversed: Vec<PathBuf> = given.iter().rev().cloned().collect();
                     assert_eq!(FileList::of_list(&reversed, None, false).unwrap().paths, reversed);
                 }
@@ -346,7 +342,7 @@ mod tests {
             );
         }
         assert_eq!(FileList::of_list(&hexadecimal, Some(FileOrder::Given), false).unwrap().paths, hexadecimal);
-        // Somebody put these in order; and these are in one order whatever digits are.
+        // The first in this order on purpose; the second in one order by any reading.
         let named = paths(&["run2_before.npy", "run10_after.npy"]);
         assert_eq!(FileList::of_list(&named, None, false).unwrap().paths, named);
         let words = paths(&["a1_x.npy", "b2_y.npy"]);
@@ -362,7 +358,7 @@ mod tests {
         assert_eq!(FileList::of_list(&gap, Some(FileOrder::Given), true).unwrap().paths, gap);
         let shuffled = paths(&["s_4.tif", "s_1.tif", "s_2.tif"]);
         assert_eq!(FileList::of_folder(Path::new("f"), &shuffled, Some(FileOrder::Natural), true).unwrap().paths, gap);
-        // Somebody put these in order.
+        // In this order on purpose.
         assert_eq!(FileList::of_list(&shuffled, None, true).unwrap().paths, shuffled);
         let message =
             FileList::of_folder(Path::new("f"), &gap, Some(FileOrder::Given), true).err().unwrap().to_string();

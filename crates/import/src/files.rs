@@ -4,7 +4,7 @@ use crate::error::ImportError;
 use std::io::Read;
 use std::path::Path;
 
-/// Reads the first `count` bytes of a file, or the whole file if it is shorter.
+/// Reads the first `count` bytes of a file, or all of a shorter one.
 pub(crate) fn first_bytes(path: &Path, count: usize) -> Result<Vec<u8>, ImportError> {
     let mut start = Vec::new();
     let file = std::fs::File::open(path).map_err(ImportError::io(path))?;
@@ -12,8 +12,7 @@ pub(crate) fn first_bytes(path: &Path, count: usize) -> Result<Vec<u8>, ImportEr
     Ok(start)
 }
 
-/// Whether a path is that of a regular file. A path that cannot be examined is an error, because leaving it out could
-/// leave out a slice.
+/// Whether a path is a regular file. Failing to examine it is an error: skipping it could skip a slice.
 pub(crate) fn is_file(path: &Path) -> Result<bool, ImportError> {
     Ok(std::fs::metadata(path).map_err(ImportError::io(path))?.is_file())
 }

@@ -1,4 +1,4 @@
-//! Which files of a folder are meant: those of the one format that it holds. Each is a time step, or a slice of a volume.
+//! File selection in a folder: those of its one format. Each is a time step, or a slice of a volume.
 
 use crate::error::ImportError;
 use crate::files::is_file;
@@ -6,7 +6,7 @@ use crate::options::OpenOptions;
 use crate::{dicom_files, foreign};
 use std::path::{Path, PathBuf};
 
-/// The formats that a folder may hold, as messages name them.
+/// Possible formats of a folder, as named in messages.
 const KINDS: [&str; 5] = ["TIFF", "DICOM", ".npy", "NIfTI", "raw"];
 
 const TIFF: usize = 0;
@@ -15,11 +15,11 @@ const NPY: usize = 2;
 const NIFTI: usize = 3;
 const RAW: usize = 4;
 
-/// Lists the files of a folder that are meant, in no order. Raw files say nothing of themselves, so they count only where the caller says what
-/// they hold, or where nothing else is there. `read` says what is read, for messages.
+/// Lists the input files of a folder, in no order. Raw files do not identify themselves, so they count only with layout options, or
+/// alone. `read` lists the readable formats, for messages.
 ///
 /// # Errors
-/// If the folder cannot be read, or holds no such files, or those of several formats.
+/// If the folder cannot be read, has no such files, or has those of several formats.
 pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Result<Vec<PathBuf>, ImportError> {
     let dicom = dicom_files::files_in(folder)?;
     let mut found: [Vec<PathBuf>; 5] = Default::default();
@@ -61,7 +61,7 @@ pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Resu
     }
 }
 
-/// The names of a folder's folders, in order, without hidden ones.
+/// Names of a folder's visible subfolders, in order.
 fn folders_in(folder: &Path) -> Result<Vec<String>, ImportError> {
     let entries = std::fs::read_dir(folder).map_err(ImportError::io(folder))?;
     let folders = entries.filter_map(Result::ok).filter(|entry| entry.path().is_dir());
@@ -71,7 +71,7 @@ fn folders_in(folder: &Path) -> Result<Vec<String>, ImportError> {
     Ok(names)
 }
 
-/// The format that a file's name says; `None` if it says none, or if the file is the second one of a pair.
+/// Format by the file's name; `None` if unknown, or if the file is the second of a pair.
 fn kind_by_name(path: &Path) -> Option<usize> {
     let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
     let ends = |extensions: &[&str]| extensions.iter().any(|end| name.ends_with(end));
@@ -86,7 +86,6 @@ fn kind_by_name(path: &Path) -> Option<usize> {
     }
 }
 
-/// Whether a file's name is that of a TIFF file.
 pub(crate) fn is_tiff_name(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     ["tif", "tiff", "btf", "tf8"].iter().any(|e| extension == *e)
@@ -116,7 +115,7 @@ mod tests {
         assert_eq!(found(&["s1.npy", "s2.npy", "notes.txt", ".s3.npy"], &none), "s1.npy s2.npy");
         assert_eq!(found(&["a.nii.gz", "b.nii", "c.hdr", "c.img", "c.json"], &none), "a.nii.gz b.nii c.hdr");
         assert_eq!(found(&["s1.raw", "s2.RAW", "s3.bin"], &none), "s1.raw s2.RAW s3.bin");
-        // A file beside planes that says nothing of itself is not meant, unless it is said what such files hold.
+        // An unidentified file beside planes is ignored, unless options describe such files.
         assert_eq!(found(&["p1.tif", "p2.tif", "thumbs.dat"], &none), "p1.tif p2.tif");
         assert_eq!(found(&["s1.raw", "s2.raw"], &told), "s1.raw s2.raw");
         for (names, options, words) in [

@@ -1,10 +1,11 @@
-//! Files that are known but not read: named to the user by their first bytes, with what to do.
+//! Known but unsupported formats: recognised by their first bytes, and named in messages with
+//! advice.
 
 use crate::error::ImportError;
 use std::io::Read;
 use std::path::Path;
 
-/// Bytes that [`refuse`] looks at.
+/// Bytes examined by [`refuse`].
 const LOOKED_AT: u64 = 1024;
 
 const CONVERT: &str = "convert it to NIfTI, TIFF, .npy or raw, as 3D Slicer, ITK or Fiji do";
@@ -12,7 +13,7 @@ const RAW: &str = "pass its raw file with `shape` and `voxel_type`";
 const UNPACK: &str = "unpack it first";
 const PICTURES: &str = "convert the pictures of a stack to TIFF";
 
-/// A place in a file, the bytes there, what has them, and what to do.
+/// Place in a file, the bytes there, the format, and advice.
 const MAGICS: &[(usize, &[u8], &str, &str)] = &[
     (0, b"NRRD000", "an NRRD file", CONVERT),
     (0, b"ObjectType", "a MetaImage file", CONVERT),
@@ -64,7 +65,7 @@ const NAMES: &[(&str, &str)] = &[
     (".mgz", "a FreeSurfer MGZ file"),
 ];
 
-/// Refuses a file whose format is known but not read. `name` is the file's name in lower case.
+/// Refuses a file of a known but unsupported format. `name` is the file's name in lower case.
 pub(crate) fn refuse(path: &Path, name: &str) -> Result<(), ImportError> {
     let mut start = Vec::new();
     let file = std::fs::File::open(path).map_err(ImportError::io(path))?;
@@ -79,12 +80,11 @@ pub(crate) fn refuse(path: &Path, name: &str) -> Result<(), ImportError> {
     }
 }
 
-/// Whether a file that starts so is an ENVI header.
 pub(crate) fn is_envi(start: &[u8]) -> bool {
     without_prolog(start).get(..4).is_some_and(|word| word.eq_ignore_ascii_case(b"ENVI"))
 }
 
-/// Text behind what may stand before it: a byte order mark, and what XML says of itself.
+/// Text after an optional byte order mark and XML declaration.
 fn without_prolog(text: &[u8]) -> &[u8] {
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
     let end = |text: &[u8]| text.windows(2).position(|pair| pair == b"?>").map(|at| at + 2);
@@ -92,7 +92,7 @@ fn without_prolog(text: &[u8]) -> &[u8] {
     text[at..].trim_ascii_start()
 }
 
-/// Refuses a folder of a kind that is known but not read: a Zarr folder.
+/// Refuses a folder of a known but unsupported format: Zarr.
 pub(crate) fn refuse_folder(folder: &Path) -> Result<(), ImportError> {
     let zarr = ["zarr.json", ".zgroup", ".zarray", ".zattrs"];
     let advice = "export it to .npy or TIFF, or render it where brickyard packed it";
@@ -114,7 +114,7 @@ mod tests {
         for (at, magic, what, advice) in MAGICS {
             let mut bytes = vec![b' '; 2000];
             bytes[*at..at + magic.len()].copy_from_slice(magic);
-            // Also where the name says that anything may be in the file.
+            // Also under names that allow any content.
             for name in ["a.xyz", "a.dat"] {
                 let (_folder, path) = temp_file(name, &bytes);
                 let error = open(&[path], &OpenOptions::default()).err().unwrap();

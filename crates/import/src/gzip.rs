@@ -1,10 +1,9 @@
-//! A gzip file as its reader inflates it: its members one after the other, as `gzip` itself reads them. Zeros behind the last one, with which tapes and file
-//! systems fill up blocks, are no member.
+//! Gzip decoder for files of several members, like `gzip` itself. Ignores trailing zeros, with which tapes and file systems fill blocks.
 
 use flate2::bufread::GzDecoder;
 use std::io::{BufRead, Read, Result};
 
-/// The inflated bytes of all members.
+/// Inflated bytes of all members.
 pub(crate) struct GzipMembers<R>(Option<GzDecoder<R>>);
 
 impl<R: BufRead> GzipMembers<R> {
@@ -29,7 +28,7 @@ impl<R: BufRead> Read for GzipMembers<R> {
     }
 }
 
-/// Passes over zeros. Returns whether anything follows them.
+/// Skips zeros. Returns whether anything follows them.
 fn is_more(file: &mut impl BufRead) -> Result<bool> {
     loop {
         let bytes = file.fill_buf()?;
@@ -54,7 +53,7 @@ mod tests {
 
     fn inflated(file: &[u8]) -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
-        // A buffer of few bytes ends within zeros.
+        // A small buffer ends within zeros.
         let file = std::io::BufReader::with_capacity(7, file);
         GzipMembers::new(file).read_to_end(&mut bytes).map(|_| bytes)
     }

@@ -1,11 +1,10 @@
-//! Readers of foreign formats, and generators, behind one streaming [`Source`] trait. Knows nothing of stores.
+//! Readers of foreign formats, and generators, behind one streaming [`Source`] trait. Independent of stores.
 //!
-//! [`open`] picks a reader by name, first bytes and flags. All readers of uncompressed arrays (raw, `.npy`, NIfTI,
-//! ImageJ's large stacks) end in [`RawSource`], which maps the file; compressed NIfTI is inflated once into scratch
-//! space; TIFF and DICOM decode the planes they are asked for. [`SynthSource`] makes volumes that no file holds.
-//! [`Strided`] is every n-th voxel of another source, [`Described`] a source of which other things are said.
-//!
-//! `read_mesh` reads the triangle meshes that are shown with a volume.
+//! [`open`] picks a reader by name, first bytes and flags. Uncompressed arrays (raw, `.npy`, NIfTI, ImageJ's large
+//! stacks) are read by [`RawSource`], which maps the file; compressed NIfTI is inflated once into scratch space;
+//! TIFF and DICOM decode requested planes. [`SynthSource`] generates volumes. [`Strided`] is every n-th voxel of
+//! another source, [`Described`] a source under another description. `read_mesh` reads triangle meshes shown with a
+//! volume.
 
 #![cfg_attr(
     not(all(feature = "dicom", feature = "tiff")),

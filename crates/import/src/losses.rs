@@ -1,7 +1,6 @@
-//! What is lost where a voxel holds less than the number it is made of: counted over the whole input when it is opened, so
-//! that nothing is lost without a word.
+//! Loss counter: values changed by conversion to voxels, over the whole input when it is opened. No loss goes unreported.
 //!
-//! Only inputs that may lose something are read for it: those of 64 bits, and those whose scaled numbers may leave f32.
+//! Only inputs with possible losses are read for it: 64-bit ones, and those whose scaled numbers may leave f32.
 
 use crate::element::{Decode, Element, Endian, Scale};
 use crate::error::ImportError;
@@ -10,32 +9,29 @@ use crate::options::{NoData, OpenOptions};
 use brickyard_volume::{VoxelType, with_voxel_type};
 use std::path::Path;
 
-/// Counts the numbers of an input that its voxels cannot hold as they are.
+/// Counts the numbers of an input that do not fit its voxels.
 pub(crate) struct Losses<'a> {
-    /// The file that is looked at.
     path: &'a Path,
-    /// Files before it.
+    /// Number of files before it.
     files_before: usize,
     first_path: &'a Path,
     decode: Decode,
-    /// Whether the user allows them.
     allowed: bool,
-    /// Whether the numbers are labels, of which none may become another.
+    /// Whether the numbers are labels, none of which may become another.
     are_labels: bool,
-    /// The value that means no data, by the file, the user or the steps before.
+    /// The no-data value, from the file, the user or the steps before.
     nodata: Option<f64>,
     count: u64,
-    /// Clamped, or infinite though they are not in the file.
+    /// Numbers clamped, or made infinite.
     beyond: u64,
     rounded: u64,
-    /// One that is lost, as the file has it.
+    /// A lost number, as stored in the file.
     example: Option<String>,
-    /// Whether signed labels of 64 bits were seen that only signed numbers of 32 bits hold, and such that only unsigned ones hold.
+    /// Whether signed 64-bit labels were seen that fit only i32, and only u32.
     has_negative: bool,
     has_great: bool,
 }
 
-/// How a number fares.
 #[derive(Clone, Copy, PartialEq)]
 enum Fate {
     Kept,
@@ -48,8 +44,7 @@ impl Fate {
         if fits { Self::Kept } else { Self::Beyond }
     }
 
-    /// Returns the fate of a number that becomes f32. Rounding counts as a loss only if `is_wide`, for numbers of 64
-    /// bits.
+    /// Returns the fate of a number converted to f32. Rounding is a loss only with `is_wide`, for 64-bit numbers.
     fn of_float(stored: f64, value: f64, is_wide: bool) -> Self {
         let held = value as f32;
         match () {
@@ -61,8 +56,8 @@ impl Fate {
 }
 
 impl<'a> Losses<'a> {
-    /// Starts a count; `None` if decoding cannot lose anything, or if it is known what it loses. The options say whether losses are counted;
-    /// otherwise, and always of labels, the first one is an error. `nodata` is the value that means no data by the file.
+    /// Starts a count; `None` if decoding loses nothing, or its losses are known. Losses are counted where the options allow them; otherwise,
+    /// and always for labels, the first one is an error. `nodata` is the file's no-data value.
     pub(crate) fn may_occur(
         path: &'a Path,
         decode: Decode,
@@ -79,7 +74,7 @@ impl<'a> Losses<'a> {
             }
             _ => false,
         };
-        // How signed labels are held is seen from all of them alone.
+        // The type of signed labels depends on all of them.
         let is_open = are_labels && (decode.element, decode.scale) == (Element::I64, None);
         (may && (is_open || !options.is_looked_at)).then_some(Self {
             path,
@@ -89,7 +84,7 @@ impl<'a> Losses<'a> {
             allowed: options.allow_lossy && !are_labels,
             are_labels,
             nodata: match options.nodata {
-                // What means no data in the steps before does so here, too.
+                // The no-data value of the steps before holds here, too.
                 NoData::OfFile => nodata.or(options.held_as.and_then(|held| held.nodata)),
                 NoData::None => None,
                 NoData::Value(value) => Some(value),
@@ -103,13 +98,13 @@ impl<'a> Losses<'a> {
         })
     }
 
-    /// How the numbers that were seen become voxels: signed labels are unsigned where only that holds them.
+    /// Decoding for the numbers seen: signed labels become unsigned if only u32 holds them.
     pub(crate) fn decode(&self) -> Decode {
         let unsigned = Scale { slope: 1.0, intercept: 0.0, to: VoxelType::U32 };
         Decode { scale: if self.has_great { Some(unsigned) } else { self.decode.scale }, ..self.decode }
     }
 
-    /// Labels below 0 and above what i32 holds are in no type together.
+    /// Labels below 0 and labels above the limit of i32 share no type.
     fn fate_of_label(&mut self, label: i64) -> Fate {
         let (is_negative, is_great) = (label < 0, label > i32::MAX.into());
         self.has_negative |= is_negative;
@@ -118,14 +113,12 @@ impl<'a> Losses<'a> {
         Fate::of_integer(fits && !(self.has_negative && self.has_great))
     }
 
-    /// Goes on with another file of the same input.
     pub(crate) fn next_file(&mut self, path: &'a Path) {
         self.path = path;
         self.files_before += 1;
     }
 
-    /// Counts contiguous stored numbers and those among them that are lost. If losses are not allowed, the first one is
-    /// an error.
+    /// Counts contiguous stored numbers and the lost ones among them. If losses are not allowed, the first one is an error.
     pub(crate) fn see(&mut self, bytes: &[u8]) -> Result<(), ImportError> {
         let (slope, intercept) = self.decode.scale.map_or((1.0, 0.0), |s| (s.slope, s.intercept));
         macro_rules! each {
@@ -145,7 +138,7 @@ impl<'a> Losses<'a> {
             }};
         }
         let scaled = |n: f64, is_wide| Fate::of_float(n, n * slope + intercept, is_wide);
-        // Of two integers that are one f64, one is lost before it is scaled.
+        // Integers beyond the precision of f64 are rounded even before scaling.
         let scaled_integer = |n: i128| match scaled(n as f64, true) {
             Fate::Kept if n as f64 as i128 != n => Fate::Rounded,
             fate => fate,
@@ -158,7 +151,7 @@ impl<'a> Losses<'a> {
             (Element::U64, _) => each!(u64, n => scaled_integer(n.into()), n as f64),
             (Element::F64, _) => each!(f64, n => self.fate_of_f64(n, n * slope + intercept)?, n),
             (Element::F16, _) => each!(half::f16, n => scaled(n.to_f64(), false), n.to_f64()),
-            // Of images no more is said than that numbers of 32 bits are rounded when they are scaled; labels are looked at.
+            // For images, the note on scaled 32-bit numbers covers their rounding; labels are checked one by one.
             (Element::Voxel(t), _) => {
                 let is_wide = self.are_labels && t.bytes() == 4;
                 with_voxel_type!(t, T => each!(T, n => scaled(n as f64, is_wide), n as f64))
@@ -167,8 +160,8 @@ impl<'a> Losses<'a> {
         Ok(())
     }
 
-    /// The fate of a float of 64 bits with this value. One that means no data is not lost, as it becomes NaN or infinite; no other one may become
-    /// what that becomes.
+    /// Returns the fate of a 64-bit float. A no-data number becomes NaN or infinite, which is no loss; no other number may become equal to its
+    /// f32.
     fn fate_of_f64(&self, number: f64, value: f64) -> Result<Fate, ImportError> {
         let (fate, held) = (Fate::of_float(number, value, true), value as f32);
         let Some(nodata) = self.nodata else { return Ok(fate) };
@@ -192,7 +185,6 @@ impl<'a> Losses<'a> {
         ImportError::options(self.path, problem)
     }
 
-    /// Counts a number that is lost, of this value.
     fn lose(&mut self, fate: Fate, number: &dyn std::fmt::Debug, value: f64) -> Result<(), ImportError> {
         let voxel_type = self.decode().voxel_type();
         let (least, greatest) = voxel_type.limits();
@@ -219,7 +211,7 @@ impl<'a> Losses<'a> {
             Fate::Beyond => self.beyond += 1,
             _ => self.rounded += 1,
         }
-        // What leaves the range is worse than what is rounded.
+        // An example beyond the range takes precedence over a rounded one.
         if self.example.is_none() || (fate == Fate::Beyond && self.beyond == 1) {
             self.example = Some(format!("{number:?}"));
         }
@@ -234,7 +226,7 @@ impl<'a> Losses<'a> {
         }
     }
 
-    /// Returns a sentence for the user that says how many values are changed, and how.
+    /// Returns a sentence with the number and kind of changed values.
     pub(crate) fn note(&self) -> Note {
         let (from, to) = (self.decode.element.name(), self.decode().voxel_type());
         let lost = [(self.beyond, Fate::Beyond), (self.rounded, Fate::Rounded)].into_iter().filter(|(n, _)| *n > 0);
@@ -316,7 +308,7 @@ mod tests {
         counted(Element::F64, &mixed, &["of 6 values", "3 infinite, 1 rounded", "such as 1e300"]);
     }
 
-    /// A number that means no data is no loss of floats, and nothing becomes one of integers.
+    /// A no-data number among floats is no loss, and no integer becomes one.
     #[test]
     fn no_data_is_neither_lost_nor_made() {
         let counted = |element, bytes: &[u8], nodata, options: &OpenOptions| {
@@ -334,12 +326,12 @@ mod tests {
             let is_wide = f64::from(voxel as f32) != voxel;
             assert_eq!(counted(Element::F64, &voxels, Some(marker), &kept).is_err(), is_wide);
         }
-        // What f32 does not tell from it, and 0 from what is nearly 0.
+        // A value equal to it in f32, and 0 beside a value of nearly 0.
         for (marker, voxel) in [(0.1, 0.1 + 1e-12), (f64::MIN_POSITIVE, 0.0), (f64::MIN_POSITIVE, f64::MIN_POSITIVE)] {
             let message = counted(Element::F64, &f64s(&[5.0, voxel]), Some(marker), &lossy).unwrap_err();
             assert!(message.contains("beside"), "{message}");
         }
-        // What the steps before have for no data is none here, and nothing becomes it.
+        // The no-data value of the steps before holds here, and no number becomes it.
         let before = |voxel_type, nodata| OpenOptions {
             held_as: Some(HeldAs { voxel_type, nodata: Some(nodata) }),
             ..lossy.clone()
@@ -382,12 +374,12 @@ mod tests {
                 assert!(!message.contains("allow_lossy"), "{message}");
             }
         }
-        // Signed ones are unsigned where that holds all.
+        // Signed labels become unsigned where u32 holds all.
         let great = i64s(&[0, 1 << 31, i64::from(u32::MAX)]);
         assert!(census_with(Element::I64, None, &great, &labels(false)).unwrap().contains("held as u32: no value"));
         let again = OpenOptions { is_looked_at: true, ..labels(false) };
         assert!(census_with(Element::I64, None, &great, &again).unwrap().contains("held as u32"), "seen anew");
-        // Steps of a store are as those before.
+        // A store's later steps are held like the first.
         let held_as = Some(HeldAs { voxel_type: VoxelType::U32, nodata: None });
         let step = OpenOptions { held_as, ..labels(false) };
         assert!(census_with(Element::I64, None, &i64s(&[3]), &step).unwrap().contains("held as u32"));
@@ -395,7 +387,7 @@ mod tests {
             assert!(census_with(Element::I64, None, &i64s(&labels_of), &labels(true)).is_err(), "{labels_of:?}");
         }
         assert!(census(Element::I64, None, &great, false).unwrap_err().contains("2147483648"), "an image");
-        // Those that fit are read as ever; of an image such a number is rounded, as its note says.
+        // Labels that fit are read as usual; in an image such a number is rounded, and its note reports it.
         assert!(census_with(Element::I64, None, &i64s(&[-5, 0, 70000]), &labels(false)).is_ok());
         assert!(census_with(long, scaled(0.5), &i32s(&[1 << 25, 3]), &labels(false)).is_ok());
         // 2^53 + 1 is 2^53 as an f64.

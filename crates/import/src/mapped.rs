@@ -1,4 +1,4 @@
-//! A file that is read through a map, and what must hold for its bytes to be believed.
+//! A file read through a map, with checks of its bytes' validity.
 
 use crate::error::ImportError;
 use crate::stamp::Stamp;
@@ -7,37 +7,35 @@ use std::fs::File;
 use std::ops::{Deref, Range};
 use std::path::{Path, PathBuf};
 
-/// A memory-mapped file. Bytes that the file no longer has read as zeros, so call [`MappedFile::confirm`] after every
-/// read.
+/// A memory-mapped file. Bytes lost by the file read as zeros, so call [`MappedFile::confirm`] after every read.
 pub(crate) struct MappedFile {
     path: PathBuf,
     map: GuardedMap,
-    /// `None` for a scratch file without a name, which is nobody else's to change.
+    /// `None` for a scratch file without a name, which nobody else can change.
     stamp: Option<Stamp>,
 }
 
 impl MappedFile {
-    /// Maps the file at `path`.
     pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
         let file = File::open(path).map_err(ImportError::io(path))?;
-        // The stamp before the map: what changes between the two is noticed.
+        // The stamp before the map, so that changes between the two are noticed.
         let stamp = Stamp::in_metadata(&file.metadata().map_err(ImportError::io(path))?);
         let map = GuardedMap::new(&file).map_err(ImportError::io(path))?;
         Ok(Self { path: path.to_owned(), map, stamp: Some(stamp) })
     }
 
-    /// Maps a scratch file that has no name. `path` is the file that it was made from, for messages.
+    /// Maps an unnamed scratch file. `path` is its original, for messages.
     pub(crate) fn of_scratch(path: &Path, scratch: &File) -> Result<Self, ImportError> {
         let map = GuardedMap::new(scratch).map_err(ImportError::io(path))?;
         Ok(Self { path: path.to_owned(), map, stamp: None })
     }
 
-    /// The size and modification time that the file had when it was opened; `None` for a scratch file.
+    /// The file's stamp when it was opened; `None` for a scratch file.
     pub(crate) fn stamp(&self) -> Option<Stamp> {
         self.stamp
     }
 
-    /// Bytes of scratch space that the file takes: none, unless it is a scratch file.
+    /// Bytes of scratch space: none, unless this is a scratch file.
     pub(crate) fn scratch_bytes(&self) -> u64 {
         if self.stamp.is_some() { 0 } else { self.map.len() as u64 }
     }
@@ -49,9 +47,9 @@ impl MappedFile {
     /// Checks that the bytes read so far are the file's.
     ///
     /// # Errors
-    /// If the file has changed since it was opened, or its disk could not read all that was asked for.
+    /// If the file has changed since it was opened, or its disk could not read all the requested bytes.
     pub(crate) fn confirm(&self) -> Result<(), ImportError> {
-        // A file cut short within a page reads as zeros to that page's end, and no fault tells.
+        // A file cut short within a page reads as zeros to that page's end, without a fault.
         self.stamp.map_or(Ok(()), |stamp| stamp.check(&self.path))?;
         if self.map.lost() {
             let error = std::io::Error::other("the file could be opened but not read; is its disk well?");

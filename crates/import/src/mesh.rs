@@ -1,8 +1,8 @@
-//! Readers of triangle meshes: STL, PLY, OBJ and glTF, each by its extension.
+//! Readers of triangle meshes: STL, PLY, OBJ and glTF, by extension.
 //!
-//! A file is read whole and becomes one [`Mesh`] in the world: what consists of several parts is joined, polygons are cut into
-//! triangles about their first corner. Colours are taken where vertices have them (PLY, OBJ, glTF; in glTF times the material's);
-//! textures are not. While it is read, a mesh takes its file's size and its own.
+//! A file is read whole and becomes one [`Mesh`] in the world: parts are joined, and polygons cut into triangles about their first
+//! corner. Vertex colours are read (PLY, OBJ, glTF; in glTF times the material's), textures are not. Reading takes the memory of the
+//! file and the mesh together.
 
 mod gltf;
 mod obj;
@@ -14,14 +14,14 @@ use brickyard_volume::mesh::PLAIN_COLOR;
 use brickyard_volume::{Mesh, MeshError};
 use std::path::Path;
 
-/// Some editors put it before a text.
+/// Put before a text by some editors.
 const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
 
 /// Reads the triangle mesh in an STL, PLY, OBJ or glTF file.
 ///
 /// # Errors
-/// If the file cannot be read, its extension is not that of a mesh format, it is damaged or cut short, it has no
-/// triangle, a triangle names a vertex that does not exist, or a vertex is not finite.
+/// If the file cannot be read, its extension is not a mesh format's, it is damaged or cut short, it has no triangle, a triangle
+/// names a vertex that does not exist, or a vertex is not finite.
 pub fn read_mesh(path: &Path) -> Result<Mesh, ImportError> {
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     let read: fn(&Path, Vec<u8>) -> Result<Parts, ImportError> = match extension.as_str() {
@@ -41,7 +41,7 @@ pub fn read_mesh(path: &Path) -> Result<Mesh, ImportError> {
     read(path, bytes)?.mesh().map_err(|error| ImportError::invalid(path, error.to_string()))
 }
 
-/// The bytes of a file. Devices and pipes have no end that could be counted before.
+/// Reads a regular file. Devices and pipes are refused: their end cannot be known beforehand.
 fn read_file(path: &Path) -> Result<Vec<u8>, ImportError> {
     if !std::fs::metadata(path).map_err(ImportError::io(path))?.is_file() {
         return Err(ImportError::invalid(path, "expected a regular file"));
@@ -49,7 +49,7 @@ fn read_file(path: &Path) -> Result<Vec<u8>, ImportError> {
     std::fs::read(path).map_err(ImportError::io(path))
 }
 
-/// What a reader finds. Normals and colours stop where the last vertex that has one does.
+/// A reader's output. Normals and colours end with the last vertex that has one.
 #[derive(Debug, Default)]
 struct Parts {
     positions: Vec<[f32; 3]>,
@@ -59,8 +59,8 @@ struct Parts {
 }
 
 impl Parts {
-    /// Joins a part whose triangles count from its own first vertex. Where other parts have normals or colours and this has not, its
-    /// normals become those of its triangles, and its colour the plain one.
+    /// Appends a part whose triangles count from its own first vertex. If only other parts have normals or colours, its normals
+    /// become those of its triangles, and its colour the default.
     fn join(&mut self, part: Parts) {
         let before = self.positions.len();
         let moved = |i: u32| u32::try_from(before).ok().and_then(|before| i.checked_add(before)).unwrap_or(u32::MAX);
@@ -76,7 +76,6 @@ impl Parts {
         }
     }
 
-    /// Adds a polygon's triangles.
     fn polygon(&mut self, corners: &[u32]) {
         self.triangles.extend(corners.windows(2).skip(1).map(|pair| [corners[0], pair[0], pair[1]]));
     }
@@ -97,7 +96,7 @@ fn plain() -> [u8; 3] {
     PLAIN_COLOR.map(code)
 }
 
-/// A colour's component as a code.
+/// A colour component as a code.
 fn code(component: f64) -> u8 {
     (component.clamp(0.0, 1.0) * 255.0).round() as u8
 }

@@ -1,7 +1,7 @@
 //! NIfTI-1 and NIfTI-2, both byte orders: `.nii`, `.nii.gz` and `.hdr`/`.img` pairs.
 //!
-//! The body is a plain array read through [`RawSource`]. A compressed one is inflated, streaming, into a scratch file without a name, which is
-//! then mapped; its cost is that much scratch space. Of a series it is inflated when its step is read, and its scratch file goes when others are.
+//! The body is a plain array read through [`RawSource`]. A compressed one is inflated, streaming, into an unnamed scratch file of its inflated
+//! size, which is then mapped. In a series this happens when its step is read, and the file goes when other steps are opened.
 
 mod header;
 mod placement;
@@ -25,7 +25,7 @@ use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Bytes of a gzip file that holds nothing: head, an empty block, checksum and length.
+/// Bytes of an empty gzip file: head, an empty block, checksum and length.
 const LEAST_GZIP_BYTES: u64 = 20;
 
 /// Opens a NIfTI file, or a pair of `.hdr` and `.img` by either name.
@@ -51,8 +51,8 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     RawSource::new(file, found.array, info)?.with_losses(None, options)
 }
 
-/// Looks at a NIfTI file or pair without keeping it open. A compressed one is not inflated if its last bytes say that it holds what its header
-/// promises, unless all its values have to be looked at.
+/// Examines a NIfTI file or pair without keeping it open. A compressed one is inflated if its last bytes do not confirm its header's size, or
+/// all its values have to be checked.
 pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, ImportError> {
     let found = Found::read(path)?;
     let expected = found.bytes()?;
@@ -65,13 +65,12 @@ pub(crate) fn check(path: &Path, options: &OpenOptions) -> Result<StepFile, Impo
     Ok(StepFile::of(&open(path, options)?))
 }
 
-/// Contents of a header.
 struct Found {
     header: Header,
     array: ArrayLayout,
     header_path: PathBuf,
     body_path: PathBuf,
-    /// The states that the files of header and body were in when the header was read.
+    /// States of the header's and the body's file when the header was read.
     stamps: [Stamp; 2],
     is_compressed: bool,
 }
@@ -99,7 +98,7 @@ impl Found {
         Ok(body.saturating_add(self.array.offset))
     }
 
-    /// The description of the volume, behind whose voxels there are `trailing` bytes.
+    /// Describes the volume, with `trailing` bytes after its voxels.
     ///
     /// # Errors
     /// If one of the files has changed meanwhile.
@@ -135,7 +134,7 @@ impl Found {
     }
 }
 
-/// The number of bytes that a gzip file says it holds, modulo 2^32: of its last part, if it has several. `None` if it is too short to say.
+/// Inflated size stored in a gzip file's last member, modulo 2^32. `None` if the file is too short.
 fn inflated_bytes(path: &Path) -> Result<Option<u32>, ImportError> {
     let mut file = File::open(path).map_err(ImportError::io(path))?;
     if file.metadata().map_err(ImportError::io(path))?.len() < LEAST_GZIP_BYTES {
@@ -146,7 +145,7 @@ fn inflated_bytes(path: &Path) -> Result<Option<u32>, ImportError> {
     Ok(Some(u32::from_le_bytes(end)))
 }
 
-/// The header's name and, for a pair, the body's, whichever of the two was given.
+/// Returns the header's and the body's path of a pair, given either; any other path twice.
 pub(crate) fn pair_of(path: &Path) -> (PathBuf, PathBuf) {
     let name = path.to_string_lossy();
     let lower = name.to_ascii_lowercase();
@@ -165,7 +164,7 @@ pub(crate) fn pair_of(path: &Path) -> (PathBuf, PathBuf) {
     (find(".hdr"), find(".img"))
 }
 
-/// A file, inflated while it is read if it starts like gzip.
+/// A file, inflated in reading if it starts like gzip.
 enum Stream {
     Plain(BufReader<File>),
     Gzip(GzipMembers<BufReader<File>>),
@@ -190,8 +189,7 @@ impl Read for Stream {
     }
 }
 
-/// Inflates the first `expected` bytes into a scratch file and counts what follows, so that the checksum at the end
-/// is verified too.
+/// Inflates the first `expected` bytes into a scratch file and counts the rest, thus verifying the final checksum.
 fn inflate(
     mut stream: impl Read,
     path: &Path,
@@ -229,7 +227,7 @@ fn inflate(
     Ok((scratch, trailing))
 }
 
-/// Refuses before work what would end in a full disk.
+/// Refuses in advance to fill the disk.
 #[cfg(unix)]
 fn check_space(directory: &Path, needed: u64) -> Result<(), ImportError> {
     let stat = rustix::fs::statvfs(directory).map_err(|e| ImportError::scratch(directory)(e.into()))?;
@@ -261,7 +259,7 @@ fn cut_short(array: &ArrayLayout, expected: u64, found: u64) -> String {
     )
 }
 
-/// Bytes in the largest unit that leaves a number of at least 1.
+/// Formats bytes in the largest unit that leaves a number of at least 1.
 fn human_bytes(bytes: u64) -> String {
     let units = [(1u64 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")];
     match units.into_iter().find(|(size, _)| bytes >= *size) {
@@ -278,7 +276,7 @@ mod tests {
     use brickyard_volume::VoxelType;
     use glam::DVec3;
 
-    /// A header of either version with nothing but what the tests vary.
+    /// A header of either version with the fields varied by the tests.
     struct Written {
         two: bool,
         big: bool,
@@ -497,7 +495,7 @@ mod tests {
         assert_eq!(info.orientation.unwrap().code(), "ALS");
         assert_eq!(info.notes, []);
 
-        // A matrix that cannot be used is left out, and said.
+        // An unusable matrix is left out, with a note.
         for unusable in [[0.0; 12], [f32::NAN; 12]] {
             let (_folder, path) = write(Written { codes: [0, 1], srow: unusable, ..plain() });
             let info = open(&path, &options()).unwrap().info().clone();
@@ -521,7 +519,7 @@ mod tests {
             ([2200.0, 0.0], 16, 3, axis(0.0, 2200.0, "millisecond"), 0),
             ([1.0, 0.0], 24, 3, axis(0.0, 1.0, "microsecond"), 0),
             ([3.0, 0.0], 0, 3, axis(0.0, 3.0, ""), 0),
-            // What is there where nobody said anything; a frequency; a step that is none; one step.
+            // Defaults of writers; a frequency; an invalid step; one step.
             ([1.0, 0.0], 0, 3, None, 0),
             ([0.0, 0.0], 0, 3, None, 0),
             ([100.0, 0.0], 32, 3, None, 1),
@@ -558,7 +556,7 @@ mod tests {
         std::fs::write(&paths[1], step(1.1)).unwrap();
         let message = crate::open(&paths, &options()).err().unwrap().to_string();
         assert!(message.contains("a2.nii: lies otherwise in the patient than"), "{message}");
-        // Unless the user says where all of them lie, or how large their voxels are.
+        // Unless the user gives a position or spacing for all.
         let told = OpenOptions { origin: Some(DVec3::new(1.0, 10.5, 3.25)), ..options() };
         assert_eq!(crate::open(&paths, &told).unwrap().info().geometry.origin, told.origin.unwrap());
         std::fs::write(&paths[1], stretched(1.0, 0.6)).unwrap();
@@ -593,7 +591,7 @@ mod tests {
         assert!(refusal("a.nii.gz", &packed).contains("cut short or damaged"));
         assert!(refusal("a.nii", &whole[..100]).contains("348 bytes"));
         assert!(refusal("a.nii", b"").contains("not a NIfTI"));
-        // Bytes too many are only noted.
+        // Surplus bytes only cause a note.
         let (_folder, path) = temp_file("a.nii", &[&whole[..], &[0; 9]].concat());
         assert_eq!(
             said(&open(&path, &options()).unwrap().info().notes),

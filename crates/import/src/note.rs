@@ -1,8 +1,8 @@
-//! A remark of a reader on its source, for the user. Costs nothing but its words.
+//! A reader's remark on its source, for the user. Costs only its text.
 
 use std::ops::Deref;
 
-/// A sentence that a user should know: routine, such as the order of files, or a warning of what may be wrong, such as values that were rounded.
+/// A sentence for the user: routine, such as the order of files, or a warning, such as rounded values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
     text: String,
@@ -10,22 +10,21 @@ pub struct Note {
 }
 
 impl Note {
-    /// A routine remark.
+    /// Creates a routine remark.
     pub(crate) fn new(text: impl Into<String>) -> Self {
         Self { text: text.into(), is_warning: false }
     }
 
-    /// A warning of what may be wrong.
     pub(crate) fn warning(text: impl Into<String>) -> Self {
         Self { text: text.into(), is_warning: true }
     }
 
-    /// The same remark behind its subject.
+    /// Prefixes the remark with its subject.
     pub(crate) fn about(self, subject: &str) -> Self {
         Self { text: format!("{subject}{}", self.text), ..self }
     }
 
-    /// Whether something may be wrong.
+    /// Whether the note warns of a possible problem.
     pub fn is_warning(&self) -> bool {
         self.is_warning
     }

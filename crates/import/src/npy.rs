@@ -1,6 +1,6 @@
 //! NumPy's `.npy`: a short Python dictionary before a plain array, read through [`RawSource`].
 //!
-//! The header is parsed here, since the values in it are not to be trusted: lengths are capped and products checked.
+//! The header is parsed here without trusting its values: lengths are capped and products checked.
 
 use crate::axes::{AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
@@ -14,10 +14,9 @@ use brickyard_volume::{VoxelType, counted};
 use std::io::Read;
 use std::path::Path;
 
-/// What NumPy makes of such arrays so that they are read.
+/// Advice for arrays that are not plain.
 const PLAIN: &str = "save one array of plain numbers, of 2 to 5 dimensions";
 
-/// The bytes every `.npy` starts with.
 pub(crate) const MAGIC: &[u8] = b"\x93NUMPY";
 
 /// Longest header read; NumPy's own are 118 bytes.
@@ -61,7 +60,7 @@ pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<RawSource, Impo
     RawSource::new(file, array, info)?.with_losses(None, options)
 }
 
-/// Gives each dimension its axis.
+/// Assigns an axis to each dimension.
 fn arrange(shape: &[u64], axes: Option<&AxisOrder>) -> Result<(AxisOrder, Sizes), String> {
     let usual = || AxisOrder::usual(shape.len());
     let Some(axes) = axes.cloned().or_else(usual) else {
@@ -141,7 +140,7 @@ fn read_number<const N: usize>(file: &mut impl Read) -> std::io::Result<usize> {
     Ok(u64::from_le_bytes(bytes) as usize)
 }
 
-/// What follows `'key':`.
+/// The text after `'key':`.
 fn value_of<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     let after = ["'", "\""].iter().find_map(|q| text.split_once(&format!("{q}{key}{q}")))?.1;
     Some(after.trim_start().strip_prefix(':')?.trim_start())
@@ -200,7 +199,7 @@ mod tests {
         [MAGIC, &[1, 0], &length, header.as_bytes(), body].concat()
     }
 
-    /// Written by an independent library.
+    /// Bytes written by an independent library.
     fn written(shape: &[u64], fortran: bool, values: &[u16]) -> Vec<u8> {
         let mut bytes = Vec::new();
         let order = if fortran { npyz::Order::Fortran } else { npyz::Order::C };
@@ -269,7 +268,7 @@ mod tests {
         assert!(notes[0].contains("i64") && notes[0].contains("no value is changed"), "{notes:?}");
     }
 
-    /// Each of several steps is opened anew when it is read.
+    /// Each of several steps is reopened for reading.
     #[test]
     fn signed_labels_that_only_u32_holds_are_read() {
         let header = "{'descr': '<i8', 'fortran_order': False, 'shape': (1, 1, 2)}";

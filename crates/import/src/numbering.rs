@@ -1,21 +1,20 @@
-//! What the numbers in files' names count. Files that are taken one after another must have one counter without gaps: with a
-//! second one (`_c0`, `_c1`) planes of one thing would come to lie between those of another, and a missing file would move
-//! all that follow.
+//! Counters in files' names. Files taken in sequence must have one counter without gaps: a second one (`_c0`, `_c1`) would mix
+//! planes of different things, and a missing file would shift all later ones.
 
 use crate::file_name::{Name, Number, Reading, in_decimals};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Longer runs of digits are no counters, but stamps or sums.
+/// Most digits of a counter; longer runs are stamps or hashes.
 const LONGEST_NUMBER: usize = 18;
-/// Numbers, or names, that a message lists.
+/// Most numbers, or names, listed in a message.
 const MOST_SHOWN: usize = 6;
 
-/// Checks that the numbers in the names of files count them without gaps. The files are at least two, in the order of these numbers.
-/// `are_planes` says that each file is one plane, so that the message may suggest `axes`.
+/// Checks that the numbers in the names count the files without gaps. `paths` are at least two, in the order of these numbers.
+/// `are_planes` (each file is one plane) lets the message suggest `axes`.
 ///
 /// # Errors
-/// A message that says which numbers are missing or surplus, and how to read the files all the same.
+/// A message with the missing or surplus numbers, and a way to read the files anyway.
 pub(crate) fn check(paths: &[PathBuf], reading: Reading, are_planes: bool) -> Result<(), String> {
     let names: Vec<Name> = paths.iter().map(|path| Name::of(path, reading, LONGEST_NUMBER)).collect();
     let mut kinds: BTreeMap<&[String], usize> = BTreeMap::new();
@@ -28,7 +27,7 @@ pub(crate) fn check(paths: &[PathBuf], reading: Reading, are_planes: bool) -> Re
         return Err(several_kinds(paths, &names, kinds.len()));
     }
     let counters = counters(&names);
-    // One that goes up with every file counts them, whatever else goes along with it (a time of day, say).
+    // A number rising with every file counts them, whatever varies along with it (a time of day, say).
     let rising: Vec<&Vec<&Number>> = counters.iter().map(|(_, n)| n).filter(|n| n.is_sorted_by(|a, b| a < b)).collect();
     match (&rising[..], &counters[..]) {
         ([], [_, _, ..]) => Err(several_counters(paths, &names[0], &counters, are_planes)),
@@ -46,14 +45,14 @@ pub(crate) fn check(paths: &[PathBuf], reading: Reading, are_planes: bool) -> Re
     }
 }
 
-/// Whether names are words, each of a kind of its own: nothing is counted.
+/// Whether the names are distinct words, without a counter.
 pub(crate) fn are_words(paths: &[PathBuf], reading: Reading) -> bool {
     let mut kinds: Vec<_> = paths.iter().map(|path| Name::of(path, reading, LONGEST_NUMBER).texts).collect();
     kinds.sort();
     kinds.windows(2).all(|pair| pair[0] != pair[1])
 }
 
-/// Whether a number in the names of files goes up by 1 from each to the next.
+/// Whether a number in the names rises by 1 from file to file.
 pub(crate) fn count_by_one(paths: &[PathBuf]) -> bool {
     let names: Vec<Name> = paths.iter().map(|path| Name::of(path, Reading::Counters, LONGEST_NUMBER)).collect();
     let by_one = |(_, numbers): &(usize, Vec<&Number>)| {
@@ -62,7 +61,7 @@ pub(crate) fn count_by_one(paths: &[PathBuf]) -> bool {
     names.iter().all(|name| name.texts == names[0].texts) && counters(&names).iter().any(by_one)
 }
 
-/// The numbers that vary among names of one kind, and at which place.
+/// Varying numbers among names of one kind, with their places.
 pub(crate) fn counters(names: &[Name]) -> Vec<(usize, Vec<&Number>)> {
     (0..names[0].numbers.len())
         .map(|i| (i, names.iter().map(|name| &name.numbers[i]).collect::<Vec<&Number>>()))
@@ -70,7 +69,7 @@ pub(crate) fn counters(names: &[Name]) -> Vec<(usize, Vec<&Number>)> {
         .collect()
 }
 
-/// Whether numbers are written as powers of ten, and go up by the same power each.
+/// Whether the numbers are written as powers of ten, and rise by the same power each.
 fn are_powers(numbers: &[&Number]) -> bool {
     let first = numbers[0].power();
     let steps: Vec<i64> = numbers.windows(2).map(|pair| pair[1].power().1 - pair[0].power().1).collect();
@@ -86,15 +85,15 @@ fn far_apart(numbers: &[&Number]) -> String {
     )
 }
 
-/// Numbers that go up, on a common scale.
+/// Rising numbers on a common scale.
 struct Count {
-    /// Each as so many tens to the power of `place`, which is at most 0.
+    /// Counts of tens to the power of `place`, at most 0.
     values: Vec<i128>,
     place: i64,
 }
 
 impl Count {
-    /// `None` if there is no such scale, as of 1e-30 and 1e30.
+    /// `None` if there is no such scale, as for 1e-30 and 1e30.
     fn of(numbers: &[&Number]) -> Option<Self> {
         let place = numbers.iter().map(|n| n.place()).min()?;
         let values = numbers.iter().map(|n| n.in_places(place)).collect::<Option<Vec<_>>>()?;
@@ -110,11 +109,11 @@ impl Count {
     }
 }
 
-/// Where numbers that go up do not go up evenly.
+/// The first uneven step of rising numbers.
 struct Gap {
-    /// The first file after it.
+    /// Index of the first file after it.
     at: usize,
-    /// The step that most have.
+    /// The most common step.
     step: i128,
 }
 
@@ -187,7 +186,7 @@ fn several_counters(paths: &[PathBuf], first: &Name, counters: &[(usize, Vec<&Nu
     )
 }
 
-/// The options that say what the counters of `files` planes are, if their letters tell and no plane is missing.
+/// Options that describe the counters of `files` planes, if their letters identify them and no plane is missing.
 fn axes_of(first: &Name, counters: &[(usize, Vec<&Number>)], files: usize) -> Option<String> {
     let (mut letters, mut sizes, mut product) = (String::new(), String::new(), 1);
     for (i, numbers) in counters {
@@ -232,7 +231,7 @@ mod tests {
         check(&in_natural_order(&paths), Reading::Counters, are_planes)
     }
 
-    /// Of names in their order, as values.
+    /// Checks names in their order, as values.
     fn checked_as_values(names: &[&str]) -> Result<(), String> {
         let paths: Vec<PathBuf> = names.iter().map(PathBuf::from).collect();
         check(&paths, Reading::Values, true)
@@ -277,10 +276,10 @@ mod tests {
             ][..],
             &["s000.tif", "s005.tif", "s010.tif"],
             &["after.npy", "before.npy"],
-            // As on a plate, and of a kind each.
+            // As on a plate, and one of each kind.
             &["a1.tif", "b1.tif", "c7.tif"],
             &["s_3.tif", "s_9.tif"],
-            // A time of day goes along, unevenly; a sum that is too long for a number is text.
+            // A time of day goes along, unevenly; a hash too long for a number is text.
             &["i_0001_120000.tif", "i_0002_120007.tif", "i_0003_120013.tif"],
             &["2019/s1.tif", "2019/s2.tif", "2019/s3.tif"],
             &["a.1.3.6.1.4.1.14519.5.2.1.123456789012345678901", "a.1.3.6.1.4.1.14519.5.2.1.123456789012345678902"],
@@ -298,7 +297,7 @@ mod tests {
         refused(&["s0.tif", "s5.tif", "s10.tif", "s25.tif"], &["steps of 5, without 15, 20:"]);
         refused(&["s1.tif", "s2.tif", "s3.tif", "s900000000.tif"], &["without 4, 5, 6, 7, 8, 9, ..."]);
         refused(&["s0.tif", "s10.tif", "s20.tif", "s24.tif"], &["in steps of 10: s24.tif follows s20.tif"]);
-        // The counter, not the time of day that goes along with it.
+        // The counter, not the time of day along with it.
         refused(&["i_1_120000.tif", "i_2_120007.tif", "i_4_120013.tif"], &["1 to 4", "without 3"]);
         refused(&["s_1.tif", "s_01.tif", "s_2.tif"], &["s_01.tif", "s_1.tif", "same number"]);
     }
@@ -309,7 +308,7 @@ mod tests {
         refused(&both, &["'c' (0 to 2) and 'z' (1 to 2)", "`axes` czyx `channels` 3 "]);
         refused(&["s_z1_t0.tif", "s_z1_t1.tif", "s_z2_t0.tif", "s_z2_t1.tif"], &["`axes` ztyx `times` 2 "]);
         assert!(!checked(&both, false).unwrap_err().contains("`axes`"), "files that are volumes");
-        // One is missing: what the axes are cannot be told.
+        // One is missing, so the axes cannot be inferred.
         assert!(!checked(&both[1..], true).unwrap_err().contains("`axes`"));
         refused(&["1_1.tif", "1_2.tif", "2_1.tif", "2_2.tif"], &["number 1 (1 to 2) and number 2 (1 to 2)"]);
         refused(&["dapi_1.tif", "dapi_2.tif", "gfp_1.tif", "gfp_2.tif"], &["2 kinds", "dapi_1.tif, gfp_1.tif"]);

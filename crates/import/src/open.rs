@@ -1,5 +1,4 @@
-//! Opening whatever the user names: picks the reader by flags, name and first bytes, joins several files, and applies
-//! what the user knows better than the file.
+//! Entry point for inputs: picks the reader by flags, name and first bytes, joins files, and applies the user's overrides.
 
 use crate::described::Described;
 use crate::dicom_files::{MAGIC_BYTES, is_dicom};
@@ -30,7 +29,6 @@ enum Format {
 }
 
 impl Format {
-    /// A file of the format, in a sentence.
     fn of_file(self) -> &'static str {
         match self {
             Self::Raw => "a raw file",
@@ -42,22 +40,21 @@ impl Format {
     }
 }
 
-/// Formats and their names, for the message that none fits.
+/// Readable formats and their names, for the message about an unknown one.
 const READ: &str = "raw (.raw, .bin, .dat, or any file with `shape` and `voxel_type`), NumPy .npy, NIfTI (.nii, .nii.gz, \
                     .hdr with .img), TIFF (.tif, .tiff, .companion.ome), DICOM (a folder, files or one file of a series), and folders of files of one of these";
 
-/// How else a file that is named twice may be taken.
+/// Advice for duplicated files in a list.
 const AS_NAMED: &str = ", or pass `order` given to take the files as they are named";
 
-/// Opens an input: a file, a list of files, a folder of files of one format, or a pattern of file names, with `*` and `?` or with
-/// one number as `%04d`. Several files are one time step each or, if they are TIFF files of a single page, one plane each;
-/// [`OpenOptions::order`] is their order. DICOM files must be of one series, and are sorted by the positions in their headers.
+/// Opens an input: a file, a list of files, a folder of files of one format, or a pattern of file names, with `*` and `?` or with one number
+/// as `%04d`. Several files are one time step each or, for single-page TIFF files, one plane each, in the order [`OpenOptions::order`]. DICOM
+/// files must be of one series, and are sorted by the positions in their headers.
 ///
 /// # Errors
-/// If the input cannot be read. The message says which file, why, and which option would help; it names options of
-/// [`OpenOptions`] in backticks.
+/// If the input cannot be read. The message names the file, the reason and the helpful option of [`OpenOptions`], in backticks.
 pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
-    // Whether nobody has put the files in order.
+    // `unordered`: nobody has put the files in order.
     let (paths, folder, unordered) = match inputs {
         [] => return Err(ImportError::options(Path::new("input"), "none given")),
         [folder] if folder.is_dir() => (files_of(folder, options, READ)?, true, true),
@@ -65,7 +62,7 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
         files => (files.to_vec(), false, false),
     };
     let order = match options.order {
-        // The order given is the order of the steps, not of the files in a folder that is one step.
+        // The given order is that of the steps, not of the files in a folder that forms one step.
         Some(FileOrder::Given) if options.is_step => None,
         order => order,
     };
@@ -122,26 +119,26 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     Ok(Box::new(Described { info, source, first: 0 }))
 }
 
-/// Whether a folder can be opened as it is: it holds files of one format. Costs a read of the first bytes of each file.
+/// Checks that a folder can be opened: it holds files of one format. Costs a read of the first bytes of each file.
 ///
 /// # Errors
-/// If not, as [`open`] says it.
+/// As for [`open`], if it cannot.
 pub fn check_folder(folder: &Path) -> Result<(), ImportError> {
     files_of(folder, &OpenOptions::default(), READ).map(|_| ())
 }
 
-/// Puts files and folders that each hold a time step in order, as [`open`] does with a list; returns them, and a sentence that says which
-/// order that is. Each is then opened with the same options, and [`OpenOptions::is_step`].
+/// Puts files and folders of one time step each in order, as [`open`] does with a list; returns them, and a sentence about the order. Open
+/// each with the same options and [`OpenOptions::is_step`].
 ///
 /// # Errors
-/// As [`open`]: if a file is named twice, or the numbers in the names have gaps or count more than steps, unless the caller asks for an order.
-/// And whatever the order if two files are one image or of one series, or one lies in a folder that is named, too.
+/// If a file is named twice, or the numbers in the names have gaps or count more than steps, unless the caller sets an order. In any order: if
+/// two files are one image or of one series, or a file lies in a listed folder.
 pub fn order_steps(paths: &[PathBuf], options: &OpenOptions) -> Result<(Vec<PathBuf>, String), ImportError> {
     if options.order != Some(FileOrder::Given) {
         check_named_once(paths, AS_NAMED)?;
     }
     check_folders(paths)?;
-    // A file that cannot be read is told when it is opened.
+    // Unreadable files are reported on opening.
     let is_of = |path: &&PathBuf, format| path.is_file() && format_of(path, options).is_ok_and(|of| of == format);
     check_pairs(paths.iter().filter(|path| is_of(path, Format::Nifti)))?;
     check_series(paths.iter().filter(|path| is_of(path, Format::Dicom)))?;
@@ -159,7 +156,6 @@ fn open_one(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dy
     })
 }
 
-/// Several files of a time step each.
 fn open_steps(paths: &[PathBuf], format: Format, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let check = |path: &Path| match format {
         Format::Nifti => nifti::check(path, options),
@@ -170,7 +166,7 @@ fn open_steps(paths: &[PathBuf], format: Format, options: &OpenOptions) -> Resul
     Ok(Box::new(Series::new(paths, options, check, Box::new(open))?))
 }
 
-/// One file of several: others that it names are no part of it.
+/// Opens one file of several, without other files it names.
 fn open_step(path: &Path, format: Format, options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     match format {
         Format::Tiff => tiff_stack::open_file(path, options, false),
@@ -197,7 +193,7 @@ fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError
     RawSource::open(path, &layout)
 }
 
-/// Several TIFF files: planes if each has one page, time steps if each has more.
+/// Opens several TIFF files: planes if each has one page, time steps if each has more.
 fn open_tiffs(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let are_stacks = tiff_stack::has_several_planes(&paths[0], options)?;
     for path in &paths[1..] {
@@ -228,7 +224,7 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     if is_dicom(&start) {
         return Ok(Format::Dicom);
     }
-    // Its name is a NIfTI header's, too.
+    // ENVI headers share their file name with NIfTI's.
     if foreign::is_envi(&start) {
         foreign::refuse(path, &name)?;
     }
@@ -252,7 +248,7 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     Err(ImportError::invalid(path, format!("not a format that is read; what is: {READ}")))
 }
 
-/// Refuses what cannot be sought in, and folders, which are read alone.
+/// Refuses folders within a list, and files without random access.
 fn check_kind(path: &Path) -> Result<(), ImportError> {
     let kind = std::fs::metadata(path).map_err(ImportError::io(path))?.file_type();
     match kind {
@@ -268,7 +264,7 @@ fn check_kind(path: &Path) -> Result<(), ImportError> {
     }
 }
 
-/// Refuses options that the format has no use for: whoever passes them expects other voxels than there would be.
+/// Refuses options without effect on the format: their caller expects other voxels.
 fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<(), ImportError> {
     let has_axes = matches!(format, Format::Raw | Format::Npy | Format::Tiff);
     let counts_axes = format == Format::Raw || format == Format::Tiff && options.axes.is_some();
@@ -290,12 +286,12 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<(), 
     Err(ImportError::options(path, problem))
 }
 
-/// A number as voxels hold it, which are narrowed if they are floats.
+/// A number as held by voxels: floats are narrowed.
 fn narrowed(value: f64, voxel_type: VoxelType) -> f64 {
     if voxel_type.is_float() { f64::from(value as f32) } else { value }
 }
 
-/// Puts the user's value for voxels that hold no data in place of the file's.
+/// Replaces the file's no-data value with the user's.
 fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result<(), ImportError> {
     let value = match nodata {
         NoData::OfFile => return Ok(()),
@@ -316,7 +312,7 @@ fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result
         }
         NoData::Value(value) => {
             let (low, high) = info.voxel_type.limits();
-            // The least float may have been said in fewer digits.
+            // The least float may have been given in fewer digits.
             Some(value.clamp(low, high))
         }
     };
@@ -347,7 +343,7 @@ mod tests {
         open(&[path.to_owned()], options).err().unwrap().to_string()
     }
 
-    /// A link that leads nowhere stands for any file that cannot be asked for.
+    /// A dangling link stands for any file that cannot be examined.
     #[test]
     fn a_slice_that_cannot_be_looked_at_is_not_left_out() {
         let folder = tempfile::tempdir().unwrap();
@@ -377,7 +373,7 @@ mod tests {
         assert!(message.contains("one per time step"), "{message}");
     }
 
-    /// A `.npy` file of zeros.
+    /// Bytes of a `.npy` file of zeros.
     fn npy(element: &str, shape: &str, bytes: usize) -> Vec<u8> {
         let header = format!("{{'descr': '{element}', 'fortran_order': False, 'shape': {shape}, }}");
         [b"\x93NUMPY\x01\x00", &(header.len() as u16).to_le_bytes()[..], header.as_bytes(), &vec![0; bytes]].concat()
@@ -458,7 +454,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
 
-        /// Damage ends in an error or in wrong voxels, never in a panic.
+        /// Damage leads to an error or wrong voxels, never to a panic.
         #[test]
         fn damaged_headers_do_not_panic(
             damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),

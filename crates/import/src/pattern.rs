@@ -1,26 +1,25 @@
-//! Patterns of file names: `step_*.npy` and `step_??.npy`, or `step_%04d.raw` as printf writes numbers. A shell expands only the first two, and
-//! refuses what is too long for it; here a folder may hold any number of files.
+//! Patterns of file names: `step_*.npy` and `step_??.npy`, or printf's `step_%04d.raw`. A shell expands only the first two, and only up to its
+//! limit; here a folder may hold any number of files.
 
 use crate::error::ImportError;
 use crate::files::is_file;
 use std::path::{Path, PathBuf};
 
-/// Files of a folder that a message names.
+/// Most files listed in a message.
 const MOST_SHOWN: usize = 3;
 
-/// What the name of a file must be like.
 #[derive(Debug, PartialEq)]
 enum Pattern {
     /// With `*` for any text and `?` for any one character.
     Wild(Vec<char>),
-    /// The text before a number, the number's digits at least, and the text after it.
+    /// Text before a number, the number's least digits, and text after it.
     Numbered { before: String, digits: usize, after: String },
 }
 
-/// The files that a pattern names, in no order; `None` if the path is no pattern, or names a file as it is.
+/// Lists the files that match a pattern, in no order; `None` if the path is no pattern, or an existing file.
 ///
 /// # Errors
-/// If no file fits the pattern, it cannot be understood, or its folder cannot be read.
+/// If no file matches, the pattern is malformed, or its folder cannot be read.
 pub(crate) fn expand(path: &Path) -> Result<Option<Vec<PathBuf>>, ImportError> {
     let Some(name) = path.file_name().and_then(|name| name.to_str()) else { return Ok(None) };
     if path.symlink_metadata().is_ok() {
@@ -36,7 +35,7 @@ pub(crate) fn expand(path: &Path) -> Result<Option<Vec<PathBuf>>, ImportError> {
         let name = entry.map_err(ImportError::io(folder))?.file_name();
         let file = parent.map_or_else(|| PathBuf::from(&name), |parent| parent.join(&name));
         let name = name.to_string_lossy();
-        // Like a shell: hidden files are asked for by name.
+        // As in a shell, hidden files need an explicit dot.
         if pattern.fits(&name) && (!name.starts_with('.') || pattern.is_hidden()) && is_file(&file)? {
             found.push(file);
         } else if !name.starts_with('.') {
@@ -49,7 +48,7 @@ pub(crate) fn expand(path: &Path) -> Result<Option<Vec<PathBuf>>, ImportError> {
     Ok(Some(found))
 }
 
-/// What a folder holds instead of files that fit a pattern, those first that end like it.
+/// Describes a folder without matching files, those with the same extension first.
 fn nothing_fits(folder: &Path, pattern: &Path, mut others: Vec<String>) -> String {
     others.sort_by_key(|name| (Path::new(name).extension() != pattern.extension(), name.clone()));
     let more = if others.len() > MOST_SHOWN { ", ..." } else { "" };
@@ -61,7 +60,7 @@ fn nothing_fits(folder: &Path, pattern: &Path, mut others: Vec<String>) -> Strin
 }
 
 impl Pattern {
-    /// The pattern that a name is; `None` if it is a plain name.
+    /// Parses a name; `None` if it is plain.
     fn of(name: &str) -> Result<Option<Self>, String> {
         let numbered = numbered(name)?;
         let is_wild = name.contains(['*', '?']);
@@ -72,7 +71,7 @@ impl Pattern {
         }
     }
 
-    /// Whether it asks for hidden files.
+    /// Whether the pattern matches hidden files.
     fn is_hidden(&self) -> bool {
         match self {
             Self::Wild(pattern) => pattern.first() == Some(&'.'),
@@ -86,7 +85,7 @@ impl Pattern {
             Self::Numbered { before, digits, after } => {
                 let number = name.strip_prefix(&**before).and_then(|rest| rest.strip_suffix(&**after));
                 number.is_some_and(|number| {
-                    // Longer ones only without zeros before them, as printf writes them.
+                    // Longer numbers have no leading zeros, as in printf.
                     let is_written = number.len() == *digits || number.len() > *digits && !number.starts_with('0');
                     is_written && number.bytes().all(|byte| byte.is_ascii_digit())
                 })
@@ -95,7 +94,7 @@ impl Pattern {
     }
 }
 
-/// The one number of a name, as printf has it: `%d`, `%4d` is refused, `%04d`; `%%` is a percent sign.
+/// Parses the one number in a name, as printf has it: `%d`, `%04d`; `%4d` is refused, and `%%` is a percent sign.
 fn numbered(name: &str) -> Result<Option<Pattern>, String> {
     let (mut texts, mut digits) = (vec![String::new()], None);
     let mut rest = name;
@@ -109,7 +108,7 @@ fn numbered(name: &str) -> Result<Option<Pattern>, String> {
         let end = after.bytes().take_while(u8::is_ascii_digit).count();
         let (width, after) = after.split_at(end);
         let Some(after) = after.strip_prefix('d').or_else(|| after.strip_prefix('u')) else {
-            // A percent sign that is just one.
+            // A literal percent sign.
             texts.last_mut().into_iter().for_each(|last| last.push_str(&format!("%{width}")));
             rest = after;
             continue;
@@ -136,10 +135,10 @@ fn numbered(name: &str) -> Result<Option<Pattern>, String> {
     Ok(digits.map(pattern))
 }
 
-/// Whether a name is like a pattern of `*` and `?`. Each star takes the least that will do, and more only where that does not.
+/// Whether a name matches a pattern of `*` and `?`. Each star takes as little as possible, and more only after a mismatch.
 fn is_like(pattern: &[char], name: &[char]) -> bool {
     let (mut p, mut n) = (0, 0);
-    // The last star, and what comes after all that it takes.
+    // The last star's index, and where its match ends.
     let mut star: Option<(usize, usize)> = None;
     while n < name.len() {
         match pattern.get(p) {
@@ -232,7 +231,7 @@ mod tests {
             "{message}"
         );
         assert!(expand(&folder.path().join("no/x_*.npy")).unwrap_err().to_string().contains("No such file"));
-        // What is there is not a pattern, whatever its name.
+        // An existing file is no pattern, whatever its name.
         std::fs::write(folder.path().join("odd*.npy"), "").unwrap();
         assert_eq!(expand(&folder.path().join("odd*.npy")).unwrap(), None);
     }

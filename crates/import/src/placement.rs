@@ -1,11 +1,11 @@
-//! A header's matrix that says how a volume lies in a patient: kept whole, and as an origin, too, where the volume is upright.
+//! Placement of a volume in a patient by its header's matrix: kept whole, and also as the origin of an upright volume.
 
 use crate::note::Note;
 use crate::source::SourceInfo;
 use brickyard_volume::Orientation;
 
-/// Fills the orientation of a volume whose spacing is set, from world-from-voxel-centre of a world of x to the right, y to the front, z to the
-/// head; and the origin, where spacing and origin say the same. A matrix that cannot be used is left out, with a note.
+/// Sets the orientation of a volume with known spacing from a world-from-voxel-centre matrix (x to the right, y to the front, z to the head),
+/// and its origin if the volume is upright. An unusable matrix is left out, with a note.
 pub(crate) fn set_matrix(matrix: [[f64; 4]; 3], info: &mut SourceInfo, notes: &mut Vec<Note>) {
     match Orientation::new(matrix) {
         Ok(orientation) => {

@@ -1,10 +1,9 @@
-//! Arrays that lie uncompressed in files: headerless raw files, and the engine under every format whose body is a
-//! plain array (`.npy`, NIfTI, ImageJ's single-directory TIFF).
+//! Uncompressed arrays in files: headerless raw files, and the engine for every format whose body is a plain array (`.npy`,
+//! NIfTI, ImageJ's single-directory TIFF).
 //!
-//! The files are memory-mapped; a box is copied line by line along the array's fastest axis, whatever the order of
-//! its axes. A box is believed only if the file is still as it was opened once the box was read. Cost of a box: its own
-//! bytes, once; nothing where they are lent as they lie in the file. The kernel is told of announced boxes plane by plane, since
-//! plain faulting reads a cold file several times slower.
+//! Files are memory-mapped; a box is copied line by line along the array's fastest axis, in any order of its axes, and is valid
+//! only if the file is still unchanged afterwards. Cost of a box: its own bytes, once; nothing where they are lent in place.
+//! Announced boxes are passed to the kernel plane by plane, since plain faulting reads a cold file several times slower.
 
 use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::element::{Decode, Element, Endian};
@@ -16,10 +15,10 @@ use crate::source::{Lent, Source, SourceInfo};
 use brickyard_volume::{Extent, VoxelBox, VoxelType};
 use std::path::Path;
 
-/// Bytes looked at in one go for what they lose: whole numbers of every type.
+/// Bytes checked for losses at a time: whole numbers of every type.
 const LOSSES_AT_ONCE: usize = 1 << 20;
 
-/// The layout of a headerless file: what it holds, and in which order.
+/// Layout of a headerless file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RawLayout {
     /// Number of voxels along x, y, z of one volume.
@@ -39,21 +38,21 @@ pub struct RawLayout {
 }
 
 impl RawLayout {
-    /// A single little-endian volume, x fastest, from the start of the file.
+    /// Describes a single little-endian volume, x fastest, from the start of the file.
     pub fn new(extent: Extent, voxel_type: VoxelType) -> Self {
         let (endian, axes) = (Endian::Little, AxisOrder::default());
         Self { extent, voxel_type, endian, offset: 0, channels: 1, times: 1, axes }
     }
 }
 
-/// A source whose voxels lie uncompressed in one memory-mapped file.
+/// A source of uncompressed voxels in one memory-mapped file.
 pub struct RawSource {
     info: SourceInfo,
     file: MappedFile,
     array: ArrayLayout,
 }
 
-/// Where the voxels of an array lie in its file.
+/// Layout of an array's voxels in its file.
 #[derive(Clone, Debug)]
 pub(crate) struct ArrayLayout {
     pub(crate) sizes: Sizes,
@@ -64,17 +63,17 @@ pub(crate) struct ArrayLayout {
 }
 
 impl ArrayLayout {
-    /// Returns the size of the array in bytes, without the offset; the error says why there is no such size.
+    /// Returns the array's bytes, without the offset, or the reason why they cannot be counted.
     pub(crate) fn body_bytes(&self) -> Result<u64, String> {
         self.sizes.checked_bytes(self.decode.element.bytes())
     }
 
-    /// A source's description with the array's sizes and voxel type, and a default geometry.
+    /// Creates a description with the array's sizes and voxel type, and a default geometry.
     pub(crate) fn info(&self) -> SourceInfo {
         SourceInfo::plain(self.sizes, self.decode.voxel_type())
     }
 
-    /// Bytes between neighbours along an axis. Only for layouts whose [`ArrayLayout::body_bytes`] exist.
+    /// Bytes between neighbours along an axis. Only for layouts with valid [`ArrayLayout::body_bytes`].
     fn stride(&self, axis: Axis) -> u64 {
         let axes = self.axes.axes();
         // An axis without a letter has one element: any stride will do.
@@ -87,8 +86,8 @@ impl RawSource {
     /// Opens a headerless file.
     ///
     /// # Errors
-    /// If the file is missing or unreadable, or its size is not exactly what the layout implies: the message then
-    /// lists the shapes that would fit.
+    /// If the file is missing or unreadable, or differs in size from the layout: the message then lists the shapes that would
+    /// fit.
     pub fn open(path: &Path, layout: &RawLayout) -> Result<Self, ImportError> {
         let array = ArrayLayout {
             sizes: Sizes { extent: layout.extent, channels: layout.channels, times: layout.times },
@@ -110,7 +109,7 @@ impl RawSource {
     /// Creates a source of an array in a mapped file.
     ///
     /// # Errors
-    /// If the file is shorter than the array's layout says.
+    /// If the file is shorter than the array's layout.
     pub(crate) fn new(file: MappedFile, array: ArrayLayout, info: SourceInfo) -> Result<Self, ImportError> {
         // Whatever the reader checked, every later slice must lie inside the map.
         let needed = array.body_bytes().ok().and_then(|body| body.checked_add(array.offset));
@@ -121,17 +120,17 @@ impl RawSource {
         Ok(Self { info, file, array })
     }
 
-    /// Completes the description, where that needs the voxel type that [`RawSource::with_losses`] leaves.
+    /// Completes the description where it depends on the voxel type left by [`RawSource::with_losses`].
     pub(crate) fn described(mut self, describe: impl FnOnce(&mut SourceInfo)) -> Self {
         describe(&mut self.info);
         self
     }
 
-    /// Reads the whole array, counts the values that its voxels cannot hold, and adds a note on them. Arrays that
-    /// cannot lose anything are not read. `nodata` is the value that means no data by the file.
+    /// Reads the whole array, counts the values that do not fit its voxels, and adds a note. Arrays without possible losses are
+    /// not read. `nodata` is the file's no-data value.
     ///
     /// # Errors
-    /// If a value is lost that must not be, or the file cannot be read.
+    /// If a forbidden loss occurs, or the file cannot be read.
     pub(crate) fn with_losses(mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<Self, ImportError> {
         let path = self.file.path();
         let Some(mut losses) = Losses::may_occur(path, self.array.decode, nodata, options) else { return Ok(self) };
@@ -139,7 +138,7 @@ impl RawSource {
         let numbers = &self.file[self.array.offset as usize..][..body as usize];
         for part in numbers.chunks(LOSSES_AT_ONCE) {
             let seen = losses.see(part);
-            // What is gone of the file reads as zeros.
+            // Missing parts of the file read as zeros.
             self.file.confirm()?;
             seen?;
         }
@@ -150,7 +149,7 @@ impl RawSource {
         Ok(self)
     }
 
-    /// Where a box begins in the file, and how it is copied.
+    /// A box's start in the file, and its copy loops.
     fn copy_of(&self, time: u32, channel: u32, region: VoxelBox) -> (usize, BoxCopy) {
         let array = &self.array;
         let strides = [Axis::X, Axis::Y, Axis::Z].map(|a| array.stride(a));
@@ -240,7 +239,7 @@ impl BoxCopy {
         }
     }
 
-    /// Announces what will be read, one range per outermost step, where the box uses a good part of that range.
+    /// Announces the bytes about to be read, one range per outermost step, if the box uses a good part of that range.
     fn advise(&self, file: &MappedFile, start: usize) {
         let line = (self.counts[0] - 1) * self.src[0] + self.decode.element.bytes();
         if line.saturating_mul(8) < self.src[1] && self.counts[1] > 1 {
@@ -254,7 +253,7 @@ impl BoxCopy {
     }
 }
 
-/// Every axis of more than one element needs a letter.
+/// Checks that every axis of more than one element has a letter.
 fn check_letters(path: &Path, array: &ArrayLayout) -> Result<(), ImportError> {
     for (axis, letter) in [(Axis::Z, 'z'), (Axis::C, 'c'), (Axis::T, 't')] {
         let size = array.sizes.of(axis);
@@ -266,7 +265,7 @@ fn check_letters(path: &Path, array: &ArrayLayout) -> Result<(), ImportError> {
     Ok(())
 }
 
-/// Says how the size of a file disagrees with its layout, and what would fit.
+/// Describes a mismatch of a file's size and its layout, and the shapes that would fit.
 fn misfit(layout: &RawLayout, body: u64, found: u64) -> String {
     let RawLayout { extent, voxel_type, offset, channels, times, .. } = *layout;
     let expected = body as u128 + offset as u128;
@@ -328,8 +327,8 @@ fn fitting_shapes(layout: &RawLayout, found: u64) -> Vec<String> {
     fits
 }
 
-/// Returns a text that identifies input files: `prefix` for how they are read, then the absolute path, size and
-/// modification time of each file.
+/// Returns an identity of input files: `prefix` for the way they are read, then each file's absolute path, size and modification
+/// time.
 pub(crate) fn identity(prefix: &str, paths: &[impl AsRef<Path>]) -> Result<String, ImportError> {
     let mut identity = prefix.to_owned();
     for path in paths {
@@ -439,7 +438,7 @@ mod tests {
         assert_ne!(before, of(Extent::new(2, 2, 2)));
     }
 
-    /// Whether all that is read of a source is refused now: lent voxels and copied ones.
+    /// Checks that all reads of a source now fail, lent and copied.
     fn all_is_refused(source: &RawSource, what: &str) {
         let full = source.info().extent.full_box();
         let mut out = vec![0; full.extent().volume() as usize * source.info().voxel_type.bytes()];

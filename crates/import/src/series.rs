@@ -1,9 +1,8 @@
 //! One file per time step, as one source.
 //!
-//! Each file is looked at when the series is opened, and closed: what it is, and the state it was in, stay. While voxels are read, the last
-//! few steps are open; one that is opened anew must be as it was. So neither descriptors, maps nor scratch space grow with the number of
-//! steps. Steps are mostly read one after another; jumping between more than are open costs an opening each time, which for compressed
-//! files means to inflate them.
+//! Opening the series examines and closes each file, keeping its description and state. During reads, the last few steps are open, and a
+//! reopened file must be unchanged. So neither descriptors, maps nor scratch space grow with the number of steps. Steps are mostly read in
+//! sequence; jumping between more than the open ones costs an opening each time, which inflates compressed files.
 
 #[cfg(test)]
 mod tests;
@@ -19,10 +18,10 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Number of steps that are open at a time: the one that a pack reads, and the one that somebody looks at meanwhile.
+/// Most steps open at a time: one read by a pack, and one shown meanwhile.
 pub(crate) const OPEN_STEPS: usize = 2;
 
-/// Description of a file of one time step, kept while the file is closed.
+/// Description of the file of one time step, kept while it is closed.
 pub(crate) struct StepFile {
     pub(crate) info: SourceInfo,
     pub(crate) access: Access,
@@ -34,7 +33,6 @@ pub(crate) struct StepFile {
 }
 
 impl StepFile {
-    /// Description of an open file.
     pub(crate) fn of(source: &dyn Source) -> Self {
         Self {
             info: source.info().clone(),
@@ -47,10 +45,9 @@ impl StepFile {
     }
 }
 
-/// Opens a step's file.
 type Open = dyn Fn(&Path) -> Result<Box<dyn Source>, ImportError> + Send + Sync;
 
-/// A time series: files of one time step each that agree in extent, voxel type, channels and spacing.
+/// A time series: files of one time step each, with the same extent, voxel type, channels and spacing.
 pub(crate) struct Series {
     info: SourceInfo,
     access: Access,
@@ -59,28 +56,27 @@ pub(crate) struct Series {
     scratch_bytes: u64,
     steps: Vec<Step>,
     open: Box<Open>,
-    /// The steps that were read last, at most [`OPEN_STEPS`], the latest one at the end.
+    /// The steps read last, at most [`OPEN_STEPS`], the latest at the end.
     recent: Mutex<Vec<Recent>>,
 }
 
-/// A step's file, and the state it was in when the series was opened.
+/// A step's file, and its state when the series was opened.
 struct Step {
     path: PathBuf,
     stamp: Stamp,
-    /// Where the step's own identity stands in the series'.
+    /// Range of the step's own identity in the series'.
     identity: Range<usize>,
 }
 
-/// A step that was read a short while ago.
 struct Recent {
     time: u32,
-    /// `None` until it is open. Whoever opens it holds the lock, so that others wait for that and do not do the same.
+    /// `None` until it is open. The opening thread holds the lock, so others wait instead of opening it too.
     source: Arc<Mutex<Option<Arc<dyn Source>>>>,
 }
 
 impl Series {
-    /// Joins files of one time step each. `options` are what the user says of all of them, `check` looks at one and closes it; `open`
-    /// opens it to be read.
+    /// Joins files of one time step each. `options` are the user's, for all files; `check` examines one and closes it; `open` opens it for
+    /// reading.
     ///
     /// # Errors
     /// If a file cannot be read, has several time steps or differs from the first.
@@ -98,10 +94,10 @@ impl Series {
         for path in paths {
             let stamp = Stamp::of(path)?;
             let found = check(path);
-            // What was found, an error too, is of the file that has this stamp, or of none.
+            // The findings, or an error, hold only for a file with this stamp.
             stamp.check(path)?;
             let mut file = found?;
-            // What the user says of all is not compared.
+            // Values given by the user for all files are not compared.
             options.override_geometry(&mut file.info, path)?;
             check_alike(&file.info, path, &first.as_ref().unwrap_or(&file).info, paths)?;
             check_unit(&file.info, path, &first.as_ref().unwrap_or(&file).info, &paths[0])?;
@@ -138,7 +134,7 @@ impl Series {
         Ok(Self { info, access, reader_bytes, held_bytes, scratch_bytes, steps, open, recent: Mutex::default() })
     }
 
-    /// The source of a step, which is opened unless it is among the last ones.
+    /// Returns the source of a step, opened unless it is among the last ones.
     fn step(&self, time: u32) -> Result<Arc<dyn Source>, ImportError> {
         let place = self.place(time);
         let mut source = lock(&place);
@@ -150,7 +146,7 @@ impl Series {
         Ok(opened)
     }
 
-    /// Makes a step the latest one, and closes the one that was latest longest ago if there are too many.
+    /// Makes a step the latest one, and closes the least recent if there are too many.
     fn place(&self, time: u32) -> Arc<Mutex<Option<Arc<dyn Source>>>> {
         let mut recent = lock(&self.recent);
         let step = match recent.iter().position(|step| step.time == time) {
@@ -169,7 +165,7 @@ impl Series {
 
     fn reopen(&self, step: &Step) -> Result<Arc<dyn Source>, ImportError> {
         let opened = (self.open)(&step.path);
-        // What was found, an error too, is of the file that was looked at, or of none.
+        // The findings, or an error, hold only for the file examined before.
         step.stamp.check(&step.path)?;
         let opened = opened?;
         let (found, known) = (opened.info(), &self.info);
@@ -185,7 +181,7 @@ impl Series {
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // A list of steps, and one that is open or not, are whole whatever a thread that panicked was about.
+    // A panic cannot leave a list of steps, or a step open or not, half changed.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -209,7 +205,7 @@ impl<'a> Remarks<'a> {
         }
     }
 
-    /// The remarks; one that not all of so many files have names the first that has it.
+    /// Returns the remarks; those on fewer than all `count` files name the first file with them.
     fn of_files(self, count: usize) -> Vec<Note> {
         let named = |Remark { note, first, files }| match files {
             _ if files == count => note,
@@ -220,7 +216,7 @@ impl<'a> Remarks<'a> {
     }
 }
 
-/// Steps must agree in all that a series has once.
+/// Checks that a step agrees with the first in all properties shared by a series.
 fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[PathBuf]) -> Result<(), ImportError> {
     let first_path = paths[0].display();
     if step.times != 1 {
@@ -258,7 +254,6 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
     Ok(())
 }
 
-/// Lengths must be in one unit.
 fn check_unit(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &Path) -> Result<(), ImportError> {
     if step.geometry.unit.is_none() || step.geometry.unit == first.geometry.unit {
         return Ok(());
@@ -271,7 +266,7 @@ fn check_unit(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &P
     Err(ImportError::options(path, problem))
 }
 
-/// Channels must be those of the file that is `named`, the first that gives them names, where both do.
+/// Checks a step's channel names against the `named` file's, the first with such names, where both have them.
 fn check_channels(looks: &[ChannelLook], path: &Path, named: (&[ChannelLook], &Path)) -> Result<(), ImportError> {
     let (other_looks, other_path) = named;
     let differs = |(own, other): (&ChannelLook, &ChannelLook)| {
@@ -330,7 +325,7 @@ impl Source for Series {
     }
 
     fn announce(&self, time: u32, channel: u32, region: VoxelBox) {
-        // Whoever reads it is told why it cannot be opened.
+        // An opening error is reported to the reader of the step.
         if let Ok(step) = self.step(time) {
             step.announce(0, channel, region);
         }

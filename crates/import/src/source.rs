@@ -1,4 +1,4 @@
-//! What every reader of a foreign format offers: a description, and the voxels of any box.
+//! The interface of every reader: a description, and the voxels of any box.
 
 use crate::axes::Sizes;
 use crate::error::ImportError;
@@ -6,7 +6,7 @@ use crate::note::Note;
 use crate::step_time::StepTime;
 use brickyard_volume::{ChannelLook, Extent, Geometry, Orientation, TimeAxis, VoxelBox, VoxelType};
 
-/// What a source says of itself before any voxel is read.
+/// Description of a source, available before any voxel is read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceInfo {
     /// Number of voxels along x, y, z of one volume.
@@ -15,34 +15,33 @@ pub struct SourceInfo {
     pub channels: u32,
     /// Number of time steps, at least 1.
     pub times: u32,
-    /// When the time steps were taken; `None` where nothing is known of that.
+    /// Times of the steps; `None` if unknown.
     pub time: Option<TimeAxis>,
-    /// Voxel type that [`Source::read_box`] delivers.
+    /// Voxel type delivered by [`Source::read_box`].
     pub voxel_type: VoxelType,
     /// Spacing, origin and unit, as far as the format has them.
     pub geometry: Geometry,
-    /// Whether the spacing is known, from the format or from the caller. If not, the volume is uncalibrated.
+    /// Whether the spacing is known, from the format or the caller. If not, the volume is uncalibrated.
     pub calibrated: bool,
-    /// Whether the caller says where the volume lies: the default origin is meant then, too.
+    /// Whether the caller gives the volume's position: the default origin is then meant as well.
     pub says_origin: bool,
-    /// How the volume lies in a patient, where the format says it.
+    /// Orientation of the volume in a patient, if the format has one.
     pub orientation: Option<Orientation>,
-    /// How each channel looks, where the format says it; empty, or one for each channel.
+    /// Looks of the channels, from the format; empty, or one per channel.
     pub channel_looks: Vec<ChannelLook>,
-    /// The value of voxels that hold no data, as [`Source::read_box`] delivers them; `None` if no value says so. Their type holds
-    /// it.
+    /// Value of voxels without data, as delivered by [`Source::read_box`]; `None` if there is no such value. It fits the voxel type.
     pub nodata: Option<f64>,
-    /// Whether the source knows which of its voxels hold no data: those of floats are NaN, and another number that is [`nodata`](Self::nodata), or
-    /// was that of another source, is a value.
+    /// Whether the source itself marks voxels without data: floats are NaN there, and a number equal to [`nodata`](Self::nodata), or to another
+    /// source's, is a value.
     pub knows_nodata: bool,
-    /// What identifies the input for `--resume`: names, sizes and modification times of files, or a generator's settings.
+    /// Identity of the input for `--resume`: names, sizes and modification times of files, or a generator's settings.
     pub identity: String,
-    /// What the user should know, one sentence each.
+    /// Remarks for the user, one sentence each.
     pub notes: Vec<Note>,
 }
 
 impl SourceInfo {
-    /// A description with sizes and voxel type, a default geometry, and no identity or notes.
+    /// Creates a description from sizes and voxel type, with a default geometry and without identity or notes.
     pub(crate) fn plain(sizes: Sizes, voxel_type: VoxelType) -> Self {
         Self {
             extent: sizes.extent,
@@ -62,12 +61,12 @@ impl SourceInfo {
         }
     }
 
-    /// Takes the value that a file has, under this name, for voxels that hold no data. One that no voxel can be is left out, with a
-    /// note; NaN and infinities hold no data anyway.
+    /// Sets the file's no-data value, called `name` there. A value outside the voxel type is dropped, with a note; NaN and infinities hold no
+    /// data anyway.
     pub(crate) fn set_nodata(&mut self, value: f64, name: &str) {
-        // As the voxels are, which may have been narrowed.
+        // As the voxels are, possibly narrowed.
         let narrowed = if self.voxel_type.is_float() { f64::from(value as f32) } else { value };
-        // Whoever says that such a value means no data says that no other one does.
+        // Any no-data value, even an impossible one, means all other values are data.
         self.knows_nodata = !self.voxel_type.holds(narrowed);
         if self.voxel_type.holds(narrowed) {
             let value = narrowed;
@@ -87,12 +86,12 @@ impl SourceInfo {
         }
     }
 
-    /// The value that has to be looked for among the voxels: floats of a source that knows its own are NaN already.
+    /// The no-data value to look for among the voxels: none in floats of a source with its own marks, which are NaN already.
     pub fn sought_nodata(&self) -> Option<f64> {
         self.nodata.filter(|_| !(self.knows_nodata && self.voxel_type.is_float()))
     }
 
-    /// Checks the arguments of [`Source::read_box`], and panics as that method documents.
+    /// Checks the arguments of [`Source::read_box`], and panics as documented there.
     pub(crate) fn check_box(&self, time: u32, channel: u32, region: VoxelBox, out: &[u8]) {
         assert!(time < self.times && channel < self.channels, "no t{time} c{channel} in the source");
         let inside = self.extent.full_box().intersect(region) == region && !region.is_empty();
@@ -102,19 +101,19 @@ impl SourceInfo {
     }
 }
 
-/// How boxes are best asked for.
+/// Preferred shape of the requested boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
-    /// Reading a box costs the box's own bytes, whatever its shape.
+    /// A box costs its own bytes, whatever its shape.
     Box,
-    /// Reading any part of a z plane decodes the whole plane, so each plane is best asked for once.
+    /// Any part of a z plane decodes the whole plane, so each plane is best requested once.
     Planes,
 }
 
-/// The voxels of a box that a source lends from memory: little-endian, without gaps along x, not aligned.
+/// Voxels of a box lent from memory: little-endian, without gaps along x, not aligned.
 #[derive(Clone, Copy)]
 pub struct Lent<'a> {
-    /// The bytes from the first voxel of the box on; what follows its last voxel is not part of it.
+    /// Bytes from the first voxel of the box on; those after its last voxel are not part of it.
     pub bytes: &'a [u8],
     /// Bytes from one row to the next along y.
     pub row_bytes: usize,
@@ -122,32 +121,32 @@ pub struct Lent<'a> {
     pub slice_bytes: usize,
 }
 
-/// A volume, time series or multi-channel set that can be read box by box. Calls may come from many threads at once.
+/// A volume, time series or multi-channel set, readable box by box. Calls may come from many threads at once.
 pub trait Source: Send + Sync {
-    /// The description of the source: sizes, voxel type and geometry.
+    /// Description of the source: sizes, voxel type and geometry.
     fn info(&self) -> &SourceInfo;
 
-    /// How the source's boxes are best asked for: [`Access::Box`] unless a source says otherwise.
+    /// Preferred shape of the requested boxes, [`Access::Box`] by default.
     fn access(&self) -> Access {
         Access::Box
     }
 
-    /// Most memory in bytes that one thread takes while it reads a box, besides the buffer that it fills.
+    /// Most memory in bytes of one thread reading a box, besides the filled buffer.
     fn reader_bytes(&self) -> u64 {
         0
     }
 
-    /// Memory in bytes that the source takes as long as it is open, where that grows with the number of its files.
+    /// Memory in bytes of the open source, where it grows with the number of files.
     fn held_bytes(&self) -> u64 {
         0
     }
 
-    /// Most bytes of scratch files that the source keeps at a time.
+    /// Most bytes of scratch files held at a time.
     fn scratch_bytes(&self) -> u64 {
         0
     }
 
-    /// Times that a source of one time step has in it; none unless its format keeps them.
+    /// Times stored in a source of one time step; none unless the format has them.
     fn step_time(&self) -> StepTime {
         StepTime::default()
     }
@@ -158,16 +157,14 @@ pub trait Source: Send + Sync {
     /// If reading or decoding fails. The error names the file and the place.
     ///
     /// # Panics
-    /// If there is no such time step or channel, the box is empty or leaves the extent, or `out` is not exactly the
-    /// box's bytes.
+    /// If there is no such time step or channel, the box is empty or leaves the extent, or `out` is not exactly the box's size.
     fn read_box(&self, time: u32, channel: u32, region: VoxelBox, out: &mut [u8]) -> Result<(), ImportError>;
 
-    /// Lends the voxels of a box to `take`, without a copy, and returns true. Returns false, and does not call `take`, unless they lie in
-    /// memory as [`Source::read_box`] would deliver them.
+    /// Lends the voxels of a box to `take`, without a copy, and returns true. Returns false, without calling `take`, unless they lie in memory
+    /// exactly as [`Source::read_box`] would deliver them.
     ///
     /// # Errors
-    /// As for [`Source::read_box`]. `take` may have been called: a file may be cut short or written to while it is read, and what was taken
-    /// is then not to be believed.
+    /// As for [`Source::read_box`]. `take` may have seen a file cut short or written to during the read: discard its result.
     fn lend(
         &self,
         _time: u32,
@@ -178,11 +175,10 @@ pub trait Source: Send + Sync {
         Ok(false)
     }
 
-    /// Hints that a box will be read soon, so that the source may fetch it ahead.
+    /// Hints at an upcoming read of a box, so the source may fetch it ahead.
     fn announce(&self, _time: u32, _channel: u32, _region: VoxelBox) {}
 
-    /// Returns the value of all voxels of a box if the source knows, without reading the box, that they are equal.
-    /// `None` says nothing.
+    /// Returns the common value of all voxels of a box, if known to be equal without reading it. `None` means unknown.
     fn constant_in(&self, _time: u32, _channel: u32, _region: VoxelBox) -> Option<f64> {
         None
     }
@@ -193,7 +189,7 @@ mod tests {
     use super::*;
     use brickyard_volume::Extent;
 
-    /// Voxels of 64 bits are narrowed, and so is the value of those that hold no data.
+    /// 64-bit voxels are narrowed, and so is the no-data value.
     #[test]
     fn no_data_is_narrowed_as_voxels_are() {
         let nodata_of = |voxel_type, value| {
@@ -205,7 +201,7 @@ mod tests {
         assert_eq!(nodata_of(VoxelType::F32, -9999.1), Some(f64::from(-9999.1f32)));
         assert_eq!(nodata_of(VoxelType::I16, -9999.0), Some(-9999.0));
         assert_eq!(nodata_of(VoxelType::I16, -9999.1), None);
-        // The least f32 in fewer digits, and what is none.
+        // The least f32 in fewer digits, and a number below it.
         assert_eq!(nodata_of(VoxelType::F32, -3.4028235e38), Some(f64::from(f32::MIN)));
         assert_eq!(nodata_of(VoxelType::F32, -3.5e38), None);
     }

@@ -1,13 +1,13 @@
-//! The state of a file that is read more than once: its size and when it was last written.
+//! State of a file that is read more than once.
 
 use crate::error::ImportError;
 use std::fs::Metadata;
 use std::path::Path;
 use std::time::SystemTime;
 
-/// The state of a file when it was opened: its size and modification time. A source may read a file for days, and what
-/// was checked at the start holds only for this state. The inode number is left out, because on some network file
-/// systems it changes by itself.
+/// Size and modification time of a file when it was opened. A source may read a file for days, and checks made at the
+/// start hold only for this state. The inode number is left out, because some network file systems change it by
+/// themselves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Stamp {
     bytes: u64,
@@ -24,12 +24,11 @@ impl Stamp {
         Self { bytes: file.len(), modified: file.modified().ok() }
     }
 
-    /// Size of the file in bytes.
     pub(crate) fn bytes(&self) -> u64 {
         self.bytes
     }
 
-    /// Checks that the file at `path` still has this state. Call it *after* reading the bytes that it is to vouch for.
+    /// Checks that the file at `path` still has this state. Call it *after* reading the bytes to be vouched for.
     ///
     /// # Errors
     /// If the file is gone, or was cut short, replaced or written to.

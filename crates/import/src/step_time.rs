@@ -1,4 +1,4 @@
-//! Times in files of one time step each, and the time axis of a series of them. Costs a few numbers for each file.
+//! Times in files of one time step each, and the time axis of their series. Costs a few numbers per file.
 
 use crate::note::Note;
 use brickyard_volume::{TimeAxis, time_unit};
@@ -8,28 +8,29 @@ use brickyard_volume::{TimeAxis, time_unit};
 pub struct StepTime {
     /// Time from one step to the next.
     pub increment: Option<TimeSpan>,
-    /// Time of this one.
+    /// Time of this step.
     pub stamp: Option<TimeSpan>,
 }
 
 /// A time in a unit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TimeSpan {
-    /// In the unit; finite.
+    /// Number of units; finite.
     pub number: f64,
-    /// UDUNITS name of the unit; `None` where it is not known.
+    /// UDUNITS name of the unit; `None` if unknown.
     pub unit: Option<&'static str>,
 }
 
 impl TimeSpan {
-    /// A time as a file has it: its number, and its unit by whatever name. `None` unless the number is finite.
+    /// Creates a span from a file's number and name of the unit, in any spelling. `None` unless the number is finite.
     pub(crate) fn of(number: f64, unit: &str) -> Option<Self> {
         number.is_finite().then(|| Self { number, unit: time_unit(unit).ok() })
     }
 }
 
 impl StepTime {
-    /// Time axis of steps in order: by their increment if all have the same, else by their stamps if all have one and these ascend. A warning if they do not ascend.
+    /// Time axis of steps in order: by their increment if common to all, else by their stamps if all have one and these ascend. Warns if they do not
+    /// ascend.
     pub(crate) fn axis(steps: &[Self]) -> (Option<TimeAxis>, Option<Note>) {
         let increment = steps.first().and_then(|first| first.increment.as_ref()).filter(|it| it.number > 0.0);
         if let Some(TimeSpan { number, unit }) =

@@ -1,4 +1,4 @@
-//! Time steps however they lie: one file each, in lists, folders and patterns, or all in one file of three to five dimensions.
+//! Time steps in all layouts: one file each, in lists, folders and patterns, or all in one file of three to five dimensions.
 
 use crate::open::{open, order_steps};
 use crate::options::{FileOrder, OpenOptions};
@@ -29,7 +29,7 @@ fn nifti(sizes: &[u16], spacing: f32, bytes: &[u8]) -> Vec<u8> {
     [header, bytes.to_vec()].concat()
 }
 
-/// A folder with the field's steps, a file each, as a format has them.
+/// Writes the field's steps to a folder, a file each, in a format made by `file`.
 fn steps_in(names: &[&str], file: impl Fn(&[u8]) -> Vec<u8>) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let bytes = FIELD.bytes("tczyx", false);
@@ -195,7 +195,7 @@ fn the_halves_of_an_image_are_no_two_steps() {
     }
 }
 
-/// `order` is that of the steps, and of the files in a folder where these have an order of their own.
+/// `order` applies to the steps, and, if natural, to the files in a folder.
 #[test]
 fn folders_that_are_steps_are_read_in_the_order_of_the_steps() {
     let folder = steps_in(&["s_1.npy", "s_2.npy", "s_4.npy"], |step| npy("(4, 5, 7)", step));

@@ -1,5 +1,5 @@
-//! Every n-th voxel of a source: a small copy of a large volume, read without reading all of it. Of sources that read boxes the rows are read that
-//! have such voxels; of those that decode planes, just the planes that are asked for.
+//! Every n-th voxel of a source: a small copy of a large volume, made without reading all of it. Only the needed rows are read of sources with box
+//! access, and only the needed planes of sources that decode planes.
 
 use crate::error::ImportError;
 use crate::source::{Access, Source, SourceInfo};
@@ -7,13 +7,13 @@ use brickyard_volume::{Extent, PlacementError, VoxelBox};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// A source of every n-th voxel of another one, along each axis. Every voxel has the value, and its centre the place in the world, that it has in the
-/// other source. The first one is in the middle of the first n, so that the box around all is the other's, to half a voxel of the other's.
+/// A source of every n-th voxel of another one, along each axis. Voxels keep their values, and their centres their positions in the world. The first
+/// one is in the middle of the first n, so the bounding boxes agree, to half a voxel of the other source.
 pub struct Strided {
     source: Arc<dyn Source>,
     info: SourceInfo,
     stride: [u32; 3],
-    /// The other source's voxel that is the first one here.
+    /// The first voxel, in the other source.
     first: [u32; 3],
 }
 
@@ -51,7 +51,7 @@ impl Strided {
         &self.source
     }
 
-    /// The other source's box from the first voxel of a box of this one to the last.
+    /// The other source's box from the first voxel of a box to its last.
     fn box_of_whole(&self, region: VoxelBox) -> VoxelBox {
         let (min, max) = (region.min.to_array(), region.max.to_array());
         let voxel = |axis: usize, at: u32| at * self.stride[axis] + self.first[axis];
@@ -61,7 +61,6 @@ impl Strided {
         )
     }
 
-    /// Copies every n-th voxel of a row of the other source.
     fn pick(&self, row: &[u8], out: &mut [u8]) {
         match self.info.voxel_type.bytes() {
             1 => pick_each::<1>(row, self.stride[0], out),
@@ -70,7 +69,7 @@ impl Strided {
         }
     }
 
-    /// Reads a plane, which is a box one voxel thick.
+    /// Reads a plane, a box one voxel thick.
     fn read_plane(&self, time: u32, channel: u32, plane: VoxelBox, out: &mut [u8]) -> Result<(), ImportError> {
         let bytes = self.info.voxel_type.bytes();
         let whole = self.box_of_whole(plane);
@@ -135,7 +134,7 @@ impl Source for Strided {
     }
 }
 
-/// Copies the first voxel of every `stride`, voxels being of `BYTES`.
+/// Copies the first of every `stride` voxels, each of `BYTES` bytes.
 fn pick_each<const BYTES: usize>(row: &[u8], stride: u32, out: &mut [u8]) {
     let (voxels, _) = row.as_chunks::<BYTES>();
     let (out, _) = out.as_chunks_mut::<BYTES>();
@@ -150,7 +149,7 @@ mod tests {
     use crate::testing::{Field, temp_file};
     use brickyard_volume::{Orientation, VoxelType};
 
-    /// A source that lends nothing, so that it is read.
+    /// A source without lending, to force reads.
     struct Unlent(Arc<dyn Source>, Access);
 
     impl Source for Unlent {
@@ -203,7 +202,7 @@ mod tests {
                         let at = [i % 4, i / 4 % 4, i / 16].map(|i| i as u32);
                         let centre = DVec3::from_array(at.map(|i| f64::from(i) + 0.5));
                         let there = whole.info().geometry.voxel_from_world(info.geometry.world_from_voxel(centre));
-                        // The centre of a voxel, not a place between two.
+                        // A voxel's centre, not a place between two.
                         let place = there - 0.5;
                         assert!((place - place.round()).length() < 1e-12, "{there}");
                         let place = place.round().to_array().map(|at| at as u32);

@@ -1,9 +1,9 @@
 //! Generated volumes as sources: for demonstrations, benchmarks and tests.
 //!
-//! A voxel's value depends on its position, the kind, the extent, the time step and the seed, never on how the volume
-//! is cut into boxes or on threads. Fields are functions of the unit cube (voxel `i` of `n` is at `(i + 0.5) / n`), so
-//! every extent shows the same object, finer with more voxels. Values are in *units* of 0 to 255: stored as they are in
-//! u8 and f32, times 200 in u16 (so that the low byte carries the noise, as in a scan).
+//! A voxel's value depends on its position, the kind, the extent, the time step and the seed, never on boxes or
+//! threads. Fields are functions of the unit cube (voxel `i` of `n` is at `(i + 0.5) / n`), so every extent shows the
+//! same object, finer with more voxels. Values are in *units* of 0 to 255: stored unchanged in u8 and f32, times 200
+//! in u16 (so that the low byte carries the noise, as in a scan).
 //!
 //! A box is made row by row: a kind's [`RowField`] fills a row of f32, which is then rounded to the voxel type.
 
@@ -33,7 +33,7 @@ pub enum SynthKind {
     Spheres,
     /// A scan of an imagined specimen: a tube around a ball of shells in a turbulent matrix, noise over all.
     Ct,
-    /// A turbulent plume that rises with time.
+    /// A turbulent plume, rising with time.
     Flow,
     /// Zero but for a few small spheres and the very last voxel ([`SPARSE_LAST_UNITS`]); boxes of zeros are known
     /// without making them, so extents may be huge.
@@ -98,7 +98,7 @@ pub struct SynthSource {
     field: Field,
 }
 
-/// A kind with what it has computed in advance.
+/// A kind with its precomputed data.
 enum Field {
     Turbulence(Turbulence),
     MarschnerLobb,
@@ -110,7 +110,7 @@ enum Field {
     Constant,
 }
 
-/// Makes rows of one box, in units. Rows are asked for in memory order.
+/// Makes rows of one box, in units. Rows are requested in memory order.
 trait RowField {
     fn row(&mut self, y: u32, z: u32, units: &mut [f32]);
 }
@@ -224,7 +224,6 @@ impl RowField for Constant {
     }
 }
 
-/// How units are stored.
 #[derive(Clone, Copy)]
 enum Units {
     U8,
@@ -271,7 +270,7 @@ impl Units {
 }
 
 /// Low 22 bits: a value of `0..2^22` rounded to the nearest integer, ties to even. Adding 2^23 leaves it in the low
-/// mantissa bits: unlike a conversion, that is one vector instruction.
+/// mantissa bits, in one vector instruction, unlike a conversion.
 #[inline]
 fn round_bits(value: f32) -> u32 {
     (value + (1 << 23) as f32).to_bits()

@@ -1,4 +1,4 @@
-//! What the readers' tests share: a field whose every voxel differs from its neighbours, written in any axis and byte
+//! Shared parts of the readers' tests: a field whose neighbouring voxels all differ, written in any axis and byte
 //! order, and the check that a source delivers it whole and in random boxes.
 
 use crate::note::Note;
@@ -99,7 +99,7 @@ pub(crate) fn assert_boxes(source: &dyn Source, field: Field) {
         .unwrap();
 }
 
-/// Writes a file in a temporary folder of its own, which is removed when the returned guard is dropped.
+/// Writes a file in a temporary folder of its own, removed when the returned guard is dropped.
 pub(crate) fn temp_file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
@@ -107,8 +107,8 @@ pub(crate) fn temp_file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf
     (folder, path)
 }
 
-/// Runs the test of this name again in a process of its own, so that its memory can be measured, on a file that `write`
-/// makes. Returns that file in the new process, and `None` in the one that started it.
+/// Reruns the test of this name in a process of its own, to measure its memory, on a file made by `write`. Returns
+/// the file in the new process, and `None` in the parent.
 pub(crate) fn alone_with(name: &str, write: impl FnOnce(&Path)) -> Option<PathBuf> {
     const ALONE: &str = "BRICKYARD_TEST_ALONE";
     if let Some(path) = std::env::var_os(ALONE) {
@@ -125,17 +125,17 @@ pub(crate) fn alone_with(name: &str, write: impl FnOnce(&Path)) -> Option<PathBu
     None
 }
 
-/// Largest resident memory of this process so far, in bytes, as the kernel counts it.
+/// Largest resident memory of this process so far, in bytes, from the kernel.
 pub(crate) fn peak_bytes() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
     peak.trim().trim_end_matches("kB").trim().parse::<u64>().unwrap() << 10
 }
 
-/// Checks that opening and reading a source of one plane take about as much memory as [`Source::reader_bytes`] says,
-/// beside the plane itself.
+/// Checks that opening and reading a source of one plane take about [`Source::reader_bytes`] of memory, beside the
+/// plane itself.
 pub(crate) fn assert_takes_what_it_says(open: impl FnOnce() -> Box<dyn Source>, plane_bytes: usize) {
-    // The reader's code is read from disk meanwhile, some 3 MiB of it, and counts; a copy of the plane would be 8.
+    // Pages of the reader's code loaded meanwhile, some 3 MiB, count too; a copy of the plane would be 8.
     const SLACK_BYTES: u64 = 5 << 20;
     let mut plane = vec![1; plane_bytes];
     let before = peak_bytes();
@@ -146,13 +146,13 @@ pub(crate) fn assert_takes_what_it_says(open: impl FnOnce() -> Box<dyn Source>, 
     assert!(said >= plane_bytes as u64, "a plane is decoded at once");
 }
 
-/// Remarks on a source in one text, each behind its kind.
+/// Joins a source's remarks in one text, each behind its kind.
 pub(crate) fn said(notes: &[Note]) -> String {
     let kind = |is_warning| if is_warning { "warning" } else { "note" };
     notes.iter().map(|note| format!("{}: {} ", kind(note.is_warning()), &**note)).collect()
 }
 
-/// Whether of what was [`said`] these words are a warning's.
+/// Whether these words of a [`said`] text belong to a warning.
 pub(crate) fn is_warned(said: &str, words: &str) -> bool {
     let Some((before, _)) = said.split_once(words) else { return false };
     before.rfind("warning: ") > before.rfind("note: ")

@@ -1,11 +1,10 @@
-//! TIFF stacks on the `tiff` crate: multi-page files and BigTIFF, strips and tiles in every compression it decodes,
-//! lists of single-plane files, sets of OME-TIFF files, and what ImageJ, OME-XML, tifffile and MetaMorph say of the order of pages and
-//! the meaning of values.
+//! TIFF stacks on the `tiff` crate: multi-page files and BigTIFF, strips and tiles in every compression it decodes, lists of single-plane
+//! files, sets of OME-TIFF files, and the page order and value meaning described by ImageJ, OME-XML, tifffile and MetaMorph.
 //!
-//! Opening walks all directories once: planes must agree, and their data must lie inside the file. Reading decodes only
-//! the strips or tiles that a box meets; since those mostly span a plane's width, callers do best to ask for each plane
-//! once. Each thread that reads has a decoder of its own, kept for the next call. Stacks with a single directory (of ImageJ over 4 GiB, of
-//! MetaMorph) are plain arrays and go through [`RawSource`](crate::raw::RawSource).
+//! Opening walks all directories once: planes must agree, and their data must lie inside the file. Reading decodes only the strips or tiles
+//! that intersect a box; since those mostly span a plane's width, each plane is best requested once. Each reading thread has a decoder of its
+//! own, kept for the next call. Single-directory stacks (ImageJ's over 4 GiB, MetaMorph's) are plain arrays, read through
+//! [`RawSource`](crate::raw::RawSource).
 
 mod calibration;
 mod description;
@@ -56,20 +55,20 @@ use page_map::{PageMap, Place};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// The most decoders at rest: each is an open file, of which a process may have some 1,000.
+/// Most idle decoders: each is an open file, and a process may have some 1,000.
 const MOST_IDLE: usize = 128;
 
-/// A stack of planes in TIFF files as a source; strips and tiles are decoded when they are asked for.
+/// A stack of planes in TIFF files as a source.
 struct TiffStack {
     info: SourceInfo,
     format: PageFormat,
-    /// How the library's samples, which are in this machine's byte order, become voxels.
+    /// Conversion of the library's samples, in this machine's byte order, to voxels.
     decode: Decode,
     files: Vec<TiffFile>,
     map: PageMap,
     /// Memory for the largest strip or tile.
     reader_bytes: u64,
-    /// Decoders at rest, each with the number of its file.
+    /// Idle decoders, each with the number of its file.
     idle: Mutex<Vec<(u32, OpenTiff)>>,
     step_time: StepTime,
 }
@@ -81,7 +80,7 @@ struct TiffFile {
     pages: u32,
 }
 
-/// Parts of a stack: its files, the format of its pages, and which page is which plane.
+/// A stack's files, page format, and map of planes to pages.
 struct Parts {
     files: Vec<TiffFile>,
     format: PageFormat,
@@ -90,8 +89,7 @@ struct Parts {
     idle: Vec<(u32, OpenTiff)>,
 }
 
-/// How the channels of photographs look: red, green and blue over all values of the type; what follows them says how opaque a pixel is, and is
-/// black.
+/// Looks of a photograph's channels: red, green and blue over all values of the type; further ones give opacity, and are black.
 fn photograph(info: &SourceInfo, samples: u16) -> Vec<ChannelLook> {
     let whole = (!info.voxel_type.is_float()).then(|| info.voxel_type.limits());
     let parts = [("red", [255, 0, 0]), ("green", [0, 255, 0]), ("blue", [0, 0, 255]), ("opacity", [0; 3])];
@@ -117,7 +115,7 @@ impl TiffStack {
         };
         description.place(&mut info);
         info.notes.extend(note);
-        // A composite says how each of its channels is shown.
+        // A composite has a look for each channel.
         let are_told = !info.channel_looks.is_empty() && info.channel_looks.iter().all(|look| look.window.is_some());
         if format.is_rgb && !are_told {
             info.channel_looks = photograph(&info, format.samples);
@@ -133,7 +131,7 @@ impl TiffStack {
         Ok(stack)
     }
 
-    /// Counts what voxels lose, in all planes; an error if something is lost that must not be.
+    /// Counts the losses of voxels in all planes; a forbidden loss is an error.
     fn count_losses(&mut self, nodata: Option<f64>, options: &OpenOptions) -> Result<(), ImportError> {
         let path = |place: Place| &self.files[place.file as usize].path;
         let Some(mut losses) = Losses::may_occur(&self.files[0].path, self.decode, nodata, options) else {
@@ -154,14 +152,14 @@ impl TiffStack {
         Ok(())
     }
 
-    /// Runs `f` on a decoder that stands at the page.
+    /// Runs `f` on a decoder positioned at the page.
     fn with_page(
         &self,
         place: Place,
         f: impl FnOnce(&mut OpenTiff) -> Result<(), ImportError>,
     ) -> Result<(), ImportError> {
         let file = &self.files[place.file as usize];
-        // A poisoned lock holds decoders all the same: nothing is changed while it is held but the list.
+        // A poisoned lock still holds valid decoders: only the list changes under it.
         let rest = || self.idle.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         let idle = {
             let mut rest = rest();
@@ -178,7 +176,7 @@ impl TiffStack {
             Ok(tiff)
         };
         let tiff = read();
-        // What was read, an error too, is of the file whose pages were checked, or of none.
+        // The bytes, or an error, count only if the file is unchanged since its pages were checked.
         file.stamp.check(&file.path)?;
         let tiff = tiff?;
         // The only page of a file needs no search.

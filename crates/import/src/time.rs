@@ -1,4 +1,4 @@
-//! When the steps of an input were taken: what the user says of that in place of its file.
+//! User-given times of an input's steps, replacing its file's.
 
 use crate::error::ImportError;
 use crate::options::OpenOptions;
@@ -9,7 +9,7 @@ use std::path::Path;
 /// Most bytes of a file of stamps: some ten million of them.
 const LONGEST_STAMPS: u64 = 256 << 20;
 
-/// Puts the user's step, unit and stamps in place of the file's.
+/// Replaces the file's time step, unit and stamps with the user's.
 pub(crate) fn override_time(info: &mut SourceInfo, path: &Path, options: &OpenOptions) -> Result<(), ImportError> {
     if options.time_step.is_some() && options.time_stamps.is_some() {
         let problem = "`time_step` and `time_stamps`: steps are evenly spaced, or each has a time of its own; give one of the two";
@@ -42,7 +42,7 @@ pub(crate) fn override_time(info: &mut SourceInfo, path: &Path, options: &OpenOp
     })
 }
 
-/// The numbers of a file of stamps, which must be as many as there are time steps.
+/// Reads a file of stamps; fails unless it has one number per time step.
 fn read_stamps(path: &Path, times: u32) -> Result<Vec<f64>, ImportError> {
     let bytes = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
     if bytes > LONGEST_STAMPS {

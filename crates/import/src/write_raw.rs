@@ -1,5 +1,5 @@
-//! Writes a source as a headerless file: all threads make boxes, the file grows in order of whoever is done, and takes
-//! its name only when it is whole.
+//! Raw file writer: all threads make pieces, and write each at its offset as soon as it is done. The file takes its
+//! name only when complete.
 
 use crate::error::ImportError;
 use crate::source::{Access, Source};
@@ -10,15 +10,15 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// Bytes that one thread makes at a time.
+/// Bytes made at a time by one thread.
 const PIECE_BYTES: u64 = 8 << 20;
 
 /// Writes all voxels of a source to a headerless file: little-endian, x fastest, then y, z, channel, time. `progress`
 /// is called with the bytes written so far and in all, from any thread but never from two at once.
 ///
 /// # Errors
-/// If the file exists and `overwrite` is false, the source fails, or the file cannot be written. What was at `path` is
-/// then unchanged.
+/// If the file exists and `overwrite` is false, the source fails, or the file cannot be written. Existing content at
+/// `path` is then unchanged.
 pub fn write_raw(
     source: &dyn Source,
     path: &Path,
@@ -64,7 +64,7 @@ pub fn write_raw(
     Ok(())
 }
 
-/// A file in the folder that vanishes unless it is given a name, readable like any other once it has one.
+/// Creates a file in the folder that vanishes unless it is given a name, and is then readable like any other.
 fn temporary_in(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(".").suffix(".partial");

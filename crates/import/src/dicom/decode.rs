@@ -1,5 +1,4 @@
-//! Frames that are packed by themselves: run-length encoded, or by JPEG or JPEG 2000. Errors are what is wrong with the
-//! frame, without the file.
+//! Decoders of separately packed frames: run-length, JPEG and JPEG 2000. Errors omit the file.
 
 use super::pixels::{MOST_JPEG_2000_BITS, PixelFormat, Samples};
 use crate::element::Endian;
@@ -27,7 +26,7 @@ pub(super) fn rle(bytes: &[u8], format: &PixelFormat) -> Result<Samples, String>
     Ok(Samples { bytes: decoded, width: format.width, endian: Endian::Big })
 }
 
-/// Unpacks runs (PackBits) until either side ends; returns the number of bytes that came out.
+/// Unpacks runs (PackBits) until either side ends; returns the number of unpacked bytes.
 fn unpack_runs<'a>(mut runs: &[u8], mut out: impl Iterator<Item = &'a mut u8>) -> usize {
     let mut count = 0;
     while let [head, rest @ ..] = runs {
@@ -66,15 +65,15 @@ pub(super) fn jpeg(bytes: &[u8], format: &PixelFormat) -> Result<Samples, String
     if bytes.len() as u64 != format.pixels() * width as u64 {
         return Err(format!("expected {} bytes of pixels, found {}", format.pixels() * width as u64, bytes.len()));
     }
-    // The decoder keeps lossy numbers within eight bits, of which fewer may be stored.
+    // The decoder keeps lossy numbers within eight bits; fewer may be stored.
     if info.coding_process != CodingProcess::Lossless && width == 1 {
         bytes.iter_mut().for_each(|b| *b = format.clamped((*b).into(), false) as u8);
     }
     Ok(Samples { bytes, width, endian: Endian::native() })
 }
 
-/// Decodes a JPEG 2000 frame, lossless or lossy. A stream that is cut short is an error, because the decoder would make
-/// up the rest.
+/// Decodes a JPEG 2000 frame, lossless or lossy. A truncated stream is an error, because the decoder would invent the
+/// rest.
 pub(super) fn jpeg_2000(bytes: &[u8], format: &PixelFormat) -> Result<Samples, String> {
     let settings = DecodeSettings { strict: true, ..DecodeSettings::default() };
     let image = Image::new(bytes, &settings).map_err(|e| e.to_string())?;
@@ -91,19 +90,19 @@ pub(super) fn jpeg_2000(bytes: &[u8], format: &PixelFormat) -> Result<Samples, S
     if plane.samples().len() as u64 != format.pixels() {
         return Err(format!("expected {} pixels, found {}", format.pixels(), plane.samples().len()));
     }
-    // The decoder takes all numbers for unsigned, and moves them up by half their range.
+    // The decoder treats all numbers as unsigned, and shifts them up by half their range.
     let signed = is_signed_jpeg_2000(bytes);
     let moved = if signed { 1i64 << (bits - 1) } else { 0 };
     let mut out = Vec::with_capacity(plane.samples().len() * format.width);
     for sample in plane.samples() {
-        // What was lost makes numbers leave their range: those of the stream, and those that the header says are stored.
+        // Lossy numbers may leave their range: the stream's, and the stored range in the header.
         let number = (sample.round() as i64).clamp(0, (1 << bits) - 1) - moved;
         out.extend_from_slice(&format.clamped(number, signed).to_le_bytes()[..format.width]);
     }
     Ok(Samples { bytes: out, width: format.width, endian: Endian::Little })
 }
 
-/// Whether the first component's numbers are signed: the highest bit of `Ssiz`, 42 bytes after the codestream's begin.
+/// Whether the first component is signed: the highest bit of `Ssiz`, 42 bytes after the start of the codestream.
 fn is_signed_jpeg_2000(bytes: &[u8]) -> bool {
     let start = bytes.windows(4).position(|w| w == [0xff, 0x4f, 0xff, 0x51]);
     start.and_then(|start| bytes.get(start + 42)).is_some_and(|size| size & 0x80 != 0)

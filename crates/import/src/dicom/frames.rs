@@ -1,6 +1,6 @@
-//! The frames of a file: how they are packed, where each lies, and reading one.
+//! Frames of a file: their packing, places and decoding.
 //!
-//! A frame is read and decoded by itself, so the memory is that of one frame, however many the file holds.
+//! Frames are read and decoded one by one, in the memory of one, however many the file holds.
 
 use super::decode;
 use super::header::{EXPLICIT_BIG_ENDIAN, Header};
@@ -15,17 +15,16 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
-/// The transfer syntaxes that are read, for the message that one is not.
+/// Supported transfer syntaxes, for the message about another one.
 const READ: &str = "implicit and explicit little endian, explicit big endian, deflated, RLE, JPEG baseline, JPEG lossless and JPEG 2000";
 
-/// No packing reaches this ratio: a frame that claims more is a damaged header, not something to allocate.
+/// Packing ratio beyond all codecs: a frame above it has a damaged header and must not cause an allocation.
 const ABSURD_RATIO: u64 = 1 << 16;
 
-/// What the decoders take for a pixel, coefficients and results together.
+/// Bytes per pixel taken by the decoders, coefficients and results together.
 const JPEG_PIXEL_BYTES: u64 = 8;
 const JPEG_2000_PIXEL_BYTES: u64 = 20;
 
-/// How frames are packed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Packing {
     Native(Endian),
@@ -34,7 +33,7 @@ enum Packing {
     Encapsulated(Codec),
 }
 
-/// How a frame by itself is packed.
+/// Packing of a single frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Codec {
     Rle,
@@ -42,12 +41,12 @@ enum Codec {
     Jpeg2000,
 }
 
-/// The frames of one DICOM file: how their pixels are stored, and where they lie. The slices of a mosaic are frames of one picture.
+/// Frames of one DICOM file: their storage and places. The slices of a mosaic are frames of one picture.
 #[derive(Debug)]
 pub(super) struct Frames {
     pub(super) format: PixelFormat,
     packing: Packing,
-    /// For each frame its ranges in the file (or in what the file inflates to): first byte and length in bytes.
+    /// Ranges of each frame in the file (or in its inflated data set): first byte and length in bytes.
     places: Vec<Vec<(u64, u64)>>,
     pub(super) mosaic: Option<Mosaic>,
 }
@@ -70,7 +69,7 @@ impl Frames {
             format.check_codec(path, codec == Codec::Jpeg2000)?;
         }
         let count = frame_count(header)?;
-        // Before a place is noted for each.
+        // Before a place is stored for each.
         super::check_frames(header, count)?;
         let places = match (packing, pixels.length) {
             (Packing::Encapsulated(_), None) => fragment_places(path, count, pixels.offset)?,
@@ -89,7 +88,7 @@ impl Frames {
                 native_places(path, &format, count, pixels.offset, length, header.inflated_bytes())?
             }
             (_, Some(length)) => {
-                // Some archives decompress pixels and leave the name of the syntax.
+                // Some archives decompress pixels and keep the syntax's name.
                 if let Packing::Encapsulated(_) = packing {
                     packing = Packing::Native(Endian::Little);
                 }
@@ -114,12 +113,12 @@ impl Frames {
         self.mosaic.map_or([self.format.columns, self.format.rows], |mosaic| [mosaic.columns, mosaic.rows])
     }
 
-    /// Where a box of a frame lies in the picture that is read for it.
+    /// A frame's box as a box of the picture read for it.
     pub(super) fn in_picture(&self, frame: usize, region: VoxelBox) -> VoxelBox {
         self.mosaic.map_or(region, |mosaic| mosaic.in_picture(frame as u32, region))
     }
 
-    /// Most memory that reading one frame takes, in bytes: the packed frame and what its decoder needs.
+    /// Most memory for reading one frame, in bytes: the packed frame and its decoder.
     pub(super) fn reader_bytes(&self) -> u64 {
         let packed = |ranges: &Vec<(u64, u64)>| ranges.iter().map(|range| range.1).sum();
         let packed: u64 = self.places.iter().map(packed).max().unwrap_or(0);
@@ -132,13 +131,11 @@ impl Frames {
         packed + self.format.pixels() * per_pixel
     }
 
-    /// Bytes that the places of frames take.
     pub(super) fn held_bytes(&self) -> usize {
         let ranges: usize = self.places.iter().map(|ranges| size_of_val(&ranges[..])).sum();
         size_of_val(&self.places[..]) + ranges
     }
 
-    /// The bytes of one frame as they are packed.
     fn read_packed(&self, header: &Header, frame: usize) -> Result<Vec<u8>, ImportError> {
         let path = header.path.as_path();
         match self.packing {
@@ -150,12 +147,12 @@ impl Frames {
         }
     }
 
-    /// Reads and decodes one frame, or the picture that it is a part of.
+    /// Reads and decodes one frame, or the picture containing it.
     pub(super) fn read(&self, header: &Header, frame: usize) -> Result<Samples, ImportError> {
         let path = header.path.as_path();
         let frame = if self.mosaic.is_some() { 0 } else { frame };
         let bytes = self.read_packed(header, frame);
-        // The file is opened anew for each frame: what was read, an error too, is of the file whose header this is, or of none.
+        // The file is reopened for each frame: the bytes, or an error, count only if it is unchanged since its header was read.
         header.confirm()?;
         let bytes = bytes?;
         let refuse = |problem: String| {
@@ -183,7 +180,7 @@ impl Frames {
     }
 }
 
-/// How many frames a file has by its header: one, if it does not say.
+/// Number of frames by the header, 1 by default.
 fn frame_count(header: &Header) -> Result<u64, ImportError> {
     let text = header.text(tags::NUMBER_OF_FRAMES).filter(|text| !text.is_empty());
     let Some(text) = text else { return Ok(1) };
@@ -208,7 +205,7 @@ fn packing_of(header: &Header) -> Result<Packing, ImportError> {
     })
 }
 
-/// Frames that lie one after another, `end` being where their file ends.
+/// Places of contiguous frames in a file that ends at `end`.
 fn native_places(
     path: &Path,
     format: &PixelFormat,
@@ -234,7 +231,7 @@ fn native_places(
     Ok((0..count).map(|i| vec![(offset + i * frame, frame)]).collect())
 }
 
-/// The fragments of frames in encapsulated pixel data: items, of which the first is a table of offsets.
+/// Places of the fragments of each frame in encapsulated pixel data: items, the first of which is a table of offsets.
 fn fragment_places(path: &Path, count: u64, start: u64) -> Result<Vec<Vec<(u64, u64)>>, ImportError> {
     let mut file = File::open(path).map_err(ImportError::io(path))?;
     let end = file.metadata().map_err(ImportError::io(path))?.len();
@@ -296,7 +293,6 @@ fn fragment_places(path: &Path, count: u64, start: u64) -> Result<Vec<Vec<(u64, 
     Ok((0..starts.len()).map(of_frame).collect())
 }
 
-/// The bytes of several ranges one after another.
 fn read_ranges(path: &Path, ranges: &[(u64, u64)]) -> Result<Vec<u8>, ImportError> {
     let mut file = File::open(path).map_err(ImportError::io(path))?;
     let mut bytes = vec![0; ranges.iter().map(|r| r.1 as usize).sum()];

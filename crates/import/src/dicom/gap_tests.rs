@@ -1,4 +1,4 @@
-//! Missing slices whose places are left.
+//! Missing slices left blank.
 
 use super::tests::{Folder, Written, at_texts, open_with, shuffled, voxels};
 use crate::options::{Gaps, HeldAs, NoData, OpenOptions};
@@ -11,7 +11,7 @@ use glam::DVec3;
 #[test]
 fn the_places_of_missing_slices_are_left_and_hold_no_data() {
     let blank = OpenOptions { gaps: Gaps::Blank, ..OpenOptions::default() };
-    // Several gaps, one of two slices; the files in an order of their own.
+    // Several gaps, one of two slices, in shuffled files.
     let slices = |change: &dyn Fn(&mut Written) -> &mut Written| {
         Folder::of([3u16, 0, 6, 1, 8].map(|k| {
             let mut slice = Written::slice(20.0 + 2.5 * f64::from(k), 100 * k);
@@ -36,7 +36,7 @@ fn the_places_of_missing_slices_are_left_and_hold_no_data() {
         assert!(notes.contains("4 slices of 9 are missing"), "{notes}");
         assert!(is_warned(&notes, "4 slices of 9 are missing"), "{notes}");
     };
-    // 12 bits, and one value that none of them is; shifted; all 16 bits, of which few are used; padding has its own; fractions have NaN.
+    // 12 bits, and an unused value; shifted; all 16 bits, few of them used; padding has its own; fractions have NaN.
     check(&slices(&|s| s), VoxelType::I16, &|n| n, -1.0);
     let shifted = slices(&|s| s.text(tags::RESCALE_SLOPE, VR::DS, "1").text(tags::RESCALE_INTERCEPT, VR::DS, "-1024"));
     check(&shifted, VoxelType::I16, &|n| n - 1024.0, -1025.0);
@@ -46,13 +46,13 @@ fn the_places_of_missing_slices_are_left_and_hold_no_data() {
     check(&padded, VoxelType::U16, &|n| n, 4095.0);
     let scaled = slices(&|s| s.text(tags::RESCALE_SLOPE, VR::DS, "0.5").text(tags::RESCALE_INTERCEPT, VR::DS, "0"));
     check(&scaled, VoxelType::F32, &|n| 0.5 * n, f64::NAN);
-    // A series without gaps is as it was.
+    // A series without gaps is unchanged.
     let whole = open_with(&Folder::of(shuffled()), &blank);
     assert!(whole.is_ok_and(|source| source.info().nodata.is_none() && source.info().voxel_type == VoxelType::U16));
-    // Rounded positions: steps of 7.04 mm of a tenth each, the third and fourth missing.
+    // Rounded positions: steps of 7.04 mm to one decimal, the third and fourth missing.
     let source = open_with(&at_texts(&["0", "7.0", "14.1", "35.2", "42.2"]), &blank).unwrap();
     assert_eq!(source.info().extent.z, 7);
-    // Distances that are no gap; more gap than series; two slices in one place; a value for no data that missing slices would not have.
+    // Distances that are no gap; more missing than present; two slices in one place; a no-data value that missing slices would not have.
     let refused = |folder: Folder, options: &OpenOptions, words: &[&str]| {
         let message = open_with(&folder, options).err().unwrap().to_string();
         words.iter().for_each(|word| assert!(message.contains(word), "{word}: {message}"));
@@ -64,7 +64,7 @@ fn the_places_of_missing_slices_are_left_and_hold_no_data() {
     refused(slices(&|s| s), &OpenOptions { nodata: NoData::None, ..blank.clone() }, &["`nodata` with `gaps`"]);
 }
 
-/// Steps whose blanks and types follow from their data are held as those before, where no voxel has their blank.
+/// Later steps, whose blanks and types depend on their data, use the encoding of the first, unless a voxel has its blank.
 #[test]
 fn later_steps_are_held_as_those_before() {
     let folder = |least: u16| {
@@ -83,11 +83,11 @@ fn later_steps_are_held_as_those_before() {
     };
     assert_eq!(held_as(14, None), (VoxelType::I16, Some(-1011.0)), "its own");
     assert_eq!(held_as(14, Some(-1025.0)), (VoxelType::I16, Some(-1025.0)));
-    // It is a value here.
+    // This value occurs here.
     assert_eq!(held_as(14, Some(-1010.0)), (VoxelType::I16, Some(-1011.0)));
 }
 
-/// Each step of a store has a title of its own: only that of the first is the channel's name.
+/// Each step of a store has a title of its own: only the first one's is the channel's name.
 #[test]
 fn later_steps_have_titles_and_no_names() {
     let mut slice = Written::slice(0.0, 0);

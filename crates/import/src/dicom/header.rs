@@ -1,8 +1,7 @@
-//! One DICOM file's header: the few elements that a volume needs, from the data set and from the functional groups of
-//! an enhanced multi-frame file, and where the pixel data start.
+//! Header of one DICOM file: the few elements needed by a volume, from the data set and from the functional groups of an enhanced multi-frame file,
+//! and the start of the pixel data.
 //!
-//! Values are read as they are met; all others are skipped over, so that a header costs what it says, not what the file
-//! weighs. Lengths are checked against the file before anything is read by them.
+//! Other values are skipped, so the cost depends on the header, not on the file's size. Lengths are checked against the file before use.
 
 use crate::dicom_files::first_group_at;
 use crate::error::ImportError;
@@ -26,24 +25,23 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
 
-/// Bytes of a deflated data set that are inflated first to find its header. If they are too few, four times as many are
-/// inflated, up to [`MOST_INFLATED_HEADER`].
+/// Bytes of a deflated data set inflated first in search of its header; if too few, four times as many, up to [`MOST_INFLATED_HEADER`].
 const FIRST_INFLATED: u64 = 1 << 20;
 const MOST_INFLATED_HEADER: u64 = 64 << 20;
 
-/// What begins an item of a sequence.
+/// Tags of sequence items.
 const ITEM: Tag = Tag(0xfffe, 0xe000);
 const ITEM_END: Tag = Tag(0xfffe, 0xe00d);
 const SEQUENCE_END: Tag = Tag(0xfffe, 0xe0dd);
-/// The length of what ends where its end is marked.
+/// Length of values that end at a mark.
 const UNDEFINED: u32 = u32::MAX;
-/// UID of the transfer syntax *Explicit VR Big Endian*, which is retired but still found in files.
+/// UID of the transfer syntax *Explicit VR Big Endian*, retired but still found in files.
 pub(super) const EXPLICIT_BIG_ENDIAN: &str = "1.2.840.10008.1.2.2";
 
-/// Sequences deeper than this are not met in images.
+/// Deepest nesting of sequences; images have less.
 const DEEPEST: usize = 64;
 
-/// What is kept of a data set.
+/// Elements kept from a data set.
 const WANTED: &[Tag] = &[
     tags::IMAGE_TYPE,
     tags::SERIES_DESCRIPTION,
@@ -70,7 +68,7 @@ const WANTED: &[Tag] = &[
     tags::WINDOW_WIDTH,
 ];
 
-/// Sequences within a functional group whose elements are a frame's.
+/// Sequences within a functional group that hold a frame's elements.
 const MACROS: &[Tag] = &[
     tags::PLANE_POSITION_SEQUENCE,
     tags::PLANE_ORIENTATION_SEQUENCE,
@@ -79,24 +77,24 @@ const MACROS: &[Tag] = &[
     tags::FRAME_VOILUT_SEQUENCE,
 ];
 
-/// Longest value that is kept, and of a private element: Siemens' own header has some 10 kB. Longer ones are as good as missing.
+/// Longest value kept, also of a private element: Siemens' own header has some 10 kB. Longer ones count as missing.
 const LONGEST_VALUE: u32 = 1 << 14;
 const LONGEST_PRIVATE: u32 = 1 << 17;
-/// Who Siemens' private elements are of.
+/// Creators of Siemens' private elements.
 const CSA_HEADER: &str = "SIEMENS CSA HEADER";
 const MR_HEADER: &str = "SIEMENS MR HEADER";
-/// Within the elements of [`MR_HEADER`], the number of slices of a mosaic.
+/// Number of slices of a mosaic, among the elements of [`MR_HEADER`].
 const MOSAIC_SLICES: Tag = Tag(0x0019, 0x100a);
 
-/// Values by their elements; those that the slices of a series have in common are held once.
+/// Values by element; those common to the slices of a series are held once.
 type Values = BTreeMap<Tag, Arc<PrimitiveValue>>;
 
-/// The header of one DICOM file: the elements that a volume needs, and where the pixels are.
+/// Header of one DICOM file.
 pub(super) struct Header {
     pub(super) path: PathBuf,
     /// The file's stamp when the header was read.
     stamp: Option<Stamp>,
-    /// Where the data set begins in the file, and for a deflated one the bytes that it inflates to.
+    /// Start of the data set in the file, and its inflated size if it is deflated.
     body: u64,
     inflated_bytes: u64,
     /// UID of the transfer syntax.
@@ -104,26 +102,24 @@ pub(super) struct Header {
     top: Values,
     shared: Values,
     frames: Vec<Values>,
-    /// Whether the file has a table (Modality LUT) that maps stored values to real ones, in place of slope and
-    /// intercept.
+    /// Whether the file maps stored values by a table (Modality LUT) in place of slope and intercept.
     pub(super) has_value_table: bool,
-    /// The element that holds the pixels; `None` in a file without an image.
+    /// Element with the pixels; `None` in a file without an image.
     pub(super) pixels: Option<PixelElement>,
 }
 
-/// The element that holds the pixels.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PixelElement {
     pub(super) tag: Tag,
     pub(super) vr: VR,
     /// Length of the value in bytes; `None` if the pixel data are encapsulated.
     pub(super) length: Option<u64>,
-    /// Byte at which the value begins: in the file, or in the inflated data set if the file is deflated.
+    /// First byte of the value: in the file, or in the inflated data set if the file is deflated.
     pub(super) offset: u64,
 }
 
 impl Header {
-    /// Whether the file says that some stored numbers are padding.
+    /// Whether the file declares some stored numbers padding.
     pub(super) fn has_padding(&self) -> bool {
         self.number(tags::PIXEL_PADDING_VALUE).is_some()
     }
@@ -132,7 +128,7 @@ impl Header {
     pub(super) fn read(path: &Path) -> Result<Self, ImportError> {
         let file = MappedFile::open(path)?;
         let header = Self::parse(path, &file).map(|header| Self { stamp: file.stamp(), ..header });
-        // Whatever was found, damage included: of a file that changed it says nothing.
+        // Even damage found counts only if the file is unchanged.
         file.confirm()?;
         header
     }
@@ -160,7 +156,7 @@ impl Header {
         Ok(header)
     }
 
-    /// Reads the header of a deflated data set, of which no more is held than it needs; the rest is only counted.
+    /// Reads the header of a deflated data set, holding no more than it needs; the rest is only counted.
     fn read_deflated(&mut self, deflated: &[u8]) -> Result<(), ImportError> {
         let path = self.path.clone();
         let mut inflater = DeflateDecoder::new(deflated);
@@ -190,13 +186,12 @@ impl Header {
         Ok(())
     }
 
-    /// Checks that the file has not changed since its header was read. Call it after reading from the file, before
-    /// trusting what was read.
+    /// Checks that the file is unchanged since its header was read. Call it after reading, before trusting the bytes.
     pub(super) fn confirm(&self) -> Result<(), ImportError> {
         self.stamp.map_or(Ok(()), |stamp| stamp.check(&self.path))
     }
 
-    /// Holds the values that another header has too in that one's memory.
+    /// Shares the memory of values equal to another header's.
     pub(super) fn share_values(&mut self, other: &Self) {
         for (tag, value) in &mut self.top {
             if let Some(same) = other.top.get(tag).filter(|same| *same == value) {
@@ -205,23 +200,22 @@ impl Header {
         }
     }
 
-    /// Forgets all values: pixels are read without them.
+    /// Drops all values, which reading pixels does not need.
     pub(super) fn forget_values(&mut self) {
         (self.top, self.shared, self.frames) = (Values::new(), Values::new(), Vec::new());
     }
 
-    /// Bytes that the header takes beside itself once its values are forgotten.
+    /// Bytes held by the header, besides itself, without its values.
     pub(super) fn held_bytes(&self) -> usize {
         self.path.as_os_str().len() + self.syntax.len()
     }
 
-    /// Size of a deflated data set once it is inflated, in bytes; 0 if the file is not deflated.
+    /// Inflated size of a deflated data set in bytes; 0 if the file is not deflated.
     pub(super) fn inflated_bytes(&self) -> u64 {
         self.inflated_bytes
     }
 
-    /// Inflates a deflated data set and returns `length` bytes from byte `first` on. The bytes before them are not kept
-    /// in memory.
+    /// Inflates a deflated data set and returns `length` bytes from byte `first` on. Earlier bytes are not kept in memory.
     pub(super) fn read_inflated(&self, first: u64, length: u64) -> Result<Vec<u8>, ImportError> {
         let mut file = File::open(&self.path).map_err(ImportError::io(&self.path))?;
         file.seek(SeekFrom::Start(self.body)).map_err(ImportError::io(&self.path))?;
@@ -247,20 +241,20 @@ impl Header {
         self.text(tags::SERIES_INSTANCE_UID).unwrap_or(Cow::Borrowed("(none)"))
     }
 
-    /// Number of frames that have a functional group of their own, which gives their position.
+    /// Number of frames with a functional group of their own, which gives their position.
     pub(super) fn placed_frames(&self) -> usize {
         self.frames.len()
     }
 
-    /// Returns the numbers of an element: the value for a frame (counted from 0), else the value shared by all frames,
-    /// else that of the whole file. `None` if it is missing or not a list of finite numbers.
+    /// Returns the numbers of an element: the value for a frame (counted from 0), else for all frames, else for the whole file. `None` if it is
+    /// missing or not a list of finite numbers.
     pub(super) fn numbers(&self, frame: usize, tag: Tag) -> Option<Vec<f64>> {
         let numbers = self.value(frame, tag)?.to_multi_float64().ok()?;
         (!numbers.is_empty() && numbers.iter().all(|n| n.is_finite())).then_some(numbers)
     }
 
-    /// Returns half a unit in the last decimal place of each number of an element, or 0 for a number without decimals.
-    /// Empty if the element is missing or not text.
+    /// Returns half a unit in the last decimal place of each number of an element, or 0 for a number without decimals. Empty if the element is
+    /// missing or not text.
     pub(super) fn roundings(&self, frame: usize, tag: Tag) -> Vec<f64> {
         match self.value(frame, tag) {
             Some(value @ (PrimitiveValue::Strs(_) | PrimitiveValue::Str(_))) => {
@@ -270,15 +264,14 @@ impl Header {
         }
     }
 
-    /// Returns an element's value for a frame (counted from 0) as text without padding; `None` if it is missing or
-    /// empty.
+    /// Returns an element's value for a frame (counted from 0) as text without padding; `None` if it is missing or empty.
     pub(super) fn written(&self, frame: usize, tag: Tag) -> Option<String> {
         let text = self.value(frame, tag)?.to_str();
         let text = text.trim_matches(['\0', ' ']);
         (!text.is_empty()).then(|| text.to_owned())
     }
 
-    /// An element as a frame (counted from 0) or else all frames or the whole file have it.
+    /// An element of a frame (counted from 0), else of all frames, else of the whole file.
     fn value(&self, frame: usize, tag: Tag) -> Option<&PrimitiveValue> {
         let places = [self.frames.get(frame), Some(&self.shared), Some(&self.top)];
         places.into_iter().flatten().find_map(|values| values.get(&tag)).map(|value| &**value)
@@ -297,10 +290,9 @@ impl Header {
         })
     }
 
-    /// Collects what is wanted up to the pixel data.
+    /// Collects the needed elements up to the pixel data.
     fn read_data_set(&mut self, bytes: &[u8], start: usize) -> Result<(), ImportError> {
-        // Syntaxes that are not known are refused when their pixels are asked for; their headers are as the standard
-        // has it for all but the two oldest.
+        // Unknown syntaxes are refused when their pixels are needed; headers are explicit little endian in all but the two oldest.
         let known = [uids::IMPLICIT_VR_LITTLE_ENDIAN, EXPLICIT_BIG_ENDIAN];
         let named = known.into_iter().find(|s| *s == self.syntax).unwrap_or(uids::EXPLICIT_VR_LITTLE_ENDIAN);
         let syntax = written_in(bytes, start, named);
@@ -337,7 +329,7 @@ impl Header {
         self.text(tags::IMAGE_TYPE).is_some_and(|kinds| kinds.split('\\').any(|kind| kind.trim() == "MOSAIC"))
     }
 
-    /// Whether an element is one of those that say how a mosaic is laid out. They come after what says that it is one.
+    /// Whether an element describes the layout of a mosaic. These come after the one that declares a mosaic.
     fn is_of_mosaic(&self, header: &DataElementHeader) -> bool {
         let Tag(group, element) = header.tag;
         let is_one = match group {
@@ -348,7 +340,7 @@ impl Header {
         is_one && header.len.0 <= LONGEST_PRIVATE && self.is_mosaic()
     }
 
-    /// Siemens' own header, of the image.
+    /// Siemens' own header of the image.
     pub(super) fn csa(&self) -> Option<&[u8]> {
         let block = (0x10..=0xff).find(|block| self.is_creator(Tag(0x0029, *block), CSA_HEADER))?;
         match &**self.top.get(&Tag(0x0029, (block << 8) | 0x10))? {
@@ -357,10 +349,10 @@ impl Header {
         }
     }
 
-    /// Whether an element says that a block of private elements is this creator's.
+    /// Whether an element reserves a block of private elements for this creator.
     fn is_creator(&self, tag: Tag, creator: &str) -> bool {
         let found = match self.top.get(&tag).map(|value| &**value) {
-            // As files have it that do not say what their elements are.
+            // In files without representations.
             Some(PrimitiveValue::U8(bytes)) => String::from_utf8_lossy(bytes),
             Some(value) => value.to_str(),
             None => return false,
@@ -368,7 +360,7 @@ impl Header {
         found.trim_matches(['\0', ' ']) == creator
     }
 
-    /// The number of slices of a mosaic that stands beside Siemens' own header.
+    /// Number of slices of a mosaic, stored beside Siemens' own header.
     pub(super) fn private_mosaic_slices(&self) -> Option<u32> {
         let value =
             self.top.get(&MOSAIC_SLICES).filter(|_| self.is_creator(Tag(MOSAIC_SLICES.0, 0x0010), MR_HEADER))?;
@@ -378,7 +370,7 @@ impl Header {
         }
     }
 
-    /// Notes a sequence or an item's begin.
+    /// Records the start of a sequence or an item.
     fn enter(&mut self, parents: &[Tag], tag: Tag) {
         match (parents, tag) {
             ([], tags::MODALITY_LUT_SEQUENCE) => self.has_value_table = true,
@@ -387,7 +379,7 @@ impl Header {
         }
     }
 
-    /// Notes a sequence of unknown representation, whose items are not read; an error if these would say what frames are.
+    /// Records a sequence of unknown representation, whose items are not read; an error if it would describe frames.
     fn enter_unread(&mut self, parents: &[Tag], tag: Tag) -> Result<(), ImportError> {
         const GROUPS: [Tag; 2] = [tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE, tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE];
         let is_needed = match parents {
@@ -403,7 +395,7 @@ impl Header {
         Ok(())
     }
 
-    /// Where values go that stand under these sequences; `None` if they are not wanted.
+    /// Destination of values nested in these sequences; `None` if they are not needed.
     fn values_at(&mut self, parents: &[Tag]) -> Option<&mut Values> {
         match parents {
             [] => Some(&mut self.top),
@@ -414,14 +406,13 @@ impl Header {
     }
 }
 
-/// An element's header with the representation that the standard gives it, where the file says that it is unknown (UN): so write those
-/// who pass on what they do not know.
+/// Replaces an unknown representation (UN), as written by systems passing on foreign elements, with the standard's.
 fn as_known(header: DataElementHeader) -> DataElementHeader {
     let entry = StandardDataDictionary.by_tag(header.tag).filter(|_| header.vr == VR::UN);
     DataElementHeader { vr: entry.map_or(header.vr, |entry| entry.vr().relaxed()), ..header }
 }
 
-/// Half a unit in the last decimal place of a number as it is written; 0 where it has no decimals.
+/// Half a unit in the last decimal place of a number as written; 0 without decimals.
 fn rounding_of(text: &str) -> f64 {
     let lower = text.trim_matches(['\0', ' ']).to_ascii_lowercase();
     let (mantissa, exponent) = lower.split_once('e').unwrap_or((&lower, "0"));
@@ -430,8 +421,8 @@ fn rounding_of(text: &str) -> f64 {
     if places > 0 { 0.5 * 0.1f64.powi(places) } else { 0.0 }
 }
 
-/// The syntax in which a data set's header is written: some writers name explicit VR and leave it out, or the reverse. Only
-/// explicit VR has its two letters in an element's fifth and sixth byte, where a length would be of thousands.
+/// The actual syntax of a data set's header: some writers name explicit VR and omit it, or the reverse. Only explicit VR has two letters in an
+/// element's fifth and sixth byte, where a length would be in the thousands.
 fn written_in<'a>(bytes: &[u8], start: usize, named: &'a str) -> &'a str {
     let Some(&[a, b]) = bytes.get(start + 4..start + 6) else { return named };
     match (named, VR::from_binary([a, b]).is_some()) {
@@ -443,7 +434,7 @@ fn written_in<'a>(bytes: &[u8], start: usize, named: &'a str) -> &'a str {
     }
 }
 
-/// The transfer syntax that the file's first group names, and where the data set begins. A file without that group is as its first element is written.
+/// The transfer syntax named by the file's first group, and the start of the data set. Without that group, the first element decides.
 fn read_meta(path: &Path, bytes: &[u8], at: usize) -> Result<(String, usize), ImportError> {
     if bytes.get(at..at + 2) != Some(&[2, 0]) && at == 0 {
         return Ok((written_in(bytes, at, uids::IMPLICIT_VR_LITTLE_ENDIAN).to_owned(), at));
@@ -469,13 +460,13 @@ fn not_inflated(path: &Path, before: u64, error: &std::io::Error) -> ImportError
     ImportError::invalid(path, problem)
 }
 
-/// What is met in a data set. Sequences that it stands in come with it, outermost first.
+/// Next part of a data set, with its enclosing sequences, outermost first.
 enum Element<'a> {
-    /// A value, which must be read or skipped next.
+    /// A value, to be read or skipped next.
     Value(&'a [Tag], DataElementHeader),
-    /// The begin of a sequence, or (with the tag of an item) of one of its items.
+    /// Start of a sequence, or (with the tag of an item) of one of its items.
     Sequence(&'a [Tag], Tag),
-    /// A sequence of unknown representation on its own, which is passed over.
+    /// A top-level sequence of unknown representation, skipped.
     Unread(Tag),
     /// Pixels, whose value begins at [`Elements::into_position`]: the fields of a [`PixelElement`].
     Pixels { tag: Tag, vr: VR, length: Option<u64> },
@@ -483,7 +474,7 @@ enum Element<'a> {
 
 type Decoder<'a> = DynStatefulDecoder<Tracked<'a>>;
 
-/// A reader that tells how far it has come, which the parser keeps to itself.
+/// A reader that exposes its position, which the parser hides.
 struct Tracked<'a> {
     cursor: Cursor<&'a [u8]>,
     position: Rc<Cell<u64>>,
@@ -505,19 +496,18 @@ impl Seek for Tracked<'_> {
     }
 }
 
-/// The elements of a data set one after another.
+/// Elements of a data set in order.
 struct Elements<'a> {
     path: &'a Path,
     bytes: &'a [u8],
     syntax: &'a TransferSyntax,
     reader: LazyDataSetReader<Decoder<'a>>,
-    /// How far the reader has come.
+    /// The reader's position.
     read_to: Rc<Cell<u64>>,
-    /// Where the last value that was read or skipped ends.
+    /// End of the last value read or skipped.
     position: usize,
-    /// Sequences that are open.
     sequences: Vec<Tag>,
-    /// Items that are open: as many as sequences, or one less.
+    /// Number of open items: as many as sequences, or one less.
     items: usize,
 }
 
@@ -550,7 +540,7 @@ impl<'a> Elements<'a> {
                     return Ok(Some(Element::Pixels { tag: tags::PIXEL_DATA, vr: VR::OB, length: None }));
                 }
                 LazyDataToken::SequenceStart { tag, len } => {
-                    // What stands in a sequence of unknown representation is implicit, whatever the syntax.
+                    // A sequence of unknown representation is implicit inside, in any syntax.
                     if len.is_undefined() && self.sequences.is_empty() && self.is_unknown() {
                         let end = end_of_implicit(self.bytes, self.read_to.get() as usize, 0)
                             .ok_or_else(|| damaged(path, position, &"a sequence without an end"))?;
@@ -568,7 +558,7 @@ impl<'a> Elements<'a> {
                     self.items += 1;
                     return Ok(Some(Element::Sequence(&self.sequences, ITEM)));
                 }
-                // An icon that is packed, within a sequence: its fragments are passed over.
+                // A packed icon within a sequence: its fragments are skipped.
                 LazyDataToken::PixelSequenceStart => {
                     if self.sequences.len() == DEEPEST {
                         return Err(damaged(self.path, self.position, &"sequences nest too deeply"));
@@ -579,7 +569,7 @@ impl<'a> Elements<'a> {
                     check_end(path, self.bytes, decoder, tags::PIXEL_DATA, len)?;
                     decoder.skip_bytes(len).map_err(|e| damaged(path, position, &e))?;
                 }
-                // The parser takes ends for granted that were never begun.
+                // The parser presumes that every end has a start.
                 LazyDataToken::ItemEnd if self.items > 0 => self.items -= 1,
                 LazyDataToken::SequenceEnd if !self.sequences.is_empty() => {
                     self.sequences.pop();
@@ -589,23 +579,23 @@ impl<'a> Elements<'a> {
         }
     }
 
-    /// Whether the header that was read last is explicit and of a representation that its writer did not know.
+    /// Whether the last header is explicit and of unknown representation.
     fn is_unknown(&self) -> bool {
         let header = (self.read_to.get() as usize).checked_sub(8).and_then(|at| self.bytes.get(at..at + 2));
         self.syntax.uid() == uids::EXPLICIT_VR_LITTLE_ENDIAN && header == Some(b"UN")
     }
 
-    /// Where the value of the element begins whose header came last.
+    /// Start of the value of the last element.
     fn into_position(self) -> u64 {
         self.reader.into_decoder().position()
     }
 
-    /// The value of the element that came last.
+    /// Reads the value of the last element.
     fn read(&mut self, header: &DataElementHeader) -> Result<PrimitiveValue, ImportError> {
         self.value(header, |decoder, header| decoder.read_value_preserved(header))
     }
 
-    /// Goes past the value of the element that came last.
+    /// Skips the value of the last element.
     fn skip(&mut self, header: &DataElementHeader) -> Result<(), ImportError> {
         self.value(header, |decoder, header| decoder.skip_bytes(header.len.0))
     }
@@ -626,7 +616,7 @@ impl<'a> Elements<'a> {
     }
 }
 
-/// A parser that begins at a position, and how far it has come.
+/// Creates a parser at a position, and its progress.
 fn reader_at<'a>(
     path: &Path,
     bytes: &'a [u8],
@@ -641,7 +631,7 @@ fn reader_at<'a>(
     Ok((reader, position))
 }
 
-/// Where a sequence of undefined length ends whose items begin here and are written without representations.
+/// End of a sequence of undefined length whose items begin here and are written without representations.
 fn end_of_implicit(bytes: &[u8], mut at: usize, depth: usize) -> Option<usize> {
     let head = |at: usize| {
         let [g0, g1, e0, e1, l0, l1, l2, l3] = *bytes.get(at..)?.first_chunk::<8>()?;
@@ -665,7 +655,7 @@ fn end_of_implicit(bytes: &[u8], mut at: usize, depth: usize) -> Option<usize> {
     }
 }
 
-/// Refuses a value that reaches past the file's end.
+/// Refuses a value extending past the file's end.
 fn check_end(path: &Path, bytes: &[u8], decoder: &Decoder, tag: Tag, length: u32) -> Result<(), ImportError> {
     let (end, found) = (decoder.position().saturating_add(length as u64), bytes.len());
     if end <= found as u64 {

@@ -1,4 +1,4 @@
-//! Pictures that lost something: what leaves the range of stored numbers is clamped, at both ends, never wrapped.
+//! Lossy pictures: numbers outside the stored range are clamped, at both ends, never wrapped.
 //!
 //! All are 16 x 16 pixels in squares of 4, of the least and the greatest number of 7 to 16 bits, packed so strongly that
 //! decoded numbers overshoot both ends: by OpenJPEG, irreversibly, and by libjpeg.
@@ -32,7 +32,7 @@ const BASELINE_7: &str = "\
     pQYEpRUk//wAALCAAQABABAREA/8QAFQABAQAAAAAAAAAAAAAAAAAAAAb/xAAdEAABAgcAAAAAAAAAAAAAAAASABEUMjZkgpGh/9oACAEBAAA/\
     AJelbqKwEdvNxKVuorAR283EpW6isBHbzcSlbqKwEdvNxf/Z";
 
-/// How pixels are stored.
+/// Storage of pixels.
 #[derive(Clone, Copy)]
 struct Stored {
     bits: u16,
@@ -70,7 +70,7 @@ fn decoded(stream: &[u8], syntax: &str, stored: Stored) -> Result<Vec<f64>, Impo
     Ok(voxels(&*source))
 }
 
-/// Every pixel is near the one that was packed, and both ends are met.
+/// Checks that every pixel is near its original, and that both ends occur.
 #[track_caller]
 fn assert_squares(found: &[f64], stored: Stored) {
     let range = f64::from((1u32 << stored.bits) - 1);

@@ -1,8 +1,8 @@
 //! Siemens mosaics: the slices of a volume side by side in one picture, as its MR scanners write fMRI and diffusion.
 //!
-//! The number of slices, and on which side of the first the others lie, stand in Siemens' own header (CSA), which is an element of the file. The
-//! position that the file names is that of a first slice as large as the whole picture: the real one's corner is half of the difference further
-//! in, along rows and columns. Both are as nibabel and dcm2niix have it.
+//! The number of slices, and the side on which they follow the first, come from Siemens' own header (CSA), an element of the file. The file's
+//! position is for a first slice as large as the whole picture: the real one's corner is half of the difference further in, along rows and
+//! columns. Both are as in nibabel and dcm2niix.
 
 use super::header::Header;
 use crate::error::ImportError;
@@ -11,12 +11,12 @@ use dicom_dictionary_std::tags;
 use glam::DVec3;
 use std::path::Path;
 
-/// Slices of the largest mosaics are far fewer.
+/// Most slices; real mosaics have far fewer.
 const MOST_TILES: u32 = 4096;
-/// The sine between the normal that the header names and that of rows and columns.
+/// Largest sine between the header's normal and that of rows and columns.
 const NORMAL_TOLERANCE: f64 = 1e-3;
 
-/// The slices of a mosaic, row by row from its upper left corner.
+/// Slices of a mosaic, row by row from its upper left corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Mosaic {
     /// Number of slices. Places after the last one are empty.
@@ -26,15 +26,15 @@ pub(super) struct Mosaic {
     /// Pixels of a slice.
     pub(super) columns: u32,
     pub(super) rows: u32,
-    /// The direction in which slices follow one another, in the patient.
+    /// Direction from slice to slice, in the patient.
     normal: DVec3,
 }
 
 impl Mosaic {
-    /// Reads from a header what its mosaic holds; `None` if it is an ordinary picture.
+    /// Reads the layout of a header's mosaic; `None` if it is an ordinary picture.
     ///
     /// # Errors
-    /// If the file is a mosaic, and its header does not say what is needed to take it apart.
+    /// If the file is a mosaic, and its header lacks the layout.
     pub(super) fn of(header: &Header) -> Result<Option<Self>, ImportError> {
         if !header.is_mosaic() {
             return Ok(None);
@@ -56,7 +56,7 @@ impl Mosaic {
         let Some(&[x, y, z]) = values("SliceNormalVector").as_deref().and_then(|numbers| numbers.first_chunk()) else {
             return Err(lacking(path, "the scanner's own header (CSA) has no direction of slices"));
         };
-        // Without a rounding: such squares are exact.
+        // Without a square root, so exact.
         let across = (1..=slices).find(|n| n * n >= slices).unwrap_or(1);
         let size = |tag| header.number(tag).map_or(0, |n| n as u32);
         let [rows, columns] = [size(tags::ROWS), size(tags::COLUMNS)];
@@ -71,11 +71,11 @@ impl Mosaic {
         Ok(Some(Self { slices, across, columns, rows, normal: DVec3::new(x, y, z) }))
     }
 
-    /// The position of a slice's first pixel. The file names `corner`; `step` is the vector from a pixel to the next one along rows, and
-    /// along columns, and `step_mm` the distance of slices.
+    /// The position of a slice's first pixel. `corner` is the file's; `step` holds the vectors from pixel to pixel along rows and along columns,
+    /// and `step_mm` is the distance of slices.
     ///
     /// # Errors
-    /// If rows and columns are not perpendicular to the direction in which slices follow.
+    /// If rows and columns are not perpendicular to the direction from slice to slice.
     pub(super) fn position(
         &self,
         path: &Path,
@@ -86,7 +86,7 @@ impl Mosaic {
     ) -> Result<DVec3, ImportError> {
         let upright = step[0].normalize().cross(step[1].normalize());
         let (normal, sign) = (self.normal.normalize_or_zero(), self.normal.dot(upright).signum());
-        // Not so of numbers that are none.
+        // False for NaN.
         let is_upright = (normal - upright * sign).length() < NORMAL_TOLERANCE;
         if !is_upright {
             let problem = format!(
@@ -100,7 +100,7 @@ impl Mosaic {
         Ok(first + upright * (sign * step_mm * f64::from(slice)))
     }
 
-    /// A box of a slice as one of the picture.
+    /// A slice's box as a box of the picture.
     pub(super) fn in_picture(&self, slice: u32, region: VoxelBox) -> VoxelBox {
         let mut region = region;
         let [x, y] = [slice % self.across * self.columns, slice / self.across * self.rows];
@@ -115,10 +115,10 @@ fn lacking(path: &Path, what: &str) -> ImportError {
     ImportError::unsupported_but(path, feature, "convert its series with dcm2niix, and give the .nii file")
 }
 
-/// The numbers of an element of Siemens' own header, in the form that its scanners have written since 2004 ("SV10"); `None` if it has none.
+/// The numbers of an element of Siemens' own header, in the form written since 2004 ("SV10"); `None` if it has none.
 ///
-/// A count of elements, each of 84 bytes with its name, number of values and number of items, then the items: 16 bytes, of which the second
-/// number is a text's length, and that text up to a multiple of 4 bytes.
+/// Format: a count of elements, each of 84 bytes with its name, number of values and number of items, then the items: 16 bytes, whose second
+/// number is a text's length, and the text, padded to a multiple of 4 bytes.
 fn csa_numbers(csa: &[u8], name: &str) -> Option<Vec<f64>> {
     let number = |at: usize| Some(u32::from_le_bytes(*csa.get(at..)?.first_chunk()?));
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes.split(|&b| b == 0).next().unwrap_or_default()).into_owned();

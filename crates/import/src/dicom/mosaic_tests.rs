@@ -1,4 +1,4 @@
-//! Mosaics, with the scanner's own header whole, lacking and damaged.
+//! Mosaics, with the scanner's own header whole, missing and damaged.
 
 use super::tests::{Folder, Written, voxels};
 use crate::open::open;
@@ -8,7 +8,7 @@ use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
 use dicom_dictionary_std::{tags, uids};
 use glam::DVec3;
 
-/// Siemens' own header, with these elements before and after others.
+/// Siemens' own header, with these elements among others.
 fn csa(elements: &[(&str, &[&str])]) -> Vec<u8> {
     let others: [(&str, &[&str]); 2] = [("EchoLinePosition", &["32", "", ""]), ("Comment", &["odd"])];
     let all: Vec<_> = others[..1].iter().chain(elements).chain(&others[1..]).collect();
@@ -62,20 +62,20 @@ fn a_mosaic_is_taken_apart_into_its_slices() {
     for syntax in [uids::EXPLICIT_VR_LITTLE_ENDIAN, uids::IMPLICIT_VR_LITTLE_ENDIAN] {
         let folder = Folder(tempfile::tempdir().unwrap());
         mosaic(Some(with_normal("1.00000000"))).save(&folder.file(0), syntax);
-        // Alone, although others of its series lie beside it: those are other steps.
+        // Alone, even beside others of its series: those are other steps.
         mosaic(Some(with_normal("1.00000000"))).save(&folder.file(1), syntax);
         let source = open(&[folder.file(0)], &OpenOptions::default()).unwrap();
         let info = source.info();
         assert_eq!(info.extent.to_array(), [4, 3, 7]);
         assert_eq!(info.geometry.spacing, DVec3::new(0.5, 0.75, 2.5));
         assert_eq!(voxels(&*source), expected);
-        // nibabel: the named place, -100, -50, is that of a slice of 12 x 9 pixels: half of 8 x 6 pixels further in is 2 and 2.25 mm.
+        // nibabel: the named place, -100, -50, is for a slice of 12 x 9 pixels: half of 8 x 6 pixels further in is 2 and 2.25 mm.
         let rows = [[-0.5, 0.0, 0.0, 98.0], [0.0, -0.75, 0.0, 47.75], [0.0, 0.0, 2.5, 0.0]];
         assert_eq!(info.orientation.unwrap().rows(), rows);
         assert!(info.notes.iter().any(|note| note.contains("7 slices side by side")), "{:?}", info.notes);
         folder.refused(&["lies where", "14 slices at 7 positions", "one time step"]);
     }
-    // Slices that follow against the normal of rows and columns: the last one lies lowest.
+    // Slices against the normal of rows and columns: the last one is lowest.
     let (_folder, source) = Folder::opened([mosaic(Some(with_normal("-1.0")))]);
     let down: Vec<f64> = expected.chunks(12).rev().flatten().copied().collect();
     assert_eq!(voxels(&*source), down);

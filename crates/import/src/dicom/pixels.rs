@@ -1,4 +1,4 @@
-//! How the numbers of a pixel are stored, and how they become voxels.
+//! Pixel format: the storage of numbers, and their conversion to voxels.
 
 use super::header::Header;
 use crate::element::Endian;
@@ -7,11 +7,10 @@ use brickyard_volume::{VoxelBox, VoxelType, with_voxel_type};
 use dicom_dictionary_std::tags;
 use std::path::Path;
 
-/// Most bits of a JPEG 2000 pixel that are decoded exactly. The decoder computes in f32, which holds integers of 24
-/// bits, and coefficients have some bits more than pixels.
+/// Most bits of an exactly decoded JPEG 2000 pixel. The decoder computes in f32, with integers up to 24 bits, and
+/// coefficients have a few bits more than pixels.
 pub(super) const MOST_JPEG_2000_BITS: u32 = 16;
 
-/// How the numbers of a pixel are stored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PixelFormat {
     pub(super) columns: u32,
@@ -70,7 +69,7 @@ impl PixelFormat {
         })
     }
 
-    /// Refuses JPEG and JPEG 2000 pixels of formats that their decoders would not read correctly.
+    /// Refuses JPEG and JPEG 2000 formats that their decoders would misread.
     pub(super) fn check_codec(&self, path: &Path, is_jpeg_2000: bool) -> Result<(), ImportError> {
         if self.shift > 0 {
             return Err(ImportError::unsupported(path, "JPEG pixels whose HighBit is not BitsStored - 1"));
@@ -82,12 +81,11 @@ impl PixelFormat {
         Ok(())
     }
 
-    /// Number of pixels of a frame.
     pub(super) fn pixels(&self) -> u64 {
         self.columns as u64 * self.rows as u64
     }
 
-    /// Refuses a decoded frame whose size differs from the header's, or whose pixels have more bytes than the header
+    /// Refuses a decoded frame whose size differs from the header's, or with more bytes per pixel than the header
     /// allocates.
     pub(super) fn check_decoded(&self, found: [u32; 2], width: usize) -> Result<(), String> {
         if found == [self.columns, self.rows] && (1..=self.width).contains(&width) {
@@ -99,19 +97,19 @@ impl PixelFormat {
         ))
     }
 
-    /// Least and greatest number that can be stored.
+    /// Least and greatest storable number.
     pub(super) fn limits(&self) -> [i64; 2] {
         if self.signed { [-(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1] } else { [0, (1 << self.bits) - 1] }
     }
 
-    /// Clamps a decoded number to [`PixelFormat::limits`]. If only one of stream (`signed`) and header says that
-    /// numbers are signed, only the bits have a meaning, and the number is returned unchanged.
+    /// Clamps a decoded number to [`PixelFormat::limits`]. If only one of stream (`signed`) and header is signed, only
+    /// the bits have a meaning, and the number is returned unchanged.
     pub(super) fn clamped(&self, n: i64, signed: bool) -> i64 {
         let [least, greatest] = self.limits();
         if signed == self.signed && self.shift == 0 { n.clamp(least, greatest) } else { n }
     }
 
-    /// Returns a number of the header as a signed one, if the pixels are signed and the header wrote it as unsigned.
+    /// Converts a number of the header written as unsigned to signed, if the pixels are signed.
     pub(super) fn wrapped(&self, n: i64) -> i64 {
         let past = n > self.limits()[1] && self.signed;
         if past { n - (1 << (8 * self.width)) } else { n }
@@ -134,18 +132,18 @@ pub(super) struct Samples {
     pub(super) endian: Endian,
 }
 
-/// What the stored numbers of a frame mean.
+/// Meaning of a frame's stored numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Meaning {
     pub(super) slope: f64,
     pub(super) intercept: f64,
-    /// Least and greatest stored number that mean padding; `None` without padding. Padding becomes NaN if voxels are
-    /// floats, and what the least of these numbers means otherwise.
+    /// Least and greatest stored number of padding; `None` without padding. Padding becomes NaN in float voxels,
+    /// otherwise the value of the least of these numbers.
     pub(super) padding: Option<[i64; 2]>,
 }
 
 impl Samples {
-    /// Least and greatest number of the frame, of which all padding counts as its least.
+    /// Least and greatest number of the frame; all padding counts as its least.
     pub(super) fn range(&self, format: &PixelFormat, padding: Option<[i64; 2]>) -> [i64; 2] {
         let mut row = vec![0; format.columns as usize * VoxelType::I32.bytes()];
         let plain = Meaning { slope: 1.0, intercept: 0.0, padding };
@@ -183,24 +181,23 @@ impl Samples {
 }
 
 impl Meaning {
-    /// The value of a stored number.
     #[inline]
     pub(super) fn value(&self, n: i64) -> f64 {
         n as f64 * self.slope + self.intercept
     }
 
-    /// Whether whole numbers stay such.
+    /// Whether whole numbers remain whole.
     pub(super) fn is_whole(&self) -> bool {
         [self.slope, self.intercept].iter().all(|n| *n == n.trunc() && n.abs() < 1e9)
     }
 
-    /// The integer of voxels of this type that are padding; `None` without padding, and for floats, which are NaN there.
+    /// The padding value of integer voxels of this type; `None` without padding, and for floats, whose padding is NaN.
     pub(super) fn nodata(&self, voxel_type: VoxelType) -> Option<f64> {
         let [least, _] = self.padding.filter(|_| !voxel_type.is_float())?;
         Some(self.value(least)).filter(|&value| voxel_type.holds(value))
     }
 
-    /// Turns a row of stored numbers of `N` bytes to voxels.
+    /// Converts a row of stored numbers of `N` bytes to voxels.
     #[inline]
     fn row<const N: usize>(&self, src: &[u8], number: impl Fn([u8; N]) -> i64, voxel_type: VoxelType, out: &mut [u8]) {
         let (src, _) = src.as_chunks::<N>();
@@ -222,7 +219,7 @@ impl Meaning {
         with_voxel_type!(voxel_type, T => {
             let (out, _) = out.as_chunks_mut::<{ size_of::<T>() }>();
             for (out, bytes) in out.iter_mut().zip(src) {
-                // Exact for integers: the type was chosen so that all values fit.
+                // Exact for integers: the chosen type fits all values.
                 *out = (value(number(*bytes)) as T).to_le_bytes();
             }
         });

@@ -1,9 +1,7 @@
-//! From slices with a place each to one volume: sorted along their normal, and refused where they are not an upright,
-//! evenly spaced stack.
+//! Stack builder: sorts slices along their normal into one volume, and refuses them unless they form an upright, evenly spaced stack.
 //!
-//! Positions and directions are the patient's (mm; x to the left, y to the back, z to the head: "LPS"), as files have them.
-//! The matrix that comes out is of the world that NIfTI has, x to the right and y to the front, so that volumes of one
-//! patient meet whatever their format.
+//! Positions and directions are the patient's (mm; x to the left, y to the back, z to the head: "LPS"), as in files. The resulting matrix
+//! uses NIfTI's world, x to the right and y to the front, so that volumes of one patient align in any format.
 
 use crate::error::ImportError;
 use crate::note::Note;
@@ -11,63 +9,59 @@ use brickyard_volume::counted;
 use glam::{DMat3, DVec3};
 use std::path::PathBuf;
 
-/// Slices' spacings may differ by this part.
+/// Largest relative difference of slice spacings.
 const SPACING_TOLERANCE: f64 = 1e-2;
-/// What rounding of positions may explain of a spacing: far from a missing slice.
+/// Largest part of a spacing explained by rounding of positions: far from a missing slice.
 const ROUNDING_TOLERANCE: f64 = 0.1;
-/// The part of a step by which a distance between slices may differ from a whole number of steps, at most.
+/// Most by which a distance between slices may differ from a whole number of steps, in steps.
 const WHOLE_TOLERANCE: f64 = 0.25;
-/// Directions may differ by this much (a sine): over a stack's width of 1000 pixels, a tenth of a pixel.
+/// Largest difference of directions (a sine): over a stack's width of 1000 pixels, a tenth of a pixel.
 const DIRECTION_TOLERANCE: f64 = 1e-4;
-/// A stack may lean by this part of a pixel from its first slice to its last.
+/// Largest lean of a stack from its first slice to its last, in pixels.
 const LEAN_TOLERANCE_PX: f64 = 0.5;
 
-/// One slice and where it lies.
+/// One slice and its place.
 #[derive(Clone, Debug)]
 pub(super) struct Slice {
-    /// Index of the slice's file, in the order in which files were given.
+    /// Index of the slice's file, in the given order.
     pub(super) file: usize,
     /// Index of the slice's frame in its file, from 0.
     pub(super) frame: usize,
     /// Centre of the first pixel in the patient's coordinates, mm.
     pub(super) position: DVec3,
-    /// Largest error of the position along x, y and z that comes from rounding to the decimals that are written, mm.
+    /// Largest rounding error of the position along x, y and z, from its written decimals, mm.
     pub(super) rounding: DVec3,
-    /// Direction along a row of pixels, in which the column index grows.
+    /// Direction along a row of pixels, of growing column index.
     pub(super) along_row: DVec3,
-    /// Direction along a column of pixels, in which the row index grows.
+    /// Direction along a column of pixels, of growing row index.
     pub(super) along_column: DVec3,
     /// Distance between pixel centres along a row and along a column, mm.
     pub(super) pixel_mm: [f64; 2],
-    /// Distance or thickness of slices that the file gives, mm, with the element's name. It is the spacing along z if
-    /// there is only one slice.
+    /// The file's distance or thickness of slices, mm, with the element's name: the spacing along z of a single slice.
     pub(super) step_mm: Option<(f64, &'static str)>,
 }
 
-/// Where a stack of slices lies in the world.
 #[derive(Debug)]
 pub(super) struct Placement {
     pub(super) spacing: DVec3,
     /// World-from-voxel-centre matrix, by rows.
     pub(super) matrix: [[f64; 4]; 3],
-    /// For each slice its index along z: ascending from 0, without gaps but for missing slices.
+    /// Index of each slice along z: ascending from 0, without gaps except for missing slices.
     pub(super) levels: Vec<u32>,
-    /// A sentence for the user if the spacing along z was assumed, averaged or is not that of the positions.
+    /// A sentence for the user if the spacing along z was assumed, averaged or differs from the positions.
     pub(super) note: Option<Note>,
 }
 
 /// Rule for the distances between slices.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Spacing {
-    /// They are even.
     Even,
-    /// They are this, in mm, whatever the positions say.
+    /// Fixed, in mm, whatever the positions say.
     Told(f64),
-    /// They are even but for missing slices, whose places are left.
+    /// Even except for missing slices, which leave gaps.
     WithGaps,
 }
 
-/// Sorted slices along z.
 struct Along {
     spacing: f64,
     levels: Vec<u32>,
@@ -96,8 +90,8 @@ impl Names<'_> {
 /// Sorts the slices by their position along the normal and places the stack.
 ///
 /// # Errors
-/// If the slices are not one upright stack: they differ in direction or pixel size, two lie in one place, the spacing
-/// is uneven, or the stack leans.
+/// If the slices are not one upright stack: they differ in direction or pixel size, two lie in one place, the spacing is uneven, or the
+/// stack leans.
 pub(super) fn arrange(slices: &mut [Slice], names: &Names, asked: Spacing) -> Result<Placement, ImportError> {
     let first = slices[0].clone();
     check_directions(slices, names)?;
@@ -141,7 +135,7 @@ fn alone(slice: &Slice) -> Along {
     Along { spacing, levels: vec![0], note: Some(note) }
 }
 
-/// All slices must look the same way and have pixels of one size.
+/// Checks that all slices have one direction and pixel size.
 fn check_directions(slices: &[Slice], names: &Names) -> Result<(), ImportError> {
     let first = &slices[0];
     let (row, column) = (first.along_row, first.along_column);
@@ -188,8 +182,7 @@ fn check_directions(slices: &[Slice], names: &Names) -> Result<(), ImportError> 
     Ok(())
 }
 
-/// Groups equal items. Returns for each group the index of its first item and the number of its items, the largest
-/// group first.
+/// Groups equal items. Returns for each group the index of its first item and the number of its items, the largest group first.
 pub(super) fn kinds<T>(items: &[T], same: impl Fn(&T, &T) -> bool) -> Vec<(usize, usize)> {
     let mut kinds: Vec<(usize, usize)> = Vec::new();
     for (i, item) in items.iter().enumerate() {
@@ -202,7 +195,7 @@ pub(super) fn kinds<T>(items: &[T], same: impl Fn(&T, &T) -> bool) -> Vec<(usize
     kinds
 }
 
-/// Where sorted slices lie along z. They must have places of their own, and be as far apart as is asked.
+/// Places sorted slices along z. They must lie apart, at distances by the rule.
 fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, asked: Spacing) -> Result<Along, ImportError> {
     let mut positive: Vec<f64> = gaps.iter().copied().filter(|g| *g > 1e-6).collect();
     positive.sort_by(f64::total_cmp);
@@ -214,7 +207,7 @@ fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, asked: Sp
         return Ok(even(None));
     }
     let rounding = rounding_along(slices, normal);
-    // Where gaps are many, it is the least distance that the others are whole numbers of.
+    // Among many gaps, the step is the least distance.
     let tried = [typical, nearest].map(|mm| Steps { mm, rounding });
     let steps = tried.into_iter().find(|steps| with_gaps(gaps, *steps).is_some()).unwrap_or(tried[0]);
     let [least, most] = [gaps.iter().copied().fold(f64::MAX, f64::min), gaps.iter().copied().fold(0.0, f64::max)];
@@ -239,12 +232,11 @@ fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, asked: Sp
     }
 }
 
-/// Whether a distance between slices is not what is expected.
 fn is_uneven(gap: f64, expected: f64) -> bool {
     (gap - expected).abs() > SPACING_TOLERANCE * expected
 }
 
-/// No two slices may lie in one place.
+/// Checks that no two slices lie in one place.
 fn check_doubles(gaps: &[f64], typical: f64, slices: &[Slice], names: &Names) -> Result<(), ImportError> {
     let is_double = |gap: &f64| *gap <= SPACING_TOLERANCE * typical;
     let Some(at) = gaps.iter().position(is_double) else { return Ok(()) };
@@ -259,7 +251,7 @@ fn check_doubles(gaps: &[f64], typical: f64, slices: &[Slice], names: &Names) ->
     Err(names.refuse(b, problem))
 }
 
-/// The distance from a slice to the next one if none is missing, and how far rounding puts a position off, mm.
+/// Distance between adjacent slices, and the rounding error of a position, mm.
 #[derive(Clone, Copy)]
 struct Steps {
     mm: f64,
@@ -267,18 +259,18 @@ struct Steps {
 }
 
 impl Steps {
-    /// How many steps a distance between slices is, where that is a whole number.
+    /// Number of steps in a distance between slices; `None` unless it is whole.
     fn in_gap(self, gap: f64) -> Option<u32> {
         let steps = (gap / self.mm).round();
-        // Both ends of the distance, and of each step that it is measured by.
+        // Both ends of the distance, and of each measuring step.
         let off = steps * SPACING_TOLERANCE * self.mm + 2.0 * self.rounding * (steps + 1.0);
         let is_whole = (gap - steps * self.mm).abs() <= off.min(WHOLE_TOLERANCE * self.mm);
         (is_whole && (1.0..=f64::from(u32::MAX)).contains(&steps)).then_some(steps as u32)
     }
 }
 
-/// Where slices lie along z if some are missing between them; `None` unless all distances are whole numbers of steps, and no more slices are
-/// missing than are there.
+/// Places slices along z with gaps between them; `None` unless all distances are whole numbers of steps, and no more slices are missing than
+/// present.
 fn with_gaps(gaps: &[f64], steps: Steps) -> Option<Along> {
     let mut levels = vec![0u32];
     for gap in gaps {
@@ -290,7 +282,6 @@ fn with_gaps(gaps: &[f64], steps: Steps) -> Option<Along> {
     (u64::from(last) < 2 * levels.len() as u64).then_some(Along { spacing, levels, note: None })
 }
 
-/// The refusal of slices that are not evenly spaced.
 fn uneven(gaps: &[f64], steps: Steps, slices: &[Slice], names: &Names) -> ImportError {
     let expected = steps.mm;
     let count = gaps.iter().filter(|gap| is_uneven(**gap, expected)).count();
@@ -324,21 +315,21 @@ fn uneven(gaps: &[f64], steps: Steps, slices: &[Slice], names: &Names) -> Import
     names.refuse(&slices[at + 1], problem)
 }
 
-/// How far from its place along the normal a slice may be, mm, by the decimals that positions are written with.
+/// Largest error of a slice's place along the normal, mm, from the written decimals of positions.
 fn rounding_along(slices: &[Slice], normal: DVec3) -> f64 {
-    // Zeros at a number's end may not be written: the finest slice tells of all.
+    // Writers may drop trailing zeros: the finest slice decides for all.
     let places = |a: usize| slices.iter().map(|s| s.rounding[a]).filter(|r| *r > 0.0).fold(f64::MAX, f64::min);
     (0..3).map(|a| normal[a].abs() * if places(a) < f64::MAX { places(a) } else { 0.0 }).sum()
 }
 
-/// Whether positions that may be off by `rounding` explain all steps between slices.
+/// Whether positions off by up to `rounding` explain all steps between slices.
 fn is_rounding(gaps: &[f64], rounding: f64, mean: f64) -> bool {
-    // Either end of a step, and both ends of the whole stack, of which the mean is made.
+    // Either end of a step, and both ends of the whole stack, which give the mean.
     let most = 2.0 * rounding * (1.0 + 1.0 / gaps.len() as f64) * (1.0 + 1e-9);
     gaps.iter().all(|gap| (gap - mean).abs() <= most.min(ROUNDING_TOLERANCE * mean))
 }
 
-/// Sorted slices must lie straight above one another.
+/// Checks that sorted slices lie straight above one another.
 fn check_lean(slices: &[Slice], normal: DVec3, names: &Names) -> Result<(), ImportError> {
     let first = &slices[0];
     let lean = |s: &Slice| {
@@ -365,7 +356,7 @@ fn show(v: DVec3) -> String {
     format!("({}, {}, {})", round(v.x), round(v.y), round(v.z))
 }
 
-/// Four decimals are more than files mean.
+/// Rounds to four decimals, more than files mean.
 fn round(value: f64) -> f64 {
     (value * 1e4).round() / 1e4 + 0.0
 }

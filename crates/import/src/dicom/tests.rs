@@ -1,4 +1,4 @@
-//! Series written by dicom-object, whole and broken in every way that is refused.
+//! Series written by dicom-object, whole and broken in every refused way.
 
 use crate::error::ImportError;
 use crate::open::{open, order_steps};
@@ -20,7 +20,7 @@ const BIG_ENDIAN: &str = super::header::EXPLICIT_BIG_ENDIAN;
 pub(super) struct Written(pub(super) InMemDicomObject);
 
 impl Written {
-    /// A slice of 4 x 3 pixels at a height, whose stored values count up from a number.
+    /// A slice of 4 x 3 pixels at a height, with stored values counting up from a number.
     pub(super) fn slice(z_mm: f64, first: u16) -> Self {
         let mut written = Self(InMemDicomObject::new_empty());
         written.text(tags::SERIES_INSTANCE_UID, VR::UI, "1.2.3");
@@ -99,11 +99,11 @@ impl Written {
     }
 }
 
-/// A folder of files, and what was given to `open`.
+/// A folder of files, the input of `open`.
 pub(super) struct Folder(pub(super) tempfile::TempDir);
 
 impl Folder {
-    /// Files named so that their names say nothing of their order.
+    /// Files whose names do not reveal their order.
     pub(super) fn of(slices: impl IntoIterator<Item = Written>) -> Self {
         let folder = Self(tempfile::tempdir().unwrap());
         for (i, slice) in slices.into_iter().enumerate() {
@@ -116,7 +116,7 @@ impl Folder {
         self.0.path().join(format!("IM{i}"))
     }
 
-    /// With the folder, without which the source has nothing to read.
+    /// With the folder, which the source still reads.
     pub(super) fn opened(slices: impl IntoIterator<Item = Written>) -> (Self, Box<dyn Source>) {
         let folder = Self::of(slices);
         let source = folder.open().unwrap();
@@ -136,7 +136,7 @@ impl Folder {
     }
 }
 
-/// Slices from 20 mm up, 2.5 mm apart, in an order of their own; slice `k` from below holds values from `100 k`.
+/// Slices from 20 mm up, 2.5 mm apart, shuffled; slice `k` from below holds values from `100 k`.
 pub(super) fn shuffled() -> impl Iterator<Item = Written> {
     [3, 0, 4, 1, 2].into_iter().map(|k| Written::slice(20.0 + 2.5 * k as f64, 100 * k))
 }
@@ -198,7 +198,7 @@ fn sagittal_slices_go_along_their_normal() {
     }
 }
 
-/// Slices are opened again when they are read: each must still be the file whose header was read.
+/// Slices are reopened for reading: each must still be the file whose header was read.
 #[test]
 fn a_slice_that_changes_after_it_was_opened_is_an_error() {
     for (is_deflated, smaller) in [(false, false), (false, true), (true, false), (true, true)] {
@@ -223,7 +223,7 @@ fn a_slice_that_changes_after_it_was_opened_is_an_error() {
     }
 }
 
-/// Of each slice little more is held than where it lies; while a series is opened, what its slices have in common is held once.
+/// Of each slice little more than its place is held; while a series is opened, values common to its slices are held once.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_series_of_many_slices_takes_what_it_says() {
@@ -240,11 +240,11 @@ fn a_series_of_many_slices_takes_what_it_says() {
     let before = peak_bytes();
     let source = open(&[folder], &OpenOptions::default()).unwrap();
     let (taken, said) = (peak_bytes() - before, source.held_bytes());
-    // 5 kB a slice where each has its values by itself. What readers take once, whatever they read, is less than the rest.
+    // 5 kB a slice if each held its own values. The readers' fixed cost is less than the rest.
     assert!(said > 300 * SLICES && said <= taken && taken < 2500 * SLICES + (4 << 20), "took {taken}, said {said}");
 }
 
-/// Of a deflated file no more is held than its header and a frame, though it inflates to a thousand times itself.
+/// Of a deflated file only its header and a frame are held, though it inflates to a thousand times its size.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_deflated_file_takes_what_it_says() {
@@ -278,7 +278,7 @@ fn one_file_stands_for_its_series_and_a_list_for_itself() {
     ]);
 }
 
-/// Each of them stands for all.
+/// Each stands for all.
 #[test]
 fn slices_of_one_series_are_no_steps() {
     let [one, other] = [(); 2].map(|()| Folder::of(shuffled()));
@@ -286,7 +286,7 @@ fn slices_of_one_series_are_no_steps() {
         let options = OpenOptions { order, ..OpenOptions::default() };
         let message = order_steps(&[one.file(0), one.file(1)], &options).unwrap_err().to_string();
         assert!(message.contains("IM1: is a slice of the series that") && message.contains("its folder"), "{message}");
-        // Of one folder each, they are two volumes.
+        // From one folder each, they are two volumes.
         assert!(order_steps(&[one.file(0), other.file(1)], &options).is_ok());
         let step = OpenOptions { is_step: true, ..options };
         assert_eq!(voxels(&*open(&[one.0.path().to_owned()], &step).unwrap()), counting(5));
@@ -295,7 +295,7 @@ fn slices_of_one_series_are_no_steps() {
     scout.text(tags::SERIES_INSTANCE_UID, VR::UI, "1.2.9");
     scout.save(&one.file(9), uids::EXPLICIT_VR_LITTLE_ENDIAN);
     assert!(order_steps(&[one.file(0), one.file(9)], &OpenOptions::default()).is_ok());
-    // Files of several frames stand for themselves.
+    // Files of several frames stand alone.
     let frames = Folder::of([enhanced(), enhanced()]);
     assert!(order_steps(&[frames.file(0), frames.file(1)], &OpenOptions::default()).is_ok());
 }
@@ -321,7 +321,7 @@ fn bits_signs_and_rescaling() {
         let (_folder, source) = Folder::opened([slice]);
         (source.info().voxel_type, voxels(&*source)[..7].to_vec(), said(&source.info().notes))
     };
-    // Bits past the stored ones (overlays of old) are nobody's.
+    // Bits past the stored ones (old overlays) are ignored.
     let (voxel_type, found, _) = values(&|s| s);
     assert_eq!((voxel_type, found), (VoxelType::U16, vec![0.0, 1.0, 2047.0, 2048.0, 4095.0, 4095.0, 0.0]));
     let (voxel_type, found, _) = values(&|s| s.number(tags::PIXEL_REPRESENTATION, 1));
@@ -334,7 +334,7 @@ fn bits_signs_and_rescaling() {
     assert!(notes.contains("shifted by -1024"), "{notes}");
     let (voxel_type, found, _) = values(&|s| hounsfield(s).text(tags::RESCALE_SLOPE, VR::DS, "0.25"));
     assert_eq!((voxel_type, &found[..4]), (VoxelType::F32, &[-1024.0, -1023.75, -512.25, -512.0][..]));
-    // All 16 bits are stored: whether a 16-bit number holds every value depends on the values.
+    // All 16 bits are stored: the values decide whether a 16-bit number holds them all.
     fn wide(s: &mut Written) -> &mut Written {
         hounsfield(s).number(tags::BITS_STORED, 16).number(tags::HIGH_BIT, 15)
     }
@@ -364,13 +364,13 @@ fn padding_is_nan_in_floats_and_one_value_in_integers() {
         assert_eq!(padded("1", value, limit), (Some(3.0), vec![2.0, 3.0, 3.0, 3.0, 6.0]));
         assert_eq!(padded("-2", value, limit), (Some(-6.0), vec![-4.0, -6.0, -6.0, -6.0, -12.0]));
         let (nodata, found) = padded("0.5", value, limit);
-        // By which steps that take padding for values are told from this one.
+        // Distinguishes steps with padding as values from this one.
         assert_eq!(nodata, Some(1.5));
         assert!(found[1..4].iter().all(|v| v.is_nan()) && [found[0], found[4]] == [1.0, 3.0], "{found:?}");
     }
 }
 
-/// Padding that no stored number can be is said to be none, unless nobody asks for it.
+/// Padding outside the stored range is reported, unless the caller overrides it.
 #[test]
 fn padding_that_no_pixel_can_have_is_said() {
     let mut slice = Written::slice(0.0, 0);
@@ -382,7 +382,7 @@ fn padding_that_no_pixel_can_have_is_said() {
     assert!(!is_said(&*open(&[folder.0.path().to_owned()], &options).unwrap()));
 }
 
-/// Voxels are others where padding is a value like any: a pack that was begun is not resumed with it.
+/// Padding as values makes other voxels: an earlier pack is not resumed with them.
 #[test]
 fn padding_that_is_kept_is_another_input() {
     let mut slice = Written::slice(0.0, 0);
@@ -422,14 +422,14 @@ fn numbers_of_32_bits_are_not_rounded_without_a_word() {
         assert!(source.info().notes.iter().any(|note| note.contains("rounded to 24 bits")));
         assert!(is_warned(&said(&source.info().notes), "rounded to 24 bits"));
     }
-    // What is scaled by a fraction is no whole number anyway, and it is said.
+    // Numbers scaled by a fraction are not whole anyway, which is reported.
     let mut scaled = slice(0.0, 0, 16_777_217);
     scaled.text(tags::RESCALE_SLOPE, VR::DS, "0.5");
     let (_folder, source) = Folder::opened([scaled]);
     assert!(source.info().notes.iter().any(|note| note.contains("rounded to 24 bits")));
 }
 
-/// A text of megabytes is as good as none: thousands of headers stay small.
+/// A text of megabytes counts as missing: thousands of headers stay small.
 #[test]
 fn long_values_of_headers_are_left_out() {
     let mut slice = Written::slice(0.0, 0);
@@ -447,19 +447,19 @@ fn padding_that_one_integer_cannot_stand_for_is_nan() {
     };
     let (folder, source) = Folder::opened([slice(0.0, 0, 11), slice(1.0, 10, 12)]);
     let found = voxels(&*source);
-    // That there is padding is told, by the first of it.
+    // Padding is reported by its first value.
     assert_eq!((source.info().voxel_type, source.info().nodata), (VoxelType::F32, Some(11.0)));
     assert!(source.info().notes.iter().any(|note| note.contains("11 to 11 (in some slices others)")));
     let is_padding = |i: usize| [11, 14].contains(&i);
     assert!((0..24).all(|i| found[i].is_nan() == is_padding(i)) && found[13] == 11.0, "{found:?}");
-    // What the user says is instead of it.
+    // The user's value replaces it.
     for (nodata, expected) in [(NoData::None, None), (NoData::Value(20.0), Some(20.0))] {
         let options = OpenOptions { nodata, ..OpenOptions::default() };
         let source = open(&[folder.0.path().to_owned()], &options).unwrap();
         assert_eq!((source.info().voxel_type, source.info().nodata), (VoxelType::U16, expected));
         assert_eq!(voxels(&*source)[14], 12.0);
     }
-    // The type holds the value that stands for a range of padding, where there is some.
+    // The type holds the value of a range of padding, where some occurs.
     let mut looked_at = slice(0.0, 0, 0);
     looked_at.number(tags::PIXEL_PADDING_RANGE_LIMIT, 200).text(tags::RESCALE_INTERCEPT, VR::DS, "-1024");
     looked_at.number(tags::BITS_STORED, 16).number(tags::HIGH_BIT, 15);
@@ -468,7 +468,7 @@ fn padding_that_one_integer_cannot_stand_for_is_nan() {
         let (_folder, source) = Folder::opened([Written(looked_at.0.clone())]);
         assert_eq!((source.info().nodata, voxels(&*source)[0]), (nodata, first), "{:?}", source.info());
     }
-    // A value that no pixel of these bits can have pads nothing.
+    // A value outside these bits is no padding.
     let mut outside = slice(0.0, 0, 60_000);
     outside.number(tags::BITS_STORED, 12).number(tags::HIGH_BIT, 11);
     assert_eq!(Folder::opened([outside]).1.info().nodata, None);
@@ -540,7 +540,7 @@ fn stacks_that_are_not_a_volume_are_refused_with_numbers() {
     Folder::of([skew]).refused(&["not two perpendicular directions"]);
 }
 
-/// Slices at these positions along z, as they are written.
+/// Slices at these positions along z, as written.
 pub(super) fn at_texts(positions: &[&str]) -> Folder {
     Folder::of(positions.iter().map(|z| {
         let mut slice = Written::slice(0.0, 0);
@@ -551,14 +551,14 @@ pub(super) fn at_texts(positions: &[&str]) -> Folder {
 
 #[test]
 fn rounded_positions_are_even_as_far_as_their_digits_explain() {
-    // Multiples of 7.04 mm, of a tenth each; a zero at the end is not always written.
+    // Multiples of 7.04 mm, to one decimal; a trailing zero may be missing.
     let source = at_texts(&["0", "7.0", "14.1", "21.1", "28.2"]).open().unwrap();
     assert!((source.info().geometry.spacing.z - 7.05).abs() < 1e-9);
     let text = at_texts(&["0", "1.4", "2.9", "4.3", "5.7"]);
     let source = text.open().unwrap();
     let notes = said(&source.info().notes);
     assert!(notes.contains("1.4000 to 1.5000 mm apart") && notes.contains("1.4250 mm is taken"), "{notes}");
-    // What more digits would have told, and what no digits tell.
+    // Not explained by the written digits, nor without any.
     at_texts(&["0.00", "1.40", "2.90", "4.30", "5.70"])
         .refused(&["not evenly spaced", "pass `spacing` 0.5,0.75,1.425 "]);
     at_texts(&["0", "10", "21", "31"]).refused(&["not evenly spaced", "pass `spacing` 0.5,0.75,10.3333 "]);
@@ -582,7 +582,7 @@ fn a_single_slice_names_the_element_of_its_depth() {
     assert!(z == 5.0 && note.contains("its SliceThickness of 5 mm"), "{note}");
     let (z, note) = notes(&|s| s.text(tags::SPACING_BETWEEN_SLICES, VR::DS, "4"));
     assert!(z == 4.0 && note.contains("its SpacingBetweenSlices of 4 mm"), "{note}");
-    // One that says nothing does not hide the other.
+    // An empty one does not hide the other.
     let (z, note) = notes(&|s| s.text(tags::SPACING_BETWEEN_SLICES, VR::DS, "0"));
     assert!(z == 5.0 && note.contains("its SliceThickness of 5 mm"), "{note}");
     let (z, note) = notes(&|s| s.text(tags::SLICE_THICKNESS, VR::DS, ""));
@@ -616,7 +616,7 @@ fn told_spacings_settle_gaps_and_missing_pixel_sizes() {
     // The third and the fourth, 2 and 3 steps up, are 8 and 10 mm up.
     assert!(notes.contains("4.0000 mm from where its position says") && notes.contains("`gaps` blank"), "{notes}");
     assert!(is_warned(&notes, "4.0000 mm from where its position says"), "{notes}");
-    // Nothing is said where positions are even, whatever the spacing is said to be.
+    // Even positions cause no note, whatever the spacing.
     let even = open_with(&Folder::of(shuffled()), &told);
     assert!(!said(&even.unwrap().info().notes).contains("apart"));
 }
@@ -689,7 +689,7 @@ fn rle(pixels: &[u16], literal: bool) -> Vec<u8> {
             }
             out.extend(if literal { run } else { &run[..1] });
         }
-        // A head of -128 stands for nothing.
+        // A head of -128 has no effect.
         out.push(0x80);
         out
     });
@@ -802,7 +802,7 @@ fn sequences_of_unknown_representation_are_passed_over() {
         content.extend([tag.0, tag.1].map(u16::to_le_bytes).concat());
         content.extend(length.to_le_bytes());
     };
-    // An item of defined length, then one that holds a value and a sequence with an empty item.
+    // An item of defined length, then one with a value and a sequence with an empty item.
     let (item, item_end, end) = (Tag(0xfffe, 0xe000), Tag(0xfffe, 0xe00d), Tag(0xfffe, 0xe0dd));
     let undefined = u32::MAX;
     let heads = [
@@ -944,7 +944,7 @@ fn cut_files_are_refused_wherever_they_are_cut() {
 proptest::proptest! {
     #![proptest_config(proptest::prelude::ProptestConfig { cases: 400, failure_persistence: None, ..Default::default() })]
 
-    /// Damage ends in an error or in wrong voxels, never in a panic nor in memory out of proportion.
+    /// Damage leads to an error or wrong voxels, never to a panic or excessive memory.
     #[test]
     fn damage_does_not_panic(
         damage in proptest::collection::vec((proptest::prelude::any::<proptest::sample::Index>(), proptest::prelude::any::<u8>()), 1..8),
@@ -980,7 +980,7 @@ proptest::proptest! {
     }
 }
 
-/// Files as networks pass them on: without a preamble, and without the group that says how the data set is written.
+/// Files as passed on by networks: without a preamble, and without the group naming the syntax.
 #[test]
 fn files_without_a_preamble_are_read() {
     let whole = |i: u16| (100 * i..100 * i + 12).map(f64::from);
@@ -1013,13 +1013,13 @@ fn files_without_a_preamble_are_read() {
             }
         }
     }
-    // A slice that is lost beside others.
+    // A slice lost beside others.
     let folder = Folder::of((0..3).map(|i| Written::slice(5.0 * f64::from(i), 0)));
     for bytes in [&b""[..], &[0; 200]] {
         std::fs::write(folder.0.path().join("IM3.dcm"), bytes).unwrap();
         folder.refused(&["IM3.dcm: no DICOM file, though its name says so"]);
     }
-    // Packed pixels do not say how.
+    // Packed pixels do not reveal their packing.
     let folder = Folder::of([]);
     let path = folder.file(0);
     let mut slice = Written::slice(0.0, 0);

@@ -1,4 +1,4 @@
-//! Elements whose representation their writer did not know (UN), and damaged files beside a series.
+//! Elements of unknown representation (UN), and damaged files beside a series.
 
 use super::tests::{Folder, Written, enhanced, shuffled, voxels};
 use crate::open::open;
@@ -9,7 +9,7 @@ use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
 use dicom_dictionary_std::{tags, uids};
 use glam::DVec3;
 
-/// The element as one of unknown representation, with the same bytes.
+/// Replaces an element with one of unknown representation, with the same bytes.
 fn forget(written: &mut Written, tag: Tag) {
     let known = written.0.take_element(tag).unwrap();
     let bytes = match known.value().primitive().unwrap() {
@@ -34,7 +34,7 @@ fn elements_of_unknown_representation_mean_what_the_standard_says() {
     let (_folder, known) = Folder::opened([slice(0.0, 0), slice(2.5, 100)]);
     let expected = voxels(&*known);
     assert_eq!((known.info().voxel_type, expected[1], expected[23]), (VoxelType::I16, -1022.0, -802.0));
-    // Each by itself: a number that is read of text's first byte would be no error.
+    // One by one: a number read from a text's first byte would be no error.
     let tags: Vec<Tag> = slice(0.0, 0).0.iter().map(|element| element.header().tag).collect();
     for tag in tags.into_iter().filter(|tag| *tag != tags::PIXEL_DATA) {
         let unknown = [slice(0.0, 0), slice(2.5, 100)].map(|mut slice| {
@@ -48,7 +48,8 @@ fn elements_of_unknown_representation_mean_what_the_standard_says() {
     }
 }
 
-/// A sequence as one of unknown representation: an item without elements, with and without its length.
+/// Replaces a sequence with one of unknown representation: an item without elements, with and without
+/// its length.
 fn forget_items(folder: &Folder, tag: Tag) {
     let bytes = std::fs::read(folder.file(0)).unwrap();
     let head = [tag.0.to_le_bytes(), tag.1.to_le_bytes()].concat();
@@ -76,7 +77,7 @@ fn sequences_of_unknown_representation_that_a_value_needs_are_refused() {
         file.0.put(unknown(tag));
         forget_items(&Folder::of([file]), tag);
     }
-    // Where only one of a frame's own is unknown, its values would be left as they are stored.
+    // If only one of a frame's own is unknown, its values would stay as stored.
     let mut file = enhanced();
     file.0.update_value(tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE, |frames| {
         for frame in frames.items_mut().unwrap() {

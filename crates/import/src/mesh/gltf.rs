@@ -1,8 +1,7 @@
-//! glTF 2.0, as `.gltf` with its buffers inside or beside it, or `.glb`: all triangles of the scene, each where its node puts it, in
-//! the pose without animation. Colours are the vertices' times the material's, which glTF counts in light and pictures in codes.
+//! glTF 2.0, as `.gltf` with its buffers inside or beside it, or `.glb`: all triangles of the scene, placed by its nodes, in the pose
+//! without animation. Colours are the vertices' times the material's, encoded from linear light to picture codes.
 //!
-//! A file may come from anybody: what it names must lie in its own folder, and what it declares is counted before anything is allocated
-//! for it.
+//! Files are not trusted: named buffers must lie in the file's folder, and declared sizes are checked before any allocation.
 
 use super::{Parts, code};
 use crate::error::ImportError;
@@ -15,16 +14,15 @@ use gltf::{Accessor, Document, Node, Primitive, Semantic};
 use std::borrow::Cow;
 use std::path::{Component, Path, PathBuf};
 
-/// Most memory for what a JSON document describes, of which each object and list may take [`CONTAINER_BYTES`] and each value in one
-/// [`VALUE_BYTES`].
+/// Most memory for a JSON document's contents: up to [`CONTAINER_BYTES`] per object and list, and [`VALUE_BYTES`] per value in one.
 const MOST_JSON_BYTES: u64 = 1 << 30;
 const CONTAINER_BYTES: u64 = 600;
 const VALUE_BYTES: u64 = 32;
 
-/// What a vertex and a triangle take: place, normal and colour; three indices.
+/// Bytes of a vertex (position, normal and colour), and of a triangle (three indices).
 const VERTEX_BYTES: u64 = 27;
 const TRIANGLE_BYTES: u64 = 12;
-/// Copies of meshes may take this much, or [`MOST_COPIES`] times the buffers.
+/// Most memory for copies of meshes: this, or [`MOST_COPIES`] times the buffers.
 const MOST_PLACED_BYTES: u64 = 1 << 30;
 const MOST_COPIES: u64 = 8;
 
@@ -53,11 +51,11 @@ pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Parts, ImportError> {
     Ok(parts)
 }
 
-/// What is in a file: its document, and its binary part.
+/// Splits a file into its document and its binary part.
 fn document(bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>), String> {
     let not_gltf = |error: gltf::Error| format!("expected a glTF file: {error}");
     let (json, blob) = if bytes.starts_with(b"glTF") {
-        // The library subtracts the header from the length that is declared.
+        // The library subtracts the header from the declared length.
         let length = bytes.get(8..BINARY_HEADER).map_or(0, |n| u32::from_le_bytes([n[0], n[1], n[2], n[3]]));
         if (length as usize) < BINARY_HEADER {
             return Err(format!("expected a glTF file of at least {BINARY_HEADER} bytes, found a length of {length}"));
@@ -76,7 +74,7 @@ fn document(bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>), String> {
         ));
     }
     let root: gltf::json::Root = gltf::json::deserialize::from_slice(&json).map_err(|error| not_gltf(error.into()))?;
-    // The library's check of a primitive takes for granted that its accessors are there.
+    // The library's check of a primitive presumes that its accessors exist.
     let accessors = root.accessors.len();
     let named =
         root.meshes.iter().flat_map(|mesh| &mesh.primitives).flat_map(|primitive| primitive.attributes.values());
@@ -86,7 +84,7 @@ fn document(bytes: &[u8]) -> Result<(Document, Option<Vec<u8>>), String> {
     Ok((Document::from_json(root).map_err(not_gltf)?, blob))
 }
 
-/// The most that a JSON document takes once it is read, from the objects, lists and values in it.
+/// Upper bound of a parsed JSON document's memory, from its objects, lists and values.
 fn json_bytes(json: &[u8]) -> u64 {
     let (mut containers, mut values) = (0, 0);
     let mut bytes = json.iter();
@@ -94,7 +92,7 @@ fn json_bytes(json: &[u8]) -> u64 {
         match byte {
             b'{' | b'[' => containers += 1,
             b',' => values += 1,
-            // To the string's end; what is after a backslash is none.
+            // To the string's end, which an escaped quote is not.
             b'"' => {
                 while let Some(byte) = bytes.next() {
                     match byte {
@@ -110,7 +108,7 @@ fn json_bytes(json: &[u8]) -> u64 {
     containers * CONTAINER_BYTES + values * VALUE_BYTES + json.len() as u64
 }
 
-/// The nodes of a tree, each with its place in the world.
+/// Nodes of a tree, each with its transform to the world.
 fn placed_nodes<'a>(document: &Document, roots: Vec<Node<'a>>) -> Result<Vec<(Node<'a>, DMat4)>, String> {
     let mut is_placed = vec![false; document.nodes().len()];
     let mut open: Vec<(Node<'_>, DMat4)> = roots.into_iter().map(|node| (node, DMat4::IDENTITY)).collect();
@@ -127,7 +125,7 @@ fn placed_nodes<'a>(document: &Document, roots: Vec<Node<'a>>) -> Result<Vec<(No
     Ok(placed)
 }
 
-/// Counts what the meshes of all nodes take, of which many may show the same one.
+/// Checks the total memory of the nodes' meshes; many nodes may show the same one.
 fn check_size(nodes: &[(Node<'_>, DMat4)], buffers: &[Vec<u8>]) -> Result<(), String> {
     let bytes_of = |primitive: Primitive<'_>| {
         let vertices = primitive.get(&Semantic::Positions).map_or(0, |accessor| accessor.count() as u64);
@@ -149,7 +147,7 @@ fn check_size(nodes: &[(Node<'_>, DMat4)], buffers: &[Vec<u8>]) -> Result<(), St
     Ok(())
 }
 
-/// What is in each buffer: of the file itself, beside it, or written out in its name.
+/// Reads each buffer: in the file itself, beside it, or encoded in its URI.
 fn buffers(path: &Path, document: &Document, mut blob: Option<Vec<u8>>) -> Result<Vec<Vec<u8>>, ImportError> {
     let mut buffers = Vec::new();
     let mut named = Vec::new();
@@ -166,7 +164,7 @@ fn buffers(path: &Path, document: &Document, mut blob: Option<Vec<u8>>) -> Resul
                     let beside = file_beside(path, uri)?.ok_or_else(|| {
                         bad(format!("it is at {shown}: expected a file in the folder of this one; copy it there"))
                     })?;
-                    // Else a file could be read over and over.
+                    // Otherwise a file could be read over and over.
                     if named.contains(&beside) {
                         return Err(bad(format!("it is at {shown}, as one before it: expected a file of its own")));
                     }
@@ -184,7 +182,7 @@ fn buffers(path: &Path, document: &Document, mut blob: Option<Vec<u8>>) -> Resul
     Ok(buffers)
 }
 
-/// The file of a name, if the name leads to one in the folder of `path` or a folder in that.
+/// Resolves a name to a file in the folder of `path`, or below; `None` if it leads elsewhere.
 fn file_beside(path: &Path, uri: &str) -> Result<Option<PathBuf>, ImportError> {
     let name = PathBuf::from(unescaped(uri));
     let is_below = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
@@ -193,12 +191,12 @@ fn file_beside(path: &Path, uri: &str) -> Result<Option<PathBuf>, ImportError> {
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let beside = folder.join(name);
-    // Where links lead, too.
+    // Links, too, must lead there.
     let real = |path: &Path| path.canonicalize().map_err(ImportError::io(path));
     Ok(real(&beside)?.starts_with(real(folder)?).then_some(beside))
 }
 
-/// A name with `%20` and the like replaced by what they stand for.
+/// Decodes `%20` and the like in a name.
 fn unescaped(uri: &str) -> String {
     let mut bytes = Vec::new();
     let mut rest = uri.as_bytes();
@@ -212,7 +210,7 @@ fn unescaped(uri: &str) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-/// The triangles of a primitive; none of points and lines.
+/// Triangles of a primitive; none for points and lines.
 fn primitive_parts(primitive: &Primitive<'_>, buffers: &[Vec<u8>], world_from_node: DMat4) -> Result<Parts, String> {
     if !matches!(primitive.mode(), Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
         return Ok(Parts::default());
@@ -263,7 +261,7 @@ fn triangles(mode: Mode, indices: &[u32]) -> Vec<[u32; 3]> {
     }
 }
 
-/// Whether an accessor is of these types and inside of its buffer: the library reads it on trust.
+/// Checks an accessor's type, and that it lies inside its buffer: the library reads it unchecked.
 fn check(
     accessor: &Accessor<'_>,
     buffers: &[Vec<u8>],
@@ -292,7 +290,7 @@ fn check(
     }
 }
 
-/// Light as a share of a picture's codes: the curve of sRGB.
+/// sRGB encoding of linear light.
 fn encoded(light: f64) -> f64 {
     if light <= 0.0031308 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
 }

@@ -1,4 +1,4 @@
-//! Wavefront OBJ: all objects and groups of a file together. Colours are those of vertices; materials are in other files, and not read.
+//! Wavefront OBJ: all objects and groups of a file together. Colours are the vertices'; materials, in other files, are not read.
 
 use super::{Parts, code};
 use crate::error::ImportError;

@@ -1,4 +1,4 @@
-//! PLY, text or binary of either byte order: elements `vertex` and `face`; others are read over.
+//! PLY, text or binary of either byte order: elements `vertex` and `face`; others are skipped.
 
 use super::{Parts, code};
 use crate::error::ImportError;
@@ -18,7 +18,7 @@ pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Parts, ImportError> {
     let mut parts = Parts::default();
     for element in header.elements.values() {
         if element.properties.is_empty() && element.count > 0 {
-            // Of such there could be any number in a file of no size.
+            // A file of no size could declare any number of these.
             return Err(ImportError::invalid(path, format!("its elements '{}' have no properties", element.name)));
         }
         match element.name.as_str() {
@@ -81,7 +81,7 @@ struct Vertex {
 }
 
 impl Vertex {
-    /// Integers of colours are shares of the greatest there is.
+    /// Sets a property. Integer colours are shares of their type's greatest value.
     fn set(&mut self, name: &str, value: f64, greatest: f64) -> PropertyAccessResult {
         let (part, axis) = match name {
             "x" => (&mut self.position, 0),
@@ -171,7 +171,6 @@ impl PropertyAccess for Face {
     }
 }
 
-/// An element of no interest.
 struct Skipped;
 
 impl PropertyAccess for Skipped {

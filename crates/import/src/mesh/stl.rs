@@ -1,4 +1,5 @@
-//! STL, binary or text. Vertices at the same place are one; the normals in the file are those of the triangles anyway.
+//! STL, binary or text. Vertices in the same place are merged; stored normals are dropped, being those of the
+//! triangles anyway.
 
 use super::Parts;
 use crate::error::ImportError;
@@ -12,7 +13,7 @@ const TRIANGLE: usize = 50;
 pub(super) fn read(path: &Path, mut bytes: Vec<u8>) -> Result<Parts, ImportError> {
     let is_text = bytes.starts_with(b"solid");
     match binary_len(&bytes) {
-        // Many programs write binary files that begin like text: then only the size tells.
+        // Many programs write binary files that begin like text: then only the size decides.
         Some(len) if len == bytes.len() as u64 => bytes[..5].fill(b' '),
         _ if is_text => {
             if bytes.get(5) != Some(&b' ') {
@@ -33,7 +34,7 @@ pub(super) fn read(path: &Path, mut bytes: Vec<u8>) -> Result<Parts, ImportError
     }
     let found = stl_io::read_stl(&mut Cursor::new(bytes))
         .map_err(|error| ImportError::invalid(path, format!("expected an STL file: {error}")))?;
-    // Indices past 2^32 become what no vertex has: such a mesh is refused as too large.
+    // Indices past 2^32 become an invalid one: such a mesh is refused as too large.
     let index = |i: usize| u32::try_from(i).unwrap_or(u32::MAX);
     Ok(Parts {
         positions: found.vertices.iter().map(|vertex| vertex.0).collect(),
@@ -42,7 +43,7 @@ pub(super) fn read(path: &Path, mut bytes: Vec<u8>) -> Result<Parts, ImportError
     })
 }
 
-/// How long a binary file is that begins like this.
+/// Length of a binary file with this start.
 fn binary_len(bytes: &[u8]) -> Option<u64> {
     let count = bytes.get(HEADER - 4..HEADER)?.try_into().ok().map(u32::from_le_bytes)?;
     Some(HEADER as u64 + count as u64 * TRIANGLE as u64)

@@ -1,4 +1,4 @@
-//! One tetrahedron in every format, and what must not be read.
+//! One tetrahedron in every format, and files to be refused.
 
 use super::read_mesh;
 use crate::error::ImportError;
@@ -20,7 +20,7 @@ fn read(name: &str, bytes: impl AsRef<[u8]>) -> Result<Mesh, ImportError> {
     read_mesh(&path)
 }
 
-/// What the message says of a file that must not be read.
+/// The error message for a file to be refused.
 fn refusal(name: &str, bytes: impl AsRef<[u8]>) -> String {
     let error = read(name, bytes).expect_err(name).to_string();
     assert!(error.contains(name), "{error}");
@@ -159,7 +159,7 @@ fn ply_is_read_binary_and_as_text() {
 #[test]
 fn obj_is_read() {
     assert_eq!(soup(&read("a.obj", obj()).unwrap()), expected());
-    // A byte order mark is none of its words, nor of the other texts'.
+    // A byte order mark is not part of its words, nor of the other texts'.
     let marked = |text: String| format!("\u{feff}{text}");
     assert_eq!(soup(&read("a.obj", marked(obj())).unwrap()), expected());
     assert_eq!(soup(&read("a.ply", marked(ply_text())).unwrap()), expected());
@@ -212,7 +212,7 @@ fn cut_files_are_refused_wherever_they_end() {
             }
         }
     }
-    // A text of whole lines is a mesh with fewer triangles; nothing in it tells. No end of it may make the reader panic.
+    // A text cut after whole lines is a mesh with fewer triangles, undetectably. No cut may make the reader panic.
     let text = obj();
     (0..text.len()).for_each(|end| drop(read("a.obj", &text[..end])));
 }
@@ -225,7 +225,7 @@ fn bad_indices_and_numbers_are_named() {
     assert!(refusal("a.ply", past).contains("triangle 3 names vertex 4, but there are 4"));
     assert!(refusal("a.obj", obj().replace("f 3 1 4", "f 3 1 5")).contains("out of bounds"));
     assert!(refusal("a.obj", obj().replace("v 2 0 0", "v 2 nan 0")).contains("expected finite numbers"));
-    // The library has no word for what is not finite.
+    // The library cannot parse numbers that are not finite.
     assert!(refusal("a.ply", ply_text().replace("2 0 0 255", "inf 0 0 255")).contains("expected a PLY file"));
     let mut bytes = stl(b"x");
     bytes[84 + 12..84 + 16].copy_from_slice(&f32::NAN.to_le_bytes());
@@ -256,7 +256,7 @@ fn what_gltf_says_of_its_buffers_is_checked() {
     assert!(refusal("a.glb", bytes).contains("names vertex 9"));
 }
 
-/// What lies outside of the file's folder is not read, whatever it is called by.
+/// Files outside the glTF's folder are not read, under any name.
 #[cfg(unix)]
 #[test]
 fn gltf_stays_in_its_own_folder() {
@@ -289,7 +289,7 @@ fn gltf_stays_in_its_own_folder() {
 
 #[test]
 fn what_gltf_declares_is_counted_before_it_is_allocated() {
-    // 60,000 nodes that show one mesh, which declares a thousand times the vertices that it has.
+    // 60,000 nodes of one mesh that declares a thousand times its actual vertices.
     let nodes = |json: String| {
         let list = (0..60_000).map(|i| i.to_string()).collect::<Vec<_>>().join(",");
         let node = r#"{"mesh": 0}"#;

@@ -1,4 +1,4 @@
-//! The two headers of NIfTI as one struct. Nothing in them is trusted.
+//! The two NIfTI headers as one struct, with every field checked.
 
 use crate::axes::{Axis, AxisOrder};
 use crate::element::{Element, Endian, Scale};
@@ -7,11 +7,10 @@ use brickyard_volume::{Extent, VoxelType};
 use std::io::Read;
 use std::path::Path;
 
-/// The fields of a NIfTI-1 or NIfTI-2 header that a volume needs, checked.
+/// Checked fields of a NIfTI-1 or NIfTI-2 header, as far as a volume needs them.
 #[derive(Clone, Debug)]
 pub(super) struct Header {
     pub(super) endian: Endian,
-    /// Whether the voxels are in the same file as the header.
     pub(super) single_file: bool,
     pub(super) extent: Extent,
     pub(super) times: u32,
@@ -22,13 +21,12 @@ pub(super) struct Header {
     pub(super) pixdim: [f64; 4],
     /// Slope and intercept of the values; `None` if they change nothing.
     pub(super) scale: Option<Scale>,
-    /// The code for the unit of length in `xyzt_units`: 1 metre, 2 millimetre, 3 micrometre.
+    /// Unit of length in `xyzt_units`: 1 metre, 2 millimetre, 3 micrometre.
     pub(super) space_unit: u8,
-    /// The distance from one time step to the next, or from one to the next of what the fourth axis is.
+    /// Distance from one time step to the next, or along whatever else the fourth axis is.
     pub(super) time_step: f64,
-    /// The code for the unit of the fourth axis in `xyzt_units`: 8 second, 16 millisecond, 24 microsecond; greater ones are no times.
+    /// Unit of the fourth axis in `xyzt_units`: 8 second, 16 millisecond, 24 microsecond; greater ones are no times.
     pub(super) time_unit: u8,
-    /// The time of the first step.
     pub(super) time_start: f64,
     pub(super) qform_code: i32,
     pub(super) sform_code: i32,
@@ -78,7 +76,7 @@ impl Header {
         })
     }
 
-    /// The order of the array's axes. The fifth dimension, which is read as channels, is the slowest.
+    /// Order of the array's axes. The fifth dimension, read as channels, is the slowest.
     pub(super) fn axes(&self) -> AxisOrder {
         AxisOrder::of(&[Axis::C, Axis::T, Axis::Z, Axis::Y, Axis::X])
     }
@@ -89,7 +87,6 @@ enum Refusal {
     Unsupported(String),
 }
 
-/// Fields as they stand in the file.
 struct RawHeader {
     dim: [i64; 8],
     datatype: i16,
@@ -133,7 +130,7 @@ impl RawHeader {
         })
     }
 
-    /// `[[x, y, z], [t, c, 1]]`.
+    /// Sizes `[[x, y, z], [t, c, 1]]`.
     fn dimensions(&self) -> Result<[[u32; 3]; 2], Refusal> {
         let count = self.dim[0];
         if !(1..=7).contains(&count) {
@@ -188,7 +185,7 @@ impl RawHeader {
         Ok(element)
     }
 
-    /// A slope of 0 means none, by the standard, and so does one that is not a number, as nibabel writes it.
+    /// A slope of 0 means none, by the standard, and so does NaN, as written by nibabel.
     fn scale(&self) -> Result<Option<Scale>, Refusal> {
         let Self { slope, intercept, .. } = *self;
         if slope == 0.0 || slope.is_nan() || (slope, intercept) == (1.0, 0.0) {
@@ -220,7 +217,7 @@ impl RawHeader {
     }
 }
 
-/// Numbers at byte positions of a header whose length has been checked.
+/// Numbers at byte positions of a header of checked length.
 struct Fields<'a> {
     bytes: &'a [u8],
     endian: Endian,
@@ -248,12 +245,12 @@ impl Fields<'_> {
         i64::from_le_bytes(self.at(offset))
     }
 
-    /// Reads a number that voxels are computed with.
+    /// Reads an f32 exactly, for computing voxels.
     fn exact_f32(&self, offset: usize) -> f64 {
         f32::from_le_bytes(self.at(offset)) as f64
     }
 
-    /// The shortest decimal that the f32 stands for, so that 0.1 mm stays 0.1 and not 0.10000000149.
+    /// Reads an f32 as the shortest decimal that identifies it: 0.1 mm stays 0.1 instead of 0.10000000149.
     fn f32(&self, offset: usize) -> f64 {
         let value = f32::from_le_bytes(self.at(offset));
         value.to_string().parse().unwrap_or(value as f64)

@@ -1,5 +1,5 @@
-//! Where a NIfTI volume stands: spacing from `pixdim`, position from the sform or, without one, the qform. And when: steps from
-//! `pixdim` and `toffset`.
+//! Placement of a NIfTI volume: spacing from `pixdim`, position from the sform or, without one, the qform; times from `pixdim`
+//! and `toffset`.
 
 use super::header::Header;
 use crate::note::Note;
@@ -8,11 +8,10 @@ use crate::source::SourceInfo;
 use brickyard_volume::TimeAxis;
 use glam::DVec3;
 
-/// Spacings of `pixdim` and of the affine may differ by this part.
+/// Largest relative difference of spacings in `pixdim` and the affine.
 const SPACING_TOLERANCE: f64 = 1e-3;
 
-/// Fills the geometry and orientation of `info` from a header, and adds notes on what the header leaves open or
-/// contradicts.
+/// Fills the geometry and orientation of `info` from a header, and adds notes on omissions and contradictions.
 pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Note>) {
     let sizes = [1, 2, 3].map(|i| header.pixdim[i].abs());
     let sound = sizes.map(|s| s > 0.0 && s.is_finite());
@@ -45,7 +44,7 @@ pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Note
     }
 }
 
-/// Fills the time axis of `info` from a header, and adds a note where its steps are of no time.
+/// Fills the time axis of `info` from a header, with a note if its steps are not of time.
 pub(super) fn set_time(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Note>) {
     if info.times < 2 {
         return;
@@ -61,7 +60,7 @@ pub(super) fn set_time(header: &Header, info: &mut SourceInfo, notes: &mut Vec<N
             return;
         }
     };
-    // What programs leave there that know of no time.
+    // Default values, left by programs without times.
     if unit.is_none() && (header.time_step == 1.0 || header.time_step == 0.0) && header.time_start == 0.0 {
         return;
     }

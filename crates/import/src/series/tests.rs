@@ -1,4 +1,4 @@
-//! Series of more files than may be open, of compressed ones, and of ones that change.
+//! Series of more files than may be open, of compressed ones, and of changing ones.
 
 use crate::open::open;
 use crate::options::OpenOptions;
@@ -10,7 +10,7 @@ use flate2::write::GzEncoder;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Open files that the tests' processes may have: far fewer than there are steps.
+/// Limit of open files in the tests' processes: far fewer than steps.
 const MOST_OPEN_FILES: u64 = 64;
 
 fn told(extent: Extent) -> OpenOptions {
@@ -37,7 +37,7 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// Maps of this process whose lines have these words.
+/// Maps of this process whose lines contain these words.
 fn maps(words: &[&str]) -> usize {
     let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
     maps.lines().filter(|line| words.iter().all(|word| line.contains(word))).count()
@@ -56,7 +56,7 @@ fn refusal(source: &dyn Source, time: u32) -> String {
     source.read_box(time, 0, full, &mut out).unwrap_err().to_string()
 }
 
-/// Runs in a process of its own that may have few files open.
+/// Runs in a process of its own with few files open.
 fn with_few_files(name: &str, steps: u32, extension: &str, file: impl Fn(u32) -> Vec<u8>, options: &OpenOptions) {
     let write = |folder: &Path| {
         std::fs::create_dir(folder).unwrap();
@@ -117,7 +117,7 @@ fn compressed_steps_are_inflated_when_they_are_read_and_their_scratch_goes() {
     }
     drop(source);
     assert_eq!(inflated(), 0);
-    // A single file is inflated as it is opened, and says so.
+    // A single file is inflated on opening, and reports it.
     let single = open(&paths[..1], &options).unwrap();
     assert_eq!((inflated(), single.scratch_bytes()), (1, step_bytes));
 }
@@ -133,20 +133,20 @@ fn compressed_steps_that_are_damaged_are_named_in_time() {
         std::fs::write(&paths[1], second).unwrap();
     };
     let options = OpenOptions::default();
-    // Cut short anywhere, or of too few voxels: before anything is read.
+    // Cut short anywhere, or with too few voxels: before anything is read.
     let short = gzip(&nifti([10, 10, 10], [2, 8], &noise[..999]));
     for second in [&whole[..whole.len() - 200], &whole[..whole.len() - 1], &short] {
         write(second);
         let message = open(&paths, &options).err().unwrap().to_string();
         assert!(message.contains("s_2.nii.gz") && message.contains("cut short"), "{message}");
     }
-    // More than there should be, which is ignored, and said.
+    // Surplus bytes are ignored, with a note.
     write(&gzip(&nifti([10, 10, 10], [2, 8], &[&noise[..], &[1; 9]].concat())));
     let source = open(&paths, &options).unwrap();
     assert!(source.info().notes.iter().any(|note| note.contains("s_2.nii.gz: 9 bytes")), "{:?}", source.info().notes);
     assert!(is_warned(&said(&source.info().notes), "s_2.nii.gz: 9 bytes"));
     assert_eq!(value(&*source, 1), f64::from(noise[0]));
-    // What only the checksum tells: when the step is read.
+    // Visible only in the checksum: when the step is read.
     let mut flipped = whole.clone();
     let middle = flipped.len() / 2;
     flipped[middle] ^= 0x10;
@@ -166,7 +166,7 @@ fn a_step_that_changes_after_the_series_was_opened_is_refused() {
         let file = std::fs::File::options().write(true).open(path).unwrap();
         file.set_modified(std::time::SystemTime::now() + std::time::Duration::from_secs(5)).unwrap();
     };
-    // Written to and cut short, before it is opened again.
+    // Written to and cut short, before it is reopened.
     for name in ["a_1.raw", "a_2.raw", "a_3.raw"] {
         std::fs::write(at(name), [1; 48]).unwrap();
     }
@@ -183,7 +183,7 @@ fn a_step_that_changes_after_the_series_was_opened_is_refused() {
         assert!(lent.is_err());
     }
     assert_eq!(value(&*source, 0), 257.0);
-    // The half of a pair that has the voxels.
+    // The half of a pair with the voxels.
     for name in ["b_1", "b_2"] {
         let mut header = nifti([4, 3, 2], [2, 8], &[]);
         header[344..348].copy_from_slice(b"ni1\0");
@@ -250,7 +250,7 @@ fn ome(pixels: &str, channels: [&str; 2]) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// Lengths and channels mean the same in all steps, where the files say what they are.
+/// Lengths and channels mean the same in all steps whose files describe them.
 #[cfg(feature = "tiff")]
 #[test]
 fn steps_that_mean_something_else_are_refused() {
@@ -278,7 +278,7 @@ fn steps_that_mean_something_else_are_refused() {
             assert_eq!(open(&paths, told).unwrap().info().times, 2, "{words}");
         }
     }
-    // One that gives no names comes before those that do.
+    // One without names comes before those with names.
     let [first, second] = files(ome("", names), ome("", ["GFP", "DAPI"]));
     let before = folder.path().join("s_0.ome.tif");
     std::fs::write(&before, ome("", ["", ""])).unwrap();

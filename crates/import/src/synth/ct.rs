@@ -1,5 +1,5 @@
-//! The kind `ct`: a tube wall, a ball of shells with a dense core, a turbulent matrix with dense veins, air, and the
-//! noise of a detector over everything.
+//! The kind `ct`: a tube wall, a ball of shells with a dense core, a turbulent matrix with dense veins, air, and detector
+//! noise over everything.
 
 use super::turbulence::{Turbulence, TurbulenceRows};
 use super::{RowField, centre, mix, round_bits, smoothstep};
@@ -9,24 +9,24 @@ use std::sync::LazyLock;
 
 /// Entries of the radial table, over radii `0..1`; beyond is air.
 const TABLE: usize = 2048;
-/// Half the width of the soft edge of a shell.
+/// Half the width of a shell's soft edge.
 const EDGE: f64 = 0.008;
 const AIR: f64 = 12.0;
 const MATRIX: f64 = 58.0;
 const WALL: f64 = 82.0;
-/// Radii between which the tube's wall is not air.
+/// Inner and outer radius of the tube's wall.
 const WALL_RADII: (f64, f64) = (0.86, 0.93);
-/// The tube ends this far from the middle along z.
+/// Distance of the tube's ends from the middle along z.
 const WALL_END: f64 = 0.96;
-/// How far a unit of turbulence pushes the shells outwards or inwards, and the turbulence beyond which it pushes no more.
+/// Shift of the shells, outwards or inwards, per unit of turbulence, and the turbulence of the greatest shift.
 const WARP: f32 = 0.05;
 const MOST_WARP: f32 = 3.0;
-/// Radius of the outermost shell under the greatest push: beyond is air.
+/// Radius of the outermost shell under the greatest shift: beyond is air.
 const REACH: f64 = 0.70 + EDGE + 0.15;
 /// Standard deviation of the detector's noise, in units.
 const NOISE: f64 = 3.0;
 
-/// What the material at a radius is, before and under turbulence.
+/// Material at a radius, before and under turbulence.
 #[derive(Clone, Copy)]
 struct Material {
     base: f32,
@@ -82,7 +82,7 @@ impl<'a> Ct<'a> {
         }
     }
 
-    /// Voxels of the row that may be anything but air.
+    /// Voxels of the row that may be other than air.
     fn ball(&self, yz_square: f64) -> Range<usize> {
         voxels_within((REACH * REACH - yz_square).max(0.0).sqrt(), self.first_x, self.extent.x, self.radii.len())
     }
@@ -113,7 +113,7 @@ impl<'a> Ct<'a> {
             voxels_within(half, self.first_x, self.extent.x, units.len())
         };
         let (all, hole) = (within(WALL_RADII.1), within(WALL_RADII.0));
-        // The estimates are a voxel too wide, so the hole is shrunk; the formula below is zero where there is no wall.
+        // The estimates are a voxel too wide, so the hole is shrunk; the formula below is zero outside the wall.
         let hole = (hole.start + 3).min(hole.end)..hole.end.saturating_sub(3);
         let sides = if hole.is_empty() { [all, 0..0] } else { [all.start..hole.start, hole.end..all.end] };
         for i in sides.into_iter().flatten() {
@@ -156,7 +156,7 @@ impl RowField for Ct<'_> {
     }
 }
 
-/// Voxels of a box that begins at `first` and has `count`, with centres in `-half..half` (and up to two more).
+/// Voxels, among the box's `count` from `first`, with centres in `-half..half` (and up to two more).
 fn voxels_within(half: f64, first: u32, n: u32, count: usize) -> Range<usize> {
     let voxel = |x: f64| (x + 1.0) * 0.5 * n as f64 - first as f64;
     if half <= 0.0 {
@@ -169,7 +169,7 @@ fn voxels_within(half: f64, first: u32, n: u32, count: usize) -> Range<usize> {
 /// Voxels along x whose noise is made at once.
 const BLOCK: usize = 128;
 
-/// Fills a block from a key: eight xorshift generators side by side, which vectorise as a hash per voxel would not.
+/// Fills a block from a key: eight xorshift generators side by side, which vectorise, unlike a hash per voxel.
 fn fill_random(key: u64, block: &mut [u32; BLOCK]) {
     const LANES: usize = 8;
     let mut states: [u64; LANES] = std::array::from_fn(|lane| mix(mix(key) ^ lane as u64) | 1);

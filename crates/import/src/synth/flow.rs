@@ -1,14 +1,14 @@
-//! The kind `flow`: a plume that winds and rises, carried turbulence inside it, nothing around it.
+//! The kind `flow`: a winding, rising plume with turbulence carried inside it, nothing around it.
 
 use super::turbulence::{Turbulence, TurbulenceRows};
 use super::{RowField, centre};
 use brickyard_volume::{Extent, VoxelBox};
 use std::f64::consts::TAU;
 
-/// How far the turbulence rises in one time step, in heights of the volume.
+/// Rise of the turbulence in one time step, in heights of the volume.
 const RISE: f64 = 1.0 / 64.0;
 
-/// How far turbulence pushes the rim of the plume, and the most turbulence that counts.
+/// Shift of the plume's rim per unit of turbulence, and the turbulence of the greatest shift.
 const RIM: f64 = 0.45;
 const MOST_TURBULENCE: f64 = 2.0;
 
@@ -42,7 +42,7 @@ impl RowField for Flow<'_> {
         let width = 0.06 + 0.22 * height;
         let across = (y_place - axis_y) / width;
         units.fill(0.0);
-        // Half of the plume along x where turbulence pushes its rim out the most.
+        // Half of the plume along x under the greatest shift of its rim.
         let half = (1.0 + RIM * MOST_TURBULENCE - across * across).max(0.0).sqrt() * width;
         let plume = self.x.partition_point(|x| (*x as f64) < axis_x - half)
             ..self.x.partition_point(|x| (*x as f64) <= axis_x + half);

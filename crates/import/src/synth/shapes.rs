@@ -1,4 +1,4 @@
-//! The kinds that have a formula: marschner-lobb, spheres, sparse, ramp.
+//! The kinds with a formula: marschner-lobb, spheres, sparse, ramp.
 
 use super::{RowField, SPARSE_LAST_UNITS, centre, uniform};
 use brickyard_volume::{Extent, VoxelBox};
@@ -25,12 +25,12 @@ fn ml_depth(z: f64) -> f64 {
     255.0 * (1.0 - (PI * z / 2.0).sin()) / (2.0 * (1.0 + ML_ALPHA))
 }
 
-/// Computes rows of the Marschner-Lobb signal: the same ripple in every plane, plus a value that depends on z alone.
+/// Rows of the Marschner-Lobb signal: the same ripple in every plane, plus a value depending on z alone.
 pub(super) struct MarschnerLobb {
     extent: Extent,
     min_x: u32,
     min_y: u32,
-    /// Ripple of the rows seen so far, kept from plane to plane.
+    /// Ripple of the rows so far, kept from plane to plane.
     ripple: Vec<f32>,
 }
 
@@ -60,7 +60,6 @@ pub(super) fn ramp_at(p: DVec3) -> f64 {
     255.0 * (p.x + p.y + p.z) / 3.0
 }
 
-/// Computes rows of the kind `ramp`.
 pub(super) struct Ramp {
     extent: Extent,
     min_x: u32,
@@ -81,7 +80,7 @@ impl RowField for Ramp {
     }
 }
 
-/// A solid sphere with a soft rim, in whatever space it is placed.
+/// A solid sphere with a soft rim, in the caller's space.
 #[derive(Clone, Copy)]
 struct Ball {
     centre: DVec3,
@@ -97,7 +96,7 @@ impl Ball {
         self.units * (0.5 + 0.5 * depth / self.rim).clamp(0.0, 1.0)
     }
 
-    /// Beyond this distance from the centre the ball is zero.
+    /// Distance from the centre beyond which the ball is zero.
     fn reach(&self) -> f64 {
         self.radius + self.rim
     }
@@ -108,7 +107,7 @@ impl Ball {
     }
 }
 
-/// Paints the balls that a box meets, row by row. Where several overlap the greatest value counts.
+/// Paints the balls that intersect a box, row by row. Where several overlap, the greatest value counts.
 pub(super) struct BallRows {
     balls: Vec<Ball>,
     /// Ball space from voxel space.
@@ -177,8 +176,7 @@ impl Spheres {
     }
 }
 
-/// The kind `sparse`: a few balls with radii of 6 to 32 voxels whatever the extent, smaller only where an axis is
-/// short.
+/// The kind `sparse`: a few balls with radii of 6 to 32 voxels at any extent, smaller only where an axis is short.
 pub(super) struct Sparse {
     balls: Vec<Ball>,
     extent: Extent,
@@ -218,7 +216,6 @@ impl Sparse {
     }
 }
 
-/// Computes rows of the kind `sparse`.
 pub(super) struct SparseRows {
     balls: BallRows,
     last: [u32; 3],

@@ -1,5 +1,5 @@
-//! Generators: the same voxels however they are asked for, formulas where there are any, and the looks that others
-//! rely on.
+//! Generators: the same voxels for any division into boxes, formulas where there are any, and the looks relied on
+//! elsewhere.
 
 use super::*;
 use proptest::prelude::*;
@@ -101,7 +101,7 @@ fn ct_shows_its_materials_under_noise() {
         let region = VoxelBox::new([x - r, y - r, z - r], [x + r, y + r, z + r]);
         mean_and_deviation(&values(&source, 0, region).iter().map(|v| v / 200.0).collect::<Vec<_>>())
     };
-    // Air in a corner: 12 and noise of 3. 512 samples of a mean are good to 0.13 and of a deviation to 0.1; five of those.
+    // Air in a corner: 12 and noise of 3. 512 samples give a mean to 0.13 and a deviation to 0.1; five of those.
     let (air, noise) = around(4, 4, 32, 4);
     assert!((air - 12.0).abs() < 0.7 && (noise - 3.0).abs() < 0.5, "{air} {noise}");
     // The core is 205, with turbulence of up to 26 units a deviation.

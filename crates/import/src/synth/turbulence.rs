@@ -18,7 +18,6 @@ const AMPLITUDE: f64 = 3.2;
 /// Amplitude of an octave over that of the next coarser one: 2^-0.8.
 const PERSISTENCE: f64 = 0.574_349_177_498_517_4;
 
-/// The noise field of a seed.
 pub(super) struct Turbulence {
     /// Random nodes in -1..1, x fastest.
     lattice: Vec<f32>,
@@ -28,7 +27,7 @@ pub(super) struct Turbulence {
 struct Octave {
     cells: f64,
     amplitude: f32,
-    /// Where in the lattice this octave starts.
+    /// The octave's start in the lattice.
     shift: [i64; 3],
 }
 
@@ -68,7 +67,7 @@ impl Turbulence {
 pub(super) struct TurbulenceRows<'a> {
     lattice: &'a [f32],
     octaves: Vec<OctaveRows>,
-    /// The plane that the octaves are blended for.
+    /// The plane of the blended octaves.
     z: Option<u32>,
 }
 

@@ -1,7 +1,7 @@
-//! What ImageJ's value calibration makes of stored numbers: `cf` names a function, `c0`, `c1`, ... are its coefficients.
+//! ImageJ's value calibration of stored numbers: `cf` names a function, `c0`, `c1`, ... are its coefficients.
 //!
-//! A straight line, `c0 + c1 * stored`, is applied: signed 16-bit images are nothing else to ImageJ (`c0=-32768`, `c1=1`).
-//! Curves are not, which a note says. As in ImageJ, only images of 8 and 16 bits are calibrated.
+//! A straight line, `c0 + c1 * stored`, is applied: ImageJ stores signed 16-bit images just so (`c0=-32768`, `c1=1`).
+//! Curves are not applied, with a note. As in ImageJ, only images of 8 and 16 bits are calibrated.
 
 use crate::element::{Element, Scale};
 use crate::note::Note;
@@ -26,23 +26,22 @@ const FUNCTIONS: [&str; 14] = [
 ];
 /// The function without coefficients: uncalibrated optical density.
 const OPTICAL_DENSITY: usize = 21;
-/// What ImageJ adds to signed numbers of 16 bits before it calibrates them.
+/// Added by ImageJ to signed 16-bit numbers before calibration.
 const SIGNED_OFFSET: f64 = 32768.0;
 
-/// ImageJ's calibration of values: what stored numbers stand for.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Calibration {
     Line {
         c0: f64,
         c1: f64,
     },
-    /// A calibration that is not applied, described in words.
+    /// A calibration that is not applied, in words.
     Curve(String),
 }
 
 impl Calibration {
-    /// Parses the calibration from ImageJ's description, in which `value` looks up a key. `None` if stored numbers are
-    /// the values.
+    /// Parses the calibration from ImageJ's description, where `value` looks up a key. `None` if stored numbers are the
+    /// values.
     pub(super) fn parse<'a>(value: impl Fn(&str) -> Option<&'a str>) -> Option<Self> {
         let number = |key: &str| value(key).and_then(|v| v.parse::<f64>().ok());
         // ImageJ's own default is the line.
@@ -63,8 +62,7 @@ impl Calibration {
         ((c0, c1) != (0.0, 1.0)).then_some(Self::Line { c0, c1 })
     }
 
-    /// Returns how stored numbers are scaled to values (`None` if they are not), and a note for the user if there is
-    /// something to say.
+    /// Returns the scale of stored numbers to values (`None` if they are equal), and a note for the user, if any.
     pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<Note>) {
         let kept = |why: &str| {
             let warning = format!("ImageJ's calibration of values, {why}: they are kept as stored.");
@@ -127,7 +125,7 @@ mod tests {
             scale.map(|s| (s.slope, s.intercept, s.to)).ok_or(note)
         };
         assert_eq!(line(U16, -32768.0, 1.0), Ok((1.0, -32768.0, I16)));
-        // ImageJ takes what is stored signed for unsigned, and gives it the same line.
+        // ImageJ reads signed numbers as unsigned, and gives them the same line.
         assert_eq!(line(I16, -32768.0, 1.0), Err(None));
         assert_eq!(line(I16, -65536.0, 2.0), Ok((2.0, 0.0, I32)));
         assert_eq!(line(U8, 0.0, 0.25), Ok((0.25, 0.0, F32)));

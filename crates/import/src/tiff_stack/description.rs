@@ -1,9 +1,9 @@
-//! Description that a TIFF file carries, whoever wrote it: which page is which plane, spacing and unit, times, channels, and what stored
-//! numbers stand for.
+//! A TIFF file's description, by any program: the plane-to-page map, spacing and unit, times, channels, and the meaning of stored
+//! numbers.
 //!
 //! [`hyperstack`](super::hyperstack) (ImageJ), [`ome`](super::ome), [`shaped`](super::shaped) (tifffile), [`stk`](super::stk) (MetaMorph)
-//! and [`tag_scale`](super::tag_scale) fill it. What is said of the order of pages is followed or is a [`Description::problem`]; of the
-//! rest, what is not understood is left out, with a note.
+//! and [`tag_scale`](super::tag_scale) fill it. A page order is followed or is a [`Description::problem`]; other unclear parts are
+//! dropped, with a note.
 
 use super::calibration::Calibration;
 use super::ome::Pixels;
@@ -18,47 +18,44 @@ use crate::step_time::StepTime;
 use brickyard_volume::{ChannelLook, Extent, TimeAxis, VoxelType, time_unit};
 use glam::DVec3;
 
-/// Everything that a TIFF file says of itself beside its pixels.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Description {
     pub(super) declared: Option<Declared>,
-    /// What OME-XML says of pages one by one, and of files.
+    /// OME-XML on individual pages and files.
     pub(super) ome: Option<Ome>,
-    /// Why what is said of the order of pages cannot be followed.
+    /// Why the described page order cannot be followed.
     pub(super) problem: Option<String>,
     pub(super) spacing: Option<Spacing>,
-    /// Whether pixels per inch are no scale, because the program names a unit where they are.
+    /// Whether to ignore pixels per inch, since the program names a unit whenever they are a scale.
     pub(super) ignores_resolution: bool,
     /// UDUNITS name.
     pub(super) unit: Option<&'static str>,
-    /// When the time steps were taken.
     pub(super) time: Option<TimeAxis>,
-    /// When the one step was taken, where there is one.
+    /// Time of the only step.
     pub(super) step_time: StepTime,
-    /// How stored numbers become values; `None` if they are the values.
+    /// Conversion of stored numbers to values; `None` if they are equal.
     pub(super) calibration: Option<Calibration>,
-    /// The stored number of pixels without data, which GDAL keeps in a tag of its own.
+    /// Stored number of pixels without data, from GDAL's tag.
     pub(super) nodata: Option<f64>,
-    /// Whether it says that NaN alone means no data.
+    /// Whether NaN alone means no data.
     pub(super) nodata_is_nan: bool,
-    /// How the channels look, as far as is said.
+    /// Looks of the channels, as far as described.
     pub(super) channel_looks: Vec<ChannelLook>,
     pub(super) notes: Vec<Note>,
 }
 
-/// What OME-XML says beyond a plain order of pages.
+/// OME-XML beyond a plain order of pages.
 #[derive(Debug, PartialEq)]
 pub(super) struct Ome {
-    /// The file's own UUID.
     pub(super) uuid: Option<String>,
     pub(super) says: OmeSays,
 }
 
 #[derive(Debug, PartialEq)]
 pub(super) enum OmeSays {
-    /// Which pages of which files are planes.
+    /// The map of planes to pages of files.
     Pixels(Box<Pixels>),
-    /// Another file, by name, says it; its UUID, where it is said.
+    /// The metadata are in another file, given by name, and by UUID if known.
     Elsewhere { metadata_file: String, uuid: Option<String> },
 }
 
@@ -67,19 +64,18 @@ pub(super) enum OmeSays {
 pub(super) struct Spacing {
     pub(super) x: f64,
     pub(super) y: f64,
-    /// `None` where nothing says how far planes lie apart.
+    /// `None` if the distance of planes is unknown.
     pub(super) z: Option<f64>,
 }
 
-/// The arrangement of pages that a description declares.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Declared {
-    /// The axes along which pages follow one another (t, c, z), slowest first.
+    /// Axes from page to page (t, c, z), slowest first.
     pub(super) page_axes: Vec<Axis>,
     pub(super) z: u32,
     pub(super) channels: u32,
     pub(super) times: u32,
-    /// Pixels of a plane along x and y, where they are said.
+    /// Pixels of a plane along x and y, if given.
     pub(super) plane: Option<[u32; 2]>,
     /// Whether all planes may lie behind a single directory, as in ImageJ's stacks over 4 GiB.
     pub(super) in_one_directory: bool,
@@ -87,12 +83,11 @@ pub(super) struct Declared {
     pub(super) of_each_page: bool,
     /// Whether `channels` counts the samples within a page.
     pub(super) counts_samples: bool,
-    /// How many planes it says that there are, where that is said besides.
+    /// Number of planes, if given separately.
     pub(super) images: Option<u32>,
 }
 
 impl Declared {
-    /// A single plane.
     pub(super) fn one_plane() -> Self {
         Self {
             page_axes: vec![Axis::T, Axis::C, Axis::Z],
@@ -118,7 +113,7 @@ impl Declared {
     /// Returns the sizes in pages: samples within a page do not count as channels.
     ///
     /// # Errors
-    /// If pages of this format are not what is described.
+    /// If pages of this format contradict the description.
     pub(super) fn page_sizes(&self, format: &PageFormat) -> Result<Sizes, String> {
         let stored = [format.width, format.height];
         if let Some([x, y]) = self.plane.filter(|plane| *plane != stored && *plane != format.shown_size()) {
@@ -141,12 +136,12 @@ impl Declared {
 }
 
 impl Description {
-    /// A description that says nothing but why it cannot be followed.
+    /// A description with only the reason why it cannot be followed.
     pub(super) fn unreadable(problem: String) -> Self {
         Self { problem: Some(problem), ..Self::default() }
     }
 
-    /// Takes a time axis, as far as it can be one of `times` steps.
+    /// Sets a time axis, if valid for `times` steps.
     pub(super) fn set_time(&mut self, axis: TimeAxis, unit: &str, times: u32) {
         match axis.check(times) {
             Ok(()) => {
@@ -172,7 +167,7 @@ impl Description {
         }
     }
 
-    /// Takes physical sizes along x, y and z, each with its unit, as OME names them: all are told in that of x. A missing y is x's.
+    /// Sets physical sizes along x, y and z, each with OME's name of its unit, in the unit of x. A missing y is x's.
     pub(super) fn set_physical_sizes(&mut self, sizes: [Option<(f64, String)>; 3]) {
         let [Some((x, unit)), y, z] = sizes else { return };
         self.set_unit(Some(&unit));
@@ -184,18 +179,17 @@ impl Description {
         self.spacing = Some(Spacing { x, y: in_x(y).unwrap_or(x), z: in_x(z) });
     }
 
-    /// Returns how stored numbers are scaled to values (`None` if they are not), and a note for the user if there is
-    /// something to say.
+    /// Returns the scale of stored numbers to values (`None` if they are equal), and a note for the user, if any.
     pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<Note>) {
         self.calibration.as_ref().map_or((None, None), |c| c.scale(element, samples))
     }
 
-    /// The value that means no data by the file. `scale` is what makes stored numbers values.
+    /// The file's no-data value, after scaling stored numbers by `scale`.
     pub(super) fn nodata_value(&self, scale: Option<Scale>) -> Option<f64> {
         self.nodata.map(|stored| scale.map_or(stored, |scale| stored * scale.slope + scale.intercept))
     }
 
-    /// Tells `info` which voxels hold no data, unless the user says it. `scale` is what makes stored numbers voxels.
+    /// Marks voxels without data in `info`, unless the user does. `scale` converts stored numbers to voxels.
     pub(super) fn mark(&self, info: &mut SourceInfo, scale: Option<Scale>, nodata: NoData) {
         if nodata != NoData::OfFile {
             return;
@@ -220,11 +214,11 @@ impl Description {
             }
         }
         info.geometry.unit = self.unit.map(str::to_owned);
-        // Times of some other number of steps are of something else.
+        // Times for another number of steps belong elsewhere.
         if self.declared.as_ref().is_some_and(|declared| declared.times == info.times) {
             info.time.clone_from(&self.time);
         }
-        // Looks of some other number of channels are of something else.
+        // Looks for another number of channels belong elsewhere.
         if self.channel_looks.len() == info.channels as usize {
             info.channel_looks.clone_from(&self.channel_looks);
         }
@@ -232,7 +226,7 @@ impl Description {
     }
 }
 
-/// A number without data as a pixel of this type holds it: of floats the nearest, for programs write the limits of f32 in few digits.
+/// A no-data number as held by pixels of this type: for floats the nearest, since programs write the limits of f32 in few digits.
 pub(super) fn nearest(value: f64, element: Element) -> f64 {
     let near = match element {
         Element::Voxel(VoxelType::F32) => f64::from(value as f32),

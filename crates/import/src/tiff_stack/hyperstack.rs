@@ -8,15 +8,15 @@ use crate::note::Note;
 use crate::step_time::TimeSpan;
 use brickyard_volume::{ChannelLook, TimeAxis};
 
-/// How ImageJ's description begins.
+/// First characters of ImageJ's description.
 pub(super) const START: &str = "ImageJ=";
 
-/// What the text says. `resolution` is pixels per unit along x and y, which ImageJ keeps in the page's tags; `samples` are those of a pixel.
+/// Parses the text. `resolution` is pixels per unit along x and y, from the page's tags; `samples` are those of a pixel.
 pub(super) fn read(text: &str, resolution: Option<[f64; 2]>, samples: u16) -> Description {
     let value = |key: &str| text.lines().find_map(|l| l.strip_prefix(key)?.strip_prefix('=')).map(str::trim);
     let count = |key| value(key).and_then(|v| v.parse::<u32>().ok());
     let images = count("images").unwrap_or(1);
-    // The channels of a composite of 16 bits may be the samples of its pixels: then pages have no others.
+    // The channels of a 16-bit composite may be the samples of its pixels: then pages have no others.
     let between_pages = |channels: &u32| samples == 1 || images > 1 || *channels != u32::from(samples);
     let channels = count("channels").filter(between_pages).unwrap_or(1);
     let frames = count("frames").unwrap_or(1);
@@ -52,8 +52,7 @@ pub(super) fn read(text: &str, resolution: Option<[f64; 2]>, samples: u16) -> De
     description
 }
 
-/// ImageJ's spacing, of which it writes no depth that is 1; `None` if nothing is said. Without a unit the resolution is a printer's, not
-/// the data's.
+/// ImageJ's spacing, whose depth is omitted if 1; `None` if unknown. Without a unit the resolution is a printer's, not the data's.
 pub(super) fn spacing(has_unit: bool, depth: Option<f64>, resolution: Option<[f64; 2]>) -> Option<Spacing> {
     if !has_unit && depth.is_none() {
         return None;
@@ -63,7 +62,7 @@ pub(super) fn spacing(has_unit: bool, depth: Option<f64>, resolution: Option<[f6
     Some(Spacing { x, y, z: Some(depth.unwrap_or(1.0)) })
 }
 
-/// Puts y and z into the unit of x: ImageJ names their own where they differ.
+/// Converts y and z to the unit of x: ImageJ names theirs where they differ.
 fn in_unit_of_x(description: &mut Description, unit: Option<&str>, others: [Option<&str>; 2]) {
     let Some(spacing) = &mut description.spacing else { return };
     let others = others.map(|other| other.filter(|other| Some(*other) != unit));
@@ -89,7 +88,7 @@ pub(super) fn is_length(number: f64) -> bool {
     number > 0.0 && number.is_finite()
 }
 
-/// The look of an image of one channel, by ImageJ's display range.
+/// Look of a single-channel image, by ImageJ's display range.
 fn display_range<'a>(value: impl Fn(&str) -> Option<&'a str>) -> Option<ChannelLook> {
     let number = |key| value(key)?.parse::<f64>().ok().filter(|number| number.is_finite());
     let (low, high) = number("min").zip(number("max"))?;

@@ -1,10 +1,10 @@
-//! How ImageJ shows the channels of a hyperstack: their look-up tables and display ranges, which it keeps in two private tags. The bytes are a
-//! head of kinds and counts, in the file's byte order, then each kind's blocks one after another.
+//! ImageJ's looks of a hyperstack's channels: look-up tables and display ranges, in two private tags. The bytes are a head of kinds and
+//! counts, in the file's byte order, then the blocks of each kind in turn.
 
 use brickyard_volume::ChannelLook;
 use tiff::tags::Tag;
 
-/// The lengths of the head and of each block of [`METADATA`].
+/// Lengths of the head and of each block of [`METADATA`].
 pub(super) const BYTE_COUNTS: Tag = Tag::Unknown(50838);
 
 /// The head and the blocks.
@@ -13,7 +13,7 @@ pub(super) const METADATA: Tag = Tag::Unknown(50839);
 /// Bytes of a look-up table: 256 of red, then of green, then of blue.
 const TABLE_BYTES: usize = 768;
 
-/// The looks of the channels; empty if the bytes say nothing of them, or are damaged.
+/// Looks of the channels; empty if missing or damaged.
 pub(super) fn channel_looks(bytes: &[u8], byte_counts: &[u64]) -> Vec<ChannelLook> {
     let blocks = blocks(bytes, byte_counts).unwrap_or_default();
     let of_kind = |kind: [u8; 4]| blocks.iter().filter(move |(found, _)| *found == kind).map(|(_, block)| *block);
@@ -32,7 +32,7 @@ pub(super) fn channel_looks(bytes: &[u8], byte_counts: &[u64]) -> Vec<ChannelLoo
     (0..windows.len().max(colors.len())).map(look).collect()
 }
 
-/// The blocks, each with its kind as letters; `None` if the head contradicts the bytes.
+/// Splits the blocks, each with its kind as letters; `None` if the head contradicts the bytes.
 fn blocks<'a>(bytes: &'a [u8], byte_counts: &[u64]) -> Option<Vec<([u8; 4], &'a [u8])>> {
     let is_big = match bytes.get(..4)? {
         b"IJIJ" => true,
@@ -57,7 +57,7 @@ fn blocks<'a>(bytes: &'a [u8], byte_counts: &[u64]) -> Option<Vec<([u8; 4], &'a 
     Some(blocks)
 }
 
-/// The colour that a look-up table goes to from black, in a straight line; `None` if it does not.
+/// The colour reached from black by a look-up table in a straight line; `None` for other tables.
 fn color_of_table(table: &[u8]) -> Option<[u8; 3]> {
     if table.len() != TABLE_BYTES {
         return None;
@@ -100,7 +100,7 @@ mod tests {
         for is_big in [false, true] {
             let (bytes, counts) = written(is_big);
             let first = ChannelLook { name: None, color: Some([0, 128, 255]), window: Some([100.0, 900.0]) };
-            // A table of several colours is not one.
+            // A table of several colours has no single one.
             let second = ChannelLook { name: None, color: None, window: Some([-3.0, 65535.0]) };
             assert_eq!(channel_looks(&bytes, &counts), [first, second]);
         }

@@ -1,20 +1,20 @@
-//! A TIFF file's bytes for the library, which refuses pages of indices into a palette: the one that it stands at says that its pixels are numbers. Costs a
-//! comparison for each read.
+//! TIFF bytes as shown to the library, which refuses palette indices: the current page's PhotometricInterpretation is replaced, so that its pixels
+//! pass for numbers. Costs a comparison for each read.
 
 use std::fs::File;
 use std::io::{BufReader, Read, Result, Seek, SeekFrom};
 use tiff::decoder::Decoder;
 use tiff::tags::{ByteOrder, Tag};
 
-/// PhotometricInterpretation of indices into a palette, and of numbers of which the least is black.
+/// PhotometricInterpretation of indices into a palette, and of numbers, the least being black.
 const PALETTE: u16 = 3;
 const BLACK_IS_ZERO: u16 = 1;
 
-/// A file with two bytes that are read as others.
+/// A file with two bytes replaced.
 pub(super) struct PageBytes {
     file: BufReader<File>,
     at: u64,
-    /// Where these bytes stand, and what they are read as.
+    /// Position and replacement of these bytes.
     changed: Option<(u64, [u8; 2])>,
 }
 
@@ -23,7 +23,7 @@ impl PageBytes {
         Self { file: BufReader::new(file), at: 0, changed: None }
     }
 
-    /// Reads all bytes as they are.
+    /// Ends the replacement.
     pub(super) fn as_it_is(&mut self) {
         self.changed = None;
     }
@@ -50,7 +50,7 @@ impl Seek for PageBytes {
     }
 }
 
-/// Whether the page at which the decoder stands is one of indices into a palette. It is read again then, as numbers; `page` is its number, from 0.
+/// Whether the decoder's current page holds indices into a palette; it is then read again, as numbers. `page` is its number, from 0.
 pub(super) fn as_numbers(decoder: &mut Decoder<PageBytes>, page: u32) -> tiff::TiffResult<bool> {
     let kind = decoder.find_tag_unsigned::<u16>(Tag::PhotometricInterpretation);
     let Some(directory) = decoder.ifd_pointer().filter(|_| matches!(kind, Ok(Some(PALETTE)))) else {
@@ -66,7 +66,7 @@ pub(super) fn as_numbers(decoder: &mut Decoder<PageBytes>, page: u32) -> tiff::T
     Ok(true)
 }
 
-/// Where a directory has the PhotometricInterpretation, if that is a short number, as the standard has it.
+/// Position of a directory's PhotometricInterpretation, if that is a short number, as in the standard.
 fn place_of_kind(decoder: &mut Decoder<PageBytes>, directory: u64) -> Result<Option<u64>> {
     const SHORT: u16 = 3;
     decoder.goto_offset_u64(2)?;

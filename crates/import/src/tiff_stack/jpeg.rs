@@ -1,7 +1,6 @@
-//! Which kind of JPEG a strip or tile is, by its first bytes: the library takes those that it does not read for damage.
+//! JPEG kinds of strips and tiles, by their first bytes: the library mistakes unsupported kinds for damage.
 
-/// Returns of which kind a JPEG is, if it is one that is not read: all but baseline, extended and progressive ones. `None` also where the
-/// bytes have no frame.
+/// Returns the kind of an unsupported JPEG: any but baseline, extended and progressive. `None` also without a frame.
 pub(super) fn kind_not_read(jpeg: &[u8]) -> Option<&'static str> {
     match frame_marker(jpeg)? {
         0xc0..=0xc2 => None,
@@ -11,7 +10,7 @@ pub(super) fn kind_not_read(jpeg: &[u8]) -> Option<&'static str> {
     }
 }
 
-/// The marker that begins a JPEG's frame and says of which kind it is; `None` if there is none.
+/// The marker at the start of a JPEG's frame, which gives its kind; `None` if missing.
 fn frame_marker(jpeg: &[u8]) -> Option<u8> {
     let mut at = 2;
     loop {

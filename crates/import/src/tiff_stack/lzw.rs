@@ -1,26 +1,25 @@
-//! Strips and tiles packed by LZW, which the `tiff` crate calls cut short where a row ends within a code's string; and the
-//! predictors that stand between packed bytes and samples.
+//! LZW strips and tiles, which the `tiff` crate reports as cut short where a row ends within a code's string; and the
+//! predictors between packed bytes and samples.
 //!
-//! As in libtiff, a chunk ends with its last byte, whether or not a code for the end follows.
+//! As in libtiff, a chunk ends with its last byte, with or without an end code.
 
 use crate::element::Endian;
 use weezl::decode::{Configuration, Decoder};
 use weezl::{BitOrder, LzwStatus};
 
-/// Upper bound on the ratio of unpacked to packed bytes: a code of 9 to 12 bits stands for less than 4096 bytes.
+/// Upper bound on the ratio of unpacked to packed bytes: a code of 9 to 12 bits expands to less than 4096 bytes.
 pub(super) const BEST_RATIO: u64 = 4096;
 
-/// The predictor: what was done to the bytes of a row before they were packed.
+/// Transformation of a row's bytes before packing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Predictor {
     None,
-    /// Each number is the difference from the number of the same sample in the pixel before.
+    /// Each number is the difference from the same sample of the pixel before.
     Horizontal,
     /// The bytes of a row of floats are sorted by significance, the highest first, and stored as differences.
     Floats,
 }
 
-/// How rows are stored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Rows {
     pub(super) predictor: Predictor,
@@ -29,11 +28,11 @@ pub(super) struct Rows {
     pub(super) width: usize,
     /// Numbers of a pixel that lie side by side.
     pub(super) samples: usize,
-    /// Bytes of a row once it is unpacked, with the part of a tile that lies past the image.
+    /// Bytes of an unpacked row, including a tile's part past the image.
     pub(super) bytes: usize,
 }
 
-/// Unpacks LZW data into `out` until it is full. The error says how many bytes there are if they are too few.
+/// Unpacks LZW data into `out` until it is full. The error gives the number of bytes if too few.
 pub(super) fn unpack(packed: &[u8], out: &mut [u8]) -> Result<(), String> {
     let mut decoder = decoder_of(packed);
     let (mut from, mut to) = (0, 0);
@@ -52,9 +51,9 @@ pub(super) fn unpack(packed: &[u8], out: &mut [u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Streams of before TIFF 5.0 have their bits the other way round, and codes that grow one number later.
+/// Streams from before TIFF 5.0 have reversed bits, and codes that grow one number later.
 fn decoder_of(packed: &[u8]) -> Decoder {
-    // What begins with the code to clear, 256 of nine bits.
+    // Starts with the clear code, 256 in nine bits.
     let configuration = match packed {
         [0, second, ..] if second & 1 == 1 => Configuration::new(BitOrder::Lsb, 8),
         _ => Configuration::with_tiff_size_switch(BitOrder::Msb, 8),
@@ -62,8 +61,7 @@ fn decoder_of(packed: &[u8]) -> Decoder {
     configuration.with_yield_on_full_buffer(true).build()
 }
 
-/// Undoes the predictor of unpacked rows, which lie one after another, and brings their numbers to this machine's byte
-/// order.
+/// Undoes the predictor of consecutive unpacked rows, and converts their numbers to this machine's byte order.
 pub(super) fn undo(bytes: &mut [u8], rows: Rows) {
     for row in bytes.chunks_exact_mut(rows.bytes) {
         if rows.predictor != Predictor::Floats && rows.endian != Endian::native() {
@@ -132,7 +130,7 @@ mod tests {
         fn whatever_is_packed_is_unpacked(bytes in bytes(), wanted in any::<prop::sample::Index>(), rest in 0..3usize) {
             let mut packed = Encoder::with_tiff_size_switch(BitOrder::Msb, 8).encode(&bytes).unwrap();
             let old = Encoder::new(BitOrder::Lsb, 8).encode(&bytes).unwrap();
-            // The rows of a tile past the image are not wanted, and what follows the end is nobody's.
+            // A tile's rows past the image are unwanted, and bytes after the end are ignored.
             let mut out = vec![0; wanted.index(bytes.len()) + 1];
             packed.extend(vec![0x55; rest]);
             for packed in [&packed, &old] {
@@ -142,7 +140,7 @@ mod tests {
             }
             let mut more = vec![0; bytes.len() + 1];
             prop_assert!(unpack(&packed, &mut more).is_err());
-            // Some writers leave out the code for the end: all but its last bits are then there.
+            // Some writers omit the end code, so more is cut off: data, too.
             let shorter = &packed[..packed.len() - rest - 1];
             prop_assert!(unpack(&shorter[..shorter.len().saturating_sub(3)], &mut more).is_err());
         }

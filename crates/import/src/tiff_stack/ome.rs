@@ -1,7 +1,7 @@
-//! OME-XML, read as a stream: the first image's `Pixels`, which page is which of its planes, and which files have the pages.
+//! OME-XML, read as a stream: the first image's `Pixels`, the map of its planes to pages, and the files of the pages.
 //!
-//! Nothing of the text is kept but what is asked for: a plane's place takes 28 bytes, and the largest tag or text between two tags is the
-//! most that is held at once. Elements count where the schema has them; comments, CDATA and annotations are no elements.
+//! Only the needed parts are kept: a plane's place takes 28 bytes, and at most one tag, or one text between tags, is held at a time.
+//! Elements count only in their places by the schema; comments, CDATA and annotations do not.
 
 #[cfg(test)]
 mod tests;
@@ -17,33 +17,32 @@ use quick_xml::events::{BytesStart, Event};
 use std::collections::HashMap;
 use std::io::BufRead;
 
-/// How deep elements may lie in one another.
+/// Deepest nesting of elements.
 const DEEPEST: usize = 256;
-/// The most elements: three for each plane are usual.
+/// Most elements: three for each plane are usual.
 const MOST_ELEMENTS: u32 = 1 << 22;
-/// The most elements of a kind that are kept: places of planes, and times.
+/// Most elements kept of a kind: places of planes, and times.
 const MOST_ENTRIES: usize = 1 << 20;
-/// The most files of a set.
+/// Most files of a set.
 const MOST_PARTS: usize = 1 << 17;
-/// The most channels whose looks are kept.
+/// Most channels with looks.
 const MOST_LOOKS: usize = 4096;
 
-/// The `Pixels` of an image.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Pixels {
-    /// The axes along which planes follow one another, slowest first.
+    /// Axes from plane to plane, slowest first.
     pub(super) axes: Vec<Axis>,
-    /// Planes' pixels along x and y.
+    /// Pixels of a plane along x and y.
     pub(super) plane: [u32; 2],
     /// Sizes along t, c and z. Channels count the samples of a pixel.
     pub(super) sizes: [u32; 3],
     pub(super) tiff_data: Vec<TiffData>,
-    /// The files that `tiff_data` name.
+    /// Files named by `tiff_data`.
     pub(super) parts: Vec<Part>,
 }
 
 impl Pixels {
-    /// The arrangement of pages, where these follow one another as planes do.
+    /// Arrangement of pages in the order of planes.
     pub(super) fn declared(&self) -> Declared {
         let [times, channels, z] = self.sizes;
         Declared {
@@ -58,16 +57,16 @@ impl Pixels {
     }
 }
 
-/// Where some planes lie that follow one another.
+/// Place of some consecutive planes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TiffData {
-    /// The first plane's step, channel and slice.
+    /// Step, channel and slice of the first plane.
     pub(super) first: [u32; 3],
-    /// The first page, counted from 0; 0 where it is not said.
+    /// First page, counted from 0; 0 by default.
     pub(super) ifd: Option<u32>,
-    /// How many planes; without a number 1 where `ifd` is said, and else all pages of the file.
+    /// Number of planes; by default 1 with an `ifd`, else all pages of the file.
     pub(super) count: Option<u32>,
-    /// The file, as an index into the parts; `None` is the file that has the text.
+    /// The file, as an index into the parts; `None` is the file with the text.
     pub(super) part: Option<u32>,
 }
 
@@ -78,10 +77,10 @@ pub(super) struct Part {
     pub(super) name: Option<String>,
 }
 
-/// Reads OME-XML; `None` if the text is something else.
+/// Reads OME-XML; `None` for another text.
 ///
 /// # Errors
-/// If it cannot be read, or does not say what it has to.
+/// If it cannot be read, or lacks a required part.
 pub(super) fn read(text: impl BufRead) -> Result<Option<Description>, Failure> {
     let mut xml = xml::reader(text);
     let (mut walk, mut piece) = (Walk::default(), Vec::new());
@@ -89,7 +88,7 @@ pub(super) fn read(text: impl BufRead) -> Result<Option<Description>, Failure> {
         next_piece(&mut xml, &mut piece);
         let event = match xml.read_event_into(&mut piece) {
             Ok(event) => event,
-            // What breaks before the first element says that it is OME-XML is some other text.
+            // A text that breaks before the root element is not OME-XML.
             Err(error) if walk.open.is_empty() => match error.into() {
                 Failure::Disk(error) => return Err(Failure::Disk(error)),
                 Failure::Meaning(_) => return Ok(None),
@@ -109,7 +108,7 @@ pub(super) fn read(text: impl BufRead) -> Result<Option<Description>, Failure> {
             Event::CData(text) => walk.text(&text)?,
             Event::Eof if walk.open.is_empty() => return Ok(None),
             Event::Eof => return meaning("ends inside of an element: it was cut short"),
-            // Entities of a document's own are not expanded: an attribute that has one is not well-formed.
+            // A document's own entities are not expanded: an attribute with one is not well-formed.
             Event::Comment(_) | Event::Decl(_) | Event::PI(_) | Event::GeneralRef(_) | Event::DocType(_) => {}
         }
         if walk.open.is_empty() && walk.has_begun {
@@ -118,7 +117,7 @@ pub(super) fn read(text: impl BufRead) -> Result<Option<Description>, Failure> {
     }
 }
 
-/// The UUID that OME-XML has itself, read from its first tag; `None` if it has none or the text is something else.
+/// The UUID of the OME-XML itself, from its first tag; `None` if it has none or the text is something else.
 ///
 /// # Errors
 /// If the disk cannot read it.
@@ -138,7 +137,7 @@ pub(super) fn uuid(text: impl BufRead) -> Result<Option<String>, Failure> {
     }
 }
 
-/// Elements that mean something where they are.
+/// Elements with a meaning in their place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Element {
     Root,
@@ -149,12 +148,11 @@ enum Element {
     Other,
 }
 
-/// What has been read so far.
 #[derive(Default)]
 struct Walk {
     has_begun: bool,
     elements: u32,
-    /// The elements that are open, outermost first.
+    /// Open elements, outermost first.
     open: Vec<Element>,
     uuid: Option<String>,
     elsewhere: Option<OmeSays>,
@@ -166,13 +164,13 @@ struct Walk {
     has_binary_data: bool,
     physical_sizes: [Option<(f64, String)>; 3],
     time_step: Option<(f64, String)>,
-    /// When the first plane of a step was taken, and the unit of these times.
+    /// Times of each step's first plane, and their unit.
     stamps: Vec<(u32, f64)>,
     stamp_unit: String,
     looks: Vec<ChannelLook>,
     samples: Option<u32>,
     splits_axes: bool,
-    /// The `TiffData` and its file that are being read.
+    /// The current `TiffData` and its file.
     data: Option<TiffData>,
     part: Option<Part>,
     known_parts: HashMap<Part, u32>,
@@ -210,7 +208,7 @@ impl Walk {
                 self.data = Some(tiff_data(tag)?);
                 Element::TiffData
             }
-            // A further one is a further name of the same file.
+            // Another one is another name of the same file.
             (Some(Element::TiffData), b"UUID") if self.part.is_none() => {
                 self.part = Some(Part { uuid: String::new(), name: attribute(tag, "FileName")? });
                 Element::Uuid
@@ -282,7 +280,7 @@ impl Walk {
             'T' => Some(Axis::T),
             _ => None,
         };
-        // Fastest first, x and y always leading.
+        // Fastest first, always starting with x and y.
         let axes: Option<Vec<Axis>> = order.strip_prefix("XY").and_then(|rest| rest.chars().rev().map(axis).collect());
         let axes = axes.filter(|axes| axes.len() == 3 && [Axis::T, Axis::C, Axis::Z].iter().all(|a| axes.contains(a)));
         let Some(axes) = axes else {
@@ -320,7 +318,7 @@ impl Walk {
             [red, green, blue]
         });
         if self.looks.len() < MOST_LOOKS {
-            // The samples of one channel are those of a photograph, whatever its own name and colour.
+            // The samples of one channel are a photograph's, whatever its own name and colour.
             match samples {
                 1 => self.looks.push(ChannelLook { name, color, window: None }),
                 _ => self.looks.extend(vec![ChannelLook::default(); samples.min(16) as usize]),
@@ -329,7 +327,7 @@ impl Walk {
         Ok(Element::Other)
     }
 
-    /// Takes the time of a step's first plane.
+    /// Records the time of a step's first plane.
     fn plane(&mut self, tag: &BytesStart) -> Result<Element, Failure> {
         let index = |name| Ok::<_, Failure>(number::<u32>(tag, name)?.unwrap_or(0));
         if self.stamps.len() < MOST_ENTRIES
@@ -344,7 +342,6 @@ impl Walk {
         Ok(Element::Other)
     }
 
-    /// What has been read, once it is whole.
     fn description(mut self) -> Result<Description, Failure> {
         let uuid = self.uuid.take();
         if let Some(says) = self.elsewhere {
@@ -391,7 +388,7 @@ impl Walk {
         Ok(description)
     }
 
-    /// The increment, or else when the first plane of each step was taken, if every step has one.
+    /// Sets the increment, or else the times of each step's first plane, if every step has one.
     fn set_time(&mut self, description: &mut Description, times: u32) {
         if let Some((step, unit)) = self.time_step.take() {
             return description.set_time(TimeAxis { step, ..TimeAxis::default() }, &unit, times);
@@ -412,7 +409,7 @@ impl Walk {
 
 fn tiff_data(tag: &BytesStart) -> Result<TiffData, Failure> {
     let first = |name| Ok::<_, Failure>(number(tag, name)?.unwrap_or(0));
-    // As it was called before 2008; and 0 is no number of planes.
+    // Its name before 2008; and 0 is no number of planes.
     let count = match number(tag, "PlaneCount")? {
         None => number(tag, "NumPlanes")?,
         count => count,

@@ -1,6 +1,6 @@
-//! Opening what OME-XML describes: a file, or the files of its set, and the order of their pages.
+//! OME-XML opening: of a file, or the files of its set, with the order of their pages.
 //!
-//! A set's files are opened one by one, and their directories walked; of those of many pages some stay open.
+//! A set's files are opened one by one, and their directories walked; some of those with many pages stay open.
 
 use super::description::{Description, Ome, OmeSays};
 use super::ome::{Pixels, TiffData};
@@ -20,10 +20,10 @@ use brickyard_volume::counted;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-/// Whether files are all files of the OME set that the first of them is one of, and no others.
+/// Whether files are exactly the OME set that includes the first.
 ///
 /// # Errors
-/// If a file of the set is missing, or has another UUID than the set means.
+/// If a file of the set is missing, or has another UUID than the set's.
 pub(crate) fn is_whole_set(paths: &[PathBuf]) -> Result<bool, ImportError> {
     let path = &paths[0];
     if is_companion(path)? {
@@ -47,7 +47,7 @@ pub(crate) fn is_whole_set(paths: &[PathBuf]) -> Result<bool, ImportError> {
     Ok(set.paths.len() > 1 && given.map_err(ImportError::io(path))? == of_set.map_err(ImportError::io(path))?)
 }
 
-/// Opens the files that OME-XML in a file of its own tells of.
+/// Opens the files described by an OME-XML file.
 pub(super) fn open_companion(
     path: &Path,
     options: &OpenOptions,
@@ -75,18 +75,18 @@ pub(super) fn open_companion(
     opening.set(Some(tiff), set, &pixels, &description, None)
 }
 
-/// A file with OME-XML that is being opened.
+/// A file with OME-XML during its opening.
 pub(super) struct Opening<'a> {
     pub(super) path: &'a Path,
     /// Of the first page.
     pub(super) format: PageFormat,
     pub(super) options: &'a OpenOptions,
-    /// Whether no other file is given beside it.
+    /// Whether it is the only input.
     pub(super) is_alone: bool,
 }
 
 impl Opening<'_> {
-    /// Opens the file as its OME-XML says, with the others of its set.
+    /// Opens the file by its OME-XML, with the others of its set.
     pub(super) fn ome(
         self,
         tiff: OpenTiff,
@@ -124,7 +124,7 @@ impl Opening<'_> {
         }
     }
 
-    /// Opens the files of a set. `first` is the first of them, if it is open; `companion` has the XML, if it is none of them.
+    /// Opens the files of a set. `first` is the first of them, if open; `companion` holds the XML, if it is none of them.
     fn set(
         self,
         first: Option<OpenTiff>,
@@ -142,14 +142,14 @@ impl Opening<'_> {
             );
             return Err(ImportError::invalid(path, problem));
         }
-        // A page that is not there is told once all are known.
+        // A missing page is reported once all are known.
         let first_place = first_place(pixels, &set);
         let known = first_place.and_then(|place| format_at(&set.paths[place.file as usize], place.page).ok());
         let format = known.unwrap_or_else(|| self.format.clone());
         let mut walked = self.walk(first, &set, &format)?;
         let pages: Vec<u32> = walked.files.iter().map(|file| file.pages).collect();
         let names: Vec<String> = set.paths.iter().map(|path| name_of(path)).collect();
-        // TiffData without a file mean the one that has the XML.
+        // TiffData without a file mean the file with the XML.
         let with_xml = companion.unwrap_or(path);
         let own = set.paths.iter().position(|part| part == with_xml).map(|i| i as u32);
         let files = Files { pages: &pages, names: &names, of_part: &set.of_part, own };
@@ -167,7 +167,7 @@ impl Opening<'_> {
         let WalkedSet { files, idle, reader_bytes, .. } = walked;
         let parts = Parts { files, format, map, reader_bytes, idle };
         let mut stack = TiffStack::new(parts, description, self.options)?;
-        // What the XML in a file of its own says may change while the files with pages stay.
+        // A separate XML file may change while the files with pages stay.
         if own.is_none() {
             stack.info.identity += &identity("; described by", &[with_xml])?;
         }
@@ -182,7 +182,7 @@ impl Opening<'_> {
         Ok(Box::new(stack))
     }
 
-    /// Walks the directories of all files of a set, whose pages should be of this format. `first` is the first of them, if it is open.
+    /// Walks the directories of all files of a set, expecting pages of this format. `first` is the first of them, if open.
     fn walk(&self, mut first: Option<OpenTiff>, set: &Set, format: &PageFormat) -> Result<WalkedSet, ImportError> {
         let mut all = WalkedSet { files: Vec::with_capacity(set.paths.len()), ..WalkedSet::default() };
         for (number, part) in (0..).zip(&set.paths) {
@@ -201,7 +201,7 @@ impl Opening<'_> {
         Ok(all)
     }
 
-    /// Opens a file of the set, and checks that it is the one that is meant.
+    /// Opens a file of the set, and checks its identity.
     fn part(&self, part: &Path, uuid: Option<&str>) -> Result<OpenTiff, ImportError> {
         let mut tiff = OpenTiff::open(part)?;
         check_uuid(self.path, part, uuid, tiff.ome_uuid()?.as_deref())?;
@@ -209,14 +209,14 @@ impl Opening<'_> {
     }
 }
 
-/// The files of a set, whose directories were all looked at.
+/// Files of a set, with all directories examined.
 #[derive(Default)]
 struct WalkedSet {
     files: Vec<TiffFile>,
     /// Decoders of some of them.
     idle: Vec<(u32, OpenTiff)>,
     reader_bytes: u64,
-    /// What is wrong with the first page that differs from the others, or whose data are not there.
+    /// The problem of the first page that differs from the others, or lacks its data.
     odd: Option<ImportError>,
 }
 
@@ -228,7 +228,7 @@ fn same_file(a: &Path, b: &Path) -> bool {
     a == b || a.canonicalize().ok().zip(b.canonicalize().ok()).is_some_and(|(a, b)| a == b)
 }
 
-/// The first page that is a plane, where it is not the first file's first; `None` also where that is not known yet.
+/// The first page used as a plane, unless it is the first file's first; `None` also while unknown.
 fn first_place(pixels: &Pixels, set: &Set) -> Option<Place> {
     let place = |data: &TiffData| Place {
         file: data.part.map_or(0, |part| set.of_part[part as usize]),
@@ -243,7 +243,7 @@ fn format_at(path: &Path, page: u32) -> Result<PageFormat, ImportError> {
     tiff.format()
 }
 
-/// Checks those pages alone that are planes, where a file has others, too: pictures of labels, overviews. Returns their format.
+/// Checks only pages used as planes, in a file with others: pictures of labels, overviews. Returns their format.
 fn check_used(paths: &[PathBuf], map: &PageMap) -> Result<PageFormat, ImportError> {
     let mut expected: Option<PageFormat> = None;
     let mut open: Option<(u32, OpenTiff)> = None;

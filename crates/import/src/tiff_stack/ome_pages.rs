@@ -1,28 +1,26 @@
-//! Which page is which plane, as OME's `TiffData` elements say: in any order, from several files. Every plane must have one page.
+//! Plane-to-page map from OME's `TiffData` elements: in any order, from several files. Every plane must have one page.
 
 use super::ome::{Pixels, TiffData};
 use super::page_map::{PageMap, PageOrder, Place, planes_of, too_few_or_many};
 use crate::axes::{Axis, Sizes};
 
-/// The files whose pages are mapped.
 pub(super) struct Files<'a> {
-    /// The number of pages of each file.
+    /// Number of pages of each file.
     pub(super) pages: &'a [u32],
-    /// The files' names, for messages.
+    /// Names of the files, for messages.
     pub(super) names: &'a [String],
     /// The file of each of [`Pixels::parts`].
     pub(super) of_part: &'a [u32],
-    /// The file that has the XML, if it has pages.
+    /// The file with the XML, if it has pages.
     pub(super) own: Option<u32>,
 }
 
 const UNSET: Place = Place { file: u32::MAX, page: u32::MAX };
 
-/// The map of the planes of `pixels` to pages: a list, or a rule where one says the same. It takes eight bytes a page. `sizes` are those
-/// in pages.
+/// Maps the planes of `pixels` to pages: as a list, or an equivalent rule. The list takes eight bytes a page. `sizes` are in pages.
 ///
 /// # Errors
-/// If a plane has no page or two, or a page or plane is named that is not there. The message names it.
+/// If a plane has no page or two, or a page or plane does not exist. The message names it.
 pub(super) fn map(pixels: &Pixels, sizes: Sizes, files: &Files) -> Result<PageMap, String> {
     let channels = sizes.channels;
     let samples = pixels.sizes[1] / channels;
@@ -59,7 +57,7 @@ struct Mapping<'a> {
 }
 
 impl Mapping<'_> {
-    /// Takes the places that one element gives.
+    /// Adds the places given by one element.
     fn take(&mut self, data: TiffData) -> Result<(), String> {
         let file = match data.part {
             Some(part) => self.files.of_part[part as usize],
@@ -106,7 +104,7 @@ impl Mapping<'_> {
         Ok(())
     }
 
-    /// A plane's number as planes follow one another.
+    /// A plane's number in the order of planes.
     fn along_order(&self, [t, c, z]: [u32; 3]) -> u64 {
         self.pixels.axes.iter().fold(0, |index, &axis| {
             let i = match axis {
@@ -118,7 +116,7 @@ impl Mapping<'_> {
         })
     }
 
-    /// The plane of this number as planes follow one another.
+    /// The plane of this number in the order of planes.
     fn plane_at(&self, mut index: u64) -> Plane {
         let mut plane = [0; 3];
         for &axis in self.pixels.axes.iter().rev() {
@@ -135,7 +133,7 @@ impl Mapping<'_> {
     }
 }
 
-/// A plane's step, channel and slice, as messages name it.
+/// A plane's step, channel and slice, as named in messages.
 struct Plane([u32; 3]);
 
 impl Plane {
@@ -145,7 +143,6 @@ impl Plane {
         (t as u64 * sizes.channels as u64 + c as u64) * sizes.extent.z as u64 + z as u64
     }
 
-    /// The plane of this number.
     fn at(index: u64, sizes: Sizes) -> Self {
         let (z, channels) = (sizes.extent.z as u64, sizes.channels as u64);
         Self([(index / z / channels) as u32, (index / z % channels) as u32, (index % z) as u32])

@@ -1,5 +1,5 @@
-//! The files of an OME set: their names are in XML, their pages beside it. A name leads to a regular file in the folder of the file that was
-//! given, or below; the UUID inside is the one that the XML says, where both say one.
+//! Files of an OME set: named in XML, with pages beside it. A name must lead to a regular file in the folder of the given file, or below;
+//! its UUID must be the XML's, where both have one.
 
 use super::description::{Description, Ome, OmeSays};
 use super::ome::{self, Part};
@@ -13,7 +13,7 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Component, Path, PathBuf};
 
-/// Whether a file is OME-XML by itself: by its name, and by how it begins.
+/// Whether a file is bare OME-XML, by its name and its start.
 pub(crate) fn is_companion(path: &Path) -> Result<bool, ImportError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     if ![".ome", ".ome.xml"].iter().any(|end| name.ends_with(end)) {
@@ -24,10 +24,10 @@ pub(crate) fn is_companion(path: &Path) -> Result<bool, ImportError> {
     Ok(start.trim_ascii_start().starts_with(b"<"))
 }
 
-/// Reads OME-XML in a file of its own.
+/// Reads a separate OME-XML file.
 ///
 /// # Errors
-/// If it is none, or cannot be followed; the disk cannot read it.
+/// If it is something else, or cannot be followed; if the disk cannot read it.
 pub(super) fn read_companion(path: &Path) -> Result<Description, ImportError> {
     let file = File::open(path).map_err(ImportError::io(path))?;
     let bytes = file.metadata().map_err(ImportError::io(path))?.len();
@@ -45,7 +45,7 @@ pub(super) fn read_companion(path: &Path) -> Result<Description, ImportError> {
     }
 }
 
-/// The file that has the metadata of a file whose own are elsewhere, and what they say.
+/// Finds the file with another file's metadata, and reads them.
 ///
 /// # Errors
 /// If the name leads out of the folder, or to no file, or to one of another UUID.
@@ -79,21 +79,20 @@ pub(super) fn follow(
     Ok((other, description))
 }
 
-/// The files of a set.
 pub(super) struct Set {
-    /// The first is the one that has the XML, if it has pages.
+    /// The first has the XML, if it has pages.
     pub(super) paths: Vec<PathBuf>,
     /// The file of each part.
     pub(super) of_part: Vec<u32>,
-    /// The UUID of each file, as the XML says it.
+    /// The UUID of each file, by the XML.
     pub(super) uuids: Vec<Option<String>>,
 }
 
 impl Set {
-    /// Finds the files of the parts beside `path`, which has the UUID `uuid`, and has pages itself if `has_pages`.
+    /// Finds the files of the parts beside `path`, whose UUID is `uuid`, and which holds pages itself if `has_pages`.
     ///
     /// # Errors
-    /// If a name leads out of the folder, or to no file: the message names it.
+    /// If a name leads out of the folder, or to no file: the message gives it.
     pub(super) fn find(path: &Path, uuid: Option<&str>, has_pages: bool, parts: &[Part]) -> Result<Self, ImportError> {
         let mut set = Self { paths: Vec::new(), of_part: Vec::with_capacity(parts.len()), uuids: Vec::new() };
         let mut known: HashMap<PathBuf, u32> = HashMap::new();
@@ -137,7 +136,7 @@ impl Set {
     }
 }
 
-/// Checks that a file has the UUID by which another one means it, where both say one.
+/// Checks a file's UUID against the one another file expects, where both have one.
 pub(super) fn check_uuid(
     naming: &Path,
     path: &Path,
@@ -164,7 +163,7 @@ fn same_uuid(a: &str, b: &str) -> bool {
     plain(a) == plain(b)
 }
 
-/// The regular file of this name in the folder of `path`, or below it. `what` says in messages what the name is for.
+/// Finds the regular file of this name in the folder of `path`, or below it. `what` describes the name in messages.
 fn beside(path: &Path, name: &str, what: &str) -> Result<PathBuf, ImportError> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let outside = || {

@@ -1,4 +1,4 @@
-//! Opening TIFF files as a stack: which files there are, which pages, and that they agree. All directories are walked once.
+//! TIFF stack opening: finds the files and pages, and checks that they agree. Walks all directories once.
 
 use super::description::{Declared, Description, OmeSays, Spacing};
 use super::ome_opening::{Opening, open_companion};
@@ -19,14 +19,14 @@ use crate::source::{Source, SourceInfo};
 use brickyard_volume::counted;
 use std::path::{Path, PathBuf};
 
-/// Whether a TIFF file has more than one plane: several pages, but for smaller copies and masks of others; or a stack behind a single directory,
-/// unless `axes` say what pages are.
+/// Whether a TIFF file has more than one plane: several pages, apart from smaller copies and masks of others; or a stack behind a single
+/// directory, unless `axes` describe the pages.
 pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<bool, ImportError> {
     if is_companion(path)? {
         return Ok(true);
     }
     let mut tiff = OpenTiff::open(path)?;
-    // Who says what pages are says it of all.
+    // The user's axes cover all pages.
     if options.axes.is_some() {
         return Ok(tiff.has_more_pages());
     }
@@ -47,8 +47,8 @@ pub(crate) fn has_several_planes(path: &Path, options: &OpenOptions) -> Result<b
     Ok(false)
 }
 
-/// Whether the planes of a described stack follow the data of the file's only directory, or most of them. A page that was cut out of such a stack
-/// may have its description, but not the planes.
+/// Whether all, or most, planes of a described stack follow the data of the file's only directory. A page cut out of such a stack may have its
+/// description, but not the planes.
 fn holds_stack(tiff: &mut OpenTiff) -> Result<bool, ImportError> {
     let path = tiff.path.clone();
     let format = tiff.format()?;
@@ -63,7 +63,7 @@ fn holds_stack(tiff: &mut OpenTiff) -> Result<bool, ImportError> {
     let Ok((start, _)) = tiff.contiguous_start(&path, &format) else { return Ok(false) };
     let plane_bytes =
         u64::from(format.width) * u64::from(format.height) * (format.element.bytes() * format.samples as usize) as u64;
-    // Of one that is cut off there is more than half, and more than a plane: what is missing is told where it is opened.
+    // A truncated stack has more than half, and more than a plane: the missing part is reported on opening.
     let least = plane_bytes.saturating_mul(declared.planes().max(3)) / 2;
     // The directory lies before all planes, or behind them.
     let directory = tiff.decoder.ifd_pointer().map(|pointer| pointer.0).filter(|directory| *directory > start);
@@ -71,8 +71,8 @@ fn holds_stack(tiff: &mut OpenTiff) -> Result<bool, ImportError> {
     Ok(least.saturating_add(start) <= end)
 }
 
-/// Opens one TIFF file, of one page or several, with the others of its set where it is one of an OME set; or the companion of such
-/// files. `is_alone` says whether no other file is given beside it.
+/// Opens one TIFF file, of one page or several, with the rest of its OME set if it is in one; or the companion of such files. `is_alone`: it is
+/// the only input.
 pub(crate) fn open_file(path: &Path, options: &OpenOptions, is_alone: bool) -> Result<Box<dyn Source>, ImportError> {
     if is_companion(path)? {
         return open_companion(path, options, is_alone);
@@ -97,7 +97,7 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions, is_alone: bool) -> R
     open_pages(tiff, format, &description, options)
 }
 
-/// Opens single-page files as planes, in the order given.
+/// Opens single-page files as planes, in the given order.
 pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>, ImportError> {
     let mut first: Option<(PageFormat, Description)> = None;
     let mut files = Vec::with_capacity(paths.len());
@@ -152,7 +152,7 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
         );
         description.notes.push(Note::new(note));
     }
-    // What a single plane's file says of a stack's shape is about the stack it was cut from.
+    // A stack's shape in a single plane's file is that of the stack it was cut from.
     description.declared = None;
     let (map, note) =
         arrange(1, paths.len() as u32, options, None, &format).map_err(|misfit| walk::misfit(&paths[0], misfit))?;
@@ -161,7 +161,7 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
     Ok(Box::new(TiffStack::new(parts, &description, options)?))
 }
 
-/// Refuses a file of several that its OME-XML says are one set: what its page is, its name may not say.
+/// Refuses a file whose OME-XML names a set of files: its place in the set may not follow from its name.
 fn check_is_no_part(path: &Path, description: &Description) -> Result<(), ImportError> {
     let is_part = description.ome.as_ref().is_some_and(|ome| match &ome.says {
         OmeSays::Pixels(pixels) => pixels.parts.len() > 1,
@@ -172,14 +172,14 @@ fn check_is_no_part(path: &Path, description: &Description) -> Result<(), Import
     if is_part { Err(ImportError::invalid(path, problem)) } else { Ok(()) }
 }
 
-/// Refuses a plane whose pixels are of another size or unit than those of the first, unless the caller says it for all.
+/// Refuses a plane whose pixel size or unit differs from the first one's, unless the caller gives it for all.
 fn check_scale(
     path: &Path,
     description: &Description,
     (first_path, first): (&Path, &Description),
     options: &OpenOptions,
 ) -> Result<(), ImportError> {
-    // Over a thousand pixels, one.
+    // One pixel in a thousand.
     const TOLERANCE: f64 = 1e-3;
     let is_near = |a: f64, b: f64| (a - b).abs() <= TOLERANCE * a.abs().max(b.abs());
     let is_alike = match (description.spacing, first.spacing) {
@@ -203,7 +203,7 @@ fn check_scale(
     Err(ImportError::options(path, problem))
 }
 
-/// ImageJ's form for stacks past 4 GiB, tifffile's where it is told so, and MetaMorph's: one directory, then all planes without a gap.
+/// Opens the form of ImageJ past 4 GiB, of tifffile on request, and of MetaMorph: one directory, then all planes without a gap.
 fn open_contiguous(
     path: &Path,
     tiff: &mut OpenTiff,

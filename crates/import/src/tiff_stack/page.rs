@@ -1,4 +1,4 @@
-//! One TIFF file being decoded: its pages' format, the check that their data exist, and rectangles of samples.
+//! Page decoder of one TIFF file: page formats, checks of their data, and rectangles of samples.
 
 use super::indices::{self, PageBytes};
 use super::jpeg;
@@ -20,10 +20,10 @@ use tiff::tags::{ByteOrder, Tag};
 /// Most memory for the values of one tag: 8 million strips.
 const MOST_TAG_BYTES: usize = 256 << 20;
 
-/// No compression reaches this ratio: a strip that claims more is a damaged header, not something to allocate.
+/// Compression ratio beyond all methods: a strip above it has a damaged header and must not cause an allocation.
 const ABSURD_RATIO: u64 = 1 << 16;
 
-/// Compressions that are read, by their number in a file, and how others are called that are met.
+/// Supported compressions, by their number in a file, and the names of others.
 const READ: [u16; 7] = [1, LZW, JPEG, 8, 32773, 32946, ZSTD];
 const LZW: u16 = 5;
 const JPEG: u16 = 7;
@@ -44,21 +44,21 @@ const NOT_READ: [(u16, &str); 14] = [
     (50001, "WebP"),
     (50002, "JPEG XL"),
 ];
-/// What a Zstandard decoder keeps of its output at most, by default.
+/// Most output kept by a Zstandard decoder, by default.
 const MOST_ZSTD_WINDOW: u64 = 128 << 20;
-/// A strip's or tile's offset and length.
+/// Offset and length of a strip or tile.
 const CHUNK_PLACE_BYTES: u64 = 16;
 
-/// Bits of NewSubfileType by which a page is a smaller copy of another, or a mask.
+/// Bits of NewSubfileType for a smaller copy of another page, or a mask.
 const COPY_OR_MASK: u32 = 1 | 4;
-/// Bytes of a strip or tile among which its JPEG header is looked for.
+/// Bytes of a strip or tile searched for its JPEG header.
 const JPEG_HEADER_BYTES: u64 = 64 << 10;
 
 /// Slices of a page and of a tile, which are not in the standard.
 const IMAGE_DEPTH: Tag = Tag::Unknown(32997);
 const TILE_DEPTH: Tag = Tag::Unknown(32998);
 
-/// The format of a page, in which all pages of a stack must agree.
+/// Format of a page, common to all pages of a stack.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct PageFormat {
     pub(super) width: u32,
@@ -68,18 +68,18 @@ pub(super) struct PageFormat {
     pub(super) samples: u16,
     /// Whether the samples of a pixel lie in planes of their own.
     pub(super) planar: bool,
-    /// The decoder inverts such images for display; data want the stored values.
+    /// Whether the least value is white: the decoder inverts such images for display, but the stored values are needed.
     pub(super) white_is_zero: bool,
     /// Whether the first three samples are red, green and blue.
     pub(super) is_rgb: bool,
     /// Whether pixels are indices into a palette of colours.
     pub(super) is_palette: bool,
-    /// How rows and columns of what is stored become those of the page. Width and height are what is stored.
+    /// Turn from stored to shown rows and columns. Width and height are as stored.
     pub(super) turn: Turn,
 }
 
 impl PageFormat {
-    /// Pixels along x and y, as the page is meant.
+    /// Shown size in pixels along x and y.
     pub(super) fn shown_size(&self) -> [u32; 2] {
         self.turn.size([self.width, self.height])
     }
@@ -104,26 +104,24 @@ impl std::fmt::Display for PageFormat {
     }
 }
 
-/// An open TIFF file with a decoder that stands at one of its pages.
+/// An open TIFF file with a decoder at one of its pages.
 pub(super) struct OpenTiff {
     pub(super) path: PathBuf,
     pub(super) decoder: Decoder<PageBytes>,
-    /// The page at which it stands, from 0, and whether that is one of indices into a palette.
+    /// The current page, from 0, and whether it holds indices into a palette.
     page: u32,
     is_palette: bool,
-    /// The file's size and modification time when it was opened.
     pub(super) stamp: Stamp,
-    /// How the samples are packed in the page at which the decoder stands.
     packing: Packing,
     /// The decoded strip or tile.
     chunk: Vec<u8>,
-    /// Whole rows of it, where they are wider than what is wanted; and packed bytes.
+    /// Its whole rows, where they are wider than needed; and packed bytes.
     scratch: [Vec<u8>; 2],
 }
 
-/// How the strips or tiles of a page are packed, and where those lie that are not left to the library.
+/// Packing of a page's strips or tiles, and the places of those not left to the library.
 enum Packing {
-    /// Not looked at yet.
+    /// Not yet examined.
     Unknown,
     Library,
     Lzw {
@@ -153,7 +151,7 @@ impl OpenTiff {
         Ok(tiff)
     }
 
-    /// Takes note that the decoder stands at a page, counted from 0.
+    /// Records the decoder's current page, counted from 0.
     fn arrive(&mut self, page: u32) -> Result<(), ImportError> {
         (self.packing, self.page) = (Packing::Unknown, page);
         let is_palette = indices::as_numbers(&mut self.decoder, page);
@@ -166,7 +164,7 @@ impl OpenTiff {
         self.decoder.more_images()
     }
 
-    /// Whether the page is there for the sake of another, as a smaller copy of it (an overview, a thumbnail) or a mask.
+    /// Whether the page is a smaller copy of another (an overview, a thumbnail) or a mask.
     pub(super) fn is_copy_or_mask(&mut self) -> Result<bool, ImportError> {
         let kind = self.decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType);
         Ok(said(&self.path, kind)?.is_some_and(|kind| kind & COPY_OR_MASK != 0))
@@ -212,7 +210,7 @@ impl OpenTiff {
         let tag = |decoder: &mut Decoder<_>, tag| decoder.find_tag_unsigned::<u16>(tag).map_err(refuse);
         let white_is_zero = match tag(&mut self.decoder, Tag::PhotometricInterpretation)? {
             Some(1 | 2) => false,
-            // Undone by inverting once more; the library does it for unsigned integers, one a pixel.
+            // Undone by a second inversion; the library inverts unsigned integers, one a pixel.
             Some(0) if is_unsigned(element) && color.num_samples() == 1 => true,
             Some(0) => {
                 let feature = format!("{} of which the least is white (PhotometricInterpretation 0)", element.name());
@@ -256,17 +254,16 @@ impl OpenTiff {
         })
     }
 
-    /// Memory in bytes that decoding a strip or tile of the page takes: the decoded pixels, what the decompressor
-    /// keeps, and the lists of offsets and lengths.
+    /// Memory in bytes for decoding a strip or tile of the page: decoded pixels, decompressor, and lists of offsets and lengths.
     pub(super) fn reader_bytes(&mut self, format: &PageFormat) -> Result<u64, ImportError> {
         let path = self.path.clone();
         let refuse = |e| refusal(&path, "a page", e);
         let decoded = self.decoder.image_chunk_buffer_layout(0).map_err(refuse)?.len as u64;
         let kept = match self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(refuse)? {
-            // Both of it and of what it is made from.
+            // Output and input together.
             Some(JPEG) => decoded.saturating_mul(2),
             Some(ZSTD) => decoded.min(MOST_ZSTD_WINDOW),
-            // Its rows, and packed bytes, of which there are at most as many as in the file.
+            // Its rows, and packed bytes, limited by the file's size.
             Some(LZW) => decoded.saturating_add(self.stamp.bytes().min(decoded.saturating_mul(2))),
             _ => 0,
         };
@@ -279,14 +276,14 @@ impl OpenTiff {
         Ok(decoded.saturating_add(kept).saturating_add(chunks.saturating_mul(planes * CHUNK_PLACE_BYTES)))
     }
 
-    /// Gives up the memory of the last strip or tile.
+    /// Frees the memory of the last strip or tile.
     pub(super) fn rest(mut self) -> Self {
         self.chunk = Vec::new();
         self.scratch = Default::default();
         self
     }
 
-    /// Refuses what the library would refuse only when it is read, or would read wrongly.
+    /// Refuses packings that the library would refuse only on reading, or misread.
     fn check_packing(&mut self) -> Result<(), ImportError> {
         let path = self.path.clone();
         let tag = |decoder: &mut Decoder<_>, tag| {
@@ -305,7 +302,7 @@ impl OpenTiff {
         Ok(())
     }
 
-    /// The library takes no notice of the third dimension that a page may have, and would read its first slice.
+    /// Refuses pages with a third dimension: the library ignores it, and would read the first slice.
     fn check_depth(&mut self) -> Result<(), ImportError> {
         for tag in [IMAGE_DEPTH, TILE_DEPTH] {
             let depth = self.decoder.find_tag_unsigned::<u64>(tag);
@@ -318,8 +315,8 @@ impl OpenTiff {
         Ok(())
     }
 
-    /// Checks the strips or tiles of the page: they must lie inside the file, not be empty, and hold all their pixels
-    /// if they are not compressed. `number` is the page's number, counted from 1, for messages.
+    /// Checks the strips or tiles of the page: they must lie inside the file, not be empty, and hold all their pixels if
+    /// uncompressed. `number` is the page's number, counted from 1, for messages.
     pub(super) fn check_data(&mut self, path: &Path, number: u32) -> Result<(), ImportError> {
         let page = |e| refusal(path, &format!("page {number}"), e);
         let plain = self.plain_chunk()?;
@@ -360,7 +357,7 @@ impl OpenTiff {
         Ok(())
     }
 
-    /// Refuses JPEG of a kind that the library takes for damage, by the head of a strip or tile.
+    /// Refuses JPEG kinds that the library mistakes for damage, by the head of a strip or tile.
     fn check_jpeg(&mut self, path: &Path, at: u64, count: u64) -> Result<(), ImportError> {
         let mut head = Vec::new();
         let file = self.decoder.inner();
@@ -374,7 +371,7 @@ impl OpenTiff {
         Err(ImportError::unsupported_but(path, format!("JPEG that is {kind}"), advice))
     }
 
-    /// The strips or tiles of a page whose pixels lie as they are.
+    /// Strips or tiles of a page of uncompressed pixels.
     fn plain_chunk(&mut self) -> Result<Option<PlainChunk>, ImportError> {
         let path = self.path.clone();
         let refuse = |e| refusal(&path, "cannot be read", e);
@@ -392,11 +389,10 @@ impl OpenTiff {
         Ok(Some(PlainChunk { row_bytes, rows: rows.max(1) as u64, height }))
     }
 
-    /// Returns the byte at which the data of the page start, and their byte order, where other planes lie behind them without a
-    /// directory.
+    /// Returns the first byte of the page's data, and their byte order, for a page followed by other planes without a directory.
     ///
     /// # Errors
-    /// If the page is compressed, tiled, turned, or in strips that do not follow one another.
+    /// If the page is compressed, tiled, turned, or in strips with gaps.
     pub(super) fn contiguous_start(&mut self, path: &Path, format: &PageFormat) -> Result<(u64, Endian), ImportError> {
         let refuse = |e| refusal(path, "cannot be read", e);
         let compression = self.decoder.find_tag_unsigned::<u16>(Tag::Compression).map_err(refuse)?.unwrap_or(1);
@@ -415,8 +411,7 @@ impl OpenTiff {
         Ok((start, self.endian()))
     }
 
-    /// Fills `out` with the voxels in the x, y rectangle of `region`: one sample of each pixel of the page where the
-    /// decoder stands.
+    /// Fills `out` with the voxels in the x, y rectangle of `region`: one sample of each pixel of the current page.
     pub(super) fn read_rectangle(
         &mut self,
         format: &PageFormat,
@@ -435,7 +430,7 @@ impl OpenTiff {
         Ok(())
     }
 
-    /// The same of a region of what is stored.
+    /// Like [`Self::read_rectangle`], for a region as stored.
     fn read_stored(
         &mut self,
         format: &PageFormat,
@@ -486,7 +481,7 @@ impl OpenTiff {
         Ok(stride)
     }
 
-    /// Decodes a strip or tile that is packed by LZW into the buffer, whose rows have `stride` bytes.
+    /// Decodes an LZW strip or tile into the buffer, with rows of `stride` bytes.
     fn decode_lzw(&mut self, index: u32, format: &PageFormat, stride: usize) -> Result<(), ImportError> {
         let damaged = |path: &Path, problem: String| {
             let problem = format!("strip or tile {index} cannot be decoded: {problem}; fetch the file again");
@@ -506,13 +501,13 @@ impl OpenTiff {
         if row * u128::from(rows) > u128::from(count) * u128::from(lzw::BEST_RATIO) {
             return Err(damaged(path, format!("{count} bytes cannot hold {rows} rows of {row}")));
         }
-        // More is no part of the rows: a code takes at most 12 bits, and is a byte at least.
+        // Further bytes are not part of the rows: a code takes at most 12 bits, and yields a byte at least.
         packed.resize(count.min(2 * row as u64 * u64::from(rows) + 64) as usize, 0);
         let file = decoder.inner();
         file.seek(SeekFrom::Start(at)).and_then(|_| file.read_exact(packed)).map_err(ImportError::io(path))?;
 
         let rows_of = Rows { predictor: *predictor, endian, width, samples, bytes: row as usize };
-        // Rows of a tile may go on past the image.
+        // Rows of a tile may continue past the image.
         let whole = if rows_of.bytes == stride { &mut *chunk } else { &mut *unpacked };
         whole.resize(rows_of.bytes * rows as usize, 0);
         lzw::unpack(packed, whole).map_err(|problem| damaged(path, problem))?;
@@ -552,8 +547,7 @@ impl OpenTiff {
         }
     }
 
-    /// Calls `see` with the decoded samples of every strip or tile of the page where the decoder stands, in this
-    /// machine's byte order.
+    /// Calls `see` with the decoded samples of every strip or tile of the current page, in this machine's byte order.
     pub(super) fn each_chunk(
         &mut self,
         format: &PageFormat,
@@ -568,7 +562,6 @@ impl OpenTiff {
         Ok(())
     }
 
-    /// Width and height of a strip or tile.
     fn chunk_size(&self, format: &PageFormat) -> (u32, u32) {
         match self.decoder.get_chunk_type() {
             ChunkType::Strip => (format.width, self.decoder.chunk_dimensions().1.min(format.height)),
@@ -576,13 +569,13 @@ impl OpenTiff {
         }
     }
 
-    /// How many strips or tiles a plane has along x and y.
+    /// Strips or tiles of a plane along x and y.
     fn chunks(&self, format: &PageFormat) -> (u32, u32) {
         let (width, height) = self.chunk_size(format);
         (format.width.div_ceil(width), format.height.div_ceil(height))
     }
 
-    /// Copies what `region` has of the decoded chunk.
+    /// Copies the part of the decoded chunk in `region`.
     #[allow(clippy::too_many_arguments, reason = "two rectangles and their layouts")]
     fn copy(
         &self,
@@ -609,14 +602,14 @@ impl OpenTiff {
     }
 }
 
-/// A plane may well be larger than the library's default limits, but nothing can be larger than the file, and a damaged
-/// length must not become an allocation.
+/// A plane may be larger than the library's default limits, but nothing can be larger than the file, and a damaged length must not
+/// become an allocation.
 fn limits(file_bytes: u64) -> Limits {
     let bytes = usize::try_from(file_bytes).unwrap_or(usize::MAX);
     let mut limits = Limits::unlimited();
     limits.intermediate_buffer_size = bytes;
     limits.ifd_value_size = bytes.min(MOST_TAG_BYTES);
-    // Despite its name, of what is used here it bounds only the values of a tag, 32 bytes each.
+    // Despite its name, it bounds only the values of a tag here, 32 bytes each.
     limits.decoding_buffer_size = bytes.saturating_mul(32).min(MOST_TAG_BYTES);
     limits
 }
@@ -625,7 +618,7 @@ fn is_unsigned(element: Element) -> bool {
     matches!(element, Element::Voxel(VoxelType::U8 | VoxelType::U16 | VoxelType::U32) | Element::U64)
 }
 
-/// A strip or tile whose pixels lie as they are.
+/// A strip or tile of uncompressed pixels.
 struct PlainChunk {
     row_bytes: u64,
     rows: u64,
@@ -634,7 +627,7 @@ struct PlainChunk {
 }
 
 impl PlainChunk {
-    /// What the pixels of the strip or tile with this index take; strips of further samples follow those of the first.
+    /// Bytes of the pixels in the strip or tile of this index; strips of further samples follow those of the first.
     fn bytes(&self, index: u64) -> u64 {
         let rows = self.height.map_or(self.rows, |height| {
             let strip = index % height.div_ceil(self.rows).max(1);
@@ -661,8 +654,7 @@ fn element_of(sample: DecodingSampleType) -> Option<Element> {
     })
 }
 
-/// What a tag says that voxels can do without: nothing where it is not there, or is damaged. But what the disk does not give now may
-/// say what the values are.
+/// An optional tag's value: `None` if missing or damaged. But a disk error is returned, since the tag may define the values.
 pub(super) fn said<T>(path: &Path, read: Result<Option<T>, TiffError>) -> Result<Option<T>, ImportError> {
     match read {
         Err(TiffError::IoError(error)) if !is_damage(&error) => Err(ImportError::io(path)(error)),

@@ -1,4 +1,4 @@
-//! Which page of which file holds which plane: a rule, where pages follow one another along axes, or else a list.
+//! Plane-to-page map of a stack's files: a rule where pages follow one another along axes, else a list.
 
 use super::description::Declared;
 use super::page::PageFormat;
@@ -6,7 +6,7 @@ use crate::axes::{Axis, AxisOrder, Sizes};
 use crate::note::Note;
 use crate::options::OpenOptions;
 
-/// Where a plane lies.
+/// Place of a plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Place {
     /// The file's number in the stack.
@@ -15,7 +15,6 @@ pub(super) struct Place {
     pub(super) page: u32,
 }
 
-/// Which page of which file holds which plane.
 #[derive(Debug, PartialEq)]
 pub(super) struct PageMap {
     /// Sizes in pages: samples within a page are not counted as channels. Those along x and y are a page's.
@@ -25,19 +24,19 @@ pub(super) struct PageMap {
 
 #[derive(Debug, PartialEq)]
 pub(super) enum PageOrder {
-    /// Pages follow one another along these axes (of t, c, z), slowest first, through files of as many pages each.
+    /// Pages along these axes (of t, c, z), slowest first, through files of equally many pages.
     Along { axes: Vec<Axis>, pages_per_file: u32 },
     /// One place for each plane, along t, c and z, slowest first.
     Listed(Vec<Place>),
 }
 
 impl PageMap {
-    /// Pages along axes, slowest first. `sizes` has their number along each.
+    /// Maps pages along axes, slowest first. `sizes` has their number along each.
     pub(super) fn along(axes: &[Axis], sizes: Sizes, pages_per_file: u32) -> Self {
         Self { sizes, order: PageOrder::Along { axes: axes.to_vec(), pages_per_file } }
     }
 
-    /// Bytes that the places of planes take.
+    /// Bytes of the list of places.
     pub(super) fn held_bytes(&self) -> usize {
         match &self.order {
             PageOrder::Along { .. } => 0,
@@ -67,12 +66,11 @@ impl PageMap {
         }
     }
 
-    /// How many planes there are.
     pub(super) fn planes(&self) -> u64 {
         planes_of(self.sizes)
     }
 
-    /// The places of all planes, file by file.
+    /// Places of all planes, file by file.
     pub(super) fn by_file(&self) -> Vec<Place> {
         let Sizes { extent, channels, times } = self.sizes;
         let mut places: Vec<Place> = (0..times)
@@ -83,7 +81,7 @@ impl PageMap {
         places
     }
 
-    /// The same map as a rule, where the planes of one file lie along these axes.
+    /// Returns the same map as a rule, if the planes of one file lie along these axes.
     pub(super) fn shortened(self, axes: &[Axis]) -> Self {
         let rule = Self::along(axes, self.sizes, self.planes().try_into().unwrap_or(u32::MAX));
         let Sizes { extent, channels, times } = self.sizes;
@@ -92,7 +90,7 @@ impl PageMap {
         if is_same { rule } else { self }
     }
 
-    /// The map of one file's pages where these, ascending, are left out of the count.
+    /// Skips these pages, ascending, in the map of one file.
     pub(super) fn without(self, left_out: &[u32]) -> Self {
         let planes = self.planes() as u32;
         if left_out.first().is_none_or(|&first| first >= planes) {
@@ -108,7 +106,7 @@ impl PageMap {
         Self { order: PageOrder::Listed(places), ..self }
     }
 
-    /// What tells this map from others of the same files, for the identity of an input.
+    /// Distinguishes this map from others of the same files, for the identity of an input.
     pub(super) fn kind(&self) -> String {
         match &self.order {
             PageOrder::Along { axes, .. } => format!("{axes:?}"),
@@ -117,16 +115,15 @@ impl PageMap {
     }
 }
 
-/// Planes of these sizes in pages.
+/// Number of planes of these sizes in pages.
 pub(super) fn planes_of(sizes: Sizes) -> u64 {
     (sizes.extent.z as u64).saturating_mul(sizes.channels as u64).saturating_mul(sizes.times as u64)
 }
 
-/// The map of `files` files of as many pages each, and a note if there is something to say: by the caller's axes, else as declared, else
-/// all along z.
+/// Maps `files` files of equally many pages, with a note, if any: by the caller's axes, else as declared, else all along z.
 ///
 /// # Errors
-/// If the pages are not as many as the axes or the description need; the message says which.
+/// If the number of pages differs from the axes or the description; the message names which.
 pub(super) fn arrange(
     pages: u32,
     files: u32,
@@ -155,16 +152,16 @@ pub(super) fn arrange(
     Ok((map(&declared.page_axes, sizes), None))
 }
 
-/// What is wrong where pages do not fit what is said of them.
+/// Mismatch of pages and their description.
 #[derive(Debug)]
 pub(super) enum Misfit {
-    /// What the caller says.
+    /// By the caller's options.
     OfOptions(String),
-    /// What the file says.
+    /// By the file.
     OfFile(String),
 }
 
-/// The message for a description of more or fewer planes than there are pages. `holders` hold the pages.
+/// Message for a description of more or fewer planes than pages. `holders` hold the pages.
 pub(super) fn too_few_or_many(sizes: Sizes, pages: u64, holders: &str) -> String {
     format!(
         "its description declares {} planes ({} along z, {} channels, {} time steps), but {holders} {pages} pages; \
@@ -176,7 +173,7 @@ pub(super) fn too_few_or_many(sizes: Sizes, pages: u64, holders: &str) -> String
     )
 }
 
-/// Page axes and sizes by the caller's axes: the one size that was not given follows from the number of pages.
+/// Page axes and sizes by the caller's axes: the one missing size follows from the number of pages.
 fn as_told(axes: &AxisOrder, pages: u32, options: &OpenOptions) -> Result<(Vec<Axis>, Sizes), String> {
     let [page_axes @ .., Axis::Y, Axis::X] = axes.axes() else {
         return Err(format!("axes '{axes}' do not end in yx, the order within a TIFF page"));

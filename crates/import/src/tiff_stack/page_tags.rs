@@ -1,5 +1,4 @@
-//! What the tags of each page of a file say of its pixels, which must be one thing: a stack has one size of pixels and one value for no data. Costs two
-//! tags a page.
+//! Tags of each page about its pixels, which must agree: a stack has one size of pixels and one no-data value. Costs two tags a page.
 
 use super::description::nearest;
 use super::page::{OpenTiff, PageFormat};
@@ -7,7 +6,7 @@ use crate::error::ImportError;
 use crate::options::{NoData, OpenOptions};
 use std::path::Path;
 
-/// What the tags of a page say of its pixels, as far as options do not.
+/// A page's tags about its pixels, unless options replace them.
 pub(super) struct PageTags {
     nodata: Option<f64>,
     resolution: Option<[f64; 2]>,
@@ -20,7 +19,7 @@ impl PageTags {
         Ok(Self { nodata: nodata.map(|value| nearest(value, format.element)), resolution })
     }
 
-    /// Refuses a page that says otherwise than the first. Some programs have their tags in the first page alone.
+    /// Refuses a page whose tags differ from the first one's. Some programs tag only the first page.
     pub(super) fn check(&self, path: &Path, page: u32, first: &Self) -> Result<(), ImportError> {
         if let Some(nodata) = self.nodata.filter(|nodata| Some(*nodata) != first.nodata) {
             let first = first.nodata.map_or("no value".into(), |value| value.to_string());

@@ -1,25 +1,25 @@
-//! The library's errors as this crate's: in words that say what a file has, and what helps.
+//! Conversion of the library's errors to this crate's, with the file's content and advice.
 
 use crate::error::ImportError;
 use std::path::Path;
 use tiff::tags::{PhotometricInterpretation, SampleFormat};
 use tiff::{ColorType, TiffError, TiffFormatError, TiffUnsupportedError};
 
-/// The way on where pixels are of a kind that is not read.
+/// Advice for unsupported kinds of pixels.
 pub(super) const AS_NUMBERS: &str = "write its pixels again as numbers of 8, 16, 32 or 64 bits: one a pixel, or red, \
                                     green and blue (tiff2rgba, ImageMagick)";
 
-/// What to do about a palette: labels often have one.
+/// Advice for a palette: labels often have one.
 const AS_INDICES: &str = "write its indices as plain numbers: in Fiji choose the lookup table Grays and save it again, in Python \
                           tifffile.imwrite(OUT, tifffile.imread(IN))";
 
-/// Whether an error of reading is the file's own: it names a place that it does not have.
+/// Whether a read error is the file's fault: it refers to a place beyond its end.
 pub(super) fn is_damage(error: &std::io::Error) -> bool {
     use std::io::ErrorKind::{InvalidInput, UnexpectedEof};
     matches!(error.kind(), UnexpectedEof | InvalidInput)
 }
 
-/// The library's error as this crate's, after `what` could not be done.
+/// Converts the library's error, after failing at `what`.
 pub(super) fn refusal(path: &Path, what: &str, error: TiffError) -> ImportError {
     let invalid = |problem: &str| ImportError::invalid(path, format!("{what}: {problem}"));
     match error {
@@ -40,7 +40,7 @@ pub(super) fn refusal(path: &Path, what: &str, error: TiffError) -> ImportError 
             invalid("a directory names one before it as the next; `tiffcp IN,0 OUT` writes the first page anew")
         }
         TiffError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => invalid("the file is cut short"),
-        // As the system calls a seek to before the beginning or past all numbers.
+        // The system's report of a seek to before the start or past all numbers.
         TiffError::IoError(e) if e.kind() == std::io::ErrorKind::InvalidInput => {
             invalid("it names a place that no file has, so its directory is damaged")
         }
@@ -49,7 +49,7 @@ pub(super) fn refusal(path: &Path, what: &str, error: TiffError) -> ImportError 
     }
 }
 
-/// The library's error about a strip or tile whose bytes are all there, as this crate's: unless it is the system's, these bytes are damaged.
+/// Converts the library's error about a strip or tile whose bytes are all present: unless it is the system's, these bytes are damaged.
 pub(super) fn not_decoded(path: &Path, index: u32, error: TiffError) -> ImportError {
     let what = format!("strip or tile {index} cannot be decoded");
     let damaged = |problem: &str| ImportError::invalid(path, format!("{what}: {problem}; fetch the file again"));
@@ -63,7 +63,7 @@ pub(super) fn not_decoded(path: &Path, index: u32, error: TiffError) -> ImportEr
     }
 }
 
-/// What samples of a page are, in words after their number of bits.
+/// The kind of a page's samples, in words after their number of bits.
 pub(super) fn kind_of(color: ColorType, format: SampleFormat) -> String {
     let number = match format {
         SampleFormat::Uint => "unsigned integers",
@@ -86,7 +86,7 @@ pub(super) fn kind_of(color: ColorType, format: SampleFormat) -> String {
     format!("{number} ({of})")
 }
 
-/// A feature that the library does not read, in words of its own.
+/// An unsupported feature of the library, in plain words.
 fn feature_of(error: TiffUnsupportedError) -> String {
     use PhotometricInterpretation as P;
     match error {

@@ -1,8 +1,8 @@
-//! The description that tifffile writes, and scikit-image and napari through it: JSON with the array's shape and, often, its axes,
-//! `{"shape": [3, 4, 7, 9], "axes": "TZYX"}`. What else its callers hand over stands beside these: spacings and units among it.
+//! The description written by tifffile, and by scikit-image and napari through it: JSON with the array's shape and, often, its axes,
+//! `{"shape": [3, 4, 7, 9], "axes": "TZYX"}`, beside values from their callers, such as spacings and units.
 //!
 //! The last axes are those of a page; the others are steps, channels and slices by their letters. One axis without a meaning is taken along
-//! z; where there are several, nobody but the user knows.
+//! z; several are ambiguous, and left to the user.
 
 use super::description::{Declared, Description, Spacing};
 use super::hyperstack::{is_length, spacing};
@@ -14,20 +14,20 @@ use crate::step_time::TimeSpan;
 use brickyard_volume::TimeAxis;
 use serde_json::Value;
 
-/// The most bytes of a description that are read.
+/// Most bytes of a description.
 pub(super) const LONGEST: u64 = 1 << 20;
 
-/// How the oldest ones begin: `shape=(5, 7, 9)`.
+/// Start of the oldest ones: `shape=(5, 7, 9)`.
 const OLD_START: &str = "shape=";
-/// The letter of an axis of which nothing is said.
+/// The letter of an unnamed axis.
 const UNSAID: char = 'Q';
 
-/// Whether a description that begins so is one of an array's shape. Others write JSON, too.
+/// Whether a description with this start is of an array's shape. Other programs write JSON, too.
 pub(super) fn is_shaped(text: &str) -> bool {
     text.starts_with(OLD_START) || text.starts_with('{') && text.contains("\"shape\":") && !text.contains("\"mibi.")
 }
 
-/// What the text says of pages of this format. `tags` say how many pixels go into a unit.
+/// Parses the text for pages of this format. `tags` hold the pixels per unit.
 pub(super) fn read(text: &str, format: &PageFormat, tags: &ScaleTags) -> Description {
     let (declared, values) = match parsed(text).and_then(|array| Ok((array.declared(format)?, array.values))) {
         Ok(read) => read,
@@ -54,7 +54,7 @@ pub(super) fn read(text: &str, format: &PageFormat, tags: &ScaleTags) -> Descrip
     Description { declared: Some(declared), ..description }
 }
 
-/// Spacing and unit: by OME's names, or else by ImageJ's.
+/// Sets spacing and unit: by OME's names, or else by ImageJ's.
 fn place(description: &mut Description, values: &Value, tags: &ScaleTags) {
     let depth = number(values, "spacing").map(f64::abs).filter(|&depth| is_length(depth));
     let unit = text_of(values, "unit").filter(|unit| !unit.starts_with("pixel"));
@@ -84,7 +84,7 @@ fn place(description: &mut Description, values: &Value, tags: &ScaleTags) {
     }
 }
 
-/// A number, written as one or as text.
+/// A number, stored as one or as text.
 fn number(values: &Value, key: &str) -> Option<f64> {
     match values.get(key)? {
         Value::Number(number) => number.as_f64(),
@@ -98,7 +98,6 @@ fn text_of<'a>(values: &'a Value, key: &str) -> Option<&'a str> {
     values.get(key)?.as_str().map(str::trim).filter(|text| !text.is_empty())
 }
 
-/// An array, as it is described.
 struct Array {
     shape: Vec<u32>,
     axes: Option<String>,
@@ -129,7 +128,7 @@ fn parsed(text: &str) -> Result<Array, String> {
 }
 
 impl Array {
-    /// The arrangement of pages, and a note if there is something to say.
+    /// The arrangement of pages, and a note, if any.
     fn declared(&self, format: &PageFormat) -> Result<(Declared, Option<Note>), String> {
         if self.shape.contains(&0) {
             return Err(format!("has the shape {:?}, of no pixels", self.shape));
@@ -170,7 +169,7 @@ impl Array {
         Ok((declared, note))
     }
 
-    /// The axes longer than 1 before those of a page, which stand last: y and x, and the samples of a pixel.
+    /// Axes longer than 1 before those of a page, which stand last: y and x, and the samples of a pixel.
     fn named_before_page(&self, axes: &str, format: &PageFormat) -> Result<Vec<(char, u32)>, String> {
         let mut rest: Vec<(char, u32)> = axes.chars().zip(self.shape.iter().copied()).collect();
         if axes.chars().count() != self.shape.len() {
@@ -194,7 +193,7 @@ impl Array {
         Ok(rest)
     }
 
-    /// The same where axes have no names.
+    /// Like [`Self::named_before_page`], for axes without names.
     fn unnamed_before_page(&self, format: &PageFormat) -> Result<Vec<(char, u32)>, String> {
         let mut rest = self.shape.clone();
         let samples = format.samples as u32;
@@ -337,7 +336,7 @@ mod tests {
         let mixed = read(r#"{"shape": [4, 7, 9], "axes": "ZYX", "spacing": 3e-4}"#, &format(1, false), &tags);
         assert!(mixed.spacing.is_none() && mixed.notes[0].contains("has no unit"), "{:?}", mixed.notes);
         assert!(is_warned(&said(&mixed.notes), "has no unit"));
-        // What stands in files whose writer was told nothing.
+        // Defaults of writers.
         assert_eq!(place(r#""unit": "um""#, Some([1.0, 1.0])).0, None);
         for odd in [r#""spacing": -0.0"#, r#""spacing": [1]"#, r#""PhysicalSizeX": "NaN""#, r#""finterval": "x""#] {
             assert_eq!(place(odd, None), (None, None, None), "{odd}");

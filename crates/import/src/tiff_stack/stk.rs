@@ -1,7 +1,7 @@
-//! MetaMorph's stacks (STK): one directory, whose pixels are those of the first plane, and the other planes behind. Private tags, always in
-//! the low byte order, say how many planes there are, and where and when each was taken.
+//! MetaMorph's stacks (STK): one directory, for the pixels of the first plane, and the other planes behind it. Private tags, always
+//! little-endian, give the number of planes, and the place and time of each.
 //!
-//! The tags' lengths are not those that their types have, so their bytes are read here: of UIC2 24 a plane, of UIC1 8 an entry.
+//! The tags' lengths are not those of their types, so their bytes are read here: of UIC2 24 a plane, of UIC1 8 an entry.
 
 use super::description::{Declared, Description, Spacing};
 use super::hyperstack::is_length;
@@ -19,9 +19,9 @@ pub(super) const UIC2: Tag = Tag::Unknown(33629);
 const UIC2_NUMBER: u16 = 33629;
 const UIC2_BYTES: u64 = 24;
 const ENTRY_BYTES: u64 = 8;
-/// The most entries of UIC1 that are looked at: it has some 60 kinds.
+/// Most entries of UIC1 examined: it has some 60 kinds.
 const MOST_ENTRIES: u64 = 4096;
-/// The most planes of a stack.
+/// Most planes of a stack.
 const MOST_PLANES: u64 = 1 << 20;
 
 /// Entries of UIC1.
@@ -31,10 +31,10 @@ const Y_CALIBRATION: u32 = 5;
 const CALIBRATION_UNITS: u32 = 6;
 
 const DAY_S: f64 = 86_400.0;
-/// How far distances of planes may differ and count as one.
+/// Largest relative difference of equal plane distances.
 const EVEN: f64 = 1e-3;
 
-/// What the tags of the directory at `ifd` say; `None` if it has none of a stack.
+/// Reads the tags of the directory at `ifd`; `None` if it has none of a stack.
 ///
 /// # Errors
 /// If the disk cannot read them.
@@ -64,7 +64,7 @@ pub(super) fn read(file: &mut (impl Read + Seek), ifd: u64, file_bytes: u64) -> 
     Ok(Some(description))
 }
 
-/// What the numbers of each plane say.
+/// Describes planes by the numbers of each.
 fn described(planes: &[[u8; UIC2_BYTES as usize]]) -> Description {
     let count = planes.len() as u32;
     let mut declared = Declared {
@@ -109,7 +109,6 @@ fn described(planes: &[[u8; UIC2_BYTES as usize]]) -> Description {
     description
 }
 
-/// The four bytes at `at` as a number.
 fn long(bytes: &[u8], at: usize) -> u32 {
     bytes.get(at..at + 4).map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
 }
@@ -120,7 +119,7 @@ struct Tags<'a, R> {
 }
 
 impl<R: Read + Seek> Tags<'_, R> {
-    /// Bytes of the file; `None` if it does not have them.
+    /// Bytes of the file; `None` past its end.
     fn bytes(&mut self, at: u64, count: u64) -> std::io::Result<Option<Vec<u8>>> {
         if at.checked_add(count).is_none_or(|end| end > self.file_bytes) {
             return Ok(None);
@@ -131,7 +130,7 @@ impl<R: Read + Seek> Tags<'_, R> {
         Ok(Some(bytes))
     }
 
-    /// Adds the size of pixels, which the entries of UIC1 say.
+    /// Adds the size of pixels from the entries of UIC1.
     fn calibrate(&mut self, description: &mut Description, entries: &[u8]) -> std::io::Result<()> {
         let find = |kind| entries.as_chunks::<8>().0.iter().find(|e| long(*e, 0) == kind).map(|e| long(e, 4));
         let depth = description.spacing.and_then(|spacing| spacing.z);
@@ -161,7 +160,7 @@ impl<R: Read + Seek> Tags<'_, R> {
             None => None,
         };
         let unit = unit.filter(|unit| !unit.is_empty()).unwrap_or_else(|| "um".into());
-        // Distances of planes are micrometres, whatever pixels are measured in.
+        // Distances of planes are micrometres, whatever the pixels' unit.
         let sizes = [Some((x, unit.clone())), Some((y, unit)), depth.map(|depth| (depth, "um".into()))];
         description.set_physical_sizes(sizes);
         Ok(())

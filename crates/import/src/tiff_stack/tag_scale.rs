@@ -1,25 +1,24 @@
-//! How large pixels are by a page's tags: GeoTIFF's model of the ground, or pixels per inch or centimetre. It counts where no description
-//! says it. Tags know of no distance of planes, but for GeoTIFF's third scale.
+//! Pixel sizes from a page's tags: GeoTIFF's model of the ground, or pixels per inch or centimetre; used unless a description gives
+//! them. Tags have no distance of planes, except for GeoTIFF's third scale.
 
 use super::description::{Description, Spacing};
 use super::hyperstack::is_length;
 use super::units::unit_of;
 use crate::note::Note;
 
-/// Pixels per inch that screens' and printers' defaults are, not scales of what is seen.
+/// Default pixels per inch of screens and printers, which are no scale of the image.
 const DEFAULTS_PER_INCH: [f64; 2] = [72.0, 96.0];
-/// As a share of these, what they are off by where they were written as whole pixels per metre or centimetre's hundredths: 28.35 for 72.
+/// Largest relative difference from these when written as whole pixels per metre or hundredths per centimetre: 28.35 for 72.
 const DEFAULTS_ROUNDED: f64 = 5e-4;
 const CM_PER_INCH: f64 = 2.54;
 
-/// GeoTIFF's keys: the kind of coordinates, and the unit of lengths in them.
+/// GeoTIFF's keys: the kind of coordinates, and their unit of length.
 const MODEL_TYPE: u16 = 1024;
 const LINEAR_UNITS: u16 = 3076;
 const PROJECTED: u16 = 1;
 const GEOGRAPHIC: u16 = 2;
 const METRE: u16 = 9001;
 
-/// Tags of a page that say how large pixels are.
 #[derive(Debug, Default)]
 pub(super) struct ScaleTags {
     /// Pixels per unit along x and y (XResolution, YResolution).
@@ -35,7 +34,7 @@ pub(super) struct ScaleTags {
 }
 
 impl ScaleTags {
-    /// Takes the size of pixels, where the description has none.
+    /// Adds the size of pixels to a description without one.
     pub(super) fn describe(&self, description: &mut Description) {
         if description.spacing.is_some() {
             return;
@@ -63,8 +62,8 @@ impl ScaleTags {
         }
     }
 
-    /// Pixels per a unit that the description names. As in ImageJ's files they are counted in it, unless the tags name another one;
-    /// an inch, which tifffile writes where it is told nothing, is none.
+    /// Pixels per unit of a description. As in ImageJ's files they are counted in it, unless the tags name another unit; an inch,
+    /// tifffile's default, does not count.
     pub(super) fn pixels_per(&self, name: &str) -> Option<[f64; 2]> {
         match (self.unit, self.per_unit()) {
             (Some(3..), Some((resolution, unit))) => {
@@ -76,7 +75,7 @@ impl ScaleTags {
         }
     }
 
-    /// The screen's or printer's pixels per inch that the resolution is, if it is one, whatever unit it is counted in.
+    /// Default pixels per inch of a screen or printer, if the resolution is one in any unit.
     fn default_per_inch(&self) -> Option<f64> {
         let [x, _] = self.resolution.filter(|[x, y]| x == y)?;
         let per_inch = match self.unit {
@@ -87,7 +86,7 @@ impl ScaleTags {
         DEFAULTS_PER_INCH.into_iter().find(|dots| (per_inch - dots).abs() <= dots * DEFAULTS_ROUNDED)
     }
 
-    /// Pixels per unit, and the unit; `None` if one is not said, or both are what stands for nothing.
+    /// Pixels per unit, and the unit; `None` if one is missing, or both are placeholders.
     pub(super) fn per_unit(&self) -> Option<([f64; 2], &'static str)> {
         // The last two are not the standard's, but tifffile's.
         let unit = match self.unit? {
@@ -113,7 +112,7 @@ impl ScaleTags {
         x.zip(y).map(|(x, y)| Spacing { x, y, z })
     }
 
-    /// The value of a key that has one number.
+    /// The value of a key with one number.
     fn geo_key(&self, key: u16) -> Option<u16> {
         let keys = self.geo_keys.as_chunks::<4>().0;
         keys.iter().skip(1).find(|entry| entry[0] == key && entry[1] == 0).map(|entry| entry[3])
@@ -142,7 +141,7 @@ mod tests {
             (resolution(2.0, 4.0, 3), Some([0.5, 0.25, 0.0]), Some("centimeter")),
             (resolution(254.0, 254.0, 2), Some([1.0 / 254.0, 1.0 / 254.0, 0.0]), Some("inch")),
             (resolution(8.0, 8.0, 5), Some([0.125, 0.125, 0.0]), Some("micrometer")),
-            // A screen's in the middle of others.
+            // A screen's default along only one axis, or in another unit.
             (resolution(72.0, 96.0, 2), Some([1.0 / 72.0, 1.0 / 96.0, 0.0]), Some("inch")),
             (resolution(72.0, 72.0, 3), Some([1.0 / 72.0, 1.0 / 72.0, 0.0]), Some("centimeter")),
             (resolution(1.0, 1.0, 3), None, None),
@@ -162,7 +161,7 @@ mod tests {
             let (spacing, _, notes) = described(&resolution(dots, dots, 2));
             assert!(spacing.is_none() && notes.contains(&format!("{dots} pixels per inch")), "{notes}");
         }
-        // As programs write 72 and 96 that count pixels per metre or centimetre.
+        // 72 and 96 as written by programs counting pixels per metre or centimetre.
         for (pixels, unit, dots) in [
             (72.009, 2, "72 pixels per inch"),
             (28.346, 3, "72 pixels per inch"),

@@ -15,7 +15,7 @@ use proptest::prelude::*;
 use std::path::{Path, PathBuf};
 use tiff::encoder::{Compression, DeflateLevel, Predictor, TiffEncoder, colortype};
 
-/// How [`written`] lays a stack out.
+/// Layout of a stack for [`written`].
 #[derive(Clone)]
 struct Layout {
     big_endian: bool,
@@ -28,15 +28,15 @@ struct Layout {
     description: String,
     /// Pixels per unit.
     resolution: Option<u32>,
-    /// Number of directories, where it is not that of the planes.
+    /// Number of directories, if not one per plane.
     directories: Option<usize>,
     /// The predictor of LZW.
     lzw: Option<u64>,
-    /// Directory entries more, or in place of others: tag and number.
+    /// Additional or replaced directory entries: tag and number.
     tags: Vec<(u16, u64)>,
-    /// Entries of the first directory more: tag, type and numbers, floats by their bits.
+    /// Additional entries of the first directory: tag, type and numbers, floats by their bits.
     lists: Vec<(u16, u16, Vec<u64>)>,
-    /// The same of all other directories.
+    /// The same for all other directories.
     other_lists: Vec<(u16, u16, Vec<u64>)>,
     /// Whether the only directory lies before the planes.
     directory_first: bool,
@@ -82,7 +82,7 @@ impl Writer {
         self.bytes[at..at + width].copy_from_slice(&number);
     }
 
-    /// Appends a directory; returns where the pointer to the next one is.
+    /// Appends a directory; returns the position of the pointer to the next one.
     fn directory(&mut self, mut tags: Vec<(u16, u16, Vec<u64>)>) -> usize {
         tags.sort_by_key(|t| t.0);
         let (count_width, width) = if self.layout.big_tiff { (8, 8) } else { (2, 4) };
@@ -276,7 +276,7 @@ fn refusal(bytes: &[u8], options: &OpenOptions) -> String {
     open(&[path], options).err().unwrap().to_string()
 }
 
-/// An image of 5 x 4 pixels in a strip of 40 bytes, but with a tag of another value.
+/// An image of 5 x 4 pixels in a strip of 40 bytes, with another value of one tag.
 fn with_tag(tag: u16, value: u64) -> (Field, Vec<u8>) {
     let field = Field { sizes: [5, 4, 1, 1, 1], voxel_type: VoxelType::U16 };
     (field, written(field, "z", &Layout { chunk: Err(4), tags: vec![(tag, value)], ..Layout::default() }))
@@ -295,7 +295,7 @@ fn pages_of_several_slices_are_refused() {
 
 #[test]
 fn directories_at_impossible_places_are_damage() {
-    // A BigTIFF whose first directory is where no file reaches.
+    // A BigTIFF whose first directory is beyond any file's end.
     let bytes = [&b"II+\0\x08\0\0\0"[..], &u64::MAX.to_le_bytes()].concat();
     assert!(refusal(&bytes, &options()).contains("damaged"), "{}", refusal(&bytes, &options()));
 }
@@ -384,7 +384,7 @@ fn indices_into_a_palette_are_the_values() {
         assert_boxes(&*source, field);
         assert!(source.info().notes.iter().any(|note| note.contains("the indices are read")));
     }
-    // Beside pages of numbers, and of fewer bits than are read.
+    // Beside pages of numbers, and with fewer bits than supported.
     let field = Field { sizes: [7, 5, 2, 1, 1], voxel_type: VoxelType::U8 };
     let mut bytes = written(field, "z", &Layout { photometric: 3, ..Layout::default() });
     let at = bytes.windows(10).rposition(|w| w == [6, 1, 3, 0, 1, 0, 0, 0, 3, 0]).unwrap();
@@ -459,7 +459,7 @@ fn damaged_lzw_names_the_chunk() {
     let field = Field { sizes: [37, 19, 1, 1, 1], voxel_type: VoxelType::U8 };
     let bytes = written(field, "z", &Layout { lzw: Some(1), chunk: Ok([16, 16]), ..Layout::default() });
     let mut short = bytes.clone();
-    // The third tile, of which the rest is one code for nothing but the end.
+    // The third tile, cut to a clear and an end code.
     let entry = short.windows(4).rposition(|w| w == [0x44, 1, 4, 0]).unwrap();
     let list = u32::from_le_bytes(short[entry + 8..entry + 12].try_into().unwrap()) as usize + 8;
     let third = u32::from_le_bytes(short[list..list + 4].try_into().unwrap()) as usize;
@@ -485,7 +485,7 @@ fn packings_that_cannot_be_read_are_refused_at_opening() {
         let message = refusal(&written(field, "z", &layout), &options());
         assert!(message.contains("a.tif: ") && message.contains(words), "{message}");
     }
-    // Four samples, of which nothing says what the fourth is; and a predictor for floats.
+    // Four samples, the fourth of unknown meaning; and a predictor for floats.
     let four = Field { sizes: [7, 5, 2, 4, 1], ..field };
     let extra = Layout { samples: 4, photometric: 2, tags: vec![(338, 0)], ..Layout::default() };
     let message = refusal(&written(four, "zc", &extra), &options());
@@ -520,7 +520,7 @@ fn pixels_and_directories_that_are_not_read_are_named() {
     bytes[at] = 24;
     let message = refusal(&bytes, &options());
     assert!(message.contains("lacks the places or the lengths of strips") && message.contains("tiffcp"), "{message}");
-    // A directory that comes after itself.
+    // A directory that links to itself.
     let (_, mut bytes) = with_tag(259, 1);
     let directory: [u8; 4] = bytes[4..8].try_into().unwrap();
     let link = bytes.len() - 4;
@@ -533,7 +533,7 @@ fn pixels_and_directories_that_are_not_read_are_named() {
 fn damaged_data_are_told_from_damaged_directories() {
     for (compression, byte, words) in [
         (8, 0x55, "its data are damaged (corrupt deflate stream)"),
-        // Nothing but bytes without effect.
+        // Only bytes without effect.
         (32773, 0x80, "its data end before its pixels do"),
         (50000, 0x55, "its data are damaged ("),
     ] {
@@ -640,7 +640,7 @@ fn halves_are_widened_and_doubles_kept_where_they_fit() {
     assert!(is_warned(&said(&source.info().notes), "of 4 values in a.tif, 1 infinite, 1 rounded"));
 }
 
-/// An entry holds up to four characters itself, which is what [`with_tag`] writes: of 16 bits, so two of them.
+/// An entry holds up to four characters itself; [`with_tag`] writes 16 bits, so two of them.
 #[test]
 fn pixels_without_data_are_those_of_gdals_tag() {
     let [file, of_letters] = ["17", "x9"].map(|text| {
@@ -651,7 +651,7 @@ fn pixels_without_data_are_those_of_gdals_tag() {
         let (_folder, path) = temp_file("a.tif", bytes);
         open(&[path], options).map(|source| source.info().nodata).map_err(|error| error.to_string())
     };
-    // Written as a number of 16 bits, which is no text.
+    // A 16-bit number is no text.
     assert_eq!(nodata(&file, &options()), Ok(None));
     let as_text = |bytes: &[u8]| {
         let mut bytes = bytes.to_vec();
@@ -734,11 +734,11 @@ fn declared_counts_that_disagree_name_both() {
     let bytes = written(field, "tzc", &layout);
     let message = refusal(&bytes, &options());
     assert!(message.contains("30 planes") && message.contains("20 pages") && message.contains("`axes`"), "{message}");
-    // The user may overrule the description.
+    // The user may override the description.
     let (_folder, path) = temp_file("a.tif", &bytes);
     let told = OpenOptions { axes: Some("zyx".parse().unwrap()), ..options() };
     assert_eq!(open(&[path], &told).unwrap().info().extent.z, 20);
-    // One directory, but not all planes behind it.
+    // One directory, without all planes behind it.
     let layout = Layout { directories: Some(1), ..layout };
     let message = refusal(&written(Field { voxel_type: VoxelType::U16, ..field }, "tzc", &layout), &options());
     assert!(message.contains("30 planes") && message.contains("missing"), "{message}");
@@ -783,7 +783,7 @@ fn planes(field: Field) -> (tempfile::TempDir, Vec<PathBuf>) {
     let all = field.bytes("zyx", false);
     let [x, y, z, ..] = field.sizes;
     let paths = (0..z).map(|i| {
-        // A plane's file is a stack of one whose bytes are then those of the plane.
+        // A plane's file is a stack of one, with its bytes replaced by the plane's.
         let one = Field { sizes: [x, y, 1, 1, 1], ..field };
         let mut bytes = written(one, "z", &Layout { chunk: Err(y), ..Layout::default() });
         let plane = &all[i as usize * all.len() / z as usize..][..all.len() / z as usize];
@@ -804,7 +804,7 @@ fn folders_and_lists_of_planes_are_read_in_natural_order() {
     let source = opened(folder.path()).unwrap();
     assert_boxes(&*source, field);
     assert!(source.info().notes[0].contains("from s0.tif to s11.tif"), "{:?}", source.info().notes);
-    // As a shell sorts them.
+    // In a shell's order.
     paths.sort();
     assert_boxes(&*open(&paths, &options()).unwrap(), field);
 }
@@ -843,7 +843,7 @@ fn cut_files_are_refused_at_opening() {
         let message = refusal(&bytes[..keep], &options());
         assert!(message.contains("a.tif"), "{message}");
     }
-    // A directory that is whole, before data that are not.
+    // A whole directory before truncated data.
     let mut late = bytes.clone();
     let strips = late.windows(2).rposition(|w| w == [0x11, 1]).unwrap();
     let list = u32::from_le_bytes(late[strips + 8..strips + 12].try_into().unwrap()) as usize;
@@ -852,7 +852,7 @@ fn cut_files_are_refused_at_opening() {
     assert!(message.contains("data of page 3") && message.contains("missing"), "{message}");
 }
 
-/// A strip is decoded at once, be it a whole plane.
+/// A strip is decoded at once, even if it is a whole plane.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_plane_of_one_strip_takes_what_it_says() {
@@ -866,7 +866,7 @@ fn a_plane_of_one_strip_takes_what_it_says() {
     }
 }
 
-/// Files are opened again when their planes are read: each must still be the one whose pages were checked.
+/// Files are reopened for reading: each must still be the one whose pages were checked.
 #[test]
 fn planes_that_change_after_they_were_opened_are_an_error() {
     let field = Field { sizes: [7, 5, 4, 1, 1], voxel_type: VoxelType::U16 };
@@ -917,7 +917,7 @@ fn many_threads_read_at_once() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Damage ends in an error or in wrong voxels, never in a panic.
+    /// Damage leads to an error or wrong voxels, never to a panic.
     #[test]
     fn damage_does_not_panic(
         damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),

@@ -1,5 +1,5 @@
-//! Pages half as large as the first, or smaller: levels of a pyramid and thumbnails, which are left out whatever they say of themselves; but not where
-//! there are more of one size than of the first's, for then they may be the stack.
+//! Unmarked pages at most half as large as the first: levels of a pyramid and thumbnails. They are left out, unless one size has more pages than
+//! the first page's: then they may be the stack.
 
 use brickyard_volume::counted;
 
@@ -16,7 +16,7 @@ struct Size {
 }
 
 impl Thumbnails {
-    /// Adds a page by its number, from 1. Returns how many of its size there are.
+    /// Adds a page by its number, from 1. Returns the number of pages of its size so far.
     pub(super) fn add(&mut self, (width, height): (u32, u32), page: u32) -> u32 {
         let known = self.0.iter_mut().find(|size| (size.width, size.height) == (width, height));
         if let Some(size) = known {
@@ -31,7 +31,7 @@ impl Thumbnails {
         self.0.is_empty()
     }
 
-    /// Why they cannot be left out, beside so many pages of the first one's size; `None` if they can.
+    /// Why they cannot be left out beside `planes` pages of the first one's size; `None` if they can.
     pub(super) fn problem(&self, planes: u32) -> Option<String> {
         let Size { width, height, pages, first } = self.0.iter().find(|size| size.pages > planes)?;
         let planes = counted(planes.into(), "page");

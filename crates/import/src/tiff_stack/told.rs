@@ -1,4 +1,4 @@
-//! Reads what a TIFF file says of itself: the description, in whatever form, and the tags beside it.
+//! Reader of a TIFF file's description, in all forms, and the tags beside it.
 //!
 //! OME-XML, which may have many megabytes, is read as a stream; other forms are read whole, up to a limit.
 
@@ -18,31 +18,31 @@ use tiff::TiffError;
 use tiff::decoder::ifd::Value;
 use tiff::tags::{ByteOrder, Tag, Type};
 
-/// Most bytes of OME-XML that are read; that of large plates reaches tens of megabytes.
+/// Most bytes of OME-XML; large plates have tens of megabytes.
 pub(super) const LONGEST_DESCRIPTION: u64 = 128 << 20;
-/// The most bytes of look-up tables that are read.
+/// Most bytes of look-up tables.
 const LONGEST_LOOKS: u64 = 16 << 20;
-/// The most characters of a number that are read.
+/// Most characters of a number.
 const LONGEST_NUMBER: usize = 64;
-/// Tags of programs that describe the order of pages in ways of their own.
+/// Tags of programs with page orders of their own.
 const OTHERS: [(u16, &str); 4] = [
     (34362, "Olympus FluoView (tag 34362)"),
     (34412, "Zeiss LSM (tag 34412)"),
     (33471, "Olympus SIS (tag 33471)"),
     (33560, "Olympus SIS (tag 33560)"),
 ];
-/// Elements of XML by which programs say which channel or plane a page is.
+/// XML elements of programs that assign channels or planes to pages.
 const OTHER_XML: [(&str, &str); 3] = [
     ("<PerkinElmer-QPI-ImageDescription", "PerkinElmer QPI (its XML)"),
     ("<indica", "Indica Labs (its XML)"),
     ("<scn", "Leica SCN (its XML)"),
 ];
-/// How much of a description says what it is.
+/// Bytes of a description that identify its form.
 const START_BYTES: u64 = 256;
 
 impl OpenTiff {
-    /// Reads what the page at which the decoder stands, of this format, says of the file: how pages are ordered, how values are
-    /// calibrated, and how large pixels are.
+    /// Reads the file's description from the current page, of this format: the order of pages, the calibration of values, and
+    /// the size of pixels.
     ///
     /// # Errors
     /// If the disk cannot read it.
@@ -68,7 +68,7 @@ impl OpenTiff {
         if !looks.is_empty() {
             description.channel_looks = looks;
         }
-        // Sizes are those of stored pixels, in tags and in the texts that go with them; OME's are said of pictures.
+        // Sizes in tags, and in texts that use them, are of stored pixels; OME's are of shown ones.
         if let Some(spacing) = description.spacing.as_mut().filter(|_| description.ome.is_none()) {
             [spacing.x, spacing.y] = format.turn.meant([spacing.x, spacing.y]);
         }
@@ -88,7 +88,7 @@ impl OpenTiff {
         Ok(description)
     }
 
-    /// The UUID of a file of an OME set, if it says it.
+    /// The UUID of a file of an OME set, if it has one.
     ///
     /// # Errors
     /// If the disk cannot read it.
@@ -103,7 +103,7 @@ impl OpenTiff {
         }
     }
 
-    /// What the text of the description says; `None` if it is a plain remark.
+    /// Parses the description's text; `None` for a plain remark.
     fn text_description(&mut self, format: &PageFormat, tags: &ScaleTags) -> Result<Option<Description>, ImportError> {
         let path = self.path.clone();
         let entry = self.decoder.image_ifd().find_entry(Tag::ImageDescription);
@@ -155,12 +155,11 @@ impl OpenTiff {
         })
     }
 
-    /// Whether the page has MetaMorph's tags of a stack.
     pub(super) fn is_metamorph(&mut self) -> bool {
         self.decoder.image_ifd().find_entry(stk::UIC2).is_some()
     }
 
-    /// What MetaMorph's tags say; `None` if there are none.
+    /// The description by MetaMorph's tags; `None` if there are none.
     fn stk(&mut self) -> Result<Option<Description>, ImportError> {
         let path = self.path.clone();
         if !self.is_metamorph() {
@@ -175,7 +174,7 @@ impl OpenTiff {
         stk::read(self.decoder.inner(), ifd.0, bytes).map_err(ImportError::io(&path))
     }
 
-    /// Whose description there is of the order of several pages, where it is none of those that are read.
+    /// The program of an unsupported description of several pages' order.
     fn other_description(&mut self) -> Result<Option<&'static str>, ImportError> {
         if !self.has_more_pages() {
             return Ok(None);
@@ -204,12 +203,12 @@ impl OpenTiff {
         Ok(is_scanimage.then_some("ScanImage"))
     }
 
-    /// The stored number of pixels without data; NaN holds no data anyway.
+    /// Stored number of pixels without data, other than NaN, which holds no data anyway.
     pub(super) fn gdal_nodata(&mut self) -> Result<Option<f64>, ImportError> {
         Ok(self.gdal_number()?.filter(|number| !number.is_nan()))
     }
 
-    /// The stored number of pixels without data, as GDAL writes it: in digits.
+    /// Stored number of pixels without data, in digits, as written by GDAL.
     fn gdal_number(&mut self) -> Result<Option<f64>, ImportError> {
         let path = self.path.clone();
         let mut bytes = [0; LONGEST_NUMBER];
@@ -221,7 +220,7 @@ impl OpenTiff {
         Ok(text.split('\0').next().unwrap_or_default().trim().parse().ok())
     }
 
-    /// How ImageJ shows the channels; empty if the file does not say it.
+    /// ImageJ's looks of the channels; empty if the file has none.
     fn imagej_looks(&mut self) -> Result<Vec<ChannelLook>, ImportError> {
         let path = self.path.clone();
         let counts = said(&path, self.decoder.find_tag_unsigned_vec::<u64>(imagej::BYTE_COUNTS))?.unwrap_or_default();
@@ -260,7 +259,7 @@ fn too_long(what: &str, bytes: u64, most: u64) -> Description {
     ))
 }
 
-/// The bytes of the description, read as they are asked for.
+/// The description's bytes, read on request.
 struct TagText<'a> {
     tiff: &'a mut OpenTiff,
     at: u64,
@@ -279,7 +278,7 @@ impl Read for TagText<'_> {
                 self.at += count as u64;
                 Ok(count)
             }
-            // A description that ends behind the file's end.
+            // A description that ends past the file's end.
             Ok(None) => Ok(0),
             Err(TiffError::IoError(error)) if !is_damage(&error) => Err(error),
             Err(_) => Ok(0),
@@ -287,7 +286,7 @@ impl Read for TagText<'_> {
     }
 }
 
-/// The path of a file, for messages about another.
+/// A file's name, for messages about another.
 pub(super) fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

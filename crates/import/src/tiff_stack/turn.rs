@@ -1,9 +1,9 @@
-//! How pages lie in a file (TIFF's Orientation): rows from below, columns from the right, rows as columns. Planes are read as the file
-//! means them; each costs one copy more.
+//! Orientation of stored pages (TIFF's Orientation): rows from below, columns from the right, rows as columns. Planes are read as
+//! shown; a turn costs one more copy of each.
 
 use brickyard_volume::VoxelBox;
 
-/// What has to be done to a stored page.
+/// Turn from a stored page to the shown one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Turn {
     /// Stored rows are columns.
@@ -15,7 +15,7 @@ pub(super) struct Turn {
 }
 
 impl Turn {
-    /// The turn that the value of Orientation means, from 1 to 8; `None` for others.
+    /// The turn for a value of Orientation, from 1 to 8; `None` for others.
     pub(super) fn of_orientation(value: u16) -> Option<Self> {
         let turn = |transposed, flip_x, flip_y| Some(Self { transposed, flip_x, flip_y });
         match value {
@@ -31,22 +31,22 @@ impl Turn {
         }
     }
 
-    /// Whether pages are stored as they are meant.
+    /// Whether pages are stored as shown.
     pub(super) fn is_none(self) -> bool {
         self == Self::default()
     }
 
-    /// The size along x and y of what is stored with this one.
+    /// Size along x and y of a turned page.
     pub(super) fn size(self, [x, y]: [u32; 2]) -> [u32; 2] {
         if self.transposed { [y, x] } else { [x, y] }
     }
 
-    /// What is said along x and y of stored pixels, of those that are meant.
+    /// Converts values along the stored x and y to the shown ones.
     pub(super) fn meant<T>(self, [x, y]: [T; 2]) -> [T; 2] {
         if self.transposed { [y, x] } else { [x, y] }
     }
 
-    /// Where a region of a page lies in what is stored. `size` is the page's own along x and y.
+    /// A page's region as stored. `size` is the page's own along x and y.
     pub(super) fn stored(self, region: VoxelBox, size: [u32; 2]) -> VoxelBox {
         let along = |flip: bool, axis: usize, low: u32, high: u32| {
             if flip { [size[axis] - high, size[axis] - low] } else { [low, high] }
@@ -57,7 +57,7 @@ impl Turn {
         VoxelBox::new([x[0], y[0], region.min.z], [x[1], y[1], region.max.z])
     }
 
-    /// Turns stored voxels of `voxel` bytes each. `size` is their size along x and y once they are turned.
+    /// Turns stored voxels of `voxel` bytes each. `size` is the turned size along x and y.
     pub(super) fn turn(self, stored: &[u8], size: [u32; 2], voxel: usize, out: &mut [u8]) {
         let [columns, rows] = size.map(|n| n as usize);
         let stored_columns = if self.transposed { rows } else { columns };
@@ -96,7 +96,7 @@ mod tests {
             let mut out = [0; 6];
             turn.turn(&stored, size, 1, &mut out);
             assert_eq!(out, expected, "{orientation}");
-            // One pixel by itself.
+            // One pixel at a time.
             for i in 0..6u32 {
                 let [x, y] = [i % size[0], i / size[0]];
                 let place = turn.stored(VoxelBox::new([x, y, 4], [x + 1, y + 1, 5]), size);

@@ -1,6 +1,6 @@
-//! Units of length as programs write them into TIFF files.
+//! Units of length in the spellings of TIFF files.
 
-/// UDUNITS name and length in metres of a unit of length; `None` if it is none that is known.
+/// UDUNITS name and length in metres of a unit of length; `None` if unknown.
 pub(super) fn unit_of(name: &str) -> Option<(&'static str, f64)> {
     Some(match name {
         "nm" | "nanometer" | "nanometre" => ("nanometer", 1e-9),

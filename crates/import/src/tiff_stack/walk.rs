@@ -1,4 +1,4 @@
-//! The directories of a TIFF file, walked once: which pages there are, that they agree, and which are copies of others.
+//! Single walk of a TIFF file's directories: lists the pages, checks that they agree, and finds copies.
 
 use super::description::Description;
 use super::page::{OpenTiff, PageFormat};
@@ -13,14 +13,14 @@ use crate::source::Source;
 use brickyard_volume::counted;
 use std::path::Path;
 
-/// Opens the pages of one file, as they are described. `tiff` stands at the first.
+/// Opens the pages of one file by their description. `tiff` stands at the first.
 pub(super) fn open_pages(
     tiff: OpenTiff,
     format: PageFormat,
     description: &Description,
     options: &OpenOptions,
 ) -> Result<Box<dyn Source>, ImportError> {
-    // Who says what the pages are says it of all.
+    // The user's axes cover all pages.
     let of = if options.axes.is_some() { Pages::All } else { Pages::WithoutCopies };
     let Walked { file, tiff, reader_bytes, odd, left_out, thumbnails } = Walked::of(tiff, &format, of, Some(options))?;
     if let Some(problem) = thumbnails.problem(file.pages - left_out.len() as u32) {
@@ -69,31 +69,30 @@ pub(super) fn odd_page(path: &Path, number: u32, format: &PageFormat, expected: 
     ImportError::invalid(path, problem)
 }
 
-/// A file whose directories were all looked at.
+/// A file with all directories examined.
 pub(super) struct Walked {
     pub(super) file: TiffFile,
     pub(super) tiff: OpenTiff,
     pub(super) reader_bytes: u64,
-    /// The refusal of the first page unlike the others, or without its data.
+    /// The refusal of the first page that differs from the others, or lacks its data.
     pub(super) odd: Option<ImportError>,
-    /// Pages that are left out, counted from 0, ascending.
+    /// Pages left out, counted from 0, ascending.
     pub(super) left_out: Vec<u32>,
-    /// Pages among those left out which are small, and say nothing of it.
+    /// Small unmarked pages among those left out.
     pub(super) thumbnails: Thumbnails,
 }
 
-/// Which pages of a file are looked at.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Pages {
     All,
-    /// All but smaller copies and masks of others, unless the first page is one: then all are of that kind, or it is the one that is meant. A page half as large as
-    /// the first, or smaller, is a copy.
+    /// All but smaller copies and masks of others, unless the first page is one: then all are of that kind, or it is meant itself. A page at most
+    /// half as large as the first is a copy.
     WithoutCopies,
 }
 
 impl Walked {
-    /// Walks the directories of a file from its first page on. `format` is what its pages should be. With `options`, the tags of pages say what
-    /// pixels are, as far as the options do not.
+    /// Walks the directories of a file from its first page on, expecting `format`. With `options`, the tags of pages about pixels are checked, unless
+    /// the options replace them.
     pub(super) fn of(
         mut tiff: OpenTiff,
         format: &PageFormat,

@@ -5,12 +5,12 @@ use quick_xml::events::BytesStart;
 use std::borrow::Cow;
 use std::io::{BufRead, Read};
 
-/// The most bytes of a text, or of a tag with its attributes.
+/// Most bytes of a text, or of a tag with its attributes.
 const LONGEST_PIECE: u64 = 16 << 20;
-/// The most bytes of a UUID or a file's name.
+/// Most bytes of a UUID or a file's name.
 pub(super) const LONGEST_NAME: usize = 1024;
 
-/// A reader of a text. [`next_piece`] is to be called before each event is read.
+/// Creates a reader of a text. Call [`next_piece`] before reading each event.
 pub(super) fn reader<R: BufRead>(text: R) -> Reader<Pieces<R>> {
     Reader::from_reader(Pieces { text, left: LONGEST_PIECE })
 }
@@ -24,9 +24,8 @@ pub(super) fn next_piece<R>(xml: &mut Reader<Pieces<R>>, piece: &mut Vec<u8>) {
 /// Why a text cannot be followed.
 #[derive(Debug)]
 pub(super) enum Failure {
-    /// The disk does not give it.
     Disk(std::io::Error),
-    /// What it says, in words.
+    /// A problem of its content, in words.
     Meaning(String),
 }
 
@@ -45,7 +44,7 @@ pub(super) fn meaning<T>(problem: impl Into<String>) -> Result<T, Failure> {
     Err(Failure::Meaning(problem.into()))
 }
 
-/// A text of which no more than so many bytes are given before the next piece is begun.
+/// A text with a limit on the bytes read before the next piece begins.
 pub(super) struct Pieces<R> {
     text: R,
     left: u64,
@@ -88,7 +87,6 @@ pub(super) fn number<T: std::str::FromStr>(tag: &BytesStart, name: &str) -> Resu
     }
 }
 
-/// The value of an attribute.
 pub(super) fn attribute(tag: &BytesStart, name: &str) -> Result<Option<String>, Failure> {
     for attribute in tag.attributes().with_checks(false) {
         let attribute = attribute.map_err(|error| Failure::from(quick_xml::Error::from(error)))?;
@@ -107,7 +105,7 @@ pub(super) fn attribute(tag: &BytesStart, name: &str) -> Result<Option<String>, 
     Ok(None)
 }
 
-/// UTF-8, or else Latin-1, whose bytes are the first 256 code points.
+/// Decodes UTF-8, or else Latin-1, whose bytes are the first 256 code points.
 pub(super) fn decoded(bytes: &[u8]) -> Cow<'_, str> {
     match std::str::from_utf8(bytes) {
         Ok(text) => text.into(),

@@ -1,4 +1,4 @@
-//! OME-XML, whole and damaged, and what is made of it.
+//! OME-XML, whole and damaged, and its description.
 
 use super::*;
 use crate::testing::{is_warned, said};

@@ -1,4 +1,4 @@
-//! Pages that are smaller copies or masks of others, among those that are planes.
+//! Pages that are smaller copies or masks, among planes.
 
 use super::{Layout, opened, options, refusal, values, written};
 use crate::open::open;
@@ -18,7 +18,7 @@ fn put(bytes: &mut [u8], page: usize, tag: u16, number: u8) {
     bytes[at + 8] = number;
 }
 
-/// Pages of 7 x 5 pixels, of which some say what they are to others.
+/// Pages of 7 x 5 pixels, some marked with NewSubfileType.
 fn marked(pages: u32, kinds: &[(usize, u8)]) -> Vec<u8> {
     let field = Field { sizes: [7, 5, pages, 1, 1], voxel_type: VoxelType::U8 };
     let layout = Layout { tags: vec![(NEW_SUBFILE_TYPE, 0)], ..Layout::default() };
@@ -36,7 +36,7 @@ fn smaller_copies_and_masks_are_no_planes() {
     let (_folder, plain) = temp_file("a.tif", &marked(5, &[]));
     let all = values(&*opened(&plain).unwrap());
     let plane = |z: usize| &all[35 * z..35 * (z + 1)];
-    // One that is smaller, a mask, and one as large as what it is a copy of; pages of kind 2 are pages.
+    // A smaller one, a mask, and a copy of the same size; pages of kind 2 are pages.
     let mut bytes = marked(5, &[(0, 2), (1, 1), (2, 2), (3, 4)]);
     put(&mut bytes, 1, WIDTH, 3);
     put(&mut bytes, 3, PHOTOMETRIC, 4);
@@ -46,7 +46,7 @@ fn smaller_copies_and_masks_are_no_planes() {
     assert_eq!(values(&*source), [plane(0), plane(2), plane(4)].concat());
     let notes = said(&source.info().notes);
     assert!(notes.contains("2 pages are smaller copies or masks of others") && notes.contains("`axes` zyx"), "{notes}");
-    // A thumbnail that does not say that it is one.
+    // An unmarked thumbnail.
     let field = Field { sizes: [7, 5, 3, 1, 1], voxel_type: VoxelType::U8 };
     let mut silent = written(field, "z", &Layout { chunk: Err(5), ..Layout::default() });
     put(&mut silent, 2, WIDTH, 4);
@@ -55,7 +55,7 @@ fn smaller_copies_and_masks_are_no_planes() {
     let source = opened(&path).unwrap();
     assert_eq!(values(&*source), [plane(0), plane(1)].concat());
     let notes = said(&source.info().notes);
-    // Pages of several sizes are no stack, whatever is said of them.
+    // Pages of several sizes are no stack, whatever the axes.
     assert!(notes.contains("1 page is a smaller copy") && !notes.contains("`axes`"), "{notes}");
     // More of one size than of the first's may be the stack.
     put(&mut silent, 1, WIDTH, 4);
@@ -68,7 +68,7 @@ fn smaller_copies_and_masks_are_no_planes() {
     let (_folder, path) = temp_file("a.tif", &marked(5, &[(3, 1), (4, 5)]));
     assert_eq!(values(&*opened(&path).unwrap()), [plane(0), plane(1), plane(2)].concat());
     assert_eq!(values(&*open(&[path], &all_pages()).unwrap()), all);
-    // Where the first page is one, nothing says of what.
+    // If the first page is one, its original is unknown.
     let (_folder, path) = temp_file("a.tif", &marked(5, &[(0, 1), (1, 1)]));
     assert_eq!(values(&*opened(&path).unwrap()), all);
 }
@@ -80,12 +80,12 @@ fn files_of_a_page_and_its_copies_are_planes() {
     let source = opened(folder.path()).unwrap();
     assert_eq!((source.info().extent.to_array(), source.info().times), ([7, 5, 2], 1));
     assert!(said(&source.info().notes).contains("left out, in 1 file."), "{:?}", source.info().notes);
-    // Who says what pages are says it of all.
+    // The user's axes cover all pages.
     let message = open(&[folder.path().to_owned()], &all_pages()).err().unwrap().to_string();
     assert!(message.contains("several planes"), "{message}");
 }
 
-/// Copies may not say that they are copies.
+/// Copies may be unmarked.
 #[test]
 fn files_of_a_page_and_a_silent_thumbnail_are_planes() {
     let of = |pages: u16, thumbnails: std::ops::Range<usize>| {

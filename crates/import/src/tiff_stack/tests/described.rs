@@ -1,4 +1,4 @@
-//! What is described in one file is what is read: tifffile's axes, MetaMorph's planes, scales of tags, Orientation, GDAL's value.
+//! Single files are read as described: tifffile's axes, MetaMorph's planes, scales of tags, Orientation, GDAL's value.
 
 use super::*;
 use crate::testing::said;
@@ -7,7 +7,7 @@ fn field(z: u32, c: u32, t: u32) -> Field {
     Field { sizes: [7, 5, z, c, t], voxel_type: VoxelType::U16 }
 }
 
-/// Opens a field as it is written with this layout.
+/// Opens a field written with this layout.
 fn read(field: Field, page_axes: &str, layout: &Layout) -> (tempfile::TempDir, Box<dyn Source>) {
     let (folder, path) = temp_file("a.tif", &written(field, page_axes, layout));
     let source = opened(&path).unwrap_or_else(|error| panic!("{error}"));
@@ -39,7 +39,7 @@ fn tifffiles_axes_are_steps_channels_and_slices() {
         let text = format!(r#"{{"shape": {shape:?}, "axes": "{axes}", "truncated": true}}"#);
         let one = Layout { directories: Some(1), big_endian: true, ..described(&text) };
         assert_boxes(&*read(whole, order, &one).1, whole);
-        // Nobody but the user knows what axes without names are.
+        // Axes without names are left to the user.
         let message = refusal(&written(whole, order, &described(&format!(r#"{{"shape": {shape:?}}}"#))), &options());
         assert!(message.contains("without axes") && message.contains("`axes`"), "{message}");
     }
@@ -63,7 +63,7 @@ fn tifffiles_coloured_planes_in_one_directory_are_read() {
                 ..described(&format!(r#"{{"shape": {shape}, "axes": "{axes}"}}"#))
             };
             if directories.is_some() && planar {
-                // The writer here knows one strip for a single directory, and samples in planes have one each.
+                // The writer here supports one strip for a single directory, and samples in planes have one each.
                 continue;
             }
             assert_boxes(&*read(whole, "tc", &layout).1, whole);
@@ -101,7 +101,7 @@ fn metamorph(planes: &[(u64, u64)]) -> Vec<u8> {
 #[test]
 fn metamorphs_planes_lie_behind_the_first() {
     let (_folder, path) = temp_file("a.stk", &metamorph(&[(5, 7); 4]));
-    // The name is none that is known: the first bytes are.
+    // The name is unknown; the first bytes are known.
     let source = opened(&path).unwrap();
     assert_boxes(&*source, field(4, 1, 1));
     assert_eq!((source.info().geometry.spacing.z, source.info().calibrated), (0.5, true));
@@ -117,7 +117,7 @@ fn metamorphs_planes_lie_behind_the_first() {
     assert!(message.contains("STK") || message.contains("missing"), "{message}");
 }
 
-/// A list of files that each hold a stack is a series, also where each has a single directory.
+/// A list of files with a stack each is a series, even if each has a single directory.
 #[test]
 fn lists_of_stacks_behind_one_directory_are_series() {
     let series = field(4, 1, 2);
@@ -149,7 +149,7 @@ fn lists_of_stacks_behind_one_directory_are_series() {
         let told = OpenOptions { axes: Some("zyx".parse().unwrap()), ..options() };
         assert_eq!(open(&paths, &told).unwrap().info().extent.z, 2);
     }
-    // Where all of them are cut off, each is told as it is by itself.
+    // Where all are truncated, each is reported as if alone.
     let folder = tempfile::tempdir().unwrap();
     let cut = written(field(4, 1, 1), "z", &Layout { directory_first: true, ..one(imagej) });
     let paths = [0, 1].map(|step| folder.path().join(format!("s{step}.tif")));
@@ -160,7 +160,7 @@ fn lists_of_stacks_behind_one_directory_are_series() {
             assert!(message.contains("s0.tif") && message.contains(&format!("({missing} missing)")), "{message}");
         }
     }
-    // A page that was cut out of a stack says what the stack was, and is a plane.
+    // A page cut out of a stack has the stack's description, and is a plane.
     let folder = tempfile::tempdir().unwrap();
     let paths: Vec<PathBuf> = (0..3).map(|z| folder.path().join(format!("s{z}.tif"))).collect();
     paths.iter().for_each(|path| std::fs::write(path, written(field(1, 1, 1), "z", &described(imagej))).unwrap());
@@ -199,12 +199,12 @@ fn pages_of_one_file_that_say_unlike_things_are_refused() {
         let (_folder, path) = temp_file("a.tif", &pages(&first, &others));
         assert_eq!(open(&[path], &told).unwrap().info().nodata, Some(9.0));
     }
-    // What says that another value means no data, or NaN alone, knows that a number is data.
+    // With another no-data value, or NaN alone, the source knows that a number is data.
     for (value, knows) in [("nan", true), ("1e39", true), ("7", false), ("", false)] {
         let (_folder, path) = temp_file("a.tif", &pages(&nodata(value), &nodata(value)));
         assert_eq!(opened(&path).unwrap().info().knows_nodata, knows, "{value}");
     }
-    // Some programs say it once.
+    // Some programs tag only the first page.
     for (first, others, expected) in [
         (nodata("7"), vec![], Some(7.0)),
         (nodata("7"), nodata("7.0"), Some(7.0)),
@@ -255,7 +255,7 @@ fn planes_of_another_scale_or_unit_are_refused() {
     assert_eq!(opened([geo(30.0), geo(30.000_01)], &options()).unwrap().spacing.x, 30.0);
 }
 
-/// By increments that agree, or else by the times of the files' first planes; by what the user says before both.
+/// By increments that agree, or else by the times of the files' first planes; the user's times override both.
 #[test]
 fn files_of_one_step_each_say_when_they_were_taken() {
     let field = Field { sizes: [7, 5, 2, 1, 1], voxel_type: VoxelType::U8 };
@@ -384,7 +384,7 @@ fn pages_are_turned_as_they_are_meant() {
                 let mut part = vec![0; 12];
                 source.read_box(0, channel, VoxelBox::new([1, 2, z], [4, 4, z + 1]), &mut part).unwrap();
                 for (i, j) in (0..7usize).flat_map(|i| (0..5usize).map(move |j| (i, j))) {
-                    // Where the stored column i and row j go, by the standard's words.
+                    // Destination of the stored column i and row j, by the standard's words.
                     let (right, below) = (6 - i, 4 - j);
                     let [x, y] = match orientation {
                         2 => [right, j],
@@ -443,7 +443,7 @@ fn values_without_data_are_those_that_pixels_can_have() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Damage ends in an error or in wrong voxels, never in a panic.
+    /// Damage leads to an error or wrong voxels, never to a panic.
     #[test]
     fn damaged_descriptions_do_not_panic(
         damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
@@ -459,7 +459,7 @@ proptest! {
             Some(text) => written(field(2, 1, 3), "tz", &described(text)),
             None => metamorph(&[(5, 7); 4]),
         };
-        // Most of it in the description and the first directory.
+        // Mostly in the description and the first directory.
         let first = u32::from_le_bytes(bytes[4..8].try_into().unwrap()) as usize;
         for (place, value) in damage {
             let place = first.saturating_sub(280) + place.index(480);

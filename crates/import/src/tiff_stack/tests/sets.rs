@@ -1,4 +1,4 @@
-//! OME-XML says which page is which plane: in one file, in several, and in a file of its own.
+//! Plane-to-page maps from OME-XML: in one file, in several, and in a separate file.
 
 use super::*;
 use crate::FileOrder;
@@ -16,7 +16,7 @@ fn xml(uuid: &str, order: &str, tiff_data: &str) -> String {
     )
 }
 
-/// The place of a plane, in a file if it is named.
+/// The place of a plane, in a file if named.
 fn data(plane: [u32; 3], ifd: u32, file: Option<(&str, &str)>) -> String {
     let [t, c, z] = plane;
     let file = file.map_or(String::new(), |(name, uuid)| format!("<UUID FileName='{name}'>{uuid}</UUID>"));
@@ -49,7 +49,7 @@ fn planes_are_in_any_order() {
         assert_boxes(&*source, WHOLE);
         assert_eq!(source.info().channel_looks[0].name.as_deref(), Some("first"));
     }
-    // Runs of planes, each from where it starts on; the second is told first.
+    // Runs of planes, each from its own start; the second comes first.
     let runs = "<TiffData IFD='6' FirstT='0' FirstC='1' FirstZ='1' PlaneCount='6'/><TiffData PlaneCount='6'/>";
     let text = xml(OWN, "XYCTZ", runs);
     let (_folder, path) =
@@ -86,7 +86,7 @@ fn planes_without_a_page_or_with_two_are_named() {
     assert!(why(&file(&few)).contains("declares 6 planes"), "{}", why(&file(&few)));
     let wide = xml(OWN, "XYZCT", "<TiffData/>").replace("SizeX=\"7\"", "SizeX=\"8\"");
     assert!(why(&file(&wide)).contains("planes of 8x5 pixels"), "{}", why(&file(&wide)));
-    // The user may overrule all of it.
+    // The user may override all of it.
     let (_folder, path) = temp_file("a.tif", &file(&missing));
     let told = OpenOptions { axes: Some("zyx".parse().unwrap()), ..options() };
     assert_eq!(open(&[path], &told).unwrap().info().extent.z, 12);
@@ -114,7 +114,7 @@ fn pages_of_no_plane_are_left_out_and_told() {
         );
     };
     check(&*read(&bytes).1.unwrap());
-    // One of them of another size: of no matter; the same of a plane's page is.
+    // An unused page of another size does not matter; a plane's page does.
     let widths: Vec<usize> =
         bytes.windows(8).enumerate().filter(|w| w.1 == [0, 1, 4, 0, 1, 0, 0, 0]).map(|w| w.0 + 8).collect();
     assert_eq!(widths.len(), 12);
@@ -125,7 +125,7 @@ fn pages_of_no_plane_are_left_out_and_told() {
     assert!(message.contains("page 8 is 6x5"), "{message}");
 }
 
-/// Two files of a step each, whose XML tells of both; the second is named a-second.ome.tif.
+/// Two files of a step each, whose XML covers both; the second is named a-second.ome.tif.
 fn two_files(tell: impl Fn(&str, &str) -> String) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let step = |t: usize, uuid: &str, name: &str| {
@@ -176,7 +176,7 @@ fn files_of_a_set_are_read_together() {
         assert_boxes(&*source, WHOLE);
         assert!(source.info().notes.iter().any(|note| note.contains("set of 2 files")));
     }
-    // A file that was given another name is known by its UUID.
+    // A renamed file is identified by its UUID.
     let renamed = folder.path().join("renamed.tif");
     std::fs::copy(&paths[0], &renamed).unwrap();
     assert_boxes(&*opened(&renamed).unwrap(), WHOLE);
@@ -277,7 +277,7 @@ fn a_companion_describes_files_that_have_pixels_only() {
     }
     std::fs::write(&paths[2], xml(THEIRS, "XYZCT", "<TiffData/>")).unwrap();
     assert!(opened(&paths[2]).err().unwrap().to_string().contains("names none"));
-    // Files that were put together from two sets.
+    // Files combined from two sets.
     let strange = xml(THEIRS, "XYZCT", &in_two("a-second.ome.tif", "urn:uuid:strange"));
     std::fs::write(&paths[2], strange).unwrap();
     for path in &paths {
@@ -286,7 +286,7 @@ fn a_companion_describes_files_that_have_pixels_only() {
     }
 }
 
-/// Files of a page each are planes of the set wherever its XML says so, not slices.
+/// Files of a page each are planes of the set, by its XML, not slices.
 #[test]
 fn pages_of_a_set_are_no_slices() {
     let whole = Field { sizes: [7, 5, 1, 2, 1], ..WHOLE };
@@ -314,7 +314,7 @@ fn pages_of_a_set_are_no_slices() {
         }
         let step = OpenOptions { is_step: true, order: Some(FileOrder::Given), ..options() };
         assert_boxes(&*open(&[folder.path().to_owned()], &step).unwrap(), whole);
-        // Whoever says so takes pages as slices.
+        // Options can make pages slices.
         for told in [
             OpenOptions { axes: Some("zyx".parse().unwrap()), ..options() },
             OpenOptions { order: Some(FileOrder::Natural), ..options() },
@@ -341,7 +341,7 @@ fn a_file_of_a_set_is_no_step() {
     assert!(message.contains("one of a set of 2 files") && message.contains("`axes` zyx"), "{message}");
 }
 
-/// A description of many megabytes is no reason to take as many.
+/// A description of many megabytes must not take as much memory.
 #[cfg(target_os = "linux")]
 #[test]
 fn long_descriptions_are_read_as_a_stream() {
