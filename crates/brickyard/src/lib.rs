@@ -12,7 +12,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! # A camera that moves
+//! # A moving camera
 //!
 //! ```no_run
 //! use brickyard::{Mode, Session, SessionOptions};
@@ -28,7 +28,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! # In an application that draws with wgpu
+//! # In a wgpu application
 //!
 //! ```toml
 //! brickyard = { path = "...", default-features = false, features = ["gpu"] }

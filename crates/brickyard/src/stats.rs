@@ -97,7 +97,7 @@ pub struct BrickCounts {
     pub uploaded: u64,
     /// Uploads of recently evicted bricks; as many evicted bricks are remembered as there are slots.
     pub reuploaded: u64,
-    /// Wanted bricks that could not be read.
+    /// Unreadable wanted bricks.
     pub failed: u64,
     /// Unreadable bricks and stored aprons in the whole run, whether wanted themselves or for a neighbour's apron.
     pub unreadable: u64,
