@@ -7,7 +7,7 @@ use std::path::Path;
 pub struct ProcessMemory {
     /// Highest resident set so far, mapped files included.
     pub resident_peak_bytes: u64,
-    /// Current anonymous memory: the process's own, without mapped files.
+    /// Anonymous memory now: the process's own, without mapped files.
     pub anonymous_bytes: u64,
 }
 
@@ -23,8 +23,8 @@ impl ProcessMemory {
     }
 }
 
-/// Main memory available to this process in bytes: the machine's, or its control group's limit if that is lower. `None`
-/// where the system does not report it (Linux does).
+/// Main memory available to this process in bytes: the machine's, or its control group's if lower. `None` where the
+/// system does not report it (Linux does).
 pub fn available_bytes() -> Option<u64> {
     available_in(Path::new("/"))
 }

@@ -3,8 +3,8 @@
 //!
 //! Order of calls: open (reads the metadata), then for each frame [`Session::step`] and [`Session::draw`]; or
 //! [`Session::render`], which steps until the picture has settled. The first step creates the backend, some 100 ms; so
-//! does a scene with greater demands than those before it (see `fit`). A step of a live session never waits for the
-//! disk. Calls come from one thread; the session's own threads decode bricks, plan the cuts of live sessions, compile
+//! does a scene with greater demands than all before it (see `fit`). A step of a live session never waits for the disk.
+//! Calls come from one thread; the session's own threads decode bricks, plan the cuts of live sessions, compile
 //! shaders, make transfer tables and draw on the CPU.
 
 pub mod backend;
@@ -62,7 +62,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Counters of the backends and pagers before the present ones.
+/// Counters of earlier backends and pagers.
 #[derive(Clone, Copy, Debug, Default)]
 struct Past {
     counters: Counters,
@@ -96,27 +96,24 @@ pub struct Session {
     pub(crate) device: Device,
     /// Decoded cores of a lost device.
     kept: Vec<KeptCores>,
-    /// The backend and its pagers; `None` before the first step, and after a step that failed to create them.
+    /// The backend and its pagers; `None` before the first step, and after a failure to create them.
     pub(crate) fit: Option<Fit>,
     /// Counts before the present fit, and as of the last step.
     past: Past,
     counted: Past,
-    /// Number of steps so far.
     pub(crate) steps: u64,
     /// The views of the last step, and whether they had settled.
     last: Option<(Vec<View>, bool)>,
     losses: Losses,
     /// Deadline for pictures; `None` is no deadline.
     pub(crate) draw_until: Option<Instant>,
-    /// Where other threads see the picture being drawn; `None` nowhere.
+    /// Shows the picture in progress to other threads, if any.
     painting: Option<Arc<Painting>>,
-    /// The latest picture shown; `None` before the first one, and once it is lost.
+    /// The latest picture; `None` before the first one, and once it is lost.
     pub(crate) shown: Option<ShownPicture>,
     /// Start of a live session; `None` if it is not live.
     clock: Option<Instant>,
-    /// A live session's change of slot contents.
     pub(crate) slot_change: SlotChange,
-    /// Chooses the time step of a live session.
     player: Player,
     /// Smoothed time of a step.
     streaming: Duration,
@@ -131,8 +128,8 @@ impl Session {
         Ok(Self::new(vec![VolumeSource::open(store)?], options))
     }
 
-    /// Creates a session of several volumes; scenes refer to them by their index in `volumes`. Nothing is read or
-    /// allocated before the first step.
+    /// Creates a session of several volumes; scenes refer to them by index. Nothing is read or allocated before the
+    /// first step.
     pub fn new(volumes: Vec<VolumeSource>, options: SessionOptions) -> Self {
         Self {
             tables: volumes.iter().map(|volume| volume.tables(options.live)).collect(),
@@ -164,7 +161,7 @@ impl Session {
         scene
     }
 
-    /// Checks whether a scene can be shown of the session's volumes. Creates nothing.
+    /// Checks whether the session's volumes can show a scene. Creates nothing.
     ///
     /// # Errors
     /// If the scene is invalid.
@@ -173,7 +170,7 @@ impl Session {
     }
 
     /// Resolves a scene for the session's volumes: fills in the camera and transfer functions left open, and makes
-    /// transfer tables not yet kept.
+    /// missing transfer tables.
     ///
     /// # Errors
     /// Those of [`resolve`]; and if the compositor has no order for the scene's layers.
@@ -181,7 +178,7 @@ impl Session {
         self.resolve_for(scene, size_px, KeptSlots::replaceable)
     }
 
-    /// Resolves a scene. `kept` decides whether existing slots, which hold codes or floats, may be replaced.
+    /// Resolves a scene. `kept` decides whether existing slots of codes or floats may be replaced.
     fn resolve_for(
         &self,
         scene: &Scene,
@@ -205,8 +202,8 @@ impl Session {
         Ok(resolved)
     }
 
-    /// Refuses fog and surfaces in cells of unlike grids for the sorted compositor: no single order from back to front
-    /// exists, so they take rays.
+    /// Refuses fog and surfaces in cells of unlike grids for the sorted compositor: they have no common order from back
+    /// to front, so they take rays.
     fn check_order(&self, scene: &ResolvedScene) -> Result<(), SessionError> {
         let first = &scene.layers[0];
         let is_on_its_grid = |layer: &ResolvedLayer| {
@@ -226,7 +223,7 @@ impl Session {
     }
 
     /// Creates the backend and the pagers for a scene, unless the present ones suffice. The first step of a scene does
-    /// so too; call this to learn the backend before.
+    /// so too; call this to learn the backend earlier.
     ///
     /// # Errors
     /// If no backend can be created, it lacks the compositor, or a budget is too small; the message names the least
@@ -241,7 +238,7 @@ impl Session {
         let Self { volumes, options, device, kept, .. } = self;
         let mut kept = std::mem::take(kept);
         let mut make = |demand| Fit::make(volumes, demand, options, (&mut *device, &mut kept));
-        // An earlier scene may come back. Where memory is too small for both, this one alone counts.
+        // An earlier scene may return. If memory is too small for both, this one alone counts.
         let grown = before.map(|before| asked.grown(&before)).filter(|grown| *grown != asked);
         let made = match grown {
             Some(grown) => make(grown).or_else(|_| make(asked)),
@@ -253,7 +250,7 @@ impl Session {
         Ok(())
     }
 
-    /// Ends the backend and its pagers. Decoded bricks stay, and so does the shown picture.
+    /// Ends the backend and its pagers. Decoded bricks and the shown picture stay.
     fn end_fit(&mut self) {
         (self.past, self.last) = (self.counted, None);
         self.player.forget();
@@ -271,7 +268,7 @@ impl Session {
         self.device = device;
     }
 
-    /// Sets new budgets in bytes: of the backend, whichever it is, and [`SessionOptions::host_memory_bytes`]. The next
+    /// Sets new budgets in bytes: the backend's, whichever it is, and [`SessionOptions::host_memory_bytes`]. The next
     /// step allocates slots within them, and fills these from decoded bricks. Returns whether a budget changed.
     pub fn set_budgets(&mut self, backend_bytes: u64, host_memory_bytes: u64) -> bool {
         let SessionOptions { gpu_memory_bytes, cpu_memory_bytes, host_memory_bytes: host, .. } = self.options;
@@ -285,7 +282,7 @@ impl Session {
     }
 
     /// Replaces the volumes by later states of them, such as stores with more time steps. Playback continues. The next
-    /// step fills the slots anew; a live session shows the picture before until every place of the new one is covered.
+    /// step fills the slots anew; a live session shows the previous picture until the new one is covered everywhere.
     pub fn set_volumes(&mut self, volumes: Vec<VolumeSource>) {
         self.end_fit();
         self.kept.clear();
@@ -293,9 +290,9 @@ impl Session {
         self.volumes = volumes;
     }
 
-    /// Makes the tables of a transfer function on other threads, ahead of showing it. Other scenes can be drawn
-    /// meanwhile; [`Session::is_prepared`] returns `true` once the tables are there. A scene with this function
-    /// resolved sooner makes them itself, in the same time.
+    /// Makes the tables of a transfer function on other threads, ahead of showing it. Other scenes can be drawn until
+    /// [`Session::is_prepared`] returns `true`. A scene with this function resolved sooner makes them itself, in the
+    /// same time.
     pub fn prepare(&self, transfer: &TransferFunction) {
         self.tables.iter().flat_map(VolumeTables::in_use).for_each(|tables| tables.prepare(transfer));
     }
@@ -306,8 +303,8 @@ impl Session {
     }
 
     /// Prepares the drawing of a scene on another thread, for example by compiling shaders. Other scenes can be drawn
-    /// meanwhile; [`Session::is_scene_prepared`] returns `true` once it is done. Drawing the scene sooner waits. Does
-    /// nothing for a scene with another backend than the present one.
+    /// until [`Session::is_scene_prepared`] returns `true`; drawing this one sooner waits. Does nothing for a scene
+    /// that needs another backend.
     pub fn prepare_scene(&mut self, scene: &ResolvedScene) {
         let asked = Demand::of(scene, self.options.live);
         if let Some(fit) = self.fit.as_mut().filter(|fit| fit.suffices(scene, &asked)) {
@@ -321,8 +318,8 @@ impl Session {
         self.fit.as_ref().is_none_or(|fit| !fit.suffices(scene, &asked) || fit.is_prepared(scene))
     }
 
-    /// Takes one step of streaming towards a picture of a scene: collects the bricks that have arrived, uploads them,
-    /// and requests others. The returned frame can be drawn until the next step.
+    /// Takes one step of streaming towards a picture of a scene: collects arrived bricks, uploads them, and requests
+    /// others. The returned frame can be drawn until the next step.
     ///
     /// # Errors
     /// If the scene is invalid, a budget is too small for it, there is no device (any more), or a part of the settled
@@ -355,7 +352,6 @@ impl Session {
         Ok(frame)
     }
 
-    /// Whether a change of slot contents is put off in a step towards a scene.
     fn puts_off_slots(&mut self, scene: &Scene) -> bool {
         let is_valid = self.check(scene).is_ok();
         let Self { fit: Some(fit), volumes, clock: Some(clock), slot_change, .. } = self else { return false };
@@ -380,7 +376,7 @@ impl Session {
     }
 
     /// Takes a step like [`Session::step`], towards a scene [resolved](Session::resolve) for these volumes. In a live
-    /// session the frame's scene is at the shown time step, which differs from the requested one during playback.
+    /// session the frame's scene is at the shown time step; during playback this is not the requested one.
     ///
     /// # Errors
     /// Those of [`Session::step`].
@@ -440,8 +436,8 @@ impl Session {
         Ok((status, ready))
     }
 
-    /// Returns the time for drawing within `frame_goal`, after streaming and the caller's time `besides`. With a held
-    /// step rate, it also keeps frames in step with the time steps.
+    /// Returns the time for drawing within `frame_goal`, after streaming and the caller's own `besides`. If a step rate
+    /// is held, frames also keep in step with the time steps.
     pub fn drawing_time(&self, frame_goal: Duration, besides: Duration) -> Duration {
         let held = self.playback().filter(|playback| playback.policy == Policy::HoldRate);
         drawing_time(frame_goal, held.map(|playback| playback.steps_per_second), self.streaming + besides)
@@ -453,19 +449,18 @@ impl Session {
         self.fit.iter_mut().for_each(|fit| fit.wait(timeout));
     }
 
-    /// Plays the time steps of a live session from the shown one on, or changes how they are played; `None` stands
-    /// still. From the next step of streaming on, frames show the steps that are due. A scene with another time step
-    /// than the last scene's is a jump there.
+    /// Plays the time steps of a live session from the shown one on, or changes the playback; `None` stops it. From the
+    /// next step of streaming on, frames show the steps that are due. A new time step in the scene is a jump there.
     pub fn play(&mut self, playback: Option<Playback>) {
         self.player.play(playback.filter(|_| self.options.live));
     }
 
-    /// The present playback; `None` while stopped. A playback that stops at the last step ends there by itself.
+    /// The present playback; `None` while stopped. It ends by itself if set to stop at the last step.
     pub fn playback(&self) -> Option<Playback> {
         self.player.playback()
     }
 
-    /// Whether a jump to a time step has not been shown yet.
+    /// Whether a jump to a time step is still pending.
     pub fn is_seeking(&self) -> bool {
         self.player.is_seeking()
     }
@@ -482,10 +477,10 @@ impl Session {
     }
 
     /// Renders the last step's frame from the bricks in the slots, with one sample of each pixel, both eyes from the
-    /// same bricks. If the device turns out to be lost, it is created anew and its slots are refilled as far as before.
-    /// The picture is then the same, but takes as long as the first one of its view.
+    /// same bricks. A lost device is created anew, with its slots refilled as far as before. The picture is then the
+    /// same, but takes as long as the first one of its view.
     ///
-    /// A live session returns the picture drawn before, in its own size, where [`Session::shows_before`] is true.
+    /// A live session returns the previous picture, in its own size, if [`Session::shows_before`] is true.
     ///
     /// # Errors
     /// If the frame is an earlier step's, there is no device any more, or the device is out of memory.
@@ -496,7 +491,7 @@ impl Session {
         if let Some(before) = self.shown.as_ref().and_then(ShownPicture::pixels).filter(|_| self.shows_before(frame)) {
             return Ok(before.clone());
         }
-        // It is in the target that this drawing overwrites.
+        // It is in the target overwritten here.
         self.shown.take_if(|shown| shown.is_on_device());
         loop {
             let Some(fit) = self.fit.as_mut().filter(|_| frame.step == self.steps) else {
@@ -518,7 +513,7 @@ impl Session {
         }
     }
 
-    /// Draws like [`Session::draw`], for an onlooker: on the CPU, other threads too can see the picture so far on the
+    /// Draws like [`Session::draw`], for an onlooker: on the CPU, other threads can see the picture so far on the
     /// painting, and abandon it there.
     ///
     /// # Errors
@@ -530,17 +525,17 @@ impl Session {
         drawn
     }
 
-    /// Whether drawing this frame, the last step's, shows the picture before in its place: while some place of the
-    /// frame has no brick yet, as after a change of volumes, layers, budgets or devices, and while a live session fills
-    /// slots of another format for a narrower or wider window. Without a picture before, drawing shows the background
+    /// Whether drawing this frame, the last step's, shows the previous picture instead: while some place of the frame
+    /// has no brick yet, as after a change of volumes, layers, budgets or devices, and while a live session fills slots
+    /// of another format for a narrower or wider window. Without a previous picture, drawing shows the background
     /// alone.
     pub fn shows_before(&self, frame: &Frame) -> bool {
         let is_held = || self.shown.is_some() && self.slot_change.shows_before();
         frame.step == self.steps && (!frame.status.covered || is_held())
     }
 
-    /// The frame drawn last in a live session, by [`Session::draw`] or [`Session::draw_to`]; `None` before the first
-    /// one, and where its picture is lost.
+    /// The last drawn frame of a live session, by [`Session::draw`] or [`Session::draw_to`]; `None` before the first
+    /// one, and once its picture is lost.
     pub fn shown(&self) -> Option<&Frame> {
         self.shown.as_ref().map(ShownPicture::frame)
     }
@@ -555,7 +550,7 @@ impl Session {
         self.fit.as_mut().map_or(Ok(()), Fit::renew)
     }
 
-    /// Streams the last step's views again: until settled if they were, otherwise until every place is covered.
+    /// Streams the last step's views again: until settled if they were, otherwise until covered everywhere.
     fn refill(&mut self) -> Result<(), SessionError> {
         let Some((views, was_settled)) = self.last.clone() else { return Ok(()) };
         loop {
@@ -578,7 +573,6 @@ impl Session {
         self.fit.as_ref().map_or("", |fit| &fit.backend_line)
     }
 
-    /// The backend; `None` before the first step.
     pub fn backend(&self) -> Option<&dyn Renderer> {
         self.fit.as_ref().map(|fit| &*fit.backend)
     }
@@ -609,7 +603,7 @@ impl Session {
     }
 }
 
-/// Refuses a view with a part drawable from no level.
+/// Refuses a view with a part that no level can draw.
 fn check_readable(status: &Status) -> Result<(), SessionError> {
     status.error.clone().map_or(Ok(()), |error| Err(SessionError::Unreadable(error)))
 }

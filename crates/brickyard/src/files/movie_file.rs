@@ -49,14 +49,13 @@ impl MovieFormat {
     }
 }
 
-/// The failure to write a movie. Its message begins with the file's path.
+/// Errors in writing a movie. Each message begins with the file's path.
 #[derive(Debug, thiserror::Error)]
 pub enum MovieError {
     /// The file's name has no known format: another name helps.
     #[error("{path}: expected a movie's name, which ends in .gif, .y4m or .mp4", path = .0.display())]
     Format(PathBuf),
-    /// The format cannot hold such pictures, or not at this rate: another format, size or rate helps, named in the
-    /// text.
+    /// The format cannot hold such pictures, or not at this rate; the text names a format, size or rate that helps.
     #[error("{path}: {problem}", path = path.display())]
     Unsuited {
         /// The file.
@@ -64,7 +63,7 @@ pub enum MovieError {
         /// The limit of the format.
         problem: String,
     },
-    /// The program for the format does not start: install it, or choose another format.
+    /// The format's program does not start: install it, or choose another format.
     #[error(
         "{path}: .mp4 is written by the program ffmpeg, which does not start: {source}; install it (it is looked for in PATH), or write .gif or .y4m",
         path = path.display()
@@ -75,7 +74,7 @@ pub enum MovieError {
         /// The operating system's error.
         source: io::Error,
     },
-    /// The program for the format failed.
+    /// The format's program failed.
     #[error("{path}: ffmpeg failed ({status}){said}", path = path.display())]
     Ffmpeg {
         /// The file.
@@ -95,7 +94,7 @@ pub enum MovieError {
     },
 }
 
-/// A movie in progress. If it is dropped before [`MovieFile::finish`], any earlier file stays, and no new one appears.
+/// A movie in progress. If dropped before [`MovieFile::finish`], it leaves no file, or the earlier one.
 pub struct MovieFile {
     path: PathBuf,
     size_px: (u32, u32),
@@ -109,8 +108,8 @@ enum Encoder {
 }
 
 impl MovieFile {
-    /// Begins a movie of pictures of this size in pixels, in the format of the file's name. Foreseeable failures are
-    /// tested now: the folder, and whether ffmpeg writes such a movie.
+    /// Begins a movie of pictures of this size in pixels, in the format of the file's name. Tests everything that could
+    /// fail later: the folder, and whether ffmpeg writes such a movie.
     ///
     /// # Errors
     /// If the name has no known format, the format cannot hold such pictures, ffmpeg is needed and fails, or the file
@@ -134,8 +133,8 @@ impl MovieFile {
         Ok(Self { path: path.into(), size_px, encoder })
     }
 
-    /// The size of the movie's pictures if it differs from the requested one: the next even one, where the format takes
-    /// no other. The extra columns and rows repeat the last ones.
+    /// The size of the movie's pictures if not the requested one: the next even one, for a format with even sizes only.
+    /// The extra columns and rows repeat the last ones.
     pub fn padded_px(&self) -> Option<(u32, u32)> {
         match &self.encoder {
             Encoder::Mp4(_) => Some(mp4_movie::even(self.size_px)).filter(|even| *even != self.size_px),

@@ -8,7 +8,7 @@ use brickyard_volume::VoxelType;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Something to show.
+/// A source of something to show.
 pub enum Openable {
     /// A finished store, open.
     Store(Box<VolumeSource>),
@@ -17,7 +17,7 @@ pub enum Openable {
     Source(Arc<dyn Source>),
 }
 
-/// The reason why nothing can be shown.
+/// Errors in opening a path.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenableError {
     /// A finished or unfinished store that does not open.
@@ -75,7 +75,7 @@ pub fn open(paths: &[PathBuf], options: &OpenOptions) -> Result<Openable, Openab
     }
 }
 
-/// Returns options for packing a volume already shown: one processor is left for showing it. Labels are never averaged.
+/// Returns options for packing a volume while it is shown: one processor is left for that. Labels are never averaged.
 pub fn pack_options(voxel_type: VoxelType, kind: Kind) -> PackOptions {
     let defaults = PackOptions::new(voxel_type);
     let threads = defaults.threads.saturating_sub(1).max(1);

@@ -6,7 +6,7 @@ use brickyard_volume::{Picture, Scene};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// The failure to write a picture.
+/// An error in writing a picture.
 #[derive(Debug, thiserror::Error)]
 #[error("{path}: {reason}", path = path.display())]
 pub struct PictureError {

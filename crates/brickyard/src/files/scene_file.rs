@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 #[cfg(feature = "mesh")]
 use std::sync::Arc;
 
-/// The failure to read a scene's file, or a file named in the scene. Each message begins with the file's path.
+/// Errors in reading a scene's file, or a file named in it. Each message begins with the file's path.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneFileError {
     /// A scene or a transfer function cannot be read as text.
@@ -57,9 +57,9 @@ struct Listed {
     layers: Option<IgnoredAny>,
 }
 
-/// Reads a scene of these volumes, with its named files; without layers in the file it shows all visible channels of
-/// all volumes. Also returns remarks about its transfer functions: parts left out for lack of a counterpart here, and
-/// defaults for values missing in a file.
+/// Reads a scene of these volumes, with its named files; a file without layers shows all visible channels of all
+/// volumes. Also returns remarks about its transfer functions: parts left out for lack of a counterpart here, and
+/// defaults for missing values.
 ///
 /// # Errors
 /// If one of the files cannot be read or is malformed.
@@ -88,9 +88,9 @@ pub fn read(path: &Path) -> Result<SceneFile, SceneFileError> {
     Ok(SceneFile { scene, lists_layers: layers.is_some() })
 }
 
-/// Reads the meshes and transfer functions named in a scene of these volumes, unless read already. Returns remarks
-/// about transfer functions, like [`open`]. The transfer function of a layer with a missing volume or channel is left
-/// unread. Without the feature `mesh`, meshes are left unread; a scene with an unread file is refused when shown.
+/// Reads the meshes and transfer functions named in a scene of these volumes, unless read already. Returns remarks like
+/// [`open`]. The transfer function of a layer with a missing volume or channel is left unread. Without the feature
+/// `mesh`, meshes are left unread; a scene with an unread file is refused when shown.
 ///
 /// # Errors
 /// If one of the files cannot be read or is malformed.
@@ -113,14 +113,13 @@ pub fn read_named_files(scene: &mut Scene, volumes: &[VolumeSource]) -> Result<V
     Ok(remarks)
 }
 
-/// The subject to fit a layer's transfer function to; `None` if the layer's volume or channel does not exist.
+/// The subject for a layer's transfer function; `None` if the layer's volume or channel does not exist.
 pub fn subject(scene: &Scene, layer: usize, volumes: &[VolumeSource]) -> Option<Subject> {
     let (volume, channel) = (volumes.get(scene.store(layer))?, scene.layers[layer].channel);
     (channel < volume.source.channels()).then(|| volume.subject(channel))
 }
 
-/// The subject of the expression's transfer function: the expression's first volume, with the window of the
-/// expression's value.
+/// The subject for the expression's transfer function: the expression's first volume, with the window of its value.
 fn expression_subject(scene: &Scene, layers: &[Option<Subject>]) -> Option<Subject> {
     let expression = Expression::parse(&scene.expression.as_ref()?.text, layers.len()).ok()?;
     let windows: Vec<_> = layers.iter().map(|subject| Some(subject.as_ref()?.window)).collect::<Option<_>>()?;

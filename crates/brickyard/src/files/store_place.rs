@@ -1,6 +1,5 @@
-//! Default places of stores: in the user's cache, under a name derived from the source and the options. The same
-//! unchanged file is thus found packed when opened again. Nothing is ever removed there: this is left to the owner of
-//! the disk.
+//! Default places of stores: in the user's cache, under a name derived from the source and the options. An unchanged
+//! file is thus found packed when opened again. Nothing is ever removed there: this is left to the owner of the disk.
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_import::Source;
@@ -15,7 +14,7 @@ pub fn user_folder() -> Option<PathBuf> {
 }
 
 fn folder_from(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
-    // A relative path would mean another folder in each working directory: XDG requires ignoring it.
+    // A relative path would differ by working directory; XDG requires ignoring it.
     let folder = |name: &str| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let caches = if cfg!(windows) {
         folder("LOCALAPPDATA")

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 /// fits.
 pub const MOST_BYTES: u64 = 16 << 20;
 
-/// The failure to read or write a text file. Its message begins with the file's path.
+/// Errors in reading or writing a text file. Each message begins with the file's path.
 #[derive(Debug, thiserror::Error)]
 pub enum TextError {
     /// The file does not open, or cannot be read to its end.
@@ -62,7 +62,7 @@ pub fn read_text(path: &Path) -> Result<String, TextError> {
     String::from_utf8(bytes).map_err(|source| TextError::NotText { path: path.into(), source })
 }
 
-/// Writes a file of text. An earlier file at `path` stays until all of it is written, and if writing fails.
+/// Writes a text file. An earlier file at `path` stays until everything is written, and on failure.
 ///
 /// # Errors
 /// If the file cannot be written.

@@ -1,5 +1,5 @@
 //! Files written whole or not at all: under a temporary name beside their final place, then renamed. The name is
-//! random, and the file is always a new one: nobody can plant a link there to have another file overwritten.
+//! random, and the file always new: nobody can plant a link there to have another file overwritten.
 
 use brickyard_import::without_path;
 use std::ffi::{OsStr, OsString};
@@ -7,8 +7,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
-/// A file in progress under a temporary name. Unless it is finished, an earlier file at its path stays, and the
-/// temporary one is removed.
+/// A file in progress under a temporary name. Unless finished, it is removed, and an earlier file at its path stays.
 pub(crate) struct WholeFile {
     file: BufWriter<NamedTempFile>,
     path: PathBuf,
@@ -54,7 +53,6 @@ impl WholeFile {
         self.file.get_ref().path()
     }
 
-    /// The final path.
     #[cfg(feature = "movie")]
     pub(crate) fn path(&self) -> &Path {
         &self.path
@@ -71,7 +69,7 @@ impl Write for WholeFile {
     }
 }
 
-/// Writes a file by `write`. An earlier file at `path` stays until all of it is written, and if anything fails.
+/// Writes a file by `write`. An earlier file at `path` stays until everything is written, and on any failure.
 ///
 /// # Errors
 /// If the path has no file name, the file cannot be written, or `write` fails.

@@ -15,7 +15,7 @@ use brickyard_volume::{FrameSettings, Needs, Picture, SlotEncoding};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// The failure to draw an exact picture in passes.
+/// Errors in drawing an exact picture in passes.
 #[derive(Debug, thiserror::Error)]
 pub enum ExactPictureError {
     /// The options choose the CPU backend, or rays. Neither keeps a picture between passes from back to front.
@@ -50,7 +50,7 @@ impl From<GpuError> for ExactPictureError {
     }
 }
 
-/// Wait for a brick between checks of the time.
+/// Interval of checking the time while waiting for a brick.
 const POLL: Duration = Duration::from_millis(50);
 
 /// Losses of the device before giving up a picture.
@@ -65,8 +65,8 @@ pub struct ExactRenderer {
 }
 
 impl ExactRenderer {
-    /// Creates a renderer for a source, on a GPU. `encoding` is that of the pictures' frames, `bricks` are the
-    /// pictures' requirements on bricks, and `max_size_px` is the size of the largest picture.
+    /// Creates a renderer for a source, on a GPU. `encoding` is the pictures' slot encoding, `bricks` are their
+    /// requirements on bricks, and `max_size_px` is the largest size.
     ///
     /// # Errors
     /// If the options choose the CPU or rays, there is no GPU, or a budget is too small.
@@ -113,9 +113,9 @@ impl ExactRenderer {
         &self.renderer
     }
 
-    /// Draws an exact picture of a scene, and adds to `stats`. `started` is the start of the whole run. If the device
-    /// is lost, it is created anew and the picture starts again. The eyes of a stereo pair are drawn in turn, since
-    /// they share neither slots nor order.
+    /// Draws an exact picture of a scene, and adds to `stats`. `started` is the start of the whole run. A lost device
+    /// is created anew and the picture starts again. The eyes of a stereo pair are drawn in turn, since they share
+    /// neither slots nor order.
     ///
     /// # Errors
     /// If the scene is not a single layer in its own world, a part of it can be drawn from no level at all, the cells
@@ -222,7 +222,6 @@ impl ExactRenderer {
     }
 }
 
-/// Adds a picture's statistics.
 fn record(stats: &mut RenderStats, passes: &ExactPasses, stand_ins: u64) {
     let (memory, counters, cells) = (ProcessMemory::now(), passes.counters(), passes.cells() as u64);
     stats.passes = stats.passes.map(|before| before + passes.passes());

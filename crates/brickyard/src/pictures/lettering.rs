@@ -9,8 +9,8 @@ use glam::{DVec3, Vec2, vec2};
 /// Height of the letters, in points.
 const LETTER: f32 = 20.0;
 
-/// Writes the side of the patient at each edge of a picture seen by this camera. Pictures less than [`LEAST_PX`] wide
-/// or high stay unchanged.
+/// Writes the patient's side at each edge of a picture seen by this camera. Pictures less than [`LEAST_PX`] wide or
+/// high stay unchanged.
 ///
 /// # Errors
 /// If the camera is invalid for a picture.
@@ -34,14 +34,14 @@ pub fn letter_sides(picture: &mut Picture, camera: &Camera) -> Result<(), Camera
     Ok(())
 }
 
-/// Returns the letters of a patient's sides at the edges of a picture: left, right, top, bottom. An oblique picture has
+/// Returns the letters of a patient's sides at the edges of a picture: left, right, top, bottom. Oblique pictures have
 /// several at an edge, the nearest side first.
 pub fn edge_letters(rays: &ViewRays) -> [String; 4] {
     let (right, up) = (rays.right.normalize_or_zero(), rays.up.normalize_or_zero());
     [-right, right, up, -up].map(sides)
 }
 
-/// Returns the letters of the sides in a direction, the nearest first; several where it is oblique.
+/// Returns the letters of the sides in a direction, the nearest first; several if it is oblique.
 fn sides(direction: DVec3) -> String {
     let along = |side: &Side| side.direction().dot(direction);
     let mut towards: Vec<Side> = Side::ALL.into_iter().filter(|side| along(side) > 0.3).collect();

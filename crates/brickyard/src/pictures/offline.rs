@@ -8,7 +8,7 @@ use brickyard_volume::{Picture, Scene};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// The failure to render a settled picture.
+/// Errors in rendering a settled picture.
 #[derive(Debug, thiserror::Error)]
 pub enum OfflineError {
     /// The session failed.
@@ -68,8 +68,8 @@ impl Rendered {
 const LONGEST: Duration = Duration::from_secs(600);
 
 impl Session {
-    /// Renders a scene, and waits until its view has settled. Only bricks beyond the memory budget and unreadable ones
-    /// are then missing, as counted in [`Rendered::stats`].
+    /// Renders a scene once its view has settled. Only bricks beyond the memory budget and unreadable ones are then
+    /// missing, as counted in [`Rendered::stats`].
     ///
     /// # Errors
     /// If a step fails, or the view has not settled after ten minutes.
@@ -84,7 +84,7 @@ impl Session {
     }
 }
 
-/// Wait for a brick between checks of the time.
+/// Interval of checking the time while waiting for a brick.
 pub(crate) const POLL: Duration = Duration::from_millis(50);
 
 /// Streams until the view of a scene has settled, then draws it, for each of its pixels' samples. Adds to `stats`, and
@@ -120,7 +120,7 @@ pub fn render_settled(
     Ok(picture)
 }
 
-/// Makes a picture by `make`, given its start time, and abandons the drawing after `max_wait`.
+/// Makes a picture by `make`, given the start time, and abandons the drawing after `max_wait`.
 pub(crate) fn within(
     session: &mut Session,
     max_wait: Duration,

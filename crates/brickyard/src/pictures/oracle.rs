@@ -10,7 +10,7 @@ use glam::DVec3;
 use std::collections::HashSet;
 use std::time::{Duration, Instant};
 
-/// The failure to render a reference picture.
+/// Errors in rendering a reference picture.
 #[derive(Debug, thiserror::Error)]
 pub enum OracleError {
     /// Whole levels do not fit into the allowed memory.

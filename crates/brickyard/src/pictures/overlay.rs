@@ -70,7 +70,7 @@ pub fn short_name(name: &str, most: usize) -> String {
     start.chain(['\u{2026}']).chain(name.chars().skip(count - end)).collect()
 }
 
-/// A choice of overlays.
+/// Choice of overlays.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Overlays {
     /// A scale bar.
@@ -83,7 +83,7 @@ pub struct Overlays {
     pub label: Option<String>,
 }
 
-/// The reason why overlays cannot be drawn.
+/// Errors in drawing overlays.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum OverlayError {
     /// The picture is too small for letters.

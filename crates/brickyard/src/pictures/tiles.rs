@@ -1,10 +1,10 @@
 //! Exact pictures by tiles: every brick of a view at its own level, however few slots there are, for any layers and any
 //! renderer. The whole picture is tried first; a part without room for its cut is quartered, down to single pixels. A
-//! tile has the pixels of the whole picture: its rays are the same, and its cut is finer nowhere.
+//! tile's pixels are those of the whole picture: its rays are the same, and its cut is finer nowhere.
 //!
-//! Costs a frame of the whole picture's size for each tile, in which the rays of other tiles meet nothing. Common
-//! bricks of two tiles stay in their slots from one to the next, as room permits: tiles are neighbours in the order of
-//! a Z-curve.
+//! Costs a frame of the whole picture's size for each tile, in which the rays of other tiles meet nothing. Two tiles'
+//! common bricks stay in their slots from one to the next, as room permits: tiles are neighbours in the order of a
+//! Z-curve.
 
 use crate::pictures::offline::{OfflineError, POLL, give_up_after, within};
 use crate::session::{Frame, ResolvedScene, Session};
@@ -44,7 +44,6 @@ pub fn render_exact(
     Ok(picture)
 }
 
-/// A picture in progress.
 struct Exact<'a> {
     session: &'a mut Session,
     max_wait: Duration,
@@ -82,7 +81,7 @@ impl Exact<'_> {
         Ok(picture)
     }
 
-    /// Streams until all of the scene's bricks are resident, or they turn out not to fit.
+    /// Streams until all of the scene's bricks are resident, or clearly do not fit.
     fn settle(&mut self, scene: &ResolvedScene) -> Result<Frame, OfflineError> {
         loop {
             let frame = self.session.step_resolved(scene)?;
@@ -96,7 +95,6 @@ impl Exact<'_> {
     }
 }
 
-/// Returns the quarters of a tile, except empty ones.
 fn quarters(PixelRect { x0, x1, y0, y1 }: PixelRect) -> Vec<PixelRect> {
     let (x, y) = (x0.midpoint(x1), y0.midpoint(y1));
     let quarter = |(x0, x1, y0, y1)| PixelRect { x0, x1, y0, y1 };

@@ -49,8 +49,8 @@ impl Renderer for SoftwareRenderer {
     }
 }
 
-/// Returns a layer's needs on a renderer, given the source of its bricks. `bricks` are the pictures' requirements on
-/// bricks. If `plays`, several time steps are to be resident at once.
+/// Returns a layer's needs on a renderer. `bricks` are the pictures' requirements on bricks. If `plays`, several time
+/// steps are to be resident at once.
 pub(crate) fn layer_needs(source: &dyn BrickSource, encoding: SlotEncoding, bricks: Needs, plays: bool) -> VolumeNeeds {
     let pyramid = source.pyramid();
     // All bricks of one channel, and an eighth more so the cut may have them all.
@@ -69,8 +69,8 @@ pub(crate) fn layer_needs(source: &dyn BrickSource, encoding: SlotEncoding, bric
     }
 }
 
-/// Creates the chosen backend for layers and pictures, and returns it with its description in one line. An
-/// application's device takes precedence over the options.
+/// Creates the chosen backend for layers and pictures, and returns it with a line of description. An application's
+/// device takes precedence over the options.
 ///
 /// # Errors
 /// If the GPU was chosen and there is none, the backend lacks the compositor, or the memory cannot hold a picture and

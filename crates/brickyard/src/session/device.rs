@@ -3,7 +3,7 @@
 #[cfg(feature = "gpu")]
 use brickyard_render::{Compiled, Gpu, GpuError};
 
-/// The device for a session's backends: an application's, or one opened by the first backend.
+/// The device of a session's backends.
 #[derive(Default)]
 pub(crate) struct Device {
     #[cfg(feature = "gpu")]
@@ -14,13 +14,11 @@ pub(crate) struct Device {
 }
 
 impl Device {
-    /// Takes an application's device.
     #[cfg(feature = "gpu")]
     pub(crate) fn lent(gpu: Gpu) -> Self {
         Self { lent: Some(gpu), left: None }
     }
 
-    /// Whether the device is an application's.
     pub(crate) fn is_lent(&self) -> bool {
         #[cfg(feature = "gpu")]
         return self.lent.is_some();
@@ -28,8 +26,7 @@ impl Device {
         return false;
     }
 
-    /// Takes the device for the next backend, with everything compiled for it. `None` means the backend opens its own
-    /// device.
+    /// Takes the device for the next backend, with everything compiled for it. With `None`, the backend opens its own.
     #[cfg(feature = "gpu")]
     pub(crate) fn take(&mut self) -> Option<Compiled> {
         self.left.take().or_else(|| self.lent.clone().map(Compiled::from))

@@ -6,7 +6,6 @@ use crate::session::session_error::SessionError;
 /// Losses in a row, without a picture between them, before giving up.
 const MAX_IN_A_ROW: u32 = 3;
 
-/// Counts losses of the GPU device.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Losses {
     total: u32,
@@ -37,7 +36,6 @@ impl Losses {
         self.in_a_row = 0;
     }
 
-    /// Number of losses so far.
     pub(crate) fn total(&self) -> u32 {
         self.total
     }

@@ -29,7 +29,7 @@ impl ResolvedScene {
         })
     }
 
-    /// Returns the same, given `is_coarse`: whether a layer is drawn coarser than at level 0.
+    /// [`ResolvedScene::doubtful_extremes`], given whether a layer is drawn coarser than at level 0.
     fn doubtful(&self, volumes: &[VolumeSource], is_coarse: impl Fn(&ResolvedLayer) -> bool) -> DoubtfulExtremes {
         let mut found = DoubtfulExtremes::default();
         for layer in &self.layers {

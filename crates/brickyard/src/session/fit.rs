@@ -37,7 +37,6 @@ const LIVE_FADE: Duration = Duration::from_millis(200);
 /// fit now and then, not in every frame.
 const LIVE_SIZE_PX: u32 = 256;
 
-/// A scene's demand on slots, tables and targets.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Demand {
     /// The layers, in the order of their places.
@@ -64,7 +63,7 @@ impl Demand {
         }
     }
 
-    /// Returns a demand for this one's layers, sufficient for the bricks and pictures of both this one and `before`.
+    /// Returns a demand for this one's layers, sufficient for the bricks and pictures of both demands.
     pub(crate) fn grown(&self, before: &Self) -> Self {
         let (own, other) = (&self.pictures, &before.pictures);
         Self {
@@ -78,7 +77,6 @@ impl Demand {
     }
 }
 
-/// A layer of a demand.
 #[derive(Clone, Debug, PartialEq)]
 struct DemandLayer {
     /// The layer's place in scenes.
@@ -103,15 +101,13 @@ impl DemandLayer {
         Self { place: layer.place, volume: layer.volume, encoding, codes }
     }
 
-    /// The contents of the layer's slots.
     fn contents(&self) -> SlotContents {
         slot_contents(&self.encoding, self.codes.as_ref())
     }
 }
 
-/// A layer, and its present draw lists.
+/// A layer with its present draw lists.
 struct FitLayer {
-    /// The layer's demand.
     asked: DemandLayer,
     source: Arc<dyn BrickSource>,
     /// A list for each eye of the last step's view.
@@ -127,7 +123,6 @@ struct Pool {
     is_settled: bool,
 }
 
-/// A backend, and the pagers of its pools of slots.
 pub(crate) struct Fit {
     pub(crate) demand: Demand,
     layers: Vec<FitLayer>,
@@ -176,7 +171,6 @@ impl Fit {
         })
     }
 
-    /// Whether this fit can show a scene with the demand `asked`.
     pub(crate) fn suffices(&self, scene: &ResolvedScene, asked: &Demand) -> bool {
         let Demand { bricks, pictures: Pictures { size_px, has_expressions }, .. } = self.demand;
         let shown = scene.layers.iter().map(DemandLayer::shown);
@@ -334,23 +328,21 @@ impl Fit {
         Ok(())
     }
 
-    /// Number of slots in all pools, the capacity in bricks.
+    /// Capacity of all pools in bricks.
     pub(crate) fn slots(&self) -> u64 {
         self.pools.iter().map(|pool| self.backend.slots(pool.layers[0]) as u64).sum()
     }
 
-    /// Returns the present draw list of each layer; in stereo the left eye's.
     pub(crate) fn draw_lists(&self) -> impl Iterator<Item = &DrawList> {
         self.layers.iter().filter_map(|layer| layer.draws.first())
     }
 
-    /// Returns the present draw lists of the layer at this index of the scene, one for each eye.
     pub(crate) fn lists_of(&self, place: usize) -> &[DrawList] {
         self.layers.iter().find(|layer| layer.asked.place == place).map_or(&[], |layer| &layer.draws)
     }
 }
 
-/// Returns a scene's layers with their present draw lists, for one eye, without the hidden layers.
+/// Returns a scene's visible layers with their present draw lists, for one eye.
 fn drawn<'a>(layers: &'a [FitLayer], scene: &'a ResolvedScene, eye: usize) -> Vec<Layer<'a>> {
     let layer = |(volume, own): (usize, &'a FitLayer)| {
         let shown: &ResolvedLayer = scene.layers.iter().find(|layer| layer.place == own.asked.place)?;

@@ -20,7 +20,6 @@ pub struct Frame {
     /// Levels by which its bricks may be coarser than the scene's: see
     /// [`Session::step_coarse`](crate::session::Session::step_coarse).
     pub level_bias: f64,
-    /// The number of the step.
     pub(crate) step: u64,
 }
 
@@ -45,7 +44,6 @@ impl Frame {
 
 #[cfg(feature = "gpu")]
 impl Frame {
-    /// Whether this frame is of the step with this number.
     pub(crate) fn is_of(&self, step: u64) -> bool {
         self.step == step
     }

@@ -36,8 +36,8 @@ impl Quality {
         Self { scale: (share * step).sqrt().clamp(MIN_SCALE, 1.0), step }
     }
 
-    /// Returns the quality of the next picture at rest, while the exact one takes long and somebody watches: a
-    /// sixteenth of the work after a much coarser picture, otherwise exact.
+    /// Returns the quality of the next picture at rest, for onlookers of a slow exact one: a sixteenth of the work
+    /// after a much coarser picture, otherwise exact.
     fn refined(self) -> Self {
         if self.share() < REFINED_FROM { Self::of_share(REFINED_SHARE) } else { Self::EXACT }
     }
@@ -82,8 +82,8 @@ impl Quality {
 const HALF_SCALE: f64 = 0.5;
 /// The least share of the pixels along an axis: a twelfth is still enough to steer by.
 const MIN_SCALE: f64 = 1.0 / 12.0;
-/// Share of the exact picture's work in the intermediate one, and the share below which a picture is coarse enough to
-/// need it.
+/// Work of the intermediate picture, as a share of the exact one's, and the share below which a picture is coarse
+/// enough to need it.
 const REFINED_SHARE: f64 = 1.0 / 16.0;
 const REFINED_FROM: f64 = 0.4 * REFINED_SHARE;
 
@@ -93,9 +93,9 @@ const TRUST: f64 = 0.5;
 /// Differences below a tenth are not worth a change of resolution.
 const DEAD_BAND: f64 = 0.1;
 
-/// Returns the drawing time of a frame with the time `goal` and the time `besides` for everything else. During
-/// playback, frames slightly shorter than a whole number of time steps show the same number of steps each. At least
-/// half of the frame is left for drawing.
+/// Returns the drawing time within a frame of `goal`, after `besides` for everything else. During playback, frames
+/// slightly shorter than a whole number of time steps show the same number of steps each. At least half of the frame is
+/// left for drawing.
 pub(crate) fn drawing_time(goal: Duration, steps_per_second: Option<f64>, besides: Duration) -> Duration {
     let in_step = |rate: f64| {
         let steps = (goal.as_secs_f64() * rate).floor().max(1.0);
@@ -155,7 +155,7 @@ impl QualityControl {
         Quality::of_share(self.share).level_bias()
     }
 
-    /// Returns the quality of the next frame; `None` if the last frame is still valid, and nothing needs drawing.
+    /// Returns the quality of the next frame; `None` if the last one is still valid.
     pub fn next(&mut self, change: Change) -> Option<Quality> {
         let stands = self.last == Some(Quality::EXACT) && !change.refined;
         let quality = match change.moved {
@@ -167,15 +167,14 @@ impl QualityControl {
         Some(quality)
     }
 
-    /// Returns the quality of the next frame of a resting view, after the shown one.
+    /// Returns the quality of a resting view's next frame, after the shown one.
     pub fn refine(&mut self, shown: Quality) -> Quality {
         let quality = shown.refined();
         self.last = Some(quality);
         quality
     }
 
-    /// Records the drawing time of the frame with the last chosen quality. Exact frames count too: they show the cost
-    /// of the whole work.
+    /// Records the drawing time of the last frame. Exact frames count too: they show the cost of the whole work.
     pub fn took(&mut self, time: Duration) {
         let Some(last) = self.last else { return };
         let ms = (time.as_secs_f64() * 1e3).max(1e-3);

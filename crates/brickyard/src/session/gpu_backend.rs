@@ -9,7 +9,7 @@ use brickyard_volume::{Combination, Picture};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Creates the GPU backend for layers and pictures, and returns it with its description in one line.
+/// Creates the GPU backend for layers and pictures, and returns it with a line of description.
 ///
 /// # Errors
 /// If there is no such adapter, or the memory cannot hold a picture and the fewest bricks.
@@ -24,7 +24,7 @@ pub(crate) fn open(
     Ok((Box::new(renderer), line))
 }
 
-/// Creates a GPU renderer for layers and pictures, and returns it with its description in one line.
+/// Creates a GPU renderer like [`open`].
 ///
 /// # Errors
 /// Those of [`open`].

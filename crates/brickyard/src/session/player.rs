@@ -61,7 +61,6 @@ impl Player {
         turned
     }
 
-    /// Records the readiness of the coming steps.
     pub(crate) fn note(&mut self, coming: Vec<ComingStep>) {
         self.coming = coming;
     }
@@ -71,27 +70,22 @@ impl Player {
         self.coming.clear();
     }
 
-    /// Changes the playback, from the next step of streaming on.
     pub(crate) fn play(&mut self, playback: Option<Playback>) {
         self.change = Some(playback);
     }
 
-    /// The present playback; `None` while stopped.
     pub(crate) fn playback(&self) -> Option<Playback> {
         self.change.unwrap_or_else(|| self.clock.as_ref().and_then(|(clock, _)| clock.playback()))
     }
 
-    /// Whether a jump to a step has not been shown yet.
     pub(crate) fn is_seeking(&self) -> bool {
         self.clock.as_ref().is_some_and(|(clock, _)| clock.is_seeking())
     }
 
-    /// Counts of the steps shown during playback.
     pub(crate) fn tally(&self) -> Tally {
         self.clock.as_ref().map_or_else(Tally::default, |(clock, _)| clock.tally())
     }
 
-    /// Time at which the next step is due; `None` if none is.
     pub(crate) fn next_due(&self) -> Option<Duration> {
         self.clock.as_ref().and_then(|(clock, _)| clock.next_due())
     }

@@ -28,7 +28,7 @@ pub enum BackendError {
 }
 
 impl BackendError {
-    /// Whether the GPU device is lost, and [`Renderer::renew`] may help.
+    /// Whether the GPU device is lost, so [`Renderer::renew`] may help.
     pub fn is_loss(&self) -> bool {
         #[cfg(feature = "gpu")]
         return matches!(self, Self::Gpu(GpuError::DeviceLost(_)));
@@ -118,7 +118,7 @@ pub trait Renderer: Send {
     /// that draws a picture in one go does neither.
     fn draw_on(&mut self, _painting: Option<Arc<Painting>>) {}
 
-    /// Whether it still has the picture last shown by the backend before it.
+    /// Whether it still has the last picture of the previous backend.
     fn keeps_picture(&self) -> bool {
         false
     }

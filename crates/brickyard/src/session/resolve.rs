@@ -38,7 +38,7 @@ pub struct ResolvedScene {
     pub mode: Mode,
     /// The shown slice; `None` shows the volumes whole.
     pub slice: Option<Slice>,
-    /// The camera in use: the scene's, or by default one that shows all layers.
+    /// The camera in use: the scene's, or by default one in view of all layers.
     pub camera: Camera,
     /// The box around all layers in the world: its least and greatest corner.
     pub world_box: (DVec3, DVec3),
@@ -195,9 +195,8 @@ pub fn resolve(volumes: &[VolumeSource], scene: &Scene, size_px: (u32, u32)) -> 
     resolve_with(volumes, scene, size_px, (table, |_, _| KeptSlots::default()))
 }
 
-/// Resolves a scene like [`resolve`], with transfer tables from `table`, a function of a store's place and channel, a
-/// transfer function and a code encoding. Existing slots, given by `kept` for a layer's place and its store's, stay
-/// where possible.
+/// Resolves a scene like [`resolve`], with transfer tables from `table`, given a store's place and channel, a transfer
+/// function and a code encoding. Existing slots, from `kept` for a layer's place and its store's, stay where possible.
 pub(crate) fn resolve_with(
     volumes: &[VolumeSource],
     scene: &Scene,
@@ -290,7 +289,7 @@ fn check_reach(volumes: &[VolumeSource], scene: &Scene, eyes: &[ViewRays]) -> Re
     Ok(())
 }
 
-/// Returns the contents of a layer's slots, from its encoding and the codes of its labels, if it has codes by its look.
+/// Returns the contents of a layer's slots; `codes` are those of labels with codes by their look.
 pub(crate) fn slot_contents(encoding: &SlotEncoding, codes: Option<&Arc<LabelCodes>>) -> SlotContents {
     match (encoding.floats, codes) {
         (Some(floats), _) => SlotContents::Floats(floats),
@@ -331,7 +330,7 @@ fn window_of(function: &TransferFunction, layer: &SceneLayer, scene: &Scene, vol
     Window::new(function, &layer.isosurfaces, scene.mode).or_else(|| has_gradients.then(of_values))
 }
 
-/// Returns the expression over the layers, if any, with the transfer function of its values.
+/// Returns the expression over the layers, if any, with its transfer function.
 fn combination(volumes: &[VolumeSource], scene: &Scene) -> Result<Option<Combination>, SceneError> {
     let look = expression_look(volumes, scene)?;
     Ok(look.map(|(read, transfer)| Combination::new(read.of_its_own(), transfer)))
@@ -453,7 +452,6 @@ fn lattice(shown: &[ShownLayer<'_>], scene: &Scene, rays: &ViewRays) -> Lattice 
     }
 }
 
-/// A shown layer.
 struct ShownLayer<'a> {
     place: usize,
     store: usize,
@@ -571,19 +569,18 @@ impl ShownLayer<'_> {
     }
 }
 
-/// Returns the projection mode of a layer. All projections of labels show the greatest visible one.
+/// Returns a layer's mode. All projections of labels show the greatest visible one.
 fn layer_mode(mode: Mode, encoding: &SlotEncoding) -> Mode {
     if encoding.is_labels && mode.is_projection() { Mode::Mip } else { mode }
 }
 
-/// Returns a transfer function opaque at all values.
 fn opaque(unit_distance: f64) -> TransferFunction {
     let (color, opacity) = (vec![[0.0, 1.0, 1.0, 1.0]], vec![[0.0, 1.0]]);
     TransferFunction { color, opacity, unit_distance, ..TransferFunction::default() }
 }
 
-/// Returns the bins of values of which a brick needs at least one to show anything, `None` for no restriction; and the
-/// bins past a surface.
+/// Returns the bins of values of which a visible brick has at least one, `None` for no restriction; and the bins past a
+/// surface.
 fn bins_seen(
     volume: &VolumeSource,
     channel: u32,

@@ -1,10 +1,9 @@
-//! The picture shown last by a live session. It stays until every place of the next one is covered, so no picture has a
+//! The last shown picture of a live session. It stays until the next one is covered everywhere, so no picture has a
 //! hole, whatever happens to slots, pagers and volumes meanwhile. Costs a copy of each picture with pixels on the CPU.
 
 use crate::session::frame::Frame;
 use brickyard_volume::Picture;
 
-/// The picture shown last.
 pub(crate) struct ShownPicture {
     frame: Frame,
     /// `None` where they are in a texture of the device.
@@ -12,23 +11,19 @@ pub(crate) struct ShownPicture {
 }
 
 impl ShownPicture {
-    /// Creates a frame's picture with these pixels.
     pub(crate) fn of_pixels(frame: Frame, pixels: Picture) -> Self {
         Self { frame, pixels: Some(pixels) }
     }
 
-    /// Creates a frame's picture in a texture of the device.
     #[cfg(feature = "gpu")]
     pub(crate) fn on_device(frame: Frame) -> Self {
         Self { frame, pixels: None }
     }
 
-    /// Whether the picture is in a texture of the device.
     pub(crate) fn is_on_device(&self) -> bool {
         self.pixels.is_none()
     }
 
-    /// The pictured frame.
     pub(crate) fn frame(&self) -> &Frame {
         &self.frame
     }

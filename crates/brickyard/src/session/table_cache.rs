@@ -57,7 +57,7 @@ pub(crate) struct VolumeTables {
 
 impl VolumeTables {
     /// Creates empty tables for channels with these encodings. `slots_stay`: a scene is first drawn from the slots of
-    /// the scene before.
+    /// the previous one.
     pub(crate) fn new(encodings: impl Iterator<Item = SlotEncoding>, slots_stay: bool) -> Self {
         let (mut of_channel, mut tables): (_, Vec<Tables>) = (Vec::new(), Vec::new());
         for encoding in encodings {
@@ -70,7 +70,6 @@ impl VolumeTables {
         Self { of_channel, tables }
     }
 
-    /// The tables of a channel.
     pub(crate) fn of(&self, channel: u32) -> &Tables {
         &self.tables[self.of_channel[channel as usize]]
     }
@@ -99,7 +98,7 @@ impl Tables {
         Self { encoding, slots_stay: false, kept: Default::default(), wanted: OnceLock::new() }
     }
 
-    /// Announces the next scene's layers of the volume.
+    /// [`VolumeTables::expect`] for these tables.
     pub(crate) fn expect<'a>(&self, layers: impl Iterator<Item = &'a SceneLayer> + Clone, scene: &Scene) {
         let mut kept = lock(&self.kept);
         (kept.layers, kept.mode) = (layers.clone().count(), scene.mode);
@@ -118,7 +117,6 @@ impl Tables {
         Wanted { transfer: transfer.clone(), encoding }
     }
 
-    /// Whether the last scene shows a layer with these tables.
     fn is_in_use(&self) -> bool {
         lock(&self.kept).layers > 0
     }
@@ -149,7 +147,6 @@ impl Tables {
         }
     }
 
-    /// Whether a transfer function's table is there.
     pub(crate) fn is_prepared(&self, transfer: &TransferFunction) -> bool {
         let wanted = self.foreseen(transfer);
         let kept = lock(&self.kept);

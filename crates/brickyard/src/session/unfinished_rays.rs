@@ -35,7 +35,7 @@ fn most_samples(layer: &ResolvedLayer, volumes: &[VolumeSource]) -> usize {
     settings.lattice.segments(farthest - longest, farthest).count()
 }
 
-/// Returns the most loop rounds for a sample, and for the way to it from the one before.
+/// Returns the most loop rounds for a sample, and for the way to it from the previous one.
 fn rounds_of_sample(settings: &FrameSettings) -> usize {
     let is_composed = matches!(settings.mode, Mode::Dvr | Mode::Isosurface);
     let is_lit = is_composed && settings.lighting.model != LightingModel::None;

@@ -26,9 +26,8 @@ pub struct VolumeSource {
     orientation: Option<Orientation>,
     /// From the volume's own world to the world of scenes.
     placement: Placement,
-    /// The volume's store, if it has one.
     store: Option<Arc<Store>>,
-    /// The volume's name, if it differs from its store's.
+    /// The volume's name, if other than its store's.
     name: Option<String>,
     /// Times of the time steps; `None` if unknown.
     time_axis: Option<Arc<TimeAxis>>,

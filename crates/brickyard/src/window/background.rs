@@ -30,7 +30,7 @@ impl Meter {
         (self.done_bytes.load(Ordering::Relaxed), self.total_bytes.load(Ordering::Relaxed))
     }
 
-    /// Sets the bytes done, and the bytes in all, and ends waiting.
+    /// Sets the bytes done and in all, and ends waiting.
     pub fn set(&self, done_bytes: u64, total_bytes: u64) {
         self.is_waiting.store(false, Ordering::Relaxed);
         self.total_bytes.store(total_bytes, Ordering::Relaxed);
@@ -67,13 +67,13 @@ impl Meter {
         self.said.lock().unwrap_or_else(PoisonError::into_inner).push(message.to_owned());
     }
 
-    /// Takes the messages for the user since the last call.
+    /// Takes the messages since the last call.
     pub fn take_said(&self) -> Vec<String> {
         std::mem::take(&mut self.said.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
-/// The failure of background work.
+/// Errors of background work.
 #[derive(Debug, thiserror::Error)]
 pub enum BackgroundError<E: std::error::Error + 'static> {
     /// The work failed, or was cancelled.
@@ -91,7 +91,7 @@ pub enum BackgroundError<E: std::error::Error + 'static> {
 /// compressed file, may take long. [`wait_for_all`] gives it time to clean up before the program ends.
 pub struct Background<T, E> {
     meter: Arc<Meter>,
-    /// The thread, or the error of starting it; `None` once the result was taken.
+    /// The thread, or the error of starting it; `None` once the result is taken.
     thread: Option<io::Result<JoinHandle<Result<T, E>>>>,
 }
 
@@ -141,10 +141,9 @@ impl<T, E> Drop for Background<T, E> {
     }
 }
 
-/// Number of running works in this process, and its signal of a decrease.
+/// Number of running jobs in this process, and the signal of its decrease.
 static RUNNING: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
-/// Counts a running work.
 struct Running;
 
 impl Running {
@@ -161,21 +160,20 @@ impl Drop for Running {
     }
 }
 
-/// Waits for all work of this process to end, at most for `most`: cancelled work deletes its unfinished files. Returns
-/// whether all has ended.
+/// Waits at most for `most` until all work of this process has ended: cancelled work deletes its unfinished files.
+/// Returns whether it has.
 pub fn wait_for_all(most: Duration) -> bool {
     let running = RUNNING.0.lock().unwrap_or_else(PoisonError::into_inner);
     let waited = RUNNING.1.wait_timeout_while(running, most, |running| *running > 0);
     !waited.unwrap_or_else(PoisonError::into_inner).1.timed_out()
 }
 
-/// Returns the message of a panic.
 fn words(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|words| (*words).to_owned());
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default()
 }
 
-/// The failure to turn a file into an open store.
+/// Errors in packing a file and opening its store.
 #[derive(Debug, thiserror::Error)]
 pub enum PackingError {
     /// The folder of the store cannot be created.
@@ -223,15 +221,14 @@ pub fn pack(source: Arc<dyn Source>, place: PathBuf, options: PackOptions) -> Ba
     })
 }
 
-/// Checks in the background whether a folder can be opened as it is: see [`import::check_folder`].
+/// Checks in the background whether a folder can be opened as is: see [`import::check_folder`].
 pub fn check_folder(folder: PathBuf) -> Background<(), ImportError> {
     Background::start(move |_| import::check_folder(&folder))
 }
 
-/// Interval between checks on another pack into the same store.
+/// Interval of checking whether another pack into the same store has ended.
 const BUSY_STEP: Duration = Duration::from_millis(300);
 
-/// Adapts a meter to a pack.
 struct PackMeter<'a> {
     meter: &'a Meter,
     voxel_bytes: u64,

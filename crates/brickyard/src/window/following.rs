@@ -1,5 +1,5 @@
-//! Following a growing store: a thread checks once a second for time steps appended by another program, and reopens the
-//! store when there are any. Each check reads the store's root document; what is shown is unaffected.
+//! Following a growing store: a thread checks once a second for time steps appended by another program, and then
+//! reopens the store. Each check reads the store's root document; the shown one is unaffected.
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_store::Store;
@@ -10,7 +10,7 @@ use std::time::Duration;
 /// Interval between checks of a store.
 const INTERVAL: Duration = Duration::from_secs(1);
 
-/// Follows a store. Dropping it ends that, without waiting for a check in progress.
+/// Follows a store until dropped, which does not wait for a check in progress.
 pub struct Follower {
     grown: Receiver<VolumeSource>,
     /// Dropping it ends the thread, possibly a moment later.
@@ -77,7 +77,6 @@ mod tests {
     use std::path::Path;
     use std::time::Instant;
 
-    /// Writes a volume of one value.
     fn volume(folder: &Path, value: u8) -> Box<dyn Source> {
         let path = folder.join(format!("{value}.raw"));
         std::fs::write(&path, vec![value; 20 * 10 * 5]).unwrap();

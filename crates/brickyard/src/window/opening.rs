@@ -5,7 +5,7 @@
 //! ```text
 //! store ────────────────────────────────────────────────────► store ──► store with more time steps
 //! files ──► found packed in the cache ──────────────────────► store
-//!       └─► preview (shown) ──► packing, beside what is shown ──► store
+//!       └─► preview (shown) ──► packing, beside the preview ──► store
 //!                                 └─► stopped: the preview stays
 //! ```
 
@@ -39,7 +39,7 @@ impl Default for OpeningOptions {
     }
 }
 
-/// The reason why an opening stopped.
+/// Reasons for an opening to stop.
 #[derive(Debug, thiserror::Error)]
 pub enum OpeningError {
     /// Nothing there can be shown.
@@ -60,7 +60,7 @@ pub enum OpeningError {
 }
 
 impl OpeningError {
-    /// Whether reading the files takes options from the user.
+    /// Whether the files cannot be read without options from the user.
     pub fn wants_options(&self) -> bool {
         let options = |error: &ImportError| matches!(error, ImportError::Options { .. });
         match self {
@@ -92,7 +92,7 @@ impl<E: std::error::Error + Into<Self> + 'static> From<BackgroundError<E>> for O
 pub enum News {
     /// The preview of the files, to be shown until their store is packed.
     Preview(VolumeSource),
-    /// The store is open, or has more time steps than before: show it in place of the volume before.
+    /// The store, just opened or with more time steps: show it in place of the previous volume.
     Store(VolumeSource),
     /// The opening has stopped. A shown preview can stay.
     Stopped(OpeningError),
@@ -127,7 +127,6 @@ enum Work {
     Nothing,
 }
 
-/// The kind of a path.
 enum Found {
     Store(Box<VolumeSource>),
     Files(Files),
@@ -197,7 +196,7 @@ impl Opening {
         }
     }
 
-    /// Whether the open store can grow, so polls now and then are needed.
+    /// Whether the open store can grow, and needs polling now and then.
     pub fn is_following(&self) -> bool {
         self.follower.is_some()
     }

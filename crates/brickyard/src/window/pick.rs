@@ -78,9 +78,9 @@ impl Picker {
     ///
     /// - In a slice: the point of its plane.
     /// - In [`Mode::Dvr`]: where the ray has collected half of its total opacity; nothing if the total is below a
-    ///   fiftieth. Of several layers the one with the most opacity there is visible.
+    ///   fiftieth. Among several layers the one with the most opacity there is visible.
     /// - In [`Mode::Isosurface`]: the first surface.
-    /// - In [`Mode::Mip`] and [`Mode::MinIp`]: the nearest place with the extreme value, of overlaid labels, else of
+    /// - In [`Mode::Mip`] and [`Mode::MinIp`]: the nearest place with the extreme value, of overlaid labels, or else of
     ///   the layer with the brightest extreme in the picture.
     /// - In [`Mode::Average`]: the ray's point inside the volume nearest to the camera's target.
     ///
@@ -136,7 +136,6 @@ impl Picker {
         Ok(best.map(|(_, hit)| hit))
     }
 
-    /// Returns the pick at a hit.
     fn picked(
         &mut self,
         ways: &[Way<'_>],

@@ -20,12 +20,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The most voxels of a preview along an axis.
 pub const PREVIEW_EDGE: u32 = 256;
-/// The least voxels along the longest axis to which a preview of many channels is reduced.
+/// Least voxels along the longest axis of a preview reduced for many channels.
 const LEAST_EDGE: u32 = 64;
-/// Divisor of a preview's memory for the share of all reading threads, unless a single one needs more.
+/// Divisor of a preview's memory for the share of all reading threads, exceeded only if a single one needs more.
 const READING_PART: u64 = 4;
 
-/// The reason why a source has no preview.
+/// Errors in making a preview.
 #[derive(Debug, thiserror::Error)]
 pub enum PreviewError {
     /// The source cannot be read.
@@ -34,22 +34,21 @@ pub enum PreviewError {
     /// The source's orientation is invalid.
     #[error(transparent)]
     Placement(#[from] PlacementError),
-    /// The work was cancelled by its observer.
+    /// The observer cancelled the work.
     #[error("cancelled")]
     Cancelled,
 }
 
-/// Every n-th voxel of a source along each axis as bricks of all levels. Ranges, windows and statistics are those of
-/// the first time step; values of other steps outside the range may be shown as its ends.
+/// Every n-th voxel of a source along each axis, as bricks of all levels. Ranges, windows and statistics are the first
+/// time step's; values of other steps outside the range may be shown as its ends.
 pub struct Preview {
     source: Strided,
     pyramid: Pyramid,
     kind: Kind,
-    /// Memory of the preview, in bytes.
     memory_bytes: u64,
     statistics: Vec<ChannelStatistics>,
     kept: Mutex<LruCache<(u32, u32), Step>>,
-    /// Held during the reading of an array, to read one at a time.
+    /// Held while an array is read, to read one at a time.
     reading: Mutex<()>,
     /// For all reading after the creation.
     meter: Meter,
@@ -59,9 +58,9 @@ pub struct Preview {
 type Step = Result<Arc<LevelBricks>, String>;
 
 impl Preview {
-    /// Reads the first time step of every channel. The preview takes at most `memory_bytes`: many channels are reduced
-    /// until they fit, except below 64 voxels along the longest axis, and except for readers larger than this by
-    /// themselves: see [`Preview::held_bytes`].
+    /// Reads the first time step of every channel. The preview takes at most `memory_bytes`: with many channels, its
+    /// resolution is halved until they fit, down to 64 voxels along the longest axis. This least size, or a single
+    /// large reader, may exceed the limit: see [`Preview::held_bytes`].
     ///
     /// # Errors
     /// If the source cannot be read, its orientation is invalid, or `meter` cancels the work.
@@ -124,7 +123,7 @@ impl Preview {
         self.source.stride()
     }
 
-    /// Stops reading; missing time steps are not read any more. For a window that closes, or has the store.
+    /// Stops reading: missing time steps stay missing. For a window that closes, or has the store.
     pub fn close(&self) {
         self.meter.cancel();
     }
@@ -133,7 +132,7 @@ impl Preview {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The most memory in bytes that the preview takes from now on, however many sessions show it.
+    /// The most memory of the preview from now on, in bytes, however many sessions show it.
     pub fn held_bytes(&self) -> u64 {
         let info = self.source.info();
         let step_bytes = LevelBricks::bytes(&self.pyramid, info.voxel_type);
@@ -211,7 +210,6 @@ impl Preview {
     }
 }
 
-/// Bytes of the voxels of one channel at one time step.
 fn voxels_bytes(info: &SourceInfo) -> u64 {
     info.extent.volume() * info.voxel_type.bytes() as u64
 }
@@ -388,7 +386,6 @@ mod tests {
         (folder, volume)
     }
 
-    /// Calls `check` with the place and value of every voxel of level 0.
     fn for_voxels(source: &dyn BrickSource, time: u32, channel: u32, mut check: impl FnMut([u32; 3], f64)) {
         let (pyramid, voxel_type) = (source.pyramid(), source.voxel_type());
         let LevelGrid { extent, bricks, .. } = pyramid.levels()[0];

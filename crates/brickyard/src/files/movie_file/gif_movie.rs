@@ -9,7 +9,7 @@ use std::io;
 /// Players show a picture of less than 2 hundredths of a second for 10.
 const FASTEST_PER_S: u32 = 50;
 
-/// Pixels from which NeuQuant learns a picture's colours, at least, if it has as many: more take time and hardly
+/// Least number of pixels, if available, from which NeuQuant learns a picture's colours: more take time and hardly
 /// improve it.
 const LEARNED_PIXELS: usize = 100_000;
 
@@ -20,7 +20,6 @@ pub(super) struct GifMovie {
 }
 
 impl GifMovie {
-    /// Checks whether a GIF can hold such pictures.
     pub(super) fn check((width, height): (u32, u32), rate: PictureRate) -> Result<(), String> {
         let most = u32::from(u16::MAX);
         if width > most || height > most {

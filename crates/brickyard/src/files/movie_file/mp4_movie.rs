@@ -16,7 +16,7 @@ const SAID_BYTES: usize = 4096;
 /// ffmpeg's input options. The header of YUV4MPEG2 cannot state that colours are BT.709 of limited range.
 const INPUT: &[&str] = &["-hide_banner", "-loglevel", "error", "-nostats", "-y", "-f", "yuv4mpegpipe", "-i", "pipe:0"];
 
-/// ffmpeg's output options: playable by browsers and players, at a quality with hardly visible loss.
+/// ffmpeg's output options: playable by browsers and players, with hardly visible loss.
 #[rustfmt::skip]
 const OUTPUT: &[&str] = &[
     "-an", "-vf", "setparams=range=tv:colorspace=bt709:color_primaries=bt709:color_trc=bt709",
@@ -37,8 +37,8 @@ pub(super) fn even((width, height): (u32, u32)) -> (u32, u32) {
 }
 
 impl Mp4Movie {
-    /// Begins a movie, after a trial of ffmpeg with a single black picture of the same size in its place: a missing
-    /// encoder is found now.
+    /// Begins a movie, after ffmpeg has written a single black picture of the same size in its place: a missing encoder
+    /// is found now.
     pub(super) fn new(file: WholeFile, size_px: (u32, u32), rate: PictureRate) -> Result<Self, MovieError> {
         let size_px = even(size_px);
         let black = Picture { width: size_px.0, height: size_px.1, rgb: vec![[0; 3]; pixels(size_px)] };
@@ -49,7 +49,7 @@ impl Mp4Movie {
         start(trial.file)
     }
 
-    /// Writes a picture, which may lack the last column or row of the movie's size.
+    /// Writes a picture; it may lack the last column or row of the movie's size.
     pub(super) fn push(&mut self, picture: &Picture) -> Result<(), MovieError> {
         let is_even = (picture.width, picture.height) == self.size_px;
         let written =
@@ -71,7 +71,7 @@ impl Mp4Movie {
     }
 }
 
-/// The running program, ended on drop.
+/// The running program, killed on drop.
 struct Ffmpeg {
     child: Child,
     /// `None` once all pictures are written.
@@ -124,7 +124,7 @@ impl Ffmpeg {
 
 impl Drop for Ffmpeg {
     fn drop(&mut self) {
-        // It may have ended already. It must not write its file after the file is gone.
+        // It may have ended already. It must not write to its file once this is gone.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -1,4 +1,4 @@
-//! The picture rate of a movie.
+//! Picture rates of movies.
 
 use std::fmt::{Display, Formatter};
 use std::str::FromStr;
@@ -25,7 +25,6 @@ impl PictureRate {
         (index * 100_000 + per_1000_s / 2) / per_1000_s
     }
 
-    /// Whether the rate exceeds `per_second`.
     pub(super) fn exceeds(self, per_second: u32) -> bool {
         self.per_1000_s > per_second * 1000
     }

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Creates different pictures of this size, each of few colours.
+/// Creates pictures of this size, all different, each of few colours.
 fn pictures((width, height): (u32, u32), count: u8) -> Vec<Picture> {
     let rgb = |i: u8| (0..width * height).map(|p| [i * 40, (p % 5) as u8 * 50, 255 - i * 20]).collect();
     (0..count).map(|i| Picture { width, height, rgb: rgb(i) }).collect()

@@ -53,7 +53,7 @@ fn limited_bt709(rgb: [u8; 3]) -> [u8; 3] {
 mod tests {
     use super::*;
 
-    /// The way back, by BT.709's own equations.
+    /// The inverse, by BT.709's own equations.
     fn rgb([y, cb, cr]: [u8; 3]) -> [f64; 3] {
         let luma = (f64::from(y) - 16.0) / 219.0;
         let [blue, red] = [cb, cr].map(|value| (f64::from(value) - 128.0) / 224.0);

@@ -1,5 +1,5 @@
 //! The box around the volumes, with ticks in world units along three of its edges: for each axis the outermost one in
-//! the picture, where ticks cover nothing. Edges nearer than the box's contents are left out, so they hide nothing
+//! the picture, where ticks cover nothing. Edges in front of the box's contents are left out, so they hide nothing
 //! either.
 
 use super::canvas::{Area, Lens, Pen, settle};
@@ -31,13 +31,13 @@ fn along(corners: (DVec3, DVec3), axis: usize) -> impl Iterator<Item = [DVec3; 2
     starts.map(move |i| [corners[i], corners[i | 1 << axis]])
 }
 
-/// Draws the edges of a world's box, except those before its contents.
+/// Draws the edges of a world's box, except those in front of its contents.
 pub fn draw_edges(lens: &mut Lens<'_>, world: &World<'_>) {
     for axis in 0..3 {
         let edges: Vec<_> = along(world.corners, axis).collect();
         for edge in edges {
-            // An edge lies between two faces. It is before the contents of the box if the outer sides of both are
-            // visible, and behind them if neither is.
+            // An edge between two faces is in front of the box's contents if the outer sides of both are visible, and
+            // behind them if neither is.
             let seen = (0..3).filter(|&other| other != axis).map(|other| is_face_seen(lens, world, edge[0], other));
             let seen = seen.filter(|is_seen| *is_seen).count();
             if let (true, [Some(a), Some(b)]) = (seen < 2, edge.map(|end| lens.place(end))) {
@@ -56,7 +56,6 @@ fn is_face_seen(lens: &Lens<'_>, world: &World<'_>, point: DVec3, axis: usize) -
     outward * towards_eye > 0.0
 }
 
-/// Draws the ticks of a world's box.
 pub fn draw_ticks(lens: &mut Lens<'_>, world: &World<'_>, taken: &mut Vec<Area>) {
     let (low, high) = world.corners;
     let Some(middle) = lens.place((low + high) * 0.5) else { return };

@@ -13,7 +13,6 @@ pub struct Area {
 }
 
 impl Area {
-    /// Creates the rectangle with this upper left corner and this size.
     pub fn new(min: Vec2, size: Vec2) -> Self {
         Self { min, max: min + size }
     }
@@ -45,7 +44,7 @@ pub trait Canvas {
     /// Width and height in points.
     fn size(&self) -> Vec2;
 
-    /// Draws a straight line of this width. A line with `is_behind` is hidden by the volumes before it.
+    /// Draws a straight line of this width. With `is_behind`, the volumes hide it.
     fn line(&mut self, ends: [Vec2; 2], width: f32, pen: Pen, is_behind: bool);
 
     /// Writes a line of text of this height. `anchor` is the part of the text at `place`: 0 is its left or upper end, 1
@@ -58,8 +57,7 @@ pub trait Canvas {
     /// Fills a rectangle with bands of colours, the first one lowest, and frames it.
     fn bands(&mut self, area: Area, colors: &[[u8; 3]]);
 
-    /// The amount of picture content that this rectangle would hide. A window, where the user can look elsewhere, hides
-    /// nothing.
+    /// Amount of picture content hidden by this rectangle. None in a window, where the user can look elsewhere.
     fn hidden(&self, _area: &Area) -> usize {
         0
     }
@@ -87,8 +85,8 @@ impl Lens<'_> {
     }
 }
 
-/// Takes the least hiding place for something of this size, from a list of upper left corners, the best first. Places
-/// in `taken` are avoided where possible; the new one is added.
+/// Takes the place in which something of this size hides least, from a list of upper left corners, the best first.
+/// Avoids the places in `taken` if possible, and adds the new one.
 pub fn settle(canvas: &dyn Canvas, size: Vec2, corners: &[Vec2], taken: &mut Vec<Area>) -> Option<Area> {
     let cost = |area: &Area| (taken.iter().filter(|other| other.meets(area)).count(), canvas.hidden(area));
     // Of equal ones the first.

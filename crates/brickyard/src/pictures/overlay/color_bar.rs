@@ -120,12 +120,10 @@ impl Bar {
         (low < high).then_some(Self { name: short_name(name, LONGEST), others: 0, function, ticks })
     }
 
-    /// Whether another bar has the same colours for the same values.
     fn is_like(&self, other: &Self) -> bool {
         self.function.color == other.function.color && self.function.span() == other.function.span()
     }
 
-    /// The text above the bar.
     pub(super) fn title(&self) -> String {
         if self.others == 0 { self.name.clone() } else { format!("{} +{}", self.name, self.others) }
     }

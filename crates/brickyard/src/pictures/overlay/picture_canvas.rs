@@ -33,23 +33,20 @@ fn font_of(text: &str) -> &'static FontRef<'static> {
     FONTS.iter().find(has_all).unwrap_or(&FONTS[1])
 }
 
-/// Codes from the background on that hide a line behind them. The picture has no transparency, but the haze around a
-/// body, present in most volumes, is fainter than this; a line fades out towards it.
+/// Codes from the background on that hide a line behind them. The picture has no transparency, but haze around a body,
+/// present in most volumes, is fainter than this; a line fades out towards it.
 const HAZE: f32 = 16.0;
 
-/// A picture to draw on.
 pub(crate) struct PictureCanvas<'a> {
     picture: &'a mut Picture,
     /// Distance of each pixel from the background before any drawing, in codes of its farthest colour; 0 where no
     /// volume was visible.
     shown: Vec<u8>,
     pixels_per_point: f32,
-    /// Whether the background is light.
     is_light: bool,
 }
 
 impl<'a> PictureCanvas<'a> {
-    /// Creates a canvas on a picture with this background.
     pub(crate) fn new(picture: &'a mut Picture, background: [f64; 3]) -> Self {
         let behind = Picture::quantise(background.map(|c| c as f32));
         let farthest = |pixel: &[u8; 3]| pixel.iter().zip(behind).map(|(a, b)| a.abs_diff(b)).fold(0, u8::max);
@@ -59,7 +56,7 @@ impl<'a> PictureCanvas<'a> {
         Self { picture, shown, pixels_per_point, is_light: luminance > 0.5 }
     }
 
-    /// Returns the colour of a pen, and of the rim around its strokes.
+    /// Returns a pen's colour, and its rim's.
     fn colors(&self, pen: Pen) -> ([f32; 3], [f32; 3]) {
         let axes = AXIS_COLORS.map(|color| color.map(f32::from));
         let color = match (pen, self.is_light) {
@@ -105,7 +102,7 @@ impl Canvas for PictureCanvas<'_> {
             let beyond = (-ahead).max(ahead - length).max(0.0);
             (half + 0.5 - aside).clamp(0.0, 1.0) * (1.0 - beyond).clamp(0.0, 1.0)
         });
-        // A line of the box is thin and at many pixels: it has no rim, which would be most of it.
+        // Lines of the box are thin and long: a rim would be most of them.
         let rim_px = if pen == Pen::Strong { (self.pixels_per_point).round() as i32 } else { 0 };
         self.put(&ink, pen, rim_px, is_behind);
     }
@@ -204,7 +201,6 @@ struct Ink {
 }
 
 impl Ink {
-    /// Creates empty ink between these corners.
     fn new(low: Vec2, high: Vec2) -> Self {
         let min = low.floor().as_ivec2();
         Self::of(min, (high.ceil().as_ivec2() - min).max(IVec2::ZERO))
@@ -235,7 +231,6 @@ impl Ink {
         }
     }
 
-    /// Covers each pixel by `coverage` at its centre.
     fn fill(&mut self, coverage: impl Fn(Vec2) -> f32) {
         for place in self.places() {
             self.add(place, coverage(place.as_vec2() + 0.5));

@@ -66,7 +66,6 @@ fn picture(shows: impl Fn(u32, u32) -> bool) -> Picture {
     Picture { width, height, rgb: pixels.map(|(x, y)| if shows(x, y) { [90; 3] } else { [0; 3] }).collect() }
 }
 
-/// Returns the pixels changed by overlays.
 fn changed(overlays: &Overlays, scene: &Scene, shows: impl Fn(u32, u32) -> bool) -> Vec<(u32, u32)> {
     let before = picture(shows);
     let mut drawn = before.clone();
@@ -125,7 +124,7 @@ fn a_scale_bar_is_as_long_as_it_says() {
 #[test]
 fn edges_of_the_box_hide_nothing() {
     let axes = Overlays { axes: true, ..Overlays::default() };
-    // Seen from a corner, three edges are behind the contents of the box and three before them.
+    // Seen from a corner: three edges are behind the contents of the box and three in front of them.
     let target = DVec3::new(8.0, 12.0, 16.0);
     let camera = Camera { eye: target + 100.0 * DVec3::new(1.0, 1.2, 0.9), target, ..scene().camera.unwrap() };
     let scene = Scene { camera: Some(Camera { up: DVec3::Z, ..camera }), ..scene() };

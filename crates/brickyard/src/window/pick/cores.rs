@@ -1,4 +1,4 @@
-//! Bricks' cores read by picks: an LRU within a byte limit, since the next pick is most often beside this one.
+//! Cores of bricks read by picks: an LRU within a byte limit, since most picks are near the previous one.
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_pager::{BrickError, BrickSource};
@@ -6,7 +6,6 @@ use brickyard_volume::BrickId;
 use lru::LruCache;
 use std::sync::{Arc, Weak};
 
-/// Decoded cores of the bricks of some volumes in one time step.
 pub(super) struct Cores {
     most_bytes: u64,
     bytes: u64,

@@ -1,5 +1,5 @@
 //! Visible points along a ray: halfway through its total opacity, at its first surface, or at its extreme value. Each
-//! is found on the whole ray at a coarse level first, and then around the finding in ever finer levels.
+//! is found on the whole ray at a coarse level first, then refined locally, level by level.
 
 use super::cores::Cores;
 use super::way::{Reader, Way};
@@ -9,13 +9,13 @@ use brickyard_volume::{Combination, Level, MAX_VOLUMES, Mode, Surface, surface};
 /// Samples per voxel of a level, along the ray's fastest axis.
 const SAMPLES: f64 = 2.0;
 
-/// Samples per voxel at level 0, around the finding.
+/// Samples per voxel at level 0, in the last search.
 const FINEST_SAMPLES: f64 = 8.0;
 
-/// Search radius in the next finer level, in voxels of the level before.
+/// Search radius in the next finer level, in voxels of the coarser one.
 const AROUND: f64 = 2.0;
 
-/// The least opacity of a ray that sees anything.
+/// The least opacity of a ray with a visible point.
 const LEAST_OPACITY: f64 = 0.02;
 
 /// Halvings of light that count as all of it.
@@ -41,7 +41,6 @@ struct Search<'w, 'a> {
 }
 
 impl<'w, 'a> Search<'w, 'a> {
-    /// The search of the whole ray.
     fn whole(ways: &'w [Way<'a>], combination: Option<&'w Combination>) -> Self {
         let from = ways.iter().map(|way| way.stretch[0]).fold(f64::INFINITY, f64::min);
         let to = ways.iter().map(|way| way.stretch[1]).fold(0.0, f64::max);
@@ -74,7 +73,6 @@ impl<'w, 'a> Search<'w, 'a> {
         self.ways.iter().map(|way| Reader::new(way, self.level(way), self.finer == 0)).collect()
     }
 
-    /// Returns the samples' segments, near to far.
     fn segments(&self) -> impl Iterator<Item = [f64; 2]> + use<> {
         let samples = if self.is_finest() { FINEST_SAMPLES } else { SAMPLES };
         let [from, to] = self.range;
@@ -97,12 +95,10 @@ impl Collected {
         self.ends.last().map_or(self.first.1, |(_, depth, _)| *depth)
     }
 
-    /// Returns the start of a segment, and the halvings of light before it.
     fn start(&self, segment: usize) -> (f64, f64) {
         segment.checked_sub(1).map_or(self.first, |before| (self.ends[before].0, self.ends[before].1))
     }
 
-    /// Returns the halvings of light before a place.
     fn depth_at(&self, t: f64) -> f64 {
         let next = self.ends.partition_point(|(end, ..)| *end < t).min(self.ends.len() - 1);
         let ((start, before), (end, after, _)) = (self.start(next), self.ends[next]);
@@ -148,7 +144,6 @@ pub(super) fn seen_through(
 /// Follows a ray from `depth` halvings of its light on, until they reach `enough`.
 fn collect(search: &Search<'_, '_>, cores: &mut Cores, mut depth: f64, enough: f64) -> Result<Collected, BrickError> {
     let mut readers = search.readers();
-    // The last value of each way.
     let mut last = vec![None; search.ways.len()];
     let mut collected = Collected { first: (search.range[0], depth), ends: Vec::new() };
     for [start, end] in search.segments() {
@@ -195,7 +190,6 @@ fn collect(search: &Search<'_, '_>, cores: &mut Cores, mut depth: f64, enough: f
     Ok(collected)
 }
 
-/// Returns the halvings of light by an opacity over `length` unit distances.
 fn halvings(alpha: f64, length: f64) -> f64 {
     (-(1.0 - alpha).log2() * length).clamp(0.0, OPAQUE_DEPTH)
 }
@@ -208,7 +202,7 @@ fn passed(way: &Way<'_>, before: f64, value: f64) -> f64 {
     surfaces[one.min(other)..one.max(other)].iter().map(|surface| taken_by(way, surface)).sum()
 }
 
-/// Returns the halvings of light by the cap on a cut before this value of a layer.
+/// Returns the halvings of light by the cap of a cut with this value of a layer behind it.
 fn capped(way: &Way<'_>, value: f64) -> f64 {
     let surfaces = &way.settings.surfaces;
     surfaces[..surface::rank(surfaces, value)].last().map_or(0.0, |surface| taken_by(way, surface))

@@ -188,7 +188,7 @@ fn surfaces_are_found_where_they_are() {
 fn extremes_are_found_where_rays_pass_the_peak() {
     let nearest = |_: &ResolvedScene, ray: &Ray| {
         let t = (CENTRE - ray.origin).dot(ray.direction);
-        // Half of the coarse voxels at the volume's faces are constant.
+        // Half of each coarse voxel at the volume's faces is constant.
         let point = ray.origin + ray.direction * t;
         let inside = point.cmpgt(DVec3::splat(10.0)).all() && point.cmplt(DVec3::new(190.0, 180.0, 170.0)).all();
         inside.then_some(Some(t))
@@ -314,7 +314,7 @@ fn few_bricks_are_read_and_none_twice() {
             let before = source.reads.load(Ordering::Relaxed);
             let found = picker.pick(&resolved, &volumes, place).unwrap();
             let read = source.reads.load(Ordering::Relaxed);
-            // The ray's, and at most eight around the finding in each of four levels; most often one.
+            // The ray's, and at most eight around the hit in each of four levels; most often one.
             assert!(read - before <= 16 + 32, "{}", read - before);
             assert!(picker.bytes() <= 8 << 20);
             assert_eq!(picker.pick(&resolved, &volumes, place).unwrap(), found);

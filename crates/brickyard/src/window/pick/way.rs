@@ -12,7 +12,6 @@ use std::sync::Arc;
 /// Approximate limit of bricks on a ray's whole way through one layer: beyond it, a coarser level is taken.
 const MOST_BRICKS: f64 = 16.0;
 
-/// A ray's way through one layer.
 pub(super) struct Way<'a> {
     pub(super) layer: &'a ResolvedLayer,
     pub(super) settings: &'a FrameSettings,
@@ -75,7 +74,6 @@ impl<'a> Way<'a> {
         (passed + 1.0) * f64::from(1u8 << (0..3).filter(is_between).count())
     }
 
-    /// Returns the place at a distance, in voxels of a level.
     fn place(&self, level: Level, t: f64) -> DVec3 {
         let factor = DVec3::from_array(self.source.pyramid().level(level).factor.map(f64::from));
         (self.origin + self.direction * t) / factor
@@ -99,7 +97,6 @@ impl<'a> Way<'a> {
         start == self.stretch[0] && self.settings.cap(extent, (self.origin, self.direction), 0.0, start).is_some()
     }
 
-    /// Clamps a distance to the visible part.
     pub(super) fn clamped(&self, t: f64) -> f64 {
         t.clamp(self.stretch[0], self.stretch[1])
     }
@@ -121,7 +118,6 @@ fn box_stretch(origin: DVec3, direction: DVec3, (low, high): (DVec3, DVec3)) -> 
     (from, to)
 }
 
-/// Reads a level of a way's volume along the ray.
 pub(super) struct Reader<'w, 'a> {
     way: &'w Way<'a>,
     level: Level,
