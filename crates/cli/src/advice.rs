@@ -1,5 +1,5 @@
-//! Advice for the command line, appended to the library's messages: the flag that helps against an error of a session
-//! or a picture, and flags in place of the library's option names.
+//! Advice for the command line, appended to the library's messages: the flag against an error of a session or a
+//! picture, and flags in place of the library's option names.
 
 use brickyard::backend::BackendError;
 use brickyard::exact::ExactPictureError;
@@ -20,7 +20,7 @@ pub(super) fn advised<E: Advice>(error: &E) -> String {
     }
 }
 
-/// Options of the library as named in its messages, with the command's flags for them.
+/// The library's options as named in its messages, with the command's flags for them.
 const FLAGS: [(&str, &str); 27] = [
     ("`allow_lossy`", "--allow-lossy"),
     ("`aprons`", "--aprons"),
@@ -164,7 +164,7 @@ mod tests {
     use super::*;
     use clap::CommandFactory;
 
-    /// Options named in messages must be flags of `pack`, where such options are given.
+    /// Options named in messages must be flags of `pack`, where they are given.
     #[test]
     fn the_flags_that_messages_name_are_there() {
         let command = crate::Arguments::command();

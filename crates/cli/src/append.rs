@@ -104,12 +104,11 @@ fn step_options(store: &Path, settings: &StoreSettings, options: OpenOptions) ->
     Ok(OpenOptions { are_labels, held_as: held_as(opened.as_ref()), ..options })
 }
 
-/// Returns how a store's steps hold their voxels.
 fn held_as(store: Option<&Store>) -> Option<HeldAs> {
     store.map(|store| HeldAs { voxel_type: store.voxel_type(), nodata: nodata_of(store) })
 }
 
-/// Returns the value of a store's voxels without data, if there is one.
+/// The value of a store's voxels without data, if there is one.
 fn nodata_of(store: &Store) -> Option<f64> {
     store.info().nodata.map(|nodata| nodata as f64).or(store.info().blanked)
 }
@@ -193,7 +192,6 @@ impl Settings {
         Ok(appender)
     }
 
-    /// Returns the failure of a step stopped by the user.
     fn stopped(&self, times: u32, file: &Path) -> Failure {
         Failure::new(
             ExitKind::Interrupted,

@@ -100,7 +100,6 @@ impl Played {
     }
 }
 
-/// The scenarios by their names.
 const SCENARIOS: Named<Played> = Named(&[
     ("still", Played::Flight(Scenario::Still), ""),
     ("orbit", Played::Flight(Scenario::Orbit), ""),
@@ -174,7 +173,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Failure> {
 }
 
 fn measured(arguments: &BenchArguments, paths: &[&Path], scenario: Played) -> Result<(Vec<[u32; 3]>, Report), Failure> {
-    // Opened once before the clock starts: for the scene, and to report a store that does not open in the usual way.
+    // Opened once before the clock starts: for the scene, and so a store that does not open is reported as usual.
     let volumes = store_errors::open_volumes(paths)?;
     let extents = volumes.iter().map(|volume| volume.source.pyramid().levels()[0].extent.to_array()).collect();
     if scenario.flight().is_none() && volumes.iter().all(|volume| volume.source.times() == 1) {

@@ -23,7 +23,6 @@ pub(super) struct PlayArguments {
     pub(super) no_drawing: bool,
 }
 
-/// The policies by their names.
 const POLICIES: Named<Policy> = Named(&[
     ("hold-rate", Policy::HoldRate, "Steps come when they are due, as coarse as that takes"),
     (
@@ -40,13 +39,11 @@ impl PlayArguments {
     }
 }
 
-/// The head of the table of playbacks.
 pub(super) const HEAD: &str = "\
 | stores | scenario | start ms | steps/s | shown, late, dropped | levels shown, finest first | jump ms p50 / p95 | whole ms p50 / p95 | quality | draw ms p50 / p95 | \
 stream ms p50 / p95 | CPU ms a step | bricks decoded / uploaded / shared a step | read / decoded / uploaded KiB a step | limit | backend / host / anonymous MiB | uncovered, mixed |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
 
-/// Returns a playback's line of the table.
 pub(super) fn line(stores: &str, scenario: &str, r: &PlayReport) -> String {
     let (kib, mib) = (|bytes: u64| bytes as f64 / 1024.0, |bytes: u64| bytes as f64 / (1 << 20) as f64);
     let levels: Vec<String> = r.levels.iter().map(|share| format!("{:.0} %", share * 100.0)).collect();

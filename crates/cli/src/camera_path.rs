@@ -60,7 +60,6 @@ impl CameraPath {
         Self { file: "p.json".into(), cameras: cameras.into(), steps: steps.into() }
     }
 
-    /// The number of cameras.
     pub(super) fn len(&self) -> usize {
         self.cameras.len()
     }
@@ -110,7 +109,7 @@ impl CameraPath {
     /// The camera of picture `i` of `count`, evenly from the first camera to the last, interpolated where needed.
     ///
     /// # Errors
-    /// If nothing is between two cameras.
+    /// If two cameras have nothing in between.
     pub(super) fn between(&self, i: usize, count: usize) -> Result<(Camera, Option<u32>), Failure> {
         let (legs, intervals) = (self.cameras.len() as u64 - 1, (count as u64 - 1).max(1));
         let along = i as u64 * legs;
@@ -127,15 +126,15 @@ impl CameraPath {
         Ok((camera, self.step(place)))
     }
 
-    /// Returns the time step at a place: evenly interpolated between the nearest two cameras with a step, rounded down,
-    /// and constant before the first and after the last of them. `None` if no camera has one.
+    /// Returns the time step at a place: interpolated between the nearest two cameras with a step and rounded down,
+    /// constant before the first and after the last of them. `None` if no camera has one.
     fn step(&self, place: Place) -> Option<u32> {
         let after = self.steps.partition_point(|(camera, _)| *camera <= place.camera);
         let Some((from_camera, from)) = after.checked_sub(1).map(|before| self.steps[before]) else {
             return self.steps.first().map(|(_, step)| *step);
         };
         let Some(&(to_camera, to)) = self.steps.get(after) else { return Some(from) };
-        // In integers: rounding must not turn an exactly reached step into the one before.
+        // In integers: rounding must not turn an exactly reached step into the previous one.
         let denominator = i128::from(place.denominator);
         let gone = (place.camera - from_camera) as i128 * denominator + i128::from(place.numerator);
         let way = (to_camera - from_camera) as i128 * denominator;

@@ -1,4 +1,4 @@
-//! `--channel`, and the look of channels: the choice of a store's channels, by number or name, and each one's window,
+//! `--channel`, and the look of channels: the choice of a store's channels, by number or name, with their window,
 //! colour, opacity and gamma.
 
 use super::failure::Failure;
@@ -59,11 +59,9 @@ enum Bound {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Color([f64; 3]);
 
-/// Labels to show.
 #[derive(Clone, Debug, PartialEq)]
 struct Labels(Vec<i64>);
 
-/// The named colours.
 const COLORS: [(&str, [f64; 3]); 9] = [
     ("white", [1.0, 1.0, 1.0]),
     ("gray", [1.0, 1.0, 1.0]),
@@ -76,7 +74,6 @@ const COLORS: [(&str, [f64; 3]); 9] = [
     ("orange", [1.0, 0.5, 0.0]),
 ];
 
-/// A value of a channel flag.
 trait Value: Sized {
     fn read(text: &str) -> Result<Self, String>;
 }
@@ -151,8 +148,7 @@ fn setting<T: Value>(text: &str) -> Result<Setting<T>, String> {
 }
 
 impl ChannelArguments {
-    /// Sets the layers of a scene, one for each shown channel; or, for a scene file with a list of layers, their
-    /// channel.
+    /// Sets the layers of a scene, one for each shown channel; or, if a scene file lists layers, their channel.
     ///
     /// # Errors
     /// If a store lacks a channel, or more are chosen than a picture can have.
@@ -190,7 +186,7 @@ impl ChannelArguments {
         }
     }
 
-    /// Sets one channel for all layers of a scene with a list of layers.
+    /// Sets one channel for all layers, where the scene lists them.
     fn choose_of_all(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
         let Some(text) = self.channel.as_deref() else { return Ok(()) };
         for i in 0..scene.layers.len() {
@@ -204,8 +200,8 @@ impl ChannelArguments {
         Ok(())
     }
 
-    /// Sets windows, colours, opacities, gammas and labels of a scene's layers. Without a channel, windows and gammas
-    /// apply to measurements, where the scene shows both measurements and labels.
+    /// Sets windows, colours, opacities, gammas and labels of a scene's layers. In a scene of both measurements and
+    /// labels, windows and gammas without a channel apply to measurements.
     ///
     /// # Errors
     /// If no layer shows a named channel, both percentiles are one value, or a label does not exist.
@@ -247,8 +243,8 @@ enum Suits {
     Labels,
 }
 
-/// Returns the layers of a scene for a flag for measurements, or for labels: all of that kind, or all layers if there
-/// are none, so they are refused by name.
+/// Returns the layers for a flag for measurements, or for labels: all of that kind, or all layers if there are none, so
+/// they are refused by name.
 pub(super) fn layers_of_kind(scene: &Scene, volumes: &[VolumeSource], is_labels: bool) -> Vec<usize> {
     let is_it = |&i: &usize| volumes.get(scene.store(i)).is_some_and(|volume| volume.source.is_labels() == is_labels);
     let all = 0..scene.layers.len();
@@ -276,7 +272,7 @@ fn check_labels(labels: &[i64], volume: &VolumeSource, channel: u32) -> Result<(
 /// Distance within which existing labels are suggested for a missing one.
 const LABELS_AROUND: i64 = 100;
 
-/// Applies settings to their layers; a layer comes with its volume.
+/// Applies settings to their layers.
 fn each<T>(
     settings: &[Setting<T>],
     flag: &str,
@@ -323,7 +319,6 @@ fn found_window(bounds: [Bound; 2], statistics: Option<&ChannelStatistics>, chan
     }
 }
 
-/// Returns the channels of a volume named by `--channel`.
 fn chosen(text: &str, volume: &VolumeSource) -> Result<Vec<u32>, Failure> {
     if text == "all" {
         return Ok((0..volume.source.channels()).collect());

@@ -12,7 +12,6 @@ use brickyard::volume::{Picture, Scene};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-/// Returns a file's canonical folder, and its name.
 fn place_of(path: &Path) -> (Option<PathBuf>, Option<&OsStr>) {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     (folder.canonicalize().ok(), path.file_name())
@@ -29,8 +28,8 @@ pub(super) enum Destination {
 }
 
 impl Destination {
-    /// Creates the destination of `count` pictures. All files are checked for writing, including the statistics; a
-    /// movie is begun.
+    /// Creates the destination of `count` pictures. Checks that all files may be written, including the statistics;
+    /// begins a movie.
     ///
     /// # Errors
     /// Exit code 2 if a file may not be written, or its format cannot hold the movie; 1 if a movie cannot be begun.

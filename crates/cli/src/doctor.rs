@@ -54,7 +54,7 @@ struct Adapter {
 struct Trial {
     backend: &'static str,
     ok: bool,
-    /// The adapter, or the reason of the failure.
+    /// The adapter, or the reason for the failure.
     detail: String,
     frame_ms: f64,
 }

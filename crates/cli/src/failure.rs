@@ -21,7 +21,6 @@ pub(crate) enum ExitKind {
     Interrupted = 130,
 }
 
-/// An error for the user.
 #[derive(Debug)]
 pub(crate) struct Failure {
     /// The process's exit code.
@@ -31,7 +30,6 @@ pub(crate) struct Failure {
 }
 
 impl Failure {
-    /// Creates a failure of a kind.
     pub(crate) fn new(kind: ExitKind, message: impl std::fmt::Display) -> Self {
         Self { kind, message: with_flags(&message.to_string()) }
     }

@@ -28,7 +28,7 @@ const WITHOUT_DEFAULT: [&str; 20] = [
     "--volume",
 ];
 
-/// Returns every flag of every command, with the command's name; except for help and version.
+/// Returns every flag of every command, except help and version, with the command's name.
 fn flags(command: &Command) -> Vec<(String, &Arg)> {
     let own = command.get_arguments().filter(|flag| !flag.is_positional());
     let own = own.filter(|flag| !["help", "version"].contains(&flag.get_id().as_str()));

@@ -170,7 +170,6 @@ fn no_data(store: &Store) -> Option<String> {
     Some(format!("  no data: {value}, {} ({:.1} %)", counted(count, "voxel"), 100.0 * count as f64 / voxels))
 }
 
-/// Describes a channel's name and colour.
 fn look(display: &ChannelDisplay) -> String {
     let name = display.name.as_ref().map_or_else(String::new, |name| format!(" '{name}'"));
     let color = if display.color == [255; 3] { String::new() } else { format!(" {}", hex(display.color)) };
@@ -178,7 +177,6 @@ fn look(display: &ChannelDisplay) -> String {
     [name, color, hidden.into()].concat()
 }
 
-/// Describes the volume's orientation in a patient.
 fn orientation(store: &Store) -> String {
     let (placement, geometry) = (store.placement(), store.geometry());
     let Some(orientation) = &store.info().orientation else {

@@ -78,7 +78,6 @@ const ORDERS: Named<FileOrder> = Named(&[("given", FileOrder::Given, ""), ("natu
 const GAPS: Named<Gaps> = Named(&[("refuse", Gaps::Refuse, ""), ("blank", Gaps::Blank, "")]);
 
 impl InputArguments {
-    /// Returns the options for opening files.
     pub(crate) fn options(self) -> OpenOptions {
         OpenOptions {
             shape: self.shape,

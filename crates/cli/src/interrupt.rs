@@ -26,7 +26,6 @@ impl Interrupt {
         Ok(Self(is_asked))
     }
 
-    /// Whether to stop. Quick.
     pub(crate) fn is_asked(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

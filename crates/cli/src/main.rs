@@ -197,13 +197,11 @@ fn set_up_log(verbose: u8, quiet: bool) {
     tracing_subscriber::registry().with(lines.with_filter(filter)).init();
 }
 
-/// Prints a value as indented JSON on standard output.
 fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(Failure::failed)?;
     print_line(&text)
 }
 
-/// Prints a line on standard output.
 fn print_line(text: &str) -> Result<(), Failure> {
     printed(writeln!(std::io::stdout(), "{text}"))
 }

@@ -21,9 +21,7 @@ pub(crate) struct ManArguments {
     overwrite: bool,
 }
 
-/// A manual page.
 struct Page {
-    /// Its file's name.
     name: String,
     roff: String,
 }
@@ -45,7 +43,6 @@ pub(crate) fn run(arguments: &ManArguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the pages of a command and of its subcommands.
 fn pages(command: Command) -> Result<Vec<Page>, Failure> {
     let mut command = command.disable_help_subcommand(true);
     // Gives the subcommands the common flags, and the names of their pages.

@@ -60,13 +60,11 @@ pub(crate) struct PackingLimits {
 }
 
 impl PackingLimits {
-    /// Returns the options of a pack, within these limits.
     pub(crate) fn limit(&self, options: PackOptions) -> PackOptions {
         let threads = self.threads.map_or(options.threads, NonZeroUsize::get);
         PackOptions { memory_bytes: self.memory, threads, ..options }
     }
 
-    /// Returns the options of an append.
     pub(crate) fn of_append(&self) -> AppendOptions {
         let threads = self.threads.map_or(AppendOptions::default().threads, NonZeroUsize::get);
         AppendOptions { memory_bytes: self.memory, threads }
@@ -92,7 +90,6 @@ pub(crate) struct PackSettings {
     overwrite: bool,
 }
 
-/// The kinds of voxels by their names.
 pub(crate) const KINDS: Named<Kind> = Named(&[("image", Kind::Image, ""), ("labels", Kind::Labels, "")]);
 
 impl StoreSettings {
@@ -168,7 +165,6 @@ impl PackSettings {
         self.store.are_labels()
     }
 
-    /// The style of progress.
     pub(crate) fn progress(&self) -> ProgressStyleArgument {
         self.limits.progress
     }

@@ -175,7 +175,6 @@ fn csv(curve: &Curve, store: &Store) -> String {
     std::iter::once(head.collect::<Vec<_>>().join(",")).chain(rows).collect::<Vec<_>>().join("\n")
 }
 
-/// Quotes a CSV field if needed.
 fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
 }

@@ -65,7 +65,6 @@ impl Progress {
         }
     }
 
-    /// Ends the display.
     pub(crate) fn finish(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();

@@ -166,7 +166,6 @@ impl Source for ReactionStep {
 }
 
 impl ReactionStep {
-    /// The offset of a voxel's bytes.
     fn offset(&self, [x, y, z]: [u32; 3]) -> usize {
         let Extent { x: width, y: height, .. } = self.info.extent;
         ((z as usize * height as usize + y as usize) * width as usize + x as usize) * self.info.voxel_type.bytes()

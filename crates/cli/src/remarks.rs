@@ -21,7 +21,7 @@ pub(super) fn of_scene(scene: &Scene, volumes: &[VolumeSource]) -> Vec<String> {
     remarks
 }
 
-/// Returns the problem of an isosurface scene without an isovalue; `None` if there is none.
+/// Reports a missing isovalue in an isosurface scene.
 pub(super) fn of_missing_isovalue(scene: &Scene, volumes: &[VolumeSource]) -> Option<String> {
     let is_missing = scene.mode == Mode::Isosurface && scene.layers.iter().all(|layer| layer.isosurfaces.is_empty());
     let first = scene.layers.first().filter(|_| is_missing)?;
@@ -57,7 +57,7 @@ pub(super) fn of_empty(
     Some(format!("the picture is empty: {why}"))
 }
 
-/// Returns the warning of rays that may end too soon on this adapter; `None` if none does.
+/// Returns the warning about rays that may end too soon on this adapter, if any.
 pub(super) fn of_unfinished(adapter: &str, resolved: &ResolvedScene, volumes: &[VolumeSource]) -> Option<&'static str> {
     let may_be = adapter.contains("llvmpipe") && resolved.may_be_unfinished(volumes);
     may_be.then_some(
@@ -103,7 +103,6 @@ fn of_lost(mode: Mode, names: &[String]) -> Option<String> {
     })
 }
 
-/// Returns the least and the greatest value of a channel.
 fn values(channel: u32, volume: &VolumeSource) -> (f64, f64) {
     volume.statistics(channel).map_or_else(|| volume.source.channel_range(channel), |found| found.range.into())
 }

@@ -128,13 +128,11 @@ impl RenderArguments {
         }
     }
 
-    /// Returns the overlays on the pictures.
     pub(super) fn overlays(&self) -> Overlays {
         let Self { scale_bar, color_bar, axes, .. } = *self;
         Overlays { scale_bar, color_bar, axes, label: self.label.clone() }
     }
 
-    /// Returns the options of a session for this number of pictures.
     pub(super) fn session_options(&self, compositor: CompositorChoice, pictures: usize) -> SessionOptions {
         let (gpu_memory_bytes, cpu_memory_bytes) = backend_memory(self.gpu_memory);
         SessionOptions {
@@ -150,7 +148,6 @@ impl RenderArguments {
         }
     }
 
-    /// Writes the statistics, if requested.
     pub(super) fn write_stats(&self, stats: &RenderStats) -> Result<(), Failure> {
         self.stats.as_ref().map_or(Ok(()), |path| write_json(path, stats))
     }

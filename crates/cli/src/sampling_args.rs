@@ -33,7 +33,6 @@ pub(crate) struct SamplingArguments {
     pixel_error: Option<f64>,
 }
 
-/// The methods by their names.
 pub(crate) const METHODS: Named<Method> = Named(&[
     ("udvr", Method::Udvr, "One sample in the middle"),
     ("pdvr", Method::Pdvr, "Pre-integrated between the ends"),
@@ -44,14 +43,12 @@ pub(crate) const METHODS: Named<Method> = Named(&[
     ("pcvs", Method::Pcvs, "As cvs, pre-integrated"),
 ]);
 
-/// The filters by their names.
 pub(crate) const FILTERS: Named<Filter> = Named(&[
     ("nearest", Filter::Nearest, "The value of the voxel that a place is in: voxels as they are"),
     ("trilinear", Filter::Trilinear, "Linear between 8 voxels"),
     ("tricubic", Filter::Tricubic, "Cubic B-spline of 64 voxels: smooth, and blurs"),
 ]);
 
-/// The lightings by their names.
 pub(crate) const LIGHTINGS: Named<LightingModel> = Named(&[
     ("none", LightingModel::None, "Colours as they are"),
     ("phong", LightingModel::Phong, "Phong's reflection"),
@@ -67,7 +64,6 @@ fn level(text: &str) -> Result<LevelPolicy, String> {
 }
 
 impl SamplingArguments {
-    /// Applies the flags to a scene.
     pub(crate) fn of(&self, mut scene: Scene) -> Scene {
         scene.sampling.method = self.method.unwrap_or(scene.sampling.method);
         scene.sampling.filter = self.filter.unwrap_or(scene.sampling.filter);

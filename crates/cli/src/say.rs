@@ -23,7 +23,6 @@ pub(crate) fn line(text: Arguments<'_>) {
     }
 }
 
-/// Prints an error.
 pub(crate) fn error(text: Arguments<'_>) {
     // A closed pipe is no reason to end the work.
     let _ = writeln!(std::io::stderr(), "{text}");

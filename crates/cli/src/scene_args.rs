@@ -123,7 +123,6 @@ pub(crate) struct SceneArguments {
     mesh: Vec<MeshLook>,
 }
 
-/// The modes by their names.
 const MODES: Named<Mode> = Named(&[
     ("dvr", Mode::Dvr, "Direct volume rendering"),
     ("mip", Mode::Mip, "Maximum intensity projection"),
@@ -132,7 +131,6 @@ const MODES: Named<Mode> = Named(&[
     ("isosurface", Mode::Isosurface, "The surface of one value, opaque, lit from the eye"),
 ]);
 
-/// The gradients by their names.
 const GRADIENTS: Named<Gradient> = Named(&[
     ("central", Gradient::Central, "Differences of two samples along each axis"),
     ("sobel", Gradient::Sobel, "The 3D Sobel operator on 26 samples"),
@@ -143,7 +141,6 @@ const GRADIENTS: Named<Gradient> = Named(&[
     ),
 ]);
 
-/// The stereo layouts by their names.
 const STEREO_LAYOUTS: Named<StereoLayout> = Named(&[
     ("side-by-side", StereoLayout::SideBySide, "Left eye's picture left, right eye's right, each half as wide"),
     ("top-bottom", StereoLayout::TopBottom, "Left eye's picture above, right eye's below, each half as high"),
@@ -159,7 +156,6 @@ impl SceneArguments {
         }
     }
 
-    /// The scene's file, if given.
     #[cfg(feature = "viewer")]
     pub(crate) fn file(&self) -> Option<&Path> {
         self.scene.as_deref()
@@ -208,7 +204,6 @@ impl SceneArguments {
         }
     }
 
-    /// The time steps of the flags, if given.
     pub(crate) fn steps_asked(&self) -> Option<&StepRange> {
         self.time.as_ref()
     }

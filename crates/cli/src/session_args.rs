@@ -5,11 +5,9 @@ use brickyard::backend::{BackendChoice, CompositorChoice};
 use brickyard::session::SessionOptions;
 use std::num::NonZeroUsize;
 
-/// The backends by their names.
 pub(crate) const BACKENDS: Named<BackendChoice> =
     Named(&[("auto", BackendChoice::Auto, ""), ("gpu", BackendChoice::Gpu, ""), ("cpu", BackendChoice::Cpu, "")]);
 
-/// The compositors by their names.
 pub(crate) const COMPOSITORS: Named<CompositorChoice> = Named(&[
     ("auto", CompositorChoice::Auto, ""),
     ("sorted", CompositorChoice::Sorted, ""),
@@ -17,7 +15,7 @@ pub(crate) const COMPOSITORS: Named<CompositorChoice> = Named(&[
     ("compute", CompositorChoice::Compute, ""),
 ]);
 
-/// Returns the requested threads; by default all processors.
+/// The requested threads, or else all processors.
 pub(crate) fn threads(asked: Option<NonZeroUsize>) -> usize {
     asked.map_or_else(processors, NonZeroUsize::get)
 }
@@ -29,7 +27,6 @@ pub(crate) fn backend_memory(asked: Option<u64>) -> (u64, u64) {
     (asked.unwrap_or(GPU_BYTES), asked.unwrap_or_else(|| SessionOptions::default().cpu_memory_bytes))
 }
 
-/// Processors available to this process.
 pub(crate) fn processors() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }

@@ -58,7 +58,7 @@ impl std::fmt::Display for StepRange {
 }
 
 impl StepRange {
-    /// Returns the first step, the end (excluded) and the stride, of a store of `times` steps.
+    /// Returns the first step, the end (excluded) and the stride, in a store of `times` steps.
     ///
     /// # Errors
     /// If the store has no such steps; the message gives their number.
@@ -74,7 +74,7 @@ impl StepRange {
         Err(Failure::usage(format!("--time {self}: the store has {steps}, numbered from 0")))
     }
 
-    /// Returns the steps, of a store of `times` steps.
+    /// Returns the steps, in a store of `times` steps.
     ///
     /// # Errors
     /// Those of [`StepRange::within`], and more than [`MOST_STEPS`] steps.

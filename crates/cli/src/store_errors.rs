@@ -24,7 +24,6 @@ pub(crate) fn open_volumes<P: AsRef<Path>>(paths: &[P]) -> Result<Vec<VolumeSour
     paths.iter().map(|path| Ok(VolumeSource::of_store(&Arc::new(open(path.as_ref())?)))).collect()
 }
 
-/// Returns the failure of a store that cannot be opened.
 pub(crate) fn open_failure(error: &OpenError) -> Failure {
     match error {
         OpenError::Incomplete { .. } => Failure::new(ExitKind::Incomplete, error),
@@ -33,7 +32,7 @@ pub(crate) fn open_failure(error: &OpenError) -> Failure {
     }
 }
 
-/// Returns the failure of a file that the system does not open or read.
+/// The failure of a file that the system does not open or read.
 pub(crate) fn io_failure(error: &std::io::Error, message: impl Display) -> Failure {
     match limit_behind(error) {
         Some(limit) => Failure::failed(format!("{message}: {limit}; nothing is wrong with the file")),
@@ -42,7 +41,6 @@ pub(crate) fn io_failure(error: &std::io::Error, message: impl Display) -> Failu
     }
 }
 
-/// Returns the failure of a verification.
 pub(crate) fn verify_failure(error: VerifyError, store: &Path) -> Failure {
     match error {
         // Contradictions and missing files inside a store are what verification looks for.
@@ -59,7 +57,6 @@ pub(crate) fn verify_failure(error: VerifyError, store: &Path) -> Failure {
     }
 }
 
-/// Returns the failure of a brick that cannot be read.
 pub(crate) fn read_failure(error: &ReadError) -> Failure {
     match error {
         ReadError::Io { error: io, .. } => io_failure(io, error),
@@ -67,7 +64,6 @@ pub(crate) fn read_failure(error: &ReadError) -> Failure {
     }
 }
 
-/// Returns the failure of an input that cannot be read.
 pub(crate) fn import_failure(error: &ImportError) -> Failure {
     match error {
         ImportError::Options { .. } => Failure::usage(error),
@@ -77,7 +73,6 @@ pub(crate) fn import_failure(error: &ImportError) -> Failure {
     }
 }
 
-/// Returns the failure of an unfinished pack.
 pub(crate) fn pack_failure(error: PackError) -> Failure {
     Failure::new(pack_kind(&error), error)
 }
@@ -105,7 +100,6 @@ fn pack_kind(error: &PackError) -> ExitKind {
     }
 }
 
-/// Returns the failure of a step that was not appended.
 pub(crate) fn append_failure(error: AppendError) -> Failure {
     let kind = match &error {
         AppendError::Open(error) => return open_failure(error),
@@ -125,7 +119,6 @@ pub(crate) fn append_failure(error: AppendError) -> Failure {
     Failure::new(kind, error)
 }
 
-/// Returns the failure of an export.
 pub(crate) fn export_failure(error: ExportError) -> Failure {
     let kind = match &error {
         ExportError::Read(_) => ExitKind::BadInput,

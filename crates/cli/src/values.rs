@@ -9,7 +9,6 @@ use std::num::NonZeroUsize;
 /// The most threads of a request: each takes memory for its stack and its part of the picture.
 const MOST_THREADS: usize = 1024;
 
-/// Reads a number of threads.
 pub(crate) fn threads(text: &str) -> Result<NonZeroUsize, String> {
     let threads = text.parse().ok().filter(|threads: &NonZeroUsize| threads.get() <= MOST_THREADS);
     threads.ok_or_else(|| format!("expected a number of threads from 1 to {MOST_THREADS}"))
@@ -184,7 +183,6 @@ fn box_ends<T: std::str::FromStr + PartialOrd>(text: &str, form: &str) -> Result
     ends.try_into().map_err(|_| format!("'{text}': expected {form}"))
 }
 
-/// Reads a positive finite number.
 pub(crate) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v.is_finite() && v > 0.0 => Ok(v),

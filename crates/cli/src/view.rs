@@ -215,7 +215,6 @@ pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(
     ended
 }
 
-/// Returns the volumes of a scene file's window.
 fn named_volumes(file: &Path) -> Result<Vec<PathBuf>, Failure> {
     let volumes = brickyard_viewer::volumes_of(file).map_err(Failure::bad_input)?;
     if volumes.is_empty() {
@@ -242,7 +241,6 @@ fn opened(paths: Vec<PathBuf>, options: OpeningOptions) -> Result<Openings, Fail
     Ok(openings)
 }
 
-/// Returns the failure of an opening.
 fn opening_failure(error: &OpeningError) -> Failure {
     match error {
         OpeningError::Openable(OpenableError::Store(error)) => store_errors::open_failure(error),

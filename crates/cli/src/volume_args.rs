@@ -6,7 +6,6 @@ use brickyard::text_file::read_text;
 use brickyard::volume::{Blend, Placement, PlacementError, Scene, SceneLayer, TransferChoice, TransferFile, counted};
 use std::path::Path;
 
-/// One setting of one layer.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct VolumeSetting {
     layer: usize,
@@ -14,7 +13,6 @@ pub(crate) struct VolumeSetting {
     value: String,
 }
 
-/// A setting's key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum VolumeKey {
     Transfer,
@@ -61,7 +59,6 @@ pub(crate) fn volume_setting(text: &str) -> Result<VolumeSetting, String> {
 }
 
 impl VolumeSetting {
-    /// Returns its layer.
     pub(crate) fn layer<'a>(&self, scene: &'a mut Scene) -> Result<&'a mut SceneLayer, Failure> {
         let (layer, count) = (self.layer, counted(scene.layers.len() as u64, "layer"));
         let missing =
@@ -69,7 +66,6 @@ impl VolumeSetting {
         scene.layers.get_mut(layer).ok_or_else(missing)
     }
 
-    /// Applies the setting to its layer of a scene.
     pub(crate) fn apply(&self, scene: &mut Scene) -> Result<(), Failure> {
         let layer = self.layer(scene)?;
         match self.key {
