@@ -573,6 +573,7 @@ impl Session {
         self.fit.as_ref().map_or("", |fit| &fit.backend_line)
     }
 
+    /// The backend; `None` before the first step.
     pub fn backend(&self) -> Option<&dyn Renderer> {
         self.fit.as_ref().map(|fit| &*fit.backend)
     }

@@ -56,6 +56,7 @@ fn is_face_seen(lens: &Lens<'_>, world: &World<'_>, point: DVec3, axis: usize) -
     outward * towards_eye > 0.0
 }
 
+/// Draws the ticks of a world's box.
 pub fn draw_ticks(lens: &mut Lens<'_>, world: &World<'_>, taken: &mut Vec<Area>) {
     let (low, high) = world.corners;
     let Some(middle) = lens.place((low + high) * 0.5) else { return };

@@ -13,6 +13,7 @@ pub struct Area {
 }
 
 impl Area {
+    /// Creates the rectangle with this upper left corner and this size.
     pub fn new(min: Vec2, size: Vec2) -> Self {
         Self { min, max: min + size }
     }
