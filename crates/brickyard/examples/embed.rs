@@ -1,8 +1,9 @@
-//! Draws a volume into a texture of the program's own, on the program's own wgpu device, beside the program's own triangles: `cargo run
-//! --release -p brickyard --example embed -- OUT.png [SECONDS]`.
+//! Draws a volume into a part of the program's own texture, on its own wgpu device, beside its own triangles: `cargo
+//! run --release -p brickyard --example embed -- OUT.png [SECONDS]`.
 //!
-//! It flies around for so many seconds, says what the frames took, and writes the last one. After the first step nothing in the
-//! session's calls waits for the GPU; the program itself waits for its frame before the last, as one with a window does.
+//! The example flies around for the given seconds, prints frame times, and writes the last frame. After the first step
+//! no call of the session waits for the GPU; the program itself waits for its frame before the last, like one with a
+//! window.
 
 mod gyroid;
 
@@ -15,10 +16,10 @@ use std::time::{Duration, Instant};
 type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
 
 const SIZE_PX: (u32, u32) = (480, 320);
-/// Where the volume goes: x, y, width, height. The triangles have the rest.
+/// Area of the volume: x, y, width, height. The triangles have the rest.
 const AREA_PX: [u32; 4] = [0, 0, 320, 320];
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
-/// Frames that the GPU may be behind.
+/// Most frames in flight.
 const MOST_BEHIND: usize = 2;
 
 const TRIANGLES: &str = "
@@ -28,14 +29,14 @@ const TRIANGLES: &str = "
     }
     @fragment fn orange() -> @location(0) vec4f { return vec4f(1.0, 0.5, 0.0, 1.0); }";
 
-/// What the program draws with, and on.
+/// The program's device, pipeline and texture.
 struct Application {
     adapter: wgpu::Adapter,
     device: wgpu::Device,
     queue: wgpu::Queue,
     triangles: wgpu::RenderPipeline,
     texture: wgpu::Texture,
-    /// Frames that the GPU may still be at.
+    /// Frames in flight.
     under_way: VecDeque<wgpu::SubmissionIndex>,
 }
 
@@ -43,7 +44,7 @@ impl Application {
     fn new() -> Fallible<Self> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
         let adapter = pollster::block_on(instance.request_adapter(&Default::default()))?;
-        // What the session needs; the program could ask for more.
+        // The session's needs; a program may add its own.
         let (device, queue) = pollster::block_on(adapter.request_device(&Gpu::required(&adapter)))?;
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: None,
@@ -83,7 +84,7 @@ impl Application {
         Ok(Self { adapter, device, queue, triangles, texture, under_way: VecDeque::new() })
     }
 
-    /// The program's own part of a frame.
+    /// Draws the program's own part of a frame.
     fn draw_triangles(&self, view: &wgpu::TextureView, encoder: &mut wgpu::CommandEncoder) {
         let ops = wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::BLACK), store: wgpu::StoreOp::Store };
         let attachment = wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops };
@@ -96,7 +97,7 @@ impl Application {
         pass.draw(0..6, 0..1);
     }
 
-    /// Sends a frame, and waits for the one before the last.
+    /// Submits a frame, and waits for the one before the last.
     fn present(&mut self, encoder: wgpu::CommandEncoder) -> Fallible<()> {
         self.under_way.push_back(self.queue.submit([encoder.finish()]));
         if self.under_way.len() > MOST_BEHIND {
@@ -106,7 +107,7 @@ impl Application {
         Ok(())
     }
 
-    /// What is on the texture.
+    /// Reads back the texture.
     fn picture(&self) -> Fallible<Picture> {
         let (width, height) = SIZE_PX;
         let row_bytes = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
@@ -149,7 +150,7 @@ fn main() -> Fallible<()> {
     let begun = Instant::now();
     loop {
         let flown = begun.elapsed().as_secs_f64().min(seconds);
-        // The camera comes back to where it began.
+        // The camera returns to its start.
         scene.camera = Some(start.orbited(360.0 * flown / seconds));
         let frame_begun = Instant::now();
         let frame = session.step(&scene, (AREA_PX[2], AREA_PX[3]))?;

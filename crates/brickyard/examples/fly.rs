@@ -1,7 +1,7 @@
-//! Flies once around a store as fast as frames can be drawn, and writes the last one: `cargo run --release -p brickyard --example fly --
-//! STORE.zarr OUT.png`.
+//! Flies once around a store as fast as frames can be drawn, and writes the last one: `cargo run --release -p brickyard
+//! --example fly -- STORE.zarr OUT.png`.
 //!
-//! Every frame is complete: where fine bricks have not come yet, coarser ones are drawn.
+//! Every frame is complete: coarser bricks stand in for missing fine ones.
 
 use brickyard::{Mode, Session, SessionOptions};
 use std::time::{Duration, Instant};
@@ -15,7 +15,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let mut session = Session::open(store, SessionOptions { live: true, ..SessionOptions::default() })?;
     let mut scene = session.default_scene(Mode::Dvr);
-    // The first bricks: before them there is nothing to draw.
+    // Before the first bricks there is nothing to draw.
     let start = loop {
         let frame = session.step(&scene, SIZE_PX)?;
         if frame.status.covered {

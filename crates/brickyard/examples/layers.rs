@@ -1,5 +1,5 @@
-//! Shows two stores in one picture, the second one glowing in the first: `cargo run --release -p brickyard --example layers -- FIRST.zarr
-//! SECOND.zarr OUT.png`.
+//! Shows two stores in one picture, the second one as added light: `cargo run --release -p brickyard --example layers
+//! -- FIRST.zarr SECOND.zarr OUT.png`.
 
 use brickyard::volume::{Blend, TransferChoice};
 use brickyard::{Scene, SceneLayer, Session, SessionOptions, VolumeSource};
@@ -9,7 +9,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return Err("expected FIRST.zarr SECOND.zarr OUT.png".into());
     };
     let volumes = vec![VolumeSource::open(first)?, VolumeSource::open(second)?];
-    // Layer by layer the scene's first store, its second one, and so on: `SceneLayer::source` says another, `channel` which channel of it.
+    // Layers take the stores in turn, first channel each, unless `SceneLayer::source` and `channel` choose others.
     let solid = SceneLayer { transfer: Some(TransferChoice::preset("gray")), ..SceneLayer::default() };
     let glowing =
         SceneLayer { color: Some([0.2, 0.9, 0.3]), blend: Some(Blend::Add), opacity: 0.5, ..SceneLayer::default() };

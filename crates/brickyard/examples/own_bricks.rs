@@ -1,7 +1,7 @@
-//! Shows a volume of 4096³ voxels that no file holds, computed brick by brick: `cargo run --release -p brickyard --example own_bricks --
-//! OUT.png`.
+//! Shows a procedural volume of 4096³ voxels, computed brick by brick: `cargo run --release -p brickyard --example
+//! own_bricks -- OUT.png`.
 //!
-//! A picture takes just the bricks that it shows, at the levels that it shows.
+//! A picture computes only its own bricks, at its own levels.
 
 mod gyroid;
 

@@ -1,4 +1,4 @@
-//! Files of a user: text, scenes, pictures and movies that are written whole, and paths that can be opened.
+//! A user's files: text, scenes, pictures and movies, each written whole, and paths to open.
 
 #[cfg(feature = "movie")]
 pub mod movie_file;

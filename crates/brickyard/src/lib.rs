@@ -1,5 +1,5 @@
-//! brickyard shows volumes that fit neither a 3D texture, nor GPU memory, nor RAM: it packs them into brick stores and
-//! streams just the bricks that a view needs, inside budgets that the user sets, with a complete picture in every frame.
+//! Out-of-core volume rendering: brickyard shows volumes larger than a 3D texture, GPU memory or RAM. It packs them
+//! into brick stores and streams the bricks of a view within fixed budgets; every frame is a complete picture.
 //!
 //! # A picture
 //!
@@ -12,7 +12,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! # A camera that moves
+//! # A moving camera
 //!
 //! ```no_run
 //! use brickyard::{Mode, Session, SessionOptions};
@@ -28,50 +28,52 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! # In an application that draws with wgpu
+//! # In a wgpu application
 //!
 //! ```toml
 //! brickyard = { path = "...", default-features = false, features = ["gpu"] }
 //! ```
 //!
-//! The wgpu is version 30, re-exported as [`render::wgpu`]: a program that uses that one needs none of its own.
-//! The application asks its adapter for a device with what [`Gpu::required`](render::Gpu::required) lists, and lends it: see
-//! [`Session::on_gpu`]. Then each frame is a [`Session::step`] and a [`Session::draw_to`] with an encoder of the application's, and neither waits for the
-//! GPU but where slots are made: in the first step, and in one whose scene asks for more. A picture is whole once `draw_to` has returned true and
-//! the frame's [`status`](pager::Status::settled) says settled. `examples/embed.rs` is a whole program.
+//! The crate uses wgpu 30 and re-exports it as [`render::wgpu`]; programs need no wgpu dependency of their own. The
+//! application requests a device with the features and limits in [`Gpu::required`](render::Gpu::required) and lends it
+//! to [`Session::on_gpu`]. Each frame is then a [`Session::step`] and a [`Session::draw_to`] with the application's
+//! encoder. Neither waits for the GPU, except while slots are created: in the first step, and when a scene needs more.
+//! A picture is complete once `draw_to` has returned true and the frame's [`status`](pager::Status::settled) is
+//! settled. `examples/embed.rs` is a whole program.
 //!
-//! # What lives how long, and what it costs
+//! # Lifetimes and costs
 //!
 //! | | lives | making it costs |
 //! | --- | --- | --- |
-//! | [`VolumeSource`] | as long as somebody looks at the volume; copies are handles | a store's metadata: milliseconds |
+//! | [`VolumeSource`] | as long as anybody looks at the volume; copies are handles | a store's metadata: milliseconds |
 //! | [`Session`] | as long as the pictures have their budgets; one thread uses it | nothing before its first step |
-//! | its backend, slots and workers | until a scene asks for more: wider aprons, another table, a larger picture, other layers | some 100 ms, and filling the slots from main memory; the device stays |
-//! | [`Scene`] | a value: as many as one likes | nothing; a transfer function of 16-bit values 2 ms when it is first shown |
-//! | [`Frame`] | until the next [`Session::step`] | a step: taking in what has come, cuts and plans, uploads; about a millisecond, and in a live session it never waits for a disk |
+//! | its backend, slots and workers | until a scene needs more: wider aprons, another table, a larger picture, other layers | some 100 ms, and filling the slots from main memory; the device stays |
+//! | [`Scene`] | a value: as many as you like | nothing; a transfer function of 16-bit values takes 2 ms when first shown |
+//! | [`Frame`] | until the next [`Session::step`] | a step: collecting arrived bricks, cuts and plans, uploads; about a millisecond, and never a wait for the disk in a live session |
 //! | [`Picture`](volume::Picture) | a value | [`Session::draw`] |
 //!
 //! # Cargo features
 //!
-//! All are on by default. A program that shows stores needs `gpu` alone (`default-features = false, features = ["gpu"]`), or none to draw on
-//! the CPU.
+//! All are on by default. To show stores, `gpu` alone suffices (`default-features = false, features = ["gpu"]`);
+//! drawing on the CPU needs none.
 //!
 //! | feature | for |
 //! | --- | --- |
 //! | `gpu` | the wgpu backend and exact pictures in passes |
-//! | `dicom`, `tiff` | reading such files, to pack them |
+//! | `dicom`, `tiff` | importing these files |
 //! | `mesh` | reading STL, PLY, OBJ and glTF files |
-//! | `lettering` | writing on pictures: which side of a patient is where, scale bars, colour bars, axes, a line of text |
+//! | `lettering` | writing on pictures: patient sides, scale bars, colour bars, axes, a line of text |
 //! | `movie` | movies: GIF, YUV4MPEG2, and MP4 by ffmpeg |
 //! | `reference` | the oracle, which draws whole levels in 64-bit floats |
 //!
 //! # Where to find more
 //!
-//! [`session`] joins volumes, their pagers and a rendering backend; [`offline`] renders settled pictures with it. [`volume`] has the words: scenes, layers, cameras, transfer functions.
-//! [`pager::BrickSource`] is what a program's own bricks take to be shown. Foreign files become stores by [`import::open`] and [`store::pack()`], and grow by [`store::Appender`];
-//! [`openable`] says of a path whether it is a store or such a file, [`preview`] shows the file before it is packed, [`background`] packs beside that, and an [`opening`] does one after
-//! the other for a window.
-//! The parts are re-exported under their own names. `examples` has whole programs.
+//! [`session`] joins volumes, their pagers and a rendering backend; [`offline`] renders settled pictures with it.
+//! [`volume`] has scenes, layers, cameras and transfer functions. A program's own bricks implement
+//! [`pager::BrickSource`]. Foreign files become stores by [`import::open`] and [`store::pack()`], and stores grow by
+//! [`store::Appender`]; [`openable`] tells stores from foreign files, [`preview`] shows a file before it is packed,
+//! [`background`] packs it meanwhile, and an [`opening`] does both in turn for a window. The parts are re-exported
+//! under their own names. `examples` has whole programs.
 
 mod files;
 pub mod memory;

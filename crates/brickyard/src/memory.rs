@@ -1,18 +1,18 @@
-//! Memory of this process, and memory that it may use, as the kernel counts it.
+//! Memory used by and available to this process, as counted by the kernel.
 
 use std::path::Path;
 
-/// Resident memory of this process in bytes; zero where the system does not tell.
+/// Resident memory of this process in bytes; zero where the system does not report it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ProcessMemory {
     /// Highest resident set so far, mapped files included.
     pub resident_peak_bytes: u64,
-    /// Anonymous memory now: what the process itself holds, without mapped files.
+    /// Anonymous memory now: the process's own, without mapped files.
     pub anonymous_bytes: u64,
 }
 
 impl ProcessMemory {
-    /// Asks the kernel for the memory of this process. All fields are 0 on systems other than Linux.
+    /// Reads the memory of this process from the kernel. All fields are 0 on systems other than Linux.
     pub fn now() -> Self {
         let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
         let field = |name: &str| {
@@ -23,13 +23,13 @@ impl ProcessMemory {
     }
 }
 
-/// Bytes of main memory that this process may use: the machine's, or less where a control group limits it. `None` where the system does
-/// not tell (Linux does).
+/// Main memory available to this process in bytes: the machine's, or its control group's if lower. `None` where the
+/// system does not report it (Linux does).
 pub fn available_bytes() -> Option<u64> {
     available_in(Path::new("/"))
 }
 
-/// Bytes of main memory that a process may use on a machine whose files begin at `root`.
+/// [`available_bytes`] of a machine whose file system begins at `root`.
 fn available_in(root: &Path) -> Option<u64> {
     let total = std::fs::read_to_string(root.join("proc/meminfo")).ok()?;
     let line = total.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
@@ -47,7 +47,7 @@ fn available_in(root: &Path) -> Option<u64> {
             _ => return None,
         };
         let tree = root.join(tree);
-        // Each group is limited by those that it is in, too. "max" is no number.
+        // The limits of all enclosing groups apply. "max" is no number.
         let group = tree.join(group.trim_start_matches('/'));
         let groups = group.ancestors().take_while(|folder| folder.starts_with(&tree));
         groups.filter_map(|folder| std::fs::read_to_string(folder.join(file)).ok()?.trim().parse::<u64>().ok()).min()

@@ -1,4 +1,4 @@
-//! Pictures made of sessions: settled ones, exact ones, tiles, the oracle's, and what is drawn over them.
+//! Pictures made by sessions: settled ones, exact ones, tiles, the oracle's, and overlays on them.
 
 #[cfg(feature = "gpu")]
 pub mod exact;

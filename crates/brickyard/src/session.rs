@@ -1,11 +1,11 @@
-//! A session: volumes shown through one backend, for as many scenes and frames as one likes. A scene becomes a view for each pager and frames
-//! for the renderer; every step moves bricks towards what the views want, and what a step returned can be drawn.
+//! Sessions: volumes shown through one backend, for any number of scenes and frames. A scene becomes a view for each
+//! pager and frames for the renderer; every step moves bricks towards the views, and returns a frame to draw.
 //!
-//! Order of calls: open (the metadata is read), then for each frame [`Session::step`] and [`Session::draw`]; or [`Session::render`], which
-//! steps until nothing more comes. The first step makes the backend, some 100 ms; so does a scene that asks for more than those before it
-//! (see `fit`). A step of a live session never waits for
-//! the disk. Calls come from one thread; threads of the session's own decode bricks, plan the cuts of live sessions, compile shaders, make
-//! transfer tables and draw on the CPU.
+//! Order of calls: open (reads the metadata), then for each frame [`Session::step`] and [`Session::draw`]; or
+//! [`Session::render`], which steps until the picture has settled. The first step creates the backend, some 100 ms; so
+//! does a scene with greater demands than all before it (see `fit`). A step of a live session never waits for the disk.
+//! Calls come from one thread; the session's own threads decode bricks, plan the cuts of live sessions, compile
+//! shaders, make transfer tables and draw on the CPU.
 
 pub mod backend;
 pub mod channels;
@@ -62,7 +62,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// What was counted before the backend and its pagers were last made anew.
+/// Counters of earlier backends and pagers.
 #[derive(Clone, Copy, Debug, Default)]
 struct Past {
     counters: Counters,
@@ -76,8 +76,8 @@ impl Past {
     }
 }
 
-/// Shows volumes through one backend, within memory budgets. A session is used by one thread, and lives as long as the
-/// volumes are looked at. Scenes, sizes of pictures and time steps may change with every frame.
+/// Shows volumes through one backend, within memory budgets. A session belongs to one thread and lives as long as its
+/// volumes are viewed. Scene, picture size and time step may change with every frame.
 ///
 /// ```no_run
 /// use brickyard::session::{Session, SessionOptions};
@@ -94,36 +94,33 @@ pub struct Session {
     /// One for each volume.
     tables: Vec<VolumeTables>,
     pub(crate) device: Device,
-    /// What was decoded for a device that is lost.
+    /// Decoded cores of a lost device.
     kept: Vec<KeptCores>,
-    /// The backend and its pagers; `None` before the first step, and after a step that could not make them.
+    /// The backend and its pagers; `None` before the first step, and after a failure to create them.
     pub(crate) fit: Option<Fit>,
-    /// What was counted before it was made, and with the last step.
+    /// Counts before the present fit, and as of the last step.
     past: Past,
     counted: Past,
-    /// Number of steps so far.
     pub(crate) steps: u64,
     /// The views of the last step, and whether they had settled.
     last: Option<(Vec<View>, bool)>,
     losses: Losses,
-    /// When pictures are given up; `None` never.
+    /// Deadline for pictures; `None` is no deadline.
     pub(crate) draw_until: Option<Instant>,
-    /// Where the picture is seen while it is drawn; `None` nowhere.
+    /// Shows the picture in progress to other threads, if any.
     painting: Option<Arc<Painting>>,
-    /// The picture that was shown last; `None` before the first one, and where it is lost.
+    /// The latest picture; `None` before the first one, and once it is lost.
     pub(crate) shown: Option<ShownPicture>,
-    /// When it began, if it is live.
+    /// Start of a live session; `None` if it is not live.
     clock: Option<Instant>,
-    /// A live session's change of what slots hold.
     pub(crate) slot_change: SlotChange,
-    /// Which time step a live session shows.
     player: Player,
-    /// Smoothed time that a step takes.
+    /// Smoothed time of a step.
     streaming: Duration,
 }
 
 impl Session {
-    /// Opens a store and makes a session of it. Scenes may show several of its channels.
+    /// Opens a store as a session. Scenes may show several of its channels.
     ///
     /// # Errors
     /// If there is no store at this path, or it is unfinished or damaged.
@@ -131,8 +128,8 @@ impl Session {
         Ok(Self::new(vec![VolumeSource::open(store)?], options))
     }
 
-    /// Makes a session of several volumes. Scenes name them by their index in `volumes`. Nothing is read or made before
-    /// the first step.
+    /// Creates a session of several volumes; scenes refer to them by index. Nothing is read or allocated before the
+    /// first step.
     pub fn new(volumes: Vec<VolumeSource>, options: SessionOptions) -> Self {
         Self {
             tables: volumes.iter().map(|volume| volume.tables(options.live)).collect(),
@@ -156,31 +153,32 @@ impl Session {
         }
     }
 
-    /// The scene that shows every visible channel of every volume in a mode, each in its own window and colour, as it is [shown first](crate::session::first_look).
+    /// Returns a scene of every visible channel of every volume, each in its own window and colour, with its [first
+    /// look](crate::session::first_look).
     pub fn default_scene(&self, mode: Mode) -> Scene {
         let mut scene = Scene { mode, layers: default_layers(&self.volumes), ..Scene::default() };
         set_first_look(&mut scene, &self.volumes);
         scene
     }
 
-    /// Whether a scene can be shown of the session's volumes. Nothing is made for it.
+    /// Checks whether the session's volumes can show a scene. Creates nothing.
     ///
     /// # Errors
-    /// If not: what is wrong with the scene.
+    /// If the scene is invalid.
     pub fn check(&self, scene: &Scene) -> Result<(), SceneError> {
         check(&self.volumes, scene)
     }
 
-    /// Resolves a scene for the session's volumes: fills in the camera and transfer functions that are left open, and
-    /// makes transfer tables that are not kept.
+    /// Resolves a scene for the session's volumes: fills in the camera and transfer functions left open, and makes
+    /// missing transfer tables.
     ///
     /// # Errors
-    /// As [`resolve`]; and if the compositor has no order for the scene's layers.
+    /// Those of [`resolve`]; and if the compositor has no order for the scene's layers.
     pub fn resolve(&self, scene: &Scene, size_px: (u32, u32)) -> Result<ResolvedScene, SessionError> {
         self.resolve_for(scene, size_px, KeptSlots::replaceable)
     }
 
-    /// Resolves a scene. `kept` says whether slots that there are, and hold codes or floats, may be replaced.
+    /// Resolves a scene. `kept` decides whether existing slots of codes or floats may be replaced.
     fn resolve_for(
         &self,
         scene: &Scene,
@@ -204,7 +202,8 @@ impl Session {
         Ok(resolved)
     }
 
-    /// Cells of unlike grids are in no one order from back to front: their fog and surfaces take rays.
+    /// Refuses fog and surfaces in cells of unlike grids for the sorted compositor: they have no common order from back
+    /// to front, so they take rays.
     fn check_order(&self, scene: &ResolvedScene) -> Result<(), SessionError> {
         let first = &scene.layers[0];
         let is_on_its_grid = |layer: &ResolvedLayer| {
@@ -223,11 +222,12 @@ impl Session {
         if !is_sorted || is_projection || has_one_grid() { Ok(()) } else { Err(SessionError::NoOrder) }
     }
 
-    /// Makes the backend and the pagers for a scene, unless those there are suffice. The first step of a scene does
-    /// this by itself; call it to know the backend before that.
+    /// Creates the backend and the pagers for a scene, unless the present ones suffice. The first step of a scene does
+    /// so too; call this to learn the backend earlier.
     ///
     /// # Errors
-    /// If no backend can be made, it does not have the compositor, or a budget is too small; the message says the least that works.
+    /// If no backend can be created, it lacks the compositor, or a budget is too small; the message names the least
+    /// sufficient budget.
     pub fn fit(&mut self, scene: &ResolvedScene) -> Result<(), SessionError> {
         let asked = Demand::of(scene, self.options.live);
         if self.fit.as_ref().is_some_and(|fit| fit.suffices(scene, &asked)) {
@@ -238,7 +238,7 @@ impl Session {
         let Self { volumes, options, device, kept, .. } = self;
         let mut kept = std::mem::take(kept);
         let mut make = |demand| Fit::make(volumes, demand, options, (&mut *device, &mut kept));
-        // A scene before may come back. Where there is too little memory for both, this one alone counts.
+        // An earlier scene may return. If memory is too small for both, this one alone counts.
         let grown = before.map(|before| asked.grown(&before)).filter(|grown| *grown != asked);
         let made = match grown {
             Some(grown) => make(grown).or_else(|_| make(asked)),
@@ -250,7 +250,7 @@ impl Session {
         Ok(())
     }
 
-    /// Ends the backend and its pagers. What is decoded stays, and so does the picture that is shown.
+    /// Ends the backend and its pagers. Decoded bricks and the shown picture stay.
     fn end_fit(&mut self) {
         (self.past, self.last) = (self.counted, None);
         self.player.forget();
@@ -260,7 +260,7 @@ impl Session {
         }
     }
 
-    /// Goes on with backends on another device. What is decoded stays.
+    /// Continues with backends on another device. Decoded bricks stay.
     #[cfg(feature = "gpu")]
     pub(crate) fn move_to(&mut self, device: Device) {
         self.end_fit();
@@ -268,8 +268,8 @@ impl Session {
         self.device = device;
     }
 
-    /// Goes on with other budgets, in bytes: of the backend, whichever it is, and [`SessionOptions::host_memory_bytes`]. The next step makes slots
-    /// within them, and fills these from what is decoded. Returns whether that changes anything.
+    /// Sets new budgets in bytes: the backend's, whichever it is, and [`SessionOptions::host_memory_bytes`]. The next
+    /// step allocates slots within them, and fills these from decoded bricks. Returns whether a budget changed.
     pub fn set_budgets(&mut self, backend_bytes: u64, host_memory_bytes: u64) -> bool {
         let SessionOptions { gpu_memory_bytes, cpu_memory_bytes, host_memory_bytes: host, .. } = self.options;
         if (gpu_memory_bytes, cpu_memory_bytes, host) == (backend_bytes, backend_bytes, host_memory_bytes) {
@@ -281,8 +281,8 @@ impl Session {
         true
     }
 
-    /// Goes on with volumes in the place of those that there are: later states of them, such as stores with more time steps. What is played goes on. The next step
-    /// fills the slots anew; a live session shows the picture before until something of them is there in every place.
+    /// Replaces the volumes by later states of them, such as stores with more time steps. Playback continues. The next
+    /// step fills the slots anew; a live session shows the previous picture until the new one is covered everywhere.
     pub fn set_volumes(&mut self, volumes: Vec<VolumeSource>) {
         self.end_fit();
         self.kept.clear();
@@ -290,21 +290,21 @@ impl Session {
         self.volumes = volumes;
     }
 
-    /// Makes the tables of a transfer function on other threads, before the function is shown. Other scenes can be
-    /// drawn meanwhile; [`Session::is_prepared`] says when the tables are there. A scene with this function that is
-    /// resolved sooner makes them itself, and takes as long.
+    /// Makes the tables of a transfer function on other threads, ahead of showing it. Other scenes can be drawn until
+    /// [`Session::is_prepared`] returns `true`. A scene with this function resolved sooner makes them itself, in the
+    /// same time.
     pub fn prepare(&self, transfer: &TransferFunction) {
         self.tables.iter().flat_map(VolumeTables::in_use).for_each(|tables| tables.prepare(transfer));
     }
 
-    /// Whether the tables of a transfer function are there, so that a scene with it resolves at once.
+    /// Whether the tables of a transfer function are there, so a scene with it resolves at once.
     pub fn is_prepared(&self, transfer: &TransferFunction) -> bool {
         self.tables.iter().flat_map(VolumeTables::in_use).all(|tables| tables.is_prepared(transfer))
     }
 
-    /// Prepares drawing a scene on another thread, for example by compiling shaders. Other scenes can be drawn
-    /// meanwhile; [`Session::is_scene_prepared`] says when it is done. If the scene is drawn sooner, drawing waits.
-    /// Nothing is prepared for a scene that takes another backend than the one in use.
+    /// Prepares the drawing of a scene on another thread, for example by compiling shaders. Other scenes can be drawn
+    /// until [`Session::is_scene_prepared`] returns `true`; drawing this one sooner waits. Does nothing for a scene
+    /// that needs another backend.
     pub fn prepare_scene(&mut self, scene: &ResolvedScene) {
         let asked = Demand::of(scene, self.options.live);
         if let Some(fit) = self.fit.as_mut().filter(|fit| fit.suffices(scene, &asked)) {
@@ -312,14 +312,14 @@ impl Session {
         }
     }
 
-    /// Whether there is nothing left to prepare for a scene, or nothing can be prepared before its first step.
+    /// Whether nothing is left to prepare for a scene, or nothing can be prepared before its first step.
     pub fn is_scene_prepared(&self, scene: &ResolvedScene) -> bool {
         let asked = Demand::of(scene, self.options.live);
         self.fit.as_ref().is_none_or(|fit| !fit.suffices(scene, &asked) || fit.is_prepared(scene))
     }
 
-    /// Takes one step of streaming towards a picture of a scene: takes in the bricks that have come, uploads them, and
-    /// asks for others. The frame that it returns can be drawn until the next step.
+    /// Takes one step of streaming towards a picture of a scene: collects arrived bricks, uploads them, and requests
+    /// others. The returned frame can be drawn until the next step.
     ///
     /// # Errors
     /// If the scene is invalid, a budget is too small for it, there is no device (any more), or a part of the settled
@@ -328,11 +328,12 @@ impl Session {
         self.step_coarse(scene, size_px, 0.0)
     }
 
-    /// Takes a step as [`Session::step`] does, towards bricks that are so many levels coarser than the scene asks for: for a frame with fewer pixels, which looks the
-    /// same with them, is drawn several times faster, and lacks few bricks. Its view has never settled: [`Session::step`] goes on towards that.
+    /// Takes a step like [`Session::step`], towards bricks `level_bias` levels coarser than the scene's: for a frame of
+    /// fewer pixels, which looks the same with them, draws several times faster, and lacks few bricks. Its view never
+    /// counts as settled: [`Session::step`] continues towards that.
     ///
     /// # Errors
-    /// As [`Session::step`].
+    /// Those of [`Session::step`].
     pub fn step_coarse(&mut self, scene: &Scene, size_px: (u32, u32), level_bias: f64) -> Result<Frame, SessionError> {
         self.suit(scene)?;
         let shot = Shot { scene: scene.clone(), size_px };
@@ -351,14 +352,13 @@ impl Session {
         Ok(frame)
     }
 
-    /// Whether a change of what slots hold is put off in a step towards a scene.
     fn puts_off_slots(&mut self, scene: &Scene) -> bool {
         let is_valid = self.check(scene).is_ok();
         let Self { fit: Some(fit), volumes, clock: Some(clock), slot_change, .. } = self else { return false };
         is_valid && slot_change.is_put_off(fit, volumes, scene, clock.elapsed())
     }
 
-    /// Opens the pyramids that suit the scene's mode: maxima for maximum projections, where a store has them.
+    /// Opens the pyramids for the scene's mode: maxima for maximum projections, where a store has them.
     pub(crate) fn suit(&mut self, scene: &Scene) -> Result<(), SessionError> {
         let mut is_other = false;
         for volume in &mut self.volumes {
@@ -375,11 +375,11 @@ impl Session {
         Ok(())
     }
 
-    /// Takes a step as [`Session::step`] does, towards a scene that has been [resolved](Session::resolve) for these
-    /// volumes. In a live session the frame's scene is at the time step that is shown, which while it plays is not the one that is asked for.
+    /// Takes a step like [`Session::step`], towards a scene [resolved](Session::resolve) for these volumes. In a live
+    /// session the frame's scene is at the shown time step; during playback this is not the requested one.
     ///
     /// # Errors
-    /// As [`Session::step`].
+    /// Those of [`Session::step`].
     pub fn step_resolved(&mut self, scene: &ResolvedScene) -> Result<Frame, SessionError> {
         self.step_biased(scene, 0.0)
     }
@@ -398,7 +398,7 @@ impl Session {
         self.steps += 1;
         let (mut status, ready) = self.step_to(views, &coming)?;
         let coming: Vec<_> = next.into_iter().zip(ready).map(|(step, ready)| ComingStep { step, ready }).collect();
-        // Also where the step that is shown cannot be read: what plays goes on to the next.
+        // Before the check: playback continues past an unreadable step.
         self.player.note(coming.clone());
         check_readable(&status)?;
         status.settled &= !self.player.is_seeking();
@@ -406,7 +406,7 @@ impl Session {
         Ok(Frame { scene: Arc::new(scene.at_step(shown.step)), status, coming, level_bias, step: self.steps })
     }
 
-    /// Refuses an expression that the backend would work out to other values.
+    /// Refuses an expression whose values the backend would compute imprecisely.
     fn check_precision(&self, scene: &ResolvedScene) -> Result<(), SessionError> {
         let (Some(combination), Some(backend)) = (&scene.combination, self.backend()) else { return Ok(()) };
         let is_single = backend.name() != "cpu";
@@ -419,7 +419,7 @@ impl Session {
         checked.map_err(|error| SessionError::Precision { backend: if is_single { "a GPU" } else { "the CPU" }, error })
     }
 
-    /// A lost device is made anew.
+    /// Steps the fit, renewing a lost device.
     fn step_to(&mut self, views: Vec<View>, coming: &[Vec<View>]) -> Result<(Status, Vec<Readiness>), SessionError> {
         let at = self.clock.map_or(Duration::ZERO, |began| began.elapsed());
         let stepped = loop {
@@ -436,63 +436,62 @@ impl Session {
         Ok((status, ready))
     }
 
-    /// Returns how long drawing a frame may take, so that frames take no longer than `frame_goal`, with streaming and what the caller does `besides`; and so that
-    /// frames keep in step with time steps whose rate is to be held.
+    /// Returns the time for drawing within `frame_goal`, after streaming and the caller's own `besides`. If a step rate
+    /// is held, frames also keep in step with the time steps.
     pub fn drawing_time(&self, frame_goal: Duration, besides: Duration) -> Duration {
         let held = self.playback().filter(|playback| playback.policy == Policy::HoldRate);
         drawing_time(frame_goal, held.map(|playback| playback.steps_per_second), self.streaming + besides)
     }
 
-    /// Waits until a brick has arrived or a time step is due, at most for `timeout`. Returns at once before the first step.
+    /// Waits for at most `timeout` until a brick arrives or a time step is due. Returns at once before the first step.
     pub fn wait(&mut self, timeout: Duration) {
         let timeout = self.next_due().map_or(timeout, |due| timeout.min(due));
         self.fit.iter_mut().for_each(|fit| fit.wait(timeout));
     }
 
-    /// Plays the time steps of a live session from the one that is shown on, or changes how they are played; `None` stands still. From the next
-    /// step of streaming on, frames show the steps that are due. A scene that asks for another step than the last one did is a jump
-    /// there.
+    /// Plays the time steps of a live session from the shown one on, or changes the playback; `None` stops it. From the
+    /// next step of streaming on, frames show the steps that are due. A new time step in the scene is a jump there.
     pub fn play(&mut self, playback: Option<Playback>) {
         self.player.play(playback.filter(|_| self.options.live));
     }
 
-    /// How time steps follow one another; `None` while they do not. A playback that is to stop at the last step ends there by itself.
+    /// The present playback; `None` while stopped. It ends by itself if set to stop at the last step.
     pub fn playback(&self) -> Option<Playback> {
         self.player.playback()
     }
 
-    /// Whether a time step that was jumped to is not shown yet.
+    /// Whether a jump to a time step is still pending.
     pub fn is_seeking(&self) -> bool {
         self.player.is_seeking()
     }
 
-    /// How many time steps have been shown while playing, and how many were late or passed over.
+    /// Counts of time steps shown during playback, and of those late or skipped.
     pub fn playback_tally(&self) -> Tally {
         self.player.tally()
     }
 
-    /// How long it is until the next time step is due; `None` if none is.
+    /// Time until the next time step is due; `None` if none is.
     pub fn next_due(&self) -> Option<Duration> {
         let due = self.player.next_due()?;
         self.clock.map(|began| due.saturating_sub(began.elapsed()))
     }
 
-    /// Renders the last step's frame from the bricks in the slots, with one sample of each pixel, both eyes from the same bricks. If the device turns
-    /// out to be lost, it is made anew and its slots are filled as far as before. The picture is the same then, but
-    /// takes as long as the first one of its view.
+    /// Renders the last step's frame from the bricks in the slots, with one sample of each pixel, both eyes from the
+    /// same bricks. A lost device is created anew, with its slots refilled as far as before. The picture is then the
+    /// same, but takes as long as the first one of its view.
     ///
-    /// A live session returns the picture that it drew before, in the size that this one had, where [`Session::shows_before`] says so.
+    /// A live session returns the previous picture, in its own size, if [`Session::shows_before`] is true.
     ///
     /// # Errors
     /// If the frame is an earlier step's, there is no device any more, or the device is out of memory.
     pub fn draw(&mut self, frame: &Frame) -> Result<Picture, SessionError> {
-        // Hidden bricks stop being wanted. Only while the camera moves: for one picture, finding out what is hidden takes more
-        // drawing than reading it, and an edit of the transfer function could bring it out.
+        // Feedback makes the pager drop hidden bricks. Only while the camera moves: for one picture, finding the hidden
+        // bricks takes more drawing than reading them, and an edit of the transfer function could reveal them.
         let tells = self.options.live;
         if let Some(before) = self.shown.as_ref().and_then(ShownPicture::pixels).filter(|_| self.shows_before(frame)) {
             return Ok(before.clone());
         }
-        // It is drawn where frames are shown, too.
+        // It is in the target overwritten here.
         self.shown.take_if(|shown| shown.is_on_device());
         loop {
             let Some(fit) = self.fit.as_mut().filter(|_| frame.step == self.steps) else {
@@ -514,11 +513,11 @@ impl Session {
         }
     }
 
-    /// Draws as [`Session::draw`] does, for who looks on: on the CPU, what is drawn so far can be seen on the painting, from other threads too, and the
-    /// picture can be abandoned there.
+    /// Draws like [`Session::draw`], for an onlooker: on the CPU, other threads can see the picture so far on the
+    /// painting, and abandon it there.
     ///
     /// # Errors
-    /// As [`Session::draw`], and if the picture was abandoned.
+    /// Those of [`Session::draw`], and if the picture was abandoned.
     pub fn paint(&mut self, frame: &Frame, painting: &Arc<Painting>) -> Result<Picture, SessionError> {
         self.painting = Some(painting.clone());
         let drawn = self.draw(frame);
@@ -526,21 +525,22 @@ impl Session {
         drawn
     }
 
-    /// Whether drawing this frame, the last step's, shows the picture before in its place: while nothing of the frame is there yet in some place, as after a
-    /// change of volumes, layers, budgets or devices, and while a live session fills slots of another format for a look with a narrower or wider window.
-    /// If there is no picture before, drawing shows the background alone.
+    /// Whether drawing this frame, the last step's, shows the previous picture instead: while some place of the frame
+    /// has no brick yet, as after a change of volumes, layers, budgets or devices, and while a live session fills slots
+    /// of another format for a narrower or wider window. Without a previous picture, drawing shows the background
+    /// alone.
     pub fn shows_before(&self, frame: &Frame) -> bool {
         let is_held = || self.shown.is_some() && self.slot_change.shows_before();
         frame.step == self.steps && (!frame.status.covered || is_held())
     }
 
-    /// The frame whose picture was drawn last in a live session, by [`Session::draw`] or [`Session::draw_to`]; `None` before the first one, and where
-    /// that picture is lost.
+    /// The last drawn frame of a live session, by [`Session::draw`] or [`Session::draw_to`]; `None` before the first
+    /// one, and once its picture is lost.
     pub fn shown(&self) -> Option<&Frame> {
         self.shown.as_ref().map(ShownPicture::frame)
     }
 
-    /// Makes a lost device anew; its slots are empty. Other errors are the caller's, and so is the loss of an application's device.
+    /// Creates a lost device anew, with empty slots. Returns other errors, and the loss of an application's own device.
     fn recover(&mut self, error: BackendError) -> Result<(), SessionError> {
         if self.device.is_lent() {
             return Err(error.into());
@@ -550,7 +550,7 @@ impl Session {
         self.fit.as_mut().map_or(Ok(()), Fit::renew)
     }
 
-    /// Streams the last step's views again, until they are settled if they were, else until something is drawn everywhere.
+    /// Streams the last step's views again: until settled if they were, otherwise until covered everywhere.
     fn refill(&mut self) -> Result<(), SessionError> {
         let Some((views, was_settled)) = self.last.clone() else { return Ok(()) };
         loop {
@@ -563,12 +563,12 @@ impl Session {
         }
     }
 
-    /// Number of times that the GPU's device was lost so far.
+    /// Number of losses of the GPU device so far.
     pub fn device_losses(&self) -> u32 {
         self.losses.total()
     }
 
-    /// A line that describes the backend: `gpu, llvmpipe (...)` or `cpu, 2 threads`. Empty before the first step.
+    /// Description of the backend: `gpu, llvmpipe (...)` or `cpu, 2 threads`. Empty before the first step.
     pub fn backend_line(&self) -> &str {
         self.fit.as_ref().map_or("", |fit| &fit.backend_line)
     }
@@ -583,12 +583,12 @@ impl Session {
         self.backend().map_or(0, Renderer::bytes)
     }
 
-    /// The volumes, each with the pyramid that suits the last step's mode.
+    /// The volumes, each with the pyramid for the last step's mode.
     pub fn volumes(&self) -> &[VolumeSource] {
         &self.volumes
     }
 
-    /// Number of slots, which is how many bricks of all layers fit at once; 0 before the first step.
+    /// Number of slots, the capacity in bricks of all layers; 0 before the first step.
     pub fn slots(&self) -> u64 {
         self.fit.as_ref().map_or(0, Fit::slots)
     }
@@ -598,13 +598,13 @@ impl Session {
         self.fit.iter().flat_map(Fit::draw_lists)
     }
 
-    /// Returns the present draw lists of the layer with this index in the scene, one for each eye.
+    /// Returns the present draw lists of the layer at this index of the scene, one for each eye.
     pub(crate) fn lists_of(&self, place: usize) -> &[DrawList] {
         self.fit.as_ref().map_or(&[], |fit| fit.lists_of(place))
     }
 }
 
-/// Refuses a view of which a part can be drawn from no level.
+/// Refuses a view with a part that no level can draw.
 fn check_readable(status: &Status) -> Result<(), SessionError> {
     status.error.clone().map_or(Ok(()), |error| Err(SessionError::Unreadable(error)))
 }

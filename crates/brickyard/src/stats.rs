@@ -1,4 +1,4 @@
-//! What `--stats` writes: how a rendering went, in numbers.
+//! Statistics of a rendering, as written by `--stats`.
 
 use crate::memory::ProcessMemory;
 use crate::session::Session;
@@ -9,7 +9,7 @@ use std::time::Instant;
 /// Statistics of one run of the command `render`, or of [`Session::render`].
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct RenderStats {
-    /// A line that describes the backend: the adapter or the CPU.
+    /// Description of the backend in one line: the adapter or the CPU.
     pub adapter: String,
     /// The backend's name: `gpu` or `cpu`.
     pub backend: &'static str,
@@ -25,36 +25,35 @@ pub struct RenderStats {
     pub settled_ms: f64,
     /// Highest accounted bytes of the backend.
     pub gpu_bytes_peak: u64,
-    /// Bytes that the backend would have taken if the device had not refused some of them.
+    /// Bytes requested by the backend, including any refused by the device.
     pub gpu_bytes_asked: u64,
     /// Highest accounted bytes of decoded bricks, staging and scratch.
     pub host_bytes_peak: u64,
     /// Highest resident set of the process, mapped files included, bytes.
     pub rss_peak: u64,
-    /// Highest anonymous memory of the process when it was looked at, bytes.
+    /// Highest anonymous memory of the process at any recording, bytes.
     pub anonymous_peak: u64,
     /// Counts of bricks, of the last frame or of the whole run.
     pub bricks: BrickCounts,
     /// Bytes read, decoded and uploaded in the whole run.
     pub bytes: ByteCounts,
-    /// Share of the picture, by area, drawn at the level that the view wants; 1 when settled without failures.
+    /// Share of the picture, by area, drawn at the wanted level; 1 when settled without failures.
     pub completeness: f64,
-    /// Size in pixels of the largest projected voxel among those that a finer level could improve; 0 if there are none.
-    /// `None` (`null` in JSON) if the eye is inside such a brick, where there is no bound, and for the reference
-    /// compositor.
+    /// Size in pixels of the largest projected voxel among those with a finer level left; 0 if there are none. `None`
+    /// (`null` in JSON) if the eye is inside such a brick, where there is no bound, and for the reference compositor.
     pub effective_pixel_error: Option<f64>,
-    /// The pixel error that was asked for, pixels.
+    /// Requested pixel error, pixels.
     pub pixel_error: f64,
-    /// Number of passes of the last picture, if it was asked to be exact and drawn in passes; `None` otherwise.
+    /// Number of passes of the last picture; `None` unless it was exact and drawn in passes.
     pub passes: Option<usize>,
-    /// Number of tiles of the last picture, if it was asked to be exact and drawn in tiles; `None` otherwise.
+    /// Number of tiles of the last picture; `None` unless it was exact and drawn in tiles.
     pub tiles: Option<usize>,
-    /// Number of times that the GPU's device was lost.
+    /// Number of losses of the GPU device.
     pub device_losses: u32,
     /// Whether the budget, not the view, ended the refinement.
     pub memory_bound: bool,
-    /// Number of cells of the last picture that were drawn from each level, finest first. Filled by the command and by
-    /// exact pictures in passes, otherwise empty.
+    /// Number of cells of the last picture drawn from each level, finest first. Filled by the command and by exact
+    /// pictures in passes, otherwise empty.
     pub level_cells: Vec<usize>,
 }
 
@@ -90,34 +89,33 @@ pub fn ms(since: Instant) -> f64 {
 /// Counts of bricks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct BrickCounts {
-    /// Bricks that the last view wanted.
+    /// Bricks wanted by the last view.
     pub wanted: u64,
-    /// Wanted bricks that are resident.
+    /// Wanted bricks in slots.
     pub resident: u64,
     /// Bricks uploaded in the whole run, with repeats.
     pub uploaded: u64,
-    /// Uploads of bricks that had been evicted recently; as many evicted bricks are remembered as there are slots.
+    /// Uploads of recently evicted bricks; as many evicted bricks are remembered as there are slots.
     pub reuploaded: u64,
-    /// Wanted bricks that could not be read.
+    /// Unreadable wanted bricks.
     pub failed: u64,
-    /// Bricks and stored aprons that could not be read in the whole run, whether wanted for themselves or for a
-    /// neighbour's apron.
+    /// Unreadable bricks and stored aprons in the whole run, whether wanted themselves or for a neighbour's apron.
     pub unreadable: u64,
 }
 
 /// Counts of bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ByteCounts {
-    /// Bytes of encoded bricks that were read from the store's files, whether the disk or the page cache had them.
+    /// Encoded bytes read from the store's files, whether from disk or from the page cache.
     pub read: u64,
-    /// Bytes of decoded voxels.
+    /// Decoded bytes of voxels.
     pub decoded: u64,
-    /// Bytes of padded bricks that were handed to the backend.
+    /// Bytes of padded bricks handed to the backend.
     pub uploaded: u64,
 }
 
 impl RenderStats {
-    /// Fills in which backend and compositor draw in a session.
+    /// Records the backend and the compositor of a session.
     pub fn describe(&mut self, session: &Session) {
         self.adapter = session.backend_line().into();
         if let Some(backend) = session.backend() {
@@ -126,7 +124,7 @@ impl RenderStats {
         }
     }
 
-    /// Takes in a pager's status, the backend's bytes, and the memory that the kernel counts for the process.
+    /// Records a pager's status, the backend's bytes, and the process's memory as counted by the kernel.
     pub fn record(&mut self, status: &Status, gpu_bytes: u64) {
         let memory = ProcessMemory::now();
         self.gpu_bytes_peak = self.gpu_bytes_peak.max(gpu_bytes);

@@ -1,4 +1,4 @@
-//! Services of a window: work beside it, files opened and followed, previews, and values under the pointer.
+//! Services for a window: background work, files opened and followed, previews, and values under the pointer.
 
 pub mod background;
 pub mod curve;

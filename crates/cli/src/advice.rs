@@ -1,5 +1,5 @@
-//! What the command adds to the library's messages, which know of no command line: which flag helps against an error of a session or a
-//! picture, and the flag for an option that a message names.
+//! Advice for the command line, appended to the library's messages: the flag against an error of a session or a
+//! picture, and flags in place of the library's option names.
 
 use brickyard::backend::BackendError;
 use brickyard::exact::ExactPictureError;
@@ -12,7 +12,7 @@ use brickyard::software::SoftwareError;
 use brickyard_measure::survey::SurveyError;
 use std::error::Error;
 
-/// The error's message, and what to do about it where a flag helps.
+/// Returns the error's message, with advice where a flag helps.
 pub(super) fn advised<E: Advice>(error: &E) -> String {
     match error.advice() {
         Some(advice) => format!("{error}; {advice}"),
@@ -20,7 +20,7 @@ pub(super) fn advised<E: Advice>(error: &E) -> String {
     }
 }
 
-/// Options of the library by the names that its messages have them under, and the command's flags for them.
+/// The library's options as named in its messages, with the command's flags for them.
 const FLAGS: [(&str, &str); 27] = [
     ("`allow_lossy`", "--allow-lossy"),
     ("`aprons`", "--aprons"),
@@ -51,7 +51,7 @@ const FLAGS: [(&str, &str); 27] = [
     ("`voxel_type`", "--dtype"),
 ];
 
-/// A message with flags in place of the options that it names.
+/// Replaces the options named in a message by flags.
 pub(super) fn with_flags(message: &str) -> String {
     FLAGS.iter().fold(message.to_string(), |message, (option, flag)| message.replace(option, flag))
 }
@@ -61,9 +61,9 @@ const MORE_SLOTS: &str = "raise --gpu-memory (--cpu-memory if the CPU draws), or
 const MORE_HOST_MEMORY: &str = "raise --host-memory";
 const MORE_TIME: &str = "give it more time with --max-wait";
 
-/// An error against which flags may help.
+/// An error with possible advice.
 pub(super) trait Advice: Error {
-    /// What to do, in terms of the command.
+    /// The remedy, in terms of the command.
     fn advice(&self) -> Option<&'static str>;
 }
 
@@ -164,7 +164,7 @@ mod tests {
     use super::*;
     use clap::CommandFactory;
 
-    /// What a message names must be a flag of `pack`, which is where such options are given.
+    /// Options named in messages must be flags of `pack`, where they are given.
     #[test]
     fn the_flags_that_messages_name_are_there() {
         let command = crate::Arguments::command();

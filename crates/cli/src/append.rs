@@ -21,12 +21,12 @@ use std::time::Instant;
 /// `brickyard append STORE FILE...`
 #[derive(Args)]
 pub(crate) struct AppendArguments {
-    /// The store; where there is none, the first file makes it
+    /// The store; if missing, created from the first file
     store: PathBuf,
     /// A file, or a folder of DICOM files or planes, for each step, in their order
     #[arg(required = true, num_args = 1.., value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// When the steps were taken, a time for each file, ascending [default: they go on evenly]
+    /// Times of the steps, one for each file, ascending [default: they continue evenly]
     #[arg(help_heading = heading::INPUT, long, value_name = "TIME[,TIME...]", value_delimiter = ',', allow_hyphen_values = true)]
     time: Vec<f64>,
     #[command(flatten)]
@@ -37,7 +37,7 @@ pub(crate) struct AppendArguments {
     limits: PackingLimits,
 }
 
-/// How steps are appended, whatever their files.
+/// Settings common to all appended steps.
 struct Settings {
     store: PathBuf,
     settings: StoreSettings,
@@ -45,7 +45,7 @@ struct Settings {
     interrupt: Interrupt,
 }
 
-/// Runs `append`. What was appended before a step that fails, stays.
+/// Runs `append`. Steps appended before a failing one stay.
 ///
 /// # Errors
 /// With the message and exit code for the user.
@@ -76,7 +76,7 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
     let (mut input, mut appender) = (input, None);
     for (i, file) in files.iter().enumerate() {
         if i > 0 && input.held_as.is_none() {
-            // The first file has made the store.
+            // The first file has created the store.
             input.held_as = held_as(Store::open(&settings.store).ok().as_ref());
         }
         let source = import::open(std::slice::from_ref(file), &input);
@@ -91,7 +91,7 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The options by which a store's steps are opened. Where it is not one yet, or cannot be read, its own opening says so.
+/// Returns the options for opening a store's steps. A missing or unreadable store is reported by its own opening.
 fn step_options(store: &Path, settings: &StoreSettings, options: OpenOptions) -> Result<OpenOptions, Failure> {
     let opened = Store::open(store).ok();
     let known = opened.as_ref().map(Store::info);
@@ -104,17 +104,16 @@ fn step_options(store: &Path, settings: &StoreSettings, options: OpenOptions) ->
     Ok(OpenOptions { are_labels, held_as: held_as(opened.as_ref()), ..options })
 }
 
-/// How a store's steps hold their voxels.
 fn held_as(store: Option<&Store>) -> Option<HeldAs> {
     store.map(|store| HeldAs { voxel_type: store.voxel_type(), nodata: nodata_of(store) })
 }
 
-/// The value of a store's voxels that hold no data, if there is one.
+/// The value of a store's voxels without data, if there is one.
 fn nodata_of(store: &Store) -> Option<f64> {
     store.info().nodata.map(|nodata| nodata as f64).or(store.info().blanked)
 }
 
-/// Files in the order of their steps, each with its time if there are any: what packing them at once would take for it.
+/// Orders files by their steps, each with its time if there are any, like a pack of all of them.
 fn in_order(files: &[PathBuf], times: &[f64], input: &OpenOptions) -> Result<(Vec<PathBuf>, Vec<f64>), Failure> {
     let (ordered, note) = import::order_steps(files, input).map_err(|error| store_errors::import_failure(&error))?;
     say!("note: {}", with_flags(&note));
@@ -137,7 +136,7 @@ fn in_order(files: &[PathBuf], times: &[f64], input: &OpenOptions) -> Result<(Ve
 }
 
 impl Settings {
-    /// Appends one step; opens the store, or makes it, before the first.
+    /// Appends one step, opening or creating the store before the first.
     fn append(
         &self,
         appender: Option<Appender>,
@@ -193,7 +192,6 @@ impl Settings {
         Ok(appender)
     }
 
-    /// The failure of a step that the user stopped.
     fn stopped(&self, times: u32, file: &Path) -> Failure {
         Failure::new(
             ExitKind::Interrupted,
@@ -206,7 +204,7 @@ impl Settings {
         )
     }
 
-    /// Opens the store; `None` where there is none, or one whose first step is not packed to the end.
+    /// Opens the store; `None` if it is missing, or its first step is not packed to the end.
     fn open(&self) -> Result<Option<Appender>, Failure> {
         let times = match Store::open(&self.store) {
             Ok(store) => {
@@ -220,7 +218,8 @@ impl Settings {
             Err(error) => return Err(store_errors::open_failure(&error)),
         };
         match Appender::open(&self.store, self.limits.of_append()) {
-            // Readers see the first step already, but its pack has not ended: the same file ends it, and another is the next step.
+            // Readers see the first step already, but its pack has not ended: the same file ends it, and another is the
+            // next step.
             Err(AppendError::Unfinished { replaces: false, .. }) if times == 1 => Ok(None),
             opened => opened.map(Some).map_err(store_errors::append_failure),
         }

@@ -27,10 +27,10 @@ pub(crate) struct BenchArguments {
     /// The stores
     #[arg(required = true)]
     stores: Vec<PathBuf>,
-    /// Fly over all stores in one picture, not over one after the other
+    /// Fly over all stores in one picture, instead of one after the other
     #[arg(help_heading = heading::MEASURED, long)]
     together: bool,
-    /// What to fly, or `play` or `scrub` for time steps
+    /// Flights to measure, or `play` or `scrub` for time steps
     #[arg(help_heading = heading::MEASURED, long, value_parser = SCENARIOS, value_delimiter = ',', default_value = "orbit,fly,zoom,sweep")]
     scenario: Vec<Played>,
     #[command(flatten)]
@@ -38,14 +38,14 @@ pub(crate) struct BenchArguments {
     /// Frames of a flight
     #[arg(help_heading = heading::MEASURED, long, default_value_t = 120, value_parser = clap::value_parser!(u32).range(1..))]
     frames: u32,
-    /// Read from the disk: the kernel is asked to forget the stores before every flight
+    /// Read from the disk: drop the stores from the kernel's page cache before every flight
     #[arg(help_heading = heading::MEASURED, long)]
     cold: bool,
-    /// How long a frame of a moving camera may take: fewer pixels and longer steps keep to it [default: as long as it takes,
-    /// and every frame is exact]
+    /// Time limit of a moving camera's frame, met by fewer pixels and longer steps [default: none, and every frame is
+    /// exact]
     #[arg(help_heading = heading::DRAWING, long, value_name = "MS", value_parser = clap::value_parser!(u32).range(1..))]
     frame_goal: Option<u32>,
-    /// Read and sample what shows nothing, too: what skipping it gains is the difference
+    /// Also read and sample empty space, to measure the gain of skipping it
     #[arg(help_heading = heading::DRAWING, long)]
     no_skipping: bool,
     /// Seed of the random flight
@@ -58,10 +58,10 @@ pub(crate) struct BenchArguments {
     scene: SceneArguments,
     #[command(flatten)]
     sampling: SamplingArguments,
-    /// Where to render; auto takes a hardware GPU if there is one, else the CPU
+    /// Where to render; auto is a hardware GPU if there is one, else the CPU
     #[arg(help_heading = heading::DRAWING, long, value_parser = BACKENDS, default_value = "auto")]
     backend: BackendChoice,
-    /// How to render; auto takes what measured faster here
+    /// How to render; auto is the faster one by measurement here
     #[arg(help_heading = heading::DRAWING, long, value_parser = COMPOSITORS, default_value = "auto")]
     compositor: CompositorChoice,
     /// Hard limit of brick slots, tables, targets and staging
@@ -76,7 +76,7 @@ pub(crate) struct BenchArguments {
     /// Print JSON
     #[arg(help_heading = heading::OUTPUT, long)]
     json: bool,
-    /// Write what was measured (JSON), too; - is standard output, in place of the table
+    /// Also write the measurements (JSON); - is standard output, in place of the table
     #[arg(help_heading = heading::OUTPUT, long, value_name = "stats.json")]
     stats: Option<PathBuf>,
     /// Replace existing statistics
@@ -88,7 +88,7 @@ pub(crate) struct BenchArguments {
 #[derive(Clone, Copy)]
 enum Played {
     Flight(Scenario),
-    /// Time steps that follow one another.
+    /// Consecutive time steps.
     Steps,
     /// Jumps from time step to time step.
     Jumps,
@@ -100,7 +100,6 @@ impl Played {
     }
 }
 
-/// The scenarios by their names.
 const SCENARIOS: Named<Played> = Named(&[
     ("still", Played::Flight(Scenario::Still), ""),
     ("orbit", Played::Flight(Scenario::Orbit), ""),
@@ -131,7 +130,7 @@ enum Report {
     Flight(FlightReport),
     Play {
         scenario: &'static str,
-        /// Steps a second that were asked for; `None` for jumps.
+        /// Requested steps per second; `None` for jumps.
         rate: Option<f64>,
         #[serde(flatten)]
         report: PlayReport,
@@ -174,7 +173,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> Result<(), Failure> {
 }
 
 fn measured(arguments: &BenchArguments, paths: &[&Path], scenario: Played) -> Result<(Vec<[u32; 3]>, Report), Failure> {
-    // Opened once before the clock starts: for the scene, and so that a store that does not open says so as elsewhere.
+    // Opened once before the clock starts: for the scene, and so a store that does not open is reported as usual.
     let volumes = store_errors::open_volumes(paths)?;
     let extents = volumes.iter().map(|volume| volume.source.pyramid().levels()[0].extent.to_array()).collect();
     if scenario.flight().is_none() && volumes.iter().all(|volume| volume.source.times() == 1) {

@@ -9,21 +9,20 @@ use clap::Args;
 /// The flags of playbacks.
 #[derive(Args)]
 pub(super) struct PlayArguments {
-    /// Steps a second that `play` asks for
+    /// Requested steps per second of `play`
     #[arg(help_heading = heading::MEASURED, long, value_name = "R", default_value = "20", value_parser = values::positive, allow_negative_numbers = true)]
     rate: f64,
     /// What gives way where `play` cannot hold the rate
     #[arg(help_heading = heading::MEASURED, long, value_parser = POLICIES, default_value = "hold-rate")]
     policy: Policy,
-    /// Time steps that `play` passes and `scrub` jumps to, again and again if the stores have fewer
+    /// Number of time steps of `play` and jumps of `scrub`, cyclic if the stores have fewer
     #[arg(help_heading = heading::MEASURED, long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) steps: u32,
-    /// Draw nothing in `play` and `scrub`: measure streaming alone, from reading to what would be drawn
+    /// Draw nothing in `play` and `scrub`: measure streaming alone, up to the draw lists
     #[arg(help_heading = heading::MEASURED, long)]
     pub(super) no_drawing: bool,
 }
 
-/// The policies by their names.
 const POLICIES: Named<Policy> = Named(&[
     ("hold-rate", Policy::HoldRate, "Steps come when they are due, as coarse as that takes"),
     (
@@ -40,13 +39,11 @@ impl PlayArguments {
     }
 }
 
-/// The head of the table of playbacks.
 pub(super) const HEAD: &str = "\
 | stores | scenario | start ms | steps/s | shown, late, dropped | levels shown, finest first | jump ms p50 / p95 | whole ms p50 / p95 | quality | draw ms p50 / p95 | \
 stream ms p50 / p95 | CPU ms a step | bricks decoded / uploaded / shared a step | read / decoded / uploaded KiB a step | limit | backend / host / anonymous MiB | uncovered, mixed |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
 
-/// A playback's line of the table.
 pub(super) fn line(stores: &str, scenario: &str, r: &PlayReport) -> String {
     let (kib, mib) = (|bytes: u64| bytes as f64 / 1024.0, |bytes: u64| bytes as f64 / (1 << 20) as f64);
     let levels: Vec<String> = r.levels.iter().map(|share| format!("{:.0} %", share * 100.0)).collect();

@@ -1,4 +1,4 @@
-//! Files of camera paths: a JSON list of cameras, each of which may say the time step that is shown there.
+//! Files of camera paths: JSON lists of cameras, each with an optional time step.
 
 use super::failure::Failure;
 use super::step_range::StepRange;
@@ -8,7 +8,7 @@ use glam::DVec3;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// A camera of the file: as [`Camera`], with a time step.
+/// A camera of the file: a [`Camera`] with an optional time step.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Keyframe {
@@ -19,16 +19,16 @@ struct Keyframe {
     time: Option<u32>,
 }
 
-/// Cameras, of which some may have time steps.
+/// Cameras, some with time steps.
 pub(super) struct CameraPath {
     file: PathBuf,
     /// At least one.
     cameras: Vec<Camera>,
-    /// The indices of the cameras that have a time step, ascending, and the steps.
+    /// The indices of the cameras with a time step, ascending, and the steps.
     steps: Vec<(usize, u32)>,
 }
 
-/// A place on a path: a camera's index, and the part of the way to the next one as a fraction that is less than 1.
+/// A place on a path: a camera's index, and the part of the way to the next one as a fraction less than 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Place {
     camera: usize,
@@ -54,18 +54,18 @@ impl CameraPath {
         Ok(Self { file: file.into(), cameras: keyframes.into_iter().map(camera).collect(), steps })
     }
 
-    /// A path of these cameras, some of which, by their indices, have time steps.
+    /// Creates a path of these cameras, with time steps for some of them by index.
     #[cfg(test)]
     pub(super) fn of(cameras: &[Camera], steps: &[(usize, u32)]) -> Self {
         Self { file: "p.json".into(), cameras: cameras.into(), steps: steps.into() }
     }
 
-    /// The number of cameras.
     pub(super) fn len(&self) -> usize {
         self.cameras.len()
     }
 
-    /// Whether the cameras can be used, and those in between where `between`; and whether a series of `times` steps has the path's steps.
+    /// Checks whether the cameras are valid, with `between` also the interpolated ones; and whether a series of `times`
+    /// steps has the path's steps.
     ///
     /// # Errors
     /// Exit code 2 and the camera if not.
@@ -85,10 +85,10 @@ impl CameraPath {
         }
     }
 
-    /// Whether the time steps are said once: by the flag `--time` or by this path.
+    /// Checks that only one source gives the time steps: the flag `--time` or this path.
     ///
     /// # Errors
-    /// Exit code 2 and both if they are said twice.
+    /// Exit code 2 and both if both do.
     pub(super) fn check_alone(&self, asked: Option<&StepRange>) -> Result<(), Failure> {
         match (asked, self.steps.first()) {
             (Some(asked), Some((i, step))) => Err(Failure::usage(format!(
@@ -99,16 +99,17 @@ impl CameraPath {
         }
     }
 
-    /// The camera of picture `i` of `count`, where each picture shows one of the list: several pictures the same one if there are more pictures.
+    /// The camera of picture `i` of `count` without interpolation: with more pictures than cameras, several show the
+    /// same one.
     pub(super) fn listed(&self, i: usize, count: usize) -> (Camera, Option<u32>) {
         let camera = i * self.cameras.len() / count;
         (self.cameras[camera], self.step(Place { camera, numerator: 0, denominator: 1 }))
     }
 
-    /// The camera of picture `i` of `count` pictures, evenly from the first camera to the last: between those of the list where need be.
+    /// The camera of picture `i` of `count`, evenly from the first camera to the last, interpolated where needed.
     ///
     /// # Errors
-    /// If nothing is between two cameras.
+    /// If two cameras have nothing in between.
     pub(super) fn between(&self, i: usize, count: usize) -> Result<(Camera, Option<u32>), Failure> {
         let (legs, intervals) = (self.cameras.len() as u64 - 1, (count as u64 - 1).max(1));
         let along = i as u64 * legs;
@@ -125,20 +126,20 @@ impl CameraPath {
         Ok((camera, self.step(place)))
     }
 
-    /// The time step at a place: between two cameras that have one it changes evenly, from camera to camera, and is rounded down to a whole step.
-    /// Before the first and after the last of them it stays. `None` if no camera has one.
+    /// Returns the time step at a place: interpolated between the nearest two cameras with a step and rounded down,
+    /// constant before the first and after the last of them. `None` if no camera has one.
     fn step(&self, place: Place) -> Option<u32> {
         let after = self.steps.partition_point(|(camera, _)| *camera <= place.camera);
         let Some((from_camera, from)) = after.checked_sub(1).map(|before| self.steps[before]) else {
             return self.steps.first().map(|(_, step)| *step);
         };
         let Some(&(to_camera, to)) = self.steps.get(after) else { return Some(from) };
-        // In whole numbers: a step that is reached exactly must not become the one before by rounding.
+        // In integers: rounding must not turn an exactly reached step into the previous one.
         let denominator = i128::from(place.denominator);
         let gone = (place.camera - from_camera) as i128 * denominator + i128::from(place.numerator);
         let way = (to_camera - from_camera) as i128 * denominator;
         let step = i128::from(from) + ((i128::from(to) - i128::from(from)) * gone).div_euclid(way);
-        // Between two steps, so it is one.
+        // Between two steps, so in range.
         Some(step as u32)
     }
 }
@@ -182,7 +183,7 @@ mod tests {
         assert_eq!(between(&[Some(4), Some(4), Some(0)], 5), [4, 4, 4, 2, 0]);
         assert_eq!(between(&[Some(0), None, Some(3)], 7), [0, 0, 1, 1, 2, 2, 3]);
         assert_eq!(between(&[None, Some(3)], 1), [3]);
-        // Steps that are reached exactly, of which floating point would miss some.
+        // Exactly reached steps, some of which floating point would miss.
         let all: Vec<u32> = (0..=1000).collect();
         assert_eq!(between(&[Some(0), Some(1000)], 1001), all);
     }

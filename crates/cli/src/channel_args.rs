@@ -1,5 +1,5 @@
-//! `--channel`, and how channels look: which of a store's channels are shown, by number or name, and each one's window, colour, opacity
-//! and gamma.
+//! `--channel`, and the look of channels: the choice of a store's channels, by number or name, with their window,
+//! colour, opacity and gamma.
 
 use super::failure::Failure;
 use super::heading;
@@ -12,27 +12,28 @@ use brickyard::volume::channel::from_hex;
 use brickyard::volume::{MAX_VOLUMES, Scene, SceneLayer, near_name};
 use clap::Args;
 
-/// Flags that choose channels and how they look.
+/// Flags for the choice and look of channels.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ChannelArguments {
-    /// Channels to show, by number from 0 or by name, with commas between them; or all [default: those that the store calls active]
+    /// Channels to show, by number from 0 or by name, separated by commas; or all [default: the store's active ones]
     #[arg(help_heading = heading::PART, long, value_name = "all|CHANNEL,...")]
     channel: Option<String>,
-    /// The values that are black and full colour, of all channels or of one; as percentiles with % [default: those that the store says]
+    /// Values shown as black and as full colour, of all channels or of one; as percentiles with % [default: the
+    /// store's]
     #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]LOW,HIGH", value_parser = setting::<[Bound; 2]>, allow_hyphen_values = true)]
     window: Vec<Setting<[Bound; 2]>>,
-    /// From black to this colour over the window, of all channels or of one: a name, RRGGBB, or R:G:B in 0..1 [default: the
-    /// one that the store says, or the transfer function's]
+    /// From black to this colour over the window, of all channels or of one: a name, RRGGBB, or R:G:B in 0..1 [default:
+    /// the store's, or the transfer function's]
     #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]COLOR", value_parser = setting::<Color>)]
     color: Vec<Setting<Color>>,
-    /// What opacities are multiplied by, 0..1, of all channels or of one; in projections the opacity of the whole channel [default:
+    /// Factor of opacities, 0..1, of all channels or of one; in projections the opacity of the whole channel [default:
     /// 1]
     #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]OPACITY", value_parser = setting::<f64>, allow_hyphen_values = true)]
     opacity: Vec<Setting<f64>>,
-    /// The power by which a channel is bent over its window; less than 1 shows more of the lesser values [default: 1]
+    /// Exponent of a channel over its window; less than 1 shows more of the lesser values [default: 1]
     #[arg(help_heading = heading::LOOK, long, value_name = "[CHANNEL=]GAMMA", value_parser = setting::<f64>, allow_hyphen_values = true)]
     gamma: Vec<Setting<f64>>,
-    /// Labels to show, with commas between them; of labels [default: all but the background, 0]
+    /// Labels to show, separated by commas; of labels [default: all but the background, 0]
     #[arg(help_heading = heading::PART, long, value_name = "[CHANNEL=]LABEL,...", value_parser = setting::<Labels>, allow_hyphen_values = true)]
     show_labels: Vec<Setting<Labels>>,
 }
@@ -40,7 +41,7 @@ pub(crate) struct ChannelArguments {
 /// A value for the layers of one channel, or of all.
 #[derive(Clone, Debug, PartialEq)]
 struct Setting<T> {
-    /// The channel's number or name, as it was written; `None` is every channel.
+    /// The channel's number or name as written; `None` is every channel.
     channel: Option<String>,
     value: T,
 }
@@ -58,11 +59,9 @@ enum Bound {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Color([f64; 3]);
 
-/// Labels to be shown.
 #[derive(Clone, Debug, PartialEq)]
 struct Labels(Vec<i64>);
 
-/// The colours that have names.
 const COLORS: [(&str, [f64; 3]); 9] = [
     ("white", [1.0, 1.0, 1.0]),
     ("gray", [1.0, 1.0, 1.0]),
@@ -75,7 +74,6 @@ const COLORS: [(&str, [f64; 3]); 9] = [
     ("orange", [1.0, 0.5, 0.0]),
 ];
 
-/// A value that a flag for channels takes.
 trait Value: Sized {
     fn read(text: &str) -> Result<Self, String>;
 }
@@ -96,7 +94,7 @@ impl Value for Labels {
 }
 
 impl Value for [Bound; 2] {
-    /// `LOW,HIGH` or `LOW:HIGH`, each a value or a percentile.
+    /// Reads `LOW,HIGH` or `LOW:HIGH`, each a value or a percentile.
     fn read(text: &str) -> Result<Self, String> {
         let form = || format!("'{text}': expected LOW,HIGH, each a value or a percentile, as in 100,4000 or 1%,99.5%");
         let (low, high) = text.split_once([',', ':']).ok_or_else(form)?;
@@ -123,7 +121,7 @@ impl Value for [Bound; 2] {
 }
 
 impl Value for Color {
-    /// A colour's name, six hexadecimal digits, or three numbers.
+    /// Reads a colour's name, six hexadecimal digits, or three numbers.
     fn read(text: &str) -> Result<Self, String> {
         if let Some((_, color)) = COLORS.iter().find(|(name, _)| name.eq_ignore_ascii_case(text)) {
             return Ok(Self(*color));
@@ -140,7 +138,7 @@ impl Value for Color {
     }
 }
 
-/// Reads `[CHANNEL=]VALUE`. No value has an equals sign in it; names may.
+/// Reads `[CHANNEL=]VALUE`. Names may contain equals signs, values do not.
 fn setting<T: Value>(text: &str) -> Result<Setting<T>, String> {
     let (channel, value) = match text.rsplit_once('=') {
         Some((channel, value)) => (Some(channel.trim().to_string()), value),
@@ -150,10 +148,10 @@ fn setting<T: Value>(text: &str) -> Result<Setting<T>, String> {
 }
 
 impl ChannelArguments {
-    /// Sets the layers of a scene: one for each channel that is shown; or, of a scene file that lists its layers, their channel.
+    /// Sets the layers of a scene, one for each shown channel; or, if a scene file lists layers, their channel.
     ///
     /// # Errors
-    /// If a store does not have a channel, or more are chosen than a picture can have.
+    /// If a store lacks a channel, or more are chosen than a picture can have.
     pub(super) fn set_layers(
         &self,
         scene: &mut Scene,
@@ -176,7 +174,7 @@ impl ChannelArguments {
         scene.layers.clear();
         let has_image = volumes.iter().any(|volume| !volume.source.is_labels());
         for (i, volume) in volumes.iter().enumerate() {
-            // Channels are those of images, where labels are shown over them.
+            // Channels are an image's, where labels are shown over it.
             let channels = if has_image && volume.source.is_labels() { vec![0] } else { chosen(text, volume)? };
             scene.layers.extend(channel_layers(i, volume, &channels));
         }
@@ -188,7 +186,7 @@ impl ChannelArguments {
         }
     }
 
-    /// Sets one channel for all layers of a scene that lists its layers.
+    /// Sets one channel for all layers, where the scene lists them.
     fn choose_of_all(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
         let Some(text) = self.channel.as_deref() else { return Ok(()) };
         for i in 0..scene.layers.len() {
@@ -202,11 +200,11 @@ impl ChannelArguments {
         Ok(())
     }
 
-    /// Sets windows, colours, opacities, gammas and labels of a scene's layers. Windows and gammas that name no channel are those of
-    /// measurements, where the scene shows both measurements and labels.
+    /// Sets windows, colours, opacities, gammas and labels of a scene's layers. In a scene of both measurements and
+    /// labels, windows and gammas without a channel apply to measurements.
     ///
     /// # Errors
-    /// If no layer shows a channel that is named, percentiles are one value, or labels are shown that there are not.
+    /// If no layer shows a named channel, both percentiles are one value, or a label does not exist.
     pub(super) fn set_looks(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
         let window = |layer: &mut SceneLayer, bounds: &[Bound; 2], volume: &VolumeSource| {
             layer.window = Some(found_window(*bounds, volume.statistics(layer.channel), layer.channel)?);
@@ -237,7 +235,7 @@ impl ChannelArguments {
     }
 }
 
-/// The layers that a flag is for if it names no channel.
+/// The layers for a flag without a channel.
 #[derive(Clone, Copy, PartialEq)]
 enum Suits {
     All,
@@ -245,8 +243,8 @@ enum Suits {
     Labels,
 }
 
-/// The layers of a scene that a flag for measurements, or for labels, is for: all of that kind, or all if there are none of it, so that they are refused
-/// by name.
+/// Returns the layers for a flag for measurements, or for labels: all of that kind, or all layers if there are none, so
+/// they are refused by name.
 pub(super) fn layers_of_kind(scene: &Scene, volumes: &[VolumeSource], is_labels: bool) -> Vec<usize> {
     let is_it = |&i: &usize| volumes.get(scene.store(i)).is_some_and(|volume| volume.source.is_labels() == is_labels);
     let all = 0..scene.layers.len();
@@ -254,7 +252,7 @@ pub(super) fn layers_of_kind(scene: &Scene, volumes: &[VolumeSource], is_labels:
     if found.is_empty() { all.collect() } else { found }
 }
 
-/// Checks that a channel may have these labels, as far as its range and its counts by value tell.
+/// Checks whether a channel may have these labels, by its range and its counts by value.
 fn check_labels(labels: &[i64], volume: &VolumeSource, channel: u32) -> Result<(), Failure> {
     let Some(store) = volume.store().filter(|_| volume.source.is_labels()) else { return Ok(()) };
     let Some(label) = labels.iter().find(|&&label| !store.may_have_label(channel, label)) else { return Ok(()) };
@@ -271,10 +269,10 @@ fn check_labels(labels: &[i64], volume: &VolumeSource, channel: u32) -> Result<(
     Err(Failure::usage(format!("--show-labels: no label {label}{near}: the store has labels from {low} to {high}")))
 }
 
-/// How far from a label that there is not another one is looked for.
+/// Distance within which existing labels are suggested for a missing one.
 const LABELS_AROUND: i64 = 100;
 
-/// Applies settings to the layers that they are about; a layer comes with its volume.
+/// Applies settings to their layers.
 fn each<T>(
     settings: &[Setting<T>],
     flag: &str,
@@ -305,7 +303,7 @@ fn each<T>(
     Ok(())
 }
 
-/// The values that a window's ends stand for.
+/// Returns the values at a window's ends.
 fn found_window(bounds: [Bound; 2], statistics: Option<&ChannelStatistics>, channel: u32) -> Result<[f64; 2], Failure> {
     let value = |bound| match (bound, statistics) {
         (Bound::Value(value), _) => Some(value),
@@ -321,12 +319,11 @@ fn found_window(bounds: [Bound; 2], statistics: Option<&ChannelStatistics>, chan
     }
 }
 
-/// The channels of a volume that `--channel` names.
 fn chosen(text: &str, volume: &VolumeSource) -> Result<Vec<u32>, Failure> {
     if text == "all" {
         return Ok((0..volume.source.channels()).collect());
     }
-    // A name may have a comma in it.
+    // A name may contain a comma.
     if let Some(channel) = find(text, volume) {
         return Ok(vec![channel]);
     }
@@ -339,7 +336,7 @@ fn chosen(text: &str, volume: &VolumeSource) -> Result<Vec<u32>, Failure> {
     text.split(',').map(|name| one(name.trim())).collect()
 }
 
-/// The channel with this name, else with this number, else with this name in another case.
+/// Finds the channel with this name, else with this number, else with this name in another case.
 fn find(text: &str, volume: &VolumeSource) -> Option<u32> {
     let names = names(volume);
     let named = |is_it: &dyn Fn(&str) -> bool| {
@@ -349,12 +346,11 @@ fn find(text: &str, volume: &VolumeSource) -> Option<u32> {
     named(&|name| name == text).or_else(numbered).or_else(|| named(&|name| name.eq_ignore_ascii_case(text)))
 }
 
-/// The names of a volume's channels.
 fn names(volume: &VolumeSource) -> Vec<Option<&str>> {
     volume.displays().iter().map(|display| display.name.as_deref()).collect()
 }
 
-/// The channels that there are, in words.
+/// Lists the existing channels in words.
 fn known_channels(volume: &VolumeSource) -> String {
     let name = |(i, name): (usize, Option<&str>)| name.map_or_else(|| i.to_string(), |name| format!("{i} '{name}'"));
     let each: Vec<_> = names(volume).into_iter().enumerate().map(name).collect();

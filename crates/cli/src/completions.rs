@@ -1,4 +1,4 @@
-//! `brickyard completions`: a script with which a shell completes the command line.
+//! `brickyard completions`: a script for a shell to complete the command line.
 
 use super::failure::Failure;
 use super::{Arguments, print_line};
@@ -8,7 +8,7 @@ use clap_complete::Shell;
 /// `brickyard completions SHELL`
 #[derive(Args)]
 pub(crate) struct CompletionsArguments {
-    /// The shell that the script is for
+    /// The shell
     #[arg(value_enum)]
     shell: Shell,
 }
@@ -21,9 +21,8 @@ pub(crate) fn run(arguments: &CompletionsArguments) -> Result<(), Failure> {
     print_line(script(arguments.shell).trim_end())
 }
 
-/// The script of a shell.
 fn script(shell: Shell) -> String {
-    // Written to memory first: the generator panics where a pipe is closed.
+    // Written to memory first: the generator panics on a closed pipe.
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut Arguments::command(), "brickyard", &mut script);
     String::from_utf8_lossy(&script).into_owned()

@@ -1,4 +1,4 @@
-//! Where the pictures of a `render` go: to a file each, numbered, or all of them into a movie.
+//! The destination of a `render`'s pictures: numbered files, or a movie.
 
 use super::failure::Failure;
 use super::output::{is_stdout, may_write_data, may_write_file, may_write_png};
@@ -12,7 +12,6 @@ use brickyard::volume::{Picture, Scene};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-/// Where a file goes: its folder as the system knows it, and its name.
 fn place_of(path: &Path) -> (Option<PathBuf>, Option<&OsStr>) {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     (folder.canonicalize().ok(), path.file_name())
@@ -29,10 +28,11 @@ pub(super) enum Destination {
 }
 
 impl Destination {
-    /// Where `count` pictures go. All files may be written, the statistics' among them; a movie is begun.
+    /// Creates the destination of `count` pictures. Checks that all files may be written, including the statistics;
+    /// begins a movie.
     ///
     /// # Errors
-    /// Exit code 2 if a file may not be written, or a movie is not what its format holds; 1 if a movie cannot be begun.
+    /// Exit code 2 if a file may not be written, or its format cannot hold the movie; 1 if a movie cannot be begun.
     pub(super) fn new(arguments: &RenderArguments, count: usize) -> Result<Self, Failure> {
         let is_not_stats = |path: &Path| {
             if arguments.stats.as_deref().is_some_and(|stats| place_of(stats) == place_of(path)) {
@@ -85,7 +85,7 @@ impl Destination {
         Ok(Self::Movie { movie: Box::new(movie), path: path.to_path_buf(), count })
     }
 
-    /// Writes picture `i`, which shows this scene.
+    /// Writes picture `i`, of this scene.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -105,7 +105,7 @@ impl Destination {
         }
     }
 
-    /// Ends the movie, which is there from now on, and says what has been written.
+    /// Ends the movie, which exists from now on, and prints the written files.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -137,7 +137,7 @@ fn movie_failure(error: MovieError) -> Failure {
     }
 }
 
-/// With at least three digits, and as many as the last one needs, so that names sort like pictures.
+/// Numbers a file with at least three digits, and as many as the last one needs, so names sort like pictures.
 fn numbered(path: &Path, index: usize, count: usize) -> PathBuf {
     if count == 1 {
         return path.to_path_buf();

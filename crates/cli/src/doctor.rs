@@ -1,4 +1,4 @@
-//! `brickyard doctor`: what this machine offers, and a small volume packed and rendered by every backend to prove it.
+//! `brickyard doctor`: this machine's capabilities, and a small volume packed and rendered by every backend as a proof.
 
 use super::failure::Failure;
 use super::heading;
@@ -54,7 +54,7 @@ struct Adapter {
 struct Trial {
     backend: &'static str,
     ok: bool,
-    /// The adapter, or why it did not work.
+    /// The adapter, or the reason for the failure.
     detail: String,
     frame_ms: f64,
 }
@@ -62,7 +62,7 @@ struct Trial {
 /// Runs `doctor`.
 ///
 /// # Errors
-/// If no backend renders the test picture right, or the test volume cannot be packed.
+/// If no backend renders the test picture correctly, or the test volume cannot be packed.
 pub(crate) fn run(arguments: &DoctorArguments) -> Result<(), Failure> {
     let report = Report {
         version: env!("CARGO_PKG_VERSION"),

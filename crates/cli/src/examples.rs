@@ -1,4 +1,4 @@
-//! An example or more of each command, as they stand in its help.
+//! Examples of each command, for its help.
 
 pub(crate) const PACK: &str = "\
 Examples:
@@ -95,7 +95,7 @@ mod tests {
         #[cfg(feature = "viewer")]
         let all = [&all[..], &[VIEW]].concat();
         for line in all.iter().flat_map(|text| text.lines()).filter(|line| line.starts_with("  brickyard ")) {
-            // Where the shell sends what a command prints is none of the command's words.
+            // The shell's redirection is not part of the command.
             let line = line.split(" > ").next().unwrap();
             let words = line.split_whitespace().map(|word| word.trim_matches('\''));
             assert!(Arguments::try_parse_from(words).is_ok(), "{line}");

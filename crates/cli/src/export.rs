@@ -26,7 +26,7 @@ pub(crate) struct ExportArguments {
     /// Box in voxels of that level, ends excluded [default: the whole level]
     #[arg(help_heading = heading::READ, long, value_name = "x0:x1,y0:y1,z0:z1", value_parser = values::voxel_box)]
     roi: Option<VoxelBox>,
-    /// Time step N; or several, A:B, A:B:S (B excluded) or all, as an array whose slowest axis is time
+    /// Time step N; or several, A:B, A:B:S (B excluded) or all, as an array with time as its slowest axis
     #[arg(help_heading = heading::READ, long, value_name = "N|A:B[:S]|all", default_value = "0", allow_negative_numbers = true)]
     time: StepRange,
     /// Channel

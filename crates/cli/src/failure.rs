@@ -1,4 +1,4 @@
-//! What ends the command: a message and an exit code.
+//! Failures of the command: a message and an exit code.
 
 use super::advice::with_flags;
 
@@ -8,30 +8,28 @@ use super::advice::with_flags;
 pub(crate) enum ExitKind {
     /// The work could not be done.
     Failed = 1,
-    /// The command line must change: it cannot be understood, asks for what is not there or cannot fit, or names an output
-    /// that exists.
+    /// The command line must change: it is not understood, refers to something missing or unfit, or names an existing
+    /// output.
     Usage = 2,
-    /// The input is not what it should be.
+    /// The input is invalid.
     BadInput = 3,
-    /// The output is incomplete, and running again with `--resume` goes on.
+    /// The output is incomplete; running again with `--resume` continues.
     Incomplete = 4,
     /// A store does not match its checksums or statistics.
     VerificationFailed = 5,
-    /// The user stopped the work by Ctrl-C: what shells call 128 and the signal's number.
+    /// The user stopped the work by Ctrl-C: in shells, 128 and the signal's number.
     Interrupted = 130,
 }
 
-/// An error on its way to the user.
 #[derive(Debug)]
 pub(crate) struct Failure {
-    /// Becomes the process's exit code.
+    /// The process's exit code.
     pub kind: ExitKind,
-    /// What, where, why, and what to do.
+    /// What, where, why, and the remedy.
     pub message: String,
 }
 
 impl Failure {
-    /// A failure of some kind.
     pub(crate) fn new(kind: ExitKind, message: impl std::fmt::Display) -> Self {
         Self { kind, message: with_flags(&message.to_string()) }
     }
@@ -46,7 +44,7 @@ impl Failure {
         Self::new(ExitKind::Usage, message)
     }
 
-    /// The input is not what it should be.
+    /// The input is invalid.
     pub(crate) fn bad_input(message: impl std::fmt::Display) -> Self {
         Self::new(ExitKind::BadInput, message)
     }

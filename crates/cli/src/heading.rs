@@ -1,35 +1,32 @@
-//! The headings under which flags stand in the help, the same in all commands.
+//! The headings of flags in the help, the same in all commands.
 
-/// Heading of the flags for what comes out, and where.
+/// Results and their files.
 pub(crate) const OUTPUT: &str = "Output";
-/// Heading of the flags for what an input means.
+/// The meaning of inputs.
 pub(crate) const INPUT: &str = "Input";
-/// Heading of the flags for what is made where nothing is read.
+/// Generated data.
 pub(crate) const MADE: &str = "What is made";
-/// Heading of the flags for the part of a store that is read.
+/// The part of a store to read.
 pub(crate) const READ: &str = "What is read";
-/// Heading of the flags for what is measured.
+/// Measurements.
 pub(crate) const MEASURED: &str = "What is measured";
-/// Heading of the flags for the part of the volumes that is shown.
+/// The visible part of the volumes.
 pub(crate) const PART: &str = "What is shown";
-/// Heading of the flags for the camera.
 pub(crate) const CAMERA: &str = "Camera";
-/// Heading of the flags for how volumes look.
+/// The look of volumes.
 pub(crate) const LOOK: &str = "Look";
-/// Heading of the flags for how rays are sampled.
+/// The sampling of rays.
 pub(crate) const SAMPLING: &str = "Sampling";
-/// Heading of the flags for what is drawn on the pictures, where it hides least.
+/// Overlays on pictures, at the place where they hide least.
 pub(crate) const OVERLAYS: &str = "Overlays";
-/// Heading of the flags for a window.
 #[cfg(feature = "viewer")]
 pub(crate) const WINDOW: &str = "Window";
-/// Heading of the flags for who draws, and what drawing may take.
+/// The backend and its limits.
 pub(crate) const DRAWING: &str = "Drawing, memory and time";
-/// Heading of the flags for files without a header.
+/// Files without a header.
 pub(crate) const RAW: &str = "Raw input";
-/// Heading of the flags for how a store is laid out.
+/// A store's layout.
 pub(crate) const STORE: &str = "Store";
-/// Heading of the flags for what the work may take, and what becomes of files.
+/// The work's limits and files.
 pub(crate) const WORK: &str = "Work";
-/// Heading of the flags that all commands have.
 pub(crate) const ALL: &str = "All commands";

@@ -1,10 +1,10 @@
-//! What the help says of the flags of every command.
+//! The help of the flags of every command.
 
 use super::Arguments;
 use brickyard::volume::Scene;
 use clap::{Arg, Command, CommandFactory};
 
-/// Flags without which nothing more is done, or which one kind of input or output needs: there is no default to tell.
+/// Flags without a default: without them nothing more is done, or they belong to one kind of input or output.
 const WITHOUT_DEFAULT: [&str; 20] = [
     "--clip",
     "--clip-plane",
@@ -28,7 +28,7 @@ const WITHOUT_DEFAULT: [&str; 20] = [
     "--volume",
 ];
 
-/// Every flag of every command, with the command's name; but for the help's and the version's own.
+/// Returns every flag of every command, except help and version, with the command's name.
 fn flags(command: &Command) -> Vec<(String, &Arg)> {
     let own = command.get_arguments().filter(|flag| !flag.is_positional());
     let own = own.filter(|flag| !["help", "version"].contains(&flag.get_id().as_str()));
@@ -54,7 +54,7 @@ fn every_flag_stands_under_a_heading() {
     assert!(bare.is_empty(), "{bare:?}");
 }
 
-/// What happens without a flag is told by the default that the parser has, or in words.
+/// The effect of a missing flag is in the parser's default, or in words.
 #[test]
 fn every_flag_says_what_happens_without_it() {
     let command = built();

@@ -1,4 +1,4 @@
-//! `brickyard info`: what a store holds.
+//! `brickyard info`: the contents of a store.
 
 use super::failure::Failure;
 use super::heading;
@@ -23,13 +23,13 @@ pub(crate) struct InfoArguments {
     json: bool,
 }
 
-/// What `info --json` prints.
+/// The output of `info --json`.
 #[derive(Serialize)]
 struct Info<'a> {
     path: &'a std::path::Path,
     axes: String,
     times: u32,
-    /// When the time steps were taken.
+    /// Times of the time steps.
     time_axis: Option<&'a TimeAxis>,
     channels: u32,
     voxel_type: &'a str,
@@ -38,9 +38,9 @@ struct Info<'a> {
     unit: Option<&'a str>,
     calibrated: bool,
     levels: Vec<LevelInfo>,
-    /// Bytes of the files in which aprons are stored, those of the main pyramid.
+    /// Bytes of the files of stored aprons, those of the main pyramid.
     apron_bytes: u64,
-    /// How each channel is shown.
+    /// The display of each channel.
     displays: &'a [ChannelDisplay],
     store: &'a brickyard::store::StoreInfo,
 }
@@ -146,20 +146,21 @@ fn text(info: &Info<'_>, store: &Store) -> String {
     lines.join("\n")
 }
 
-/// A channel's least, greatest and mean value and its window, in words. The mean has a ten thousandth of their range, however small and far from 0 that is.
+/// Describes a channel's least, greatest and mean value and its window. The mean is precise to a ten thousandth of
+/// their range, however small and far from 0 the range is.
 fn statistics([low, high]: [f64; 2], mean: f64, window: (f64, f64), voxel_type: VoxelType) -> String {
     let value = |value: f64| exact(value, voxel_type == VoxelType::F32);
     let mean = if low < high { to_place(mean, (high - low).log10().floor() as i32 - 4) } else { value(mean) };
     format!("values {} to {}, mean {mean}, window {} to {}", value(low), value(high), value(window.0), value(window.1))
 }
 
-/// How many time steps there are, and when they were taken, in words.
+/// Describes the number of time steps and their times.
 fn time_steps(store: &Store) -> String {
     let count = counted(store.times().into(), "time step");
     store.time_axis().map_or(count.clone(), |axis| format!("{count}, {}", axis.describe()))
 }
 
-/// Which voxels hold no data, and how many do, in words; `None` if no value says so.
+/// Describes the value and number of voxels without data; `None` without such a value.
 fn no_data(store: &Store) -> Option<String> {
     let info = store.info();
     let value = info.nodata?;
@@ -169,7 +170,6 @@ fn no_data(store: &Store) -> Option<String> {
     Some(format!("  no data: {value}, {} ({:.1} %)", counted(count, "voxel"), 100.0 * count as f64 / voxels))
 }
 
-/// A channel's name and colour, in words.
 fn look(display: &ChannelDisplay) -> String {
     let name = display.name.as_ref().map_or_else(String::new, |name| format!(" '{name}'"));
     let color = if display.color == [255; 3] { String::new() } else { format!(" {}", hex(display.color)) };
@@ -177,7 +177,6 @@ fn look(display: &ChannelDisplay) -> String {
     [name, color, hidden.into()].concat()
 }
 
-/// How the volume lies in a patient, in words.
 fn orientation(store: &Store) -> String {
     let (placement, geometry) = (store.placement(), store.geometry());
     let Some(orientation) = &store.info().orientation else {
@@ -193,7 +192,7 @@ fn orientation(store: &Store) -> String {
     )
 }
 
-/// Each number with as many digits as it takes to read back as the same.
+/// Formats each number with as many digits as it takes to read back the same.
 fn triple(numbers: [f64; 3]) -> String {
     numbers.map(|number| significant(number, 9)).join(" x ")
 }

@@ -1,4 +1,5 @@
-//! What the user knows better than foreign files, or what these do not say: flags shared by the commands that read them.
+//! Properties of foreign files that the files lack, or that the user knows better: flags shared by the commands that
+//! read them.
 
 use super::heading;
 use super::named::Named;
@@ -9,7 +10,7 @@ use clap::Args;
 use glam::DVec3;
 use std::path::PathBuf;
 
-/// How to read foreign files.
+/// Options for reading foreign files.
 #[derive(Args)]
 pub(crate) struct InputArguments {
     /// Voxels along each axis, for raw input
@@ -33,8 +34,8 @@ pub(crate) struct InputArguments {
     /// Channels in the file, for raw input with a c axis [default: 1]
     #[arg(help_heading = heading::RAW, long)]
     channels: Option<u32>,
-    /// Order of several files: as given, or by the numbers in their names whatever these count [default: that of a list, unless a shell
-    /// made it of a pattern; otherwise by their numbers, where these have no gaps and count one thing]
+    /// Order of several files: as given, or by the numbers in their names, whatever these count [default: a list's own,
+    /// unless a shell expanded it from a pattern; otherwise by number, if the numbers have no gaps and count one thing]
     #[arg(help_heading = heading::INPUT, long, value_parser = ORDERS)]
     order: Option<FileOrder>,
     /// Missing slices of a DICOM series: refuse them, or leave their places blank, without data
@@ -49,25 +50,25 @@ pub(crate) struct InputArguments {
     /// World unit: nm, um, mm, cm, m, or a UDUNITS name [default: the file's]
     #[arg(help_heading = heading::INPUT, long)]
     unit: Option<String>,
-    /// Time from one step to the next, where steps are evenly spaced [default: the file's]
+    /// Time from one step to the next, for evenly spaced steps [default: the file's]
     #[arg(help_heading = heading::INPUT, long, value_name = "TIME", value_parser = values::positive, allow_negative_numbers = true, conflicts_with = "time_stamps")]
     time_step: Option<f64>,
     /// Unit of time: s, ms, us, ns, min, h, d, or a UDUNITS name [default: the file's]
     #[arg(help_heading = heading::INPUT, long, value_name = "UNIT")]
     time_unit: Option<String>,
-    /// File with the time of each step, where they are not evenly spaced: one number a line, ascending [default: the
-    /// files' own times]
+    /// File with the time of each step, for unevenly spaced steps: one number per line, ascending [default: the files'
+    /// own times]
     #[arg(help_heading = heading::INPUT, long, value_name = "FILE")]
     time_stamps: Option<PathBuf>,
-    /// Value of voxels that hold no data, such as -9999: these are not drawn, averaged or counted; none for a file whose own value
-    /// (DICOM's padding, GDAL's tag in TIFF) is data [default: the file's]
+    /// Value of voxels without data, such as -9999: these are not drawn, averaged or counted; none for a file whose own
+    /// value (DICOM's padding, GDAL's tag in TIFF) is data [default: the file's]
     #[arg(help_heading = heading::INPUT, long, value_name = "VALUE|none", value_parser = values::nodata, allow_hyphen_values = true)]
     nodata: Option<NoData>,
-    /// Accept 64-bit numbers that f32 or 32-bit integers do not hold as they are; what is lost is counted. Never of labels, which would
-    /// become others
+    /// Accept 64-bit numbers that do not fit f32 or 32-bit integers exactly; losses are counted. Never of labels, which
+    /// would become others
     #[arg(help_heading = heading::INPUT, long)]
     allow_lossy: bool,
-    /// Folder for scratch files of inputs that cannot be sought in [default: the system's for temporary files]
+    /// Folder for scratch files of inputs without random access [default: the system's for temporary files]
     #[arg(help_heading = heading::WORK, long, value_name = "FOLDER")]
     scratch: Option<PathBuf>,
 }
@@ -77,7 +78,6 @@ const ORDERS: Named<FileOrder> = Named(&[("given", FileOrder::Given, ""), ("natu
 const GAPS: Named<Gaps> = Named(&[("refuse", Gaps::Refuse, ""), ("blank", Gaps::Blank, "")]);
 
 impl InputArguments {
-    /// The options for opening files.
     pub(crate) fn options(self) -> OpenOptions {
         OpenOptions {
             shape: self.shape,
@@ -103,7 +103,7 @@ impl InputArguments {
     }
 }
 
-/// The UDUNITS name of a unit's symbol; other names pass unchanged.
+/// Returns the UDUNITS name of a unit's symbol; other names pass unchanged.
 fn unit_name(symbol: &str) -> String {
     match symbol {
         "nm" => "nanometer",

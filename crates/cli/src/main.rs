@@ -1,5 +1,5 @@
-//! The `brickyard` command: one subcommand a file, each turning flags into a call of the library and errors into an exit
-//! code. 0 ok, 1 failed, 2 usage, 3 bad input, 4 incomplete but resumable, 5 verification failed, 130 stopped by
+//! The `brickyard` command: one subcommand per file, each turning flags into a call of the library and errors into an
+//! exit code. 0 ok, 1 failed, 2 usage, 3 bad input, 4 incomplete but resumable, 5 verification failed, 130 stopped by
 //! Ctrl-C.
 
 mod advice;
@@ -63,13 +63,13 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 #[derive(Parser)]
 #[command(name = "brickyard", version, propagate_version = true)]
 struct Arguments {
-    /// Say more; twice for everything
+    /// Print more; twice for everything
     #[arg(help_heading = heading::ALL, short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
-    /// Say nothing but errors
+    /// Print nothing but errors
     #[arg(help_heading = heading::ALL, short, long, global = true)]
     quiet: bool,
-    /// What to do.
+    /// The subcommand.
     #[command(subcommand)]
     command: Command,
 }
@@ -80,13 +80,13 @@ enum Command {
     /// Turn scans and simulations into a brick store
     #[command(after_help = examples::PACK)]
     Pack(Box<pack::PackArguments>),
-    /// Add time steps to a store, one file each; the first one makes it
+    /// Add time steps to a store, one file each; the first one creates it
     #[command(after_help = examples::APPEND)]
     Append(Box<append::AppendArguments>),
-    /// Say what a store holds
+    /// Describe a store
     #[command(after_help = examples::INFO)]
     Info(info::InfoArguments),
-    /// Say the values of all channels at one place
+    /// Print the values of all channels at one place
     #[command(after_help = examples::PROBE)]
     Probe(probe::ProbeArguments),
     /// Check every checksum and statistic of a store
@@ -105,17 +105,17 @@ enum Command {
     /// Make a synthetic volume, as .raw or straight into a store (.zarr)
     #[command(after_help = examples::SYNTH)]
     Synth(synth::SynthArguments),
-    /// Fly over stores along scripted paths and print what it takes
+    /// Fly over stores along scripted paths and print the costs
     #[command(after_help = examples::BENCH)]
     Bench(Box<bench::BenchArguments>),
-    /// Measure how good and how fast the ways to sample are: tables, curves and maps of a store. Method, filter, lighting, jitter,
-    /// step and level of the scene are the survey's own
+    /// Measure the quality and speed of sampling methods: tables, curves and maps of a store. The survey sets method,
+    /// filter, lighting, jitter, step and level of the scene itself
     #[command(after_help = examples::QUALITY)]
     Quality(Box<quality::QualityArguments>),
-    /// Say what this machine can do, and try it
+    /// Print this machine's capabilities, and test them
     #[command(after_help = examples::DOCTOR)]
     Doctor(doctor::DoctorArguments),
-    /// Print a script with which a shell completes the command line
+    /// Print a script for a shell to complete the command line
     #[command(after_help = examples::COMPLETIONS)]
     Completions(completions::CompletionsArguments),
     /// Write manual pages into a folder
@@ -125,8 +125,8 @@ enum Command {
 
 fn main() -> ExitCode {
     if std::env::var_os("XDG_RUNTIME_DIR").is_none() {
-        // Without that folder Mesa's device-select layer, which this program does not need, prints an error per adapter.
-        // SAFETY: no other thread exists yet that could read the environment.
+        // Without that folder Mesa's device-select layer, useless to this program, prints an error per adapter.
+        // SAFETY: no other thread that could read the environment exists yet.
         unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     }
     let arguments = Arguments::parse();
@@ -140,14 +140,15 @@ fn main() -> ExitCode {
     match run(arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            // Where nobody listens any more, the code still says it.
+            // Without a reader, the code still reports it.
             say::error(format_args!("error: {}", failure.message));
             ExitCode::from(failure.kind as u8)
         }
     }
 }
 
-/// Lets a write past the limit of file sizes (`ulimit -f`) fail as on a full disk, where the system's signal would end the process.
+/// Makes writes past the limit of file sizes (`ulimit -f`) fail like on a full disk; otherwise the system's signal
+/// would end the process.
 fn fail_past_file_limit() -> std::io::Result<()> {
     signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::<AtomicBool>::default()).map(drop)
 }
@@ -176,7 +177,7 @@ fn run(command: Command) -> Result<(), Failure> {
     }
 }
 
-/// Sends log lines to standard error: warnings, or more or less as asked; `RUST_LOG` overrides.
+/// Sends log lines to standard error: warnings, or more or less by flag; `RUST_LOG` overrides.
 fn set_up_log(verbose: u8, quiet: bool) {
     let level = match (quiet, verbose) {
         (true, _) => "error",
@@ -186,9 +187,9 @@ fn set_up_log(verbose: u8, quiet: bool) {
     };
     let asked = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
     let lines = tracing_subscriber::fmt::layer()
-        // What cannot be said is left unsaid: a panic over it would end a thread that was about to warn.
+        // Lines without a reader are dropped: a panic over one would end a thread about to warn.
         .log_internal_errors(false)
-        // By itself it colours what goes into files and pipes, too.
+        // By default it colours files and pipes, too.
         .with_ansi(std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()))
         .with_writer(std::io::stderr)
         .without_time();
@@ -196,18 +197,16 @@ fn set_up_log(verbose: u8, quiet: bool) {
     tracing_subscriber::registry().with(lines.with_filter(filter)).init();
 }
 
-/// Prints a value as indented JSON on standard output.
 fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(Failure::failed)?;
     print_line(&text)
 }
 
-/// Prints a line on standard output.
 fn print_line(text: &str) -> Result<(), Failure> {
     printed(writeln!(std::io::stdout(), "{text}"))
 }
 
-/// The end of writing to standard output: that a reader has closed the pipe is no failure.
+/// Checks a write to standard output: a pipe closed by its reader is no failure.
 fn printed(written: std::io::Result<()>) -> Result<(), Failure> {
     match written {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {

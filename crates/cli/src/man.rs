@@ -1,4 +1,4 @@
-//! `brickyard man`: manual pages, one for the command and one for each of its commands.
+//! `brickyard man`: manual pages, one for the command and one for each of its subcommands.
 
 use super::Arguments;
 use super::failure::Failure;
@@ -14,16 +14,14 @@ use std::path::PathBuf;
 /// `brickyard man FOLDER`
 #[derive(Args)]
 pub(crate) struct ManArguments {
-    /// The folder for the pages brickyard.1, brickyard-pack.1 and so on; made if it is not there
+    /// The folder for the pages brickyard.1, brickyard-pack.1 and so on; created if missing
     folder: PathBuf,
     /// Replace existing pages
     #[arg(help_heading = heading::OUTPUT, long)]
     overwrite: bool,
 }
 
-/// A manual page.
 struct Page {
-    /// Its file's name.
     name: String,
     roff: String,
 }
@@ -31,7 +29,8 @@ struct Page {
 /// Runs `man`.
 ///
 /// # Errors
-/// Exit code 2 if a page is there and may not be replaced: none is written then. Exit code 1 if a page cannot be written.
+/// Exit code 2, before any page is written, if a page exists and may not be replaced. Exit code 1 if a page cannot be
+/// written.
 pub(crate) fn run(arguments: &ManArguments) -> Result<(), Failure> {
     let folder = &arguments.folder;
     let pages = pages(Arguments::command())?;
@@ -44,10 +43,9 @@ pub(crate) fn run(arguments: &ManArguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The pages of a command and of its subcommands.
 fn pages(command: Command) -> Result<Vec<Page>, Failure> {
     let mut command = command.disable_help_subcommand(true);
-    // Gives the subcommands the flags of all commands, and the names that their pages have.
+    // Gives the subcommands the common flags, and the names of their pages.
     command.build();
     let subcommands: Vec<Command> = command.get_subcommands().cloned().collect();
     let page = |command: Command| {
@@ -62,7 +60,7 @@ fn pages(command: Command) -> Result<Vec<Page>, Failure> {
 mod tests {
     use super::*;
 
-    /// A page's words, without the backslashes that keep hyphens from being broken at.
+    /// Returns a page's text without the backslashes against breaks at hyphens.
     fn text(page: &Page) -> String {
         page.roff.replace('\\', "")
     }

@@ -1,4 +1,4 @@
-//! Output files: never overwritten without being told, and refused before the work, not after it; and what is said of a picture.
+//! Output files: never overwritten by default, and refused before the work, not after it; and notes on a picture.
 
 use super::failure::Failure;
 use super::print_json;
@@ -14,18 +14,19 @@ use std::ffi::OsStr;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Whether a path is `-`, which stands for standard output where data are written.
+/// Whether a path is `-`, which stands for standard output of data.
 pub(crate) fn is_stdout(path: &Path) -> bool {
     path == Path::new("-")
 }
 
-/// Whether a file may be written here.
+/// Checks whether a file may be written here.
 ///
 /// # Errors
-/// Exit code 2 if something is there and may not be replaced, which a folder or device never is, or if a store would hold it.
+/// Exit code 2 if something is there and may not be replaced, as a folder or device never may, or if the path is inside
+/// a store.
 pub(crate) fn may_write(path: &Path, overwrite: bool) -> Result<(), Failure> {
     check_outside(path).map_err(Failure::usage)?;
-    // A link that leads nowhere is something too.
+    // A dangling link is something too.
     let Ok(found) = path.symlink_metadata() else { return Ok(()) };
     let is_no_file = path.metadata().is_ok_and(|found| !found.is_file());
     let (what, advice) = match (found.is_dir(), is_no_file, overwrite) {
@@ -37,7 +38,7 @@ pub(crate) fn may_write(path: &Path, overwrite: bool) -> Result<(), Failure> {
     Err(Failure::usage(format!("{}: {what}; {advice}", path.display())))
 }
 
-/// Whether a picture may be written here: as [`may_write`], and it is a PNG file in a folder that there is.
+/// Checks whether a picture may be written here: as [`may_write`], and it is a PNG file in an existing folder.
 ///
 /// # Errors
 /// Exit code 2 if not.
@@ -45,7 +46,8 @@ pub(crate) fn may_write_png(path: &Path, overwrite: bool) -> Result<(), Failure>
     may_write_as(&["png"], "pictures are written as PNG: give it a name that ends in .png", path, overwrite)
 }
 
-/// Whether an array may be written here: as [`may_write`], and it is a file of a type that is written, in a folder that there is.
+/// Checks whether an array may be written here: as [`may_write`], and it is a file of a supported type, in an existing
+/// folder.
 ///
 /// # Errors
 /// Exit code 2 if not.
@@ -63,7 +65,7 @@ fn may_write_as(extensions: &[&str], advice: &str, path: &Path, overwrite: bool)
     may_write_file(path, overwrite)
 }
 
-/// Whether a file may be written here: as [`may_write`], in a folder that there is.
+/// Checks whether a file may be written here: as [`may_write`], in an existing folder.
 ///
 /// # Errors
 /// Exit code 2 if not.
@@ -75,10 +77,10 @@ pub(crate) fn may_write_file(path: &Path, overwrite: bool) -> Result<(), Failure
     may_write(path, overwrite)
 }
 
-/// Makes a folder for output, unless it is there.
+/// Creates a folder for output, unless it exists.
 ///
 /// # Errors
-/// Exit code 2 if something else is there or a store would hold it, 1 if it cannot be made.
+/// Exit code 2 if something else is there or the path is inside a store, 1 if it cannot be created.
 pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
     check_outside(&path.join("output")).map_err(Failure::usage)?;
     if path.is_dir() {
@@ -90,7 +92,7 @@ pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))
 }
 
-/// Whether data may be written here: as [`may_write_file`], and standard output always takes them.
+/// Checks whether data may be written here: as [`may_write_file`], and standard output always accepts them.
 ///
 /// # Errors
 /// Exit code 2 if not.
@@ -110,7 +112,7 @@ pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Fail
     write_text(path, &(text + "\n")).map_err(Failure::failed)
 }
 
-/// Says what a picture cannot show by itself: that a channel has a single value, or none. Nothing is said of what there is not.
+/// Prints a note on a picture of a channel with a single value, or none. Missing stores and channels have no note.
 pub(crate) fn note_window(store: Option<&Arc<Store>>, channel: u32) {
     let Some(store) = store else { return };
     let Some(of_channel) = store.info().channels.get(channel as usize) else { return };
@@ -139,7 +141,7 @@ pub(crate) fn report(stats: &RenderStats) {
     }
 }
 
-/// How many bricks could not be read for the pictures, in a line; `None` if all could.
+/// Describes the bricks that could not be read for the pictures, in a line; `None` if there are none.
 pub(super) fn damage(stats: &RenderStats) -> Option<String> {
     let what = match (stats.bricks.failed, stats.bricks.unreadable) {
         (0, 0) => return None,

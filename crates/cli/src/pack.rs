@@ -11,8 +11,8 @@ use std::path::PathBuf;
 /// `brickyard pack INPUT... STORE`
 #[derive(Args)]
 pub(crate) struct PackArguments {
-    /// Input files, a folder of files of one format, or a quoted pattern (step_*.npy, step_%04d.raw), then the store to make; several files
-    /// are time steps, or planes
+    /// Input files, a folder of files of one format, or a quoted pattern (step_*.npy, step_%04d.raw), then the store to
+    /// create; several files are time steps, or planes
     #[arg(required = true, num_args = 1.., value_name = "INPUT... STORE")]
     paths: Vec<PathBuf>,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! The flags that decide how a store is packed, shared by `pack` and `synth`; what of them decides its bytes, also by `append`.
+//! The flags of packing, shared by `pack` and `synth`; those that determine a store's bytes also by `append`.
 
 use super::advice::with_flags;
 use super::failure::{ExitKind, Failure};
@@ -19,7 +19,7 @@ use std::path::Path;
 use std::sync::OnceLock;
 use std::time::Instant;
 
-/// What decides a store's bytes.
+/// The flags that determine a store's bytes.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct StoreSettings {
     /// What the voxels mean; labels are never averaged [default: image]
@@ -34,17 +34,18 @@ pub(crate) struct StoreSettings {
     /// zstd:LEVEL, shuffle-zstd:LEVEL or none [default: zstd:1 for 8-bit data, shuffle-zstd:1 for wider]
     #[arg(help_heading = heading::STORE, long)]
     codec: Option<Codec>,
-    /// How a level follows from the finer one: mean, max, min, mode or nearest; mean,max makes both, so that maximum
-    /// projections lose nothing at any level, and mean,min does so for minima [default: mean,max for images, mode for labels]
+    /// How a level follows from the finer one: mean, max, min, mode or nearest; mean,max makes both, so maximum
+    /// projections lose nothing at any level, and mean,min does so for minima [default: mean,max for images, mode for
+    /// labels]
     #[arg(help_heading = heading::STORE, long, value_name = "METHOD[,METHOD]")]
     downsample: Option<Reductions>,
-    /// Store each brick's apron too, 1 or 2 voxels wide (2 for tricubic samples): a tenth or a fifth more of disk, and a view
-    /// decodes no brick just for its neighbour's sake [default: none is stored]
+    /// Store each brick's apron too, 1 or 2 voxels wide (2 for tricubic samples): a tenth or a fifth more of disk, and
+    /// a view decodes no brick just for its neighbour's sake [default: none is stored]
     #[arg(help_heading = heading::STORE, long, value_name = "VOXELS", value_parser = clap::value_parser!(u32).range(1..=MAX_APRON as i64))]
     aprons: Option<u32>,
 }
 
-/// What packing may take, and how it shows how far it is.
+/// Limits of packing, and its display of progress.
 #[derive(Args, Clone, Copy, Debug)]
 pub(crate) struct PackingLimits {
     /// Limit of the process's own memory
@@ -59,31 +60,29 @@ pub(crate) struct PackingLimits {
 }
 
 impl PackingLimits {
-    /// The options of a pack, within these limits.
     pub(crate) fn limit(&self, options: PackOptions) -> PackOptions {
         let threads = self.threads.map_or(options.threads, NonZeroUsize::get);
         PackOptions { memory_bytes: self.memory, threads, ..options }
     }
 
-    /// The options of an append.
     pub(crate) fn of_append(&self) -> AppendOptions {
         let threads = self.threads.map_or(AppendOptions::default().threads, NonZeroUsize::get);
         AppendOptions { memory_bytes: self.memory, threads }
     }
 }
 
-/// How to pack.
+/// The flags of a pack.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct PackSettings {
     #[command(flatten)]
     store: StoreSettings,
-    /// Time steps in a shard file, at most all: for a series of many small steps, fewer files, and bricks that are the same in several
-    /// steps of a file are stored once
+    /// Time steps in a shard file, at most all: for a series of many small steps, fewer files, and equal bricks in
+    /// several steps of a file are stored once
     #[arg(help_heading = heading::STORE, long, value_name = "STEPS", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     shard_time: u32,
     #[command(flatten)]
     limits: PackingLimits,
-    /// Go on with an interrupted pack of the same input and settings
+    /// Continue an interrupted pack of the same input and settings
     #[arg(help_heading = heading::WORK, long, conflicts_with = "overwrite")]
     resume: bool,
     /// Replace an existing output
@@ -91,16 +90,15 @@ pub(crate) struct PackSettings {
     overwrite: bool,
 }
 
-/// The kinds of voxels by their names.
 pub(crate) const KINDS: Named<Kind> = Named(&[("image", Kind::Image, ""), ("labels", Kind::Labels, "")]);
 
 impl StoreSettings {
-    /// Whether the voxels are said to be labels.
+    /// Whether the flags declare the voxels as labels.
     pub(crate) fn are_labels(&self) -> bool {
         self.kind == Some(Kind::Labels)
     }
 
-    /// The options of a new store of voxels of this type.
+    /// Returns the options of a new store of voxels of this type.
     ///
     /// # Errors
     /// Exit code 2 if they contradict each other.
@@ -127,10 +125,10 @@ impl StoreSettings {
         })
     }
 
-    /// Checks that what is given is how a store was packed.
+    /// Checks the given flags against an existing store.
     ///
     /// # Errors
-    /// Exit code 2 for a flag that says otherwise.
+    /// Exit code 2 for a flag that contradicts it.
     pub(crate) fn check(&self, store: &Store) -> Result<(), Failure> {
         let info = store.info();
         let codec = self.codec.map(|codec| codec.for_voxel_type(info.voxel_type));
@@ -162,17 +160,16 @@ impl PackSettings {
         self.overwrite
     }
 
-    /// Whether the voxels are said to be labels.
+    /// Whether the flags declare the voxels as labels.
     pub(crate) fn are_labels(&self) -> bool {
         self.store.are_labels()
     }
 
-    /// How to show progress.
     pub(crate) fn progress(&self) -> ProgressStyleArgument {
         self.limits.progress
     }
 
-    /// The options of a new store of voxels of this type.
+    /// Returns the options of a new store of voxels of this type.
     ///
     /// # Errors
     /// Exit code 2 if they contradict each other.
@@ -186,10 +183,10 @@ impl PackSettings {
         Ok(PackOptions { shard_times: self.shard_time, exists, ..options })
     }
 
-    /// Packs a source into a store, saying the plan first and the result last.
+    /// Packs a source into a store, printing the plan first and the result last.
     ///
     /// # Errors
-    /// With the exit code for what went wrong: 2 settings, 3 the input, 4 resumable.
+    /// With the exit code for the failure: 2 settings, 3 the input, 4 resumable.
     pub(crate) fn pack(&self, source: &dyn Source, path: &Path) -> Result<(), Failure> {
         let info = source.info();
         let options = self.options(info.voxel_type)?;
@@ -255,7 +252,7 @@ struct Watcher<'a> {
     shard_times: u32,
     style: ProgressStyleArgument,
     progress: Progress,
-    /// From when aprons are made.
+    /// Set once aprons are made.
     aprons: OnceLock<Progress>,
     interrupt: Interrupt,
 }
@@ -267,7 +264,7 @@ impl Watcher<'_> {
     }
 }
 
-/// What to say of a pack of many steps that are small: each has files of its own.
+/// Returns the hint for a pack of many small steps, each with its own files.
 fn of_small_shards(plan: &PackPlan, shard_times: u32) -> Option<String> {
     const MANY: u64 = 1000;
     const SMALL_BYTES: u64 = 1 << 20;

@@ -48,7 +48,7 @@ pub(crate) struct ProbeArguments {
     overwrite: bool,
 }
 
-/// What `probe --json` prints.
+/// The output of `probe --json`.
 #[derive(Serialize)]
 struct Found<'a> {
     voxel: [u32; 3],
@@ -65,7 +65,7 @@ struct Value<'a> {
     value: Option<f64>,
 }
 
-/// What `probe --json` prints of several time steps.
+/// The output of `probe --json` for several time steps.
 #[derive(Serialize)]
 struct FoundCurve<'a> {
     voxel: [u32; 3],
@@ -73,7 +73,7 @@ struct FoundCurve<'a> {
     /// Unit of `world`.
     unit: Option<&'a str>,
     steps: &'a [u32],
-    /// The time of each step; `null` where times are not known.
+    /// The time of each step; `null` if times are unknown.
     times: Option<Vec<f64>>,
     /// Unit of `times`.
     time_unit: Option<&'a str>,
@@ -162,7 +162,8 @@ fn describe<'a>(curve: &'a Curve, store: &'a Store, unit: Option<&'a str>) -> Fo
     }
 }
 
-/// A row for each step: its number, its time, empty where that is not known, and each channel's value, empty where there is none.
+/// Formats a row for each step: its number, its time, empty if unknown, and each channel's value, empty if there is
+/// none.
 fn csv(curve: &Curve, store: &Store) -> String {
     let head = ["step".into(), "time".into()].into_iter().chain(channel_names(store)).map(|name| quoted(&name));
     let row = |(i, step): (usize, &u32)| {
@@ -174,7 +175,6 @@ fn csv(curve: &Curve, store: &Store) -> String {
     std::iter::once(head.collect::<Vec<_>>().join(",")).chain(rows).collect::<Vec<_>>().join("\n")
 }
 
-/// A field of CSV, in quotes where it needs them.
 fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
 }
@@ -199,7 +199,7 @@ fn triple([i, j, k]: [u32; 3]) -> String {
     format!("{i},{j},{k}")
 }
 
-/// The values of the place that is asked for, at a step that the store has.
+/// Probes the requested place, at an existing step of the store.
 fn look(arguments: &ProbeArguments, store: &Arc<Store>, time: u32) -> Result<Probe, Failure> {
     let volume = VolumeSource::of_store(store);
     let extent = store.pyramid().levels()[0].extent;

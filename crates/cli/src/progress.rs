@@ -7,7 +7,7 @@ use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// How to show progress.
+/// The style of progress.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ProgressStyleArgument {
     /// A bar on a terminal, else plain
@@ -15,13 +15,13 @@ pub(crate) enum ProgressStyleArgument {
     Auto,
     /// A line every few seconds
     Plain,
-    /// A JSON object a line
+    /// A JSON object per line
     Json,
     /// Nothing
     None,
 }
 
-/// A running count of bytes; shared by threads.
+/// A running count of bytes, shared by threads.
 pub(crate) struct Progress {
     bar: Option<ProgressBar>,
     lines: Option<Mutex<Lines>>,
@@ -65,7 +65,6 @@ impl Progress {
         }
     }
 
-    /// Ends the display.
     pub(crate) fn finish(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();

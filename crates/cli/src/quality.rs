@@ -1,4 +1,4 @@
-//! `brickyard quality`: how good and how fast the ways to sample are, measured on a store.
+//! `brickyard quality`: the quality and speed of sampling methods, measured on a store.
 
 use super::advice::advised;
 use super::failure::Failure;
@@ -30,7 +30,7 @@ use std::time::Duration;
 pub(crate) struct QualityArguments {
     /// The store
     store: PathBuf,
-    /// Folder for table, curves and maps; made if it is not there
+    /// Folder for table, curves and maps; created if missing
     #[arg(help_heading = heading::OUTPUT, short, long, value_name = "FOLDER")]
     output: PathBuf,
     /// Picture size in pixels
@@ -41,10 +41,10 @@ pub(crate) struct QualityArguments {
     /// Sampling rates: segments along a voxel
     #[arg(help_heading = heading::MEASURED, long, value_name = "N,...", value_delimiter = ',', default_value = "1,2,4,8", value_parser = values::positive)]
     samples_per_voxel: Vec<f64>,
-    /// Sampling methods [default: all; where the transfer function is one of value and gradient, those that are not pre-integrated]
+    /// Sampling methods [default: all; for a transfer function of value and gradient, those without pre-integration]
     #[arg(help_heading = heading::MEASURED, long, value_parser = METHODS, value_delimiter = ',', value_name = "METHOD,...")]
     methods: Vec<Method>,
-    /// Virtual samples of a segment, of methods that have some
+    /// Virtual samples of a segment, for methods with some
     #[arg(help_heading = heading::MEASURED, long, value_name = "N,...", value_delimiter = ',', default_values_t = [VIRTUAL_SAMPLES],
           value_parser = clap::value_parser!(u8).range(1..=MOST_VIRTUAL_SAMPLES as i64))]
     virtual_samples: Vec<u8>,
@@ -54,7 +54,7 @@ pub(crate) struct QualityArguments {
     /// Lightings
     #[arg(help_heading = heading::MEASURED, long, value_parser = LIGHTINGS, value_delimiter = ',', value_name = "LIGHTING,...", default_value = "none,blinn-phong")]
     lightings: Vec<LightingModel>,
-    /// Pictures of each series, with other jitter each
+    /// Pictures of each series, each with its own jitter
     #[arg(help_heading = heading::MEASURED, long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(2..=1024))]
     frames: u32,
     /// Hard limit of brick slots, tables, targets and staging
@@ -66,13 +66,13 @@ pub(crate) struct QualityArguments {
     /// Threads [default: all]
     #[arg(help_heading = heading::DRAWING, short = 'j', long, value_parser = values::threads)]
     threads: Option<NonZeroUsize>,
-    /// Give up on bricks that have not come after S seconds
+    /// Give up on missing bricks after S seconds
     #[arg(help_heading = heading::DRAWING, long, value_name = "S", default_value = "600", value_parser = values::positive)]
     max_wait: f64,
-    /// Print JSON, as it is written to quality.json, in place of the tables
+    /// Print JSON, as in quality.json, in place of the tables
     #[arg(help_heading = heading::OUTPUT, long)]
     json: bool,
-    /// Write into a folder that is not empty
+    /// Write into a folder even if it is not empty
     #[arg(help_heading = heading::OUTPUT, long)]
     overwrite: bool,
 }
@@ -193,7 +193,7 @@ impl QualityArguments {
     }
 }
 
-/// A folder that is there must be empty, unless told otherwise.
+/// Creates a folder; an existing one must be empty, unless `overwrite`.
 fn make_empty_folder(path: &Path, overwrite: bool) -> Result<(), Failure> {
     let fail = |error: std::io::Error| Failure::failed(format!("{}: {error}", path.display()));
     if !overwrite && path.is_dir() && path.read_dir().map_err(fail)?.next().is_some() {
@@ -243,7 +243,7 @@ fn lighting_name(lighting: LightingModel) -> &'static str {
     }
 }
 
-/// The method, with the number of its virtual samples if it is not the usual one.
+/// Returns the method, with its number of virtual samples unless it is the usual one.
 fn way_name(row: &Row) -> String {
     let method = findings::name(row.method);
     match row.virtual_samples {
@@ -252,7 +252,7 @@ fn way_name(row: &Row) -> String {
     }
 }
 
-/// From 10 dB, dark violet, to 50 dB, yellow.
+/// Writes a map from 10 dB, dark violet, to 50 dB, yellow.
 fn write_map(folder: &Path, row: &Row, series: &Series) -> Result<(), Failure> {
     let colors = TransferFunction::preset("viridis", (10.0, 50.0), 1.0).map_err(Failure::failed)?;
     let map = series.map(|db| colors.rgb(db.min(1e3)));

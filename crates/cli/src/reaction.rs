@@ -1,5 +1,6 @@
-//! A small simulation that runs while its steps are appended to a store: two substances in a box that react and diffuse, by the model of Gray and Scott (J. E. Pearson, *Complex
-//! patterns in a simple system*, Science 261, 1993), on a periodic grid. Costs 16 bytes a voxel, and about 2 ns of processor time for each voxel and round.
+//! A small simulation whose steps are appended to a store as it runs: two substances in a box react and diffuse, by the
+//! model of Gray and Scott (J. E. Pearson, *Complex patterns in a simple system*, Science 261, 1993), on a periodic
+//! grid. Costs 16 bytes a voxel, and about 2 ns of processor time for each voxel and round.
 
 use brickyard::import::{ImportError, Lent, Source, SourceInfo, uniform};
 use brickyard::volume::{Extent, Geometry, VoxelBox, VoxelType};
@@ -8,14 +9,14 @@ use std::num::NonZeroUsize;
 /// Rounds of the simulation from one time step to the next.
 const ROUNDS: u32 = 20;
 
-/// How fast the substances diffuse, squared voxels a round.
+/// Diffusion of the substances, squared voxels per round.
 const DIFFUSION: [f32; 2] = [0.12, 0.06];
 
-/// How fast the first substance is fed, and how fast the second one decays besides.
+/// Feed rate of the first substance, and additional decay rate of the second.
 const FEED: f32 = 0.035;
 const KILL: f32 = 0.06;
 
-/// About the most of the second substance that there is anywhere, as a share.
+/// Approximate greatest share of the second substance anywhere.
 const MOST: f32 = 0.45;
 
 /// The simulation, at some round.
@@ -27,14 +28,15 @@ pub(crate) struct Reaction {
     next: [Vec<f32>; 2],
 }
 
-/// One time step: how much there is of the second substance, from 0 to the greatest value of 8 or 16 bits, or as a share in f32.
+/// One time step: the amount of the second substance, from 0 to the greatest value of 8 or 16 bits, or as a share in
+/// f32.
 pub(crate) struct ReactionStep {
     info: SourceInfo,
     voxels: Vec<u8>,
 }
 
 impl Reaction {
-    /// The start: the first substance everywhere, and drops of the second one about the middle.
+    /// Creates the start: the first substance everywhere, and drops of the second one around the middle.
     pub(crate) fn new(extent: Extent, seed: u64) -> Self {
         let count = extent.volume() as usize;
         let mut now = [vec![1.0; count], vec![0.0; count]];
@@ -53,7 +55,7 @@ impl Reaction {
         Self { extent, seed, step: 0, next: now.clone(), now }
     }
 
-    /// Bytes of memory that a simulation of this size takes with a step of this voxel type.
+    /// Bytes of a simulation of this size with a step of this voxel type.
     pub(crate) fn bytes(extent: Extent, voxel_type: VoxelType) -> u64 {
         extent.volume().saturating_mul(4 * size_of::<f32>() as u64 + voxel_type.bytes() as u64)
     }
@@ -76,7 +78,7 @@ impl Reaction {
         self.step += 1;
     }
 
-    /// The time step as of now; `None` for a voxel type that it is not made of.
+    /// Returns the present time step; `None` for an unsupported voxel type.
     pub(crate) fn step(&self, voxel_type: VoxelType) -> Option<ReactionStep> {
         let shares = self.now[1].iter().map(|share| (share / MOST).clamp(0.0, 1.0));
         let voxels: Vec<u8> = match voxel_type {
@@ -105,7 +107,7 @@ impl Reaction {
     }
 }
 
-/// One round of the slices from `first_z` on, as many as `out` has room for.
+/// Runs one round of the slices from `first_z` on that fit in `out`.
 fn round(now: &[Vec<f32>; 2], extent: Extent, first_z: u32, [first, second]: [&mut [f32]; 2]) {
     let (width, slice) = (extent.x as usize, extent.x as usize * extent.y as usize);
     let row = |y: u32, z: u32| z as usize * slice + y as usize * width;
@@ -164,14 +166,13 @@ impl Source for ReactionStep {
 }
 
 impl ReactionStep {
-    /// Where a voxel's bytes begin.
     fn offset(&self, [x, y, z]: [u32; 3]) -> usize {
         let Extent { x: width, y: height, .. } = self.info.extent;
         ((z as usize * height as usize + y as usize) * width as usize + x as usize) * self.info.voxel_type.bytes()
     }
 }
 
-/// All voxels of a volume, x fastest.
+/// Returns all voxels of a volume, x fastest.
 fn places(extent: Extent) -> impl Iterator<Item = [u32; 3]> {
     (0..extent.z).flat_map(move |z| (0..extent.y).flat_map(move |y| (0..extent.x).map(move |x| [x, y, z])))
 }

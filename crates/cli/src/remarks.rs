@@ -1,5 +1,5 @@
-//! What is said of a picture that shows less than its user may expect: before it is drawn, that a slice, an isovalue or a preset cannot show anything of the data; and
-//! of one that came out empty, why. Each with the numbers that would do.
+//! Remarks on pictures that show less than expected: before drawing, on a slice, an isovalue or a preset without effect
+//! on the data; and afterwards, on the cause of an empty picture. Each with numbers that would work.
 
 use brickyard::doubtful_extremes::DoubtfulExtremes;
 use brickyard::session::{ResolvedLayer, ResolvedScene, VolumeSource};
@@ -7,7 +7,7 @@ use brickyard::unlike_sizes::unlike_sizes;
 use brickyard::volume::numbers::{significant, within_span};
 use brickyard::volume::{Mode, Picture, Scene, Slice, TransferChoice, box_corners};
 
-/// Returns the remarks on a scene that are made before it is drawn.
+/// Returns the remarks on a scene before it is drawn.
 pub(super) fn of_scene(scene: &Scene, volumes: &[VolumeSource]) -> Vec<String> {
     let shown = || (0..scene.layers.len()).filter(|&layer| scene.layers[layer].visible);
     let mut remarks = Vec::new();
@@ -21,7 +21,7 @@ pub(super) fn of_scene(scene: &Scene, volumes: &[VolumeSource]) -> Vec<String> {
     remarks
 }
 
-/// What is missing where the surface of a value is to be shown, and no value is given; `None` if nothing is.
+/// Reports a missing isovalue in an isosurface scene.
 pub(super) fn of_missing_isovalue(scene: &Scene, volumes: &[VolumeSource]) -> Option<String> {
     let is_missing = scene.mode == Mode::Isosurface && scene.layers.iter().all(|layer| layer.isosurfaces.is_empty());
     let first = scene.layers.first().filter(|_| is_missing)?;
@@ -30,7 +30,7 @@ pub(super) fn of_missing_isovalue(scene: &Scene, volumes: &[VolumeSource]) -> Op
     Some(format!("--mode isosurface shows the surface of a value: give it by --isovalue; the values of {reach}"))
 }
 
-/// Why a picture is empty, all of it `background`; `None` if it is not.
+/// Returns the cause of an empty picture, all of it `background`; `None` if it is not empty.
 pub(super) fn of_empty(
     picture: &Picture,
     background: [f64; 3],
@@ -57,7 +57,7 @@ pub(super) fn of_empty(
     Some(format!("the picture is empty: {why}"))
 }
 
-/// Why rays may end too soon on this adapter; `None` if none does.
+/// Returns the warning about rays that may end too soon on this adapter, if any.
 pub(super) fn of_unfinished(adapter: &str, resolved: &ResolvedScene, volumes: &[VolumeSource]) -> Option<&'static str> {
     let may_be = adapter.contains("llvmpipe") && resolved.may_be_unfinished(volumes);
     may_be.then_some(
@@ -66,7 +66,7 @@ pub(super) fn of_unfinished(adapter: &str, resolved: &ResolvedScene, volumes: &[
     )
 }
 
-/// What projections may not show, which are drawn at coarse levels that do not hold their extremes; and what they may show of what is cut away.
+/// Returns remarks on projections at coarse levels without their extremes, and on cut-away values in them.
 pub(super) fn of_extremes(scene: &ResolvedScene, found: &DoubtfulExtremes, volumes: &[VolumeSource]) -> Vec<String> {
     let names = |layers: &[usize]| {
         let of_layers = scene.layers.iter().filter(|layer| layers.contains(&layer.place));
@@ -103,12 +103,11 @@ fn of_lost(mode: Mode, names: &[String]) -> Option<String> {
     })
 }
 
-/// The least and the greatest value of a channel.
 fn values(channel: u32, volume: &VolumeSource) -> (f64, f64) {
     volume.statistics(channel).map_or_else(|| volume.source.channel_range(channel), |found| found.range.into())
 }
 
-/// From where to where the values of a channel reach, in words that follow "the values of".
+/// Describes a channel's range of values, in words after "the values of".
 fn reach(channel: u32, volume: &VolumeSource) -> String {
     let (low, high) = values(channel, volume);
     let [from, to] = [low, high].map(|value| within_span(value, high - low));
@@ -150,13 +149,13 @@ fn isovalues_outside(scene: &Scene, layer: usize, volumes: &[VolumeSource]) -> V
     outside.map(|value| format!("there is no surface of {value}: the values of {}", reach(channel, volume))).collect()
 }
 
-/// The least value of scans that are of Hounsfield units: air, at -1000, is in each of them.
+/// Upper bound of the least value of scans in Hounsfield units: each contains air, at -1000.
 const AIR: f64 = -500.0;
 
 fn preset_of_other_data(scene: &Scene, layer: usize, volumes: &[VolumeSource]) -> Option<String> {
     let volume = volumes.get(scene.store(layer))?;
     let layer = &scene.layers[layer];
-    // A preset of values of its own: those for CT.
+    // A preset with its own range of values: those for CT.
     let transfer = layer.transfer.as_ref().filter(|choice| !choice.spans_window() && layer.window.is_none())?;
     let TransferChoice::Preset(choice) = transfer else { return None };
     (values(layer.channel, volume).0 > AIR).then(|| {

@@ -83,13 +83,13 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     destination.finish()?;
     arguments.write_stats(&stats)?;
     match damage(&stats).filter(|_| arguments.strict) {
-        // Which bricks, is said already.
+        // The bricks are reported already.
         Some(_) => Err(Failure::new(ExitKind::VerificationFailed, "--strict: not all of what is shown could be read")),
         None => Ok(()),
     }
 }
 
-/// The pictures of one run: their volumes and views, where they go, and how it went.
+/// The pictures of one run: their volumes, views, destination and statistics.
 struct Pictures<'a> {
     arguments: &'a RenderArguments,
     overlays: Overlays,
@@ -99,7 +99,7 @@ struct Pictures<'a> {
     destination: Destination,
     started: Instant,
     stats: RenderStats,
-    /// Whether it has been said that a projection may lose extremes: once is enough for all pictures.
+    /// Whether the remark on lost extremes is printed: once for all pictures.
     has_told_of_extremes: Cell<bool>,
 }
 
@@ -108,13 +108,13 @@ impl Pictures<'_> {
         resolve(&self.volumes, scene, self.arguments.size).map_err(session_failure)
     }
 
-    /// Refuses a picture for which bricks could not be read since their store is gone: coarser ones would stand in for a whole store.
+    /// Refuses a picture with unreadable bricks if their store is gone: coarser ones would stand in for a whole store.
     fn refuse_replaced(&self, stats: &RenderStats) -> Result<(), Failure> {
         let replaced = damage(stats).and_then(|_| self.stores.iter().find(|store| store.is_replaced()));
         replaced.map_or(Ok(()), |store| Err(store_errors::open_failure(&store.replaced())))
     }
 
-    /// Says once what projections may not show, and what they may show that is cut away.
+    /// Prints once the remarks on lost extremes and on cut-away values in projections.
     fn tell_of_extremes(&self, scene: &ResolvedScene, found: &DoubtfulExtremes) {
         let remarks = remarks::of_extremes(scene, found, &self.volumes);
         if !remarks.is_empty() && !self.has_told_of_extremes.replace(true) {
@@ -122,7 +122,8 @@ impl Pictures<'_> {
         }
     }
 
-    /// Draws every view and writes its picture. What draws is given a scene and what it took so far, in all and frame by frame.
+    /// Draws every view and writes its picture. `draw` receives a scene, the statistics so far and the list of frame
+    /// times.
     fn draw(
         &mut self,
         mut draw: impl FnMut(&Self, &Scene, &mut RenderStats, &mut Vec<f64>) -> Result<(ResolvedScene, Picture), Failure>,
@@ -171,7 +172,7 @@ impl Pictures<'_> {
         Ok(())
     }
 
-    /// A session for the first view, and what draws it said.
+    /// Creates a session for the first view, and prints its backend.
     fn session(&mut self, options: SessionOptions) -> Result<Session, Failure> {
         let mut session = Session::new(self.volumes.clone(), options);
         let first = session.resolve(&self.views.first()?, self.arguments.size).map_err(session_failure)?;
@@ -186,7 +187,7 @@ impl Pictures<'_> {
         Ok(session)
     }
 
-    /// In passes where one volume is drawn by a GPU, as far as the flags let it; else in tiles.
+    /// Draws in passes if one volume is drawn by a GPU and the flags permit; otherwise in tiles.
     fn exact(&mut self, compositor: CompositorChoice) -> Result<(), Failure> {
         let first = self.views.first()?;
         let options = self.arguments.session_options(compositor, self.views.count());
@@ -265,7 +266,7 @@ impl Pictures<'_> {
     }
 }
 
-/// How many cells are drawn at each level, of all layers.
+/// Counts the cells drawn at each level, of all layers.
 fn level_cells(session: &Session, volumes: &[VolumeSource]) -> Vec<usize> {
     let levels = volumes.iter().map(|volume| volume.source.pyramid().levels().len()).max();
     let mut counts = vec![0; levels.unwrap_or(0)];

@@ -1,4 +1,4 @@
-//! The flags of `render`, and what follows from them.
+//! The flags of `render`, and the settings derived from them.
 
 use super::failure::Failure;
 use super::heading;
@@ -21,17 +21,18 @@ use std::time::Duration;
 /// `brickyard render STORE... -o out.png`, or `--movie out.mp4`
 #[derive(Args)]
 pub(crate) struct RenderArguments {
-    /// The store; or several, up to 32, in one picture, each where its own world is or where --volume N:matrix=... puts it
+    /// The store; or several, up to 32, in one picture, each in its own world or placed by --volume N:matrix=...
     #[arg(required = true)]
     pub(super) stores: Vec<PathBuf>,
-    /// Output PNG; several pictures are numbered: out_000.png, ... A single one can go to standard output, by the name -
+    /// Output PNG; several pictures are numbered: out_000.png, ... A single one can go to standard output, by the name
+    /// -
     #[arg(help_heading = heading::OUTPUT, short, long, value_name = "out.png", required_unless_present = "movie")]
     pub(super) output: Option<PathBuf>,
-    /// Write the pictures into one movie instead: .gif (256 colours of each picture), .y4m (all pixels, not compressed) or .mp4 (H.264, by
-    /// the program ffmpeg, which must be installed). As in `--movie flow.mp4 --time all --rate 12`
+    /// Write the pictures into one movie instead: .gif (256 colours of each picture), .y4m (all pixels, uncompressed)
+    /// or .mp4 (H.264, by the program ffmpeg, which must be installed). As in `--movie flow.mp4 --time all --rate 12`
     #[arg(help_heading = heading::OUTPUT, long, value_name = "out.gif|out.y4m|out.mp4", conflicts_with = "output")]
     pub(super) movie: Option<PathBuf>,
-    /// Pictures that the movie shows in a second, to a thousandth: as in `--rate 29.97`
+    /// Frames per second of the movie, to a thousandth: as in `--rate 29.97`
     #[arg(help_heading = heading::OUTPUT, long, value_name = "R", default_value = "24", allow_negative_numbers = true, conflicts_with = "output")]
     pub(super) rate: PictureRate,
     /// Picture size in pixels
@@ -41,33 +42,34 @@ pub(crate) struct RenderArguments {
     pub(super) scene: SceneArguments,
     #[command(flatten)]
     pub(super) sampling: SamplingArguments,
-    /// Samples of each pixel: more make edges smoother, and drawing takes as many times as long [default: 4, or 1 in projections and slices, unless a
-    /// scene file says otherwise]
+    /// Samples of each pixel: more make edges smoother, and drawing proportionally slower [default: 4, or 1 in
+    /// projections and slices, unless a scene file sets it]
     #[arg(help_heading = heading::SAMPLING, long, value_name = "1|2|4|8|16")]
     pub(super) aa: Option<PixelSamples>,
-    /// Turn the camera once around its target in N pictures; where there are more time steps, in as many as those
+    /// Turn the camera once around its target in N pictures; with more time steps, in as many pictures as steps
     #[arg(help_heading = heading::CAMERA, long, value_name = "N", conflicts_with = "path")]
     pub(super) orbit: Option<u32>,
-    /// Cameras of several pictures (JSON list), a picture each. A camera may have a time step, as in `{"eye": ..., "time": 40}`: the cameras between two
-    /// of those show the steps between, rounded down
+    /// Cameras of several pictures (JSON list), a picture each. A camera may have a time step, as in `{"eye": ...,
+    /// "time": 40}`: cameras between two of those show the steps between, rounded down
     #[arg(help_heading = heading::CAMERA, long, value_name = "path.json")]
     pub(super) path: Option<PathBuf>,
-    /// Make N pictures evenly along the path, the first and the last camera among them, as in `--path path.json --frames 240` [default: one for each camera]
+    /// Make N pictures evenly along the path, from the first camera to the last, as in `--path path.json --frames 240`
+    /// [default: one for each camera]
     #[arg(help_heading = heading::CAMERA, long, value_name = "N", requires = "path")]
     pub(super) frames: Option<u32>,
-    /// Where to render; auto takes a hardware GPU if there is one, else the CPU
+    /// Where to render; auto is a hardware GPU if there is one, else the CPU
     #[arg(help_heading = heading::DRAWING, long, value_parser = BACKENDS, default_value = "auto")]
     pub(super) backend: BackendChoice,
-    /// How to render: sorted composites bricks back to front (GPU only), raycast follows each ray front to back, compute does so by
-    /// compute shaders (GPU only); auto is raycast; reference holds whole levels in memory, in f64
+    /// How to render: sorted composites bricks back to front (GPU only), raycast follows each ray front to back,
+    /// compute does so in compute shaders (GPU only); auto is raycast; reference holds whole levels in memory, in f64
     #[arg(help_heading = heading::DRAWING, long, value_enum, default_value_t = CompositorArgument::Auto)]
     pub(super) compositor: CompositorArgument,
-    /// Draw every brick that the view wants, however few fit at once: one volume in passes on a GPU (a software one will do), where
-    /// the compositor is sorted or auto; else in tiles
+    /// Draw every brick wanted by the view, however few fit at once: one volume in passes on a GPU (a software one will
+    /// do), if the compositor is sorted or auto; else in tiles
     #[arg(help_heading = heading::DRAWING, long)]
     pub(super) exact: bool,
-    /// Hard limit of brick slots, tables, targets and staging, wherever they are [default: 1GiB of a GPU's memory, or a quarter of the machine's if
-    /// the CPU draws]
+    /// Hard limit of brick slots, tables, targets and staging, wherever they are [default: 1GiB of a GPU's memory, or a
+    /// quarter of the machine's if the CPU draws]
     #[arg(help_heading = heading::DRAWING, long, visible_alias = "cpu-memory", value_name = "BYTES", value_parser = values::bytes)]
     pub(super) gpu_memory: Option<u64>,
     /// Hard limit of decoded bricks and scratch
@@ -82,13 +84,13 @@ pub(crate) struct RenderArguments {
     /// Write statistics (JSON); - is standard output
     #[arg(help_heading = heading::OUTPUT, long, value_name = "stats.json")]
     pub(super) stats: Option<PathBuf>,
-    /// Write no letters on slices of a patient, which say which side is where
+    /// Write no letters for a patient's sides on slices
     #[arg(help_heading = heading::OUTPUT, long)]
     pub(super) no_letters: bool,
-    /// Draw a bar of a round length: in perspective, of one at the distance of the camera's target
+    /// Draw a bar of a round length: in perspective, at the distance of the camera's target
     #[arg(help_heading = heading::OVERLAYS, long)]
     pub(super) scale_bar: bool,
-    /// Draw which value has which colour
+    /// Draw colour bars: colours by value
     #[arg(help_heading = heading::OVERLAYS, long)]
     pub(super) color_bar: bool,
     /// Draw the box around the volumes, with ticks and units
@@ -97,7 +99,7 @@ pub(crate) struct RenderArguments {
     /// Write a line of text, as in `--label "cell 12, 40 min"`
     #[arg(help_heading = heading::OVERLAYS, long, value_name = "TEXT")]
     pub(super) label: Option<String>,
-    /// End with exit code 5 where bricks could not be read and coarser ones stand in; pictures are written all the same
+    /// End with exit code 5 if bricks could not be read and coarser ones stand in; pictures are written all the same
     #[arg(help_heading = heading::OUTPUT, long)]
     pub(super) strict: bool,
     /// Replace existing pictures
@@ -126,13 +128,11 @@ impl RenderArguments {
         }
     }
 
-    /// What is drawn on the pictures.
     pub(super) fn overlays(&self) -> Overlays {
         let Self { scale_bar, color_bar, axes, .. } = *self;
         Overlays { scale_bar, color_bar, axes, label: self.label.clone() }
     }
 
-    /// The options of a session that makes so many pictures.
     pub(super) fn session_options(&self, compositor: CompositorChoice, pictures: usize) -> SessionOptions {
         let (gpu_memory_bytes, cpu_memory_bytes) = backend_memory(self.gpu_memory);
         SessionOptions {
@@ -148,7 +148,6 @@ impl RenderArguments {
         }
     }
 
-    /// Writes the statistics, where they are asked for.
     pub(super) fn write_stats(&self, stats: &RenderStats) -> Result<(), Failure> {
         self.stats.as_ref().map_or(Ok(()), |path| write_json(path, stats))
     }

@@ -1,4 +1,4 @@
-//! The flags that say how a picture is sampled. `quality` has none of them: ways to sample are what it compares.
+//! The flags for sampling. `quality` has none of them: it compares sampling methods itself.
 
 use super::heading;
 use super::named::Named;
@@ -6,7 +6,7 @@ use super::values;
 use brickyard::volume::{Filter, Jitter, LevelPolicy, LightingModel, Method, Scene};
 use clap::Args;
 
-/// Flags that say how a picture is sampled. They override the scene file.
+/// Flags for sampling. They override the scene file.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct SamplingArguments {
     /// How `--mode dvr` samples and classifies a step of a ray [default: udvr]
@@ -15,11 +15,11 @@ pub(crate) struct SamplingArguments {
     /// How the field is made of voxels [default: trilinear]
     #[arg(help_heading = heading::SAMPLING, long, value_parser = FILTERS)]
     filter: Option<Filter>,
-    /// Where rays are sampled: all at the same distances, or each moved by a random number (white, or white:SEED) or by a mask
-    /// (blue, also without a value) [default: none]
+    /// Where rays are sampled: all at the same distances, or each shifted by a random number (white, or white:SEED) or
+    /// by a mask (blue, also without a value) [default: none]
     #[arg(help_heading = heading::SAMPLING, long, value_name = "none|white|blue", num_args = 0..=1, default_missing_value = "blue", value_parser = values::jitter)]
     jitter: Option<Jitter>,
-    /// How `--mode dvr` is lit [default: phong in `render` and `view`, unless a scene file says otherwise; none in `bench`]
+    /// How `--mode dvr` is lit [default: phong in `render` and `view`, unless a scene file sets it; none in `bench`]
     #[arg(help_heading = heading::LOOK, long, value_parser = LIGHTINGS)]
     lighting: Option<LightingModel>,
     /// Sampling step in units of the finest voxel size, 0.005 to 16 [default: 1]
@@ -33,7 +33,6 @@ pub(crate) struct SamplingArguments {
     pixel_error: Option<f64>,
 }
 
-/// The methods by their names.
 pub(crate) const METHODS: Named<Method> = Named(&[
     ("udvr", Method::Udvr, "One sample in the middle"),
     ("pdvr", Method::Pdvr, "Pre-integrated between the ends"),
@@ -44,14 +43,12 @@ pub(crate) const METHODS: Named<Method> = Named(&[
     ("pcvs", Method::Pcvs, "As cvs, pre-integrated"),
 ]);
 
-/// The filters by their names.
 pub(crate) const FILTERS: Named<Filter> = Named(&[
     ("nearest", Filter::Nearest, "The value of the voxel that a place is in: voxels as they are"),
     ("trilinear", Filter::Trilinear, "Linear between 8 voxels"),
     ("tricubic", Filter::Tricubic, "Cubic B-spline of 64 voxels: smooth, and blurs"),
 ]);
 
-/// The lightings by their names.
 pub(crate) const LIGHTINGS: Named<LightingModel> = Named(&[
     ("none", LightingModel::None, "Colours as they are"),
     ("phong", LightingModel::Phong, "Phong's reflection"),
@@ -67,7 +64,6 @@ fn level(text: &str) -> Result<LevelPolicy, String> {
 }
 
 impl SamplingArguments {
-    /// The scene, sampled as the flags say.
     pub(crate) fn of(&self, mut scene: Scene) -> Scene {
         scene.sampling.method = self.method.unwrap_or(scene.sampling.method);
         scene.sampling.filter = self.filter.unwrap_or(scene.sampling.filter);

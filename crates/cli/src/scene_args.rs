@@ -1,4 +1,4 @@
-//! The flags that describe a picture, but for how it is sampled, shared by every command that shows something.
+//! The flags that describe a picture, except its sampling, shared by every command that shows something.
 
 use super::channel_args::{ChannelArguments, layers_of_kind};
 use super::failure::Failure;
@@ -29,10 +29,11 @@ pub(crate) struct SceneArguments {
     /// Scene file (JSON); flags override it
     #[arg(help_heading = heading::PART, long)]
     scene: Option<PathBuf>,
-    /// Where the camera stands, world units [default: where it sees all of the volumes, of a patient from the front, a little from aside and above]
+    /// Camera position, world units [default: in view of all volumes, of a patient from the front, a little from aside
+    /// and above]
     #[arg(help_heading = heading::CAMERA, long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     eye: Option<DVec3>,
-    /// What it looks at [default: the volume's centre, or the slice's]
+    /// Point that the camera looks at [default: the volume's centre, or the slice's]
     #[arg(help_heading = heading::CAMERA, long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     target: Option<DVec3>,
     /// The picture's up direction [default: 0,0,1; 0,-1,0 for slices nearer to level than to upright]
@@ -44,13 +45,13 @@ pub(crate) struct SceneArguments {
     /// Orthographic view of this world height [default: a perspective view, but for slices]
     #[arg(help_heading = heading::CAMERA, long, value_name = "HEIGHT")]
     ortho: Option<f64>,
-    /// Two eyes, as one picture of the size asked for
+    /// Two eyes, as one picture of the same size
     #[arg(help_heading = heading::CAMERA, long, value_parser = STEREO_LAYOUTS, value_name = "LAYOUT")]
     stereo: Option<StereoLayout>,
     /// Distance between the eyes, world units [default: 1/30 of the convergence distance]
     #[arg(help_heading = heading::CAMERA, long, value_name = "W", allow_hyphen_values = true)]
     eye_separation: Option<f64>,
-    /// Distance of what seems to be at the screen, world units [default: that of the target]
+    /// Distance of objects that seem to be at the screen, world units [default: that of the target]
     #[arg(help_heading = heading::CAMERA, long, value_name = "W", allow_hyphen_values = true)]
     convergence: Option<f64>,
     /// How samples become a pixel [default: dvr; average for slices]
@@ -61,25 +62,26 @@ pub(crate) struct SceneArguments {
     isovalue: Vec<Isosurface>,
     #[arg(help_heading = heading::LOOK, long, value_name = "FILE|PRESET", help = transfer_help())]
     transfer: Option<String>,
-    /// What the transfer function's opacity is multiplied by (0..1) where the field's gradient has a magnitude, in data units per
-    /// world unit: points of a curve, as in `20:0,60:1`, which hides what is even and shows boundaries
+    /// Factor of the transfer function's opacity (0..1) by the magnitude of the field's gradient, in data units per
+    /// world unit: points of a curve, as in `20:0,60:1`, which hides uniform regions and shows boundaries
     #[arg(help_heading = heading::LOOK, long, value_name = "MAGNITUDE:FACTOR,...", value_parser = values::gradient_opacity, allow_hyphen_values = true)]
     gradient_opacity: Option<GradientOpacity>,
-    /// How layer N looks, counted from 0; the layers are the scene file's, or else one for each store. Again and again. KEY=VALUE is
-    /// one of: transfer=FILE|PRESET; window=LOW:HIGH, the values that a preset spans or the function is moved to; color=R:G:B, from
-    /// black to it over the window; gamma=G, by which colours and opacities are bent over the window; opacity=0..1; blend=auto|mix|add;
-    /// matrix=FILE or its 12 or 16 numbers row by row, from the store's world to the scene's;
-    /// isovalue=VALUE[,opacity=A][,color=R:G:B], an isosurface, up to eight times;
-    /// crop=X0:X1,Y0:Y1,Z0:Z1 in voxels; channel=C; visible=true|false
+    /// Look of layer N, counted from 0; the layers are the scene file's, or else one for each store; repeatable.
+    /// KEY=VALUE is one of: transfer=FILE|PRESET; window=LOW:HIGH, the values that a preset spans or the function is
+    /// moved to; color=R:G:B, from black to it over the window; gamma=G, the exponent of colours and opacities over the
+    /// window; show-labels=LABEL,...; opacity=0..1; blend=auto|mix|add|over; matrix=FILE or its 12 or 16 numbers row by
+    /// row, from the store's world to the scene's; isovalue=VALUE[,opacity=A][,color=R:G:B], an isosurface, up to eight
+    /// times; crop=X0:X1,Y0:Y1,Z0:Z1 in voxels; channel=C; visible=true|false
     #[arg(help_heading = heading::LOOK, long, value_name = "N:KEY=VALUE", value_parser = volume_setting, allow_hyphen_values = true)]
     volume: Vec<VolumeSetting>,
-    /// Show one value made of several layers', through one transfer function: `max(a, b * 0.5)`, where a is the first layer
+    /// Show one value computed from several layers, through one transfer function: `max(a, b * 0.5)`, where a is the
+    /// first layer
     #[arg(help_heading = heading::LOOK, long, value_name = "EXPRESSION", allow_hyphen_values = true)]
     expr: Option<String>,
-    /// How the gradients that `--lighting` and transfer functions by gradient need are found [default: central]
+    /// How to find the gradients for `--lighting` and for transfer functions by gradient [default: central]
     #[arg(help_heading = heading::LOOK, long, value_parser = GRADIENTS)]
     gradient: Option<Gradient>,
-    /// Where a light stands, world units; up to four times [default: one at the eye]
+    /// Position of a light, world units; up to four times [default: one at the eye]
     #[arg(help_heading = heading::LOOK, long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     light: Vec<DVec3>,
     /// Colour behind the volume, each 0..1 [default: 0,0,0]
@@ -93,33 +95,34 @@ pub(crate) struct SceneArguments {
     /// Show only this box, world units
     #[arg(help_heading = heading::PART, long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = values::corners, allow_hyphen_values = true)]
     clip: Option<[DVec3; 2]>,
-    /// Show only what is on the side of this plane that its normal points to (a point and the normal, world units); up to six times
+    /// Show only the side of this plane that its normal points to (a point and the normal, world units); up to six
+    /// times
     #[arg(help_heading = heading::PART, long, value_name = "X,Y,Z:NX,NY,NZ", value_parser = values::plane, allow_hyphen_values = true)]
     clip_plane: Vec<ClipPlane>,
-    /// Cap isosurfaces where --clip, --clip-plane or a crop opens them, in the colour of the innermost; --caps=false leaves them open
-    /// [default: capped in mode isosurface, open in fog]
+    /// Cap isosurfaces where --clip, --clip-plane or a crop opens them, in the colour of the innermost; --caps=false
+    /// leaves them open [default: capped in mode isosurface, open in fog]
     #[arg(help_heading = heading::PART, long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     caps: Option<bool>,
-    /// Show only this plane, seen straight on unless there is a camera: across x, y or z of the world at a coordinate; across i, j or k,
-    /// the first layer's own axes, at an index of voxels, from 0; axial, coronal or sagittal of a patient, at a world coordinate; all of these
-    /// in per cent of what there is, too, as in `--slice z=50%`, or in the middle, as in `--slice axial=middle`; or
-    /// through a point with a normal that points to the viewer. The mode is average, mip or minip [default: average]
+    /// Show only this plane, seen straight on unless there is a camera: across x, y or z of the world at a coordinate;
+    /// across i, j or k, the first layer's own axes, at an index of voxels, from 0; axial, coronal or sagittal of a
+    /// patient, at a world coordinate; all of these also in per cent of the extent, as in `--slice z=50%`, or in the
+    /// middle, as in `--slice axial=middle`; or through a point with a normal towards the viewer. The mode is average,
+    /// mip or minip [default: average]
     #[arg(help_heading = heading::PART, long, value_name = "z=VALUE|k=INDEX|axial=50%|X,Y,Z:NX,NY,NZ", value_parser = slice_argument::slice, allow_hyphen_values = true)]
     slice: Option<SliceArgument>,
-    /// Look from this side at all that is shown: of a patient anterior, posterior, left, right, superior or inferior; else +x, -x,
-    /// +y, -y, +z or -z [default: as --eye says]
+    /// Look at the whole scene from this side: of a patient anterior, posterior, left, right, superior or inferior;
+    /// else +x, -x, +y, -y, +z or -z [default: as --eye says]
     #[arg(help_heading = heading::CAMERA, long, value_name = "SIDE", value_parser = Viewpoint::from_name, allow_hyphen_values = true, conflicts_with = "slice")]
     view: Option<Viewpoint>,
-    /// How much of the volume about the slice goes into it, world units [default: 0, one layer of values]
+    /// Thickness of the slice, world units [default: 0, one layer of values]
     #[arg(help_heading = heading::PART, long, value_name = "WIDTH", value_parser = values::positive)]
     thickness: Option<f64>,
-    /// Show the triangle mesh of a file (.stl, .ply, .obj, .gltf, .glb) in the volume's world; may be given several times. A translucent
-    /// one takes --mode dvr or isosurface
+    /// Show the triangle mesh of a file (.stl, .ply, .obj, .gltf, .glb) in the volume's world; repeatable. A
+    /// translucent one takes --mode dvr or isosurface
     #[arg(help_heading = heading::PART, long, value_name = "FILE[,color=R:G:B][,opacity=A][,unlit]", value_parser = values::mesh)]
     mesh: Vec<MeshLook>,
 }
 
-/// The modes by their names.
 const MODES: Named<Mode> = Named(&[
     ("dvr", Mode::Dvr, "Direct volume rendering"),
     ("mip", Mode::Mip, "Maximum intensity projection"),
@@ -128,7 +131,6 @@ const MODES: Named<Mode> = Named(&[
     ("isosurface", Mode::Isosurface, "The surface of one value, opaque, lit from the eye"),
 ]);
 
-/// The gradients by their names.
 const GRADIENTS: Named<Gradient> = Named(&[
     ("central", Gradient::Central, "Differences of two samples along each axis"),
     ("sobel", Gradient::Sobel, "The 3D Sobel operator on 26 samples"),
@@ -139,7 +141,6 @@ const GRADIENTS: Named<Gradient> = Named(&[
     ),
 ]);
 
-/// The stereo layouts by their names.
 const STEREO_LAYOUTS: Named<StereoLayout> = Named(&[
     ("side-by-side", StereoLayout::SideBySide, "Left eye's picture left, right eye's right, each half as wide"),
     ("top-bottom", StereoLayout::TopBottom, "Left eye's picture above, right eye's below, each half as high"),
@@ -148,21 +149,20 @@ const STEREO_LAYOUTS: Named<StereoLayout> = Named(&[
 ]);
 
 impl SceneArguments {
-    /// Gives a scene that no file describes the look that volumes are shown with first.
+    /// Gives a scene without a file its first look.
     pub(crate) fn set_first_look(&self, scene: &mut Scene, volumes: &[VolumeSource]) {
         if self.scene.is_none() {
             set_first_look(scene, volumes);
         }
     }
 
-    /// The scene's file, if one is named.
     #[cfg(feature = "viewer")]
     pub(crate) fn file(&self) -> Option<&Path> {
         self.scene.as_deref()
     }
 
-    /// The scene: the file's, overridden by the flags, for pictures of this size of these volumes. Volumes that no layer of the file shows
-    /// have a layer each.
+    /// Returns the scene for pictures of this size of these volumes: the file's, overridden by the flags. Volumes
+    /// without a layer in the file get one each.
     ///
     /// # Errors
     /// Exit code 3 for an unreadable or malformed file, 2 for flags that contradict each other or the scene.
@@ -176,7 +176,7 @@ impl SceneArguments {
         self.channels.set_layers(&mut scene, volumes, lists_layers)?;
         self.set_layers(&mut scene, volumes)?;
         if scene.expression.is_some() && !lists_layers {
-            // What an expression takes the place of has no look of its own.
+            // The operands of an expression have no look of their own.
             for layer in &mut scene.layers {
                 layer.color = None;
             }
@@ -193,10 +193,10 @@ impl SceneArguments {
         Ok(scene)
     }
 
-    /// As [`Self::scene`], of one time step.
+    /// Returns [`Self::scene`] for a single time step.
     ///
     /// # Errors
-    /// As there; and exit code 2 if the flags ask for several steps.
+    /// Those of [`Self::scene`]; and exit code 2 if the flags give several steps.
     pub(crate) fn scene_of_one_step(&self, volumes: &[VolumeSource], size_px: (u32, u32)) -> Result<Scene, Failure> {
         match &self.time {
             None | Some(StepRange::One(_)) => self.scene(volumes, size_px),
@@ -204,12 +204,11 @@ impl SceneArguments {
         }
     }
 
-    /// The time steps that the flags ask for, if they do.
     pub(crate) fn steps_asked(&self) -> Option<&StepRange> {
         self.time.as_ref()
     }
 
-    /// The time steps of the pictures: those of the flags, else the scene's own.
+    /// Returns the time steps of the pictures: the flags', else the scene's own.
     ///
     /// # Errors
     /// Exit code 2 if the scene has no such steps.
@@ -220,7 +219,7 @@ impl SceneArguments {
         }
     }
 
-    /// Sets what of a scene is the same for all of its layers.
+    /// Sets the properties common to all layers of a scene.
     fn set_picture(&self, scene: &mut Scene) -> Result<(), Failure> {
         scene.stereo = self.stereo(scene.stereo)?;
         if self.slice.is_some() && matches!(scene.mode, Mode::Dvr | Mode::Isosurface) {
@@ -243,10 +242,11 @@ impl SceneArguments {
         Ok(())
     }
 
-    /// The layers, all of them and then each; and the expression over them. What is for all is for those of measurements, where there are labels, too.
+    /// Sets the layers, all of them and then each; and the expression over them. Beside labels, settings for all layers
+    /// apply to measurements only.
     fn set_layers(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
         scene.expression = self.expr.clone().map(SceneExpression::from).or(scene.expression.take());
-        // A projection's flag takes the file's surfaces away with its mode; those that are given must suit.
+        // A projection's flag removes the file's surfaces with its mode; given ones must suit.
         let is_of_file = self.mode.is_none() && self.slice.is_none();
         let has_no_surfaces = !is_of_file && !matches!(scene.mode, Mode::Dvr | Mode::Isosurface);
         let measured = layers_of_kind(scene, volumes, false);
@@ -260,7 +260,7 @@ impl SceneArguments {
             (Some(choice), None) => measured.iter().for_each(|&i| set_transfer(&mut scene.layers[i], choice.clone())),
             (None, _) => {}
         }
-        // Flags take a file's surfaces away, layer by layer.
+        // Flags replace a file's surfaces, layer by layer.
         for setting in self.volume.iter().filter(|setting| setting.key == VolumeKey::Isovalue) {
             setting.layer(scene)?.isosurfaces.clear();
         }
@@ -329,7 +329,7 @@ impl SceneArguments {
     }
 }
 
-/// Adds layers for the stores that no layer shows. A list without layers stays one: it is a mistake.
+/// Adds layers for the stores without one. A list without layers stays empty: it is a mistake.
 fn show_all(scene: &mut Scene, stores: usize) {
     let hidden = |scene: &Scene, store: usize| (0..scene.layers.len()).all(|layer| scene.store(layer) != store);
     for store in 0..stores {

@@ -1,4 +1,4 @@
-//! What the errors of sessions and pictures are on the command line.
+//! Exit codes and advice for errors of sessions and pictures.
 
 use super::advice::advised;
 use super::failure::Failure;
@@ -36,7 +36,7 @@ pub(crate) fn session_failure(error: SessionError) -> Failure {
         | SessionError::Precision { .. } => Failure::usage(advised(&error)),
         SessionError::Open(error) => store_errors::open_failure(&error),
         SessionError::Unreadable(_) => Failure::bad_input(error),
-        // A budget, a size or a choice that cannot work, whatever this machine has: as `pack` refuses a `--memory`.
+        // A budget, a size or a choice that fails on any machine: like a `--memory` refused by `pack`.
         SessionError::Pager(PagerError::HostMemory { .. } | PagerError::Slots { .. })
         | SessionError::Backend(
             BackendError::Gpu(

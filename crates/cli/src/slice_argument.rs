@@ -1,5 +1,5 @@
-//! `--slice`: planes by their names in the world, in a patient, or along a volume's own axes; and what sides of a patient are refused. What a name means
-//! depends on the volumes, so it is found once they are open.
+//! `--slice`: planes by name in the world, in a patient, or along a volume's own axes; and the refusal of a patient's
+//! sides without one. The meaning of a name depends on the volumes, so it is resolved once they are open.
 
 use super::failure::Failure;
 use super::values;
@@ -7,7 +7,7 @@ use brickyard::session::VolumeSource;
 use brickyard::volume::{ClipPlane, Placement, Scene, Slice, Viewpoint, near_name};
 use glam::DVec3;
 
-/// A slice as the user writes it.
+/// A slice as written by the user.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum SliceArgument {
     /// A plane in the world.
@@ -20,12 +20,12 @@ pub(crate) enum SliceArgument {
     Voxels(usize, At),
 }
 
-/// Where along its axis a slice is.
+/// A slice's place along its axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum At {
     /// At a coordinate, or an index of voxels.
     Value(f64),
-    /// After a share of all that there is along the axis, 0 to 1.
+    /// After a share of the whole extent along the axis, 0 to 1.
     Share(f64),
 }
 
@@ -41,7 +41,7 @@ impl At {
         }
     }
 
-    /// The value, along an axis that reaches from one value to another.
+    /// Returns the value, on an axis between these ends.
     fn between(self, from: f64, to: f64) -> f64 {
         match self {
             Self::Value(value) => value,
@@ -55,7 +55,7 @@ const WORLD: [&str; 3] = ["x", "y", "z"];
 const VOXELS: [&str; 3] = ["i", "j", "k"];
 const PATIENT: [&str; 3] = ["sagittal", "coronal", "axial"];
 
-/// `AXIS=VALUE`, or a plane `X,Y,Z:NX,NY,NZ`.
+/// Reads `AXIS=VALUE`, or a plane `X,Y,Z:NX,NY,NZ`.
 pub(crate) fn slice(text: &str) -> Result<SliceArgument, String> {
     let form = "z=VALUE, k=INDEX, axial=VALUE and the like, in per cent as in z=50%, in the middle as in z=middle, or X,Y,Z:NX,NY,NZ, in world units";
     let Some((name, at)) = text.split_once('=') else {
@@ -82,10 +82,10 @@ pub(crate) fn slice(text: &str) -> Result<SliceArgument, String> {
 }
 
 impl SliceArgument {
-    /// The slice in the scene's world.
+    /// Returns the slice in the scene's world.
     ///
     /// # Errors
-    /// If the plane is a patient's and no volume's orientation is known, or no voxel has the index.
+    /// If the plane is a patient's and no volume has an orientation, or no voxel has the index.
     pub(crate) fn resolve(self, scene: &Scene, volumes: &[VolumeSource]) -> Result<Slice, Failure> {
         let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
         let is_anatomical = scene.is_anatomical(&places);
@@ -107,7 +107,7 @@ impl SliceArgument {
     }
 }
 
-/// The slice through the centres of the voxels with this index along an axis of the first layer's volume.
+/// Returns the slice through the centres of the voxels with this index along an axis of the first layer's volume.
 fn across_voxels(
     scene: &Scene,
     volumes: &[VolumeSource],
@@ -140,22 +140,22 @@ fn across_voxels(
     })
 }
 
-/// The normal, in the world, of the planes across an axis of a volume, on the side from which they are looked at.
+/// Returns the world normal of the planes across an axis of a volume, on the viewer's side.
 fn viewer_side(placement: &Placement, is_anatomical: bool, axis: usize) -> DVec3 {
     let across = |slice: fn(usize, f64) -> Slice, axis: usize| slice(axis, 0.0).normal;
     let normal = placement.world_gradient(across(Slice::across, axis)).normalize_or_zero();
     if !is_anatomical {
         return normal;
     }
-    // As the planes of the patient that are nearest.
+    // As for the nearest planes of the patient.
     let nearest = (0..3).max_by(|&a, &b| normal[a].abs().total_cmp(&normal[b].abs())).unwrap_or(2);
     normal * across(Slice::of_patient, nearest).dot(normal).signum()
 }
 
-/// The direction to the viewer, and what is up.
+/// Returns the direction to the viewer, and the up direction.
 ///
 /// # Errors
-/// If the viewpoint is a side of a patient and no volume's orientation is known.
+/// If the viewpoint is a side of a patient and no volume has an orientation.
 pub(crate) fn direction(view: Viewpoint, is_anatomical: bool) -> Result<(DVec3, DVec3), Failure> {
     let name = Viewpoint::all().find(|(_, known)| *known == view).map_or("", |(name, _)| name);
     view.direction(is_anatomical).ok_or_else(|| unoriented(&format!("--view {name}"), "+x, -y and the like"))

@@ -4,16 +4,16 @@ use super::failure::Failure;
 use brickyard::volume::counted;
 use std::str::FromStr;
 
-/// Time steps as `--time` names them: `N`, `A:B` or `A:B:S` with B excluded, as Python has it, or `all`. Either end may be left out.
+/// Time steps of `--time`: `N`, `A:B` or `A:B:S` with B excluded, as in Python, or `all`. Either end may be left out.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum StepRange {
     /// One step.
     One(u32),
-    /// Every so-many-th step from one on, up to an end that is excluded; up to the last step where there is none.
+    /// Every `stride`-th step from `first` on, up to the excluded `end`, or to the last step without one.
     Some { first: u32, end: Option<u32>, stride: u32 },
 }
 
-/// The most steps that are listed: a store may claim any number of them.
+/// The most listed steps: a store may claim any number of them.
 const MOST_STEPS: u32 = 1_000_000;
 
 const FORM: &str = "a step N, a range A:B or A:B:S with B excluded, as in 10:200:5, or all; steps are numbered from 0";
@@ -58,10 +58,10 @@ impl std::fmt::Display for StepRange {
 }
 
 impl StepRange {
-    /// The first step, the end (excluded) and the stride, of a store of `times` steps.
+    /// Returns the first step, the end (excluded) and the stride, in a store of `times` steps.
     ///
     /// # Errors
-    /// If the store has no such steps: a message that says how many it has.
+    /// If the store has no such steps; the message gives their number.
     pub(crate) fn within(&self, times: u32) -> Result<(u32, u32, u32), Failure> {
         let (first, end, stride) = match *self {
             Self::One(step) => (step, step.saturating_add(1), 1),
@@ -74,10 +74,10 @@ impl StepRange {
         Err(Failure::usage(format!("--time {self}: the store has {steps}, numbered from 0")))
     }
 
-    /// The steps, of a store of `times` steps.
+    /// Returns the steps, in a store of `times` steps.
     ///
     /// # Errors
-    /// As for [`StepRange::within`], or if they are more than [`MOST_STEPS`].
+    /// Those of [`StepRange::within`], and more than [`MOST_STEPS`] steps.
     pub(crate) fn steps(&self, times: u32) -> Result<Vec<u32>, Failure> {
         let (first, end, stride) = self.within(times)?;
         let count = (end - first).div_ceil(stride);

@@ -11,7 +11,7 @@ use std::sync::Arc;
 /// Opens a finished store.
 ///
 /// # Errors
-/// Exit code 3 for what is not a store, 4 for an unfinished one.
+/// Exit code 3 if it is not a store, 4 if it is unfinished.
 pub(crate) fn open(path: &Path) -> Result<Store, Failure> {
     Store::open(path).map_err(|error| open_failure(&error))
 }
@@ -19,12 +19,11 @@ pub(crate) fn open(path: &Path) -> Result<Store, Failure> {
 /// Opens finished stores as volumes.
 ///
 /// # Errors
-/// As [`open`].
+/// Those of [`open`].
 pub(crate) fn open_volumes<P: AsRef<Path>>(paths: &[P]) -> Result<Vec<VolumeSource>, Failure> {
     paths.iter().map(|path| Ok(VolumeSource::of_store(&Arc::new(open(path.as_ref())?)))).collect()
 }
 
-/// The failure for a store that cannot be opened.
 pub(crate) fn open_failure(error: &OpenError) -> Failure {
     match error {
         OpenError::Incomplete { .. } => Failure::new(ExitKind::Incomplete, error),
@@ -33,7 +32,7 @@ pub(crate) fn open_failure(error: &OpenError) -> Failure {
     }
 }
 
-/// The failure for a file that the system does not open or read.
+/// The failure of a file that the system does not open or read.
 pub(crate) fn io_failure(error: &std::io::Error, message: impl Display) -> Failure {
     match limit_behind(error) {
         Some(limit) => Failure::failed(format!("{message}: {limit}; nothing is wrong with the file")),
@@ -42,10 +41,9 @@ pub(crate) fn io_failure(error: &std::io::Error, message: impl Display) -> Failu
     }
 }
 
-/// The failure for a store that was not verified.
 pub(crate) fn verify_failure(error: VerifyError, store: &Path) -> Failure {
     match error {
-        // What contradicts itself is what was looked for, and so is what is missing inside of a store.
+        // Contradictions and missing files inside a store are what verification looks for.
         VerifyError::Open(error @ OpenError::Invalid { .. }) => Failure::new(ExitKind::VerificationFailed, error),
         VerifyError::Open(OpenError::Io { path, error })
             if !is_of_process(&error) && path != store && path.starts_with(store) =>
@@ -59,7 +57,6 @@ pub(crate) fn verify_failure(error: VerifyError, store: &Path) -> Failure {
     }
 }
 
-/// The failure for a brick that cannot be read.
 pub(crate) fn read_failure(error: &ReadError) -> Failure {
     match error {
         ReadError::Io { error: io, .. } => io_failure(io, error),
@@ -67,7 +64,6 @@ pub(crate) fn read_failure(error: &ReadError) -> Failure {
     }
 }
 
-/// The failure for an input that cannot be read.
 pub(crate) fn import_failure(error: &ImportError) -> Failure {
     match error {
         ImportError::Options { .. } => Failure::usage(error),
@@ -77,7 +73,6 @@ pub(crate) fn import_failure(error: &ImportError) -> Failure {
     }
 }
 
-/// The failure for a pack that did not finish.
 pub(crate) fn pack_failure(error: PackError) -> Failure {
     Failure::new(pack_kind(&error), error)
 }
@@ -105,7 +100,6 @@ fn pack_kind(error: &PackError) -> ExitKind {
     }
 }
 
-/// The failure for a step that was not appended.
 pub(crate) fn append_failure(error: AppendError) -> Failure {
     let kind = match &error {
         AppendError::Open(error) => return open_failure(error),
@@ -125,7 +119,6 @@ pub(crate) fn append_failure(error: AppendError) -> Failure {
     Failure::new(kind, error)
 }
 
-/// The failure for an export.
 pub(crate) fn export_failure(error: ExportError) -> Failure {
     let kind = match &error {
         ExportError::Read(_) => ExitKind::BadInput,
@@ -166,7 +159,7 @@ mod tests {
         }
     }
 
-    /// Permissions and limits are the process's, wherever they are met: the input may be sound.
+    /// Permissions and limits belong to the process, wherever they are met: the input may be sound.
     #[test]
     fn what_the_process_may_not_do_is_no_fault_of_a_file() {
         let path = || std::path::PathBuf::from("a.raw");

@@ -1,4 +1,5 @@
-//! `brickyard synth`: synthetic volumes, as a raw file or straight into a store; and a simulation that appends its steps to a store while it runs.
+//! `brickyard synth`: synthetic volumes, as a raw file or straight into a store; and a simulation that appends its
+//! steps to a store as it runs.
 
 use super::failure::Failure;
 use super::heading;
@@ -19,8 +20,8 @@ use std::str::FromStr;
 /// `brickyard synth KIND --shape X,Y,Z OUT`
 #[derive(Args)]
 pub(crate) struct SynthArguments {
-    /// turbulence, marschner-lobb, spheres, ct, flow, sparse, ramp or constant; or reaction, a simulation that appends each of its steps to
-    /// OUT.zarr as soon as it is there
+    /// turbulence, marschner-lobb, spheres, ct, flow, sparse, ramp or constant; or reaction, a simulation that appends
+    /// each step to OUT.zarr as soon as it is computed
     #[arg(id = "generator", value_name = "KIND")]
     generator: Generator,
     /// The output: OUT.raw, or OUT.zarr for a store without a raw file in between
@@ -41,12 +42,12 @@ pub(crate) struct SynthArguments {
     settings: PackSettings,
 }
 
-/// What makes volumes.
+/// A source of synthetic volumes.
 #[derive(Clone, Copy)]
 enum Generator {
     /// A formula for each voxel.
     Formula(SynthKind),
-    /// A simulation, whose steps come one after another.
+    /// A simulation, with its steps in turn.
     Reaction,
 }
 
@@ -85,7 +86,7 @@ pub(crate) fn run(arguments: SynthArguments) -> Result<(), Failure> {
     written.map_err(Failure::failed)
 }
 
-/// Runs a simulation for some steps, each of which joins a new store as soon as it is there.
+/// Runs a simulation for some steps, each appended to a new store as soon as it is computed.
 fn simulate(
     output: &Path,
     (shape, seed): (Extent, u64),
@@ -125,7 +126,7 @@ fn simulate(
     Ok(())
 }
 
-/// Appends a step to the store, or makes the store of the first one.
+/// Appends a step to the store, or creates the store from the first one.
 fn join(
     appender: Option<Appender>,
     output: &Path,

@@ -1,4 +1,4 @@
-//! Values on the command line: sizes in bytes, triples, pixels, boxes. Each parser says what it expected.
+//! Values on the command line: sizes in bytes, triples, pixels, boxes. Each parser's error states the expected form.
 
 use brickyard::import::NoData;
 use brickyard::volume::bounds::{LEAST_STEP, MOST_STEP, STEPS};
@@ -6,16 +6,15 @@ use brickyard::volume::{ClipPlane, Extent, Isosurface, Jitter, MeshLook, Transfe
 use glam::DVec3;
 use std::num::NonZeroUsize;
 
-/// The most threads that may be asked for: each takes memory for its stack and what it draws.
+/// The most threads of a request: each takes memory for its stack and its part of the picture.
 const MOST_THREADS: usize = 1024;
 
-/// A number of threads.
 pub(crate) fn threads(text: &str) -> Result<NonZeroUsize, String> {
     let threads = text.parse().ok().filter(|threads: &NonZeroUsize| threads.get() <= MOST_THREADS);
     threads.ok_or_else(|| format!("expected a number of threads from 1 to {MOST_THREADS}"))
 }
 
-/// A byte count: `64MiB`, `2GiB`, `1.5GiB`, `4096`; `MB` and `GB` are decimal.
+/// Reads a byte count: `64MiB`, `2GiB`, `1.5GiB`, `4096`; `MB` and `GB` are decimal.
 pub(crate) fn bytes(text: &str) -> Result<u64, String> {
     let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
     let (number, unit) = text.split_at(split);
@@ -46,13 +45,13 @@ fn list<T: std::str::FromStr, const N: usize>(text: &str, separator: char, form:
     parts.try_into().map_err(|_| format!("'{text}': expected {form}"))
 }
 
-/// `X,Y,Z` as finite numbers.
+/// Reads `X,Y,Z` as finite numbers.
 pub(crate) fn vec3(text: &str) -> Result<DVec3, String> {
     let v = DVec3::from_array(list(text, ',', "three numbers X,Y,Z")?);
     if v.is_finite() { Ok(v) } else { Err(format!("'{text}': expected finite numbers")) }
 }
 
-/// `X,Y,Z` as positive finite numbers.
+/// Reads `X,Y,Z` as positive finite numbers.
 pub(crate) fn spacing(text: &str) -> Result<DVec3, String> {
     vec3(text).and_then(|v| match v.cmpgt(DVec3::ZERO).all() {
         true => Ok(v),
@@ -60,9 +59,9 @@ pub(crate) fn spacing(text: &str) -> Result<DVec3, String> {
     })
 }
 
-/// `X,Y,Z` or `XxYxZ` as voxel counts.
+/// Reads `X,Y,Z` or `XxYxZ` as voxel counts.
 pub(crate) fn extent(text: &str) -> Result<Extent, String> {
-    // As sizes of pictures are written, too.
+    // Like the sizes of pictures.
     let separator = if text.contains('x') { 'x' } else { ',' };
     let n: [u32; 3] = list(text, separator, "three voxel counts X,Y,Z, each at most 4294967295")?;
     if n.contains(&0) {
@@ -73,7 +72,7 @@ pub(crate) fn extent(text: &str) -> Result<Extent, String> {
     Ok(extent)
 }
 
-/// `WxH` in pixels.
+/// Reads `WxH` in pixels.
 pub(crate) fn size_px(text: &str) -> Result<(u32, u32), String> {
     let [w, h]: [u32; 2] = list(text, 'x', "WxH, as in 1280x720")?;
     if w == 0 || h == 0 || w > 16384 || h > 16384 {
@@ -82,13 +81,13 @@ pub(crate) fn size_px(text: &str) -> Result<(u32, u32), String> {
     Ok((w, h))
 }
 
-/// `R,G,B`, each in 0..=1.
+/// Reads `R,G,B`, each in 0..=1.
 pub(crate) fn color(text: &str) -> Result<[f64; 3], String> {
     let c: [f64; 3] = list(text, ',', "three numbers R,G,B in 0..1")?;
     if c.iter().all(|v| (0.0..=1.0).contains(v)) { Ok(c) } else { Err(format!("'{text}': expected R,G,B in 0..1")) }
 }
 
-/// `LOW:HIGH`.
+/// Reads `LOW:HIGH`.
 pub(crate) fn window(text: &str) -> Result<[f64; 2], String> {
     let form = "LOW:HIGH, two finite numbers, the lesser first";
     let [low, high] = list(text, ':', form)?;
@@ -99,7 +98,7 @@ pub(crate) fn window(text: &str) -> Result<[f64; 2], String> {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct GradientOpacity(pub(crate) Vec<[f64; 2]>);
 
-/// `MAGNITUDE:FACTOR,MAGNITUDE:FACTOR,...`.
+/// Reads `MAGNITUDE:FACTOR,MAGNITUDE:FACTOR,...`.
 pub(crate) fn gradient_opacity(text: &str) -> Result<GradientOpacity, String> {
     let form = "MAGNITUDE:FACTOR,MAGNITUDE:FACTOR,..., as in 20:0,60:1";
     let points: Result<Vec<[f64; 2]>, _> = text.split(',').map(|point| list(point, ':', form)).collect();
@@ -109,7 +108,7 @@ pub(crate) fn gradient_opacity(text: &str) -> Result<GradientOpacity, String> {
     Ok(GradientOpacity(points))
 }
 
-/// `VALUE[,opacity=A][,color=R:G:B]`.
+/// Reads `VALUE[,opacity=A][,color=R:G:B]`.
 pub(crate) fn isosurface(text: &str) -> Result<Isosurface, String> {
     let form = "VALUE[,opacity=A][,color=R:G:B], as in 300,opacity=0.4,color=1:0.8:0.6";
     let mut parts = text.split(',');
@@ -127,13 +126,13 @@ pub(crate) fn isosurface(text: &str) -> Result<Isosurface, String> {
     Ok(surface)
 }
 
-/// `x0:x1,y0:y1,z0:z1` in voxels of the level, half-open.
+/// Reads `x0:x1,y0:y1,z0:z1` in voxels of the level, half-open.
 pub(crate) fn voxel_box(text: &str) -> Result<VoxelBox, String> {
     let ends: [[u32; 2]; 3] = box_ends(text, "x0:x1,y0:y1,z0:z1 in voxels, ends excluded")?;
     Ok(VoxelBox::new(ends.map(|e| e[0]), ends.map(|e| e[1])))
 }
 
-/// `X0:X1,Y0:Y1,Z0:Z1`: two corners, in whatever unit.
+/// Reads `X0:X1,Y0:Y1,Z0:Z1`: two corners, in any unit.
 pub(crate) fn corners(text: &str) -> Result<[DVec3; 2], String> {
     let ends: [[f64; 2]; 3] = box_ends(text, "X0:X1,Y0:Y1,Z0:Z1")?;
     let corners = [0, 1].map(|i| DVec3::from_array(ends.map(|end| end[i])));
@@ -144,7 +143,7 @@ pub(crate) fn corners(text: &str) -> Result<[DVec3; 2], String> {
     }
 }
 
-/// `X,Y,Z:NX,NY,NZ`: a point of a plane and its normal.
+/// Reads `X,Y,Z:NX,NY,NZ`: a point of a plane and its normal.
 pub(crate) fn plane(text: &str) -> Result<ClipPlane, String> {
     let form = "X,Y,Z:NX,NY,NZ, a point and a normal";
     let parts: [String; 2] = list(text, ':', form)?;
@@ -153,7 +152,7 @@ pub(crate) fn plane(text: &str) -> Result<ClipPlane, String> {
     plane.normalized().map(|_| plane).map_err(|error| format!("'{text}': {error}"))
 }
 
-/// `FILE[,color=R:G:B][,opacity=A][,unlit]`: a mesh and how it looks. Commas that no such word follows are the name's.
+/// Reads `FILE[,color=R:G:B][,opacity=A][,unlit]`: a mesh and its look. Commas before anything else belong to the name.
 pub(crate) fn mesh(text: &str) -> Result<MeshLook, String> {
     let mut look = MeshLook::new("");
     let mut name = text;
@@ -184,7 +183,6 @@ fn box_ends<T: std::str::FromStr + PartialOrd>(text: &str, form: &str) -> Result
     ends.try_into().map_err(|_| format!("'{text}': expected {form}"))
 }
 
-/// A positive finite number.
 pub(crate) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
@@ -192,7 +190,7 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A step of rays, in voxels.
+/// Reads a step of rays, in voxels.
 pub(crate) fn step(text: &str) -> Result<f64, String> {
     let step = text.parse().ok().filter(|step| STEPS.contains(step));
     step.ok_or_else(|| {
@@ -200,23 +198,23 @@ pub(crate) fn step(text: &str) -> Result<f64, String> {
     })
 }
 
-/// Labels, with commas between them.
+/// Reads labels, separated by commas.
 pub(crate) fn labels(text: &str) -> Result<Vec<i64>, String> {
     let label = |part: &str| part.trim().parse();
     let labels: Result<Vec<i64>, _> = text.split(',').map(label).collect();
     labels.map_err(|_| format!("'{text}': expected labels, whole numbers with commas between them, as in 3,7"))
 }
 
-/// `none`, or the finite value of voxels that hold no data.
+/// Reads `none`, or the finite value of voxels without data.
 pub(crate) fn nodata(text: &str) -> Result<NoData, String> {
     let value = text.parse().ok().filter(|value: &f64| value.is_finite());
-    // No number is -0.
+    // Zero has no sign.
     let value = value.map(|value| NoData::Value(value + 0.0));
     let value = if text == "none" { Some(NoData::None) } else { value };
     value.ok_or_else(|| format!("'{text}': expected a finite number, or none (NaN and infinities hold no data anyway)"))
 }
 
-/// `none`, `white`, `white:SEED` or `blue`.
+/// Reads `none`, `white`, `white:SEED` or `blue`.
 pub(crate) fn jitter(text: &str) -> Result<Jitter, String> {
     let seed = |text: &str| text.parse().ok().map(Jitter::White);
     let jitter = match text {
@@ -228,7 +226,7 @@ pub(crate) fn jitter(text: &str) -> Result<Jitter, String> {
     jitter.ok_or_else(|| format!("'{text}': expected none, white, white:SEED with a whole number, or blue"))
 }
 
-/// A byte count for people: `1.5 GiB`.
+/// Formats a byte count for people: `1.5 GiB`.
 pub(crate) fn human_bytes(bytes: u64) -> String {
     let units = ["B", "KiB", "MiB", "GiB", "TiB"];
     let mut value = bytes as f64;
@@ -240,7 +238,7 @@ pub(crate) fn human_bytes(bytes: u64) -> String {
     if unit == 0 { format!("{bytes} B") } else { format!("{value:.1} {}", units[unit]) }
 }
 
-/// A coordinate without the last digits, which are noise of additions.
+/// Formats a coordinate without the last digits, which are noise of additions.
 pub(crate) fn short(coordinate: f64) -> String {
     let rounded = format!("{coordinate:.11e}").parse::<f64>();
     rounded.unwrap_or(coordinate).to_string()

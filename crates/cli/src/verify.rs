@@ -31,7 +31,7 @@ pub(crate) struct VerifyArguments {
 /// Runs `verify`.
 ///
 /// # Errors
-/// Exit code 5 if anything in the store is not what it should be; every problem is printed.
+/// Exit code 5 if anything in the store is wrong; every problem is printed.
 pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
     let progress = Progress::new(arguments.progress, "verify");
     let report = store::verify_within(&arguments.store, arguments.memory, |done, total| progress.set(done, total));
@@ -71,7 +71,8 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A report's problems in one line: how many of its bricks are damaged and where, and how much else is wrong.
+/// Describes a report's problems in one line: the number and places of damaged bricks, and the number of other
+/// problems.
 fn summary(report: &VerifyReport) -> String {
     let found = problems(report);
     match report.is_cut_short {
@@ -98,7 +99,7 @@ fn problems(report: &VerifyReport) -> String {
     }
 }
 
-/// Numbers of one kind in words, each once: the first few, and how many there are where there are more.
+/// Lists numbers of one kind, each once: the first few, and their count if there are more.
 fn listed(what: &str, numbers: impl Iterator<Item = u32>) -> String {
     const FEW: usize = 4;
     let numbers: BTreeSet<u32> = numbers.collect();

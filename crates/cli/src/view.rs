@@ -1,4 +1,4 @@
-//! `brickyard view`: a window on stores, and on files that are packed while it shows them.
+//! `brickyard view`: a window on stores, and on files, which are packed while it shows them.
 
 use super::failure::Failure;
 use super::heading;
@@ -31,9 +31,9 @@ use std::time::{Duration, Instant};
 /// `brickyard view PATH...`
 #[derive(Args)]
 pub(crate) struct ViewArguments {
-    /// A store, a file, or a folder of TIFF planes or DICOM slices; or several, up to 32, each where its own world is or where
-    /// --volume N:matrix=... puts it. Files are shown as a preview, and packed meanwhile [default: what the scene file's window
-    /// showed; without one an empty window]
+    /// A store, a file, or a folder of TIFF planes or DICOM slices; or several, up to 32, each in its own world or
+    /// placed by --volume N:matrix=... Files are shown as a preview, and packed meanwhile [default: the volumes of the
+    /// scene file's window; without one an empty window]
     #[arg(value_name = "PATH")]
     stores: Vec<PathBuf>,
     #[command(flatten)]
@@ -41,7 +41,7 @@ pub(crate) struct ViewArguments {
     /// What the voxels of files mean; labels are never averaged
     #[arg(help_heading = heading::INPUT, long, value_parser = KINDS, default_value = "image")]
     kind: Kind,
-    /// The store to pack a file into [default: one of its own in the user's cache, which is found there the next time]
+    /// The store to pack a file into [default: one in the user's cache, which is found there the next time]
     #[arg(help_heading = heading::WORK, long, value_name = "STORE")]
     store: Option<PathBuf>,
     #[command(flatten)]
@@ -51,11 +51,11 @@ pub(crate) struct ViewArguments {
     /// Size of the window in points
     #[arg(help_heading = heading::WINDOW, long, value_name = "WxH", default_value = "1280x800", value_parser = values::size_px)]
     size: (u32, u32),
-    /// Where to render; auto takes a hardware GPU if the window is on one, else the CPU
+    /// Where to render; auto is a hardware GPU if the window is on one, else the CPU
     #[arg(help_heading = heading::DRAWING, long, value_parser = BACKENDS, default_value = "auto")]
     backend: BackendChoice,
-    /// Hard limit of brick slots, tables, targets and staging, wherever they are [default: 1GiB of a GPU's memory, or a quarter of the machine's if
-    /// the CPU draws]
+    /// Hard limit of brick slots, tables, targets and staging, wherever they are [default: 1GiB of a GPU's memory, or a
+    /// quarter of the machine's if the CPU draws]
     #[arg(help_heading = heading::DRAWING, long, visible_alias = "cpu-memory", value_name = "BYTES", value_parser = values::bytes)]
     gpu_memory: Option<u64>,
     /// Hard limit of decoded bricks and scratch
@@ -64,21 +64,21 @@ pub(crate) struct ViewArguments {
     /// Threads for decoding and for the CPU backend [default: all]
     #[arg(help_heading = heading::DRAWING, short = 'j', long, value_parser = values::threads)]
     threads: Option<NonZeroUsize>,
-    /// Do not begin as the last window on these stores was left
+    /// Do not restore the last window on these stores
     #[arg(help_heading = heading::WINDOW, long)]
     fresh: bool,
     /// Play commands: lines of `SECONDS COMMAND` or `settled COMMAND`
     #[arg(help_heading = heading::WINDOW, long, value_name = "FILE")]
     script: Option<PathBuf>,
-    /// Write what the window shows once the script is over and the picture is final, and close it
+    /// Write the window's contents once the script has ended and the picture is final, and close it
     #[arg(help_heading = heading::OUTPUT, long, value_name = "out.png")]
     screenshot: Option<PathBuf>,
-    /// Write what the window's frames took, as JSON, when it is closed
+    /// Write frame times of the window, as JSON, when it is closed
     #[arg(help_heading = heading::OUTPUT, long, value_name = "stats.json")]
     stats: Option<PathBuf>,
 }
 
-/// The flags that say nothing of what is shown.
+/// The flags without effect on the scene.
 const OTHER_FLAGS: [&str; 31] = [
     "ViewArguments",
     "InputArguments",
@@ -96,7 +96,7 @@ const OTHER_FLAGS: [&str; 31] = [
     "script",
     "screenshot",
     "stats",
-    // What files do not say of themselves.
+    // Properties missing in files.
     "shape",
     "dtype",
     "endian",
@@ -114,7 +114,7 @@ const OTHER_FLAGS: [&str; 31] = [
     "scratch",
 ];
 
-/// The arguments of `view`, and whether any of them says what is shown.
+/// The arguments of `view`, and whether any of them affects the scene.
 pub(crate) struct ViewCommand {
     arguments: ViewArguments,
     has_scene: bool,
@@ -141,7 +141,7 @@ impl Args for ViewCommand {
     }
 }
 
-/// Whether any flag says what is shown. Such a window does not begin as the last one was left.
+/// Whether any flag affects the scene. Such a window does not restore the last one.
 fn has_scene(matches: &ArgMatches) -> bool {
     let given = matches.ids().map(Id::as_str).filter(|id| matches.value_source(id) == Some(ValueSource::CommandLine));
     given.into_iter().any(|id| !OTHER_FLAGS.contains(&id))
@@ -210,12 +210,11 @@ pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(
         stats: arguments.stats,
     };
     let ended = brickyard_viewer::run(openings, options).map_err(Failure::failed);
-    // A file that is still being read is left where it is; an export deletes what it has half written.
+    // A file still being read is left where it is; an export deletes its unfinished file.
     background::wait_for_all(Duration::from_secs(2));
     ended
 }
 
-/// The volumes that a scene file's window showed.
 fn named_volumes(file: &Path) -> Result<Vec<PathBuf>, Failure> {
     let volumes = brickyard_viewer::volumes_of(file).map_err(Failure::bad_input)?;
     if volumes.is_empty() {
@@ -242,7 +241,6 @@ fn opened(paths: Vec<PathBuf>, options: OpeningOptions) -> Result<Openings, Fail
     Ok(openings)
 }
 
-/// The failure for what cannot be opened.
 fn opening_failure(error: &OpeningError) -> Failure {
     match error {
         OpeningError::Openable(OpenableError::Store(error)) => store_errors::open_failure(error),

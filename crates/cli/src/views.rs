@@ -1,8 +1,8 @@
-//! The pictures that one `render` makes: of one time step or several, from one camera, an orbit or a path. Each view is made when its turn
-//! comes, so that their number costs no memory.
+//! The pictures of one `render`: of one time step or several, from one camera, an orbit or a path. Each view is made in
+//! its turn, so their number costs no memory.
 //!
-//! Where there are several cameras and several steps, both run over all the pictures, of which there are as many as of the more numerous: time goes on
-//! while the camera moves.
+//! With several cameras and several steps, both run over all the pictures, as many as the more numerous of the two:
+//! time goes on while the camera moves.
 
 use super::camera_path::CameraPath;
 use super::failure::Failure;
@@ -10,14 +10,14 @@ use super::render_args::RenderArguments;
 use brickyard::session::VolumeSource;
 use brickyard::volume::{Camera, Scene};
 
-/// The most pictures of an orbit or a path: a camera that moves by a third of a thousandth of a degree shows nothing new.
+/// The most pictures of an orbit or a path: a camera moving by a third of a thousandth of a degree shows nothing new.
 pub(super) const MOST_PICTURES: u32 = 1_000_000;
 
 /// The scenes of the pictures.
 pub(super) struct Views {
     scene: Scene,
     cameras: Cameras,
-    /// The time steps; at least one. Those of a path take their place.
+    /// The time steps; at least one. A path's own steps replace them.
     steps: Vec<u32>,
 }
 
@@ -35,10 +35,10 @@ enum Cameras {
 }
 
 impl Views {
-    /// The views of a scene of some volumes, which has a camera.
+    /// Creates the views of a scene with a camera, of some volumes.
     ///
     /// # Errors
-    /// If the path cannot be read or used, there is nothing to show, or no such step.
+    /// If the path cannot be read or is invalid, there is nothing to show, or a step does not exist.
     pub(super) fn new(arguments: &RenderArguments, scene: Scene, volumes: &[VolumeSource]) -> Result<Self, Failure> {
         let within = |flag: &str, count: Option<u32>| match count {
             Some(count) if !(1..=MOST_PICTURES).contains(&count) => {
@@ -65,7 +65,6 @@ impl Views {
         Ok(Self { scene, cameras, steps })
     }
 
-    /// The number of pictures.
     pub(super) fn count(&self) -> usize {
         let cameras = match &self.cameras {
             Cameras::One => 1,
@@ -78,12 +77,12 @@ impl Views {
     /// The first scene.
     ///
     /// # Errors
-    /// As for [`Views::scene`].
+    /// Those of [`Views::scene`].
     pub(super) fn first(&self) -> Result<Scene, Failure> {
         self.scene(0)
     }
 
-    /// The scene of a picture.
+    /// Returns the scene of a picture.
     ///
     /// # Errors
     /// If nothing is between two cameras of the path.
@@ -106,7 +105,8 @@ impl Views {
     }
 }
 
-/// The first camera of an orbit of `count` pictures: where it fits what is shown from one side, as cameras do that nobody has placed, so far away that it fits from all.
+/// Returns the first camera of an orbit of `count` pictures. A default camera, fitted to the volumes from one side, is
+/// moved away until they fit from all sides.
 fn all_around(start: Camera, count: u32, scene: &Scene, volumes: &[VolumeSource], size_px: (u32, u32)) -> Camera {
     let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
     let Ok(world_box) = scene.world_box(&places) else { return start };
@@ -115,7 +115,7 @@ fn all_around(start: Camera, count: u32, scene: &Scene, volumes: &[VolumeSource]
     if (fitted(start) - distance).abs() > 1e-9 * distance {
         return start;
     }
-    // More pictures are so near to one another that none of them needs more room.
+    // Neighbouring pictures of a longer orbit are so close together that none needs more room.
     let turns = count.min(360);
     let farthest =
         (0..turns).map(|i| fitted(start.orbited(360.0 * f64::from(i) / f64::from(turns)))).fold(distance, f64::max);
@@ -154,7 +154,7 @@ mod tests {
         assert_eq!(orbit, [(start, 7), (b, 7), (start.orbited(180.0), 9), (start.orbited(270.0), 9)]);
         // As many pictures as steps, evenly around.
         assert_eq!(views(Cameras::Orbit { start, count: 2 }, &[0, 1, 2, 3])[1], (b, 1));
-        // A path's own steps, and pictures between its cameras, the first and the last among them.
+        // A path's own steps, and pictures between its cameras, including the first and the last.
         let timed = [(0, 2), (1, 7)];
         assert_eq!(views(path(None, &timed), &[0]), [(a, 2), (b, 7)]);
         let along = views(path(Some(3), &timed), &[0]);

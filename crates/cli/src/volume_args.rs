@@ -1,4 +1,4 @@
-//! `--volume N:KEY=VALUE`: how one of the layers looks. Values have the form that they have in flags for all layers.
+//! `--volume N:KEY=VALUE`: the look of one layer. Values have the same form as in flags for all layers.
 
 use super::failure::Failure;
 use super::values;
@@ -6,7 +6,6 @@ use brickyard::text_file::read_text;
 use brickyard::volume::{Blend, Placement, PlacementError, Scene, SceneLayer, TransferChoice, TransferFile, counted};
 use std::path::Path;
 
-/// One setting of one layer.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct VolumeSetting {
     layer: usize,
@@ -14,7 +13,6 @@ pub(crate) struct VolumeSetting {
     value: String,
 }
 
-/// What is set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum VolumeKey {
     Transfer,
@@ -46,7 +44,7 @@ const KEYS: [(&str, VolumeKey); 12] = [
     ("visible", VolumeKey::Visible),
 ];
 
-/// `N:KEY=VALUE`.
+/// Reads `N:KEY=VALUE`.
 pub(crate) fn volume_setting(text: &str) -> Result<VolumeSetting, String> {
     let form = || format!("'{text}': expected N:KEY=VALUE, as in 1:blend=add");
     let (layer, rest) = text.split_once(':').ok_or_else(form)?;
@@ -56,12 +54,11 @@ pub(crate) fn volume_setting(text: &str) -> Result<VolumeSetting, String> {
     let found = KEYS.iter().find(|(name, _)| *name == key.trim());
     let (_, key) = found.ok_or_else(|| format!("'{text}': no '{}': expected one of {}", key.trim(), names()))?;
     let setting = VolumeSetting { layer, key: *key, value: value.trim().to_string() };
-    // What can be told from the words alone is told at once.
+    // Faults of the text itself are reported at once.
     setting.key.set(&mut SceneLayer::default(), &setting.value).map(|()| setting)
 }
 
 impl VolumeSetting {
-    /// The layer that it is of.
     pub(crate) fn layer<'a>(&self, scene: &'a mut Scene) -> Result<&'a mut SceneLayer, Failure> {
         let (layer, count) = (self.layer, counted(scene.layers.len() as u64, "layer"));
         let missing =
@@ -69,7 +66,6 @@ impl VolumeSetting {
         scene.layers.get_mut(layer).ok_or_else(missing)
     }
 
-    /// Makes its layer of a scene look so.
     pub(crate) fn apply(&self, scene: &mut Scene) -> Result<(), Failure> {
         let layer = self.layer(scene)?;
         match self.key {
@@ -83,12 +79,12 @@ impl VolumeSetting {
     }
 }
 
-/// Gives a layer a transfer function, colours and all.
+/// Gives a layer a transfer function, including its colours.
 pub(crate) fn set_transfer(layer: &mut SceneLayer, choice: TransferChoice) {
     (layer.transfer, layer.color) = (Some(choice), None);
 }
 
-/// `FILE` or `FILE#NAME` if there is such a file, else a preset's name.
+/// Returns the file of `FILE` or `FILE#NAME` if it exists, else a preset of this name.
 pub(crate) fn transfer_choice(argument: &str) -> TransferChoice {
     let whole = (argument, None);
     let parts = argument.match_indices('#').map(|(i, _)| (&argument[..i], Some(&argument[i + 1..])));
@@ -100,7 +96,7 @@ pub(crate) fn transfer_choice(argument: &str) -> TransferChoice {
     }
 }
 
-/// The placement in a file, or in the words themselves.
+/// Reads the placement in a file, or in the text itself.
 fn placement(layer: usize, value: &str) -> Result<Placement, Failure> {
     let path = Path::new(value);
     let text = if path.is_file() { read_text(path).map_err(Failure::bad_input)? } else { value.to_string() };
@@ -114,7 +110,7 @@ fn placement(layer: usize, value: &str) -> Result<Placement, Failure> {
 }
 
 impl VolumeKey {
-    /// Sets it, or adds an isosurface; a transfer function and a matrix, which need more than the words, are left to others.
+    /// Sets the value, or adds an isosurface; ignores a transfer function and a matrix, which need more than the text.
     fn set(self, layer: &mut SceneLayer, value: &str) -> Result<(), String> {
         match self {
             Self::Transfer | Self::Matrix => {}

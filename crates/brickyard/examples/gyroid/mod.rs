@@ -1,4 +1,4 @@
-//! A volume of 4096³ voxels that no file holds: bricks computed where they are looked at. It would be 64 GiB if it were written down.
+//! A procedural volume of 4096³ voxels: bricks are computed on demand. Stored, it would be 64 GiB.
 
 use brickyard::volume::{BrickId, Extent, Geometry, Lighting, LightingModel, Pyramid, TransferFunction, VoxelType};
 use brickyard::{BrickError, BrickSource, Scene, VolumeSource};
@@ -8,7 +8,7 @@ use std::sync::Arc;
 pub(crate) const EDGE: u32 = 4096;
 const BRICK_EDGE: u32 = 32;
 
-/// A surface that parts space in two, without end.
+/// A periodic surface without end, which divides space in two.
 struct Gyroid {
     pyramid: Pyramid,
     geometry: Geometry,
@@ -21,7 +21,7 @@ impl Gyroid {
         Self { pyramid, geometry }
     }
 
-    /// The value at a place in voxels of level 0, from 0 to 255: 127.5 on the surface, and 0 outside of a ball.
+    /// The value at a place in voxels of level 0, from 0 to 255: 127.5 on the surface, and 0 outside a ball.
     fn value([x, y, z]: [f64; 3]) -> u8 {
         let radius = [x, y, z].map(|p| (p / f64::from(EDGE) - 0.5).powi(2)).iter().sum::<f64>().sqrt();
         let [a, b, c] = [x, y, z].map(|p| p * 8.0 * std::f64::consts::TAU / f64::from(EDGE));
@@ -50,7 +50,7 @@ impl BrickSource for Gyroid {
     fn read_core(&self, id: BrickId, out: &mut [u8]) -> Result<(), BrickError> {
         let factor = self.pyramid.level(id.level).factor;
         for (voxel, place) in out.iter_mut().zip(self.pyramid.core_voxels(id.index)) {
-            // A voxel of a coarser level stands for several of level 0: this is where their middle is.
+            // A coarse voxel covers several of level 0; this is their middle.
             let middle = |axis: usize| (f64::from(place[axis]) + 0.5) * f64::from(factor[axis]) - 0.5;
             *voxel = Self::value([0, 1, 2].map(middle));
         }
@@ -58,12 +58,10 @@ impl BrickSource for Gyroid {
     }
 }
 
-/// The volume.
 pub(crate) fn volume() -> VolumeSource {
     VolumeSource::new(Arc::new(Gyroid::new()))
 }
 
-/// How it is shown.
 pub(crate) fn scene() -> Scene {
     let transfer = TransferFunction {
         color: vec![[100.0, 0.1, 0.3, 0.8], [160.0, 1.0, 0.6, 0.2]],

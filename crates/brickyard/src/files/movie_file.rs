@@ -1,11 +1,11 @@
-//! Movies: pictures of one size, one after another in one file. They are written as they come, so that their number costs no memory, and under a
-//! temporary name: the file is there once it is whole.
+//! Movies: pictures of one size in one file. They are written one by one, so memory does not grow with their number,
+//! under a temporary name until the file is complete.
 //!
-//! | format | what it keeps | written by |
+//! | format | fidelity | written by |
 //! | --- | --- | --- |
 //! | `.gif` | 256 colours of each picture; times to a hundredth of a second | this program |
-//! | `.y4m` | all pixels, in 8-bit BT.709 of limited range: within 2 of 255; nothing is compressed | this program |
-//! | `.mp4` | H.264 at half the resolution of colours, which everything plays | `ffmpeg`, which must be installed |
+//! | `.y4m` | all pixels, in 8-bit BT.709 of limited range: within 2 of 255; uncompressed | this program |
+//! | `.mp4` | H.264 with colours at half resolution; plays everywhere | `ffmpeg`, which must be installed |
 
 mod gif_movie;
 mod mp4_movie;
@@ -22,10 +22,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 use y4m_movie::Y4mMovie;
 
-/// How a movie is kept in a file.
+/// A movie's file format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MovieFormat {
-    /// GIF: a palette of 256 colours for each picture; plays again and again.
+    /// GIF: a palette of 256 colours for each picture; loops forever.
     Gif,
     /// YUV4MPEG2: uncompressed, every pixel's colour.
     Y4m,
@@ -34,10 +34,10 @@ pub enum MovieFormat {
 }
 
 impl MovieFormat {
-    /// The format that a file's name says.
+    /// Returns the format of a file by its name.
     ///
     /// # Errors
-    /// [`MovieError::Format`] if it says none.
+    /// [`MovieError::Format`] if the name has none.
     pub fn of(path: &Path) -> Result<Self, MovieError> {
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
         match extension.to_str() {
@@ -49,21 +49,21 @@ impl MovieFormat {
     }
 }
 
-/// A movie that could not be written. Its message begins with the file's path.
+/// Errors in writing a movie. Each message begins with the file's path.
 #[derive(Debug, thiserror::Error)]
 pub enum MovieError {
-    /// The file's name says no format: another name helps.
+    /// The file's name has no known format: another name helps.
     #[error("{path}: expected a movie's name, which ends in .gif, .y4m or .mp4", path = .0.display())]
     Format(PathBuf),
-    /// The format cannot hold such pictures, or not at this rate: another format, size or rate helps. The text says which.
+    /// The format cannot hold such pictures, or not at this rate; the text names a format, size or rate that helps.
     #[error("{path}: {problem}", path = path.display())]
     Unsuited {
         /// The file.
         path: PathBuf,
-        /// What the format cannot hold.
+        /// The limit of the format.
         problem: String,
     },
-    /// The program that writes the format does not start: it is to be installed, or another format helps.
+    /// The format's program does not start: install it, or choose another format.
     #[error(
         "{path}: .mp4 is written by the program ffmpeg, which does not start: {source}; install it (it is looked for in PATH), or write .gif or .y4m",
         path = path.display()
@@ -71,17 +71,17 @@ pub enum MovieError {
     NoFfmpeg {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// The operating system's error.
         source: io::Error,
     },
-    /// The program that writes the format failed.
+    /// The format's program failed.
     #[error("{path}: ffmpeg failed ({status}){said}", path = path.display())]
     Ffmpeg {
         /// The file.
         path: PathBuf,
-        /// How the program ended.
+        /// The program's exit status.
         status: std::process::ExitStatus,
-        /// What it said last, after a colon; or nothing.
+        /// Its last output, after a colon; or nothing.
         said: String,
     },
     /// The file cannot be written.
@@ -89,12 +89,12 @@ pub enum MovieError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// The operating system's error.
         source: io::Error,
     },
 }
 
-/// A movie that is being written. If it is dropped before [`MovieFile::finish`], there is no file, or the one that was there before.
+/// A movie in progress. If dropped before [`MovieFile::finish`], it leaves no file, or the earlier one.
 pub struct MovieFile {
     path: PathBuf,
     size_px: (u32, u32),
@@ -108,11 +108,12 @@ enum Encoder {
 }
 
 impl MovieFile {
-    /// Begins a movie of pictures of this size, in pixels, in the format that the file's name says. All that can be known to fail later is tried
-    /// now: the folder, and whether ffmpeg writes such a movie.
+    /// Begins a movie of pictures of this size in pixels, in the format of the file's name. Tests everything that could
+    /// fail later: the folder, and whether ffmpeg writes such a movie.
     ///
     /// # Errors
-    /// If the name says no format, the format cannot hold such pictures, ffmpeg is needed and does not do its work, or the file cannot be made.
+    /// If the name has no known format, the format cannot hold such pictures, ffmpeg is needed and fails, or the file
+    /// cannot be created.
     pub fn create(path: &Path, size_px: (u32, u32), rate: PictureRate) -> Result<Self, MovieError> {
         let format = MovieFormat::of(path)?;
         let unsuited = |problem: String| MovieError::Unsuited { path: path.into(), problem };
@@ -132,8 +133,8 @@ impl MovieFile {
         Ok(Self { path: path.into(), size_px, encoder })
     }
 
-    /// The size of the movie's pictures if it is not the one asked for: the next even one, where the format takes no other. Columns and rows that are
-    /// more repeat the last ones.
+    /// The size of the movie's pictures if not the requested one: the next even one, for a format with even sizes only.
+    /// The extra columns and rows repeat the last ones.
     pub fn padded_px(&self) -> Option<(u32, u32)> {
         match &self.encoder {
             Encoder::Mp4(_) => Some(mp4_movie::even(self.size_px)).filter(|even| *even != self.size_px),
@@ -144,7 +145,7 @@ impl MovieFile {
     /// Writes the next picture.
     ///
     /// # Errors
-    /// If the picture is not of the movie's size, or the file cannot be written.
+    /// If the picture does not have the movie's size, or the file cannot be written.
     pub fn push(&mut self, picture: &Picture) -> Result<(), MovieError> {
         if (picture.width, picture.height) != self.size_px {
             let ((width, height), Picture { width: found_width, height: found_height, .. }) = (self.size_px, picture);

@@ -1,4 +1,4 @@
-//! What a path is that somebody wants to see: a brick store, which opens at once, or files that can be packed, which are shown as a preview meanwhile.
+//! Paths to open for viewing: brick stores, which open at once, or files to pack, shown as a preview meanwhile.
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_import::{self as import, ImportError, OpenOptions, Source};
@@ -8,21 +8,22 @@ use brickyard_volume::VoxelType;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// What can be shown.
+/// A source of something to show.
 pub enum Openable {
     /// A finished store, open.
     Store(Box<VolumeSource>),
-    /// Files of a format that is read: see [`Preview`](crate::window::preview::Preview) and [`background::pack`](crate::window::background::pack).
+    /// Files of a supported format: see [`Preview`](crate::window::preview::Preview) and
+    /// [`background::pack`](crate::window::background::pack).
     Source(Arc<dyn Source>),
 }
 
-/// Why there is nothing to show.
+/// Errors in opening a path.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenableError {
-    /// It is a store, or was to become one, and does not open.
+    /// A finished or unfinished store that does not open.
     #[error(transparent)]
     Store(#[from] OpenError),
-    /// It is no store, and cannot be read as anything else either. The error says what is read, or which option is missing.
+    /// Not a store, and not readable as anything else. The error lists the supported formats, or the missing option.
     #[error(transparent)]
     Source(#[from] ImportError),
 }
@@ -32,13 +33,14 @@ pub fn is_store(path: &Path) -> bool {
     path.join("zarr.json").is_file() || path.join(JOURNAL_NAME).exists()
 }
 
-/// Whether a path is a mesh, which is shown beside volumes, by its name.
+/// Whether a path is a mesh, shown beside volumes, by its name.
 pub fn is_mesh(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     ["stl", "ply", "obj", "gltf", "glb"].contains(&extension.as_str())
 }
 
-/// Whether a file has the name of one that is opened: a volume, a mesh or a scene. Slices of DICOM may have no extension, or a number.
+/// Whether a file has the name of a supported kind: a volume, a mesh or a scene. DICOM slices may have no extension, or
+/// a number.
 pub fn has_known_name(path: &Path) -> bool {
     const KNOWN: [&str; 18] = [
         "raw", "bin", "dat", "npy", "nii", "hdr", "img", "tif", "tiff", "btf", "tf8", "ome", "stk", "lsm", "dcm",
@@ -52,17 +54,18 @@ pub fn has_known_name(path: &Path) -> bool {
     plain || is_mesh(path) || extension.is_none_or(|extension| is_known(&extension))
 }
 
-/// Opens a store, or else files: one, a folder of planes or slices, or several that are time steps or planes. `options` are for files alone. A compressed file that
-/// cannot be sought in is inflated first, which takes as long as that does; all others take milliseconds.
+/// Opens a store, or else files: one, a folder of planes or slices, or several time steps or planes. `options` apply to
+/// files alone. A compressed file without random access is inflated first, in as much time; all others take
+/// milliseconds.
 ///
 /// # Errors
-/// If the store does not open, or the files are of no format that is read.
+/// If the store does not open, or the files have no supported format.
 pub fn open(paths: &[PathBuf], options: &OpenOptions) -> Result<Openable, OpenableError> {
     match paths {
         [path] if is_store(path) => Ok(Openable::Store(Box::new(VolumeSource::open(path)?))),
         files => match (import::open(files, options), files) {
             (Ok(source), _) => Ok(Openable::Source(Arc::from(source))),
-            // A part of a store is none of the files that are read: the store is what was meant.
+            // A part of a store is no supported file: the store was meant.
             (Err(error), [path]) => match VolumeSource::open(path) {
                 Err(inside @ OpenError::Inside { .. }) => Err(inside.into()),
                 _ => Err(error.into()),
@@ -72,7 +75,7 @@ pub fn open(paths: &[PathBuf], options: &OpenOptions) -> Result<Openable, Openab
     }
 }
 
-/// The options to pack what is already shown: one processor is left to what shows it. Labels are never averaged.
+/// Returns options for packing a volume while it is shown: one processor is left for that. Labels are never averaged.
 pub fn pack_options(voxel_type: VoxelType, kind: Kind) -> PackOptions {
     let defaults = PackOptions::new(voxel_type);
     let threads = defaults.threads.saturating_sub(1).max(1);
@@ -130,7 +133,7 @@ mod tests {
         let empty = tempfile::tempdir().unwrap();
         assert!(problem(empty.path()).contains("without files that are read"), "{}", problem(empty.path()));
         assert!(problem(&folder.path().join("gone")).contains("No such file"));
-        // A pack that was killed has a journal and no root document.
+        // A killed pack has a journal and no root document.
         std::fs::rename(store.join("zarr.json"), store.join(JOURNAL_NAME)).unwrap();
         assert!(matches!(open(&[store], &options), Err(OpenableError::Store(_))));
     }

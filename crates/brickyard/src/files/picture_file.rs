@@ -1,4 +1,4 @@
-//! PNG files: written whole under a temporary name, then renamed; what made the picture is kept in text chunks.
+//! PNG files, written whole under a temporary name, then renamed; text chunks keep the picture's origin.
 
 use crate::files::whole_file::write_whole;
 use crate::stats::RenderStats;
@@ -6,20 +6,20 @@ use brickyard_volume::{Picture, Scene};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// A picture that could not be written.
+/// An error in writing a picture.
 #[derive(Debug, thiserror::Error)]
 #[error("{path}: {reason}", path = path.display())]
 pub struct PictureError {
     /// Path of the file.
     pub path: PathBuf,
-    /// What went wrong.
+    /// Description of the failure.
     pub reason: String,
 }
 
 /// Writes a picture as an 8-bit RGB PNG file, with `(keyword, text)` notes in text chunks.
 ///
 /// # Errors
-/// If the file cannot be written. What was at `path` before stays then.
+/// If the file cannot be written; an earlier file at `path` then stays.
 pub fn write_png(path: &Path, picture: &Picture, notes: &[(&str, String)]) -> Result<(), PictureError> {
     let written = write_whole(path, |file| encode(file, picture, notes));
     written.map_err(|error| PictureError { path: path.to_path_buf(), reason: error.to_string() })
@@ -28,13 +28,13 @@ pub fn write_png(path: &Path, picture: &Picture, notes: &[(&str, String)]) -> Re
 /// Writes a picture as a PNG file, with its scene and its counts of bricks in text chunks.
 ///
 /// # Errors
-/// If the file cannot be written. What was at `path` before stays then.
+/// If the file cannot be written; an earlier file at `path` then stays.
 pub fn write_shown(path: &Path, picture: &Picture, shown: &Scene, stats: &RenderStats) -> Result<(), PictureError> {
     let fail = |error: serde_json::Error| PictureError { path: path.to_path_buf(), reason: error.to_string() };
     write_png(path, picture, &notes(shown, stats).map_err(fail)?)
 }
 
-/// Writes a picture as [`write_shown`] does, to something that is no file.
+/// Writes a picture like [`write_shown`], to any writer.
 ///
 /// # Errors
 /// If it cannot be written.
@@ -43,7 +43,7 @@ pub fn send_shown(to: &mut impl Write, picture: &Picture, shown: &Scene, stats: 
     to.flush()
 }
 
-/// The text chunks of a picture's file: the program, the scene, and the counts of bricks.
+/// Returns the text chunks of a picture's file: the program, the scene, and the counts of bricks.
 fn notes(shown: &Scene, stats: &RenderStats) -> serde_json::Result<[(&'static str, String); 3]> {
     let bricks = &stats.bricks;
     Ok([

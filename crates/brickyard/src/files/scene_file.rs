@@ -1,5 +1,6 @@
-//! Scene files, and the files that scenes name: meshes and transfer functions. [`open`] reads a scene with all of its files; the command
-//! reads a scene first, then sets what its flags say, then reads the files that are still named. All is read once, before anything is shown.
+//! Scene files, and the mesh and transfer function files named in scenes. [`open`] reads a scene with all of its files;
+//! the command reads a scene first, then applies its flags, then reads the files still named. Everything is read once,
+//! before anything is shown.
 
 use crate::files::text_file::{TextError, read_text};
 use crate::session::VolumeSource;
@@ -14,7 +15,7 @@ use std::path::{Path, PathBuf};
 #[cfg(feature = "mesh")]
 use std::sync::Arc;
 
-/// Why a scene's file, or a file that the scene names, cannot be read. Each message begins with the file's path.
+/// Errors in reading a scene's file, or a file named in it. Each message begins with the file's path.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneFileError {
     /// A scene or a transfer function cannot be read as text.
@@ -25,39 +26,40 @@ pub enum SceneFileError {
     NotAScene {
         /// The scene's file.
         path: PathBuf,
-        /// Where the text goes wrong.
+        /// The place of the fault in the text.
         source: serde_json::Error,
     },
     /// A mesh cannot be read.
     #[error(transparent)]
     Mesh(#[from] ImportError),
-    /// A file is no transfer function, or has none of the name that the scene asks for.
+    /// A file is no transfer function, or has none of the requested name.
     #[error("{path}: {source}", path = path.display())]
     Transfer {
         /// The transfer function's file.
         path: PathBuf,
-        /// Why the file is no transfer function of that name.
+        /// The fault of the file.
         source: TransferError,
     },
 }
 
-/// A scene file as it was read.
+/// A scene file as read.
 #[derive(Clone, Debug)]
 pub struct SceneFile {
     /// The scene; without `layers` in the file it has one layer, of the first volume's first channel.
     pub scene: Scene,
-    /// Whether the file says which layers there are.
+    /// Whether the file lists layers.
     pub lists_layers: bool,
 }
 
-/// Whether a scene file has layers.
+/// Detects layers in a scene file.
 #[derive(Deserialize)]
 struct Listed {
     layers: Option<IgnoredAny>,
 }
 
-/// Reads a scene of these volumes, with the files that it names; without layers in the file it shows all visible channels of all volumes. Also returns remarks about its transfer functions: what of them has no
-/// counterpart here and was left out, and what was chosen where a file does not say it.
+/// Reads a scene of these volumes, with its named files; a file without layers shows all visible channels of all
+/// volumes. Also returns remarks about its transfer functions: parts left out for lack of a counterpart here, and
+/// defaults for missing values.
 ///
 /// # Errors
 /// If one of the files cannot be read or is malformed.
@@ -70,7 +72,7 @@ pub fn open(path: impl AsRef<Path>, volumes: &[VolumeSource]) -> Result<(Scene, 
     Ok((scene, remarks))
 }
 
-/// Reads a scene alone. The files that it names keep their names, as seen from the folder of the scene's file.
+/// Reads a scene alone. Its file names are resolved against the folder of the scene's file.
 ///
 /// # Errors
 /// If the file cannot be read or is not a scene.
@@ -86,9 +88,9 @@ pub fn read(path: &Path) -> Result<SceneFile, SceneFileError> {
     Ok(SceneFile { scene, lists_layers: layers.is_some() })
 }
 
-/// Reads the meshes and transfer functions that a scene of these volumes names, as far as they have not been read. Returns remarks about transfer functions, as [`open`]
-/// does. The transfer function of a layer whose volume or channel does not exist is left unread. Without the feature `mesh`, meshes are left unread;
-/// a scene with an unread file is refused when it is shown.
+/// Reads the meshes and transfer functions named in a scene of these volumes, unless read already. Returns remarks like
+/// [`open`]. The transfer function of a layer with a missing volume or channel is left unread. Without the feature
+/// `mesh`, meshes are left unread; a scene with an unread file is refused when shown.
 ///
 /// # Errors
 /// If one of the files cannot be read or is malformed.
@@ -111,13 +113,13 @@ pub fn read_named_files(scene: &mut Scene, volumes: &[VolumeSource]) -> Result<V
     Ok(remarks)
 }
 
-/// The subject that a layer's transfer function is fitted to; `None` if the layer's volume or channel does not exist.
+/// The subject for a layer's transfer function; `None` if the layer's volume or channel does not exist.
 pub fn subject(scene: &Scene, layer: usize, volumes: &[VolumeSource]) -> Option<Subject> {
     let (volume, channel) = (volumes.get(scene.store(layer))?, scene.layers[layer].channel);
     (channel < volume.source.channels()).then(|| volume.subject(channel))
 }
 
-/// The subject of the expression's transfer function: the first volume that the expression reads, with the window of the expression's value.
+/// The subject for the expression's transfer function: the expression's first volume, with the window of its value.
 fn expression_subject(scene: &Scene, layers: &[Option<Subject>]) -> Option<Subject> {
     let expression = Expression::parse(&scene.expression.as_ref()?.text, layers.len()).ok()?;
     let windows: Vec<_> = layers.iter().map(|subject| Some(subject.as_ref()?.window)).collect::<Option<_>>()?;

@@ -1,5 +1,5 @@
-//! Where a store goes that nobody named a place for: into the user's cache, under a name that says what was packed and how. So the same file, unchanged, is found
-//! packed when it is opened again. Nothing is ever removed from there: that is left to whoever owns the disk.
+//! Default places of stores: in the user's cache, under a name derived from the source and the options. An unchanged
+//! file is thus found packed when opened again. Nothing is ever removed there: this is left to the owner of the disk.
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_import::Source;
@@ -7,14 +7,14 @@ use brickyard_store::{PackOptions, settings_fingerprint};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// The folder of the user's stores: `brickyard/stores` where this system keeps caches (`$XDG_CACHE_HOME`, or `.cache`, `Library/Caches` or
-/// `%LOCALAPPDATA%` of the user); `None` if the user has no folder.
+/// The folder of the user's stores: `brickyard/stores` in the system's place for caches (`$XDG_CACHE_HOME`, or
+/// `.cache`, `Library/Caches` or `%LOCALAPPDATA%` of the user); `None` if the user has no folder.
 pub fn user_folder() -> Option<PathBuf> {
     folder_from(|name| std::env::var_os(name))
 }
 
 fn folder_from(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
-    // A relative path would mean another folder with each working directory: XDG says to ignore it.
+    // A relative path would differ by working directory; XDG requires ignoring it.
     let folder = |name: &str| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let caches = if cfg!(windows) {
         folder("LOCALAPPDATA")
@@ -26,11 +26,12 @@ fn folder_from(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
     caches.map(|caches| caches.join("brickyard").join("stores"))
 }
 
-/// The place in a folder for the store of a source: the name of the `input`, and a hash of the source's identity and the options.
+/// The place in a folder for the store of a source: the name of the `input`, and a hash of the source's identity and
+/// the options.
 pub fn place_in(folder: &Path, input: &Path, source: &dyn Source, options: &PackOptions) -> PathBuf {
     let name = input.file_name().unwrap_or_default().to_string_lossy();
     let stem = name.split('.').find(|part| !part.is_empty()).unwrap_or("volume");
-    // The hash, the extension and the packer's own additions are to fit in 255 bytes, too.
+    // The hash, the extension and the packer's own additions must fit in 255 bytes, too.
     let end = (0..=stem.len().min(128)).rev().find(|&end| stem.is_char_boundary(end)).unwrap_or(0);
     folder.join(format!("{}-{}.zarr", &stem[..end], settings_fingerprint(source, options)))
 }

@@ -1,15 +1,16 @@
-//! Files of text that users write: scenes, camera paths, transfer functions, matrices. They are read whole, and refused where they are
-//! larger than any that a user writes; they are written whole or not at all.
+//! Text files of users: scenes, camera paths, transfer functions, matrices. They are read whole, and refused above a
+//! plausible size; they are written whole or not at all.
 
 use crate::files::whole_file::write_whole;
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
-/// The largest text file that is read, bytes. JSON takes twenty times its size and more once it is parsed; a path of 80,000 cameras fits.
+/// The size limit of text files, bytes. Parsed JSON takes twenty times its size and more; a path of 80,000 cameras
+/// fits.
 pub const MOST_BYTES: u64 = 16 << 20;
 
-/// Why a text file cannot be read or written. Its message begins with the file's path.
+/// Errors in reading or writing a text file. Each message begins with the file's path.
 #[derive(Debug, thiserror::Error)]
 pub enum TextError {
     /// The file does not open, or cannot be read to its end.
@@ -17,7 +18,7 @@ pub enum TextError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// The operating system's error.
         source: io::Error,
     },
     /// The file cannot be written.
@@ -25,7 +26,7 @@ pub enum TextError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// The operating system's error.
         source: io::Error,
     },
     /// The file has more than [`MOST_BYTES`].
@@ -36,32 +37,32 @@ pub enum TextError {
     NotText {
         /// The file.
         path: PathBuf,
-        /// Where the bytes are not UTF-8.
+        /// The position of the invalid bytes.
         source: std::string::FromUtf8Error,
     },
 }
 
-/// Reads a file of UTF-8 text, without a byte order mark; a pipe is read, too.
+/// Reads a file or pipe of UTF-8 text, dropping a byte order mark.
 ///
 /// # Errors
 /// If the file cannot be read, is larger than [`MOST_BYTES`], or is not UTF-8.
 pub fn read_text(path: &Path) -> Result<String, TextError> {
     let unreadable = |source| TextError::Read { path: path.into(), source };
     let mut bytes = Vec::new();
-    // A pipe does not tell its length before.
+    // A pipe's length is unknown in advance.
     let file = File::open(path).map_err(unreadable)?;
     file.take(MOST_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
     if bytes.len() as u64 > MOST_BYTES {
         return Err(TextError::TooLarge(path.into()));
     }
-    // Editors on Windows mark text so.
+    // The byte order mark of Windows editors.
     if bytes.starts_with(b"\xef\xbb\xbf") {
         bytes.drain(..3);
     }
     String::from_utf8(bytes).map_err(|source| TextError::NotText { path: path.into(), source })
 }
 
-/// Writes a file of text. What was at `path` before stays until all of it is written, and if that fails.
+/// Writes a text file. An earlier file at `path` stays until everything is written, and on failure.
 ///
 /// # Errors
 /// If the file cannot be written.

@@ -1,5 +1,5 @@
-//! Files that are there whole or not at all: written under a temporary name beside the place they go to, then renamed. That name is random, and
-//! the file is a new one: nobody can put a link there by which another file is overwritten.
+//! Files written whole or not at all: under a temporary name beside their final place, then renamed. The name is
+//! random, and the file always new: nobody can plant a link there to have another file overwritten.
 
 use brickyard_import::without_path;
 use std::ffi::{OsStr, OsString};
@@ -7,38 +7,38 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
-/// A file that is being written under a temporary name. Unless it is finished, what was at its path before stays, and the temporary file goes.
+/// A file in progress under a temporary name. Unless finished, it is removed, and an earlier file at its path stays.
 pub(crate) struct WholeFile {
     file: BufWriter<NamedTempFile>,
     path: PathBuf,
 }
 
 impl WholeFile {
-    /// Begins a file that goes to `path`.
+    /// Begins a file for `path`.
     ///
     /// # Errors
-    /// If the path has no file name, something else than a file is there, or no file can be made in its folder.
+    /// If the path has no file name, something other than a file is there, or no file can be created in its folder.
     pub(crate) fn create(path: &Path) -> io::Result<Self> {
         if std::fs::metadata(path).is_ok_and(|found| !found.is_file()) {
             return Err(io::Error::other("is no file, and is not replaced by one"));
         }
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let name = path.file_name().ok_or_else(|| io::Error::other("not a file name"))?;
-        // Whose it is can be told, where a program was killed.
+        // Identifies the owner, should the program be killed.
         let prefix: OsString = [OsStr::new("."), name, OsStr::new(".")].into_iter().collect();
         let mut builder = tempfile::Builder::new();
         builder.prefix(&prefix).suffix(".tmp");
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt;
-            // As of any new file: what the process's mask leaves of it.
+            // As for any new file, subject to the process's mask.
             builder.permissions(std::fs::Permissions::from_mode(0o666));
         }
         let file = builder.tempfile_in(folder).map_err(without_path)?;
         Ok(Self { file: BufWriter::new(file), path: path.to_path_buf() })
     }
 
-    /// Writes out what is left and gives the file its name.
+    /// Flushes the file and gives it its name.
     ///
     /// # Errors
     /// If that fails.
@@ -47,13 +47,12 @@ impl WholeFile {
         file.persist(&self.path).map(drop).map_err(|error| error.error)
     }
 
-    /// The temporary name, for a program that writes the file.
+    /// The temporary name, for another program to write to.
     #[cfg(feature = "movie")]
     pub(crate) fn temporary(&self) -> &Path {
         self.file.get_ref().path()
     }
 
-    /// The path that the file goes to.
     #[cfg(feature = "movie")]
     pub(crate) fn path(&self) -> &Path {
         &self.path
@@ -70,7 +69,7 @@ impl Write for WholeFile {
     }
 }
 
-/// Writes a file by `write`. What was at `path` before stays until all of it is written, and if anything fails.
+/// Writes a file by `write`. An earlier file at `path` stays until everything is written, and on any failure.
 ///
 /// # Errors
 /// If the path has no file name, the file cannot be written, or `write` fails.
@@ -105,7 +104,7 @@ mod tests {
         assert!(WholeFile::create(Path::new("/dev/null")).is_err_and(|error| error.to_string().contains("is no file")));
     }
 
-    /// Links under names that could be foreseen lead nowhere, and the file has the permissions of any new one.
+    /// Links under foreseeable names have no effect, and the file has the permissions of any new one.
     #[cfg(unix)]
     #[test]
     fn links_are_not_followed_and_permissions_are_those_of_new_files() {

@@ -1,5 +1,6 @@
-//! Exact pictures in passes: every brick that a view wants at its own level, however few slots there are, in passes from back to front
-//! into the same target. `sorted` can blend what comes later over what came before; so this is for GPUs, software ones too.
+//! Exact pictures in passes: every brick of a view at its own level, however few slots there are, in passes from back
+//! to front into one target. Only `sorted` can blend later passes over earlier ones, so this needs a GPU, possibly a
+//! software one.
 
 use crate::memory::ProcessMemory;
 use crate::session::backend::{BackendChoice, BackendError, CompositorChoice, Pictures, layer_needs};
@@ -14,10 +15,10 @@ use brickyard_volume::{FrameSettings, Needs, Picture, SlotEncoding};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Why an exact picture could not be drawn in passes.
+/// Errors in drawing an exact picture in passes.
 #[derive(Debug, thiserror::Error)]
 pub enum ExactPictureError {
-    /// The options ask for the CPU backend, or for rays. Neither keeps a picture between passes from back to front.
+    /// The options choose the CPU backend, or rays. Neither keeps a picture between passes from back to front.
     #[error(
         "a picture drawn in passes from back to front takes a GPU (a software one will do) and the sorted compositor"
     )]
@@ -31,14 +32,14 @@ pub enum ExactPictureError {
     /// The bricks cannot be listed or read.
     #[error(transparent)]
     Passes(#[from] ExactError),
-    /// The picture was not finished in the time allowed.
+    /// The picture was not finished in time.
     #[error("the picture is not finished after {waited_s:.1} s: {drawn} of {cells} bricks are drawn")]
     TooLong {
         /// Seconds waited.
         waited_s: f64,
         /// Number of bricks drawn so far.
         drawn: usize,
-        /// Number of bricks that the picture has.
+        /// Number of bricks in the picture.
         cells: usize,
     },
 }
@@ -49,10 +50,10 @@ impl From<GpuError> for ExactPictureError {
     }
 }
 
-/// How long to wait for a brick before looking again whether time is up.
+/// Interval of checking the time while waiting for a brick.
 const POLL: Duration = Duration::from_millis(50);
 
-/// Losses of the device after which a picture is given up.
+/// Losses of the device before giving up a picture.
 const MAX_LOSSES: u32 = 3;
 
 /// Draws exact pictures of one volume on a GPU, in passes from back to front.
@@ -64,11 +65,11 @@ pub struct ExactRenderer {
 }
 
 impl ExactRenderer {
-    /// Makes a renderer for a source, on a GPU. `encoding` is that of the pictures' frames, `bricks` what they need of
-    /// bricks, and `max_size_px` the size of the largest picture.
+    /// Creates a renderer for a source, on a GPU. `encoding` is the pictures' slot encoding, `bricks` are their
+    /// requirements on bricks, and `max_size_px` is the largest size.
     ///
     /// # Errors
-    /// If the options ask for the CPU or for rays, there is no GPU, or a budget is too small.
+    /// If the options choose the CPU or rays, there is no GPU, or a budget is too small.
     pub fn new(
         source: Arc<dyn BrickSource>,
         encoding: SlotEncoding,
@@ -91,7 +92,7 @@ impl ExactRenderer {
             gradient_layers: needs.bricks.gradient_layers,
             host_bytes: options.host_memory_bytes.saturating_sub(needs.bricks.meshes.bytes()),
             contents: Vec::new(),
-            // Each comes once.
+            // Each is used once.
             keeps_decoded: false,
             workers: options.threads as u32,
             planning: Planning::Inline,
@@ -102,19 +103,19 @@ impl ExactRenderer {
         Ok(Self { source, renderer, backend_line, config })
     }
 
-    /// A line that describes the backend: the adapter and its driver.
+    /// Description of the backend: the adapter and its driver.
     pub fn backend_line(&self) -> &str {
         &self.backend_line
     }
 
-    /// The GPU renderer that draws the pictures.
+    /// The GPU renderer of the pictures.
     pub fn renderer(&self) -> &GpuRenderer {
         &self.renderer
     }
 
-    /// Draws an exact picture of a scene, and adds to `stats`. `started` is when the whole run began. If the device is
-    /// lost, it is made anew and the picture is begun again. The eyes of a stereo pair are drawn one after the other,
-    /// since they share neither slots nor order.
+    /// Draws an exact picture of a scene, and adds to `stats`. `started` is the start of the whole run. A lost device
+    /// is created anew and the picture starts again. The eyes of a stereo pair are drawn in turn, since they share
+    /// neither slots nor order.
     ///
     /// # Errors
     /// If the scene is not a single layer in its own world, a part of it can be drawn from no level at all, the cells
@@ -210,7 +211,7 @@ impl ExactRenderer {
             }
             record(stats, &passes, stand_ins);
             (stats.pixel_error, stats.level_cells) = (view.pixel_error, level_cells);
-            // Between two layers of meshes all bricks come again: no pass keeps any for the next.
+            // Between two layers of meshes all bricks are uploaded again: no pass keeps any for the next.
             if !picture.next_slab()? {
                 break;
             }
@@ -221,7 +222,6 @@ impl ExactRenderer {
     }
 }
 
-/// Takes over how a picture went.
 fn record(stats: &mut RenderStats, passes: &ExactPasses, stand_ins: u64) {
     let (memory, counters, cells) = (ProcessMemory::now(), passes.counters(), passes.cells() as u64);
     stats.passes = stats.passes.map(|before| before + passes.passes());

@@ -1,4 +1,4 @@
-//! Letters on pictures: which side of a patient each edge of a picture is on, white with a dark rim, so that they are read on any tissue.
+//! Letters for a patient's sides at the edges of pictures, white with a dark rim, legible on any tissue.
 
 use crate::pictures::overlay::canvas::{Canvas, Pen};
 use crate::pictures::overlay::{LEAST_PX, PictureCanvas};
@@ -9,11 +9,11 @@ use glam::{DVec3, Vec2, vec2};
 /// Height of the letters, in points.
 const LETTER: f32 = 20.0;
 
-/// Writes at each edge of a picture, seen by this camera, which side of the patient is there. Pictures that are less than
-/// [`LEAST_PX`] wide or high are left as they are.
+/// Writes the patient's side at each edge of a picture seen by this camera. Pictures less than [`LEAST_PX`] wide or
+/// high stay unchanged.
 ///
 /// # Errors
-/// If the camera cannot make a picture.
+/// If the camera is invalid for a picture.
 pub fn letter_sides(picture: &mut Picture, camera: &Camera) -> Result<(), CameraError> {
     let (width, height) = (picture.width, picture.height);
     let rays = camera.rays(width, height)?;
@@ -34,14 +34,14 @@ pub fn letter_sides(picture: &mut Picture, camera: &Camera) -> Result<(), Camera
     Ok(())
 }
 
-/// The letters of the sides of a patient at the edges of a picture: left, right, top, bottom. More than one where the picture is oblique, and the
-/// nearest side first.
+/// Returns the letters of a patient's sides at the edges of a picture: left, right, top, bottom. Oblique pictures have
+/// several at an edge, the nearest side first.
 pub fn edge_letters(rays: &ViewRays) -> [String; 4] {
     let (right, up) = (rays.right.normalize_or_zero(), rays.up.normalize_or_zero());
     [-right, right, up, -up].map(sides)
 }
 
-/// The letters of the sides that a direction points to, most of all to the first: more than one where it is oblique.
+/// Returns the letters of the sides in a direction, the nearest first; several if it is oblique.
 fn sides(direction: DVec3) -> String {
     let along = |side: &Side| side.direction().dot(direction);
     let mut towards: Vec<Side> = Side::ALL.into_iter().filter(|side| along(side) > 0.3).collect();

@@ -1,4 +1,4 @@
-//! Pictures without a window: every one waits until the view has settled, so what is written is final.
+//! Pictures without a window: each waits for its view to settle, so written pictures are final.
 
 use crate::files::picture_file::{PictureError, write_shown};
 use crate::session::{Frame, ResolvedScene, Session, SessionError};
@@ -8,7 +8,7 @@ use brickyard_volume::{Picture, Scene};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// A settled picture could not be made.
+/// Errors in rendering a settled picture.
 #[derive(Debug, thiserror::Error)]
 pub enum OfflineError {
     /// The session failed.
@@ -21,23 +21,23 @@ pub enum OfflineError {
         x: u32,
         /// Row of the pixel, from 0.
         y: u32,
-        /// Number of slots, which is how many bricks fit at once.
+        /// Number of slots, the capacity in bricks.
         slots: u64,
     },
-    /// The view has settled, and the picture was not drawn in the time allowed.
+    /// The view has settled, but the picture was not drawn in time.
     #[error("the picture is not drawn after {waited_s:.1} s")]
     NotDrawn {
         /// Seconds waited.
         waited_s: f64,
     },
-    /// The view has not settled in the time allowed.
+    /// The view has not settled in time.
     #[error("the picture has not settled after {waited_s:.1} s: {resident} of {wanted} bricks are there")]
     NotSettled {
         /// Seconds waited.
         waited_s: f64,
-        /// Number of wanted bricks that are resident.
+        /// Number of wanted bricks in slots.
         resident: usize,
-        /// Number of bricks that the view wants.
+        /// Number of wanted bricks.
         wanted: usize,
     },
 }
@@ -47,9 +47,9 @@ pub enum OfflineError {
 pub struct Rendered {
     /// The picture.
     pub picture: Picture,
-    /// The scene of the picture, in which the camera and transfer functions that were left open are filled in.
+    /// The picture's scene, with its open camera and transfer functions filled in.
     pub shown: Scene,
-    /// What the picture took, and whether it is as fine as the scene wants: see [`RenderStats::memory_bound`] and
+    /// Statistics, including whether the picture is as fine as the scene wants: see [`RenderStats::memory_bound`] and
     /// [`RenderStats::completeness`].
     pub stats: RenderStats,
 }
@@ -58,18 +58,18 @@ impl Rendered {
     /// Writes the picture as a PNG file, with its scene in a text chunk.
     ///
     /// # Errors
-    /// If the file cannot be written. What was at `path` before stays then.
+    /// If the file cannot be written; an earlier file at `path` then stays.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), PictureError> {
         write_shown(path.as_ref(), &self.picture, &self.shown, &self.stats)
     }
 }
 
-/// How long a picture may take to settle.
+/// Longest time for a picture to settle.
 const LONGEST: Duration = Duration::from_secs(600);
 
 impl Session {
-    /// Renders a scene, and waits until its view has settled. Only bricks that memory has no room for or that cannot be
-    /// read are missing then, and [`Rendered::stats`] says whether there are any.
+    /// Renders a scene once its view has settled. Only bricks beyond the memory budget and unreadable ones are then
+    /// missing, as counted in [`Rendered::stats`].
     ///
     /// # Errors
     /// If a step fails, or the view has not settled after ten minutes.
@@ -84,11 +84,11 @@ impl Session {
     }
 }
 
-/// How long to wait for a brick before looking again whether time is up.
+/// Interval of checking the time while waiting for a brick.
 pub(crate) const POLL: Duration = Duration::from_millis(50);
 
-/// Streams until the view of a scene has settled, then draws it, for each of its pixels' samples. Adds to `stats`, and to `frame_ms` the milliseconds
-/// that drawing took in all. `started` is when the whole run began.
+/// Streams until the view of a scene has settled, then draws it, for each of its pixels' samples. Adds to `stats`, and
+/// to `frame_ms` the total milliseconds of drawing. `started` is the start of the whole run.
 ///
 /// # Errors
 /// If the session fails, or `max_wait` passes first.
@@ -120,7 +120,7 @@ pub fn render_settled(
     Ok(picture)
 }
 
-/// Makes a picture by `make`, which is told when that began, and gives up what it draws after `max_wait`.
+/// Makes a picture by `make`, given the start time, and abandons the drawing after `max_wait`.
 pub(crate) fn within(
     session: &mut Session,
     max_wait: Duration,

@@ -1,4 +1,5 @@
-//! `--compositor reference`: the picture that streaming must equal, from whole levels held in memory as f64.
+//! Reference pictures (`--compositor reference`), the standard for streamed ones, from whole levels held in memory as
+//! f64.
 
 use crate::session::ResolvedScene;
 use brickyard_pager::{BrickSource, Cut, View};
@@ -9,10 +10,10 @@ use glam::DVec3;
 use std::collections::HashSet;
 use std::time::{Duration, Instant};
 
-/// The reference picture could not be made.
+/// Errors in rendering a reference picture.
 #[derive(Debug, thiserror::Error)]
 pub enum OracleError {
-    /// Whole levels do not fit into the memory allowed.
+    /// Whole levels do not fit into the allowed memory.
     #[error(
         "the reference compositor holds whole levels in memory: it needs {needed} bytes, and {allowed} are allowed"
     )]
@@ -25,7 +26,7 @@ pub enum OracleError {
     /// The store cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// The picture was not finished in the time allowed.
+    /// The picture was not finished in time.
     #[error("the picture is not drawn after {waited_s:.1} s")]
     TooLong {
         /// Seconds waited.
@@ -33,11 +34,11 @@ pub enum OracleError {
     },
 }
 
-/// Renders a scene with the reference renderer, from the same cuts that streaming with unlimited memory would settle
-/// on. `stores` are those that the scene was resolved for.
+/// Renders a scene with the reference renderer, from the cuts on which streaming with unlimited memory would settle.
+/// `stores` are those of the resolved scene.
 ///
 /// # Errors
-/// If the levels that all layers' views need do not fit `host_memory_bytes` as f64, or cannot be read.
+/// If the levels needed by all layers' views do not fit `host_memory_bytes` as f64, or cannot be read.
 pub fn render_reference(
     stores: &[&Store],
     scene: &ResolvedScene,
@@ -46,10 +47,10 @@ pub fn render_reference(
     render_reference_within(stores, scene, host_memory_bytes, Duration::MAX)
 }
 
-/// Renders a scene as [`render_reference`] does, and gives up after `max_wait`.
+/// Renders a scene like [`render_reference`], and gives up after `max_wait`.
 ///
 /// # Errors
-/// As [`render_reference`], and if the picture is not finished in time.
+/// Those of [`render_reference`], and if the picture is not finished in time.
 pub fn render_reference_within(
     stores: &[&Store],
     scene: &ResolvedScene,
@@ -85,7 +86,7 @@ fn render_sample(
     })
 }
 
-/// The cells that a view wants, and whether any is of each level.
+/// The cells wanted by a view, and whether each level has any.
 struct Wanted {
     cells: HashSet<(Level, BrickIndex)>,
     used: Vec<bool>,
@@ -99,7 +100,7 @@ impl Wanted {
         Self { cells, used }
     }
 
-    /// Each level is held as stored bytes and as f64 while it is converted.
+    /// Each level is held as stored bytes and as f64 during its conversion.
     fn bytes(&self, store: &Store) -> u64 {
         let levels = BrickSource::pyramid(store).levels().iter().zip(&self.used);
         let voxels = levels.filter(|(_, used)| **used).map(|(grid, _)| grid.extent.volume()).sum::<u64>();
@@ -107,7 +108,7 @@ impl Wanted {
     }
 }
 
-/// The levels that a view wants, whole; others are empty.
+/// The levels wanted by a view, whole; others are empty.
 struct Levels<'a> {
     pyramid: &'a Pyramid,
     wanted: Wanted,
@@ -128,13 +129,13 @@ impl<'a> Levels<'a> {
             arrays.push(Array::from_bytes(grid, store.voxel_type(), BrickSource::nodata(store), &bytes));
         }
         if !wanted.used.contains(&true) {
-            // Nothing is wanted, so nothing is seen: one voxel without a value says so wherever it is asked.
+            // Nothing is wanted, so nothing is visible: one voxel without a value stands everywhere.
             arrays[0] = Array { extent: Extent::new(1, 1, 1), factor: arrays[0].factor, values: vec![f64::NAN] };
         }
         Ok(Self { pyramid, wanted, arrays })
     }
 
-    /// The level at a point. Cells that are invisible or empty are not in the cut; nothing is seen there at any finer level either.
+    /// The level at a point. Invisible or empty cells are not in the cut; finer levels show nothing there either.
     fn at(&self, point: DVec3) -> usize {
         let Wanted { cells, used } = &self.wanted;
         let cell_of = |l: usize| {

@@ -1,6 +1,6 @@
-//! Overlays: what is drawn over what a picture shows: a scale bar, what value has which colour, the box around all with ticks, a line of text. All but the text follows from
-//! the scene, its camera and the volumes. The same drawing goes on windows and on finished pictures, through a [`Canvas`](canvas::Canvas); on a picture, each part takes the place where
-//! it hides least.
+//! Overlays on pictures: a scale bar, colour bars, the box around all volumes with ticks, a line of text. All but the
+//! text follow from the scene, its camera and the volumes. Windows and finished pictures share the drawing through a
+//! [`Canvas`](canvas::Canvas); on a picture, each part takes the place where it hides least.
 
 pub mod box_axes;
 pub mod canvas;
@@ -21,19 +21,19 @@ use picture_canvas::first_unknown;
 /// Height of the line of text, in points.
 const LABEL: f32 = 15.0;
 
-/// The world that is seen.
+/// The world in view.
 #[derive(Clone, Copy, Debug)]
 pub struct World<'a> {
     /// Its least and greatest corner.
     pub corners: (DVec3, DVec3),
     /// Whether it is a patient's.
     pub is_anatomical: bool,
-    /// The unit of its distances; empty if that is not known.
+    /// The unit of its distances; empty if unknown.
     pub unit: &'a str,
 }
 
-/// The unit of the world that these volumes stand in, as it is written behind a number; empty if that is not known. `is_anatomical` says whether the world is a
-/// patient's.
+/// Returns the unit of these volumes' world, as written behind a number; empty if unknown. `is_anatomical`: whether the
+/// world is a patient's.
 pub fn unit(volumes: &[VolumeSource], is_anatomical: bool) -> &str {
     match volumes.first().and_then(|volume| volume.source.geometry().unit.as_deref()) {
         _ if is_anatomical => "mm",
@@ -46,12 +46,12 @@ pub fn unit(volumes: &[VolumeSource], is_anatomical: bool) -> &str {
     }
 }
 
-/// The names of the axes x, y and z of a world, which may be a patient's: there they point to the right, the front and the head.
+/// Returns the names of the axes x, y and z of a world; a patient's point to the right, the front and the head.
 pub fn axis_names(is_anatomical: bool) -> [&'static str; 3] {
     if is_anatomical { ["R", "A", "S"] } else { ["x", "y", "z"] }
 }
 
-/// The name of a layer: its channel's, else its volume's, else one with its number.
+/// Returns the name of a layer: its channel's, else its volume's, else one with its number.
 pub fn layer_name(scene: &Scene, volumes: &[VolumeSource], layer: usize) -> String {
     let volume = volumes.get(scene.store(layer));
     let channel = volume.and_then(|volume| volume.displays().get(scene.layers[layer].channel as usize));
@@ -59,7 +59,7 @@ pub fn layer_name(scene: &Scene, volumes: &[VolumeSource], layer: usize) -> Stri
     channel.or_else(|| volume?.name()).unwrap_or_else(|| format!("layer {layer}"))
 }
 
-/// A name of at most so many characters: a longer one lacks its middle, as names of one kind often differ at their ends.
+/// Shortens a name to at most `most` characters by omitting its middle, since similar names often differ at their ends.
 pub fn short_name(name: &str, most: usize) -> String {
     let count = name.chars().count();
     if count <= most {
@@ -70,12 +70,12 @@ pub fn short_name(name: &str, most: usize) -> String {
     start.chain(['\u{2026}']).chain(name.chars().skip(count - end)).collect()
 }
 
-/// The overlays that a picture gets.
+/// Choice of overlays.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Overlays {
     /// A scale bar.
     pub scale_bar: bool,
-    /// What value has which colour.
+    /// Colour bars: colours by value.
     pub color_bar: bool,
     /// The box around all volumes, with ticks.
     pub axes: bool,
@@ -83,7 +83,7 @@ pub struct Overlays {
     pub label: Option<String>,
 }
 
-/// Overlays that cannot be drawn.
+/// Errors in drawing overlays.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum OverlayError {
     /// The picture is too small for letters.
@@ -94,29 +94,29 @@ pub enum OverlayError {
         /// Height of the picture in pixels.
         height: u32,
     },
-    /// The text has a character that the fonts do not have.
+    /// The text has a character missing in the fonts.
     #[error(
         "there is no letter for '{0}' in the fonts that come with the program, which are for Latin, Greek and Cyrillic"
     )]
     Letter(char),
-    /// Overlays hold for one eye alone.
+    /// Overlays are valid for one eye alone.
     #[error("scale bar, colour bar, axes and label are for pictures of one eye: leave stereo out")]
     Stereo,
-    /// The camera cannot be used.
+    /// The camera is invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),
 }
 
 impl Overlays {
-    /// Whether nothing is drawn.
+    /// Whether there is nothing to draw.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
 
-    /// Checks that these can be drawn on the picture of a scene, which has this size.
+    /// Checks whether these can be drawn on a scene's picture of this size.
     ///
     /// # Errors
-    /// If not: why.
+    /// If not, with the reason.
     pub fn check(&self, scene: &Scene, (width, height): (u32, u32)) -> Result<(), OverlayError> {
         let unknown = self.label.as_deref().and_then(first_unknown);
         match unknown {
@@ -128,10 +128,11 @@ impl Overlays {
         }
     }
 
-    /// Draws these on the picture of a scene that has a camera: of a [shown](crate::session::ResolvedScene::shown) one.
+    /// Draws these on the picture of a scene with a camera, such as a [shown](crate::session::ResolvedScene::shown)
+    /// one.
     ///
     /// # Errors
-    /// As [`Overlays::check`]; and if the camera cannot be used. The picture is as before then.
+    /// Those of [`Overlays::check`]; and if the camera is invalid. The picture is then unchanged.
     pub fn draw(&self, picture: &mut Picture, scene: &Scene, volumes: &[VolumeSource]) -> Result<(), OverlayError> {
         let size_px = (picture.width, picture.height);
         self.check(scene, size_px)?;

@@ -1,9 +1,10 @@
-//! Exact pictures by tiles: every brick that a view wants at its own level, however few slots there are, of any layers and by any
-//! renderer. What the whole picture wants is tried first; a part of it whose cut does not fit is quartered, down to single pixels.
-//! A tile's pixels are those of the whole picture: it has the same rays, and its cut is finer nowhere.
+//! Exact pictures by tiles: every brick of a view at its own level, however few slots there are, for any layers and any
+//! renderer. The whole picture is tried first; a part without room for its cut is quartered, down to single pixels. A
+//! tile's pixels are those of the whole picture: its rays are the same, and its cut is finer nowhere.
 //!
-//! Costs a frame of the whole picture's size for each tile, in which the rays of other tiles meet nothing. Bricks that two tiles want
-//! stay in their slots from one to the next, as far as there is room: tiles are neighbours in the order of a Z-curve.
+//! Costs a frame of the whole picture's size for each tile, in which the rays of other tiles meet nothing. Two tiles'
+//! common bricks stay in their slots from one to the next, as room permits: tiles are neighbours in the order of a
+//! Z-curve.
 
 use crate::pictures::offline::{OfflineError, POLL, give_up_after, within};
 use crate::session::{Frame, ResolvedScene, Session};
@@ -11,8 +12,8 @@ use crate::stats::{RenderStats, ms};
 use brickyard_volume::{Picture, PixelRect};
 use std::time::{Duration, Instant};
 
-/// Streams and draws an exact picture of a scene tile by tile, and adds to `stats`. `started` is when the whole run
-/// began. The eyes of a stereo pair are drawn one after the other.
+/// Streams and draws an exact picture of a scene tile by tile, and adds to `stats`. `started` is the start of the whole
+/// run. The eyes of a stereo pair are drawn in turn.
 ///
 /// # Errors
 /// If the session fails, `max_wait` passes first, or the bricks of a single pixel do not fit.
@@ -43,7 +44,6 @@ pub fn render_exact(
     Ok(picture)
 }
 
-/// A picture in the making.
 struct Exact<'a> {
     session: &'a mut Session,
     max_wait: Duration,
@@ -81,7 +81,7 @@ impl Exact<'_> {
         Ok(picture)
     }
 
-    /// Streams until all is there that the scene wants, or it is clear that it does not fit.
+    /// Streams until all of the scene's bricks are resident, or clearly do not fit.
     fn settle(&mut self, scene: &ResolvedScene) -> Result<Frame, OfflineError> {
         loop {
             let frame = self.session.step_resolved(scene)?;
@@ -95,7 +95,6 @@ impl Exact<'_> {
     }
 }
 
-/// The quarters of a tile, those without a pixel left out.
 fn quarters(PixelRect { x0, x1, y0, y1 }: PixelRect) -> Vec<PixelRect> {
     let (x, y) = (x0.midpoint(x1), y0.midpoint(y1));
     let quarter = |(x0, x1, y0, y1)| PixelRect { x0, x1, y0, y1 };

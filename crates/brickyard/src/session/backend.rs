@@ -1,4 +1,4 @@
-//! The backend of a session: the one that its options choose, on a GPU or on the CPU.
+//! The backend of a session, chosen by its options, on a GPU or on the CPU.
 
 use crate::session::device::Device;
 #[cfg(feature = "gpu")]
@@ -49,11 +49,11 @@ impl Renderer for SoftwareRenderer {
     }
 }
 
-/// Returns what a layer with the bricks of a source needs of a renderer. `bricks` is what pictures need of the bricks. If `plays`, several time steps
-/// are to be there at once.
+/// Returns a layer's needs on a renderer. `bricks` are the pictures' requirements on bricks. If `plays`, several time
+/// steps are to be resident at once.
 pub(crate) fn layer_needs(source: &dyn BrickSource, encoding: SlotEncoding, bricks: Needs, plays: bool) -> VolumeNeeds {
     let pyramid = source.pyramid();
-    // Slots that could ever be filled with one channel, and an eighth more so that the cut may have them all.
+    // All bricks of one channel, and an eighth more so the cut may have them all.
     let steps = if plays { u64::from(source.times()).min(1 + MOST_COMING as u64) } else { 1 };
     let count = pyramid.brick_count();
     let most_slots = u32::try_from((count + count / 8 + 2) * steps).unwrap_or(u32::MAX);
@@ -69,12 +69,12 @@ pub(crate) fn layer_needs(source: &dyn BrickSource, encoding: SlotEncoding, bric
     }
 }
 
-/// Makes the chosen backend for layers and pictures, and returns it with a line that describes it. An application's
-/// device is used whatever the options choose.
+/// Creates the chosen backend for layers and pictures, and returns it with a line of description. An application's
+/// device takes precedence over the options.
 ///
 /// # Errors
-/// If the GPU was asked for and there is none, the backend does not have the compositor, or the memory cannot hold a
-/// picture and the fewest bricks.
+/// If the GPU was chosen and there is none, the backend lacks the compositor, or the memory cannot hold a picture and
+/// the fewest bricks.
 pub(crate) fn open(
     device: &mut Device,
     layers: &[VolumeNeeds],
@@ -126,7 +126,8 @@ fn software(
     Ok(SoftwareRenderer::new(layers, &options)?)
 }
 
-/// Ends a backend, and gives its device back with what has been compiled for it; with the picture that was shown last, too, if `keeps_picture`.
+/// Ends a backend, and returns its device with everything compiled for it; with `keeps_picture`, also with the last
+/// shown picture.
 pub(crate) fn end(backend: Box<dyn Renderer>, device: &mut Device, keeps_picture: bool) {
     #[cfg(feature = "gpu")]
     if let Some(compiled) = backend.into_compiled(keeps_picture) {

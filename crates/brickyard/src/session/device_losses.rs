@@ -1,12 +1,11 @@
-//! How often a GPU's device was lost, and when starting it anew is given up.
+//! Losses of a GPU's device: their count, and when to give up.
 
 use crate::session::renderer::BackendError;
 use crate::session::session_error::SessionError;
 
-/// Losses without a picture between them after which making the device anew is given up.
+/// Losses in a row, without a picture between them, before giving up.
 const MAX_IN_A_ROW: u32 = 3;
 
-/// Counts how often the GPU device was lost.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Losses {
     total: u32,
@@ -15,11 +14,10 @@ pub(crate) struct Losses {
 }
 
 impl Losses {
-    /// Counts the loss of a device. The caller makes the device anew then.
+    /// Counts the loss of a device, which the caller then creates anew.
     ///
     /// # Errors
-    /// If `error` is not the loss of a device, or the device was lost more than three times without a picture in
-    /// between.
+    /// If `error` is not the loss of a device, or more than three losses had no picture in between.
     pub(crate) fn record(&mut self, error: BackendError) -> Result<(), SessionError> {
         if !error.is_loss() {
             return Err(error.into());
@@ -33,12 +31,11 @@ impl Losses {
         Ok(())
     }
 
-    /// Takes note that a picture was drawn, which ends a row of losses.
+    /// Records a drawn picture, which ends a row of losses.
     pub(crate) fn picture(&mut self) {
         self.in_a_row = 0;
     }
 
-    /// Number of losses so far.
     pub(crate) fn total(&self) -> u32 {
         self.total
     }

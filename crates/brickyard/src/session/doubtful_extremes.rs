@@ -1,6 +1,7 @@
-//! Which projections may lose extremes: those of coarse bricks whose voxels are not the extremes of the finer ones in them, and those of volumes that have only some of the
-//! voxels, as previews do. A mean of eight voxels hides the greatest of them, and one of 512 nearly all of it. And which may show what is cut away: a coarse voxel
-//! through which a cut goes is the extreme of what is on both sides.
+//! Projections with doubtful extremes. Some may lose extremes: those of coarse bricks with voxels other than the
+//! extremes of the finer ones in them, and those of volumes with only some of the voxels, such as previews. A mean of
+//! eight voxels hides the greatest of them, and one of 512 nearly all of it. Others may show cut-away values: a coarse
+//! voxel across a cut holds the extreme of both sides.
 
 use crate::session::Session;
 use crate::session::resolve::{ResolvedLayer, ResolvedScene};
@@ -8,18 +9,19 @@ use crate::session::volume_source::VolumeSource;
 use brickyard_pager::{Cut, DrawList};
 use brickyard_volume::{Level, Mode};
 
-/// Layers, by their indices in the scene, of whose projections something is to be said.
+/// Layers with doubtful projections, by their indices in the scene.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DoubtfulExtremes {
-    /// Those that may lose extremes.
+    /// Layers that may lose extremes.
     pub lost: Vec<usize>,
-    /// Those that may show extremes up to a coarse voxel behind a clip plane, a side of the clip box or of a crop.
+    /// Layers that may show extremes up to a coarse voxel behind a clip plane, or behind a side of the clip box or of a
+    /// crop.
     pub past_cuts: Vec<usize>,
 }
 
 impl ResolvedScene {
-    /// Layers of doubtful extremes at the levels that the view wants. `volumes` are those of the resolved scene. Costs a cut of each projected layer:
-    /// milliseconds.
+    /// Returns layers of doubtful extremes at the levels wanted by the view. `volumes` are those of the resolved scene.
+    /// Costs a cut of each projected layer: milliseconds.
     pub fn doubtful_extremes(&self, volumes: &[VolumeSource]) -> DoubtfulExtremes {
         self.doubtful(volumes, |layer| {
             let cut = Cut::new(&*volumes[layer.volume].source, &layer.view, usize::MAX);
@@ -27,7 +29,7 @@ impl ResolvedScene {
         })
     }
 
-    /// The same, where `is_coarse` says which layers are drawn coarser than at level 0.
+    /// [`ResolvedScene::doubtful_extremes`], given whether a layer is drawn coarser than at level 0.
     fn doubtful(&self, volumes: &[VolumeSource], is_coarse: impl Fn(&ResolvedLayer) -> bool) -> DoubtfulExtremes {
         let mut found = DoubtfulExtremes::default();
         for layer in &self.layers {
@@ -47,7 +49,7 @@ impl ResolvedScene {
 }
 
 impl Session {
-    /// Layers of doubtful extremes at the levels drawn now. `scene` is the one of the last [frame](crate::Frame).
+    /// Returns layers of doubtful extremes at the present levels. `scene` is the last [frame](crate::Frame)'s.
     pub fn doubtful_extremes(&self, scene: &ResolvedScene) -> DoubtfulExtremes {
         let is_coarse = |list: &DrawList| list.cells.iter().any(|cell| cell.brick.level > Level(0));
         scene.doubtful(self.volumes(), |layer| self.lists_of(layer.place).iter().any(is_coarse))

@@ -1,11 +1,11 @@
-//! How volumes look of which nobody has said how: fog of what is worth showing, in the light. From metadata alone.
+//! The first look of volumes without a chosen one: lit fog without the background, from metadata alone.
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_volume::{LightingModel, Mode, PixelSamples, Scene, SceneLayer, TransferChoice};
 
-/// Sets how a scene looks, as far as it leaves that open, for somebody who sees the volumes for the first time. Edges are smooth: pixels have four samples. In [`Mode::Dvr`] fog
-/// is lit, and layers have the transfer function that [shows what is not background](brickyard_volume::Foreground). A surface alone is light. In projections and slices, which show values as they
-/// are, nothing is set.
+/// Sets a scene's look for first-time viewers, as far as the scene leaves it open. Edges are smooth: pixels have four
+/// samples. In [`Mode::Dvr`] fog is lit, and layers have the [foreground's](brickyard_volume::Foreground) transfer
+/// function. A single surface is light. Projections and slices show values as they are, so nothing is set.
 pub fn set_first_look(scene: &mut Scene, volumes: &[VolumeSource]) {
     if scene.mode.is_projection() || scene.slice.is_some() {
         return;
@@ -25,7 +25,8 @@ pub fn set_first_look(scene: &mut Scene, volumes: &[VolumeSource]) {
     }
 }
 
-/// Gives the only surface of a layer a light colour, if nobody has said which it has. Several are told apart by the transfer function's colours.
+/// Gives a layer's only surface a light colour, unless its colour is chosen. Several surfaces differ by the transfer
+/// function's colours.
 fn lighten_surface(layer: &mut SceneLayer) {
     let is_plain = layer.transfer.is_none() && layer.color.is_none();
     if let ([surface], true) = (&mut layer.isosurfaces[..], is_plain) {
@@ -33,11 +34,11 @@ fn lighten_surface(layer: &mut SceneLayer) {
     }
 }
 
-/// The colour of surfaces that have none: a warm white, on which shades are seen.
+/// The default colour of surfaces: a warm white, on which shades are visible.
 const LIGHT: [f64; 3] = [0.93, 0.89, 0.82];
 
-/// Chooses the transfer function that shows what is not background for the layers from the number `first` on, where they have no function, window or gamma. Labels have
-/// colours of their own.
+/// Chooses the foreground's transfer function for the layers from the number `first` on, where they have no function,
+/// window or gamma. Labels have their own colours.
 pub fn choose_foregrounds(scene: &mut Scene, first: usize, volumes: &[VolumeSource]) {
     for i in first..scene.layers.len() {
         let is_measured = volumes.get(scene.store(i)).is_some_and(|volume| !volume.source.is_labels());

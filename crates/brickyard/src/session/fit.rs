@@ -1,10 +1,12 @@
-//! A session's fit: a backend with slots, and the pagers that fill them, made for the scenes that the session shows. A scene that asks for more (wider
-//! aprons, other tables, a larger picture, other layers) gets another fit, which goes on with the cores that the last one had decoded.
+//! A session's fit: a backend with slots, and the pagers to fill them, created for the session's scenes. A scene with
+//! greater demands (wider aprons, other tables, a larger picture, other layers) gets another fit, which reuses the
+//! decoded cores of the last one.
 //!
-//! Layers whose bricks fit each other's slots share a pool of them, and a pager, which splits the worst cell of any of them first. Budgets
-//! are shared out among pools once, by what each could use ([`share`]).
+//! Layers with bricks of one slot format share a pool of slots, and a pager, which splits the worst cell of any of them
+//! first. Pools get their shares of the budgets once, by their possible use ([`share`]).
 //!
-//! Making one costs what opening a device and compiling shaders does, some 100 ms; all slots are filled anew from main memory.
+//! Creating a fit costs as much as opening a device and compiling shaders, some 100 ms; all slots are filled anew from
+//! main memory.
 
 #[cfg(feature = "gpu")]
 mod shown;
@@ -25,30 +27,29 @@ use shown::Shown;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// The limits of a live step's uploads: about 30 bricks of 64³ 16-bit voxels, in a quarter of a frame at 60 a second.
+/// Upload limits of a live step: about 30 bricks of 64³ 16-bit voxels, in a quarter of a frame at 60 a second.
 const LIVE_UPLOADS: UploadLimits = UploadLimits { bytes: 16 << 20, time: Duration::from_millis(4) };
 
-/// How long a finer brick takes to fade in: too fast to wait for, slow enough not to catch the eye.
+/// Fade-in time of a finer brick: too fast to wait for, slow enough not to catch the eye.
 const LIVE_FADE: Duration = Duration::from_millis(200);
 
-/// Pictures of live sessions may grow up to the next multiple of this number of pixels, so that a window that is being
-/// resized asks for another fit now and then, and not in every frame.
+/// Targets of live sessions are rounded up to a multiple of this number of pixels, so resizing a window needs another
+/// fit now and then, not in every frame.
 const LIVE_SIZE_PX: u32 = 256;
 
-/// A scene's demand on slots, tables and targets.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Demand {
     /// The layers, in the order of their places.
     layers: Vec<DemandLayer>,
-    /// What the pictures need of bricks.
+    /// The pictures' requirements on bricks.
     pub(crate) bricks: Needs,
-    /// The pictures that are drawn: the largest size, and whether they may show expressions.
+    /// The greatest picture size, and whether pictures may show expressions.
     pub(crate) pictures: Pictures,
 }
 
 impl Demand {
-    /// Returns the demand of a scene. In a live session it includes the layers that the scene hides, which keep their
-    /// coarsest bricks.
+    /// Returns the demand of a scene. In a live session it includes the hidden layers, which keep their coarsest
+    /// bricks.
     pub(crate) fn of(scene: &ResolvedScene, is_live: bool) -> Self {
         let hidden = scene.hidden.iter().filter(|_| is_live).map(DemandLayer::hidden);
         let mut layers: Vec<_> = scene.layers.iter().map(DemandLayer::shown).chain(hidden).collect();
@@ -62,8 +63,7 @@ impl Demand {
         }
     }
 
-    /// Returns a demand for this one's layers that suffices for this one's bricks and pictures and for those of
-    /// `before`.
+    /// Returns a demand for this one's layers, sufficient for the bricks and pictures of both demands.
     pub(crate) fn grown(&self, before: &Self) -> Self {
         let (own, other) = (&self.pictures, &before.pictures);
         Self {
@@ -77,17 +77,16 @@ impl Demand {
     }
 }
 
-/// A layer that a demand is for.
 #[derive(Clone, Debug, PartialEq)]
 struct DemandLayer {
     /// The layer's place in scenes.
     place: usize,
     /// The index of the layer's volume in the session.
     volume: usize,
-    /// What slots hold of the layer's channel: another channel of a 32-bit type has other codes. How values of f32 slots become codes is not
-    /// part of it.
+    /// The encoding of the layer's channel in slots: another channel of a 32-bit type has other codes. The mapping from
+    /// values in f32 slots to codes is not part of it.
     encoding: SlotEncoding,
-    /// The codes of the layer's labels, where they have codes by their look.
+    /// The codes of the layer's labels, where these have codes by their look.
     codes: Option<Arc<LabelCodes>>,
 }
 
@@ -102,31 +101,28 @@ impl DemandLayer {
         Self { place: layer.place, volume: layer.volume, encoding, codes }
     }
 
-    /// What slots hold of the layer's voxels.
     fn contents(&self) -> SlotContents {
         slot_contents(&self.encoding, self.codes.as_ref())
     }
 }
 
-/// A layer, and what of it is drawn now.
+/// A layer with its present draw lists.
 struct FitLayer {
-    /// What the layer was made for.
     asked: DemandLayer,
     source: Arc<dyn BrickSource>,
     /// A list for each eye of the last step's view.
     draws: Vec<DrawList>,
-    /// Which cut they are drawn from: the number of the first layer that shares it.
+    /// The cut behind the draw lists: the number of the first layer with this cut.
     cut: u32,
 }
 
-/// Layers that share slots, by their numbers, and their pager.
+/// Layers with common slots, by their numbers, and their pager.
 struct Pool {
     layers: Vec<usize>,
     pager: Pager,
     is_settled: bool,
 }
 
-/// A backend, and the pagers of its pools of slots.
 pub(crate) struct Fit {
     pub(crate) demand: Demand,
     layers: Vec<FitLayer>,
@@ -138,11 +134,11 @@ pub(crate) struct Fit {
 }
 
 impl Fit {
-    /// Makes a backend on a device, and its pagers. Decoded cores of these volumes are taken from `kept`.
+    /// Creates a backend on a device, and its pagers. Decoded cores of these volumes are taken from `kept`.
     ///
     /// # Errors
-    /// If no backend can be made, it does not have the compositor, or a budget is too small. The message then says the
-    /// least budget that works.
+    /// If no backend can be created, it lacks the compositor, or a budget is too small; the message then names the
+    /// least sufficient budget.
     pub(crate) fn make(
         volumes: &[VolumeSource],
         demand: Demand,
@@ -175,7 +171,6 @@ impl Fit {
         })
     }
 
-    /// Whether a scene with the demand `asked` can be shown with this fit.
     pub(crate) fn suffices(&self, scene: &ResolvedScene, asked: &Demand) -> bool {
         let Demand { bricks, pictures: Pictures { size_px, has_expressions }, .. } = self.demand;
         let shown = scene.layers.iter().map(DemandLayer::shown);
@@ -188,14 +183,14 @@ impl Fit {
             && size_px.1 >= asked.pictures.size_px.1
     }
 
-    /// What slots hold of a volume for the layer in a place; `None` if there is no such layer.
+    /// The slots' encoding for the layer at a place of a volume; `None` if there is no such layer.
     pub(crate) fn slots_of(&self, place: usize, volume: usize) -> Option<SlotEncoding> {
         let is_it = |own: &&FitLayer| (own.asked.place, own.asked.volume) == (place, volume);
         self.layers.iter().find(is_it).map(|own| own.asked.encoding)
     }
 
-    /// Ends the fit: returns the decoded cores, and gives the device back, both for the next fit. The device keeps the picture that was
-    /// shown last if `keeps_picture`.
+    /// Ends the fit: returns the decoded cores, and gives the device back, both for the next fit. With `keeps_picture`,
+    /// the device keeps the last shown picture.
     pub(crate) fn into_cores(self, device: &mut Device, keeps_picture: bool) -> Vec<KeptCores> {
         backend::end(self.backend, device, keeps_picture);
         self.pools.into_iter().flat_map(|pool| pool.pager.into_cores()).collect()
@@ -208,11 +203,11 @@ impl Fit {
             let hidden = || scene.hidden.iter().find(|layer| layer.place == own.asked.place).map(|layer| &layer.view);
             shown.or_else(hidden).cloned()
         };
-        // A scene that it suffices for has them all.
+        // Complete for a scene within the fit.
         self.layers.iter().filter_map(view).collect()
     }
 
-    /// The views of [`Fit::views`] at another step of the scene's timeline.
+    /// Returns the views of [`Fit::views`] at another step of the scene's timeline.
     pub(crate) fn views_at(&self, scene: &ResolvedScene, ShownStep { step, level_bias }: ShownStep) -> Vec<View> {
         let mut views = self.views(scene);
         for (view, own) in views.iter_mut().zip(&self.layers) {
@@ -222,9 +217,9 @@ impl Fit {
         views
     }
 
-    /// Streams one step towards `views`, one for each layer: takes in bricks, plans and uploads. `coming` are the views that come next, the
-    /// nearest first. `at` is the time of the step. Returns the status of all layers together, and how far each of the coming views is;
-    /// `None` if there are no layers.
+    /// Streams one step towards `views`, one for each layer: collects bricks, plans and uploads. `coming` are the next
+    /// views, the nearest first. `at` is the time of the step. Returns the joint status of all layers, and the
+    /// readiness of each coming view; `None` if there are no layers.
     pub(crate) fn step(
         &mut self,
         views: &[View],
@@ -263,19 +258,19 @@ impl Fit {
             });
         }
         if whole.as_ref().is_some_and(|(status, _)| !status.covered) {
-            // All layers come at once: a picture of some would have holes.
+            // All layers appear at once: a picture of some would have holes.
             self.layers.iter_mut().for_each(|layer| layer.draws.clear());
         }
         Ok(whole)
     }
 
-    /// Waits until a brick has arrived, at most for `timeout`.
+    /// Waits for at most `timeout` until a brick arrives.
     pub(crate) fn wait(&mut self, timeout: Duration) {
         if let [pool] = &mut self.pools[..] {
             pool.pager.wait(timeout);
             return;
         }
-        // One after the other: what comes for another one meanwhile is taken in soon.
+        // In turn: arrivals in another pool meanwhile are collected soon.
         let patience = (timeout / 16).max(Duration::from_millis(1));
         for pool in self.pools.iter_mut().filter(|pool| !pool.is_settled) {
             if pool.pager.wait(patience) {
@@ -284,7 +279,7 @@ impl Fit {
         }
     }
 
-    /// Renders a scene from the bricks in the slots. If `tells`, the pagers are told what was seen.
+    /// Renders a scene from the bricks in the slots. If `tells`, the pagers receive visibility feedback.
     pub(crate) fn draw(&mut self, scene: &ResolvedScene, tells: bool) -> Result<Picture, BackendError> {
         let Self { layers: own, pools, backend, .. } = self;
         let eyes = scene.eyes();
@@ -303,7 +298,7 @@ impl Fit {
         })?;
         for Pool { layers, pager, .. } in pools {
             for (volume, &layer) in layers.iter().enumerate() {
-                // A scene that hides what the last step showed tells nothing of it.
+                // A scene that hides layers of the last step yields no feedback on them.
                 let cells: usize = own[layer].draws.iter().map(|list| list.cells.len()).sum();
                 let told = seen[layer].iter().filter(|seen| seen.len() == cells);
                 let drawn = pager.drawn(volume);
@@ -313,17 +308,17 @@ impl Fit {
         Ok(picture)
     }
 
-    /// Prepares drawing a scene on another thread, for example by compiling shaders.
+    /// Prepares the drawing of a scene on another thread, for example by compiling shaders.
     pub(crate) fn prepare(&mut self, scene: &ResolvedScene) {
         self.backend.prepare(&drawn(&self.layers, scene, 0), scene.combination.as_ref());
     }
 
-    /// Whether drawing a scene has nothing left to prepare.
+    /// Whether nothing is left to prepare for drawing a scene.
     pub(crate) fn is_prepared(&self, scene: &ResolvedScene) -> bool {
         self.backend.is_prepared(&drawn(&self.layers, scene, 0), scene.combination.as_ref())
     }
 
-    /// Makes a lost device anew. All slots are empty then.
+    /// Creates a lost device anew. All slots are then empty.
     pub(crate) fn renew(&mut self) -> Result<(), SessionError> {
         self.backend.renew()?;
         for Pool { layers, pager, .. } in &mut self.pools {
@@ -333,23 +328,21 @@ impl Fit {
         Ok(())
     }
 
-    /// Number of slots in all pools, which is how many bricks fit at once.
+    /// Capacity of all pools in bricks.
     pub(crate) fn slots(&self) -> u64 {
         self.pools.iter().map(|pool| self.backend.slots(pool.layers[0]) as u64).sum()
     }
 
-    /// Returns the present draw list of each layer; in stereo the left eye's.
     pub(crate) fn draw_lists(&self) -> impl Iterator<Item = &DrawList> {
         self.layers.iter().filter_map(|layer| layer.draws.first())
     }
 
-    /// Returns the present draw lists of the layer with this index in the scene, one for each eye.
     pub(crate) fn lists_of(&self, place: usize) -> &[DrawList] {
         self.layers.iter().find(|layer| layer.asked.place == place).map_or(&[], |layer| &layer.draws)
     }
 }
 
-/// A scene's layers with their draw lists of now, for one eye. Layers that the scene hides are left out.
+/// Returns a scene's visible layers with their present draw lists, for one eye.
 fn drawn<'a>(layers: &'a [FitLayer], scene: &'a ResolvedScene, eye: usize) -> Vec<Layer<'a>> {
     let layer = |(volume, own): (usize, &'a FitLayer)| {
         let shown: &ResolvedLayer = scene.layers.iter().find(|layer| layer.place == own.asked.place)?;
@@ -362,7 +355,7 @@ fn drawn<'a>(layers: &'a [FitLayer], scene: &'a ResolvedScene, eye: usize) -> Ve
 /// The draw list of a layer before its first step.
 static NOTHING: DrawList = DrawList { cells: Vec::new() };
 
-/// The pools of layers with these needs, all within the host budget.
+/// Creates the pools of layers with these needs, all within the host budget.
 fn pools_of(
     needs: &[VolumeNeeds],
     (sources, contents): (&[Arc<dyn BrickSource>], &[SlotContents]),

@@ -1,12 +1,13 @@
-//! Quality while the camera moves: how many pixels and steps a frame may take so that it keeps to a time goal, and when to draw
+//! Quality control for moving cameras: how many pixels and steps a frame may take to meet a time goal, and when to draw
 //! at all.
 //!
-//! A frame's time is taken to be proportional to its work, pixels over step length. The controller keeps one number, the
-//! share of the exact frame's work that fits the goal, corrected after every frame. The share is spent on pixels first, down to half
-//! as many along an axis, and then on pixels and steps: opaque surfaces are cut to terraces by long steps, which save little there, for rays
-//! end at the surface (`docs/performance.md` has the pictures' errors). When the camera rests, the next
-//! frame is exact, after one of a sixteenth of its work if it takes long and somebody looks on: once more for everything that still arrives, and then none until something changes. The first picture is
-//! the fastest there is: nothing is known of the scene, and somebody waits. Pure: it neither measures nor draws.
+//! The model: a frame's time is proportional to its work, pixels over step length. The controller keeps one number, the
+//! share of the exact frame's work that fits the goal, corrected after every frame. The share is spent on pixels first,
+//! down to half as many along an axis, and then on pixels and steps: long steps cut opaque surfaces to terraces and
+//! save little there, since rays end at the surface (`docs/performance.md` has the pictures' errors). When the camera
+//! rests, the next frame is exact, preceded by one of a sixteenth of its work if it takes long and somebody watches; it
+//! is drawn again as bricks arrive, and then not until something changes. The first picture is the fastest possible:
+//! the scene is unknown, and somebody waits. Pure: it neither measures nor draws.
 
 use crate::session::frame::Frame;
 use crate::session::resolve::MAX_STEP;
@@ -27,31 +28,32 @@ impl Quality {
     /// The quality of the exact frame: every pixel, every step.
     pub const EXACT: Self = Self { scale: 1.0, step: 1.0 };
 
-    /// Spends a share of the exact frame's work: on pixels alone as long as they are no fewer than [`HALF_SCALE`] says, then as many times fewer
-    /// pixels as longer steps.
+    /// Spends a share of the exact frame's work: on pixels alone down to [`HALF_SCALE`], then equally on fewer pixels
+    /// and longer steps.
     fn of_share(share: f64) -> Self {
         let below = (share / (HALF_SCALE * HALF_SCALE)).min(1.0);
         let step = below.powf(-0.5).clamp(1.0, MAX_STEP);
         Self { scale: (share * step).sqrt().clamp(MIN_SCALE, 1.0), step }
     }
 
-    /// Returns the quality of the picture that comes next if nothing moves, while the exact one takes long and is looked at: between a picture that is much
-    /// coarser and the exact one is one of a sixteenth of the work.
+    /// Returns the quality of the next picture at rest, for onlookers of a slow exact one: a sixteenth of the work
+    /// after a much coarser picture, otherwise exact.
     fn refined(self) -> Self {
         if self.share() < REFINED_FROM { Self::of_share(REFINED_SHARE) } else { Self::EXACT }
     }
 
-    /// By how many levels bricks may be coarser, so that a voxel is as large beside this quality's pixels as it is beside the exact frame's.
+    /// Levels by which bricks may be coarser while a voxel stays as large beside this quality's pixels as beside the
+    /// exact frame's.
     fn level_bias(self) -> f64 {
         self.scale.recip().log2().floor()
     }
 
-    /// Returns the share of the exact frame's work that this quality takes, above 0 and at most 1.
+    /// Returns this quality's share of the exact frame's work, above 0 and at most 1.
     pub fn share(self) -> f64 {
         self.scale * self.scale / self.step
     }
 
-    /// This quality for bricks that are coarser by so many levels: with a step for each of their voxels, if steps are not that long anyway.
+    /// Returns this quality for bricks `level_bias` levels coarser: with steps of at least one of their voxels.
     pub fn with_coarse_bricks(self, level_bias: f64) -> Self {
         Self { step: self.step.max(level_bias.exp2()), ..self }
     }
@@ -66,7 +68,7 @@ impl Quality {
         frame
     }
 
-    /// Returns a session's frame at this quality, to be drawn in place of the exact one.
+    /// Returns a session's frame at this quality, for drawing in place of the exact one.
     pub fn frame(self, exact: &Frame) -> Frame {
         let mut drawn = exact.clone();
         for frame in Arc::make_mut(&mut drawn.scene).layers.iter_mut().flat_map(|layer| &mut layer.frames) {
@@ -76,21 +78,24 @@ impl Quality {
     }
 }
 
-/// The share of the pixels along an axis down to which steps are those of the exact frame.
+/// The least share of the pixels along an axis with the exact frame's steps.
 const HALF_SCALE: f64 = 0.5;
-/// A twelfth of the pixels along an axis can still be steered by.
+/// The least share of the pixels along an axis: a twelfth is still enough to steer by.
 const MIN_SCALE: f64 = 1.0 / 12.0;
-/// What the picture between a coarse one and the exact one takes of this one's work, and up to which share a picture is so coarse.
+/// Work of the intermediate picture, as a share of the exact one's, and the share below which a picture is coarse
+/// enough to need it.
 const REFINED_SHARE: f64 = 1.0 / 16.0;
 const REFINED_FROM: f64 = 0.4 * REFINED_SHARE;
 
-/// How much of a frame's message is believed: more makes the picture flicker between qualities, less lags behind.
+/// Weight of a frame's measured time: a greater one makes the picture flicker between qualities, a smaller one lags
+/// behind.
 const TRUST: f64 = 0.5;
 /// Differences below a tenth are not worth a change of resolution.
 const DEAD_BAND: f64 = 0.1;
 
-/// Returns how long drawing a frame may take that is to take `goal`, and takes `besides` for other things. While so many time steps a second are played, frames
-/// that take a little less than a whole number of steps do show as many each. There is time for drawing in any case.
+/// Returns the drawing time within a frame of `goal`, after `besides` for everything else. During playback, frames
+/// slightly shorter than a whole number of time steps show the same number of steps each. At least half of the frame is
+/// left for drawing.
 pub(crate) fn drawing_time(goal: Duration, steps_per_second: Option<f64>, besides: Duration) -> Duration {
     let in_step = |rate: f64| {
         let steps = (goal.as_secs_f64() * rate).floor().max(1.0);
@@ -100,35 +105,36 @@ pub(crate) fn drawing_time(goal: Duration, steps_per_second: Option<f64>, beside
     frame.saturating_sub(besides).max(frame / 2)
 }
 
-/// How long frames take that keep in step with what is played, in parts of the time that they have: their times vary by a tenth.
+/// Share of the available time for frames in step with playback: frame times vary by a tenth.
 const IN_STEP: f64 = 0.9;
 
-/// What has changed since the last frame.
+/// Changes since the last frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Change {
     /// Whether the camera, the transfer function or the mode has changed since the last frame.
     pub moved: bool,
-    /// Whether bricks have come since the last frame, or are fading in.
+    /// Whether bricks have arrived since the last frame, or are fading in.
     pub refined: bool,
 }
 
-/// Decides before every frame at what quality it is drawn, to keep to a time goal while the camera moves.
+/// Chooses the quality of every frame, to meet a time goal while the camera moves.
 #[derive(Clone, Debug)]
 pub struct QualityControl {
     goal_ms: f64,
-    /// The share of the exact frame's work that is taken to fit the goal.
+    /// The share of the exact frame's work that fits the goal.
     share: f64,
-    /// What the last frame was drawn with; `None` before the first.
+    /// The quality of the last frame; `None` before the first.
     last: Option<Quality>,
 }
 
 impl QualityControl {
-    /// Makes a control for frames that are to take at most `goal` while the camera moves.
+    /// Creates a control for frames of at most `goal` while the camera moves.
     pub fn new(goal: Duration) -> Self {
         Self { goal_ms: goal.as_secs_f64() * 1e3, share: MIN_SHARE, last: None }
     }
 
-    /// Sets how long a frame may take from now on. What is known of the scene still counts; a change of less than a tenth is none.
+    /// Sets the time goal of later frames. Measurements of the scene still count; a change of less than a tenth has no
+    /// effect.
     pub fn set_goal(&mut self, goal: Duration) {
         let goal_ms = goal.as_secs_f64() * 1e3;
         let change = goal_ms / self.goal_ms;
@@ -138,17 +144,18 @@ impl QualityControl {
         }
     }
 
-    /// The share of the exact frame's work that is taken to fit the goal, above 0 and at most 1.
+    /// The share of the exact frame's work that fits the goal, above 0 and at most 1.
     pub fn share(&self) -> f64 {
         self.share
     }
 
-    /// By how many levels the bricks of the next frame of a moving view may be coarser: see [`Session::step_coarse`](crate::Session::step_coarse).
+    /// Levels by which the bricks of a moving view's next frame may be coarser: see
+    /// [`Session::step_coarse`](crate::Session::step_coarse).
     pub fn level_bias(&self) -> f64 {
         Quality::of_share(self.share).level_bias()
     }
 
-    /// Returns the quality of the next frame; `None` if the last frame still stands, and nothing has to be drawn.
+    /// Returns the quality of the next frame; `None` if the last one is still valid.
     pub fn next(&mut self, change: Change) -> Option<Quality> {
         let stands = self.last == Some(Quality::EXACT) && !change.refined;
         let quality = match change.moved {
@@ -160,15 +167,14 @@ impl QualityControl {
         Some(quality)
     }
 
-    /// Returns the quality of the next frame of a view that rests, after a frame of this one that is shown.
+    /// Returns the quality of a resting view's next frame, after the shown one.
     pub fn refine(&mut self, shown: Quality) -> Quality {
         let quality = shown.refined();
         self.last = Some(quality);
         quality
     }
 
-    /// Takes in how long it took to draw the frame whose quality was decided last. Exact frames count too: they say
-    /// what all of the work takes.
+    /// Records the drawing time of the last frame. Exact frames count too: they show the cost of the whole work.
     pub fn took(&mut self, time: Duration) {
         let Some(last) = self.last else { return };
         let ms = (time.as_secs_f64() * 1e3).max(1e-3);
@@ -182,7 +188,7 @@ impl QualityControl {
     }
 }
 
-/// What the least quality takes.
+/// The share of work of the least quality.
 const MIN_SHARE: f64 = MIN_SCALE * MIN_SCALE / MAX_STEP;
 
 #[cfg(test)]
@@ -201,7 +207,7 @@ mod tests {
         Duration::from_secs_f64(ms / 1e3)
     }
 
-    /// Frame times of a flight over scenes whose exact frame takes this long, plus 5 ms whatever the quality.
+    /// Returns frame times of a flight over scenes with exact frames of this length, plus 5 ms at any quality.
     fn fly(control: &mut QualityControl, exact_ms: impl Fn(usize) -> f64, frames: usize) -> Vec<(Quality, f64)> {
         let frame = |i| {
             let quality = control.next(MOVING).expect("a moving camera needs frames");
@@ -341,7 +347,7 @@ mod tests {
         assert_eq!(control.next(RESTING), None, "nothing is drawn where nothing changes");
         assert_eq!(control.next(Change { moved: false, refined: true }), Some(Quality::EXACT));
         assert_eq!(control.next(RESTING), None);
-        // What the moving frames had learnt is still known.
+        // The measurements of moving frames still count.
         let quality = control.next(MOVING).expect("a frame");
         assert!((5.0 + 500.0 * quality.share()) / 50.0 < 1.2, "{quality:?}");
     }

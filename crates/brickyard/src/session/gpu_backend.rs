@@ -9,7 +9,7 @@ use brickyard_volume::{Combination, Picture};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Makes the GPU backend for layers and pictures, and returns it with a line that describes it.
+/// Creates the GPU backend for layers and pictures, and returns it with a line of description.
 ///
 /// # Errors
 /// If there is no such adapter, or the memory cannot hold a picture and the fewest bricks.
@@ -24,10 +24,10 @@ pub(crate) fn open(
     Ok((Box::new(renderer), line))
 }
 
-/// Makes a GPU renderer for layers and pictures, and returns it with a line that describes it.
+/// Creates a GPU renderer like [`open`].
 ///
 /// # Errors
-/// As [`open`].
+/// Those of [`open`].
 pub(crate) fn open_gpu(
     preference: GpuPreference,
     device: &mut Device,
@@ -51,7 +51,7 @@ pub(crate) fn open_gpu(
     Ok((renderer, line))
 }
 
-/// The words about a device that gave less than it was asked for; empty where it gave all.
+/// Describes memory refused by the device; empty if none was.
 fn refusal(renderer: &GpuRenderer) -> String {
     let (asked, got) = (renderer.asked_bytes(), renderer.gpu_bytes());
     let mib = |bytes: u64| bytes as f64 / (1 << 20) as f64;

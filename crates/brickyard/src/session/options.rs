@@ -1,23 +1,23 @@
-//! What a session may use.
+//! Choices and limits of a session.
 
 use crate::memory::available_bytes;
 
-/// Which backend draws.
+/// The choice of a backend.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BackendChoice {
-    /// The GPU if there is one that is not a software rasteriser, else the CPU.
+    /// The GPU, unless there is none or only a software rasteriser; otherwise the CPU.
     #[default]
     Auto,
-    /// Any GPU adapter, a software one too.
+    /// Any GPU adapter, even a software one.
     Gpu,
     /// The CPU.
     Cpu,
 }
 
-/// How a backend is to gather samples into a picture.
+/// The choice of a compositor, which gathers samples into a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CompositorChoice {
-    /// The compositor that is fastest over all scenes by measurement: `raycast`, on the GPU and on the CPU.
+    /// The fastest compositor over all scenes by measurement: `raycast`, on the GPU and on the CPU.
     #[default]
     Auto,
     /// Bricks back to front, blended; GPU only.
@@ -28,8 +28,9 @@ pub enum CompositorChoice {
     Compute,
 }
 
-/// The choices and limits of a session. The default suits the machine: all of its processors, a quarter of its memory (or of what the process's control
-/// group may use) for decoded bricks, and as much for those that the CPU draws; of a GPU's memory, at most 1 GiB.
+/// The choices and limits of a session. The default suits the machine: all of its processors, a quarter of its memory
+/// (or of the process's control group) for decoded bricks, and as much for the CPU backend's; of a GPU's memory, at
+/// most 1 GiB.
 ///
 /// ```
 /// use brickyard::session::SessionOptions;
@@ -39,33 +40,34 @@ pub enum CompositorChoice {
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub struct SessionOptions {
-    /// Which backend draws.
+    /// Choice of the backend.
     pub backend: BackendChoice,
-    /// Which compositor gathers samples.
+    /// Choice of the compositor.
     pub compositor: CompositorChoice,
     /// Hard limit of the GPU's memory, bytes: slots, tables, targets and staging.
     pub gpu_memory_bytes: u64,
-    /// Hard limit of what the CPU backend takes in their place, bytes.
+    /// Hard limit of the same memory of the CPU backend, bytes.
     pub cpu_memory_bytes: u64,
     /// Hard limit of decoded bricks, staging and scratch, bytes.
     pub host_memory_bytes: u64,
-    /// Number of threads that decode bricks, and of threads of the CPU backend.
+    /// Number of decoding threads, and of threads of the CPU backend.
     pub threads: usize,
-    /// Whether bricks that show nothing are not read, and empty space is not sampled. Turn it off only to measure what
-    /// it gains.
+    /// Whether to skip empty space, neither reading invisible bricks nor sampling there. Turn it off only to measure
+    /// the gain.
     pub skips_empty: bool,
-    /// Whether decoded bricks stay in host memory as long as there is room, for views that want them again. False suits a single picture: it takes less memory.
+    /// Whether decoded bricks stay in host memory while there is room, for later views. False suits a single picture:
+    /// it takes less memory.
     pub keeps_decoded: bool,
-    /// True for a window, false for single pictures. A live session's camera moves in real time: no step waits, bricks are fetched ahead of
-    /// the view, each step's uploads are limited, and finer bricks fade in. Any other session takes all bricks of a view as they come, and the
-    /// same views give the same plans.
+    /// True for a window, false for single pictures. A live session's camera moves in real time: no step waits, bricks
+    /// are fetched ahead of the view, each step's uploads are limited, and finer bricks fade in. Any other session
+    /// uploads all bricks of a view as they arrive, and equal views give equal plans.
     pub live: bool,
 }
 
-/// The GPU's memory, unless the machine has less to give: GPUs do not tell how much they have.
+/// Default GPU memory in bytes, unless the machine has less: GPUs do not report their memory.
 const GPU_MEMORY_BYTES: u64 = 1 << 30;
 
-/// What decoded bricks may take where the system does not tell how much memory there is.
+/// Default bytes for decoded bricks where the system does not report its memory.
 const HOST_MEMORY_BYTES: u64 = 2 << 30;
 
 impl Default for SessionOptions {

@@ -1,4 +1,4 @@
-//! One interface to all rendering backends: bricks go into the slots of layers, and pictures come out.
+//! The common interface of all rendering backends: bricks go into the slots of layers, and pictures come out.
 
 use brickyard_pager::{Layer, Upload};
 #[cfg(feature = "gpu")]
@@ -8,7 +8,7 @@ use brickyard_volume::{Combination, Picture};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Why a backend could not be made, or how it has failed.
+/// The failure of a backend, on creation or later.
 #[derive(Debug, thiserror::Error)]
 pub enum BackendError {
     /// An error of the GPU backend.
@@ -22,13 +22,13 @@ pub enum BackendError {
     /// An error of the CPU backend.
     #[error(transparent)]
     Cpu(#[from] SoftwareError),
-    /// The CPU backend does not have the compositor that was asked for, only `raycast`.
+    /// The CPU backend has only `raycast`, not the chosen compositor.
     #[error("the CPU backend has no `{0}` compositor, only `raycast`")]
     CpuCompositor(&'static str),
 }
 
 impl BackendError {
-    /// Whether the GPU device is lost, so that [`Renderer::renew`] may help.
+    /// Whether the GPU device is lost, so [`Renderer::renew`] may help.
     pub fn is_loss(&self) -> bool {
         #[cfg(feature = "gpu")]
         return matches!(self, Self::Gpu(GpuError::DeviceLost(_)));
@@ -36,7 +36,7 @@ impl BackendError {
         return false;
     }
 
-    /// Whether a picture was given up, since the time was over that was [allowed](Renderer::draw_until).
+    /// Whether a picture was abandoned at its [deadline](Renderer::draw_until).
     pub fn is_too_long(&self) -> bool {
         match self {
             #[cfg(feature = "gpu")]
@@ -47,7 +47,7 @@ impl BackendError {
     }
 }
 
-/// A rendering backend for the layers that it was made for, with the slots that it draws them from.
+/// A rendering backend for a fixed list of layers, with their slots.
 pub trait Renderer: Send {
     /// The backend's name: `gpu` or `cpu`.
     fn name(&self) -> &'static str;
@@ -57,18 +57,19 @@ pub trait Renderer: Send {
         "raycast"
     }
 
-    /// Number of slots in a layer's pool, which all layers of the pool share.
+    /// Number of slots in a layer's pool, common to all layers of the pool.
     fn slots(&self, layer: usize) -> u32;
 
-    /// Bytes of everything that is allocated for slots, tables, targets and staging.
+    /// Bytes allocated for slots, tables, targets and staging.
     fn bytes(&self) -> u64;
 
-    /// Bytes that [`Renderer::bytes`] would be if the device had not refused some of them.
+    /// [`Renderer::bytes`], including any bytes refused by the device.
     fn asked_bytes(&self) -> u64 {
         self.bytes()
     }
 
-    /// Puts a padded brick into a slot of a layer's pool. A backend that keeps the brick's buffer returns the one that it kept for the slot before.
+    /// Puts a padded brick into a slot of a layer's pool. A backend that keeps the brick's buffer returns the slot's
+    /// previous one.
     ///
     /// # Errors
     /// If the device is lost.
@@ -79,7 +80,7 @@ pub trait Renderer: Send {
         None
     }
 
-    /// Submits what has been uploaded, so that everything drawn from now on shows it.
+    /// Submits the uploads, so all later drawing shows them.
     ///
     /// # Errors
     /// If the device is lost.
@@ -87,42 +88,42 @@ pub trait Renderer: Send {
         Ok(())
     }
 
-    /// Renders a picture of layers, or of an expression over them. The layers come in the order that the renderer was
-    /// made for; some may be left out.
+    /// Renders a picture of layers, or of an expression over them. The layers keep the order of the renderer's
+    /// creation; some may be left out.
     ///
     /// # Errors
     /// If the device is lost or out of memory.
     fn render(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) -> Result<Picture, BackendError>;
 
     /// Prepares [`Renderer::render`] of these layers on another thread, for example by compiling shaders. Other
-    /// pictures can be drawn meanwhile. What was asked for before and has not begun is dropped.
+    /// pictures can be drawn meanwhile. Drops earlier requests that have not begun.
     fn prepare(&mut self, _layers: &[Layer<'_>], _combination: Option<&Combination>) {}
 
-    /// Whether [`Renderer::render`] of these layers has nothing left to prepare. A picture that is drawn sooner
-    /// prepares itself, or waits for the thread.
+    /// Whether [`Renderer::render`] of these layers has nothing left to prepare. Rendering sooner prepares by itself,
+    /// or waits for the thread.
     fn is_prepared(&self, _layers: &[Layer<'_>], _combination: Option<&Combination>) -> bool {
         true
     }
 
-    /// For each entry of a layer's draw list in the last picture, in order, the greatest transmittance with which a ray
-    /// entered the cell; 0 if no ray did. `None` if that is not known, as for projections and for `sorted`.
+    /// For each entry of a layer's draw list in the last picture, in order, the greatest transmittance of a ray on
+    /// entering the cell; 0 if no ray did. `None` if unknown, as for projections and for `sorted`.
     fn visibility(&self, _layer: usize) -> Option<&[f32]> {
         None
     }
 
-    /// Gives up from now on pictures that are not finished at this time; `None` gives none up.
+    /// Abandons later pictures that are not finished at this time; `None` abandons none.
     fn draw_until(&mut self, until: Option<Instant>);
 
-    /// Shows from now on on this painting what of a picture is drawn, and stops if it is abandoned; `None` shows nothing. A backend that draws a
-    /// picture in one go does neither.
+    /// Shows later pictures in progress on this painting, and stops if it is abandoned; `None` shows nothing. A backend
+    /// that draws a picture in one go does neither.
     fn draw_on(&mut self, _painting: Option<Arc<Painting>>) {}
 
-    /// Whether it still has the picture that the backend before it has shown last.
+    /// Whether it still has the last picture of the previous backend.
     fn keeps_picture(&self) -> bool {
         false
     }
 
-    /// Makes a lost GPU device anew, from the choice of the adapter on. All slots are empty then, and there may be
+    /// Creates a lost GPU device anew, from the choice of the adapter on. All slots are then empty, and there may be
     /// fewer.
     ///
     /// # Errors
@@ -131,13 +132,13 @@ pub trait Renderer: Send {
         Ok(())
     }
 
-    /// This backend as the GPU renderer; `None` if it is another one.
+    /// This backend as the GPU renderer; `None` for another one.
     #[cfg(feature = "gpu")]
     fn as_gpu(&mut self) -> Option<&mut GpuRenderer> {
         None
     }
 
-    /// Ends the backend, and returns its device with what has been compiled for it, and with the picture that was shown last if
+    /// Ends the backend, and returns its device with everything compiled for it, and with the last shown picture if
     /// `keeps_picture`. `None` if it has no device.
     #[cfg(feature = "gpu")]
     fn into_compiled(self: Box<Self>, _keeps_picture: bool) -> Option<Result<Compiled, GpuError>> {
@@ -149,7 +150,7 @@ pub trait Renderer: Send {
     fn destroy_device(&self) {}
 }
 
-/// What pictures a backend is made for.
+/// Limits of a backend's pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Pictures {
     /// Size of the largest picture, pixels.

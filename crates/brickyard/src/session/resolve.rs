@@ -1,5 +1,5 @@
-//! Scenes resolved for stores and a picture size: each layer that is shown gets the view that its bricks are streamed for, and the
-//! frames that are drawn. Costs a transfer table for each function of which none is kept.
+//! Scenes resolved for stores and a picture size: each shown layer gets a view, for streaming its bricks, and frames,
+//! for drawing. Costs a transfer table for each function without a kept one.
 
 use crate::session::session_error::SessionError;
 use crate::session::volume_source::VolumeSource;
@@ -16,17 +16,17 @@ use std::borrow::Cow;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
-/// The longest step that a view which moves is drawn with, in steps of the exact frame: longer ones jump over what the eye follows.
+/// The longest step of a moving view, in steps of the exact frame: longer ones skip features that the eye follows.
 pub(crate) const MAX_STEP: f64 = 4.0;
 
-/// A scene resolved for volumes and a picture size: what pagers and renderers need.
+/// A scene resolved for volumes and a picture size, as pagers and renderers need it.
 #[derive(Clone, Debug)]
 pub struct ResolvedScene {
-    /// The layers that are shown, at least one.
+    /// The shown layers, at least one.
     pub layers: Vec<ResolvedLayer>,
-    /// The layers that are not shown.
+    /// The hidden layers.
     pub hidden: Vec<HiddenLayer>,
-    /// The time step that is shown, of those of the timeline.
+    /// The shown time step of the timeline.
     pub time: u32,
     /// The time steps of all layers.
     pub timeline: Timeline,
@@ -34,34 +34,34 @@ pub struct ResolvedScene {
     pub pixel_samples: PixelSamples,
     /// How the pictures of two eyes become one; `None` is one eye.
     pub stereo: Option<StereoLayout>,
-    /// What a pixel's samples become.
+    /// How a pixel's samples are combined.
     pub mode: Mode,
-    /// The slice that is shown; `None` shows the volumes whole.
+    /// The shown slice; `None` shows the volumes whole.
     pub slice: Option<Slice>,
-    /// The camera in use: the scene's, or one that shows all layers if the scene has none.
+    /// The camera in use: the scene's, or by default one in view of all layers.
     pub camera: Camera,
     /// The box around all layers in the world: its least and greatest corner.
     pub world_box: (DVec3, DVec3),
     /// Whether the world is a patient's: x to the right, y to the front, z to the head.
     pub is_anatomical: bool,
-    /// What the picture requires of bricks and of the tables beside them.
+    /// The picture's requirements on bricks and their tables.
     pub needs: Needs,
-    /// The expression over the layers whose values are shown, and how they look; `None` shows the layers themselves.
+    /// The expression over the layers and its look; `None` shows the layers themselves.
     pub combination: Option<Combination>,
 }
 
-/// A layer of a resolved scene.
+/// A shown layer of a resolved scene.
 #[derive(Clone, Debug)]
 pub struct ResolvedLayer {
     /// The layer's place in the scene.
     pub place: usize,
-    /// The place of the layer's store among all that the scene was resolved for.
+    /// The place of the layer's store among those resolved for.
     pub volume: usize,
-    /// The scene's layer, with its transfer function written out unless an expression's takes its place.
+    /// The scene's layer, with its transfer function written out unless an expression replaces it.
     pub style: SceneLayer,
-    /// The view that the layer's pager streams for. In stereo it holds both eyes, the left one first.
+    /// The view for the layer's pager. In stereo it holds both eyes, the left one first.
     pub view: View,
-    /// The layer's frames, which renderers draw: one for each eye, the left one's first.
+    /// The layer's frames for the renderer, one for each eye, the left one first.
     pub frames: Vec<VolumeFrame>,
     /// The transfer function in use, with the layer's opacity applied.
     pub transfer: TransferFunction,
@@ -69,24 +69,23 @@ pub struct ResolvedLayer {
     pub(crate) codes: Option<Arc<LabelCodes>>,
 }
 
-/// A layer of a resolved scene that is not shown.
+/// A hidden layer of a resolved scene.
 #[derive(Clone, Debug)]
 pub struct HiddenLayer {
     /// The layer's place in the scene.
     pub place: usize,
-    /// The place of the layer's store among all that the scene was resolved for.
+    /// The place of the layer's store among those resolved for.
     pub volume: usize,
-    /// How slot codes stand for the values of the layer's channel.
+    /// The encoding of the channel's values as slot codes.
     pub encoding: SlotEncoding,
     /// The codes of the layer's labels, where these are further apart than 16 bits reach.
     pub(crate) codes: Option<Arc<LabelCodes>>,
-    /// A view to which the layer has nothing to show: a pager keeps its coarsest bricks for when it is shown again.
+    /// A view in which the layer is clear: a pager keeps its coarsest bricks for its return.
     pub view: View,
 }
 
 impl ResolvedScene {
-    /// Returns `scene`, from which this one was resolved, with the camera and transfer functions that were left open
-    /// filled in.
+    /// Returns `scene`, the source of this one, with its open camera and transfer functions filled in.
     pub fn shown(&self, scene: &Scene) -> Scene {
         let mut shown = Scene { camera: Some(self.camera), time: self.time, ..scene.clone() };
         for layer in &self.layers {
@@ -98,7 +97,7 @@ impl ResolvedScene {
         shown
     }
 
-    /// Returns this scene at another time step of its timeline. Each layer shows the step of its volume that was taken by then.
+    /// Returns this scene at another time step of its timeline. Each layer shows the step of its volume taken by then.
     pub fn at_step(&self, time: u32) -> Self {
         let mut scene = self.clone();
         scene.set_step(time);
@@ -134,7 +133,8 @@ impl ResolvedScene {
         Ok(layout.compose([&first, &second]))
     }
 
-    /// Makes the picture of the scene as the mean of its pixels' samples. `draw` draws the scene of one sample of all pixels.
+    /// Makes the picture of the scene as the mean of its pixels' samples. `draw` draws the scene of one sample of all
+    /// pixels.
     ///
     /// # Errors
     /// The first error of `draw`.
@@ -145,7 +145,7 @@ impl ResolvedScene {
         self.pixel_samples.picture(|sample| draw(&self.of_sample(sample)))
     }
 
-    /// The scene whose pixels have this sample alone.
+    /// Returns the scene with this single sample of each pixel.
     pub(crate) fn of_sample(&self, PixelSample { offset_px, phase }: PixelSample) -> Self {
         let mut scene = Self { pixel_samples: PixelSamples::ONE, ..self.clone() };
         for ResolvedLayer { view, frames, .. } in &mut scene.layers {
@@ -159,7 +159,7 @@ impl ResolvedScene {
         scene
     }
 
-    /// Returns the scene as one of its eyes sees it: 0 for the left one, 1 for the right one.
+    /// Returns the scene as seen by one eye: 0 for the left one, 1 for the right one.
     pub(crate) fn of_eye(&self, eye: usize) -> Self {
         let mut scene = Self { stereo: None, ..self.clone() };
         for layer in &mut scene.layers {
@@ -171,8 +171,8 @@ impl ResolvedScene {
         scene
     }
 
-    /// Whether the scene is a single layer in its own world, without an expression, whose picture is what the layer
-    /// shows by itself.
+    /// Whether the scene is a single plain layer in its own world, without an expression, whose own picture is the
+    /// scene's.
     pub fn is_alone(&self) -> bool {
         let in_its_own_world = |layer: &ResolvedLayer| layer.view.placement.is_identity();
         let alone = matches!(&self.layers[..], [layer] if in_its_own_world(layer) && layer.frames[0].is_plain());
@@ -195,8 +195,8 @@ impl Eyes {
     }
 }
 
-/// Resolves a scene for volumes and a picture size: fills in the camera and transfer functions that are left open,
-/// makes transfer tables, and lays out the lattice.
+/// Resolves a scene for volumes and a picture size: fills in the camera and transfer functions left open, makes
+/// transfer tables, and lays out the lattice.
 ///
 /// # Errors
 /// If the scene is invalid ([`Scene::check`]), or its camera is.
@@ -205,9 +205,8 @@ pub fn resolve(volumes: &[VolumeSource], scene: &Scene, size_px: (u32, u32)) -> 
     resolve_with(volumes, scene, size_px, (table, |_, _| KeptSlots::default()))
 }
 
-/// Resolves a scene as [`resolve`] does, with transfer tables from `table`, which is given a store's place, a transfer
-/// function and the encoding of codes. Slots that there are already, which `kept` says of a layer's place and its
-/// store's, stay as long as they can.
+/// Resolves a scene like [`resolve`], with transfer tables from `table`, given a store's place and channel, a transfer
+/// function and a code encoding. Existing slots, from `kept` for a layer's place and its store's, stay where possible.
 pub(crate) fn resolve_with(
     volumes: &[VolumeSource],
     scene: &Scene,
@@ -269,19 +268,19 @@ pub(crate) fn resolve_with(
     Ok(resolved)
 }
 
-/// Checks that a scene of these volumes can be shown. Nothing is made for it.
+/// Checks whether a scene of these volumes can be shown. Creates nothing.
 ///
 /// # Errors
 /// If the scene is [impossible](Scene::check), or its own camera is too far away, or shows too small a part.
 pub fn check(volumes: &[VolumeSource], scene: &Scene) -> Result<(), SceneError> {
     let counts: Vec<StoreCounts> = volumes.iter().map(VolumeSource::counts).collect();
     scene.check(&counts)?;
-    // What is wrong with a camera by itself depends on the picture's size.
+    // Faults of the camera itself depend on the picture's size.
     let eyes = scene.camera.and_then(|camera| Eyes::new(scene, &camera, (2, 2)).ok());
     eyes.map_or(Ok(()), |eyes| check_reach(volumes, scene, &eyes.rays))
 }
 
-/// Checks that rays from these eyes reach all layers that are shown.
+/// Checks whether rays from these eyes reach all shown layers.
 fn check_reach(volumes: &[VolumeSource], scene: &Scene, eyes: &[ViewRays]) -> Result<(), SceneError> {
     let layers = scene.shown_layers()?.into_iter().map(|place| {
         let volume = &volumes[scene.store(place)];
@@ -300,7 +299,7 @@ fn check_reach(volumes: &[VolumeSource], scene: &Scene, eyes: &[ViewRays]) -> Re
     Ok(())
 }
 
-/// What slots hold of a layer's voxels, given its encoding and the codes of its labels, if they have codes by their look.
+/// Returns the contents of a layer's slots; `codes` are those of labels with codes by their look.
 pub(crate) fn slot_contents(encoding: &SlotEncoding, codes: Option<&Arc<LabelCodes>>) -> SlotContents {
     match (encoding.floats, codes) {
         (Some(floats), _) => SlotContents::Floats(floats),
@@ -309,7 +308,7 @@ pub(crate) fn slot_contents(encoding: &SlotEncoding, codes: Option<&Arc<LabelCod
     }
 }
 
-/// The layers that are shown. What an expression takes the place of is left as it is.
+/// Returns the shown layers. Under an expression, their looks are left alone.
 fn shown_layers<'a>(volumes: &'a [VolumeSource], scene: &Scene) -> Result<Vec<ShownLayer<'a>>, SceneError> {
     let shown = |place: usize| {
         let (layer, store) = (&*scene.look(place), scene.store(place));
@@ -329,7 +328,8 @@ fn shown_layers<'a>(volumes: &'a [VolumeSource], scene: &Scene) -> Result<Vec<Sh
     scene.shown_layers()?.into_iter().map(shown).collect()
 }
 
-/// The window of a layer's look. A look that tells no values apart, but depends on gradients, has that in which nearly all values are.
+/// Returns the window of a layer's look. A look by gradients, equal at all values, gets the window of nearly all
+/// values.
 fn window_of(function: &TransferFunction, layer: &SceneLayer, scene: &Scene, volume: &VolumeSource) -> Option<Window> {
     let is_by_gradient = function.is_by_gradient();
     let has_gradients = is_by_gradient || scene.lighting.model != LightingModel::None;
@@ -340,13 +340,14 @@ fn window_of(function: &TransferFunction, layer: &SceneLayer, scene: &Scene, vol
     Window::new(function, &layer.isosurfaces, scene.mode).or_else(|| has_gradients.then(of_values))
 }
 
-/// The expression over the layers, if there is one, and the transfer function that shows its values.
+/// Returns the expression over the layers, if any, with its transfer function.
 fn combination(volumes: &[VolumeSource], scene: &Scene) -> Result<Option<Combination>, SceneError> {
     let look = expression_look(volumes, scene)?;
     Ok(look.map(|(read, transfer)| Combination::new(read.of_its_own(), transfer)))
 }
 
-/// The scene's expression, if there is one, and how its values look: as the scene says, or on a gray ramp over all that they can be.
+/// Returns the scene's expression, if any, and its look: the scene's, or by default a gray ramp over all possible
+/// values.
 ///
 /// # Errors
 /// If it cannot be shown.
@@ -385,7 +386,7 @@ fn hidden_layer(
         appearance: 0,
         window: None,
     };
-    // As if it were shown, so that the same slots do when it is. A look that cannot be made is refused then.
+    // As if shown, so the same slots serve when it is. A look that cannot be made is refused then.
     let function = source.function(layer).ok();
     let codes = function.as_ref().and_then(|function| source.label_codes(layer.channel, function).ok().flatten());
     let window = function.and_then(|function| window_of(&function, layer, scene, source));
@@ -394,7 +395,7 @@ fn hidden_layer(
     Ok(HiddenLayer { place, volume, encoding, codes, view })
 }
 
-/// A number of all in a picture of several layers that decides which bricks of one hide those of another.
+/// Hashes everything in a picture of several layers on which the occlusion of bricks by others depends.
 fn joint_appearance(layers: &[ResolvedLayer], combination: Option<&Combination>) -> u64 {
     let mut hasher = DefaultHasher::new();
     for ResolvedLayer { volume, view, frames, .. } in layers {
@@ -414,11 +415,11 @@ fn joint_appearance(layers: &[ResolvedLayer], combination: Option<&Combination>)
     hasher.finish()
 }
 
-/// The most bricks of level 0 of a volume that is drawn at that level because it is cut: those of 512^3 voxels.
+/// The most bricks of level 0 in a volume drawn at that level because of a cut: those of 512^3 voxels.
 const MOST_CUT_BRICKS: u64 = 512;
 
-/// The scene at level 0 where a layer is cut that is projected by the extremes of coarse voxels, which do not end at cuts, and no layer has many
-/// bricks; else as it is.
+/// Returns the scene at level 0 if a cut layer is projected by the extremes of coarse voxels, which do not end at cuts,
+/// and no layer has many bricks; otherwise as it is.
 fn with_exact_cuts<'a>(scene: &'a Scene, shown: &[ShownLayer<'_>]) -> Result<Cow<'a, Scene>, SceneError> {
     let mut is_any_cut = false;
     for layer in shown {
@@ -437,9 +438,9 @@ fn with_exact_cuts<'a>(scene: &'a Scene, shown: &[ShownLayer<'_>]) -> Result<Cow
     })
 }
 
-/// One lattice for all that are shown: steps of the finest volume's voxel, in zones as far out as any volume has levels. Where a layer is
-/// read by [boxes](brickyard_volume::extremes), steps are at most voxels, and zones twice as far away: so segments are at most half a voxel long where the view wants their level,
-/// and a whole one past that.
+/// Lays out one lattice for all shown layers: steps of the finest volume's voxel, in zones out to the greatest number
+/// of levels. With layers read by [boxes](brickyard_volume::extremes), steps are at most voxels, and zones twice as far
+/// away: segments are then at most half a voxel long where the view wants their level, and a whole one past that.
 fn lattice(shown: &[ShownLayer<'_>], scene: &Scene, rays: &ViewRays) -> Lattice {
     let finest = shown.iter().map(ShownLayer::voxel_size).fold(f64::INFINITY, f64::min);
     let has_boxes = shown.iter().any(|layer| layer.volume.keeps_extremes(scene.mode));
@@ -461,7 +462,6 @@ fn lattice(shown: &[ShownLayer<'_>], scene: &Scene, rays: &ViewRays) -> Lattice 
     }
 }
 
-/// A layer that is shown.
 struct ShownLayer<'a> {
     place: usize,
     store: usize,
@@ -479,7 +479,8 @@ impl ShownLayer<'_> {
         self.placement.voxel_size(self.volume.source.geometry(), self.volume.extent())
     }
 
-    /// The length that is no longer than a voxel of any level, where it doubles from one level to the next. Levels of voxels that are not cubes become coarser by less.
+    /// Returns the greatest length that, doubled from each level to the next, exceeds no level's voxel. Levels of
+    /// anisotropic voxels become coarser by less.
     fn shortest_step(&self) -> f64 {
         let geometry = self.volume.source.geometry();
         let levels = self.volume.source.pyramid().levels().iter().enumerate();
@@ -491,7 +492,7 @@ impl ShownLayer<'_> {
         levels.map(of_level).fold(f64::INFINITY, f64::min)
     }
 
-    /// The layer's view and frames, on the lattice of all.
+    /// Resolves the layer's view and frames, on the common lattice.
     fn resolve(
         self,
         scene: &Scene,
@@ -525,7 +526,7 @@ impl ShownLayer<'_> {
             Some(_) => {
                 let (low, high) = volume.default_window(channel);
                 let encoding = volume.encoding(channel).for_values([low, high], kept);
-                // Floats have no codes of which some are clear.
+                // Floats have no codes, so none that are clear.
                 (encoding, encoding.floats.map(|_| opaque(transfer.unit_distance)))
             }
         };
@@ -540,7 +541,7 @@ impl ShownLayer<'_> {
             caps: scene.has_caps().then(|| Caps { bins: inside, lattice: lattice.with_longer_steps(MAX_STEP) }),
             filter: scene.sampling.filter,
             level: match scene.level {
-                // The coarsest of a volume that does not have it.
+                // The coarsest level of a volume without this one.
                 LevelPolicy::Locked(level) => LevelPolicy::Locked(level.min(volume.source.pyramid().coarsest().0)),
                 LevelPolicy::Auto => LevelPolicy::Auto,
             },
@@ -569,7 +570,7 @@ impl ShownLayer<'_> {
             meshes,
             keeps_extremes: volume.keeps_extremes(scene.mode),
         };
-        // Pixels are as large for one eye as for the other, so both have the same lattice.
+        // Pixels have the same size for both eyes, and so do their lattices.
         let frame =
             |&rays: &ViewRays| VolumeFrame { settings: FrameSettings { rays, ..settings.clone() }, blend, opacity };
         let frames = eyes.rays.iter().map(frame).collect();
@@ -578,18 +579,18 @@ impl ShownLayer<'_> {
     }
 }
 
-/// How a layer's samples become a pixel. Labels are projected in one way: the greatest that is shown is seen.
+/// Returns a layer's mode. All projections of labels show the greatest visible one.
 fn layer_mode(mode: Mode, encoding: &SlotEncoding) -> Mode {
     if encoding.is_labels && mode.is_projection() { Mode::Mip } else { mode }
 }
 
-/// A function that is opaque at all values.
 fn opaque(unit_distance: f64) -> TransferFunction {
     let (color, opacity) = (vec![[0.0, 1.0, 1.0, 1.0]], vec![[0.0, 1.0]]);
     TransferFunction { color, opacity, unit_distance, ..TransferFunction::default() }
 }
 
-/// The bins of values of which a brick must have one to show anything, `None` where all may; and the bins of values that are past a surface.
+/// Returns the bins of values of which a visible brick has at least one, `None` for no restriction; and the bins past a
+/// surface.
 fn bins_seen(
     volume: &VolumeSource,
     channel: u32,
@@ -601,7 +602,7 @@ fn bins_seen(
     // Quantisation moves a value by half a code.
     let slack = (table.reach_codes() + 0.5) * encoding.code_width();
     let bins = volume.source.occupancy_bins(channel);
-    // A brick that a surface passes has all bins from one side of it to the other, so its own among them.
+    // A brick crossed by a surface has all bins from one side of it to the other, so its own among them.
     let passed = surfaces.iter().map(|surface| bins.mask(surface.threshold - slack, surface.threshold + slack));
     let fog = match mode {
         Mode::Dvr => Some(bins.opaque(transfer, slack)),
@@ -612,7 +613,7 @@ fn bins_seen(
     (fog.map(|fog| passed.fold(fog, Occupancy::union)), inside.unwrap_or(Occupancy::NONE))
 }
 
-/// A number of all in a picture that decides which bricks hide others.
+/// Hashes everything in a picture on which the occlusion of bricks by others depends.
 fn appearance(
     (table, encoding): (&TransferTable, &SlotEncoding),
     transfer: &TransferFunction,
@@ -637,7 +638,7 @@ fn appearance(
     if transfer.is_by_gradient() {
         scene.lighting.gradient.hash(&mut hasher);
     }
-    // A mesh that has been read is never changed.
+    // A mesh never changes once read.
     let seen = meshes.iter().map(|shown| (Arc::as_ptr(&shown.mesh), shown.opacity.to_bits()));
     seen.for_each(|mesh| mesh.hash(&mut hasher));
     hasher.finish()

@@ -1,4 +1,4 @@
-//! Why a session cannot open or go on.
+//! Errors of a session.
 
 use crate::session::renderer::BackendError;
 use brickyard_pager::{BrickError, PagerError};
@@ -6,7 +6,7 @@ use brickyard_store::OpenError;
 use brickyard_volume::camera::CameraError;
 use brickyard_volume::{PrecisionError, SceneError, StereoError};
 
-/// Why a session cannot open or go on.
+/// The error of a session that cannot open or continue.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
     /// There is no backend, too little memory for it, or its device was lost.
@@ -18,10 +18,10 @@ pub enum SessionError {
     /// Part of the view can be drawn from no level at all.
     #[error("nothing can stand in for a part of the picture: {0}")]
     Unreadable(BrickError),
-    /// The device was lost again and again, without a picture in between.
+    /// The device was lost repeatedly, without a picture in between.
     #[error("no picture came through before the GPU was lost {times} times: {last}")]
     LostAgain {
-        /// How many times in a row.
+        /// Number of losses in a row.
         times: u32,
         /// The last loss.
         last: BackendError,
@@ -38,25 +38,25 @@ pub enum SessionError {
     /// The store does not open.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// The backend's numbers are too few bits for the scene's expression.
+    /// The backend's numbers have too few bits for the scene's expression.
     #[error("the expression needs more than {backend} has: {error}")]
     Precision {
-        /// The backend, as it is called.
+        /// The backend's name.
         backend: &'static str,
-        /// What is not told apart.
+        /// The indistinguishable values.
         error: PrecisionError,
     },
-    /// The frame is not the last step's: its bricks may have given their slots to others.
+    /// The frame is not the last step's: its bricks may have lost their slots to others.
     #[error("the frame was superseded by a later step: draw what the last step returned")]
     Superseded,
-    /// The session does not draw on an application's device, so it cannot put pictures on the application's textures.
+    /// The session does not draw on an application's device, so it cannot draw on the application's textures.
     #[error("the session does not draw on a device of the application's: make it with `Session::on_gpu`")]
     NoDevice,
-    /// The operating system gave no thread to draw on.
+    /// The operating system provided no thread to draw on.
     #[error("cannot start a thread to draw on: {0}")]
     NoThread(#[source] std::io::Error),
-    /// The compositor is `sorted`, and the layers differ in grid, place or voxel size, so that their cells have no
-    /// common order from back to front.
+    /// The compositor is `sorted`, and the layers differ in grid, place or voxel size: their cells have no common order
+    /// from back to front.
     #[error(
         "the sorted compositor has no order for the cells of layers that differ in grid, place or voxel size; raycast and compute have"
     )]

@@ -1,29 +1,29 @@
-//! A live session's changes of what slots hold. Where the window of a look has become too narrow for the codes in the slots, or wide enough for
-//! codes again, slots of another format take their place, and all bricks are uploaded anew. So a change waits until the hand that drags the
-//! window rests, and is made once. Until then the look is drawn from the slots that there are, as exactly as they allow; while the new
-//! ones are filled, the picture before is shown, as long as nothing else changes. Costs a copy of the scene for each step that waits.
+//! Changes of slot contents in a live session. Where the window of a look has become too narrow for the codes in the
+//! slots, or wide enough for codes again, slots of another format take their place, and all bricks are uploaded anew. A
+//! change therefore waits until the window's drag rests, and happens once. Until then the look is drawn from the
+//! present slots, as exactly as they allow; while the new ones fill, the previous picture is shown, as long as nothing
+//! else changes. Costs a copy of the scene for each waiting step.
 
 use crate::session::fit::Fit;
 use crate::session::volume_source::VolumeSource;
 use brickyard_volume::{KeptSlots, Scene, Window};
 use std::time::Duration;
 
-/// How long the windows must have been the same before slots change: longer than a hand pauses while it drags.
+/// How long windows rest before slots change: longer than pauses in a drag.
 const AFTER_DRAG: Duration = Duration::from_millis(250);
 
-/// A change of what slots hold: put off, or under way.
+/// A change of slot contents, postponed or under way.
 #[derive(Default)]
 pub(crate) struct SlotChange {
     put_off: Option<PutOff>,
-    /// The shot whose picture before a change is shown while the change is under way.
+    /// The shot of the previous picture, shown while the change is under way.
     before: Option<Shot>,
 }
 
-/// A change that is put off.
 struct PutOff {
-    /// Which layers ask for other slots, by their places, and their windows.
+    /// Places and windows of the layers with a need for other slots.
     asked: Vec<(usize, Option<Window>)>,
-    /// Since when they do.
+    /// Since when they have not changed.
     since: Duration,
     /// The last step meanwhile.
     last: Option<Shot>,
@@ -37,8 +37,8 @@ pub(crate) struct Shot {
 }
 
 impl SlotChange {
-    /// Whether the slots of a fit are to stay as they are in a step towards a valid scene at the time `now`, although some of its looks ask
-    /// for others.
+    /// Whether a fit's slots stay as they are in a step towards a valid scene at the time `now`, although some of its
+    /// looks need others.
     pub(crate) fn is_put_off(&mut self, fit: &Fit, volumes: &[VolumeSource], scene: &Scene, now: Duration) -> bool {
         let asked: Vec<_> = (0..scene.layers.len()).filter_map(|place| asked(fit, volumes, scene, place)).collect();
         if asked.is_empty() {
@@ -54,8 +54,8 @@ impl SlotChange {
         }
     }
 
-    /// Begins a step towards a shot. If slots change now, the picture of the step before is shown meanwhile, provided that it is the same
-    /// shot's.
+    /// Begins a step towards a shot. If slots change now, the previous step's picture is shown meanwhile, provided it
+    /// is of the same shot.
     pub(crate) fn begin_step(&mut self, shot: &Shot, is_put_off: bool) {
         self.before.take_if(|before| before != shot);
         if is_put_off {
@@ -65,7 +65,7 @@ impl SlotChange {
         self.before = last.filter(|last| last == shot).or(self.before.take());
     }
 
-    /// Ends a step towards a shot. `is_whole` says whether nothing more is on its way to the slots.
+    /// Ends a step towards a shot. `is_whole`: nothing more is on its way to the slots.
     pub(crate) fn end_step(&mut self, shot: Shot, is_whole: bool) {
         if let Some(put_off) = &mut self.put_off {
             put_off.last = Some(shot);
@@ -73,14 +73,14 @@ impl SlotChange {
         self.before.take_if(|_| is_whole);
     }
 
-    /// Whether the picture before a change is to be shown.
+    /// Whether to show the picture from before a change.
     pub(crate) fn shows_before(&self) -> bool {
         self.before.is_some()
     }
 }
 
-/// The place and window of a layer that asks for other slots than the fit has for it; `None` if it asks for none, or if those of the fit
-/// cannot show it at all.
+/// Returns the place and window of a layer whose look needs other slots than the fit's; `None` if it needs none, or if
+/// the fit's slots cannot show it at all.
 fn asked(fit: &Fit, volumes: &[VolumeSource], scene: &Scene, place: usize) -> Option<(usize, Option<Window>)> {
     let layer = &*scene.look(place);
     let volume = scene.store(place);

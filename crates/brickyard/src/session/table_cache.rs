@@ -1,6 +1,6 @@
-//! The transfer tables of a session. A table is made once for each function that is shown, by whoever resolves a scene with it; or ahead of
-//! that by a thread, so that what is drawn meanwhile does not wait: for 16-bit codes table and running integrals take some
-//! milliseconds.
+//! The transfer tables of a session. Each shown function gets one table, made on resolving a scene with it, or ahead of
+//! that on a thread, so drawing does not wait meanwhile: for 16-bit codes, the table and its running integrals take
+//! some milliseconds.
 
 use brickyard_volume::{
     Isosurface, KeptSlots, Mode, Scene, SceneLayer, SlotEncoding, TransferFunction, TransferTable, Window,
@@ -15,49 +15,49 @@ struct Made {
     table: Arc<TransferTable>,
 }
 
-/// The function and the encoding that a table is made of.
+/// The function and the encoding of a table.
 #[derive(Clone, PartialEq)]
 struct Wanted {
     transfer: TransferFunction,
     encoding: SlotEncoding,
 }
 
-/// The tables that are kept: the ones last used, the latest first, and the one last made ahead.
+/// The kept tables: the last used ones, the latest first, and the last one made ahead.
 #[derive(Default)]
 struct Kept {
     used: Vec<Made>,
     ahead: Option<Made>,
-    /// How many are in use at once, and whether running integrals will be wanted of them.
+    /// Number of tables in use at once, and whether they will need running integrals.
     layers: usize,
     has_integrals: bool,
-    /// The isosurfaces of those layers, and the mode in which they are shown.
+    /// The isosurfaces of those layers, and their mode.
     isosurfaces: Vec<Isosurface>,
     mode: Mode,
-    /// The encoding that was used last; `None` before the first table.
+    /// The last used encoding; `None` before the first table.
     encoding: Option<SlotEncoding>,
 }
 
-/// The transfer tables of the layers that show one volume.
+/// The transfer tables of one volume's layers.
 pub(crate) struct Tables {
-    /// How codes stand for values, where slots hold codes.
+    /// The encoding of values, where slots hold codes.
     encoding: SlotEncoding,
     /// Whether the next scene is drawn from the slots of the last one.
     slots_stay: bool,
     kept: Arc<Mutex<Kept>>,
-    /// To the thread that makes them ahead, from when one is first asked for; it ends when this is gone.
+    /// Channel to the thread for tables ahead, from the first request on; the thread ends with the channel.
     wanted: OnceLock<Sender<Wanted>>,
 }
 
-/// The transfer tables of one volume: those of its channels. Channels with the same codes share theirs.
+/// The transfer tables of one volume's channels. Channels with the same codes share theirs.
 pub(crate) struct VolumeTables {
-    /// For each channel, which of `tables` is the channel's.
+    /// Index in `tables` for each channel.
     of_channel: Vec<usize>,
     tables: Vec<Tables>,
 }
 
 impl VolumeTables {
-    /// Makes the tables of channels with these encodings, none of them filled. `slots_stay` says whether a scene is first drawn from the
-    /// slots of the scene before.
+    /// Creates empty tables for channels with these encodings. `slots_stay`: a scene is first drawn from the slots of
+    /// the previous one.
     pub(crate) fn new(encodings: impl Iterator<Item = SlotEncoding>, slots_stay: bool) -> Self {
         let (mut of_channel, mut tables): (_, Vec<Tables>) = (Vec::new(), Vec::new());
         for encoding in encodings {
@@ -70,12 +70,11 @@ impl VolumeTables {
         Self { of_channel, tables }
     }
 
-    /// The tables of a channel.
     pub(crate) fn of(&self, channel: u32) -> &Tables {
         &self.tables[self.of_channel[channel as usize]]
     }
 
-    /// Says which layers of the next scene show the volume.
+    /// Announces the next scene's layers of the volume.
     pub(crate) fn expect<'a>(&self, layers: impl Iterator<Item = &'a SceneLayer> + Clone, scene: &Scene) {
         for (i, tables) in self.tables.iter().enumerate() {
             let is_its_own = |layer: &&SceneLayer| self.of_channel.get(layer.channel as usize) == Some(&i);
@@ -83,7 +82,7 @@ impl VolumeTables {
         }
     }
 
-    /// The tables that the last scene shows; all of them before there is one.
+    /// The tables used by the last scene; all of them before there is one.
     pub(crate) fn in_use(&self) -> impl Iterator<Item = &Tables> {
         let is_any = self.tables.iter().any(Tables::is_in_use);
         self.tables.iter().filter(move |tables| !is_any || tables.is_in_use())
@@ -99,7 +98,7 @@ impl Tables {
         Self { encoding, slots_stay: false, kept: Default::default(), wanted: OnceLock::new() }
     }
 
-    /// Says in which layers the next scene shows the volume.
+    /// [`VolumeTables::expect`] for these tables.
     pub(crate) fn expect<'a>(&self, layers: impl Iterator<Item = &'a SceneLayer> + Clone, scene: &Scene) {
         let mut kept = lock(&self.kept);
         (kept.layers, kept.mode) = (layers.clone().count(), scene.mode);
@@ -107,7 +106,7 @@ impl Tables {
         kept.isosurfaces = layers.flat_map(|layer| &layer.isosurfaces).copied().collect();
     }
 
-    /// A function, and the encoding that it will have if the next scene is like the last one but for it.
+    /// Returns a function with its future encoding, if the next scene is otherwise like the last one.
     fn foreseen(&self, transfer: &TransferFunction) -> Wanted {
         let kept = lock(&self.kept);
         let slots = match kept.encoding {
@@ -118,12 +117,11 @@ impl Tables {
         Wanted { transfer: transfer.clone(), encoding }
     }
 
-    /// Whether the last scene shows a layer with these tables.
     fn is_in_use(&self) -> bool {
         lock(&self.kept).layers > 0
     }
 
-    /// Returns a transfer function's table for an encoding: one that was used lately or made ahead, or a new one.
+    /// Returns a transfer function's table for an encoding: a recently used one, one made ahead, or a new one.
     pub(crate) fn table(&self, transfer: &TransferFunction, encoding: &SlotEncoding) -> Arc<TransferTable> {
         let is_it = |made: &&Made| made.wanted.transfer == *transfer && made.wanted.encoding == *encoding;
         let found = {
@@ -139,17 +137,16 @@ impl Tables {
         table
     }
 
-    /// Makes a transfer function's table on another thread. Of several functions that wait, only the newest one's table
-    /// is made. If no thread can be started, nothing is made ahead.
+    /// Makes a transfer function's table on another thread. Of several waiting functions, only the newest gets a table.
+    /// If no thread can be started, nothing is made ahead.
     pub(crate) fn prepare(&self, transfer: &TransferFunction) {
         if !self.is_prepared(transfer) {
             let wanted = self.wanted.get_or_init(|| self.start());
-            // Where there is no thread nobody receives it.
+            // Without a thread nobody receives it.
             let _ = wanted.send(self.foreseen(transfer));
         }
     }
 
-    /// Whether a transfer function's table is there.
     pub(crate) fn is_prepared(&self, transfer: &TransferFunction) -> bool {
         let wanted = self.foreseen(transfer);
         let kept = lock(&self.kept);

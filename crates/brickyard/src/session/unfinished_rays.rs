@@ -1,5 +1,6 @@
-//! Rays that Mesa's llvmpipe may leave unfinished: it ends all loops of a shader's run after 65,535 rounds in all (`LP_MAX_TGSI_LOOP_ITERATIONS`), without
-//! a word. GPUs have no such bound. Judged by the most rounds that a ray may take, which are mostly far more than it takes.
+//! Rays that Mesa's llvmpipe may leave unfinished: it silently ends all loops of a shader's run after 65,535 rounds in
+//! all (`LP_MAX_TGSI_LOOP_ITERATIONS`). GPUs have no such bound. Judged by the greatest possible rounds of a ray,
+//! mostly far above its actual ones.
 
 use crate::session::resolve::{ResolvedLayer, ResolvedScene};
 use crate::session::volume_source::VolumeSource;
@@ -8,22 +9,22 @@ use brickyard_volume::{FrameSettings, Gradient, LightingModel, Mode, box_corners
 /// Rounds after which llvmpipe ends the loops of a shader's run.
 const MOST_ROUNDS: usize = 65_535;
 
-/// Rounds of the loop that finds a Sobel gradient.
+/// Rounds of the loop for a Sobel gradient.
 const SOBEL_ROUNDS: usize = 27;
 
-/// Rounds of the loops that find where a ray passes a surface.
+/// Rounds of the loops that search a ray's crossing of a surface.
 const SEARCH_ROUNDS: usize = 18;
 
 impl ResolvedScene {
-    /// Whether llvmpipe may leave rays of this scene unfinished. `volumes` are those that the scene was resolved for. Costs a walk along one ray of each layer: a
-    /// millisecond.
+    /// Whether llvmpipe may leave rays of this scene unfinished. `volumes` are those of the resolved scene. Costs a
+    /// walk along one ray of each layer: a millisecond.
     pub fn may_be_unfinished(&self, volumes: &[VolumeSource]) -> bool {
         let rounds = |layer: &ResolvedLayer| most_samples(layer, volumes) * rounds_of_sample(&layer.frames[0].settings);
         self.layers.iter().map(rounds).sum::<usize>() > MOST_ROUNDS
     }
 }
 
-/// The most samples that a ray takes of a layer: along the longest diagonal, as near to the eye as it may lie.
+/// Returns the most samples of a ray in a layer: along the longest diagonal, as near to the eye as it may lie.
 fn most_samples(layer: &ResolvedLayer, volumes: &[VolumeSource]) -> usize {
     let settings = &layer.frames[0].settings;
     let extent = volumes[layer.volume].source.pyramid().levels()[0].extent;
@@ -34,7 +35,7 @@ fn most_samples(layer: &ResolvedLayer, volumes: &[VolumeSource]) -> usize {
     settings.lattice.segments(farthest - longest, farthest).count()
 }
 
-/// The most rounds of loops for a sample, and for the way to it from the one before.
+/// Returns the most loop rounds for a sample, and for the way to it from the previous one.
 fn rounds_of_sample(settings: &FrameSettings) -> usize {
     let is_composed = matches!(settings.mode, Mode::Dvr | Mode::Isosurface);
     let is_lit = is_composed && settings.lighting.model != LightingModel::None;

@@ -1,35 +1,36 @@
-//! Volumes that are shown over one another at sizes that their files hardly mean: lengths in unlike units, of which only the numbers count; or one shape, but voxels of other
-//! sizes. It may be meant; mostly a file has lost its spacing on its way. So it is said, with the map that draws both alike.
+//! Overlaid volumes of doubtful sizes: lengths in unlike units, where only the numbers count; or one shape, but voxels
+//! of unlike sizes. It may be intended, but mostly a file has lost its spacing on its way. The user is warned, with the
+//! map that draws both alike.
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_volume::numbers::significant;
 use brickyard_volume::{Extent, Geometry, Placement, Scene};
 use glam::DVec3;
 
-/// By how much voxels may differ in size: as files round it.
+/// Tolerated relative difference of voxel sizes, as files round them.
 const ROUNDING: f64 = 1e-3;
 
-/// Two volumes that are drawn at unlike sizes.
+/// Two volumes drawn at unlike sizes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UnlikeSizes {
     /// The volumes' names.
     pub names: [String; 2],
-    /// Why they are.
+    /// The cause of the difference.
     pub cause: Cause,
     /// The layer of the second volume.
     pub layer: usize,
-    /// The rows of the map that draws the second volume where the first one is.
+    /// The rows of the map that draws the second volume at the place of the first.
     pub rows: [[f64; 4]; 3],
 }
 
-/// Why two volumes are drawn at unlike sizes.
+/// The cause of unlike sizes of two volumes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cause {
     /// Their lengths are in unlike units.
     Units {
         /// The units.
         units: [String; 2],
-        /// How many times as large as the first one's the second one's is.
+        /// Length of the second unit over the first.
         ratio: f64,
     },
     /// They have one shape, and voxels of unlike sizes.
@@ -41,8 +42,8 @@ pub enum Cause {
     },
 }
 
-/// The first two volumes of a scene that are drawn at unlike sizes, by their units or though they have one shape; `None` if there are none. Volumes that the scene
-/// itself places are where they should be.
+/// Returns the first two volumes of a scene drawn at unlike sizes, because of their units or despite equal shapes;
+/// `None` if there are none. Volumes placed by the scene itself count as right.
 pub fn unlike_sizes(scene: &Scene, volumes: &[VolumeSource]) -> Option<UnlikeSizes> {
     let is_placed = |layer: usize| !scene.layers[layer].world_from_volume.is_identity();
     let shown = (0..scene.layers.len()).filter(|&layer| scene.layers[layer].visible && !is_placed(layer));
@@ -67,7 +68,8 @@ pub fn unlike_sizes(scene: &Scene, volumes: &[VolumeSource]) -> Option<UnlikeSiz
     })
 }
 
-/// The units of two volumes, and how many times as large the second one is; `None` if they are one, or not both known.
+/// Returns the units of two volumes, and the length of the second over the first; `None` if they are equal, or not both
+/// known.
 fn unlike_units(one: &VolumeSource, other: &VolumeSource) -> Option<([String; 2], f64)> {
     let unit = |volume: &VolumeSource| volume.source.geometry().unit.clone();
     let units = [unit(one)?, unit(other)?];
@@ -75,7 +77,7 @@ fn unlike_units(one: &VolumeSource, other: &VolumeSource) -> Option<([String; 2]
     ((ratio - 1.0).abs() > 1e-9).then_some((units, ratio))
 }
 
-/// The length of a unit by its UDUNITS name; `None` if it is none that OME-Zarr has.
+/// Returns the length of a unit by its UDUNITS name; `None` if OME-Zarr has no such unit.
 fn metres(unit: &str) -> Option<f64> {
     Some(match unit {
         "angstrom" => 1e-10,
@@ -102,7 +104,7 @@ fn metres(unit: &str) -> Option<f64> {
     })
 }
 
-/// The rows of the map from the world of `other` to that of `one` that brings voxels to voxels.
+/// Returns the rows of the map from the world of `other` to the world of `one` that brings voxels to voxels.
 fn onto(one: &VolumeSource, other: &VolumeSource) -> [[f64; 4]; 3] {
     let (to, from): ((&Geometry, Placement), (&Geometry, Placement)) =
         ((one.source.geometry(), one.place().placement), (other.source.geometry(), other.place().placement));
@@ -116,7 +118,7 @@ fn onto(one: &VolumeSource, other: &VolumeSource) -> [[f64; 4]; 3] {
 }
 
 impl UnlikeSizes {
-    /// The numbers of the rows in words, without noise in their last digits.
+    /// The rows' numbers as text, without noise in the last digits.
     pub fn numbers(&self) -> [[String; 4]; 3] {
         self.rows.map(|row| row.map(|number| significant(number, 12)))
     }
@@ -217,7 +219,7 @@ mod tests {
         );
         assert_eq!(found.layer, 1);
         assert_eq!(found.numbers().map(|row| row.join(" ")), ["0.5 0 0 0.5", "0 0.5 0 1", "0 0 2 -3"]);
-        // With it both are of one size and in one place, and nothing more is said.
+        // With it both have one size and place, and no warning is left.
         let mut mended = scene.clone();
         mended.layers[1].world_from_volume = Placement::from_rows(&found.rows).expect("a map");
         let world_box = |layer| {
@@ -226,7 +228,7 @@ mod tests {
         };
         assert_eq!(world_box(0), world_box(1));
         assert_eq!(unlike_sizes(&mended, &volumes), None);
-        // What is hidden lies over nothing.
+        // A hidden layer covers nothing.
         let mut hidden = scene;
         hidden.layers[0].visible = false;
         assert_eq!(unlike_sizes(&hidden, &volumes), None);

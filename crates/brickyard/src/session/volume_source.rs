@@ -1,4 +1,4 @@
-//! A volume as sessions take it: where its bricks come from, and what transfer functions are to know of it.
+//! Volumes of a session: a source of bricks, with the metadata for default transfer functions and placement.
 
 use crate::session::table_cache::VolumeTables;
 use brickyard_pager::{BrickSource, encoding_of};
@@ -13,24 +13,23 @@ use brickyard_volume::{
 use std::path::Path;
 use std::sync::Arc;
 
-/// A volume as sessions take it: where its bricks come from, and how its channels are shown unless a scene says otherwise.
+/// A volume of a session: the source of its bricks, and the default display of its channels.
 #[derive(Clone)]
 pub struct VolumeSource {
-    /// Where the bricks come from.
+    /// The source of the bricks.
     pub source: Arc<dyn BrickSource>,
-    /// How each channel is shown unless a scene says otherwise: one for each channel.
+    /// The default display of each channel.
     displays: Vec<ChannelDisplay>,
-    /// Statistics of each channel, where they are known and there is no store that has them.
+    /// Statistics of each channel, where known without a store.
     statistics: Vec<ChannelStatistics>,
-    /// How the volume lies in a patient, if that is known: then it stands there, in millimetres, in the world of scenes.
+    /// The volume's orientation in a patient, if known; it then lies there, in millimetres, in the world of scenes.
     orientation: Option<Orientation>,
-    /// From the volume's own world to that of scenes.
+    /// From the volume's own world to the world of scenes.
     placement: Placement,
-    /// The store that it is, if it is one.
     store: Option<Arc<Store>>,
-    /// What the volume is called, if that is not its store's name.
+    /// The volume's name, if other than its store's.
     name: Option<String>,
-    /// When the time steps were taken; `None` if that is not known.
+    /// Times of the time steps; `None` if unknown.
     time_axis: Option<Arc<TimeAxis>>,
     /// See [`VolumeSource::held_bytes`].
     held_bytes: u64,
@@ -38,7 +37,7 @@ pub struct VolumeSource {
     stride: [u32; 3],
 }
 
-/// The reduction that keeps what a mode projects; `None` if the mode projects no extreme.
+/// Returns the reduction that keeps the extremes projected by a mode; `None` if the mode projects none.
 fn extreme_of(mode: Mode) -> Option<Downsample> {
     match mode {
         Mode::Mip => Some(Downsample::Max),
@@ -48,7 +47,7 @@ fn extreme_of(mode: Mode) -> Option<Downsample> {
 }
 
 impl VolumeSource {
-    /// Makes a volume of a program's own bricks. Default transfer functions span the source's range of values.
+    /// Creates a volume of a program's own bricks. Default transfer functions span the source's range of values.
     pub fn new(source: Arc<dyn BrickSource>) -> Self {
         let channels = source.channels();
         let display = |channel: u32| ChannelDisplay {
@@ -73,7 +72,7 @@ impl VolumeSource {
         }
     }
 
-    /// This volume, whose channels are shown as their statistics say.
+    /// Sets the channels' default displays from their statistics.
     ///
     /// # Panics
     /// If there is not one for each channel.
@@ -82,32 +81,32 @@ impl VolumeSource {
         Self { displays: ChannelDisplay::of_channels(&statistics), statistics, ..self }
     }
 
-    /// This volume, under another name.
+    /// Renames this volume.
     pub fn named(self, name: impl Into<String>) -> Self {
         Self { name: Some(name.into()), ..self }
     }
 
-    /// This volume, whose time steps were taken at these times.
+    /// Sets the times of the time steps.
     pub fn taken_at(self, time_axis: TimeAxis) -> Self {
         Self { time_axis: Some(Arc::new(time_axis)), ..self }
     }
 
-    /// This volume, which takes so much memory itself: see [`VolumeSource::held_bytes`].
+    /// Sets the volume's own memory: see [`VolumeSource::held_bytes`].
     pub fn holding(self, held_bytes: u64) -> Self {
         Self { held_bytes, ..self }
     }
 
-    /// This volume, which has only every n-th voxel of another: see [`VolumeSource::stride`].
+    /// Marks this volume as every n-th voxel of another: see [`VolumeSource::stride`].
     pub fn with_stride(self, stride: [u32; 3]) -> Self {
         Self { stride, ..self }
     }
 
-    /// How many voxels along x, y and z of what the volume stands for each of its own covers: 1, but in a preview.
+    /// Voxels of the original along x, y and z for each voxel of this volume: 1, except in a preview.
     pub fn stride(&self) -> [u32; 3] {
         self.stride
     }
 
-    /// This volume, as it lies in a patient.
+    /// Places this volume in a patient.
     ///
     /// # Errors
     /// If the orientation does not fit the volume's spacing.
@@ -124,7 +123,7 @@ impl VolumeSource {
         Ok(Self::of_store(&Arc::new(Store::open(store.as_ref())?)))
     }
 
-    /// Makes a volume of an open store, with the default windows of the store's channels.
+    /// Creates a volume from an open store, with the default windows of the store's channels.
     pub fn of_store(store: &Arc<Store>) -> Self {
         Self {
             source: store.clone(),
@@ -140,18 +139,18 @@ impl VolumeSource {
         }
     }
 
-    /// Opens this volume's pyramid that suits a mode; `None` if this one does.
+    /// Opens this volume's pyramid for a mode; `None` if this one suits.
     ///
-    /// The mean of eight voxels hides the greatest of them, so a maximum projection of a coarse level shows too little. A store packed with
-    /// `mean,max` has a second pyramid of maxima, in which the projection is right at every level; likewise with `min`. Costs
-    /// opening the store once more: milliseconds.
+    /// The mean of eight voxels hides the greatest of them, so a maximum projection of a coarse level shows too little.
+    /// A store packed with `mean,max` has a second pyramid of maxima, in which the projection is right at every level;
+    /// likewise with `min`. Costs opening the store once more: milliseconds.
     ///
     /// # Errors
     /// If the other pyramid does not open.
     pub fn for_mode(&self, mode: Mode) -> Result<Option<Self>, OpenError> {
         let Some(store) = &self.store else { return Ok(None) };
         let reductions = store.info().downsample;
-        // Labels are not projected by their numbers: which of them are shown counts.
+        // Labels are not projected by number, only by visibility.
         let extreme =
             extreme_of(mode).filter(|extreme| !self.source.is_labels() && reductions.second() == Some(*extreme));
         let wanted = extreme.unwrap_or(reductions.main());
@@ -162,73 +161,74 @@ impl VolumeSource {
         Ok(Some(Self { name: self.name.clone(), ..Self::of_store(&Arc::new(store)) }))
     }
 
-    /// Whether voxels of coarse levels are the extremes that a mode projects, so that the projection loses none at any level.
+    /// Whether coarse voxels are the extremes projected by a mode, so the projection loses none at any level.
     pub fn keeps_extremes(&self, mode: Mode) -> bool {
         let made_by = self.store.as_ref().map(|store| store.downsample());
         !self.source.is_labels() && made_by.is_some() && made_by == extreme_of(mode)
     }
 
-    /// Returns this volume with the pyramid that suits a mode.
+    /// Returns this volume with the pyramid for a mode.
     ///
     /// # Errors
-    /// As [`VolumeSource::for_mode`].
+    /// Those of [`VolumeSource::for_mode`].
     pub fn suited(self, mode: Mode) -> Result<Self, OpenError> {
         Ok(self.for_mode(mode)?.unwrap_or(self))
     }
 
-    /// How the volume lies in a patient; `None` if that is not known.
+    /// The volume's orientation in a patient; `None` if unknown.
     pub fn orientation(&self) -> Option<Orientation> {
         self.orientation
     }
 
-    /// What the volume is called: as it was [named](Self::named), else as its store's folder is; `None` if that is not known.
+    /// The volume's [given name](Self::named), or else the name of its store's folder; `None` if unknown.
     pub fn name(&self) -> Option<String> {
         let of_store = || Some(self.store.as_ref()?.path().file_stem()?.to_string_lossy().into_owned());
         self.name.clone().or_else(of_store)
     }
 
-    /// The store that the volume is of; `None` for a program's own bricks.
+    /// The volume's store; `None` for a program's own bricks.
     pub fn store(&self) -> Option<&Arc<Store>> {
         self.store.as_ref()
     }
 
-    /// The most memory in bytes that the volume itself takes, however many sessions show it: a [`Preview`](crate::window::preview::Preview) keeps its bricks. It is in no session's
-    /// budget, so a program that has a limit for everything takes it off once.
+    /// Upper bound of the volume's own memory in bytes, however many sessions show it: a
+    /// [`Preview`](crate::window::preview::Preview) keeps its bricks. It is outside all sessions' budgets, so a program
+    /// with an overall limit subtracts it once.
     pub fn held_bytes(&self) -> u64 {
         self.held_bytes
     }
 
-    /// How each channel is shown unless a scene says otherwise: one for each channel.
+    /// The default display of each channel.
     pub fn displays(&self) -> &[ChannelDisplay] {
         &self.displays
     }
 
-    /// The statistics of a channel; `None` if they are not known.
+    /// The statistics of a channel; `None` if unknown.
     pub fn statistics(&self, channel: u32) -> Option<&ChannelStatistics> {
         let all = self.store.as_ref().map_or(&self.statistics, |store| &store.info().channels);
         all.get(channel as usize)
     }
 
-    /// The subject of a channel's transfer function: the place, extent and window that the function is fitted to.
+    /// The subject of a channel's transfer function: the place, extent and window to fit the function to.
     pub fn subject(&self, channel: u32) -> Subject {
         let is_labels = self.source.is_labels();
         let foreground = self.statistics(channel).and_then(ChannelStatistics::foreground);
         Subject { is_labels, foreground, ..self.subject_of(self.default_window(channel)) }
     }
 
-    /// The subject of a transfer function for values in a window. Its distances are of the world that scenes have; gradients are by the
-    /// volume's own.
+    /// The subject of a transfer function for values in a window. Distances are in the world of scenes, gradients in
+    /// the volume's own.
     pub(crate) fn subject_of(&self, window: (f64, f64)) -> Subject {
         let own = Subject::new(self.source.geometry(), self.extent(), window);
         let placed = self.placement.placed(self.source.geometry());
         Subject { mean_spacing: own.mean_spacing, ..Subject::new(&placed, self.extent(), window) }
     }
 
-    /// The transfer function that a layer's style gives for this volume. Labels that have colours in their store's metadata, and no others by the
-    /// style, have those.
+    /// Returns the transfer function of a layer's style for this volume. Labels without colours of the style take those
+    /// in their store's metadata.
     ///
     /// # Errors
-    /// As [`SceneLayer::function`].
+    /// Those of [`SceneLayer::function`].
     pub fn function(&self, layer: &SceneLayer) -> Result<TransferFunction, LayerError> {
         let mut function = layer.function(&self.subject(layer.channel))?;
         let own = self.store.as_ref().map_or(&[][..], |store| store.label_colors());
@@ -238,7 +238,7 @@ impl VolumeSource {
         Ok(function)
     }
 
-    /// The codes that a function asks of a channel's labels; `None` if they have the codes that all functions share.
+    /// Returns the codes of a channel's labels for a function; `None` if all functions share the same codes.
     pub(crate) fn label_codes(
         &self,
         channel: u32,
@@ -251,19 +251,19 @@ impl VolumeSource {
         self.displays.get(channel as usize).map_or_else(|| self.source.channel_range(channel), |display| display.window)
     }
 
-    /// How many levels, time steps and channels the volume has, for [`Scene::check`](brickyard_volume::Scene::check).
+    /// Counts of the volume's levels, time steps and channels, for [`Scene::check`](brickyard_volume::Scene::check).
     pub fn counts(&self) -> StoreCounts {
         let levels = self.source.pyramid().levels().len();
         let (times, channels) = (self.source.times(), self.source.channels());
         StoreCounts { levels, times, channels, is_labels: self.source.is_labels() }
     }
 
-    /// When the volume's time steps were taken; `None` if that is not known.
+    /// Times of the volume's time steps; `None` if unknown.
     pub fn time_axis(&self) -> Option<&TimeAxis> {
         self.time_axis.as_deref()
     }
 
-    /// The time steps that a scene's layers have together, of these volumes.
+    /// Returns the common time steps of a scene's layers in these volumes.
     pub fn timeline(volumes: &[Self], scene: &Scene) -> Timeline {
         let time = |volume: &Self| VolumeTime { steps: volume.source.times(), axis: volume.time_axis.clone() };
         Timeline::new(volumes.iter().map(time).collect(), (0..scene.layers.len()).map(|layer| scene.store(layer)))
@@ -274,13 +274,13 @@ impl VolumeSource {
         self.source.pyramid().levels()[0].extent
     }
 
-    /// Where the volume is.
+    /// The volume's place in the world of scenes.
     pub fn place(&self) -> VolumePlace {
         let own_box = self.source.geometry().world_box(self.extent());
         VolumePlace { own_box, placement: self.placement, is_anatomical: self.orientation.is_some() }
     }
 
-    /// The transfer tables of the volume's channels for a session, none of them filled.
+    /// Creates empty transfer tables of the volume's channels for a session.
     pub(crate) fn tables(&self, is_live: bool) -> VolumeTables {
         VolumeTables::new((0..self.source.channels()).map(|channel| self.encoding(channel)), is_live)
     }

@@ -1,5 +1,5 @@
-//! Work on a thread of its own, for a window that must not wait: how far it is, whether it is to stop, and what came of it, all of which are asked without
-//! waiting. A panic inside of the work is an error of the work.
+//! Background work, for a window that must not wait: progress, cancellation and results without blocking. A panic in
+//! the work becomes its error.
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_import::{self as import, ImportError, Source};
@@ -14,7 +14,7 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How far some work is, and whether it is to stop: shared by the thread that works and those that watch it.
+/// Progress and cancellation of some work, shared by its thread and its observers.
 #[derive(Debug, Default)]
 pub struct Meter {
     done_bytes: AtomicU64,
@@ -25,24 +25,24 @@ pub struct Meter {
 }
 
 impl Meter {
-    /// Bytes that are done, and bytes in all; the latter are 0 as long as they are not known.
+    /// Bytes done, and bytes in all; the latter are 0 until known.
     pub fn progress(&self) -> (u64, u64) {
         (self.done_bytes.load(Ordering::Relaxed), self.total_bytes.load(Ordering::Relaxed))
     }
 
-    /// Sets the bytes that are done, and the bytes in all. The work waits no more.
+    /// Sets the bytes done and in all, and ends waiting.
     pub fn set(&self, done_bytes: u64, total_bytes: u64) {
         self.is_waiting.store(false, Ordering::Relaxed);
         self.total_bytes.store(total_bytes, Ordering::Relaxed);
         self.done_bytes.store(done_bytes, Ordering::Relaxed);
     }
 
-    /// Counts bytes that were done just now.
+    /// Adds bytes just done.
     pub fn advance(&self, bytes: u64) {
         self.done_bytes.fetch_add(bytes, Ordering::Relaxed);
     }
 
-    /// Notes that the work waits for another program, which does the same.
+    /// Marks the work as waiting for another program's identical work.
     pub fn wait(&self) {
         self.is_waiting.store(true, Ordering::Relaxed);
     }
@@ -52,7 +52,7 @@ impl Meter {
         self.is_waiting.load(Ordering::Relaxed)
     }
 
-    /// Tells the work to stop.
+    /// Requests the work to stop.
     pub fn cancel(&self) {
         self.is_cancelled.store(true, Ordering::Relaxed);
     }
@@ -62,18 +62,18 @@ impl Meter {
         self.is_cancelled.load(Ordering::Relaxed)
     }
 
-    /// Keeps something that the user should know, in one sentence.
+    /// Keeps a message for the user, of one sentence.
     pub fn say(&self, message: &str) {
         self.said.lock().unwrap_or_else(PoisonError::into_inner).push(message.to_owned());
     }
 
-    /// What the user should know, as far as it was said since the last call.
+    /// Takes the messages since the last call.
     pub fn take_said(&self) -> Vec<String> {
         std::mem::take(&mut self.said.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
-/// Why work in the background came to nothing.
+/// Errors of background work.
 #[derive(Debug, thiserror::Error)]
 pub enum BackgroundError<E: std::error::Error + 'static> {
     /// The work failed, or was cancelled.
@@ -82,21 +82,21 @@ pub enum BackgroundError<E: std::error::Error + 'static> {
     /// The work panicked, with this message: a fault of this program.
     #[error("this program has a fault: {0:?}; please report this")]
     Panic(String),
-    /// The operating system gave no thread for the work.
+    /// The operating system provided no thread for the work.
     #[error("cannot start a thread: {0}")]
     NoThread(#[source] io::Error),
 }
 
-/// Work on a thread of its own. Dropping it cancels the work and does not wait: what it does at that moment may take long, as reading a large compressed
-/// file does. [`wait_for_all`] gives it time to clean up before the program ends.
+/// Work on its own thread. Dropping it cancels the work without waiting: its present step, such as reading a large
+/// compressed file, may take long. [`wait_for_all`] gives it time to clean up before the program ends.
 pub struct Background<T, E> {
     meter: Arc<Meter>,
-    /// The thread, or why there is none; `None` once the result was taken.
+    /// The thread, or the error of starting it; `None` once the result is taken.
     thread: Option<io::Result<JoinHandle<Result<T, E>>>>,
 }
 
 impl<T: Send + 'static, E: std::error::Error + Send + 'static> Background<T, E> {
-    /// Starts work, which tells the meter how far it is and stops soon once that is cancelled.
+    /// Starts work, which reports its progress to the meter and stops soon after its cancellation.
     pub fn start(work: impl FnOnce(&Meter) -> Result<T, E> + Send + 'static) -> Self {
         let meter = Arc::new(Meter::default());
         let of_work = meter.clone();
@@ -109,12 +109,12 @@ impl<T: Send + 'static, E: std::error::Error + Send + 'static> Background<T, E> 
         Self { meter, thread: Some(thread) }
     }
 
-    /// How far the work is.
+    /// The work's progress.
     pub fn meter(&self) -> &Meter {
         &self.meter
     }
 
-    /// The result of the work, if it is over, without waiting; `None` as long as it is not, and after it was taken.
+    /// Takes the work's result without waiting; `None` before its end, and if taken already.
     pub fn poll(&mut self) -> Option<Result<T, BackgroundError<E>>> {
         let is_over = match self.thread.as_ref()? {
             Ok(thread) => thread.is_finished(),
@@ -123,7 +123,7 @@ impl<T: Send + 'static, E: std::error::Error + Send + 'static> Background<T, E> 
         is_over.then(|| self.wait()).flatten()
     }
 
-    /// Waits for the result of the work; `None` if it was taken before.
+    /// Waits for the work's result; `None` if taken already.
     pub fn wait(&mut self) -> Option<Result<T, BackgroundError<E>>> {
         Some(match self.thread.take()? {
             Err(error) => Err(BackgroundError::NoThread(error)),
@@ -141,10 +141,9 @@ impl<T, E> Drop for Background<T, E> {
     }
 }
 
-/// How much work is under way in this process, and what tells of less.
+/// Number of running jobs in this process, and the signal of its decrease.
 static RUNNING: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
-/// Work that is under way.
 struct Running;
 
 impl Running {
@@ -161,24 +160,23 @@ impl Drop for Running {
     }
 }
 
-/// Waits until no work is under way in this process, for so long at most: work that was cancelled deletes what it has half made. Returns whether all
-/// of it has ended.
+/// Waits at most for `most` until all work of this process has ended: cancelled work deletes its unfinished files.
+/// Returns whether it has.
 pub fn wait_for_all(most: Duration) -> bool {
     let running = RUNNING.0.lock().unwrap_or_else(PoisonError::into_inner);
     let waited = RUNNING.1.wait_timeout_while(running, most, |running| *running > 0);
     !waited.unwrap_or_else(PoisonError::into_inner).1.timed_out()
 }
 
-/// What a panic said.
 fn words(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|words| (*words).to_owned());
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default()
 }
 
-/// Why a file did not become an open store.
+/// Errors in packing a file and opening its store.
 #[derive(Debug, thiserror::Error)]
 pub enum PackingError {
-    /// The folder of the store cannot be made.
+    /// The folder of the store cannot be created.
     #[error("{path}: {error}", path = path.display())]
     Folder {
         /// The folder.
@@ -190,20 +188,21 @@ pub enum PackingError {
     /// The pack failed, or was cancelled.
     #[error(transparent)]
     Pack(#[from] PackError),
-    /// The store that was packed does not open.
+    /// The packed store does not open.
     #[error(transparent)]
     Open(#[from] OpenError),
 }
 
 impl PackingError {
-    /// Whether somebody cancelled the pack.
+    /// Whether the pack was cancelled.
     pub fn is_cancelled(&self) -> bool {
         matches!(self, Self::Pack(PackError::Cancelled { .. }))
     }
 }
 
-/// Packs a source in the background into a store, whose folder is made if need be, and opens it. An unfinished pack of the same source and options is
-/// gone on with; a finished one is opened at once. Where another program packs the same, its store is waited for.
+/// Packs a source in the background into a store, creating its folder if needed, and opens it. An unfinished pack of
+/// the same source and options is continued; a finished one opens at once. While another program packs the same, this
+/// waits for its store.
 pub fn pack(source: Arc<dyn Source>, place: PathBuf, options: PackOptions) -> Background<VolumeSource, PackingError> {
     Background::start(move |meter| {
         if let Some(folder) = place.parent().filter(|folder| !folder.as_os_str().is_empty()) {
@@ -222,15 +221,14 @@ pub fn pack(source: Arc<dyn Source>, place: PathBuf, options: PackOptions) -> Ba
     })
 }
 
-/// Looks in the background whether a folder can be opened as it is: see [`import::check_folder`].
+/// Checks in the background whether a folder can be opened as is: see [`import::check_folder`].
 pub fn check_folder(folder: PathBuf) -> Background<(), ImportError> {
     Background::start(move |_| import::check_folder(&folder))
 }
 
-/// How long to wait until it is asked again whether another pack into the same store is over.
+/// Interval of checking whether another pack into the same store has ended.
 const BUSY_STEP: Duration = Duration::from_millis(300);
 
-/// A meter as a pack takes it.
 struct PackMeter<'a> {
     meter: &'a Meter,
     voxel_bytes: u64,
@@ -258,7 +256,7 @@ impl store::Progress for PackMeter<'_> {
     }
 }
 
-/// Exports a level of a store, or a box of it, in the background, as [`store::export()`] does.
+/// Exports a level of a store, or a box of it, in the background, like [`store::export()`].
 pub fn export(store: Arc<Store>, output: PathBuf, request: ExportRequest) -> Background<Extent, ExportError> {
     Background::start(move |meter| {
         store::export(&store, &output, &request, |done, total| {
@@ -337,7 +335,7 @@ mod tests {
         assert_eq!(work.meter().progress(), (0, 0));
     }
 
-    /// A pack that says that it has begun, and goes on only when it may.
+    /// A pack that signals its start, and then waits for permission.
     #[derive(Default)]
     struct Held {
         has_begun: AtomicBool,

@@ -1,5 +1,5 @@
-//! Following a store to which another program appends time steps: a thread looks once a second whether there are more, and opens the store anew when there are.
-//! Costs a read of the store's root document each time, and nothing of what is shown.
+//! Following a growing store: a thread checks once a second for time steps appended by another program, and then
+//! reopens the store. Each check reads the store's root document; the shown one is unaffected.
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_store::Store;
@@ -7,21 +7,21 @@ use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long a store is left alone before it is looked at again.
+/// Interval between checks of a store.
 const INTERVAL: Duration = Duration::from_secs(1);
 
-/// Follows a store. Dropping it ends that, and does not wait for a look that is under way.
+/// Follows a store until dropped, which does not wait for a check in progress.
 pub struct Follower {
     grown: Receiver<VolumeSource>,
-    /// Closed, it ends the thread, which may still be looking for a moment.
+    /// Dropping it ends the thread, possibly a moment later.
     _stop: Sender<()>,
 }
 
 impl Follower {
-    /// Begins to follow a store; `None` if nothing can be appended to it, since it has no axis of time.
+    /// Starts following a store; `None` for a store without a time axis, to which nothing can be appended.
     ///
     /// # Errors
-    /// If there is no thread for it.
+    /// If no thread can be started.
     pub fn start(store: &Arc<Store>) -> std::io::Result<Option<Self>> {
         Self::every(INTERVAL, store)
     }
@@ -38,13 +38,13 @@ impl Follower {
         Ok(Some(Self { grown, _stop: stop }))
     }
 
-    /// The store with the time steps that were appended since it was last opened, without waiting; `None` if there are none.
+    /// Returns the store with newly appended time steps, without waiting; `None` if there are none.
     pub fn poll(&self) -> Option<VolumeSource> {
         self.grown.try_recv().ok()
     }
 }
 
-/// Looks at a store until it is told to stop, or nobody wants to know any more.
+/// Checks a store until stopped or without a receiver.
 fn look(mut store: Arc<Store>, interval: Duration, grown: &Sender<VolumeSource>, is_over: &Receiver<()>) {
     let mut problem = String::new();
     while is_over.recv_timeout(interval) == Err(RecvTimeoutError::Timeout) {
@@ -56,7 +56,7 @@ fn look(mut store: Arc<Store>, interval: Duration, grown: &Sender<VolumeSource>,
                 }
             }
             Ok(None) => {}
-            // The open store stays as it is; a disk that fails now may be back for the next look.
+            // The open store stays; a failing disk may be back at the next check.
             Err(error) => {
                 let said = error.to_string();
                 if said != problem {
@@ -77,7 +77,6 @@ mod tests {
     use std::path::Path;
     use std::time::Instant;
 
-    /// A volume of one value.
     fn volume(folder: &Path, value: u8) -> Box<dyn Source> {
         let path = folder.join(format!("{value}.raw"));
         std::fs::write(&path, vec![value; 20 * 10 * 5]).unwrap();
@@ -111,7 +110,7 @@ mod tests {
             assert_eq!(grown.source.times(), u32::from(steps));
             assert_eq!(grown.source.channel_range(0), (1.0, f64::from(steps)));
         }
-        // One that waits to be asked ends as well.
+        // A thread blocked on its send ends as well.
         appender.append(&*volume(folder.path(), 9), None, &()).unwrap();
         std::thread::sleep(Duration::from_millis(50));
         drop(follower);

@@ -1,10 +1,11 @@
-//! Opening whatever a user names, for a window that must not wait: a store as it is, and anew whenever time steps were appended to it; a file as a preview within
-//! seconds, then as the store that is packed of it meanwhile. An [`Opening`] is asked once a frame what is new.
+//! Opening any path of a user, for a window that must not wait: a store opens at once, and again whenever time steps
+//! are appended to it; a file is a preview within seconds, then the store packed from it meanwhile. An [`Opening`] is
+//! polled for news once a frame.
 //!
 //! ```text
 //! store ────────────────────────────────────────────────────► store ──► store with more time steps
 //! files ──► found packed in the cache ──────────────────────► store
-//!       └─► preview (shown) ──► packing, beside what is shown ──► store
+//!       └─► preview (shown) ──► packing, beside the preview ──► store
 //!                                 └─► stopped: the preview stays
 //! ```
 
@@ -19,16 +20,16 @@ use brickyard_store::{Kind, PackOptions};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// How files are opened that are no store.
+/// Options for opening files other than stores.
 #[derive(Clone, Debug)]
 pub struct OpeningOptions {
-    /// What is known of the files.
+    /// Known properties of the files.
     pub files: OpenOptions,
-    /// What their values mean.
+    /// The kind of their values.
     pub kind: Kind,
-    /// Where the store is packed to; `None` is a place of its own in the user's cache.
+    /// Place for the packed store; `None` is one in the user's cache.
     pub store: Option<PathBuf>,
-    /// The memory that a preview takes at most, in bytes, which is in no session's budget.
+    /// The most memory for a preview in bytes, outside all sessions' budgets.
     pub preview_bytes: u64,
 }
 
@@ -38,28 +39,28 @@ impl Default for OpeningOptions {
     }
 }
 
-/// Why an opening stopped.
+/// Reasons for an opening to stop.
 #[derive(Debug, thiserror::Error)]
 pub enum OpeningError {
-    /// It is nothing that can be shown.
+    /// Nothing there can be shown.
     #[error(transparent)]
     Openable(#[from] OpenableError),
     /// The files cannot be read.
     #[error(transparent)]
     Preview(#[from] PreviewError),
-    /// Nobody named a place for the store, and the user has no folder for caches.
+    /// The store has no given place, and the user has no folder for caches.
     #[error("there is no folder for the store: name a place for it, or set HOME")]
     NoPlace,
-    /// The store could not be made. What was shown before stays as it is.
+    /// The store could not be created. The picture stays as it is.
     #[error(transparent)]
     Packing(#[from] PackingError),
-    /// This program has a fault, or got no thread.
+    /// A fault of this program, or a missing thread.
     #[error("{0}")]
     Fault(String),
 }
 
 impl OpeningError {
-    /// Whether the files do not say all that it takes to read them, so that somebody must.
+    /// Whether the files cannot be read without options from the user.
     pub fn wants_options(&self) -> bool {
         let options = |error: &ImportError| matches!(error, ImportError::Options { .. });
         match self {
@@ -68,7 +69,7 @@ impl OpeningError {
         }
     }
 
-    /// Whether somebody cancelled the opening.
+    /// Whether the opening was cancelled.
     pub fn is_cancelled(&self) -> bool {
         match self {
             Self::Preview(error) => matches!(error, PreviewError::Cancelled),
@@ -87,36 +88,36 @@ impl<E: std::error::Error + Into<Self> + 'static> From<BackgroundError<E>> for O
     }
 }
 
-/// What is new since an opening was last asked.
+/// News of an opening since the last poll.
 pub enum News {
-    /// The files are shown like this until their store is packed.
+    /// The preview of the files, to be shown until their store is packed.
     Preview(VolumeSource),
-    /// The store is open, or has more time steps than before: show it in place of what was shown before.
+    /// The store, just opened or with more time steps: show it in place of the previous volume.
     Store(VolumeSource),
-    /// The opening has stopped. A preview that is shown can stay.
+    /// The opening has stopped. A shown preview can stay.
     Stopped(OpeningError),
 }
 
-/// What an opening is doing.
+/// The activity of an opening.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activity {
     /// It reads the files for the preview, or opens the store.
     Reading,
     /// It packs the files into a store.
     Packing,
-    /// It waits for the store that another program packs from the same files.
+    /// It waits for another program's store of the same files.
     Waiting,
     /// Nothing: the store is open, and may be followed, or the opening has stopped.
     Nothing,
 }
 
-/// The opening of one store, file or folder. Dropping it tells what it does to stop, and does not wait for that.
+/// The opening of one store, file or folder. Dropping it requests its work to stop, without waiting.
 pub struct Opening {
-    /// What its volume is called: a store in the cache has a hash in its name.
+    /// The volume's name: a store in the cache has a hash in its own.
     name: String,
     work: Work,
     files: Option<Files>,
-    /// What tells whether the open store has grown.
+    /// Reports growth of the open store.
     follower: Option<Follower>,
 }
 
@@ -126,13 +127,12 @@ enum Work {
     Nothing,
 }
 
-/// What a path turned out to be.
 enum Found {
     Store(Box<VolumeSource>),
     Files(Files),
 }
 
-/// Files that are no store yet.
+/// Files without a store yet.
 struct Files {
     source: Arc<dyn Source>,
     preview: Arc<Preview>,
@@ -148,7 +148,7 @@ impl Opening {
         Self { name, work: Work::Reading(work), files: None, follower: None }
     }
 
-    /// What is new, without waiting. Volumes are called as the path is.
+    /// Returns news, without waiting. Volumes take the name of the path.
     pub fn poll(&mut self) -> Option<News> {
         Some(match self.news()? {
             News::Preview(volume) => News::Preview(volume.named(&self.name)),
@@ -196,7 +196,7 @@ impl Opening {
         }
     }
 
-    /// Whether the open store is one to which time steps can be appended: ask now and then what is new.
+    /// Whether the open store can grow, and needs polling now and then.
     pub fn is_following(&self) -> bool {
         self.follower.is_some()
     }
@@ -211,7 +211,7 @@ impl Opening {
         }
     }
 
-    /// Packs the files, or goes on with that after it has stopped. Does nothing where there is nothing to pack, or that is under way.
+    /// Packs the files, or continues after a stop. Does nothing without files to pack, or during a pack.
     pub fn pack(&mut self) {
         if let (Work::Nothing, Some(files)) = (&self.work, &self.files) {
             let Files { source, place, options, .. } = files;
@@ -219,14 +219,14 @@ impl Opening {
         }
     }
 
-    /// Tells the opening to stop, which it says when it has.
+    /// Requests the opening to stop; [`News::Stopped`] follows once it has.
     pub fn cancel(&self) {
         if let Some(meter) = self.meter() {
             meter.cancel();
         }
     }
 
-    /// What the opening is doing.
+    /// The present activity.
     pub fn activity(&self) -> Activity {
         match &self.work {
             Work::Reading(_) => Activity::Reading,
@@ -236,12 +236,12 @@ impl Opening {
         }
     }
 
-    /// Bytes that are done of what it is doing, and bytes in all; the latter are 0 as long as they are not known.
+    /// Bytes done of the present activity, and bytes in all; the latter are 0 until known.
     pub fn progress(&self) -> (u64, u64) {
         self.meter().map_or((0, 0), Meter::progress)
     }
 
-    /// What the user should know of the files, as far as it was said since the last call.
+    /// Takes the messages for the user about the files since the last call.
     pub fn take_said(&self) -> Vec<String> {
         self.meter().map_or_else(Vec::new, Meter::take_said)
     }
@@ -267,7 +267,7 @@ impl Drop for Opening {
     }
 }
 
-/// Opens the path, and reads the preview of what is not packed yet.
+/// Opens the path, and reads the preview of files not packed yet.
 fn found(path: PathBuf, options: OpeningOptions, meter: &Meter) -> Result<Found, OpeningError> {
     let files = OpenOptions { are_labels: options.kind == Kind::Labels, ..options.files };
     let source = match openable::open(std::slice::from_ref(&path), &files)? {
@@ -292,7 +292,7 @@ mod tests {
     use brickyard_volume::{Extent, VoxelType};
     use std::path::Path;
 
-    /// A raw file of 300 x 40 x 30 voxels, and how to open it.
+    /// Writes a raw file of 300 x 40 x 30 voxels, and returns options to open it.
     fn raw_file(folder: &Path) -> (PathBuf, OpeningOptions) {
         let path = folder.join("scan.raw");
         std::fs::write(&path, (0..300 * 40 * 30u32).map(|i| (i % 251) as u8).collect::<Vec<u8>>()).unwrap();
@@ -326,7 +326,7 @@ mod tests {
         assert!(opening.poll().is_none() && opening.activity() == Activity::Nothing);
         let News::Store(again) = next(&mut Opening::start(path, options)) else { panic!("packed again") };
         let store = again.store().expect("a store").path().to_owned();
-        // The store itself opens, whatever is said of files.
+        // The store itself opens, whatever the options for files.
         assert!(matches!(next(&mut Opening::start(store, OpeningOptions::default())), News::Store(_)));
     }
 
@@ -339,7 +339,7 @@ mod tests {
         opening.cancel();
         match next(&mut opening) {
             News::Stopped(error) => assert!(error.is_cancelled(), "{error}"),
-            // So fast that there was nothing left to cancel.
+            // Too fast: there was nothing left to cancel.
             News::Store(_) => return,
             News::Preview(_) => panic!("a second preview"),
         }
@@ -364,7 +364,7 @@ mod tests {
         };
         assert!(error.wants_options(), "{error}");
         assert!(error.to_string().contains("pass `shape`"), "{error}");
-        // A file is in the way of the store's folder: the preview comes all the same.
+        // A file is in the way of the store's folder; the preview comes all the same.
         let (path, options) = raw_file(folder.path());
         let options = OpeningOptions { store: Some(path.join("scan.zarr")), ..options };
         let mut opening = Opening::start(path, options);

@@ -1,9 +1,9 @@
-//! What is under a place of a picture: the point that is seen there, whose it is, and the exact values at it.
+//! Picking: the visible point at a place of a picture, its layer, and its exact values.
 //!
-//! A ray is followed through the layers by itself, apart from any renderer: it reads cores of bricks at a level that is coarse enough for a ray to
-//! meet few of them (about 16 of a layer), skips what shows nothing, ends where light does, and goes on to finer levels only
-//! about what it has found, down to level 0. So a pick costs milliseconds where all has to be decoded, and a fraction of one beside the last
-//! pick, whose cores a [`Picker`] keeps. Meshes neither hide nor are found.
+//! A ray is followed through the layers, independently of any renderer. It reads cores of bricks at a level coarse
+//! enough to meet few of them (about 16 of a layer), skips empty bricks, ends where light does, and refines its finding
+//! alone, down to level 0. A pick thus costs milliseconds with everything to decode, and a fraction of one beside the
+//! last pick, whose cores a [`Picker`] keeps. Meshes neither hide nor are found.
 
 mod cores;
 mod march;
@@ -21,31 +21,31 @@ use glam::DVec3;
 use march::Hit;
 use way::Way;
 
-/// What is under a place of a picture.
+/// The result of picking at a place of a picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pick {
-    /// The point that is seen, in the scene's world.
+    /// The visible point, in the scene's world.
     pub point: DVec3,
     /// The point's distance along the ray, in units of the scene's world.
     pub distance: f64,
-    /// Index in the scene of the layer that is seen there.
+    /// Index in the scene of the visible layer.
     pub layer: usize,
-    /// The exact values at the point, of that layer first, then of the others that are there, each volume once.
+    /// The exact values at the point: of the visible layer first, then of the others there, each volume once.
     pub values: Vec<PickedValues>,
 }
 
-/// The values of one volume at the point that was picked.
+/// The values of one volume at the picked point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PickedValues {
     /// Index in the scene of the layer.
     pub layer: usize,
-    /// Index of the volume among those that the scene was resolved for.
+    /// Index of the volume among those of the resolved scene.
     pub volume: usize,
     /// The values of all channels.
     pub probe: Probe,
 }
 
-/// Finds what is under places of pictures, and keeps the bricks that it read last.
+/// Picks points in pictures, and keeps the last read bricks.
 pub struct Picker {
     cores: Cores,
 }
@@ -57,32 +57,32 @@ impl Default for Picker {
 }
 
 impl Picker {
-    /// Makes a picker that keeps at most `bytes` of decoded bricks, or one brick if that is more. They are let go when it is asked about other
-    /// volumes or another time step.
+    /// Creates a picker that keeps at most `bytes` of decoded bricks, or one larger brick. They are dropped on a pick
+    /// in other volumes or another time step.
     pub fn new(bytes: u64) -> Self {
         Self { cores: Cores::new(bytes) }
     }
 
-    /// Bytes of the decoded bricks that it keeps.
+    /// Bytes of the kept decoded bricks.
     pub fn bytes(&self) -> u64 {
         self.cores.bytes()
     }
 
-    /// Bricks that it has decoded so far.
+    /// Bricks decoded so far.
     pub fn decoded(&self) -> u64 {
         self.cores.decoded()
     }
 
-    /// What is under a place of a scene's picture (pixel `(i, j)` has its centre at `(i + 0.5, j + 0.5)`), to the left eye in stereo. `volumes` are those
-    /// that the scene was resolved for. `None` if nothing is seen there.
+    /// Picks at a place of a scene's picture (pixel `(i, j)` has its centre at `(i + 0.5, j + 0.5)`), for the left eye
+    /// in stereo. `volumes` are those of the resolved scene. `None` if nothing is visible there.
     ///
-    /// - Of a slice it is the point of its plane.
-    /// - In [`Mode::Dvr`] it is where the ray has collected half of the opacity that it collects in all; rays that collect less than a fiftieth
-    ///   see nothing. Of several layers the one that has most of it there is seen.
-    /// - In [`Mode::Isosurface`] it is the first surface.
-    /// - In [`Mode::Mip`] and [`Mode::MinIp`] it is the nearest place with the extreme value: of labels that lie over others, else of the layer whose
-    ///   extreme is brightest in the picture.
-    /// - In [`Mode::Average`] it is the point of the ray inside of the volume that is nearest to the camera's target.
+    /// - In a slice: the point of its plane.
+    /// - In [`Mode::Dvr`]: where the ray has collected half of its total opacity; nothing if the total is below a
+    ///   fiftieth. Among several layers the one with the most opacity there is visible.
+    /// - In [`Mode::Isosurface`]: the first surface.
+    /// - In [`Mode::Mip`] and [`Mode::MinIp`]: the nearest place with the extreme value, of overlaid labels, or else of
+    ///   the layer with the brightest extreme in the picture.
+    /// - In [`Mode::Average`]: the ray's point inside the volume nearest to the camera's target.
     ///
     /// # Errors
     /// If a brick cannot be read.
@@ -109,7 +109,7 @@ impl Picker {
         hit.map(|hit| self.picked(&ways, volumes, &ray, hit)).transpose()
     }
 
-    /// The point of a slice, or the one nearest to the camera's target.
+    /// Returns the point of a slice, or the one nearest to the camera's target.
     fn flat(
         &mut self,
         scene: &ResolvedScene,
@@ -136,7 +136,6 @@ impl Picker {
         Ok(best.map(|(_, hit)| hit))
     }
 
-    /// The pick of what a ray has hit.
     fn picked(
         &mut self,
         ways: &[Way<'_>],
@@ -164,7 +163,7 @@ impl Picker {
     }
 }
 
-/// The extreme that is seen most: of what lies over all else, else the brightest.
+/// Returns the most visible extreme: of overlays, else the brightest.
 fn brightest(ways: &[Way<'_>], extremes: Vec<(Hit, f64)>) -> Option<Hit> {
     let seen = |(hit, value): &(Hit, f64)| {
         let layer = ways[hit.way].layer;

@@ -1,8 +1,10 @@
-//! A volume that is shown before it is packed: every n-th voxel of a source, at most 256 along an axis.
+//! Previews of volumes before they are packed: every n-th voxel of a source, at most 256 along an axis.
 //!
-//! The first time step of each channel is read when a preview is made, for it says what values there are; every other one when a brick of it is first asked for.
-//! Each is read as a whole by all processors, made into bricks by the kernels that pack a store, and kept, as far as the memory reaches that the preview
-//! was given. That memory is the preview's own: it is there once, however many sessions and layers show the preview, and in no session's budget. Reading 256^3 voxels takes from a tenth of a second (a raw file in the page cache) to as long as 256 planes take to decode.
+//! The first time step of each channel is read on creation, to find the range of values; every other one on the first
+//! request for one of its bricks. Each is read whole by all processors, made into bricks by the packer's kernels, and
+//! kept within the preview's memory. That memory is the preview's own: it exists once, however many sessions and layers
+//! show the preview, outside all sessions' budgets. Reading 256^3 voxels takes from a tenth of a second (a raw file in
+//! the page cache) to as long as decoding 256 planes.
 
 use crate::session::volume_source::VolumeSource;
 use crate::window::background::Meter;
@@ -18,50 +20,50 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The most voxels of a preview along an axis.
 pub const PREVIEW_EDGE: u32 = 256;
-/// The fewest voxels along a volume's longest axis that a preview of many channels is made smaller to.
+/// Least voxels along the longest axis of a preview reduced for many channels.
 const LEAST_EDGE: u32 = 64;
-/// What part of a preview's memory the threads that read take together at most, unless it is more for a single one.
+/// Divisor of a preview's memory for the share of all reading threads, exceeded only if a single one needs more.
 const READING_PART: u64 = 4;
 
-/// Why a source has no preview.
+/// Errors in making a preview.
 #[derive(Debug, thiserror::Error)]
 pub enum PreviewError {
     /// The source cannot be read.
     #[error(transparent)]
     Source(#[from] ImportError),
-    /// The source's orientation cannot be used.
+    /// The source's orientation is invalid.
     #[error(transparent)]
     Placement(#[from] PlacementError),
-    /// Whoever watches the work cancelled it.
+    /// The observer cancelled the work.
     #[error("cancelled")]
     Cancelled,
 }
 
-/// A source's voxels as bricks: of every n-th voxel along each axis, all levels. Ranges, windows and statistics are of the first time step; values of others that
-/// lie outside of them may be shown as their ends.
+/// Every n-th voxel of a source along each axis, as bricks of all levels. Ranges, windows and statistics are the first
+/// time step's; values of other steps outside the range may be shown as its ends.
 pub struct Preview {
     source: Strided,
     pyramid: Pyramid,
     kind: Kind,
-    /// The memory that the preview was given, in bytes.
     memory_bytes: u64,
     statistics: Vec<ChannelStatistics>,
     kept: Mutex<LruCache<(u32, u32), Step>>,
-    /// Held while an array is read, so that one is read at a time.
+    /// Held while an array is read, to read one at a time.
     reading: Mutex<()>,
-    /// Of all that is read after the preview was made.
+    /// For all reading after the creation.
     meter: Meter,
 }
 
-/// One channel at one time step, or why it cannot be read.
+/// One channel at one time step, or its read error.
 type Step = Result<Arc<LevelBricks>, String>;
 
 impl Preview {
-    /// Reads the first time step of every channel. The preview takes at most `memory_bytes`: of many channels so few voxels are taken that these fit, but for
-    /// volumes that have 64 voxels along the longest axis by then, and for readers of which a single one takes more: see [`Preview::held_bytes`].
+    /// Reads the first time step of every channel. The preview takes at most `memory_bytes`: with many channels, its
+    /// resolution is halved until they fit, down to 64 voxels along the longest axis. This least size, or a single
+    /// large reader, may exceed the limit: see [`Preview::held_bytes`].
     ///
     /// # Errors
-    /// If the source cannot be read, its orientation cannot be used, or `meter` cancels the work.
+    /// If the source cannot be read, its orientation is invalid, or `meter` cancels the work.
     pub fn read(source: Arc<dyn Source>, kind: Kind, memory_bytes: u64, meter: &Meter) -> Result<Self, PreviewError> {
         let of_steps = memory_bytes - memory_bytes / READING_PART;
         let mut edge = PREVIEW_EDGE;
@@ -103,7 +105,7 @@ impl Preview {
         Ok(preview)
     }
 
-    /// The preview as a volume that stands, and is shown, as a store of the same source would be.
+    /// Returns the preview as a volume, placed and shown like a store of the same source.
     ///
     /// # Errors
     /// If the source's orientation does not fit its spacing.
@@ -121,7 +123,7 @@ impl Preview {
         self.source.stride()
     }
 
-    /// Stops what is being read; no time step is read any more that is not there. For a window that closes, or has the store.
+    /// Stops reading: missing time steps stay missing. For a window that closes, or has the store.
     pub fn close(&self) {
         self.meter.cancel();
     }
@@ -130,19 +132,19 @@ impl Preview {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The most memory in bytes that the preview takes from now on, however many sessions show it.
+    /// The most memory of the preview from now on, in bytes, however many sessions show it.
     pub fn held_bytes(&self) -> u64 {
         let info = self.source.info();
         let step_bytes = LevelBricks::bytes(&self.pyramid, info.voxel_type);
         let kept = self.kept().cap().get() as u64;
         let is_all_kept = info.times == 1 && kept >= u64::from(info.channels);
-        // Nothing is read any more of what is all there.
+        // A complete preview reads nothing any more.
         let making = if is_all_kept { 0 } else { making_bytes(info, step_bytes) };
         let reading = if is_all_kept { 0 } else { self.threads() * self.source.reader_bytes() };
         kept * step_bytes + making + reading
     }
 
-    /// The bricks of one channel at one time step, from memory or from the source.
+    /// Returns the bricks of one channel at one time step, from memory or from the source.
     fn step(&self, time: u32, channel: u32) -> Step {
         if let Some(step) = self.kept().get(&(time, channel)) {
             return step.clone();
@@ -156,7 +158,7 @@ impl Preview {
             Ok((bricks, _)) => Ok(Arc::new(bricks)),
             Err(error) => Err(error.to_string()),
         };
-        // A failure too: each of the bricks would read all of it again.
+        // Failures too: otherwise each of the bricks would read everything again.
         if !self.meter.is_cancelled() {
             self.kept().put((time, channel), step.clone());
         }
@@ -201,19 +203,19 @@ impl Preview {
         Ok(LevelBricks::make(&self.pyramid, info.voxel_type, method, info.sought_nodata(), &voxels))
     }
 
-    /// The number of threads that read: as many as there are processors and memory for.
+    /// The number of reading threads, by processors and memory.
     fn threads(&self) -> u64 {
         let processors = std::thread::available_parallelism().map_or(1, usize::from) as u64;
         (self.memory_bytes / READING_PART / self.source.reader_bytes().max(1)).clamp(1, processors)
     }
 }
 
-/// Bytes of the voxels of one channel at one time step.
 fn voxels_bytes(info: &SourceInfo) -> u64 {
     info.extent.volume() * info.voxel_type.bytes() as u64
 }
 
-/// Bytes that making a channel's bricks at one time step takes: the voxels, and those bricks, whose place another step's may still have while one of them is copied.
+/// Bytes needed to make a channel's bricks at one time step: its voxels, and its bricks, whose place another step's may
+/// still occupy while one of them is copied.
 fn making_bytes(info: &SourceInfo, step_bytes: u64) -> u64 {
     step_bytes + voxels_bytes(info)
 }
@@ -245,13 +247,13 @@ impl BrickSource for Preview {
     }
 
     fn has_non_finite(&self) -> bool {
-        // What later time steps have is not known yet.
+        // The values of later time steps are still unknown.
         let may_come = self.times() > 1 && self.voxel_type().is_float();
         may_come || self.statistics.iter().any(ChannelStatistics::has_non_finite)
     }
 
     fn nodata(&self) -> Option<f64> {
-        // Of floats it becomes NaN.
+        // Those of floats become NaN.
         let nodata = self.source.info().nodata.filter(|_| !self.voxel_type().is_float());
         nodata.filter(|_| self.times() > 1 || self.statistics.iter().any(|channel| channel.nodata > 0))
     }
@@ -292,7 +294,7 @@ mod tests {
     use glam::DVec3;
     use std::sync::atomic::{AtomicU32, Ordering};
 
-    /// A source that computes its voxels, each from its place, counts its planes, and fails at a time step.
+    /// A source of computed voxels that counts its planes, and fails at a time step.
     struct Computed {
         info: SourceInfo,
         value: fn(&SourceInfo, u32, u32, [u32; 3]) -> f64,
@@ -364,7 +366,7 @@ mod tests {
         centre.dot(DVec3::new(1.0, 10.0, 100.0))
     }
 
-    /// Noise that differs with time and channel, some of it of the value for no data.
+    /// Noise by time and channel, with some voxels of no data.
     fn noise(_: &SourceInfo, time: u32, channel: u32, [x, y, z]: [u32; 3]) -> f64 {
         let key =
             u64::from(x) + 1009 * u64::from(y) + 100_003 * u64::from(z) + 7 * u64::from(time) + 3 * u64::from(channel);
@@ -384,7 +386,6 @@ mod tests {
         (folder, volume)
     }
 
-    /// Calls `check` with the place and value of every voxel of level 0.
     fn for_voxels(source: &dyn BrickSource, time: u32, channel: u32, mut check: impl FnMut([u32; 3], f64)) {
         let (pyramid, voxel_type) = (source.pyramid(), source.voxel_type());
         let LevelGrid { extent, bricks, .. } = pyramid.levels()[0];
@@ -435,7 +436,7 @@ mod tests {
         }
     }
 
-    /// Of a volume that is small enough for all of its voxels.
+    /// For a volume small enough for all of its voxels.
     #[test]
     fn a_volume_looks_as_its_store_does() {
         let look = ChannelLook { name: Some("dapi".into()), color: Some([0, 128, 255]), window: Some([-20.0, 300.0]) };
@@ -501,7 +502,7 @@ mod tests {
         look_at(0);
         assert_eq!(planes(), 600);
         assert!((2 * step_bytes..4 * step_bytes).contains(&preview.held_bytes()), "{}", preview.held_bytes());
-        // It is there once, whatever shows it.
+        // It exists once, however often it is shown.
         assert_eq!(preview.cache_bytes(), 0);
         let held_bytes = preview.held_bytes();
         assert_eq!(Arc::new(preview).volume().unwrap().held_bytes(), held_bytes);
@@ -541,7 +542,7 @@ mod tests {
         assert_eq!(preview.stride(), [7, 1, 1]);
     }
 
-    /// One voxel of several is no maximum of them, even at level 0; of a preview of all voxels level 0 is right.
+    /// One voxel of several is no maximum of them, even at level 0; in a preview of all voxels level 0 is right.
     #[test]
     fn previews_of_some_voxels_lose_maxima_at_every_level() {
         for (extent, expected) in [([400, 10, 10], [vec![0], vec![0]]), ([200, 10, 10], [vec![], vec![0]])] {

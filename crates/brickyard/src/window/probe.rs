@@ -1,5 +1,5 @@
-//! Values at one place: the exact values of all of a volume's channels in the voxel of the finest level that holds it. It reads one brick for each
-//! channel.
+//! Values at one place: exact values of all of a volume's channels in the voxel of the finest level there. Reads one
+//! brick for each channel.
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_pager::BrickError;
@@ -12,13 +12,13 @@ use std::borrow::Borrow;
 pub struct Probe {
     /// The voxel of level 0, `[x, y, z]` from 0.
     pub voxel: [u32; 3],
-    /// The voxel's centre in the world that the volume's store says.
+    /// The voxel's centre in the world of the volume's store.
     pub world: DVec3,
     /// The value of each channel in stored units; NaN where there is none.
     pub values: Vec<f64>,
 }
 
-/// Reads a volume at a place of the world that its store says, in a time step; `None` if the place is outside of the volume.
+/// Reads a volume at a place of its store's world, in a time step; `None` if the place is outside the volume.
 ///
 /// # Errors
 /// If a brick cannot be read.
@@ -49,7 +49,7 @@ pub fn probe_voxel(volume: &VolumeSource, time: u32, voxel: [u32; 3]) -> Result<
     probe_voxel_by(volume, time, voxel, read)
 }
 
-/// Reads a voxel of level 0 in a time step, of cores that `read` gives.
+/// Reads a voxel of level 0 in a time step, from cores returned by `read`.
 pub(crate) fn probe_voxel_by<B: Borrow<[u8]>>(
     volume: &VolumeSource,
     time: u32,

@@ -1,4 +1,4 @@
-//! GIF movies. Each picture has the 256 colours that suit it best (NeuQuant), or exactly its own where it has no more.
+//! GIF movies. Each picture has its own best 256 colours (NeuQuant), or exactly its own where these are fewer.
 
 use super::PictureRate;
 use crate::files::whole_file::WholeFile;
@@ -6,10 +6,11 @@ use brickyard_volume::Picture;
 use gif::{Encoder, EncodingError, Frame, Repeat};
 use std::io;
 
-/// Programs show a picture that should stay for less than 2 hundredths of a second for 10.
+/// Players show a picture of less than 2 hundredths of a second for 10.
 const FASTEST_PER_S: u32 = 50;
 
-/// NeuQuant learns a picture's colours from at least so many pixels, or from all that there are: more take time and are hardly better.
+/// Least number of pixels, if available, from which NeuQuant learns a picture's colours: more take time and hardly
+/// improve it.
 const LEARNED_PIXELS: usize = 100_000;
 
 pub(super) struct GifMovie {
@@ -19,7 +20,6 @@ pub(super) struct GifMovie {
 }
 
 impl GifMovie {
-    /// Whether a GIF can hold such pictures: else why not.
     pub(super) fn check((width, height): (u32, u32), rate: PictureRate) -> Result<(), String> {
         let most = u32::from(u16::MAX);
         if width > most || height > most {
@@ -33,7 +33,7 @@ impl GifMovie {
         Ok(())
     }
 
-    /// Begins a movie of a size and rate that [`GifMovie::check`] let pass.
+    /// Begins a movie of a size and rate that passed [`GifMovie::check`].
     pub(super) fn new(file: WholeFile, (width, height): (u32, u32), rate: PictureRate) -> io::Result<Self> {
         let mut encoder = Encoder::new(file, width as u16, height as u16, &[]).map_err(error)?;
         encoder.set_repeat(Repeat::Infinite).map_err(error)?;
@@ -42,7 +42,7 @@ impl GifMovie {
 
     pub(super) fn push(&mut self, picture: &Picture) -> io::Result<()> {
         let (width, height) = (picture.width as u16, picture.height as u16);
-        // Every so-many-th pixel, which is 30 at most.
+        // Stride between learned pixels, at most 30.
         let sampled = (picture.rgb.len() / LEARNED_PIXELS).clamp(1, 30) as i32;
         let mut frame = Frame::from_rgb_speed(width, height, picture.rgb.as_flattened(), sampled);
         let delay_cs = self.rate.begin_cs(self.pictures + 1) - self.rate.begin_cs(self.pictures);

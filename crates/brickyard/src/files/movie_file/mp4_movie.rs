@@ -1,4 +1,4 @@
-//! MP4 movies, which the program ffmpeg writes: it is given the pictures as YUV4MPEG2 through a pipe.
+//! MP4 movies, written by the program ffmpeg from YUV4MPEG2 through a pipe.
 
 use super::y4m_movie::Y4mMovie;
 use super::{MovieError, PictureRate};
@@ -10,13 +10,13 @@ use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::thread::JoinHandle;
 
-/// How much of what ffmpeg says is kept, bytes: the last of it.
+/// Bytes kept of ffmpeg's messages, the last ones.
 const SAID_BYTES: usize = 4096;
 
-/// ffmpeg's input: colours are BT.709 of limited range, which the header of YUV4MPEG2 cannot tell it.
+/// ffmpeg's input options. The header of YUV4MPEG2 cannot state that colours are BT.709 of limited range.
 const INPUT: &[&str] = &["-hide_banner", "-loglevel", "error", "-nostats", "-y", "-f", "yuv4mpegpipe", "-i", "pipe:0"];
 
-/// ffmpeg's output: what browsers and players take, of such quality that the loss is hardly seen.
+/// ffmpeg's output options: playable by browsers and players, with hardly visible loss.
 #[rustfmt::skip]
 const OUTPUT: &[&str] = &[
     "-an", "-vf", "setparams=range=tv:colorspace=bt709:color_primaries=bt709:color_trc=bt709",
@@ -31,13 +31,14 @@ pub(super) struct Mp4Movie {
     ffmpeg: Ffmpeg,
 }
 
-/// The size, in pixels, or the next larger one that is even: colours have half the resolution.
+/// Returns the size in pixels, rounded up to even numbers: colours have half the resolution.
 pub(super) fn even((width, height): (u32, u32)) -> (u32, u32) {
     (width.next_multiple_of(2), height.next_multiple_of(2))
 }
 
 impl Mp4Movie {
-    /// Begins a movie, after ffmpeg has written one of a single black picture of the same size in its place: so a lack of an encoder is known now.
+    /// Begins a movie, after ffmpeg has written a single black picture of the same size in its place: a missing encoder
+    /// is found now.
     pub(super) fn new(file: WholeFile, size_px: (u32, u32), rate: PictureRate) -> Result<Self, MovieError> {
         let size_px = even(size_px);
         let black = Picture { width: size_px.0, height: size_px.1, rgb: vec![[0; 3]; pixels(size_px)] };
@@ -48,14 +49,14 @@ impl Mp4Movie {
         start(trial.file)
     }
 
-    /// Writes a picture, which may lack the last column or row of the movie's size.
+    /// Writes a picture; it may lack the last column or row of the movie's size.
     pub(super) fn push(&mut self, picture: &Picture) -> Result<(), MovieError> {
         let is_even = (picture.width, picture.height) == self.size_px;
         let written =
             if is_even { self.ffmpeg.push(picture) } else { self.ffmpeg.push(&padded(picture, self.size_px)) };
         match written {
             Ok(()) => Ok(()),
-            // It has ended, and says why.
+            // It has ended, and reports why.
             Err(source) => {
                 self.ffmpeg.finish(self.file.path())?;
                 Err(MovieError::Write { path: self.file.path().into(), source })
@@ -70,7 +71,7 @@ impl Mp4Movie {
     }
 }
 
-/// The program while it runs. It is ended when this is dropped.
+/// The running program, killed on drop.
 struct Ffmpeg {
     child: Child,
     /// `None` once all pictures are written.
@@ -82,7 +83,7 @@ struct Ffmpeg {
 impl Ffmpeg {
     fn start(file: &WholeFile, size_px: (u32, u32), rate: PictureRate) -> Result<Self, MovieError> {
         let missing = |source| MovieError::NoFfmpeg { path: file.path().into(), source };
-        // A name with a colon would be a protocol's.
+        // A bare name with a colon would be taken for a protocol.
         let mut output = OsString::from("file:");
         output.push(file.temporary());
         let mut command = Command::new("ffmpeg");
@@ -106,7 +107,7 @@ impl Ffmpeg {
         }
     }
 
-    /// Ends the pictures and waits for the program. `path` is that of the movie.
+    /// Ends the pictures and waits for the program. `path` is the movie's.
     fn finish(&mut self, path: &Path) -> Result<(), MovieError> {
         let failed = |source| MovieError::Write { path: path.into(), source };
         let written = self.pictures.take().map_or(Ok(()), |pictures| pictures.finish().map(drop));
@@ -123,13 +124,13 @@ impl Ffmpeg {
 
 impl Drop for Ffmpeg {
     fn drop(&mut self) {
-        // It may have ended already. Its file is not to be written any more when it goes.
+        // It may have ended already. It must not write to its file once this is gone.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-/// The last of what comes out of a pipe until its other end is closed.
+/// Reads a pipe to its end, and returns its last bytes.
 fn last_of(mut pipe: impl Read) -> Vec<u8> {
     let (mut last, mut bytes) = (Vec::new(), [0; 1024]);
     loop {
@@ -140,13 +141,13 @@ fn last_of(mut pipe: impl Read) -> Vec<u8> {
                 last.drain(..last.len().saturating_sub(SAID_BYTES));
             }
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            // What came before is something.
+            // Keep the bytes before the error.
             Err(_) => return last,
         }
     }
 }
 
-/// A picture of a larger size, in pixels, in which the last column and row are repeated.
+/// Enlarges a picture to a size in pixels by repeating its last column and row.
 fn padded(picture: &Picture, size_px: (u32, u32)) -> Picture {
     let (width, height) = size_px;
     let mut rgb = Vec::with_capacity(pixels(size_px));

@@ -1,16 +1,16 @@
-//! How many pictures a movie shows in a second.
+//! Picture rates of movies.
 
 use std::fmt::{Display, Formatter};
 use std::str::FromStr;
 
-/// Pictures a second, from 0.01 to 1000, to a thousandth.
+/// Pictures per second, from 0.01 to 1000, to a thousandth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PictureRate {
     per_1000_s: u32,
 }
 
 impl PictureRate {
-    /// The rate as a fraction in lowest terms: pictures, and the seconds that they take.
+    /// The rate as a fraction in lowest terms: pictures over seconds.
     pub fn ratio(self) -> (u32, u32) {
         let mut rest = (self.per_1000_s, 1000);
         while rest.1 > 0 {
@@ -19,13 +19,12 @@ impl PictureRate {
         (self.per_1000_s / rest.0, 1000 / rest.0)
     }
 
-    /// When picture `index` begins, in hundredths of a second, rounded: so that errors do not add up.
+    /// Start of picture `index` in hundredths of a second, rounded individually so errors do not add up.
     pub(super) fn begin_cs(self, index: u64) -> u64 {
         let per_1000_s = u64::from(self.per_1000_s);
         (index * 100_000 + per_1000_s / 2) / per_1000_s
     }
 
-    /// Whether there are more pictures than this in a second.
     pub(super) fn exceeds(self, per_second: u32) -> bool {
         self.per_1000_s > per_second * 1000
     }

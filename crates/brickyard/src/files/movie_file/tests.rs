@@ -1,8 +1,8 @@
-//! Movies of a few pictures: what is in the files, and that nothing is left of those that fail.
+//! Movies of a few pictures: the contents of their files, and no remains of failed ones.
 
 use super::*;
 
-/// Pictures of this size that differ, each of few colours.
+/// Creates pictures of this size, all different, each of few colours.
 fn pictures((width, height): (u32, u32), count: u8) -> Vec<Picture> {
     let rgb = |i: u8| (0..width * height).map(|p| [i * 40, (p % 5) as u8 * 50, 255 - i * 20]).collect();
     (0..count).map(|i| Picture { width, height, rgb: rgb(i) }).collect()
@@ -18,7 +18,7 @@ fn write(path: &Path, pictures: &[Picture], rate: PictureRate) -> Result<(), Mov
     movie.finish()
 }
 
-/// The pictures of a GIF, and how long each stays, in hundredths of a second.
+/// Reads the pictures of a GIF, and the time of each in hundredths of a second.
 fn read_gif(path: &Path) -> (Vec<Vec<[u8; 3]>>, Vec<u16>) {
     let mut options = gif::DecodeOptions::new();
     options.set_color_output(gif::ColorOutput::RGBA);

@@ -1,7 +1,8 @@
-//! YUV4MPEG2 movies: a line that says what follows, then each picture's planes, uncompressed.
+//! YUV4MPEG2 movies: a header line, then each picture's planes, uncompressed.
 //!
-//! Colours have a plane in full resolution (4:4:4), for thin coloured things in dark volumes lose their colour at half of it. They are BT.709 of
-//! limited range, which is what players take: black is 16, white 235. Rounding there and back is off by at most 2 of 255.
+//! Colour planes have full resolution (4:4:4), since thin coloured structures in dark volumes lose their colour at half
+//! of it. They are BT.709 of limited range, as players expect: black is 16, white 235. The round trip is off by at most
+//! 2 of 255.
 
 use super::PictureRate;
 use brickyard_volume::Picture;
@@ -15,7 +16,8 @@ pub(super) struct Y4mMovie<W> {
 impl<W: Write> Y4mMovie<W> {
     pub(super) fn new(mut file: W, (width, height): (u32, u32), rate: PictureRate) -> io::Result<Self> {
         let (pictures, seconds) = rate.ratio();
-        // Parameters with X are for who knows them. The range's is ffmpeg's; none is known for the matrix, which the last one tells a reader.
+        // Parameters with X are extensions. The range's is ffmpeg's; the matrix has no known one, so the last is for
+        // human readers.
         let parameters = "Ip A1:1 C444 XYSCSS=444 XCOLORRANGE=LIMITED XMATRIX=BT709";
         writeln!(file, "YUV4MPEG2 W{width} H{height} F{pictures}:{seconds} {parameters}")?;
         Ok(Self { file, planes: Default::default() })
@@ -32,14 +34,14 @@ impl<W: Write> Y4mMovie<W> {
         self.planes.iter().try_for_each(|plane| self.file.write_all(plane))
     }
 
-    /// Writes out what is left, and returns what was written to.
+    /// Flushes and returns the writer.
     pub(super) fn finish(mut self) -> io::Result<W> {
         self.file.flush()?;
         Ok(self.file)
     }
 }
 
-/// Y, Cb and Cr of a colour by ITU-R BT.709: Y from 16 to 235, the others from 16 to 240 with 128 for gray.
+/// Converts a colour to Y, Cb and Cr by ITU-R BT.709: Y from 16 to 235, the others from 16 to 240 with 128 for gray.
 fn limited_bt709(rgb: [u8; 3]) -> [u8; 3] {
     let [r, g, b] = rgb.map(|value| f64::from(value) / 255.0);
     let luma = 0.2126 * r + 0.7152 * g + 0.0722 * b;
@@ -51,7 +53,7 @@ fn limited_bt709(rgb: [u8; 3]) -> [u8; 3] {
 mod tests {
     use super::*;
 
-    /// The way back, by BT.709's own equations.
+    /// The inverse, by BT.709's own equations.
     fn rgb([y, cb, cr]: [u8; 3]) -> [f64; 3] {
         let luma = (f64::from(y) - 16.0) / 219.0;
         let [blue, red] = [cb, cr].map(|value| (f64::from(value) - 128.0) / 224.0);

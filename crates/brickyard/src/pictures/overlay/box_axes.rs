@@ -1,5 +1,6 @@
-//! The box around what is shown, with ticks in world units along three of its edges: for each axis along the edge that is outermost in the picture, so that they
-//! stand over nothing. Edges of the box that are nearer than what is in it are left out, so that they hide nothing either.
+//! The box around the volumes, with ticks in world units along three of its edges: for each axis the outermost one in
+//! the picture, where ticks cover nothing. Edges in front of the box's contents are left out, so they hide nothing
+//! either.
 
 use super::canvas::{Area, Lens, Pen, settle};
 use super::round::ticks;
@@ -8,34 +9,35 @@ use brickyard_volume::box_corners;
 use brickyard_volume::numbers::within_span;
 use glam::{DVec3, Vec2, vec2};
 
-/// How far ticks are apart, in points.
+/// Distance between ticks, in points.
 const APART: f64 = 60.0;
 
-/// How long they are, in points.
+/// Length of a tick, in points.
 const LENGTH: f32 = 5.0;
 
 /// Height of the numbers and of the axes' names, in points.
 const NUMBER: f32 = 10.5;
 const NAME: f32 = 12.0;
 
-/// The twelve edges of a box.
+/// Returns the twelve edges of a box.
 pub fn edges(corners: (DVec3, DVec3)) -> impl Iterator<Item = [DVec3; 2]> {
     (0..3).flat_map(move |axis| along(corners, axis))
 }
 
-/// The four edges of a box along an axis.
+/// Returns the four edges of a box along an axis.
 fn along(corners: (DVec3, DVec3), axis: usize) -> impl Iterator<Item = [DVec3; 2]> {
     let starts = (0..8usize).filter(move |i| i >> axis & 1 == 0);
     let corners = box_corners(corners);
     starts.map(move |i| [corners[i], corners[i | 1 << axis]])
 }
 
-/// Draws the edges of a world's box that are not before what is in it.
+/// Draws the edges of a world's box, except those in front of its contents.
 pub fn draw_edges(lens: &mut Lens<'_>, world: &World<'_>) {
     for axis in 0..3 {
         let edges: Vec<_> = along(world.corners, axis).collect();
         for edge in edges {
-            // The edge is between two faces. It is before what is in the box if the outer sides of both are seen, and behind it if neither's is.
+            // An edge between two faces is in front of the box's contents if the outer sides of both are visible, and
+            // behind them if neither is.
             let seen = (0..3).filter(|&other| other != axis).map(|other| is_face_seen(lens, world, edge[0], other));
             let seen = seen.filter(|is_seen| *is_seen).count();
             if let (true, [Some(a), Some(b)]) = (seen < 2, edge.map(|end| lens.place(end))) {
@@ -45,7 +47,7 @@ pub fn draw_edges(lens: &mut Lens<'_>, world: &World<'_>) {
     }
 }
 
-/// Whether the outer side of a box's face across an axis, which has this point, is seen.
+/// Whether the outer side of a box's face across an axis, at this point, is visible.
 fn is_face_seen(lens: &Lens<'_>, world: &World<'_>, point: DVec3, axis: usize) -> bool {
     let (low, high) = world.corners;
     let outward = if point[axis] > (low[axis] + high[axis]) / 2.0 { 1.0 } else { -1.0 };
@@ -77,7 +79,8 @@ pub fn draw_ticks(lens: &mut Lens<'_>, world: &World<'_>, taken: &mut Vec<Area>)
     }
 }
 
-/// Writes the name of an axis beside the middle of its edge, or where that is out of the picture, beyond one of its ends, or on the other side.
+/// Writes the name of an axis beside the middle of its edge, or, outside the picture, beyond one of its ends or on the
+/// other side.
 fn name_axis(lens: &mut Lens<'_>, [start, end, aside]: [Vec2; 3], text: &str, pen: Pen, taken: &mut Vec<Area>) {
     let size = vec2(lens.canvas.text_width(text, NAME), NAME);
     let all = lens.canvas.size();
@@ -91,7 +94,7 @@ fn name_axis(lens: &mut Lens<'_>, [start, end, aside]: [Vec2; 3], text: &str, pe
     }
 }
 
-/// Writes a number around the first of two places, or if it would be cut there, around the second.
+/// Writes a number around the first of two places, or if cut off there, around the second.
 fn write(lens: &mut Lens<'_>, places: [Vec2; 2], text: &str, taken: &mut Vec<Area>) {
     let half = vec2(lens.canvas.text_width(text, NUMBER), NUMBER) / 2.0;
     let all = lens.canvas.size();
@@ -101,18 +104,19 @@ fn write(lens: &mut Lens<'_>, places: [Vec2; 2], text: &str, taken: &mut Vec<Are
     lens.canvas.text(place, vec2(0.5, 0.5), text, NUMBER, Pen::Pale);
 }
 
-/// The edge along an axis whose middle is farthest below or beside the box's middle in the picture; `None` if the eye is in the way.
+/// Returns the edge along an axis with its middle farthest below or beside the box's middle in the picture; `None` if
+/// the eye is in the way.
 fn outermost(lens: &Lens<'_>, corners: (DVec3, DVec3), axis: usize, middle: Vec2) -> Option<[DVec3; 2]> {
     let distance = |[from, to]: &[DVec3; 2]| {
         let by = lens.place((*from + *to) * 0.5)? - middle;
-        // Below rather than above, where the eye looks for scales.
+        // Prefer below to above, where the eye looks for scales.
         Some(by.length() + by.y.max(0.0))
     };
     let placed = along(corners, axis).filter_map(|edge| Some((distance(&edge)?, edge)));
     placed.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, edge)| edge)
 }
 
-/// At right angles to an edge, away from the middle; of length 1.
+/// Returns the unit vector at right angles to an edge, away from the middle.
 fn outward(start: Vec2, end: Vec2, middle: Vec2) -> Vec2 {
     let across = (end - start).normalize_or_zero().perp();
     if across.dot(start.lerp(end, 0.5) - middle) < 0.0 { -across } else { across }

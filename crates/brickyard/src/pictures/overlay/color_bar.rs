@@ -1,5 +1,5 @@
-//! Colour bars: what value has which colour, for the layers that are shown and have colours for values, or for the expression over them, with the name above. Layers
-//! with the same colours over the same values have one bar.
+//! Colour bars: colours by value, for the visible layers with colours for values, or for the expression over them, with
+//! the name above. Layers with the same colours over the same values share a bar.
 
 use super::canvas::{Area, Canvas, Pen, settle};
 use super::round::ticks;
@@ -10,12 +10,12 @@ use brickyard_volume::numbers::within_span;
 use brickyard_volume::{Mode, Scene, TransferFunction};
 use glam::{Vec2, vec2};
 
-/// A bar's width, its height unless the picture is too low, and its least height, in points.
+/// A bar's width, its usual height, and its least height in low pictures, in points.
 const WIDTH: f32 = 12.0;
 const HEIGHT: f32 = 160.0;
 const LEAST_HEIGHT: f32 = 60.0;
 
-/// The part of the picture's height that a bar takes at most with its name.
+/// Greatest share of the picture's height for a bar with its name.
 const MOST_OF_HEIGHT: f32 = 0.5;
 
 /// Number of colours along it.
@@ -30,26 +30,27 @@ const TEXT: f32 = 11.0;
 /// Height of a name with the space below it, in points.
 const HEAD: f32 = TEXT + 8.0;
 
-/// How far the lower end of a name is above its bar, in points.
+/// Distance between a name and its bar, in points.
 const NAME_ABOVE: f32 = 7.0;
 
 /// The most characters of a name.
 const LONGEST: usize = 16;
 
-/// The part of the picture's width that bars take at most, but for the first, which is always there.
+/// Greatest share of the picture's width for bars, except the first, which is always there.
 const MOST_OF_WIDTH: f32 = 0.4;
 
 /// The bar of a layer, and of others with the same colours.
 pub struct Bar {
     name: String,
-    /// How many others there are.
+    /// Number of the other layers.
     others: usize,
     function: TransferFunction,
-    /// Round values, and how they are written.
+    /// Round values with their text.
     ticks: Vec<(f64, String)>,
 }
 
-/// The bars of the layers that are shown, in the order of the first layer of each, or of the expression over them, each of the function that is drawn. Labels have none, and neither have surfaces that were given a colour.
+/// Returns the bars of the visible layers, in the order of each bar's first layer, or of the expression over them, each
+/// of the drawn function. Labels have none, nor have surfaces with a colour of their own.
 pub fn bars(scene: &Scene, volumes: &[VolumeSource]) -> Vec<Bar> {
     if let Some(expression) = &scene.expression {
         let has_all = (0..scene.layers.len()).all(|layer| scene.store(layer) < volumes.len());
@@ -75,7 +76,8 @@ pub fn bars(scene: &Scene, volumes: &[VolumeSource]) -> Vec<Bar> {
     bars
 }
 
-/// Draws colour bars side by side, the first one at the right, where they hide least, and how many more there are of which the picture has no room.
+/// Draws colour bars side by side, the first one at the right, where they hide least, and the number of bars left out
+/// for lack of room.
 pub fn draw(canvas: &mut dyn Canvas, bars: &[Bar], taken: &mut Vec<Area>) {
     let all = canvas.size();
     let height = HEIGHT.min(MOST_OF_HEIGHT * all.y - HEAD);
@@ -111,19 +113,17 @@ pub fn draw(canvas: &mut dyn Canvas, bars: &[Bar], taken: &mut Vec<Area>) {
 }
 
 impl Bar {
-    /// The bar of a function; `None` if it has one value alone.
+    /// Creates the bar of a function; `None` if it has a single value.
     fn new(name: &str, function: TransferFunction) -> Option<Self> {
         let (low, high) = function.span();
         let ticks = ticks(low, high, 4.0).into_iter().map(|tick| (tick, within_span(tick, high - low))).collect();
         (low < high).then_some(Self { name: short_name(name, LONGEST), others: 0, function, ticks })
     }
 
-    /// Whether another bar has the same colours for the same values.
     fn is_like(&self, other: &Self) -> bool {
         self.function.color == other.function.color && self.function.span() == other.function.span()
     }
 
-    /// What stands above the bar.
     pub(super) fn title(&self) -> String {
         if self.others == 0 { self.name.clone() } else { format!("{} +{}", self.name, self.others) }
     }
@@ -138,7 +138,7 @@ impl Bar {
         self.ticks.iter().map(|(_, text)| text.as_str()).collect()
     }
 
-    /// The width that the bar takes with its texts, in points.
+    /// The width of the bar with its texts, in points.
     fn width(&self, canvas: &dyn Canvas) -> f32 {
         let ticks = self.ticks.iter().map(|(_, text)| canvas.text_width(text, TEXT)).fold(0.0, f32::max);
         GAP + (WIDTH + 5.0 + ticks).max(canvas.text_width(&self.title(), TEXT))

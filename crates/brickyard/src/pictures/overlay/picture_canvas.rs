@@ -1,5 +1,5 @@
-//! A finished picture as a canvas. Lines and letters are drawn by coverage, with a rim that sets them off from what is under them; that costs the pixels of the
-//! rectangles around them.
+//! A finished picture as a canvas. Lines and letters are drawn by coverage, with a rim that sets them off from the
+//! picture; costs the pixels of the rectangles around them.
 
 use super::canvas::{AXIS_COLORS, Area, Canvas, Pen};
 use ab_glyph::{Font, FontRef, Glyph, PxScale, ScaleFont, point};
@@ -8,47 +8,45 @@ use epaint_default_fonts::{HACK_REGULAR, UBUNTU_LIGHT};
 use glam::{IVec2, Vec2, vec2};
 use std::sync::LazyLock;
 
-/// The least width and height of a picture that is written on, pixels: in a smaller one letters would hide too much.
+/// Least width and height in pixels of a picture with letters: in a smaller one they would hide too much.
 pub const LEAST_PX: u32 = 96;
 
-/// Width or height in points of a picture, whichever is less: so that letters are as large in large pictures as in small ones.
+/// Lesser of a picture's width and height, in points: letters keep their relative size in large pictures.
 const POINTS: f32 = 400.0;
 
-/// The least pixels of a point: letters can be read.
+/// The least pixels of a point, for legible letters.
 const LEAST_SCALE: f32 = 0.85;
 
-/// The fonts, each for what those before it do not have.
+/// The fonts, each a fallback for those before it.
 static FONTS: LazyLock<[FontRef<'static>; 2]> = LazyLock::new(|| {
     [UBUNTU_LIGHT, HACK_REGULAR].map(|font| FontRef::try_from_slice(font).expect("the fonts come with the program"))
 });
 
-/// The first character of a text that no font has.
+/// Returns the first character of a text missing in all fonts.
 pub(crate) fn first_unknown(text: &str) -> Option<char> {
     text.chars().find(|&letter| FONTS.iter().all(|font| font.glyph_id(letter).0 == 0))
 }
 
-/// The font that a text is written in: the first that has all of it.
+/// Returns the font for a text: the first with all of its characters.
 fn font_of(text: &str) -> &'static FontRef<'static> {
     let has_all = |font: &&FontRef<'_>| text.chars().all(|letter| font.glyph_id(letter).0 != 0);
     FONTS.iter().find(has_all).unwrap_or(&FONTS[1])
 }
 
-/// The codes from the background on that hide a line behind them. The picture does not know how much light its haze lets pass, but the haze around a body, which most
-/// volumes have, is fainter than this; a line is seen through it all the less the nearer it is to that.
+/// Codes from the background on that hide a line behind them. The picture has no transparency, but haze around a body,
+/// present in most volumes, is fainter than this; a line fades out towards it.
 const HAZE: f32 = 16.0;
 
-/// A picture that is drawn on.
 pub(crate) struct PictureCanvas<'a> {
     picture: &'a mut Picture,
-    /// How far each pixel was from the background before anything was drawn, in codes of its farthest colour; 0 where nothing of the volumes was shown.
+    /// Distance of each pixel from the background before any drawing, in codes of its farthest colour; 0 where no
+    /// volume was visible.
     shown: Vec<u8>,
     pixels_per_point: f32,
-    /// Whether the background is light.
     is_light: bool,
 }
 
 impl<'a> PictureCanvas<'a> {
-    /// A picture with this background behind what it shows, as a canvas.
     pub(crate) fn new(picture: &'a mut Picture, background: [f64; 3]) -> Self {
         let behind = Picture::quantise(background.map(|c| c as f32));
         let farthest = |pixel: &[u8; 3]| pixel.iter().zip(behind).map(|(a, b)| a.abs_diff(b)).fold(0, u8::max);
@@ -58,7 +56,7 @@ impl<'a> PictureCanvas<'a> {
         Self { picture, shown, pixels_per_point, is_light: luminance > 0.5 }
     }
 
-    /// The colour of a pen, and that of the rim around what it draws.
+    /// Returns a pen's colour, and its rim's.
     fn colors(&self, pen: Pen) -> ([f32; 3], [f32; 3]) {
         let axes = AXIS_COLORS.map(|color| color.map(f32::from));
         let color = match (pen, self.is_light) {
@@ -73,7 +71,7 @@ impl<'a> PictureCanvas<'a> {
         (color, if self.is_light { [255.0; 3] } else { [0.0; 3] })
     }
 
-    /// The rows and columns of an area in pixels, as far as they are in the picture.
+    /// Returns the rows and columns of an area in pixels, within the picture.
     fn pixels(&self, area: &Area) -> (std::ops::Range<u32>, std::ops::Range<u32>) {
         // Casts of floats saturate.
         let within = |low: f32, high: f32, count: u32| {
@@ -104,7 +102,7 @@ impl Canvas for PictureCanvas<'_> {
             let beyond = (-ahead).max(ahead - length).max(0.0);
             (half + 0.5 - aside).clamp(0.0, 1.0) * (1.0 - beyond).clamp(0.0, 1.0)
         });
-        // A line of the box is thin and at many pixels: it has no rim, which would be most of it.
+        // Lines of the box are thin and long: a rim would be most of them.
         let rim_px = if pen == Pen::Strong { (self.pixels_per_point).round() as i32 } else { 0 };
         self.put(&ink, pen, rim_px, is_behind);
     }
@@ -157,7 +155,7 @@ impl Canvas for PictureCanvas<'_> {
 }
 
 impl PictureCanvas<'_> {
-    /// Puts ink on the picture, with a rim of `rim_px`. Ink that `is_behind` is put where nothing of the volumes is, and shines through what is as faint as haze.
+    /// Puts ink on the picture, with a rim of `rim_px`. With `is_behind`, the volumes hide the ink, and haze fades it.
     fn put(&mut self, ink: &Ink, pen: Pen, rim_px: i32, is_behind: bool) {
         let (color, rim_color) = self.colors(pen);
         let (width, height) = (self.picture.width as i32, self.picture.height as i32);
@@ -178,7 +176,7 @@ impl PictureCanvas<'_> {
     }
 }
 
-/// The part of a line that is in the picture or a little beside it; `None` if there is none. Ends may be far away.
+/// Clips a line to the picture and a little around it; `None` if nothing is left. Ends may be far away.
 fn in_picture([from, to]: [Vec2; 2], size_px: Vec2) -> Option<[Vec2; 2]> {
     const BESIDE: f32 = 16.0;
     let (mut start, mut end) = (0.0f32, 1.0f32);
@@ -195,7 +193,7 @@ fn in_picture([from, to]: [Vec2; 2], size_px: Vec2) -> Option<[Vec2; 2]> {
     (start <= end).then(|| [from.lerp(to, start), from.lerp(to, end)])
 }
 
-/// How much of each pixel of a rectangle is covered, 0 to 1.
+/// Coverage of each pixel of a rectangle, 0 to 1.
 struct Ink {
     min: IVec2,
     size: IVec2,
@@ -203,7 +201,6 @@ struct Ink {
 }
 
 impl Ink {
-    /// No ink, with room between these corners.
     fn new(low: Vec2, high: Vec2) -> Self {
         let min = low.floor().as_ivec2();
         Self::of(min, (high.ceil().as_ivec2() - min).max(IVec2::ZERO))
@@ -234,14 +231,13 @@ impl Ink {
         }
     }
 
-    /// Covers each pixel as `coverage` says of its centre.
     fn fill(&mut self, coverage: impl Fn(Vec2) -> f32) {
         for place in self.places() {
             self.add(place, coverage(place.as_vec2() + 0.5));
         }
     }
 
-    /// This ink and what is within so many pixels of it.
+    /// Dilates this ink by `rim_px`.
     fn rim(&self, rim_px: i32) -> Self {
         let mut rim = Self::of(self.min - rim_px, self.size + 2 * rim_px);
         for place in self.places().filter(|place| self.coverage_at(*place) > 0.0) {

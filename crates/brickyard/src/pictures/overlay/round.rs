@@ -1,18 +1,18 @@
 //! Round numbers: lengths of 1, 2 or 5 times a power of ten, and their multiples.
 
-/// The greatest length of 1, 2 or 5 times a power of ten that is no more than `most`; `None` if there is none.
+/// Returns the greatest length of 1, 2 or 5 times a power of ten up to `most`; `None` if there is none.
 pub fn round_length(most: f64) -> Option<f64> {
     let power = 10f64.powf(most.log10().floor());
     let round = [5.0, 2.0, 1.0].into_iter().map(|factor| factor * power).find(|&length| length <= most * (1.0 + 1e-9));
-    // Written as users write it: 0.2, not 0.2000000001.
+    // As users write it: 0.2, not 0.2000000001.
     round.and_then(|length| format!("{length:.3e}").parse().ok()).filter(|length: &f64| length.is_normal())
 }
 
-/// The round numbers from `low` to `high`, about `count` of them or more.
+/// Returns the round numbers from `low` to `high`, about `count` of them or more.
 pub fn ticks(low: f64, high: f64, count: f64) -> Vec<f64> {
     let Some(step) = round_length((high - low) / count.max(1.0)) else { return Vec::new() };
     let first = (low / step).ceil();
-    // No more than ten times as many as were asked for: steps are at most 2.5 times too short.
+    // At most ten times the requested count: steps are at most 2.5 times too short.
     let number = (((high - low) / step).floor().max(0.0) as u32).min(1000);
     let ticks = (0..=number).map(|i| (first + f64::from(i)) * step).filter(|tick| *tick <= high + 1e-9 * step);
     ticks.map(|tick| format!("{tick:.12e}").parse().unwrap_or(tick)).collect()

@@ -1,20 +1,20 @@
-//! A scale bar: a length of 1, 2 or 5 times a power of ten, at the distance of the camera's target.
+//! Scale bars: lengths of 1, 2 or 5 times a power of ten, at the distance of the camera's target.
 
 use super::canvas::{Area, Lens, Pen, settle};
 use super::round::round_length;
 use brickyard_volume::Camera;
 use glam::{Vec2, vec2};
 
-/// The part of the picture's width that the bar takes at most.
+/// Greatest share of the picture's width for the bar.
 const MOST_OF_WIDTH: f64 = 0.25;
 
 /// Height of the text, in points.
 const TEXT: f32 = 13.0;
 
-/// Space between the bar and the picture's edge to its right or left, and below or above it, in points.
+/// Space between the bar and the picture's edges, horizontally and vertically, in points.
 const MARGIN: Vec2 = vec2(20.0, 16.0);
 
-/// Draws the scale bar of a camera's picture, whose world has this unit.
+/// Draws the scale bar of a camera's picture; `unit` is the world's.
 pub fn draw(lens: &mut Lens<'_>, camera: &Camera, unit: &str, taken: &mut Vec<Area>) {
     let points_per_unit = lens.points_per_unit((camera.target - camera.eye).dot(lens.rays.forward));
     let all = lens.canvas.size();

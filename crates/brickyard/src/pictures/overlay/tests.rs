@@ -7,7 +7,7 @@ use brickyard_volume::{
 };
 use std::sync::Arc;
 
-/// Volumes of nothing, 16 x 24 x 32 millimetres, of values up to this.
+/// Volumes of zeros, 16 x 24 x 32 millimetres, with this range of values.
 struct Nothing {
     pyramid: Pyramid,
     geometry: Geometry,
@@ -49,7 +49,7 @@ fn volume(values: (f64, f64), are_labels: bool) -> VolumeSource {
     VolumeSource::new(Arc::new(Nothing { pyramid, geometry, values, are_labels }))
 }
 
-/// A scene of one volume, seen along z: a pixel is 0.125 units in a picture 320 pixels high.
+/// Creates a scene of one volume, seen along z: a pixel is 0.125 units in a picture 320 pixels high.
 fn scene() -> Scene {
     let target = DVec3::new(8.0, 12.0, 16.0);
     let projection = Projection::Orthographic { height: 40.0 };
@@ -59,14 +59,13 @@ fn scene() -> Scene {
 
 const SIZE_PX: (u32, u32) = (480, 320);
 
-/// A picture that shows gray in these pixels, and black elsewhere.
+/// Creates a picture with gray in these pixels, and black elsewhere.
 fn picture(shows: impl Fn(u32, u32) -> bool) -> Picture {
     let (width, height) = SIZE_PX;
     let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
     Picture { width, height, rgb: pixels.map(|(x, y)| if shows(x, y) { [90; 3] } else { [0; 3] }).collect() }
 }
 
-/// The pixels that overlays change.
 fn changed(overlays: &Overlays, scene: &Scene, shows: impl Fn(u32, u32) -> bool) -> Vec<(u32, u32)> {
     let before = picture(shows);
     let mut drawn = before.clone();
@@ -84,7 +83,7 @@ fn each_part_is_drawn_where_it_hides_least() {
     ] {
         let free = changed(&part, &scene(), |_, _| false);
         assert!(free.len() > 60, "{part:?}: {}", free.len());
-        // Where it would be if nothing were there, there is something; and in all but one of the other corners.
+        // Its default place is occupied, and all but one of the other corners.
         for (left, top) in [(false, false), (false, true), (true, false), (true, true)] {
             let is_free = |x: u32, y: u32| (x < 230) == left && if top { y < 190 } else { y >= 130 };
             let found = changed(&part, &scene(), |x, y| !is_free(x, y));
@@ -125,7 +124,7 @@ fn a_scale_bar_is_as_long_as_it_says() {
 #[test]
 fn edges_of_the_box_hide_nothing() {
     let axes = Overlays { axes: true, ..Overlays::default() };
-    // Seen from a corner, so that three edges are behind and three before what is in the box.
+    // Seen from a corner: three edges are behind the contents of the box and three in front of them.
     let target = DVec3::new(8.0, 12.0, 16.0);
     let camera = Camera { eye: target + 100.0 * DVec3::new(1.0, 1.2, 0.9), target, ..scene().camera.unwrap() };
     let scene = Scene { camera: Some(Camera { up: DVec3::Z, ..camera }), ..scene() };
@@ -212,7 +211,7 @@ fn long_names_lack_their_middle() {
     assert_eq!(short_name("\u{e9}\u{e8}\u{ea}\u{eb}", 3), "\u{e9}\u{2026}\u{eb}");
 }
 
-/// Whether it is given with the scene, or left open as in a window, the bar's function is the one that draws.
+/// The window of the bar's function is the drawn one, whether set in the scene or left open as in a window.
 #[test]
 fn an_expression_s_bar_has_the_window_that_is_drawn() {
     let volumes = [volume((0.0, 2.0), false), volume((0.0, 4.0), false)];

@@ -1,4 +1,4 @@
-//! The cores of bricks that picks read: the last used ones are kept, up to so many bytes, since the next pick is most often beside this one.
+//! Cores of bricks read by picks: an LRU within a byte limit, since most picks are near the previous one.
 
 use crate::session::volume_source::VolumeSource;
 use brickyard_pager::{BrickError, BrickSource};
@@ -6,13 +6,12 @@ use brickyard_volume::BrickId;
 use lru::LruCache;
 use std::sync::{Arc, Weak};
 
-/// Decoded cores of the bricks of some volumes in one time step.
 pub(super) struct Cores {
     most_bytes: u64,
     bytes: u64,
-    /// By the volume's place and the brick; the volumes' voxels as they are.
+    /// Keyed by the volume's place and the brick; in the volumes' own voxel types.
     held: LruCache<(usize, BrickId), Arc<[u8]>>,
-    /// Whose cores they are.
+    /// The volumes of the cores.
     volumes: Vec<Weak<dyn BrickSource>>,
     time: u32,
     /// Bricks decoded so far.
@@ -25,7 +24,7 @@ impl Cores {
         Self { most_bytes, bytes: 0, held, volumes, time: 0, decoded: 0 }
     }
 
-    /// Goes on with these volumes and this time step. Cores of others are let go.
+    /// Switches to these volumes and this time step, dropping the cores of others.
     pub(super) fn turn_to(&mut self, volumes: &[VolumeSource], time: u32) {
         let is_same = |(held, volume): (&Weak<dyn BrickSource>, &VolumeSource)| {
             held.upgrade().is_some_and(|held| Arc::ptr_eq(&held, &volume.source))
@@ -39,7 +38,7 @@ impl Cores {
         }
     }
 
-    /// A brick's core: one that is held, or else decoded now.
+    /// Returns a brick's core, decoding it unless held.
     pub(super) fn read(
         &mut self,
         volume: usize,
@@ -55,7 +54,7 @@ impl Cores {
         self.decoded += 1;
         self.bytes += bytes as u64;
         self.held.put((volume, id), core.clone());
-        // The one that was just read stays, however large it is.
+        // The latest one stays, however large it is.
         while self.bytes > self.most_bytes && self.held.len() > 1 {
             let (_, oldest) = self.held.pop_lru().expect("there are several");
             self.bytes -= oldest.len() as u64;

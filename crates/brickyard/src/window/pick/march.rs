@@ -1,47 +1,46 @@
-//! Where along a ray what is seen is: halfway through the opacity that it collects, at its first surface, or at its extreme value. Each is found
-//! on the whole ray at a coarse level first, and then in ever finer levels about what was found.
+//! Visible points along a ray: halfway through its total opacity, at its first surface, or at its extreme value. Each
+//! is found on the whole ray at a coarse level first, then refined locally, level by level.
 
 use super::cores::Cores;
 use super::way::{Reader, Way};
 use brickyard_pager::BrickError;
 use brickyard_volume::{Combination, Level, MAX_VOLUMES, Mode, Surface, surface};
 
-/// Samples in a voxel of a level, along the axis along which the ray is fastest.
+/// Samples per voxel of a level, along the ray's fastest axis.
 const SAMPLES: f64 = 2.0;
 
-/// The same at level 0, about what was found.
+/// Samples per voxel at level 0, in the last search.
 const FINEST_SAMPLES: f64 = 8.0;
 
-/// Voxels of the level before on each side of what was found that are searched in the next.
+/// Search radius in the next finer level, in voxels of the coarser one.
 const AROUND: f64 = 2.0;
 
-/// The share of light that a ray must collect for anything to be seen.
+/// The least opacity of a ray with a visible point.
 const LEAST_OPACITY: f64 = 0.02;
 
-/// So many halvings of the light are as good as all of it.
+/// Halvings of light that count as all of it.
 const OPAQUE_DEPTH: f64 = 64.0;
 
-/// A ray that has passed so many halvings is not followed further.
+/// Halvings of light after which a ray ends.
 const FAINT_DEPTH: f64 = 12.0;
 
-/// A place along the ray, and whose it is, by its number among the ways.
+/// A place along the ray, and its layer as a number among the ways.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Hit {
     pub(super) t: f64,
     pub(super) way: usize,
 }
 
-/// A search along a ray: the ways, and by how many levels each is finer than at first.
+/// A search along a ray: the ways, and the number of levels each is finer than at first.
 struct Search<'w, 'a> {
     ways: &'w [Way<'a>],
     combination: Option<&'w Combination>,
     finer: u8,
-    /// From where to where.
+    /// Start and end.
     range: [f64; 2],
 }
 
 impl<'w, 'a> Search<'w, 'a> {
-    /// The search of the whole ray.
     fn whole(ways: &'w [Way<'a>], combination: Option<&'w Combination>) -> Self {
         let from = ways.iter().map(|way| way.stretch[0]).fold(f64::INFINITY, f64::min);
         let to = ways.iter().map(|way| way.stretch[1]).fold(0.0, f64::max);
@@ -52,7 +51,7 @@ impl<'w, 'a> Search<'w, 'a> {
         Level(way.level.0.saturating_sub(self.finer))
     }
 
-    /// The length of a voxel of the finest level that is read.
+    /// The length of a voxel of the finest level in use.
     fn voxel_length(&self) -> f64 {
         self.ways.iter().map(|way| way.voxel_length(self.level(way))).fold(f64::INFINITY, f64::min)
     }
@@ -62,7 +61,7 @@ impl<'w, 'a> Search<'w, 'a> {
         self.finer > 0 && self.ways.iter().all(|way| self.level(way) == Level(0))
     }
 
-    /// The next finer search about a place; `None` if this one was the finest.
+    /// Returns the next finer search around a place; `None` if this one was the finest.
     fn about(&self, t: f64) -> Option<Self> {
         let around = AROUND * self.ways.iter().map(|way| way.voxel_length(self.level(way))).fold(0.0, f64::max);
         let whole = Self::whole(self.ways, self.combination).range;
@@ -74,7 +73,6 @@ impl<'w, 'a> Search<'w, 'a> {
         self.ways.iter().map(|way| Reader::new(way, self.level(way), self.finer == 0)).collect()
     }
 
-    /// The samples' segments, near to far.
     fn segments(&self) -> impl Iterator<Item = [f64; 2]> + use<> {
         let samples = if self.is_finest() { FINEST_SAMPLES } else { SAMPLES };
         let [from, to] = self.range;
@@ -84,11 +82,11 @@ impl<'w, 'a> Search<'w, 'a> {
     }
 }
 
-/// How much light has been halved along a ray.
+/// Halvings of light along a ray.
 struct Collected {
-    /// Where the first segment begins, and how often light has been halved before it.
+    /// Start of the first segment, and the halvings of light before it.
     first: (f64, f64),
-    /// Where each segment ends, how often light has been halved before that, and whose segment it is most.
+    /// End of each segment, the halvings of light up to there, and the segment's most opaque way.
     ends: Vec<(f64, f64, usize)>,
 }
 
@@ -97,19 +95,17 @@ impl Collected {
         self.ends.last().map_or(self.first.1, |(_, depth, _)| *depth)
     }
 
-    /// Where a segment begins, and how often light has been halved before it.
     fn start(&self, segment: usize) -> (f64, f64) {
         segment.checked_sub(1).map_or(self.first, |before| (self.ends[before].0, self.ends[before].1))
     }
 
-    /// How often light has been halved before a place.
     fn depth_at(&self, t: f64) -> f64 {
         let next = self.ends.partition_point(|(end, ..)| *end < t).min(self.ends.len() - 1);
         let ((start, before), (end, after, _)) = (self.start(next), self.ends[next]);
         before + (after - before) * ((t - start) / (end - start)).clamp(0.0, 1.0)
     }
 
-    /// Where light has been halved so often; `None` if that is not in these segments.
+    /// Returns the place with this number of halvings; `None` if it is outside these segments.
     fn place(&self, depth: f64) -> Option<Hit> {
         let next = self.ends.iter().position(|(_, after, _)| *after >= depth)?;
         let ((start, before), (end, after, way)) = (self.start(next), self.ends[next]);
@@ -118,8 +114,8 @@ impl Collected {
     }
 }
 
-/// Where a ray has collected half of the opacity that it collects, of fog and surfaces; or, in [`Mode::Isosurface`], where it meets the first surface.
-/// `None` if it collects next to nothing.
+/// Returns where a ray has collected half of its total opacity, of fog and surfaces; or, in [`Mode::Isosurface`], its
+/// first surface. `None` if it collects next to nothing.
 pub(super) fn seen_through(
     ways: &[Way<'_>],
     combination: Option<&Combination>,
@@ -138,17 +134,16 @@ pub(super) fn seen_through(
     {
         let before = collected.depth_at(next.range[0]);
         let finer = collect(&next, cores, before, depth)?;
-        // Where a finer level is clear just there, the coarser one's place is the best.
+        // If a finer level is clear just there, the coarser one's place is the best.
         let Some(better) = finer.place(depth) else { break };
         (found, collected, search) = (Some(better), finer, next);
     }
     Ok(found)
 }
 
-/// Follows a ray that light has come along with `depth` halvings, until there are as many as `enough`.
+/// Follows a ray from `depth` halvings of its light on, until they reach `enough`.
 fn collect(search: &Search<'_, '_>, cores: &mut Cores, mut depth: f64, enough: f64) -> Result<Collected, BrickError> {
     let mut readers = search.readers();
-    // The value that each way had last.
     let mut last = vec![None; search.ways.len()];
     let mut collected = Collected { first: (search.range[0], depth), ends: Vec::new() };
     for [start, end] in search.segments() {
@@ -182,7 +177,7 @@ fn collect(search: &Search<'_, '_>, cores: &mut Cores, mut depth: f64, enough: f
             most = if own > most.0 { (own, i) } else { most };
         }
         if let Some(combination) = search.combination {
-            // The layer that is read first is as much seen as any.
+            // The first layer is as visible as any.
             most.1 = values.iter().position(|value| !value.is_nan()).unwrap_or(0);
             let alpha = combination.look(&values).map_or(0.0, |[.., alpha]| f64::from(alpha));
             depth += halvings(alpha, longest / combination.transfer.unit_distance);
@@ -195,20 +190,19 @@ fn collect(search: &Search<'_, '_>, cores: &mut Cores, mut depth: f64, enough: f
     Ok(collected)
 }
 
-/// How often an opacity halves light on a way of so many unit distances.
 fn halvings(alpha: f64, length: f64) -> f64 {
     (-(1.0 - alpha).log2() * length).clamp(0.0, OPAQUE_DEPTH)
 }
 
-/// How often the surfaces between two values of a layer halve light. Where only surfaces are shown, the first one is what is looked for, however
-/// faint it is.
+/// Returns the halvings of light by the surfaces between two values of a layer. In surface mode the first one is the
+/// hit, however faint it is.
 fn passed(way: &Way<'_>, before: f64, value: f64) -> f64 {
     let surfaces = &way.settings.surfaces;
     let [one, other] = [before, value].map(|value| surface::rank(surfaces, value));
     surfaces[one.min(other)..one.max(other)].iter().map(|surface| taken_by(way, surface)).sum()
 }
 
-/// How often the cap halves light on a cut behind which a layer has this value.
+/// Returns the halvings of light by the cap of a cut with this value of a layer behind it.
 fn capped(way: &Way<'_>, value: f64) -> f64 {
     let surfaces = &way.settings.surfaces;
     surfaces[..surface::rank(surfaces, value)].last().map_or(0.0, |surface| taken_by(way, surface))
@@ -222,7 +216,7 @@ fn taken_by(way: &Way<'_>, surface: &Surface) -> f64 {
     }
 }
 
-/// Where each way's value is greatest, or least in [`Mode::MinIp`], and that value: the nearest such place.
+/// Returns the nearest place of each way's greatest value, or least in [`Mode::MinIp`], with the value.
 pub(super) fn extremes(ways: &[Way<'_>], cores: &mut Cores) -> Result<Vec<(Hit, f64)>, BrickError> {
     let mut found = Vec::new();
     for (i, way) in ways.iter().enumerate() {
@@ -239,7 +233,7 @@ pub(super) fn extremes(ways: &[Way<'_>], cores: &mut Cores) -> Result<Vec<(Hit, 
     Ok(found)
 }
 
-/// The extreme of a search's only way.
+/// Returns the extreme of a search's only way.
 fn extreme(search: &Search<'_, '_>, cores: &mut Cores) -> Result<Option<(f64, f64)>, BrickError> {
     let (way, mut reader) = (&search.ways[0], search.readers().remove(0));
     let is_least = way.settings.mode == Mode::MinIp;
@@ -247,7 +241,7 @@ fn extreme(search: &Search<'_, '_>, cores: &mut Cores) -> Result<Option<(f64, f6
     for [start, end] in search.segments() {
         let t = 0.5 * (start + end);
         let Some(value) = reader.projected(cores, [start, end], is_least)? else { continue };
-        // Labels that are hidden hide nothing.
+        // Hidden labels hide nothing.
         let is_shown = !way.settings.encoding.is_labels || way.layer.transfer.alpha(value) > 0.0;
         let is_better = |(_, best): (f64, f64)| if is_least { value < best } else { value > best };
         if is_shown && best.is_none_or(is_better) {

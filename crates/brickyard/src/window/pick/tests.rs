@@ -1,4 +1,4 @@
-//! Picks in volumes of formulas, from several cameras: what is found is within a voxel of the closed form.
+//! Picks in volumes of formulas, from several cameras: each is within a voxel of the closed form.
 
 use super::*;
 use crate::session::resolve::resolve;
@@ -17,7 +17,7 @@ const EXTENT: Extent = Extent::new(200, 190, 180);
 const CENTRE: DVec3 = DVec3::new(101.3, 94.2, 88.9);
 const RADIUS: f64 = 60.0;
 
-/// A volume of a function of the world, at every level what the function is in the middles of its voxels.
+/// A volume of a function of the world, sampled at the middles of voxels at every level.
 struct Formula<F> {
     pyramid: Pyramid,
     geometry: Geometry,
@@ -66,12 +66,12 @@ fn ball() -> VolumeSource {
     formula(|p| if (p - CENTRE).length() < RADIUS { 200.0 } else { 0.0 }).1
 }
 
-/// A cone whose peak is the centre: 255 there, and 2 less for each voxel away from it.
+/// A cone peaking at the centre: 255 there, and 2 less for each voxel away from it.
 fn cone() -> VolumeSource {
     formula(|p| 255.0 - 2.0 * (p - CENTRE).length()).1
 }
 
-/// Opaque, or as opaque as `alpha` in each voxel, where the ball is.
+/// A transfer function for the ball, opaque or with `alpha` in each voxel.
 fn inside(alpha: f64) -> TransferFunction {
     TransferFunction {
         color: vec![[0.0, 1.0, 1.0, 1.0]],
@@ -81,7 +81,7 @@ fn inside(alpha: f64) -> TransferFunction {
     }
 }
 
-/// Cameras at all sides, near and far, in perspective and not.
+/// Cameras at all sides, near and far, perspective and orthographic.
 fn cameras() -> Vec<Camera> {
     let directions = [[-1.0, 0.0, 0.0], [0.3, -0.9, 0.4], [0.1, 0.2, -0.97], [0.6, 0.55, 0.7]].map(DVec3::from_array);
     let camera = |direction: DVec3, distance: f64, projection| Camera {
@@ -107,7 +107,8 @@ fn ray(scene: &ResolvedScene, place: [f64; 2]) -> Ray {
     scene.layers[0].frames[0].settings.rays.ray(place[0], place[1])
 }
 
-/// Where a ray enters and leaves the ball, or that it misses it. `None` if it is so near to the edge that half a voxel is much along it.
+/// The distances at which a ray enters and leaves the ball; `Some(None)` if it misses. `None` near the edge, where half
+/// a voxel matters.
 fn chord(ray: &Ray) -> Option<Option<[f64; 2]>> {
     let along = (CENTRE - ray.origin).dot(ray.direction);
     let off = (ray.origin + ray.direction * along - CENTRE).length();
@@ -119,7 +120,7 @@ fn chord(ray: &Ray) -> Option<Option<[f64; 2]>> {
     }
 }
 
-/// Every place of every camera's picture, checked against a formula: the expected distance, or `None` where nothing is seen.
+/// Checks every place of every camera's picture against a formula for the distance, `None` where nothing is visible.
 fn check(
     scene: &Scene,
     volumes: &[VolumeSource],
@@ -187,7 +188,7 @@ fn surfaces_are_found_where_they_are() {
 fn extremes_are_found_where_rays_pass_the_peak() {
     let nearest = |_: &ResolvedScene, ray: &Ray| {
         let t = (CENTRE - ray.origin).dot(ray.direction);
-        // Coarse levels are even for half of their voxels at the volume's faces.
+        // Half of each coarse voxel at the volume's faces is constant.
         let point = ray.origin + ray.direction * t;
         let inside = point.cmpgt(DVec3::splat(10.0)).all() && point.cmplt(DVec3::new(190.0, 180.0, 170.0)).all();
         inside.then_some(Some(t))
@@ -204,7 +205,7 @@ fn clip_planes_box_and_crops_count() {
         let (height, rise) = (plane.height(ray.origin), plane.normal.dot(ray.direction));
         let at = -height / rise;
         let [from, to] = if rise > 0.0 { [from.max(at), to] } else { [from, to.min(at)] };
-        // What is so thin that rounding decides is not asked for.
+        // Skip pieces so thin that rounding decides.
         ((to - from).abs() > 3.0).then_some((from < to).then_some(from))
     };
     let clipped = Scene { clip_planes: vec![plane], ..Scene::of(inside(1.0)) };
@@ -216,7 +217,7 @@ fn clip_planes_box_and_crops_count() {
     // On the ball's surface, or on its cap.
     let surface = SceneLayer { isosurfaces: vec![Isosurface::at(100.0)], ..inside(1.0).into() };
     check(&Scene { mode: Mode::Isosurface, layers: vec![surface], ..clipped }, &[ball()], 1.0, met);
-    // Only what is above the centre, in voxels or in the world: the same, for the origin is a voxel's centre.
+    // Only the part above the centre, in voxels or in the world: the same, since the origin is a voxel's centre.
     let low = DVec3::new(-10.0, -10.0, 90.0);
     let above = |_: &ResolvedScene, ray: &Ray| {
         let at = (low.z - ray.origin.z) / ray.direction.z;
@@ -242,7 +243,7 @@ fn clip_planes_box_and_crops_count() {
 
 #[test]
 fn layers_are_found_where_they_are_placed_and_if_they_are_shown() {
-    // A turn about z and a stretch of 1.5, then a move; the second layer is where its store has it.
+    // A turn about z and a stretch of 1.5, then a move; the second layer is at its store's place.
     let placed = Placement::from_text("0 -1.5 0 260  1.5 0 0 -40  0 0 1.5 -30").unwrap();
     let moved = SceneLayer { world_from_volume: placed, source: Some(0), ..inside(1.0).into() };
     let still = SceneLayer { source: Some(0), ..inside(1.0).into() };
@@ -263,7 +264,7 @@ fn layers_are_found_where_they_are_placed_and_if_they_are_shown() {
     let nearer = usize::from(of_still[0] < of_moved[0]);
     let found = Picker::default().pick(&both, &volumes, PLACES[1]).unwrap().unwrap();
     assert_eq!(found.layer, nearer);
-    // Without it the other one is seen, under its own index.
+    // Without it the other one is visible, under its own index.
     let mut scene = scene;
     scene.layers[nearer].visible = false;
     let other = resolve(&volumes, &scene, SIZE).unwrap();
@@ -313,7 +314,7 @@ fn few_bricks_are_read_and_none_twice() {
             let before = source.reads.load(Ordering::Relaxed);
             let found = picker.pick(&resolved, &volumes, place).unwrap();
             let read = source.reads.load(Ordering::Relaxed);
-            // The ray's, and at most eight about what was found in each of four levels; most often one.
+            // The ray's, and at most eight around the hit in each of four levels; most often one.
             assert!(read - before <= 16 + 32, "{}", read - before);
             assert!(picker.bytes() <= 8 << 20);
             assert_eq!(picker.pick(&resolved, &volumes, place).unwrap(), found);
@@ -321,7 +322,7 @@ fn few_bricks_are_read_and_none_twice() {
         }
     }
     assert_eq!(picker.decoded(), source.reads.load(Ordering::Relaxed) as u64);
-    // Of other volumes nothing is kept.
+    // Nothing is kept for other volumes.
     let others = [ball()];
     let resolved = resolve(&others, &Scene { camera: Some(cameras()[0]), ..Scene::of(inside(1.0)) }, SIZE).unwrap();
     let before = picker.decoded();
@@ -329,7 +330,7 @@ fn few_bricks_are_read_and_none_twice() {
     assert!(picker.decoded() > before && picker.bytes() <= (picker.decoded() - before) * 4 * 32 * 32 * 32);
 }
 
-/// A cube of bytes to be packed, and what voxel each has.
+/// A cube of bytes to pack, and a function for its voxels.
 struct CubeSource(SourceInfo, fn([u32; 3]) -> u8);
 
 impl Source for CubeSource {
@@ -348,7 +349,7 @@ impl Source for CubeSource {
     }
 }
 
-/// All but parallel to the volume's faces and beside it: inside of them only very far away.
+/// Almost parallel to the volume's faces and beside it: inside them only very far away.
 #[test]
 fn a_ray_that_passes_by_finds_nothing() {
     let volumes = [ball()];
@@ -364,7 +365,7 @@ fn a_ray_that_passes_by_finds_nothing() {
     }
 }
 
-/// The store of a cube, with bricks of 16 voxels.
+/// Packs a cube into a store with bricks of 16 voxels.
 fn packed(folder: &tempfile::TempDir, voxel: fn([u32; 3]) -> u8) -> VolumeSource {
     let path = folder.path().join("cube.zarr");
     let info = SourceInfo {
@@ -388,7 +389,7 @@ fn packed(folder: &tempfile::TempDir, voxel: fn([u32; 3]) -> u8) -> VolumeSource
     VolumeSource::open(&path).unwrap()
 }
 
-/// A speck is in the corner of a coarse voxel: a filter between coarse voxels makes less of it than of the block that is behind it.
+/// A speck in the corner of a coarse voxel: a filter between coarse voxels makes it less than the block behind it.
 #[test]
 fn a_speck_is_picked_at_coarse_levels() {
     let folder = tempfile::tempdir().unwrap();
@@ -416,7 +417,7 @@ fn a_speck_is_picked_at_coarse_levels() {
     }
 }
 
-/// A store knows which bricks are empty: rays beside the ball decode nothing, and opaque ones just what they meet.
+/// A store records its empty bricks: rays beside the ball decode nothing, and opaque ones only the bricks they meet.
 #[test]
 fn what_is_empty_is_not_read() {
     let folder = tempfile::tempdir().unwrap();
@@ -450,7 +451,7 @@ fn values_of_expressions_are_picked() {
     check(&scene, &[ball()], 1.0, |_, ray| chord(ray).map(|chord| chord.map(|[from, _]| from)));
 }
 
-/// The transfer function of half of what the ball holds.
+/// Creates a transfer function for a ball of half the value.
 fn half_as_much() -> TransferFunction {
     TransferFunction {
         opacity: vec![[49.0, 0.0], [51.0, 1.0]],

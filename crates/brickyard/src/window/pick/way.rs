@@ -1,4 +1,4 @@
-//! A ray's way through one layer: where it is inside of what is shown, at which level it is followed, and what is read along it.
+//! A ray's way through one layer: its stretch inside the visible part, its level, and reading along it.
 
 use super::cores::Cores;
 use crate::session::resolve::ResolvedLayer;
@@ -9,10 +9,9 @@ use brickyard_volume::{BrickId, BrickIndex, Filter, FrameSettings, Level, LevelP
 use glam::DVec3;
 use std::sync::Arc;
 
-/// About the most bricks of one layer that a ray is followed through from end to end: where it would meet more, a coarser level is taken.
+/// Approximate limit of bricks on a ray's whole way through one layer: beyond it, a coarser level is taken.
 const MOST_BRICKS: f64 = 16.0;
 
-/// A ray's way through one layer.
 pub(super) struct Way<'a> {
     pub(super) layer: &'a ResolvedLayer,
     pub(super) settings: &'a FrameSettings,
@@ -20,14 +19,14 @@ pub(super) struct Way<'a> {
     /// The ray in level-0 voxels, with distances of the scene's world along it.
     origin: DVec3,
     direction: DVec3,
-    /// From where to where the ray is inside of what is shown.
+    /// Start and end of the ray's stretch inside the visible part.
     pub(super) stretch: [f64; 2],
-    /// The level at which the ray is followed from end to end.
+    /// The level for the whole ray.
     pub(super) level: Level,
 }
 
 impl<'a> Way<'a> {
-    /// The way of a ray of the scene's world; `None` if it misses what is shown of the layer.
+    /// Creates the way of a ray of the scene's world; `None` if it misses the visible part of the layer.
     pub(super) fn new(layer: &'a ResolvedLayer, volume: &'a VolumeSource, ray: &Ray) -> Option<Self> {
         let settings = &layer.frames[0].settings;
         let own = settings.placement.volume_ray(ray);
@@ -38,14 +37,14 @@ impl<'a> Way<'a> {
             Some(clip) => clip.shorten(&own, inside),
             None => inside,
         };
-        // A ray that misses may do so from one infinity to the other.
+        // A missing ray's ends may both be infinite.
         let stretch = (from < to).then_some([from, to])?;
         let mut way = Self { layer, settings, source: &*volume.source, origin, direction, stretch, level: Level(0) };
         way.level = way.first_level();
         Some(way)
     }
 
-    /// The level that the view wants where the ray enters, or the finest coarser one whose bricks are not too many.
+    /// Returns the wanted level at the ray's entry, or the finest coarser one with few enough bricks.
     fn first_level(&self) -> Level {
         let (view, coarsest) = (&self.layer.view, self.source.pyramid().coarsest());
         let wanted = match view.level {
@@ -61,8 +60,8 @@ impl<'a> Way<'a> {
         (wanted.min(coarsest.0)..coarsest.0).map(Level).find(few).unwrap_or(coarsest)
     }
 
-    /// About how many bricks of a level the ray meets: those that it passes through, and as many again for each axis along which it stays so near
-    /// to their faces that samples take voxels from both sides.
+    /// Estimates the bricks of a level met by the ray: those on its way, doubled for each axis along which it stays so
+    /// near to their faces that samples need voxels from both sides.
     fn bricks_met(&self, level: Level) -> f64 {
         let edge = f64::from(self.source.pyramid().edge());
         let [from, to] = self.stretch.map(|t| self.place(level, t));
@@ -75,19 +74,18 @@ impl<'a> Way<'a> {
         (passed + 1.0) * f64::from(1u8 << (0..3).filter(is_between).count())
     }
 
-    /// The place at a distance, in voxels of a level.
     fn place(&self, level: Level, t: f64) -> DVec3 {
         let factor = DVec3::from_array(self.source.pyramid().level(level).factor.map(f64::from));
         (self.origin + self.direction * t) / factor
     }
 
-    /// The voxel of level 0 that the ray is in at a distance; one of the outermost where rounding has put it outside.
+    /// Returns the voxel of level 0 at a distance; one of the outermost where rounding leads outside.
     pub(super) fn voxel(&self, t: f64) -> [u32; 3] {
         let (place, extent) = (self.place(Level(0), t), self.source.pyramid().levels()[0].extent.to_array());
         std::array::from_fn(|a| (place[a].floor().max(0.0) as u32).min(extent[a] - 1))
     }
 
-    /// The distance over which the ray moves by a voxel of a level, along the axis along which it is fastest.
+    /// Returns the distance in which the ray moves by a voxel of a level along its fastest axis.
     pub(super) fn voxel_length(&self, level: Level) -> f64 {
         let factor = DVec3::from_array(self.source.pyramid().level(level).factor.map(f64::from));
         1.0 / (self.direction.abs() / factor).max_element()
@@ -99,13 +97,12 @@ impl<'a> Way<'a> {
         start == self.stretch[0] && self.settings.cap(extent, (self.origin, self.direction), 0.0, start).is_some()
     }
 
-    /// What a distance along the ray comes to, within what is shown.
     pub(super) fn clamped(&self, t: f64) -> f64 {
         t.clamp(self.stretch[0], self.stretch[1])
     }
 }
 
-/// The distances at which a ray enters and leaves a box; they are not ascending where it misses the box.
+/// Returns the distances at which a ray enters and leaves a box, not ascending if it misses.
 fn box_stretch(origin: DVec3, direction: DVec3, (low, high): (DVec3, DVec3)) -> (f64, f64) {
     let (mut from, mut to) = (0.0f64, f64::INFINITY);
     for a in 0..3 {
@@ -121,13 +118,12 @@ fn box_stretch(origin: DVec3, direction: DVec3, (low, high): (DVec3, DVec3)) -> 
     (from, to)
 }
 
-/// A level of a way's volume, to be read along the ray.
 pub(super) struct Reader<'w, 'a> {
     way: &'w Way<'a>,
     level: Level,
-    /// Whether bricks that can show nothing are left out.
+    /// Whether to skip bricks that show nothing.
     skips_empty: bool,
-    /// The brick that was read last; without a core if it can show nothing.
+    /// The last brick; without a core if it shows nothing.
     last: Option<(BrickIndex, Option<Arc<[u8]>>)>,
 }
 
@@ -136,13 +132,13 @@ impl<'w, 'a> Reader<'w, 'a> {
         Self { way, level, skips_empty, last: None }
     }
 
-    /// The value of the field at a distance; `None` where there is none, or it shows nothing.
+    /// Returns the field's value at a distance; `None` where there is none, or it is invisible.
     pub(super) fn value(&mut self, cores: &mut Cores, t: f64) -> Result<Option<f64>, BrickError> {
         self.value_at(cores, self.way.place(self.level, t))
     }
 
-    /// The value that a segment between two distances adds to a projection of extremes: that in its middle, or the extreme of its box, as the level
-    /// says. `None` where there is none, or it shows nothing.
+    /// Returns the value of a segment between two distances in a projection of extremes: its middle's, or its box's
+    /// extreme, depending on the level. `None` where there is none, or it is invisible.
     pub(super) fn projected(
         &mut self,
         cores: &mut Cores,
@@ -166,7 +162,7 @@ impl<'w, 'a> Reader<'w, 'a> {
         Ok(best)
     }
 
-    /// The opacity of a value that the field has at a distance, in a unit distance.
+    /// Returns the opacity per unit distance of the field's value at a distance.
     pub(super) fn alpha(&mut self, cores: &mut Cores, t: f64, value: f64) -> Result<f64, BrickError> {
         let transfer = &self.way.layer.transfer;
         if !transfer.is_by_gradient() {
@@ -182,7 +178,8 @@ impl<'w, 'a> Reader<'w, 'a> {
         Ok(transfer.at(value, gradient.length())[3])
     }
 
-    /// The value at a place, in voxels of the level: the nearest voxel's, or linear between eight. What has no value is left out as renderers do.
+    /// Returns the value at a place in voxels of the level: the nearest voxel's, or linear between eight. Missing
+    /// values are left out, as in renderers.
     fn value_at(&mut self, cores: &mut Cores, place: DVec3) -> Result<Option<f64>, BrickError> {
         let settings = self.way.settings;
         if settings.encoding.is_labels || settings.sampling.filter == Filter::Nearest {
@@ -203,7 +200,7 @@ impl<'w, 'a> Reader<'w, 'a> {
         Ok((weight >= 0.5).then(|| sum / weight))
     }
 
-    /// The voxel of these indices, or the nearest one to it in the level.
+    /// Returns the voxel at these indices, or the nearest one in the level.
     fn bounded(&self, index: DVec3) -> [u32; 3] {
         let extent = self.way.source.pyramid().level(self.level).extent.to_array();
         std::array::from_fn(|a| (index[a].max(0.0) as u32).min(extent[a] - 1))
