@@ -1,17 +1,17 @@
-//! The kernels that make one level's voxels from the next finer level's: 1 or 2 input voxels per axis to one.
+//! The downsampling kernels: 1 or 2 voxels per axis of the next finer level become one voxel.
 //!
-//! Integer means are exact sums in the next wider type, rounded to nearest with ties to even, so that no bias adds up
-//! from level to level. Floats average what is finite, in f64; where nothing is finite the result is NaN. Odd extents
-//! average what exists: callers replicate the last voxel, which leaves every mean, extreme and mode as it is.
+//! Integer means are exact sums in the next wider type, rounded to nearest with ties to even, so no bias builds up from
+//! level to level. Floats average the finite voxels in f64; with none finite, the result is NaN. Odd extents average
+//! the existing voxels: callers replicate the last voxel, which preserves every mean, extreme and mode.
 //!
-//! Loops run over whole rows with plain arithmetic, so the compiler vectorises them for whatever target feature set the
-//! caller was compiled with; everything is `#[inline(always)]` for that reason. Mean of 64^3 u8: about 10 us with AVX2.
+//! Loops run over whole rows with plain arithmetic, so the compiler vectorises them for the caller's target features;
+//! everything is `#[inline(always)]` for that reason. Mean of 64^3 u8: about 10 us with AVX2.
 
 use crate::kind::Kind;
 use brickyard_volume::Voxel;
 use serde::{Deserialize, Serialize};
 
-/// How a coarse voxel is made from the finer voxels in its box.
+/// Reduction of the finer voxels in a box to a coarse voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Downsample {
@@ -21,14 +21,14 @@ pub enum Downsample {
     Max,
     /// The least value.
     Min,
-    /// The most frequent value, and the least of those that tie; for labels.
+    /// The most frequent value, the least in a tie; for labels.
     Mode,
-    /// The voxel at the lowest x, y and z; the first valid one in that order, x fastest, if that one is not.
+    /// The voxel at the lowest x, y and z; if it is invalid, the first valid one in that order, x fastest.
     Nearest,
 }
 
 impl Downsample {
-    /// All methods of downsampling.
+    /// All downsampling methods.
     pub const ALL: [Self; 5] = [Self::Mean, Self::Max, Self::Min, Self::Mode, Self::Nearest];
 
     /// The method's name on the command line and in metadata.
@@ -55,8 +55,8 @@ impl std::str::FromStr for Downsample {
     }
 }
 
-/// How a store's coarser levels are made: by one method, or by two (`mean,max`) as two pyramids that share level 0. The second one costs a pack an eighth more
-/// disk and a quarter more time.
+/// Methods behind a store's coarser levels: one, or two (`mean,max`) as two pyramids that share level 0. The second
+/// costs a pack an eighth more disk and a quarter more time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Reductions {
@@ -65,7 +65,7 @@ pub struct Reductions {
 }
 
 impl Reductions {
-    /// How voxels are reduced unless somebody says otherwise: images to means and maxima, labels to the most frequent.
+    /// The default for a kind: means and maxima for images, the most frequent value for labels.
     pub const fn default_for(kind: Kind) -> Self {
         match kind {
             Kind::Image => Self { main: Downsample::Mean, second: Some(Downsample::Max) },
@@ -73,7 +73,7 @@ impl Reductions {
         }
     }
 
-    /// The method of the main pyramid, whose levels every Zarr reader sees.
+    /// The method of the main pyramid, visible to every Zarr reader.
     pub const fn main(self) -> Downsample {
         self.main
     }
@@ -125,7 +125,7 @@ impl From<Reductions> for String {
 
 /// A voxel type's arithmetic for [`downsample`].
 pub(crate) trait Reduce: Voxel + Default {
-    /// The type in which voxels are summed.
+    /// The type for sums of voxels.
     type Sum: Copy;
     /// The sum of no voxels.
     const ZERO: Self::Sum;
@@ -135,9 +135,9 @@ pub(crate) trait Reduce: Voxel + Default {
     fn join(a: Self::Sum, b: Self::Sum) -> Self::Sum;
     /// The mean of `2^log2_count` voxels, given their sum.
     fn mean(sum: Self::Sum, log2_count: u32) -> Self;
-    /// The greater of two voxels; the valid one if only one is valid.
+    /// The greater of two voxels, or the valid one if only one is valid.
     fn greater(a: Self, b: Self) -> Self;
-    /// The lesser of two voxels; the valid one if only one is valid.
+    /// The lesser of two voxels, or the valid one if only one is valid.
     fn lesser(a: Self, b: Self) -> Self;
 }
 
@@ -155,7 +155,7 @@ macro_rules! integer_reduce {
                 if log2_count == 0 {
                     return sum as Self;
                 }
-                // With q = floor(sum / n) and r the rest: q + 1 if r > n/2, or if r = n/2 and q is odd.
+                // With q = floor(sum / n) and remainder r: q + 1 if r > n/2, or if r = n/2 and q is odd.
                 let half_less_one = (1 << (log2_count - 1)) - 1;
                 let odd = (sum >> log2_count) & 1;
                 ((sum + half_less_one + odd) >> log2_count) as Self
@@ -182,8 +182,7 @@ impl Reduce for f32 {
     fn join(a: (f64, f32), b: (f64, f32)) -> (f64, f32) {
         (a.0 + b.0, a.1 + b.1)
     }
-    /// The mean of the finite voxels. Where none is finite it is one fixed NaN, so that stores do not depend on the
-    /// processor.
+    /// The mean of the finite voxels; without any, one fixed NaN, so stores are independent of the processor.
     #[inline(always)]
     fn mean((sum, count): (f64, f32), _: u32) -> f32 {
         if count > 0.0 { (sum / count as f64) as f32 } else { f32::NAN }
@@ -327,7 +326,7 @@ fn mode_row<'a, T: Reduce, const FX: usize>(row: impl Fn(usize) -> &'a [T], rows
     }
 }
 
-/// The most frequent valid voxel, the least of those that tie; of none, what two invalid ones give: NaN.
+/// The most frequent valid voxel, the least in a tie; without valid voxels, the combination of two invalid ones: NaN.
 pub(crate) fn mode<T: Reduce>(values: &[T]) -> T {
     if values.iter().all(|v| *v == values[0]) && values[0].is_valid() {
         return values[0];
@@ -367,7 +366,7 @@ mod tests {
 
     #[test]
     fn means_round_to_nearest_ties_to_even() {
-        // Every sum of eight 8-bit voxels that rounding can get wrong, against f64.
+        // Every sum of eight 8-bit voxels prone to wrong rounding, against f64.
         for sum in 0..=2040u32 {
             let base = (sum / 8) as u8;
             let values = std::array::from_fn(|i| base + (i < (sum % 8) as usize) as u8);
