@@ -1,27 +1,26 @@
-//! Appending: time steps arriving one by one, as from a running simulation, join a store while others read it.
+//! Appending: time steps, for instance from a running simulation, join a store while others read it.
 //!
-//! Each step is packed by the same pass as whole stores (`pack/cascade.rs`), as the last step of the store: its files
-//! are stored under its number in each array, and no other file changes except documents. So an append costs the
-//! packing of one step, however many there are.
+//! Each step is packed by the pass for whole stores (`pack/cascade.rs`), as the last step of the store: its files have
+//! its number in each array, and only documents change. So an append costs the packing of one step, whatever their
+//! number.
 //!
 //! The *commit* of a step is the order in which it becomes part of the store:
 //!
 //! 1. Its shards and pages of side data, the value counts of all steps (`counts.rs`) and the documents under temporary
 //!    names are written and synced, together if the file system can;
 //! 2. each array's document gains the step, coarse levels first, level 0 last, and is synced;
-//! 3. the root document counts it, with the times and statistics of all steps, including any metadata consolidated
-//!    there by other programs.
+//! 3. the root document counts it, with the times and statistics of all steps, and in metadata consolidated there by
+//!    other programs.
 //!
-//! This program reads only the steps counted by the root document. A process killed earlier leaves files and documents
-//! of an uncounted step, which the next opening of an [`Appender`] rolls back before anything is written. A document is
-//! replaced in one step.
+//! This program reads only the steps counted by the root document. After an earlier kill, the next opening of an
+//! [`Appender`] rolls back the uncounted step's files and documents before writing anything. Documents are replaced in
+//! one step.
 //!
-//! A step is part of the store from the moment its root document has its name. The name is synced afterwards; a failure
-//! there reports both ([`AppendError::Appended`]), and the next opening of an [`Appender`] syncs it before anything
-//! else.
+//! A step is part of the store once its root document has its name. A failure to sync the name afterwards reports both
+//! ([`AppendError::Appended`]), and the next opening of an [`Appender`] syncs it first.
 //!
-//! A packed store counts its steps from its first commit on, before any array gains a step; and the values of those
-//! steps are counted before that.
+//! A packed store counts its steps from its first commit on, before any array gains a step, and their values before
+//! that.
 
 mod documents;
 mod error;
@@ -62,7 +61,7 @@ use step::{check_nodata, first_step, next_axis, next_step};
 pub struct AppendOptions {
     /// Most anonymous memory for appending, in bytes.
     pub memory_bytes: u64,
-    /// Number of worker threads, at least 1. Reading whole planes and writing files use further threads.
+    /// Worker threads, at least 1. Reading whole planes and writing files use further threads.
     pub threads: usize,
 }
 
@@ -80,14 +79,14 @@ pub struct AppendReport {
     pub step: u32,
     /// Bytes written to shards.
     pub written_bytes: u64,
-    /// Number of NaN and infinite voxels in the step's level 0.
+    /// NaN and infinite voxels in the step's level 0.
     pub non_finite: u64,
-    /// Number of the step's level-0 voxels with the integer for no data.
+    /// No-data integers in the step's level 0.
     pub nodata: u64,
 }
 
-/// Exclusive writer of time steps to a store. While it exists, nobody else, in this process or another, packs into the
-/// store or appends to it; others may read it.
+/// Exclusive writer of time steps to a store. While it exists, no one else, in this process or another, can pack or
+/// append; reading is allowed.
 pub struct Appender {
     disk: Disk,
     dir: PathBuf,
@@ -97,7 +96,6 @@ pub struct Appender {
     _lock: DirLock,
 }
 
-/// Refuses a store without room for more steps.
 fn can_grow(store: &Store) -> Result<(), AppendError> {
     let steps = store.layout().shard_times;
     let path = || store.path().to_owned();
@@ -125,7 +123,7 @@ impl Appender {
     /// Opens a store for appending, and rolls back an interrupted append.
     ///
     /// # Errors
-    /// If the path is no store, or the store is unfinished, has no time axis, is not writable, or has another writer.
+    /// If the store is missing, unfinished, without a time axis, not writable, or has another writer.
     pub fn open(store: &Path, options: AppendOptions) -> Result<Self, AppendError> {
         Self::open_on(Disk::default(), store, options)
     }
@@ -135,8 +133,8 @@ impl Appender {
     /// a different source is the next step.
     ///
     /// # Errors
-    /// If a finished store is there, as for packing with [`Exists::Resume`], or as for [`Appender::open`], in which
-    /// case it is [`AppendError::Appended`].
+    /// If a finished store exists, as for packing with [`Exists::Resume`], or, as [`AppendError::Appended`], as for
+    /// [`Appender::open`].
     pub fn create(
         store: &Path,
         source: &dyn Source,
@@ -205,14 +203,14 @@ impl Appender {
         &self.dir
     }
 
-    /// Appends the only step of a source, taken at `stamp`. Without a stamp, the source's own time counts if it starts
+    /// Appends the only step of a source, taken at `stamp`. By default, the source's own time counts if it starts
     /// elsewhere than the store's; otherwise steps continue evenly. On return, the step survives a crash.
     ///
     /// # Errors
     /// If the step does not fit the store, its time is not after the last one's, or the source or the disk fails. The
-    /// store then has its former steps ([`Appender::times`]), and the same step can be appended again. The exception is
-    /// [`AppendError::Appended`]: the step is part of the store and must not be appended again, but may not survive a
-    /// power failure.
+    /// store then keeps its steps ([`Appender::times`]), and the same step can be appended again. Except with
+    /// [`AppendError::Appended`]: then the step is part of the store and must not be appended again, but may not
+    /// survive a power failure.
     pub fn append(
         &mut self,
         source: &dyn Source,
@@ -267,12 +265,12 @@ impl Appender {
         OpenError::Replaced { store: self.dir.clone() }
     }
 
-    /// Refuses a change derived from the contents of a replaced store.
+    /// Refuses a change based on a replaced store.
     fn refuse_replaced(&self) -> Result<(), OpenError> {
         if self.folder.is_replaced() { Err(self.replaced()) } else { Ok(()) }
     }
 
-    /// Opens the store, checking the documents of a second pyramid too.
+    /// Opens the store, including a second pyramid's documents.
     fn open_store(&self) -> Result<Store, OpenError> {
         let store = Store::open_view(&self.folder, IoMode::default(), None)?;
         if let Some(method) = store.info().downsample.second() {
@@ -297,7 +295,7 @@ impl Appender {
         }
     }
 
-    /// Value counts of the store's steps: the stored ones, or from a single read of all steps.
+    /// The store's value counts, read or counted once over all steps.
     fn counted(&self, store: &Store, progress: &dyn Progress) -> Result<Vec<ChannelTotals>, Failed> {
         let counts = Counts::of(&self.dir, store.layout());
         let kept = counts
@@ -338,8 +336,7 @@ impl Appender {
         Ok(passed)
     }
 
-    /// Makes the step, whose files exist, part of the store. `before` and `after` are the counts without it and with
-    /// it.
+    /// Makes a step with existing files part of the store. `before` and `after` are the counts without and with it.
     fn commit(&mut self, next: &Next, before: &[ChannelTotals], after: &[ChannelTotals]) -> Result<(), Failed> {
         self.refuse_replaced()?;
         let root_path = self.dir.join("zarr.json");
@@ -390,7 +387,7 @@ impl Appender {
         Ok(counts.keep_only(&self.disk, times)?)
     }
 
-    /// Makes a step's files durable: chunks and counts, and their names in the array folders.
+    /// Makes a step's chunks and counts durable, and their names in the array folders.
     fn sync(&self, counts: &Counts, of_step: &[PathBuf], dirs: &[PathBuf]) -> Result<(), DiskError> {
         let chunks = of_step.iter().flat_map(|chunks| [Part::Tree(chunks), Part::Folder(output::parent(chunks))]);
         let counts = [Part::Tree(counts.folder()), Part::Folder(output::parent(counts.folder()))];
@@ -403,7 +400,7 @@ impl Appender {
         self.disk.sync_dir(output::parent(path))
     }
 
-    /// Rolls back an interrupted append in the reverse order of a commit, and sets the number of steps.
+    /// Rolls back an interrupted append in reverse commit order, and sets the number of steps.
     fn take_back(&mut self) -> Result<(), Failed> {
         self.refuse_replaced()?;
         let store = self.open_store()?;
@@ -423,18 +420,18 @@ impl Appender {
             let left = chunks_of(dir, self.times);
             if left.try_exists().map_err(|error| DiskError { path: left.clone(), error })? {
                 ours::remove_chunks(&self.disk, &left)?;
-                // A step with nothing stored has no folder here, so the sync would fail.
+                // Without stored chunks there is no folder to sync.
                 self.disk.sync_dir(output::parent(&left))?;
             }
             ours::remove_file(&self.disk, &temporary(&dir.join("zarr.json")))?;
         }
         ours::remove_file(&self.disk, &temporary(&self.dir.join("zarr.json")))?;
-        // Counts of a store that does not count its steps yet may be incomplete.
+        // An uncounted store's counts may be incomplete.
         let counted = store.info().times.unwrap_or(0);
         Ok(Counts::of(&self.dir, store.layout()).keep_only(&self.disk, counted)?)
     }
 
-    /// Refuses a store with steps appended by another program: they would be deleted.
+    /// Refuses a store with steps appended by another program, which would be deleted.
     fn refuse_foreign_steps(&self, store: &Store) -> Result<(), OpenError> {
         let Some((path, found)) = foreign_steps(store)? else { return Ok(()) };
         let expected = format!("{}, as the root document counts: {FOREIGN_STEPS}", self.times);
@@ -458,7 +455,7 @@ impl Appender {
     }
 }
 
-/// The path of an array's document, and the document with `times` steps and otherwise unchanged.
+/// An array's document with `times` steps, and its path.
 fn with_steps(folder: &Folder, dir: &Path, times: u32) -> Result<(PathBuf, Value), OpenError> {
     let path = dir.join("zarr.json");
     let mut document = read_json(folder, &path)?;
@@ -499,7 +496,7 @@ impl From<(Stop, Reached)> for Failed {
     }
 }
 
-/// Refuses a directory with an unfinished pack, or one with an unfinished replacement.
+/// Refuses a directory with an unfinished pack or replacement.
 fn refuse_unfinished(dir: &Path) -> Result<(), AppendError> {
     for (path, replaces) in [(dir.to_path_buf(), false), (output::with_suffix(dir, ".packing"), true)] {
         let journal = path.join(JOURNAL_NAME);
@@ -513,7 +510,7 @@ fn refuse_unfinished(dir: &Path) -> Result<(), AppendError> {
     Ok(())
 }
 
-/// Whether a directory has a finished store, judged without opening a file, since opening may be the failure.
+/// Whether a directory has a finished store, without opening files, which may have just failed.
 fn is_finished(store: &Path) -> bool {
     refuse_unfinished(store).is_ok() && store.join("zarr.json").exists()
 }
@@ -531,7 +528,7 @@ fn check_counts(store: &Store, counts: &Counts, kept: &[ChannelTotals]) -> Resul
     Ok(())
 }
 
-/// Numbers of voxels over all channels: NaN and infinite ones, and those with the integer for no data.
+/// Numbers of voxels over all channels: NaN or infinite, and no-data integers.
 fn left_out(channels: &[ChannelTotals]) -> (u64, u64) {
     (channels.iter().map(ChannelTotals::non_finite).sum(), channels.iter().map(|channel| channel.nodata).sum())
 }
@@ -541,7 +538,7 @@ fn too_many(store: &Store) -> AppendError {
     PackError::Unfit { what: "shape is", found, expected, cure: "begin another store" }.into()
 }
 
-/// The chunk folder of one step in the array at `dir`.
+/// The chunk folder of one step of an array.
 fn chunks_of(dir: &Path, step: u32) -> PathBuf {
     dir.join("c").join(step.to_string())
 }

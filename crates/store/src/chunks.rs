@@ -1,8 +1,8 @@
 //! The chunks of one pyramid, cores or aprons: locates, checks and decodes them.
 //!
-//! The first read from a shard maps it and checks its index. The last shards used stay mapped, at most [`MOST_OPEN`],
-//! since a process may have some 65,000 maps and a store more shards. A chunk is decoded from the mapped slice straight
-//! into the caller's buffer: no copy of the file, no allocation. All methods are thread-safe.
+//! The first read from a shard maps it and checks its index. The last [`MOST_OPEN`] shards used stay mapped, since a
+//! process may have some 65,000 maps and a store more shards. Chunks are decoded from the map straight into the
+//! caller's buffer: no copy of the file, no allocation. All methods are thread-safe.
 
 use crate::codec::BrickCodec;
 use crate::error::ReadError;
@@ -42,7 +42,7 @@ pub(crate) struct Chunks {
 }
 
 impl Chunks {
-    /// Creates a reader for the chunks of the store in a folder, without opening a file.
+    /// Creates a reader for a store's chunks, without opening a file.
     pub(crate) fn new(folder: &Arc<Folder>, layout: Layout, codec: BrickCodec, mode: IoMode) -> Self {
         let open = Mutex::new(LruCache::new(most_open(&layout, mode)));
         let fingerprints = Mutex::new(LruCache::new(at_least_one(KEPT_PAGES)));
@@ -63,17 +63,15 @@ impl Chunks {
         self.bytes_read.load(Ordering::Relaxed)
     }
 
-    /// Most memory taken by open shards and cached pages, in bytes.
     pub(crate) fn cache_bytes(&self) -> u64 {
         cache_bytes(&self.layout, self.mode)
     }
 
-    /// Number of a level's pages of fingerprints.
     pub(crate) fn fingerprint_pages(&self, level: Level) -> u64 {
         SideArray::fingerprints(self.folder.path(), &self.layout, level).page_count()
     }
 
-    /// Number of shard files listed in a page of fingerprints, and the sum of their lengths in bytes.
+    /// Number and total bytes of the shard files listed in a page of fingerprints.
     pub(crate) fn files_of_page(&self, level: Level, page: u64) -> Result<(u64, u64), ReadError> {
         let array = SideArray::fingerprints(self.folder.path(), &self.layout, level);
         // Past the grid a page holds zeros.
@@ -81,7 +79,7 @@ impl Chunks {
         Ok(files.iter().filter(|f| f.has_file()).fold((0, 0), |(n, bytes), f| (n + 1, bytes + f.file_bytes)))
     }
 
-    /// Decodes a brick's chunk into `out`. An absent chunk is all zero.
+    /// Decodes a brick's chunk into `out`. Absent chunks are all zero.
     pub(crate) fn read(&self, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
         assert_eq!(out.len(), self.chunk_bytes());
         let Some((shard, range)) = self.locate(id)? else {
@@ -107,13 +105,12 @@ impl Chunks {
         read
     }
 
-    /// Whether the brick's chunk is stored. An absent chunk is all zero.
     pub(crate) fn is_stored(&self, id: BrickId) -> Result<bool, ReadError> {
         Ok(self.locate(id)?.is_some())
     }
 
-    /// Announces reads of these bricks' chunks to the kernel, so it reads ahead in bulk. Opens their shards if needed;
-    /// failures are left for [`Chunks::read`] to report.
+    /// Requests read-ahead of these bricks' chunks, opening their shards if needed; failures are left for
+    /// [`Chunks::read`] to report.
     pub(crate) fn advise(&self, ids: &[BrickId]) {
         if self.mode != IoMode::Mmap {
             return;
@@ -186,7 +183,6 @@ impl Chunks {
         self.folder.file(&self.path(id)).is_ok()
     }
 
-    /// The path of a shard's file.
     pub(crate) fn path(&self, id: ShardId) -> PathBuf {
         self.layout.shard_path(self.folder.path(), id)
     }
@@ -200,7 +196,7 @@ fn shard_index_bytes(layout: &Layout) -> usize {
     index_bytes(layout.shard_slots(Level(0)))
 }
 
-/// Most memory taken by open shards and cached pages of a pyramid's chunks, in bytes.
+/// Most memory of open shards and cached pages, in bytes.
 pub(crate) fn cache_bytes(layout: &Layout, mode: IoMode) -> u64 {
     let array = SideArray::fingerprints(Path::new(""), layout, Level(0));
     let levels = layout.pyramid.levels().len() as u64;

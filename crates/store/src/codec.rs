@@ -1,8 +1,8 @@
-//! Encoding of one brick's core: compression, then a crc32c over the compressed bytes.
+//! Encoding of a brick's core: compression, then a crc32c over the compressed bytes.
 //!
-//! An encoded brick is the payload followed by its crc32c (little-endian), as in Zarr's codec `crc32c`. The payload is
-//! a Zstandard frame, a Blosc container of byte-shuffled Zstandard (`blosc.rs`), or the core itself. Decoding compares
-//! the checksum first, so any damaged byte is detected before decompression.
+//! An encoded brick is a payload and its crc32c (little-endian), as in Zarr's codec `crc32c`. The payload is a
+//! Zstandard frame, a Blosc container of byte-shuffled Zstandard (`blosc.rs`), or the core itself. Decoding checks the
+//! checksum first, so any damaged byte is detected before decompression.
 //!
 //! Contexts and buffers are reused through [`Scratch`]: decoding does not allocate.
 
@@ -32,8 +32,7 @@ impl Codec {
         if voxel_type.bytes() == 1 { Self::Zstd(1) } else { Self::ShuffleZstd(1) }
     }
 
-    /// The effective codec for a voxel type: `ShuffleZstd` becomes `Zstd` for 8-bit voxels, which have nothing to
-    /// shuffle.
+    /// The codec's effect on a voxel type: `ShuffleZstd` becomes `Zstd` for 8-bit voxels, with nothing to shuffle.
     pub const fn for_voxel_type(self, voxel_type: VoxelType) -> Self {
         match self {
             Self::ShuffleZstd(level) if voxel_type.bytes() == 1 => Self::Zstd(level),
@@ -114,7 +113,7 @@ impl BrickCodec {
         (zstd::zstd_safe::compress_bound(self.core_bytes) + blosc::OVERHEAD_BYTES + CRC_BYTES) as u64
     }
 
-    /// Appends the encoded `core` to `out`. Deterministic: equal cores give equal bytes.
+    /// Appends the encoded `core` to `out`. Equal cores give equal bytes.
     ///
     /// # Panics
     /// If `core` is not [`BrickCodec::core_bytes`] long.
@@ -215,7 +214,7 @@ mod tests {
         }
     }
 
-    /// Even with a sound checksum, bad bytes cannot make the decoder access memory out of bounds, or pass for a brick.
+    /// Bad bytes with a sound checksum cannot make the decoder access memory out of bounds, or pass for a brick.
     #[test]
     fn hostile_payloads_are_errors() {
         let mut scratch = Scratch::default();

@@ -1,9 +1,9 @@
-//! Value counts over all steps of a store. A store with appended steps keeps them, so the statistics with one more step
-//! are exact without reading any other step.
+//! Value counts over all steps of a store. Stores with appended steps keep them, so statistics with one more step are
+//! exact without reading other steps.
 //!
 //! `STORE/0/.brickyard/counts/N/C` covers the first N steps of channel C: the contents of [`ChannelTotals`], as 64-bit
-//! little-endian words in one Zstandard frame, followed by its crc32c. The files of N + 1 steps exist before the root
-//! document counts them, and those of N steps are deleted afterwards.
+//! little-endian words in one Zstandard frame, then its crc32c. The files of N + 1 steps exist before the root document
+//! counts them, and those of N steps are deleted afterwards.
 
 use crate::data_file::read_at_most;
 use crate::error::ReadError;
@@ -41,7 +41,6 @@ pub(crate) struct Counts {
 }
 
 impl Counts {
-    /// The counts of the store at `store`, given the layout of its main pyramid.
     pub(crate) fn of(store: &Path, layout: &Layout) -> Self {
         Self { dir: layout.side_dir(store, Level(0)).join(COUNTS_NAME) }
     }
@@ -55,8 +54,7 @@ impl Counts {
         self.dir(times).join(channel.to_string())
     }
 
-    /// Writes the counts of the first `times` steps, one per channel. They are durable after the next sync of the
-    /// store.
+    /// Writes each channel's counts of the first `times` steps, durable after the next sync of the store.
     pub(crate) fn write(&self, disk: &Disk, times: u32, channels: &[ChannelTotals]) -> Result<(), DiskError> {
         for (channel, totals) in channels.iter().enumerate() {
             let mut words = vec![VERSION];
@@ -67,7 +65,6 @@ impl Counts {
         Ok(())
     }
 
-    /// The folder of all counts.
     pub(crate) fn folder(&self) -> &Path {
         &self.dir
     }
@@ -77,7 +74,7 @@ impl Counts {
         format!("delete {}, and all steps are counted anew", self.dir.display())
     }
 
-    /// Reads the counts of the first `times` steps of `channels` channels; `None` if the store has none.
+    /// Reads the counts of the first `times` steps, if the store has any.
     pub(crate) fn read(
         &self,
         folder: &Folder,

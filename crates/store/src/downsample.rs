@@ -1,8 +1,8 @@
-//! The downsampling kernels: 1 or 2 voxels per axis of the next finer level become one voxel.
+//! The downsampling kernels: 1 or 2 voxels per axis of a finer level become one.
 //!
-//! Integer means are exact sums in the next wider type, rounded to nearest with ties to even, so no bias builds up from
-//! level to level. Floats average the finite voxels in f64; with none finite, the result is NaN. Odd extents average
-//! the existing voxels: callers replicate the last voxel, which preserves every mean, extreme and mode.
+//! Integer means are exact sums in the next wider type, rounded to nearest with ties to even, so no bias builds up over
+//! levels. Floats average the finite voxels in f64; with none, the result is NaN. Odd extents average the existing
+//! voxels: callers replicate the last voxel, which preserves every mean, extreme and mode.
 //!
 //! Loops run over whole rows with plain arithmetic, so the compiler vectorises them for the caller's target features;
 //! everything is `#[inline(always)]` for that reason. Mean of 64^3 u8: about 10 us with AVX2.
@@ -23,7 +23,7 @@ pub enum Downsample {
     Min,
     /// The most frequent value, the least in a tie; for labels.
     Mode,
-    /// The voxel at the lowest x, y and z; if it is invalid, the first valid one in that order, x fastest.
+    /// The voxel at the lowest x, y and z, or the first valid one in that order, x fastest.
     Nearest,
 }
 
@@ -55,8 +55,8 @@ impl std::str::FromStr for Downsample {
     }
 }
 
-/// Methods behind a store's coarser levels: one, or two (`mean,max`) as two pyramids that share level 0. The second
-/// costs a pack an eighth more disk and a quarter more time.
+/// One method for a store's coarser levels, or two (`mean,max`) for two pyramids that share level 0. The second costs a
+/// pack an eighth more disk and a quarter more time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Reductions {
@@ -127,17 +127,14 @@ impl From<Reductions> for String {
 pub(crate) trait Reduce: Voxel + Default {
     /// The type for sums of voxels.
     type Sum: Copy;
-    /// The sum of no voxels.
     const ZERO: Self::Sum;
-    /// Adds one voxel to a sum.
     fn add(sum: Self::Sum, value: Self) -> Self::Sum;
-    /// Adds two sums.
     fn join(a: Self::Sum, b: Self::Sum) -> Self::Sum;
     /// The mean of `2^log2_count` voxels, given their sum.
     fn mean(sum: Self::Sum, log2_count: u32) -> Self;
-    /// The greater of two voxels, or the valid one if only one is valid.
+    /// The greater voxel, or the only valid one.
     fn greater(a: Self, b: Self) -> Self;
-    /// The lesser of two voxels, or the valid one if only one is valid.
+    /// The lesser voxel, or the only valid one.
     fn lesser(a: Self, b: Self) -> Self;
 }
 
@@ -182,7 +179,7 @@ impl Reduce for f32 {
     fn join(a: (f64, f32), b: (f64, f32)) -> (f64, f32) {
         (a.0 + b.0, a.1 + b.1)
     }
-    /// The mean of the finite voxels; without any, one fixed NaN, so stores are independent of the processor.
+    /// The mean of the finite voxels, or one fixed NaN, so stores are independent of the processor.
     #[inline(always)]
     fn mean((sum, count): (f64, f32), _: u32) -> f32 {
         if count > 0.0 { (sum / count as f64) as f32 } else { f32::NAN }
@@ -298,7 +295,7 @@ fn extreme_row<'a, T: Reduce, const FX: usize>(
         }
     }
     for (out, best) in out.iter_mut().zip(best.chunks_exact(FX)) {
-        // With one voxel per row and one row, a lone infinity must still become NaN: `better` of it with itself.
+        // A lone infinity must become NaN even with one row of one voxel: `better` of it with itself.
         *out = better(best[0], best[FX - 1]);
     }
 }
@@ -326,7 +323,7 @@ fn mode_row<'a, T: Reduce, const FX: usize>(row: impl Fn(usize) -> &'a [T], rows
     }
 }
 
-/// The most frequent valid voxel, the least in a tie; without valid voxels, the combination of two invalid ones: NaN.
+/// The most frequent valid voxel, the least in a tie; without any, two invalid ones combined: NaN.
 pub(crate) fn mode<T: Reduce>(values: &[T]) -> T {
     if values.iter().all(|v| *v == values[0]) && values[0].is_valid() {
         return values[0];

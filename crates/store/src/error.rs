@@ -26,7 +26,7 @@ pub enum OpenError {
         /// The path to open.
         path: PathBuf,
     },
-    /// The path is, or would be, part of a store rather than the store itself.
+    /// The path is, or would be, part of a store.
     #[error("{path}: {what} of {store}: give {store}", path = path.display(), store = store.display())]
     Inside {
         /// The path to open.
@@ -36,7 +36,7 @@ pub enum OpenError {
         /// The store around the path.
         store: PathBuf,
     },
-    /// An interrupted or running pack: there is a journal, but no completion marker.
+    /// An interrupted or running pack: a journal without a completion marker.
     #[error(
         "{path}: incomplete store, {percent} % packed; pack it again from its source with `resume` to finish it, or with `overwrite` \
          to start over",
@@ -103,7 +103,7 @@ pub enum OpenError {
         /// The path given on opening.
         store: PathBuf,
     },
-    /// The operating system could not open or read a file of the store.
+    /// A file of the store could not be opened or read.
     #[error("{path}: {error}", path = path.display())]
     Io {
         /// The file.
@@ -155,7 +155,7 @@ pub enum ReadError {
         /// The length or checksum found.
         found: u64,
     },
-    /// The shard's index is damaged, so none of its bricks can be located.
+    /// A damaged shard index; none of its bricks can be located.
     #[error("{path}: damaged shard index: {error}", path = path.display())]
     CorruptIndex {
         /// The shard's file.
@@ -175,7 +175,7 @@ pub enum ReadError {
         #[source]
         error: CodecError,
     },
-    /// A damaged page of side data; its records of bricks or shards are lost.
+    /// A damaged page of side data, with lost records of bricks or shards.
     #[error("{path}: damaged side data: {what}", path = path.display())]
     CorruptPage {
         /// The page's file.
@@ -189,7 +189,7 @@ pub enum ReadError {
         /// The path given on opening.
         store: PathBuf,
     },
-    /// The operating system could not open or read a file of the store.
+    /// A file of the store could not be opened or read.
     #[error("{path}: {error}", path = path.display())]
     Io {
         /// The file.
@@ -214,8 +214,8 @@ impl ReadError {
         }
     }
 
-    /// Whether a retry may succeed without repair: memory or descriptors ran out, or a disk or network file system
-    /// failed to respond. Missing, short, damaged or forbidden files stay so.
+    /// Whether a retry may succeed without repair: memory or descriptors ran out, or a disk or network file system did
+    /// not respond. Missing, short, damaged or forbidden files stay so.
     pub fn is_passing(&self) -> bool {
         use std::io::ErrorKind::{InvalidData, InvalidInput, NotFound, PermissionDenied, UnexpectedEof};
         let Self::Io { error, .. } = self else { return false };
@@ -279,7 +279,7 @@ pub enum CodecError {
         /// Bytes decoded, or announced by a header.
         found: u64,
     },
-    /// The brick's bytes match their checksum, but no codec of ours wrote them.
+    /// Valid checksum, but not from our codec.
     #[error("damaged brick: {0}")]
     Malformed(String),
     /// A sound Blosc container with an unsupported feature.
@@ -308,7 +308,7 @@ pub enum ExportError {
     /// The store lacks the level, time step, channel or box.
     #[error("{what} {found} is outside the store: expected {expected}")]
     Outside {
-        /// The part of the request at fault: the level, time step, channel or box.
+        /// The invalid part: level, time step, channel or box.
         what: &'static str,
         /// The requested value.
         found: String,

@@ -1,9 +1,9 @@
 //! Export: one level, or a box of it, of one channel and one or more time steps, as one file.
 //!
 //! `.raw` holds only voxels, little-endian, x fastest; `.npy` is NumPy's format, shape (z, y, x), or (t, z, y, x) for a
-//! range of steps. Bars of bricks along x are decoded on all threads and written in place, so a thread holds one bar at
-//! any size of box: a whole row of bricks, or as many as its share of the memory allows. The file has a temporary name
-//! in the same folder until it is complete.
+//! range of steps. Bars of bricks along x are decoded on all threads and written in place, so each thread holds one
+//! bar: a whole row of bricks, or as many as its share of the memory allows. The file has a temporary name in the same
+//! folder until complete.
 
 use crate::error::ExportError;
 use crate::inside::check_outside;
@@ -52,7 +52,7 @@ impl ExportTime {
     }
 }
 
-/// Selects the part of a store to export, and the policy for an existing file.
+/// Part of a store to export, and policy for an existing file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExportRequest {
     /// The level to export.
@@ -65,7 +65,7 @@ pub struct ExportRequest {
     pub region: Option<VoxelBox>,
     /// Whether an existing file may be replaced.
     pub overwrite: bool,
-    /// Most anonymous memory for exporting, in bytes, including the open store's.
+    /// Most anonymous memory for the export, in bytes, including the open store's.
     pub memory_bytes: u64,
 }
 
@@ -77,14 +77,13 @@ impl Default for ExportRequest {
     }
 }
 
-/// Writes voxels of a store to `output`, whose extension (`.raw` or `.npy`) selects the format. Calls `progress` with
-/// the bytes written so far and the total after each bar of bricks; it may cancel the export. Returns the extent of
-/// each step written.
+/// Exports voxels to `output`, whose extension (`.raw` or `.npy`) selects the format. Calls `progress` with the bytes
+/// written so far and in total after each bar of bricks; it may cancel. Returns the extent of each step.
 ///
 /// # Errors
 /// If the output exists and may not be replaced, its extension is unknown, the request is outside the store, a brick
-/// cannot be read, the memory is too little for one thread, the file cannot be written, or `progress` cancels. An error
-/// leaves nothing new behind.
+/// cannot be read, the memory is too little for one thread, the file cannot be written, or `progress` cancels. Then
+/// nothing new is left behind.
 pub fn export(
     store: &Store,
     output: &Path,
@@ -174,7 +173,7 @@ fn write_voxels(
     let write = |buffer: &mut Vec<u8>, ((i, time), bar): ((u64, u32), VoxelBox)| {
         buffer.resize((bar.extent().volume() * voxel_bytes) as usize, 0);
         store.read_box(time, request.channel, request.level, bar, buffer)?;
-        // The rows of one slice of the bar are adjacent in the file if the bar spans whole rows.
+        // Rows of one slice of the bar are adjacent in the file only if they are whole.
         let rows = if bar.extent().x == extent.x { bar.extent().y } else { 1 };
         let piece_bytes = bar.extent().x as usize * rows as usize * voxel_bytes as usize;
         let pieces =
@@ -195,14 +194,14 @@ fn write_voxels(
     pool.install(|| parts.par_bridge().try_for_each_init(Vec::new, write))
 }
 
-/// Memory taken by any export: the program, its stacks and its allocator.
+/// The program, its stacks and its allocator.
 const PROGRAM_BYTES: u64 = 16 << 20;
 
-/// The widest bars along x, of whole bricks, and then the most threads, within the memory.
+/// The widest bars along x, of whole bricks, then the most threads, within the memory.
 fn bar_width(store: &Store, region: VoxelBox, memory_bytes: u64) -> Result<(u32, usize), ExportError> {
     let edge = store.pyramid().edge();
     let core = store.core_bytes() as u64;
-    // A brick, encoded and shuffled and decoded, and a bar of one.
+    // An encoded, shuffled and decoded brick, and a bar of one.
     let least = 4 * core;
     let fixed = PROGRAM_BYTES + store.cache_bytes();
     let room = memory_bytes.saturating_sub(fixed);
@@ -226,7 +225,7 @@ fn cuts(from: u32, to: u32, edge: u32) -> impl Iterator<Item = (u32, u32)> {
     (from / edge..to.div_ceil(edge)).map(move |i| (from.max(i * edge), to.min((i + 1).saturating_mul(edge))))
 }
 
-/// The header of a version 1.0 `.npy` file: a Python dictionary, padded so the data start at a multiple of 64.
+/// A version 1.0 `.npy` header: a Python dictionary, padded so the data start at a multiple of 64.
 fn npy_header(voxel_type: VoxelType, extent: Extent, time: ExportTime) -> Vec<u8> {
     let descr = match voxel_type {
         VoxelType::U8 => "|u1",
@@ -249,8 +248,7 @@ fn npy_header(voxel_type: VoxelType, extent: Extent, time: ExportTime) -> Vec<u8
     [MAGIC, &(padded.len() as u16).to_le_bytes(), padded.as_bytes()].concat()
 }
 
-/// Creates a file that is deleted unless it is given a name. Temporary files are private; an export has a new file's
-/// usual permissions.
+/// Creates a file deleted unless named. Temporary files are private; an export has a new file's usual permissions.
 fn temporary_in(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
     use std::os::unix::fs::PermissionsExt;
     let permissions = std::fs::Permissions::from_mode(0o666);

@@ -1,5 +1,5 @@
-//! The open folder of a store. Files are opened by name through one descriptor, so all belong to the same store even if
-//! its path changes hands meanwhile. Costs a descriptor per open store.
+//! The open folder of a store. Files are opened by name through one descriptor, so all belong to one store even if its
+//! path changes hands. Costs a descriptor per open store.
 
 use crate::data_file::{open_at, read_at_most};
 use crate::error::{OpenError, ReadError};
@@ -26,7 +26,6 @@ pub(crate) struct Folder {
 }
 
 impl Folder {
-    /// Opens a folder.
     pub(crate) fn open(path: &Path) -> std::io::Result<Self> {
         let flags = PLACE | OFlags::DIRECTORY | OFlags::CLOEXEC;
         Ok(Self { path: path.into(), dir: openat(CWD, path, flags, Mode::empty())? })
@@ -37,15 +36,14 @@ impl Folder {
         &self.path
     }
 
-    /// Opens the file or folder at a path inside the folder for reading. Refuses pipes, devices and sockets, which may
-    /// block forever.
+    /// Opens a file or folder inside for reading. Refuses pipes, devices and sockets, which may block forever.
     pub(crate) fn file(&self, path: &Path) -> std::io::Result<File> {
         let name = path.strip_prefix(&self.path).map_err(|_| Error::from(ErrorKind::InvalidInput))?;
         open_at(&self.dir, name)
     }
 
-    /// A path to the same place through the descriptor, whatever the given path now leads to; the path itself if there
-    /// is no such route, or it lies outside.
+    /// A path through the descriptor to the same place, wherever the given path now leads; the path itself if that is
+    /// impossible, or it lies outside.
     pub(crate) fn through(&self, path: &Path) -> PathBuf {
         let own = Path::new("/proc/self/fd").join(self.dir.as_raw_fd().to_string());
         match path.strip_prefix(&self.path) {

@@ -27,32 +27,31 @@ pub const DEFAULT_SHARD_EDGE: u32 = 512;
 /// Upper limit of voxels along a shard's edge in any store.
 pub const MAX_SHARD_EDGE: u32 = 8192;
 
-/// Most bricks in a shard, over all of its time steps: the number in the largest shard of 64-voxel bricks. Its index
+/// Most bricks in a shard, over all of its time steps: those of the largest shard at 64 voxels a brick. Their index
 /// takes 32 MiB.
 const MAX_SHARD_BRICKS: u64 = (MAX_SHARD_EDGE as u64 / 64).pow(3);
 
-/// Name of the journal, present in a store directory exactly while a pack is unfinished. Its first line is a JSON
-/// object with the total number of `shards`; each further complete line not starting with a blank is one finished
-/// shard.
+/// Name of the journal, present in a store directory while a pack is unfinished. Its first line is a JSON object with
+/// the total number of `shards`; each further complete line not starting with a blank is a finished shard.
 pub const JOURNAL_NAME: &str = ".brickyard-journal";
 
-/// Name of the lock file, present in a store directory while a process packs into it. It names the process and its
-/// machine. A killed pack leaves it behind.
+/// Name of the lock file, present while a process packs into a store or after it was killed. It names the process and
+/// its machine.
 pub const LOCK_NAME: &str = ".brickyard-lock";
 
-/// Name of the side-data folder inside a level's folder, ignored by other readers.
+/// Name of the side-data folder in a level's folder, ignored by other readers.
 pub(crate) const SIDE_NAME: &str = ".brickyard";
 
-/// The folder of value counts, among the side data of level 0.
+/// Folder of value counts, in the side data of level 0.
 pub(crate) const COUNTS_NAME: &str = "counts";
 
-/// The folder of a level's aprons, among its side data.
+/// Folder of a level's aprons, in its side data.
 const APRONS_NAME: &str = "aprons";
 
-/// An unacceptable number: the field's name, and the expected values.
+/// An unacceptable setting: field name, and expected values.
 pub(crate) type Unfit = (&'static str, String);
 
-/// Checks the edges of bricks (`edge`) and shards (`shard`), in voxels. Shared by packing and opening.
+/// Checks the edge lengths in voxels, for packing and opening.
 pub(crate) fn check_edges(edge: u32, shard: u32) -> Result<(), Unfit> {
     if !(8..=256).contains(&edge) || !edge.is_power_of_two() {
         return Err(("edge", "a power of two from 8 to 256".into()));
@@ -63,7 +62,7 @@ pub(crate) fn check_edges(edge: u32, shard: u32) -> Result<(), Unfit> {
     Ok(())
 }
 
-/// Checks the total number of voxels: at least 1, and fewer than 2^63. Shared by packing and opening.
+/// Checks the total number of voxels, 1 to 2^63 - 1, for packing and opening.
 pub(crate) fn check_size(extent: Extent, times: u32, channels: u32) -> Result<(), Unfit> {
     let voxels = extent.checked_volume().and_then(|v| v.checked_mul(times as u64)?.checked_mul(channels as u64));
     match voxels {
@@ -72,8 +71,7 @@ pub(crate) fn check_size(extent: Extent, times: u32, channels: u32) -> Result<()
     }
 }
 
-/// Checks the number of bricks in a shard, since a shard's index is in memory while the shard is open. Shared by
-/// packing and opening.
+/// Checks the number of bricks in a shard, whose index is in memory while open, for packing and opening.
 pub(crate) fn check_shard_bricks(layout: &Layout) -> Result<(), Unfit> {
     let bricks = layout.shard_bricks(Level(0)).volume();
     if bricks > MAX_SHARD_BRICKS {
@@ -92,7 +90,7 @@ pub(crate) fn check_shard_bricks(layout: &Layout) -> Result<(), Unfit> {
 /// The key of one shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ShardId {
-    /// Index of the shard's group of time steps: its index along t, not a time step.
+    /// Index of the shard's group of time steps along t, not a time step.
     pub group: u32,
     /// The shard's channel.
     pub channel: u32,
@@ -106,7 +104,7 @@ pub struct ShardId {
     pub x: u32,
 }
 
-/// The arrangement of a store's bricks, or of their aprons, into shards and files.
+/// Arrangement of a store's bricks or their aprons in shards and files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
     /// The levels and their brick grids.
@@ -115,13 +113,13 @@ pub struct Layout {
     pub times: u32,
     /// Number of channels, at least 1.
     pub channels: u32,
-    /// Time steps in a group, whose bricks share shards; from 1 to all. The last group may have fewer.
+    /// Time steps per group, sharing shards; from 1 to all. The last group may have fewer.
     pub(crate) shard_times: u32,
-    /// Whether the store has a time axis even with one step: more may be appended.
+    /// Whether there is a time axis even with one step, for appending.
     has_time: bool,
     /// Most bricks along a shard's edge.
     max_shard_bricks: u32,
-    /// Names the folders of levels 1 and up of a second pyramid; `None` for the main one.
+    /// The method in folder names of a second pyramid's levels 1 and up.
     second: Option<Downsample>,
     /// Whether the chunks are the bricks' aprons.
     is_aprons: bool,
@@ -143,7 +141,7 @@ impl Layout {
         }
     }
 
-    /// This layout with a time axis, whatever the number of steps.
+    /// This layout with a time axis, even for one step.
     pub fn with_time(self) -> Self {
         Self { has_time: true, ..self }
     }
@@ -168,13 +166,13 @@ impl Layout {
         Self { is_aprons: true, ..self.clone() }
     }
 
-    /// The reduction behind levels 1 and up of a second pyramid; `None` for the main pyramid.
+    /// The second pyramid's reduction; `None` for the main pyramid.
     pub fn second(&self) -> Option<Downsample> {
         self.second
     }
 
-    /// The store's axes, slowest first: `t` only if there is [more than one time step, or may be](Layout::with_time),
-    /// `c` only with more than one channel, then `z`, `y`, `x`.
+    /// Axes, slowest first: `t` only with [more than one time step, or steps to come](Layout::with_time), `c` only with
+    /// more than one channel, then `z`, `y`, `x`.
     pub fn axes(&self) -> Vec<&'static str> {
         let t = self.has_time.then_some("t");
         let c = (self.channels > 1).then_some("c");
@@ -188,19 +186,18 @@ impl Layout {
         t.into_iter().chain(c).chain([z, y, x]).collect()
     }
 
-    /// Bricks in a level's shards along each axis, for one time step. Shards at the far faces have this size too, and
-    /// may reach past the brick grid.
+    /// Bricks per shard along each axis, for one time step. Shards at the far faces may reach past the brick grid.
     pub fn shard_bricks(&self, level: Level) -> Extent {
         let bricks = self.pyramid.level(level).bricks.to_array();
         Extent::from_array(bricks.map(|n| n.min(self.max_shard_bricks)))
     }
 
-    /// Number of entries in the index of each of a level's shards: one per brick and time step.
+    /// Index entries per shard of a level: one per brick and time step.
     pub fn shard_slots(&self, level: Level) -> usize {
         self.shard_times as usize * self.shard_bricks(level).volume() as usize
     }
 
-    /// Number of groups of time steps, the number of shards along t.
+    /// Number of groups of time steps, or shards along t.
     pub fn shard_groups(&self) -> u32 {
         self.times.div_ceil(self.shard_times)
     }
@@ -211,14 +208,14 @@ impl Layout {
         first.min(self.times)..first.saturating_add(self.shard_times).min(self.times)
     }
 
-    /// Number of shards of a level along each spatial axis, for one group of time steps and one channel.
+    /// Shards of a level along each spatial axis, for one group of time steps and one channel.
     pub fn shard_grid(&self, level: Level) -> Extent {
         let bricks = self.pyramid.level(level).bricks.to_array();
         let shard = self.shard_bricks(level).to_array();
         Extent::from_array(std::array::from_fn(|a| bricks[a].div_ceil(shard[a])))
     }
 
-    /// The shard with a brick, and the brick's entry in its index.
+    /// The shard of a brick, and the brick's entry in its index.
     pub fn shard_of(&self, id: BrickId) -> (ShardId, usize) {
         let shard = self.shard_bricks(id.level);
         let (i, s) = (id.index.to_array(), shard.to_array());
@@ -228,7 +225,7 @@ impl Layout {
         (ShardId { group, channel: id.channel, level: id.level, z, y, x }, slot as usize)
     }
 
-    /// The brick of entry `slot` of a shard's index; `None` if the entry lies past the grid or the last time step.
+    /// The brick of a shard's index entry `slot`; `None` past the grid or the last time step.
     pub fn brick_at(&self, shard: ShardId, slot: usize) -> Option<BrickId> {
         let bricks = self.shard_bricks(shard.level);
         let s = bricks.to_array();
@@ -267,7 +264,7 @@ impl Layout {
         (0..self.pyramid.levels().len()).map(|k| self.level_shards(Level(k as u8))).sum()
     }
 
-    /// The path of a level's folder, or of its apron folder, relative to the store.
+    /// Path of a level's folder, or of its apron folder, relative to the store.
     pub fn level_path(&self, level: Level) -> String {
         let level = match self.second {
             Some(method) if level > Level(0) => format!("{level}/{SIDE_NAME}/{}", method.name()),
@@ -276,7 +273,7 @@ impl Layout {
         if self.is_aprons { format!("{level}/{SIDE_NAME}/{APRONS_NAME}") } else { level }
     }
 
-    /// The path of the side-data folder of a level, or of its aprons.
+    /// Path of the side-data folder of a level, or of its aprons.
     pub fn side_dir(&self, store: &Path, level: Level) -> PathBuf {
         store.join(self.level_path(level)).join(SIDE_NAME)
     }
@@ -302,18 +299,16 @@ impl Layout {
     }
 }
 
-/// `[t, c, z, y, x]` of cell `i`, counted row-major over all time steps or groups of them, `channels` channels and the
-/// cells of `grid`.
+/// `[t, c, z, y, x]` of cell `i`, row-major over time steps or groups, `channels` channels and the cells of `grid`.
 pub(crate) fn place_at(i: u64, channels: u32, grid: Extent) -> [u32; 5] {
     let (volume, cell) = (i / grid.volume(), i % grid.volume());
     let (gx, gy, channels) = (grid.x as u64, grid.y as u64, channels as u64);
     [volume / channels, volume % channels, cell / gx / gy, cell / gx % gy, cell % gx].map(|n| n as u32)
 }
 
-/// Packed share of an unfinished store according to its journal, in percent, 0 to 99; `None` if the journal is
-/// unreadable.
+/// Packed share of an unfinished store by its journal, in percent, 0 to 99; `None` if unreadable.
 pub fn journal_percent(store: &Path) -> Option<u8> {
-    // Parts of longer lines, from files other than our journals, would count as lines.
+    // Parts of longer lines, from foreign files, would count as lines.
     const LONGEST_LINE: u64 = 16 << 20;
     let mut journal = BufReader::new(open_file(&store.join(JOURNAL_NAME)).ok()?);
     let mut line = Vec::new();

@@ -1,5 +1,5 @@
-//! Bricks of all levels of an in-memory volume, made by the kernels that pack stores: so a volume shown before packing
-//! has the same levels, statistics and windows as a store of the same voxels. Costs some nanoseconds a voxel.
+//! Bricks of all levels of an in-memory volume, made by the packing kernels: a volume shown before packing has the
+//! levels, statistics and windows of its store. Costs some nanoseconds a voxel.
 
 use crate::downsample::Downsample;
 use crate::metadata::ChannelStatistics;
@@ -24,13 +24,11 @@ struct Bricks {
 }
 
 impl LevelBricks {
-    /// Makes the bricks of a volume, and the statistics of its level-0 voxels. `voxels` is the whole level,
-    /// little-endian, x fastest. Floats equal to `nodata` become NaN; such integers are left out of coarser levels and
-    /// statistics.
+    /// Makes a volume's bricks and level-0 statistics. `voxels` is the whole level, little-endian, x fastest. Floats
+    /// equal to `nodata` become NaN; such integers are left out of coarser levels and statistics.
     ///
     /// # Panics
-    /// If the number of voxels differs from level 0 of the pyramid, or the edge of its bricks is not a power of two
-    /// from 8 to 256.
+    /// If `voxels` differs in number from the pyramid's level 0, or its brick edge is not a power of two from 8 to 256.
     pub fn make(
         pyramid: &Pyramid,
         voxel_type: VoxelType,
@@ -170,7 +168,7 @@ mod tests {
         }
     }
 
-    /// Hashed values, some with no data in unchanged form if the type holds them.
+    /// Hashed values from 0 to 127, exact in every type.
     fn voxels(voxel_type: VoxelType, extent: Extent, nodata: Option<f64>) -> Voxels {
         let value = |i: u64| (i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 57) as f64;
         let bytes = with_voxel_type!(voxel_type, T => {

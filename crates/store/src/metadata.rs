@@ -1,8 +1,8 @@
 //! The `zarr.json` documents: written by pack, checked field by field on open.
 //!
-//! The root group's `attributes.ome` follows OME-Zarr 0.5 and is authoritative for placement; `attributes.brickyard` is
-//! [`StoreInfo`]: settings and statistics. Since settings determine every array document, opening generates the
-//! expected documents and compares. Unknown keys are ignored, so other tools may add theirs.
+//! In the root group, `attributes.ome` follows OME-Zarr 0.5 and is authoritative for placement; `attributes.brickyard`
+//! is [`StoreInfo`]: settings and statistics. Settings determine every array document, so opening compares with
+//! generated ones. Unknown keys are ignored; other tools may add theirs.
 
 use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
@@ -26,28 +26,28 @@ use std::path::Path;
 /// Number of bins of a [`Histogram`].
 pub const HISTOGRAM_BINS: usize = 256;
 
-/// Percentiles of a channel's valid voxels. Each field is the value not exceeded by its share of them.
+/// Percentiles of a channel's valid voxels: the values not exceeded by these shares of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Percentiles {
-    /// The 0.1 % percentile.
+    /// 0.1th percentile.
     #[serde(rename = "0.1")]
     pub p0_1: f64,
-    /// The 1 % percentile.
+    /// 1st percentile.
     #[serde(rename = "1")]
     pub p1: f64,
-    /// The 5 % percentile.
+    /// 5th percentile.
     #[serde(rename = "5")]
     pub p5: f64,
-    /// The 50 % percentile: the median.
+    /// 50th percentile, the median.
     #[serde(rename = "50")]
     pub p50: f64,
-    /// The 95 % percentile.
+    /// 95th percentile.
     #[serde(rename = "95")]
     pub p95: f64,
-    /// The 99 % percentile.
+    /// 99th percentile.
     #[serde(rename = "99")]
     pub p99: f64,
-    /// The 99.9 % percentile.
+    /// 99.9th percentile.
     #[serde(rename = "99.9")]
     pub p99_9: f64,
 }
@@ -65,7 +65,7 @@ pub struct Histogram {
 }
 
 impl Histogram {
-    /// The value below which `share` of the counts lie, assuming even spread within bins.
+    /// The value below `share` of the counts, assuming even spread within bins.
     fn quantile(&self, share: f64) -> f64 {
         let total: u64 = self.counts.iter().sum();
         let mut rest = share * total as f64;
@@ -79,8 +79,8 @@ impl Histogram {
     }
 }
 
-/// Statistics of one channel at level 0, over all time steps. A voxel is valid if it is finite and differs from the
-/// no-data value ([`StoreInfo::nodata`]).
+/// Level-0 statistics of one channel over all time steps. A voxel is valid if it is finite and not the no-data value
+/// ([`StoreInfo::nodata`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelStatistics {
     /// Least and greatest valid value; `[0, 0]` if there is none.
@@ -102,7 +102,7 @@ pub struct ChannelStatistics {
     pub percentiles: Percentiles,
     /// Histogram of the valid voxels.
     pub histogram: Histogram,
-    /// The values `[low, high]` shown as black and white in the absence of a transfer function.
+    /// The values `[low, high]` shown as black and white by default.
     pub window: [f64; 2],
     /// The bins of the channel's occupancy masks.
     pub bins: OccupancyBins,
@@ -115,8 +115,8 @@ pub struct ChannelStatistics {
 }
 
 impl ChannelStatistics {
-    /// The value not exceeded by `percent` of the valid voxels, 0 to 100. Exact for the ends of the range and for each
-    /// of [`Percentiles`]; in between, off by less than a histogram bin and clamped to the two nearest.
+    /// The value not exceeded by `percent` of the valid voxels, 0 to 100. Exact for the range's ends and each of
+    /// [`Percentiles`]; in between, off by less than a histogram bin and within the two nearest.
     pub fn percentile(&self, percent: f64) -> f64 {
         let Percentiles { p0_1, p1, p5, p50, p95, p99, p99_9 } = self.percentiles;
         let inner = [(0.1, p0_1), (1.0, p1), (5.0, p5), (50.0, p50), (95.0, p95), (99.0, p99), (99.9, p99_9)];
@@ -132,13 +132,13 @@ impl ChannelStatistics {
         }
     }
 
-    /// The part of the channel worth showing first; `None` if nearly all voxels have the same value.
+    /// The values worth showing first; `None` if nearly all voxels are equal.
     pub fn foreground(&self) -> Option<Foreground> {
         let Histogram { low, width, counts } = &self.histogram;
         Foreground::of_histogram(*low, *width, counts)
     }
 
-    /// Adopts the name, colour and window of the source, as far as given.
+    /// Adopts the source's name, colour and window, as far as given.
     pub fn take_look(&mut self, look: &ChannelLook) {
         (self.name, self.color) = (look.name.clone(), look.color);
         self.window = look.window.unwrap_or(self.window);
@@ -177,16 +177,16 @@ impl ChannelDisplay {
     }
 }
 
-/// The root group's `brickyard` attribute: settings and statistics of the whole store.
+/// The root group's `brickyard` attribute: the store's settings and statistics.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StoreInfo {
-    /// The version of the store's format: [`FORMAT_VERSION`].
+    /// Format version: [`FORMAT_VERSION`].
     pub version: u32,
     /// Voxels along the edge of a brick's core.
     pub edge: u32,
     /// Most voxels along a shard's edge.
     pub shard: u32,
-    /// Number of time steps in a shard; at most all of them.
+    /// Time steps per shard; at most all.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub shard_times: u32,
     /// Type of a voxel.
@@ -197,30 +197,29 @@ pub struct StoreInfo {
     pub downsample: Reductions,
     /// The meaning of the store's values.
     pub kind: Kind,
-    /// The integer marking voxels without data; `None` if none is defined. Floats use NaN instead.
+    /// The integer for no data; `None` if undefined. Floats use NaN instead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub nodata: Option<i64>,
-    /// The source's no-data value of floats, NaN in the store; `None` if none is defined, or the store holds integers.
-    /// Appended steps are packed by it.
+    /// The source's no-data value of floats, NaN in the store and for appended steps; `None` if undefined, or for
+    /// integers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub blanked: Option<f64>,
     /// Width of the stored aprons in voxels; 0 if none are stored.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub aprons: u32,
-    /// The voxel spacing `[x, y, z]` behind the levels' factors. The voxels' positions in the world are in
-    /// `attributes.ome`.
+    /// Voxel spacing `[x, y, z]` behind the levels' factors. Positions in the world are in `attributes.ome`.
     pub spacing: [f64; 3],
     /// Whether the source gave a spacing.
     pub calibrated: bool,
-    /// The volume's orientation in a patient, if the source gave it.
+    /// Orientation of the volume in a patient, if given by the source.
     #[serde(default)]
     pub orientation: Option<Orientation>,
-    /// Acquisition times of the time steps, if the source or the user gave them. Step, start and unit are also in
-    /// `attributes.ome`, which takes precedence: see [`Store::time_axis`](crate::Store::time_axis).
+    /// Acquisition times of the steps, if given by the source or user. `attributes.ome` takes precedence for step,
+    /// start and unit: see [`Store::time_axis`](crate::Store::time_axis).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time: Option<TimeAxis>,
-    /// Number of time steps in an appendable store. Its arrays may have one more, from an interrupted commit. `None` if
-    /// all steps were packed at once; the arrays' shape counts then.
+    /// Time steps of an appendable store, whose arrays may have one more from an interrupted commit. `None` if all
+    /// steps were packed at once, so the arrays' shape counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub times: Option<u32>,
     /// Statistics, one per channel.
@@ -229,7 +228,7 @@ pub struct StoreInfo {
     pub source: String,
     /// A joint hash of the source and the settings.
     pub settings_fingerprint: String,
-    /// Whether the store is finished; always true in a finished store.
+    /// Whether the store is finished; always true then.
     pub complete: bool,
 }
 
@@ -299,10 +298,10 @@ impl StoreInfo {
     }
 }
 
-/// Builds the root group's document from the layout of the main pyramid.
+/// Builds the root group's document from the main pyramid's layout.
 ///
-/// `attributes.brickyard.checksum` covers the document without the checksum itself. Only `verify` compares it, against
-/// a document regenerated from its parsed values. Opening does not, since other tools may change the document.
+/// `attributes.brickyard.checksum` covers the rest of the document. Only `verify` compares it, against a regenerated
+/// document; opening does not, since other tools may edit.
 ///
 /// A second pyramid's multiscale is in `attributes.brickyard`, since some readers of `attributes.ome` do not stop at
 /// the first one.
@@ -381,13 +380,13 @@ pub fn level_document(layout: &Layout, level: Level, info: &StoreInfo) -> Value 
     let mut document = sharded_document(&shape, &shard, &layout.per_axis(1, 1, [info.edge; 3]), info);
     document["dimension_names"] = json!(layout.axes());
     if let Some(nodata) = info.nodata {
-        // CF's name, used by xarray; Zarr's own fill value stands for bricks absent from shards.
+        // CF's name, used by xarray; Zarr's own fill value stands for absent bricks.
         document["attributes"]["_FillValue"] = json!(nodata);
     }
     document
 }
 
-/// The `zarr.json` document of a level's apron array: one row of voxels per brick.
+/// The document of a level's apron array: one row of voxels per brick.
 pub(crate) fn apron_document(layout: &Layout, level: Level, apron: Apron, info: &StoreInfo) -> Value {
     let with_voxels = |per_axis: Vec<u32>| [per_axis, vec![apron.voxels() as u32]].concat();
     let bricks = layout.pyramid.level(level).bricks.to_array();
@@ -396,7 +395,6 @@ pub(crate) fn apron_document(layout: &Layout, level: Level, apron: Apron, info: 
     sharded_document(&shape, &shard, &with_voxels(layout.per_axis(1, 1, [1; 3])), info)
 }
 
-/// The document of a sharded voxel array.
 fn sharded_document(shape: &[u32], shard: &[u32], chunk: &[u32], info: &StoreInfo) -> Value {
     let codecs = sharding_codecs(chunk, brick_codecs(info.codec, info.voxel_type));
     let mut document = array_document(shape, shard, info.voxel_type.zarr_name(), codecs);
@@ -404,7 +402,7 @@ fn sharded_document(shape: &[u32], shard: &[u32], chunk: &[u32], info: &StoreInf
     document
 }
 
-/// The codecs of a sharded array, given the shape and the codecs of its chunks.
+/// The codecs of a sharded array with these chunks.
 pub(crate) fn sharding_codecs(chunk: &[u32], codecs: Value) -> Value {
     let index_codecs = json!([{ "name": "bytes", "configuration": { "endian": "little" } }, { "name": "crc32c" }]);
     let sharding = json!({
@@ -470,17 +468,16 @@ pub fn document_bytes(document: &Value) -> Vec<u8> {
 pub(crate) enum Steps {
     /// The layout's number.
     Exactly,
-    /// The layout's number or more: an interrupted append may have left uncommitted steps.
+    /// At least the layout's number: an interrupted append may have added steps.
     AtLeast,
 }
 
 impl Steps {
-    /// The rule for stores with these settings.
     pub(crate) fn of(info: &StoreInfo) -> Self {
         if info.times.is_some() { Self::AtLeast } else { Self::Exactly }
     }
 
-    /// Whether shape `found` is allowed in place of `expected`, with time as the first axis.
+    /// Whether shape `found` may replace `expected`; the first axis is time.
     fn allow(self, expected: &Value, found: &Value) -> bool {
         let (Self::AtLeast, Some(expected), Some(found)) = (self, expected.as_array(), found.as_array()) else {
             return false;
@@ -490,7 +487,7 @@ impl Steps {
     }
 }
 
-/// Compares an array document with the one expected from the settings; an error names the first differing field.
+/// Compares an array document with the expected one; an error names the first differing field.
 pub(crate) fn check_array(path: &Path, expected: &Value, found: &Value, steps: Steps) -> Result<(), OpenError> {
     const FIELDS: [&str; 8] =
         ["zarr_format", "node_type", "shape", "data_type", "chunk_grid", "chunk_key_encoding", "fill_value", "codecs"];
@@ -510,7 +507,7 @@ pub(crate) fn check_array(path: &Path, expected: &Value, found: &Value, steps: S
 /// The remedy for a store written by another program.
 pub(crate) const OTHERS_STORE: &str = "export it to .npy, .raw, NIfTI or TIFF with what wrote it, and pack that";
 
-/// Reads a store's settings and statistics from the root document.
+/// Reads settings and statistics from the root document.
 pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenError> {
     let attributes = &root["attributes"];
     let ours = &attributes["brickyard"];
@@ -535,7 +532,7 @@ pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenErr
         .map_err(|error| OpenError::invalid(path, "attributes.brickyard", "the settings of a store", not_json(&error)))
 }
 
-/// Derives a store's layout from level 0's shape and the settings, and checks both.
+/// Derives the layout from level 0's shape and the settings, and checks both.
 pub(crate) fn parse_layout(
     root_path: &Path,
     root: &Value,
@@ -577,7 +574,7 @@ pub(crate) fn parse_layout(
     Ok(if names[0] == "t" { layout.with_time() } else { layout })
 }
 
-/// The number of time steps: the root document's count if it has one, otherwise level 0's.
+/// The root document's number of time steps, if given, otherwise level 0's.
 fn committed_times(
     root_path: &Path,
     info: &StoreInfo,
@@ -640,8 +637,7 @@ pub(crate) fn parse_geometry(path: &Path, root: &Value, layout: &Layout) -> Resu
     Ok(geometry)
 }
 
-/// The channels' displays by the store's OME metadata, which other tools may have edited, with the packed ones in place
-/// of unusable entries.
+/// Displays from the store's OME metadata, editable by other tools, with unusable entries replaced by the packed ones.
 pub(crate) fn parse_displays(root: &Value, info: &StoreInfo) -> Vec<ChannelDisplay> {
     let display = |(i, packed): (usize, ChannelDisplay)| {
         let said = &root["attributes"]["ome"]["omero"]["channels"][i];
@@ -658,8 +654,7 @@ pub(crate) fn parse_displays(root: &Value, info: &StoreInfo) -> Vec<ChannelDispl
     ChannelDisplay::of_channels(&info.channels).into_iter().enumerate().map(display).collect()
 }
 
-/// The label colours in the store's OME metadata, sorted by label; the last entry of a label wins. Unusable entries are
-/// dropped.
+/// Label colours from the store's OME metadata, sorted by label; the last entry wins, unusable ones are dropped.
 pub(crate) fn parse_label_colors(root: &Value) -> Vec<LabelColor> {
     let said = root["attributes"]["ome"]["image-label"]["colors"].as_array();
     let color = |entry: &Value| {
@@ -673,8 +668,7 @@ pub(crate) fn parse_label_colors(root: &Value) -> Vec<LabelColor> {
     colors.into_iter().map(|(label, color)| LabelColor { label, color }).collect()
 }
 
-/// The placement in the patient's world from the volume's own world of spacing and origin; the identity if the store
-/// has no orientation.
+/// The placement from the volume's own world of spacing and origin to the patient's, if the store has an orientation.
 pub(crate) fn parse_placement(path: &Path, info: &StoreInfo, geometry: &Geometry) -> Result<Placement, OpenError> {
     let Some(orientation) = &info.orientation else { return Ok(Placement::default()) };
     let field = "attributes.brickyard.orientation";

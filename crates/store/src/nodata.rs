@@ -1,7 +1,7 @@
 //! Voxels with a store's integer for *no data*: left out of levels, ranges and statistics, like NaN among floats.
 //!
-//! Kernels without such a value keep their speed: this code works on the voxels between those without data, or box by
-//! box, and only in bricks with some.
+//! Other kernels keep their speed: this code works on the voxels in between, or box by box, and only in bricks with
+//! no-data voxels.
 
 use crate::downsample::{Downsample, Reduce, mode};
 use crate::stats::{Counter, Measure, Range, Tally};
@@ -30,8 +30,7 @@ pub(crate) fn count<T: Measure>(voxels: &[T], nodata: Option<T>, counter: &mut C
     }
 }
 
-/// Counts and sums the voxels other than `nodata`. A separate function, since loops over bricks without such voxels are
-/// slower with another one beside them.
+/// Like [`count`], with a value. A separate function, since it slows down the loop for bricks without such voxels.
 #[inline(never)]
 fn count_others<T: Measure>(voxels: &[T], nodata: T, counter: &mut Counter, tally: &mut Tally) {
     let mut rest = voxels.len();
@@ -86,8 +85,8 @@ fn reduced<T: Reduce>(method: Downsample, valid: &[T], nodata: T) -> T {
     }
 }
 
-/// The mean, rounded to nearest with ties to even. If it equals `nodata` despite valid data, the adjacent whole number
-/// on the mean's side, or above if the mean is exactly there.
+/// The mean, rounded to nearest with ties to even. If that is `nodata` despite data, the adjacent whole number on the
+/// mean's side, or above in the exact case.
 #[inline(always)]
 fn mean<T: Reduce>(valid: &[T], nodata: T) -> T {
     // At most eight integers of 32 bits: the sum is exact, and the quotient's error is far below the distance of any

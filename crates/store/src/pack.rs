@@ -1,21 +1,21 @@
 //! Packing: any [`Source`] becomes a brick store in one streaming pass.
 //!
-//! Bricks are read directly from sources with box access. Each yields its encoded core, its ranges (and those of the
-//! parts shared with each neighbour), and its part of the next level, stored in one layer of the level's *window*; with
-//! two pyramids, level 0's bricks yield a part for each. So all levels cascade from data at hand, and memory is
-//! independent of the volume: windows too large for it are rings in a scratch file. `pack/plan.rs` has the formula.
+//! Bricks are read directly from sources with box access. Each yields its encoded core, its ranges (including those of
+//! parts shared with each neighbour), and its part of the next level, stored in one layer of the level's *window*;
+//! level 0 feeds both pyramids if there are two. So all levels cascade from data at hand, and memory is independent of
+//! the volume: windows too large for it are rings in a scratch file. `pack/plan.rs` has the formula.
 //!
-//! Stored aprons are made in a second pass (`pack/aprons.rs`) from the output of the first.
+//! A second pass (`pack/aprons.rs`) makes aprons, if stored, from the output of the first.
 //!
-//! Output is independent of threads, memory and interruptions: results pass through one sequence in brick order, so the
-//! same source and settings give byte-identical stores.
+//! Results pass through one sequence in brick order: regardless of threads, memory and interruptions, the same source
+//! and settings give byte-identical stores.
 //!
-//! No unfinished file ever has a final name, apart from the losses of an unfinished pack in a power failure. Shards are
-//! written under a temporary name, renamed, synced every few seconds (one by one if a file system cannot be synced as a
-//! whole), and recorded in `STORE/.brickyard-journal`. The root `zarr.json`, written last, completes the store; then
-//! the journal is removed. After a kill at any moment, [`Exists::Resume`] reads the source again for statistics and
-//! coarser levels, but neither encodes nor writes existing shards. A finished store is replaced only by a finished one:
-//! [`Exists::Overwrite`] packs into `STORE.packing` beside it and swaps the two in one step at the end.
+//! No unfinished file ever has a final name, except after a power failure during a pack. Shards are written under a
+//! temporary name, renamed, synced every few seconds (one by one if a file system cannot be synced as a whole), and
+//! recorded in `STORE/.brickyard-journal`. The root `zarr.json`, written last, completes the store; then the journal is
+//! removed. After a kill at any moment, [`Exists::Resume`] rereads the source for statistics and coarser levels, but
+//! neither encodes nor writes existing shards. Only a finished store replaces a finished one: [`Exists::Overwrite`]
+//! packs into `STORE.packing` and swaps the two in one step at the end.
 
 pub(crate) mod aprons;
 pub(crate) mod brick;
@@ -62,10 +62,10 @@ use std::path::{Path, PathBuf};
 /// Policy for an existing output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Exists {
-    /// Fail, and leave the output as it is.
+    /// Fail, leaving the output unchanged.
     #[default]
     Refuse,
-    /// Finish an unfinished pack of the same source and settings; start one if there is none.
+    /// Finish a pack of the same source and settings, or start one.
     Resume,
     /// Replace the output, if it is a store or an unfinished pack.
     Overwrite,
@@ -79,13 +79,12 @@ pub struct PackOptions {
     /// Most voxels along a shard's edge: a multiple of `edge`, at most
     /// [`MAX_SHARD_EDGE`](crate::layout::MAX_SHARD_EDGE). Larger shards mean fewer files.
     pub shard_edge: u32,
-    /// Number of time steps in a shard, at least 1; capped at all. More steps mean fewer files and store identical
-    /// bricks of a shard's steps once, but a resumed pack restarts at the first step of a shard, and no step can be
-    /// appended without repacking.
+    /// Time steps per shard, at least 1; capped at all. More steps mean fewer files, with equal bricks of a shard's
+    /// steps stored once, but a resumed pack restarts at the first step of a shard, and appending requires repacking.
     pub shard_times: u32,
     /// Compression of bricks. zstd 3 gives 3 % smaller stores than zstd 1 in twice the time.
     pub codec: Codec,
-    /// Reduction for coarser levels: see [`Reductions::default_for`] a kind.
+    /// Reduction methods: see [`Reductions::default_for`] a kind.
     pub downsample: Reductions,
     /// The meaning of the values.
     pub kind: Kind,
@@ -93,15 +92,15 @@ pub struct PackOptions {
     pub aprons: u32,
     /// Most anonymous memory for the pack, in bytes.
     pub memory_bytes: u64,
-    /// Number of worker threads, at least 1. Reading whole planes and writing files use further threads.
+    /// Worker threads, at least 1. Reading whole planes and writing files use further threads.
     pub threads: usize,
     /// Policy for an existing output.
     pub exists: Exists,
 }
 
 impl PackOptions {
-    /// The default options for a voxel type: bricks of 64 voxels and shards of 512 along an edge, 2 GiB of memory, one
-    /// thread per processor.
+    /// Defaults for a voxel type: bricks of 64 and shards of 512 voxels along an edge, 2 GiB of memory, one thread per
+    /// processor.
     pub fn new(voxel_type: VoxelType) -> Self {
         Self {
             edge: DEFAULT_BRICK_EDGE,
@@ -117,7 +116,6 @@ impl PackOptions {
         }
     }
 
-    /// The shape of the aprons to store, if any.
     pub(crate) fn apron(&self) -> Option<Apron> {
         (self.aprons > 0).then_some(Apron { edge: self.edge, width: self.aprons })
     }
@@ -143,18 +141,18 @@ impl PackOptions {
 
 /// Receives the progress of a pack. Methods may be called from any thread.
 pub trait Progress: Sync {
-    /// Called once with the plan, before any voxel is read. Not called if the store was already complete.
+    /// Called once with the plan, before any voxel is read; not if the store was already complete.
     fn planned(&self, _plan: &PackPlan) {}
     /// Called with a routine remark, in one sentence.
     fn note(&self, _message: &str) {}
     /// Called with a warning, in one sentence.
     fn warn(&self, _message: &str) {}
-    /// Called as bricks of level 0 are packed, with `done` of `total` voxels over all time steps and channels.
+    /// Called as level-0 bricks are packed, with `done` of `total` voxels of all time steps and channels.
     fn advanced(&self, _done: u64, _total: u64) {}
-    /// Called in the second pass, if aprons are stored, with `done` of `total` uncompressed bytes of aprons.
+    /// Called in the second pass, if any, with `done` of `total` uncompressed bytes of aprons.
     fn aprons(&self, _done: u64, _total: u64) {}
-    /// Whether to stop the pack. Called before each brick and each plane read, so it must be fast. A stopped pack ends
-    /// with [`PackError::Cancelled`].
+    /// Whether to stop the pack, with [`PackError::Cancelled`]. Called before each brick and plane read, so it must be
+    /// fast.
     fn is_cancelled(&self) -> bool {
         false
     }
@@ -166,19 +164,19 @@ impl Progress for () {}
 /// Outcome of a pack.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackReport {
-    /// The plan of the pack, with its needs.
+    /// The plan of the pack.
     pub plan: PackPlan,
-    /// Number of shards in the store, including those without a file (all fill).
+    /// Shards in the store, including those without a file (all fill).
     pub shards: u64,
-    /// Number of shards finished by earlier, interrupted runs.
+    /// Shards finished by earlier, interrupted runs.
     pub shards_resumed: u64,
     /// Bytes written to shards in this run.
     pub written_bytes: u64,
-    /// Number of NaN and infinite voxels in level 0; 0 if `was_complete`.
+    /// NaN and infinite voxels in level 0; 0 if `was_complete`.
     pub non_finite: u64,
-    /// Number of level-0 voxels with the integer for no data; 0 if `was_complete`.
+    /// No-data integers in level 0; 0 if `was_complete`.
     pub nodata: u64,
-    /// Whether a finished store from the same source and settings already existed, so nothing was done.
+    /// Whether nothing was done, since a finished store from the same source and settings existed.
     pub was_complete: bool,
 }
 
@@ -201,7 +199,7 @@ pub enum PackError {
         /// Other options within the allowed memory, in words; empty if there are none.
         advice: String,
     },
-    /// A property of the input is beyond any store.
+    /// The input has a property no store can hold.
     #[error("the input's {what} {found}: expected {expected}; {cure}")]
     Unfit {
         /// The property of the input.
@@ -231,7 +229,7 @@ pub enum PackError {
         /// The output's path.
         path: PathBuf,
     },
-    /// The pack or store to resume was made from other data or with other settings.
+    /// The existing pack was made from other data or with other settings.
     #[error("{store}: cannot be resumed: {difference}; use the same input and settings, or `overwrite` to start over", store = store.display())]
     Mismatch {
         /// The store.
@@ -251,7 +249,7 @@ pub enum PackError {
         /// A file or folder inside the store not written by packing.
         found: PathBuf,
     },
-    /// A finished store is replaced by way of `STORE.packing` beside it, a name taken by something else.
+    /// The name `STORE.packing`, needed to replace a finished store, is taken.
     #[error(
         "{path}: is in the way: {store} is replaced by way of that name; move it away, or choose another output",
         path = path.display(), store = store.display()
@@ -273,7 +271,7 @@ pub enum PackError {
         /// The process of the other pack, if known.
         holder: Option<Holder>,
     },
-    /// The file system does not lock files, so a second pack into the same store would go unnoticed.
+    /// The file system does not lock files, so a concurrent pack would go unnoticed.
     #[error(
         "{path}: {error}: this file system does not lock files, so another pack into the same store would not be noticed; pack \
          to a local disk or to NFS and move the store from there",
@@ -390,8 +388,8 @@ fn cure(error: &std::io::Error, needed_bytes: u64) -> String {
 /// Packs a source into a store.
 ///
 /// # Errors
-/// If the options or the output do not allow it, the source fails, the disk fails or is full, or `progress` cancels the
-/// pack. Finished work can be resumed.
+/// If the options or the output do not allow it, the source fails, the disk fails or is full, or `progress` cancels.
+/// Finished work can be resumed.
 pub fn pack(
     source: &dyn Source,
     store: &Path,
@@ -484,7 +482,7 @@ fn settings(source: &dyn Source, options: &PackOptions) -> Value {
         "aprons": options.aprons,
         "format": FORMAT_VERSION,
     });
-    // Keeps the settings of sources without these values the same as before they were introduced.
+    // Fingerprints of packs without these values must not change.
     if let Some(nodata) = info.nodata {
         settings["nodata"] = json!(nodata);
     }
@@ -498,12 +496,11 @@ fn settings(source: &dyn Source, options: &PackOptions) -> Value {
     settings
 }
 
-/// A short name for a source and its pack settings: the resulting store's [`StoreInfo::settings_fingerprint`].
+/// Identifies a source and its pack settings: the resulting store's [`StoreInfo::settings_fingerprint`].
 pub fn settings_fingerprint(source: &dyn Source, options: &PackOptions) -> String {
     fingerprint(&settings(source, options))
 }
 
-/// A short name for the settings.
 fn fingerprint(settings: &Value) -> String {
     format!("{:016x}", xxhash_rust::xxh3::xxh3_64(settings.to_string().as_bytes()))
 }
@@ -522,7 +519,7 @@ fn stopped(stop: Stop, reached: &Reached, store: &Path, total: u64) -> PackError
     }
 }
 
-/// Reports the source's remarks, warnings last, for users who show a single line.
+/// Reports the source's remarks, warnings last, for single-line displays.
 pub(crate) fn tell(source: &SourceInfo, progress: &dyn Progress) {
     let (warnings, notes): (Vec<_>, Vec<_>) = source.notes.iter().partition(|note| note.is_warning());
     notes.into_iter().for_each(|note| progress.note(note));
@@ -543,13 +540,11 @@ fn warn_of_space(dir: &Path, plan: &PackPlan, progress: &dyn Progress) {
     }
 }
 
-/// Empty totals for a source's channels.
 fn no_totals(source: &dyn Source) -> Vec<ChannelTotals> {
     let info = source.info();
     (0..info.channels).map(|_| ChannelTotals::new(info.voxel_type)).collect()
 }
 
-/// Channel statistics with the looks given by the source.
 fn with_looks(mut channels: Vec<ChannelStatistics>, looks: &[ChannelLook]) -> Vec<ChannelStatistics> {
     channels.iter_mut().zip(looks).for_each(|(channel, look)| channel.take_look(look));
     channels

@@ -1,8 +1,8 @@
 //! The frame of a shard file: encoded bricks back to back, then the index, then the index's crc32c.
 //!
 //! The index is two little-endian u64 per brick, offset and length, row-major; both are 2^64 - 1 for an absent brick
-//! (all fill value). Bricks of equal content may share a range. None of it is trusted: the checksum is compared first,
-//! and every range must lie before the index and within the length limit of an encoded brick.
+//! (all fill value). Equal bricks may share a range. Nothing is trusted: the checksum is compared first, and every
+//! range must lie before the index and within the length limit of encoded bricks.
 
 use crate::error::ShardError;
 use bytemuck::{Pod, Zeroable};
@@ -10,7 +10,7 @@ use bytemuck::{Pod, Zeroable};
 /// Marks an absent brick.
 const EMPTY: u64 = u64::MAX;
 
-/// Identifies a shard file as the packed one. Both fields are zero if there is no file (all bricks empty).
+/// Identifies the packed shard file. Both fields are zero without a file (all bricks empty).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Fingerprint {
@@ -48,7 +48,7 @@ pub const fn index_bytes(bricks: usize) -> usize {
     bricks * 16 + 4
 }
 
-/// Encodes a shard's index. Returns its bytes, checksum included, and the checksum. `None` stands for an absent brick.
+/// Encodes a shard's index. Returns its bytes, checksum included, and the checksum. `None` is an absent brick.
 pub fn encode_index(ranges: &[Option<BrickRange>]) -> (Vec<u8>, u32) {
     let mut index = Vec::with_capacity(index_bytes(ranges.len()));
     for range in ranges {
@@ -73,11 +73,11 @@ pub struct ShardIndex<'a> {
 }
 
 impl<'a> ShardIndex<'a> {
-    /// Wraps `tail`, the last [`index_bytes`] of a file of `file_bytes`, as the index of a shard of `bricks` bricks.
-    /// `cap` is the greatest length of an encoded brick.
+    /// Wraps `tail`, the last [`index_bytes`] of a file of `file_bytes`, as the index of `bricks` bricks, each at most
+    /// `cap` bytes when encoded.
     ///
     /// # Errors
-    /// If the file is too short for the index, or `tail` differs in length from the index.
+    /// If the file is too short for the index, or `tail` has another length.
     pub fn new(tail: &'a [u8], file_bytes: u64, bricks: usize, cap: u64) -> Result<Self, ShardError> {
         let expected = index_bytes(bricks) as u64;
         if file_bytes < expected || (tail.len() as u64) != expected {
@@ -86,10 +86,10 @@ impl<'a> ShardIndex<'a> {
         Ok(Self { tail, data: file_bytes - expected, cap })
     }
 
-    /// Compares the checksum and checks every entry.
+    /// Checks the checksum and every entry.
     ///
     /// # Errors
-    /// If the checksum does not match, or a range leaves the data or exceeds the length limit of an encoded brick.
+    /// If the checksum does not match, or a range leaves the data or is longer than an encoded brick can be.
     pub fn check(&self) -> Result<(), ShardError> {
         let (stored, computed) = (self.crc(), crc32c::crc32c(self.entries()));
         if stored != computed {
@@ -98,11 +98,11 @@ impl<'a> ShardIndex<'a> {
         (0..self.bricks()).try_for_each(|slot| self.range(slot).map(drop))
     }
 
-    /// The range in the file of entry `slot`; `None` if the brick is not stored.
+    /// The brick's range in the file; `None` if it is not stored.
     ///
     /// # Errors
-    /// If the range leaves the data or exceeds the length limit of an encoded brick, as it may after a change to a
-    /// checked file.
+    /// If the range leaves the data or is longer than an encoded brick can be, possibly after a change to a checked
+    /// file.
     ///
     /// # Panics
     /// If there is no such entry.
@@ -120,8 +120,8 @@ impl<'a> ShardIndex<'a> {
         }
     }
 
-    /// The entries of two bricks with some but not all bytes in common; `None` if there are none. Bricks of equal
-    /// content may have all bytes in common. Entries with invalid ranges are skipped.
+    /// The entries of two bricks with some but not all bytes in common, if any. Equal bricks may share all bytes.
+    /// Invalid ranges are skipped.
     pub fn overlap(&self) -> Option<(usize, usize)> {
         let entry = |slot| self.range(slot).ok()?.map(|BrickRange { offset, length }| (offset, length, slot));
         let mut ranges: Vec<_> = (0..self.bricks()).filter_map(entry).collect();
@@ -132,7 +132,7 @@ impl<'a> ShardIndex<'a> {
         ranges.windows(2).find(|pair| !is_apart(pair)).map(|pair| (pair[0].2, pair[1].2))
     }
 
-    /// Most memory taken by [`ShardIndex::overlap`] for a shard of `bricks` bricks, in bytes.
+    /// Most memory of [`ShardIndex::overlap`] for `bricks` bricks, in bytes.
     pub const fn overlap_bytes(bricks: usize) -> u64 {
         bricks as u64 * size_of::<(u64, u64, usize)>() as u64
     }

@@ -1,5 +1,4 @@
-//! Side data: properties of every brick and shard, available without reading one, as Zarr arrays inside each level's
-//! folder.
+//! Side data: properties of bricks and shards, available without reading any, as Zarr arrays in each level's folder.
 //!
 //! | array | type | shape | contents per brick (`shards`: per shard) |
 //! | --- | --- | --- | --- |
@@ -7,15 +6,14 @@
 //! | `hashes` | uint64 | t, c, z, y, x, 2 | lower and upper half of the XXH3-128 of the decoded core |
 //! | `shards` | uint64 | t, c, z, y, x, 2 | [`Fingerprint`]: length and index checksum; zeros if there is no file |
 //!
-//! A brick's ranges include its descendants'. If aprons are stored, each level's `aprons` array has a `shards` of its
-//! own.
+//! A brick's ranges include its descendants'. Each level's `aprons` array, if stored, has a `shards` of its own.
 //!
-//! If shards hold several time steps, `t` of `shards` counts groups of them, as in the shards' paths, and the pages of
-//! `ranges` and `hashes` of a group are in one file, itself a shard.
+//! If shards hold several time steps, `t` of `shards` counts groups of them, as in the shards' paths, and a group's
+//! pages of `ranges` and `hashes` are in one file, itself a shard.
 //!
 //! All axes are always present. A chunk is a *page*: one time step, one channel, 16³ bricks (or shards); bytes, zstd,
-//! crc32c. So a store opens without reading any of it, a page is read on the first access to its box, and new time
-//! steps leave old pages unchanged. A page of ranges takes 16 KiB to 64 KiB in memory.
+//! crc32c. So a store opens without reading any, a page is read on first access to its box, and new time steps leave
+//! old pages unchanged. A page of ranges takes 16 KiB to 64 KiB in memory.
 
 use crate::error::{OpenError, ReadError};
 use crate::folder::Folder;
@@ -103,8 +101,7 @@ impl SideArray {
         self.dir.join(format!("c/{}/{channel}/{z}/{y}/{x}/0", time / self.file_times))
     }
 
-    /// A page's place among those of its file, the number of places, and the number of places in use: the last file may
-    /// have fewer steps.
+    /// A page's place in its file, the number of places, and of those in use: the last file may have fewer steps.
     pub(crate) fn place_in_file(&self, PageId { time, .. }: PageId) -> (usize, usize, usize) {
         let first = time / self.file_times * self.file_times;
         let filled = self.file_times.min(self.times - first);
@@ -134,12 +131,12 @@ impl SideArray {
         side_file::read(folder, &self.page_path(page), slot, slots, self.page_bytes())
     }
 
-    /// Number of pages in the array, over all time steps (or groups of them) and channels.
+    /// Number of pages, over all time steps (or groups) and channels.
     pub(crate) fn page_count(&self) -> u64 {
         self.times as u64 * self.channels as u64 * self.paging().page_grid().volume()
     }
 
-    /// The id, in `level`, of page `i` of the array. Pages are counted row-major in (t, c, z, y, x).
+    /// The id of page `i` of `level`, counted row-major in (t, c, z, y, x).
     pub(crate) fn page_at(&self, level: Level, i: u64) -> PageId {
         let [time, channel, z, y, x] = place_at(i, self.channels, self.paging().page_grid());
         PageId { time, channel, level, z, y, x }
@@ -216,20 +213,17 @@ pub struct RangePage {
 }
 
 impl RangePage {
-    /// Least and greatest valid value of a brick and its descendants, given its place in the page; `None` if there is
-    /// none.
+    /// Least and greatest valid value of the brick at `place` and its descendants, if any.
     pub fn core(&self, place: usize) -> Option<(f64, f64)> {
         self.pair(place, 0)
     }
 
-    /// Least and greatest valid value of a brick and its descendants, with one voxel around each, given the brick's
-    /// place in the page; `None` if there is none.
+    /// Least and greatest valid value of the brick at `place` and its descendants, with one voxel around each, if any.
     pub fn reach(&self, place: usize) -> Option<(f64, f64)> {
         self.pair(place, 2)
     }
 
-    /// The occupancy of a brick and its descendants, with one voxel around each, given the brick's place in the page
-    /// and its channel's bins.
+    /// The occupancy of the brick at `place` and its descendants, with one voxel around each, in its channel's bins.
     pub fn occupancy(&self, place: usize, bins: OccupancyBins) -> Occupancy {
         self.reach(place).map_or(Occupancy::NONE, |(low, high)| bins.mask(low, high))
     }
@@ -240,7 +234,7 @@ impl RangePage {
     }
 }
 
-/// LRU reader of one pyramid's side-data pages.
+/// Reader of one pyramid's side data, with an LRU cache of range pages.
 pub(crate) struct SidePages {
     folder: Arc<Folder>,
     layout: Layout,
@@ -266,13 +260,13 @@ impl SidePages {
         all.min(KEPT_BYTES as u64)
     }
 
-    /// Reads a page of ranges without caching it.
+    /// Reads a page of ranges, uncached.
     pub(crate) fn read_ranges(&self, page: PageId) -> Result<RangePage, ReadError> {
         let array = SideArray::ranges(self.folder.path(), &self.layout, page.level, self.voxel_type);
         Ok(RangePage { voxel_type: self.voxel_type, bytes: array.read_page(&self.folder, page)? })
     }
 
-    /// The page with a brick's ranges, and the brick's place in it. The page is cached.
+    /// The cached page with a brick's ranges, and the brick's place in it.
     pub(crate) fn ranges_of(&self, id: BrickId) -> Result<(Arc<RangePage>, usize), ReadError> {
         let (page, place) = self.layout.pyramid.page_of(id);
         if let Some(kept) = self.ranges.lock().unwrap_or_else(PoisonError::into_inner).get(&page) {

@@ -1,9 +1,8 @@
-//! Files of side data: a single page, or, if bricks' shards hold several time steps, the pages of as many steps as a
-//! Zarr shard.
+//! Files of side data: a page, or, if bricks' shards hold several time steps, as many steps' pages as a Zarr shard.
 //!
-//! A page is compressed by Zstandard and followed by its crc32c. In a shard the pages lie back to back, with equal ones
-//! stored once, and the index is at the end, as in brick shards. Reading a page of a shard takes two reads, the first
-//! for the index: 16 bytes a step.
+//! A page is compressed by Zstandard and followed by its crc32c. A shard's pages lie back to back, equal ones once,
+//! with the index at the end, as in brick shards. Reading one takes two reads, the first for the index: 16 bytes a
+//! step.
 
 use crate::data_file::read_at_most;
 use crate::error::ReadError;

@@ -1,16 +1,16 @@
 //! Voxel statistics: the range of each brick, and per channel the exact range, mean, counts of non-finite voxels, and
-//! counts by value, the basis of percentiles and histograms.
+//! counts by value, for percentiles and histograms.
 //!
-//! Types of 8 and 16 bits count 16-bit words in one table of 65,536: 8-bit voxels two at a time (a table of pairs
-//! halves the additions and is folded once at the end), 16-bit voxels singly. One table beat two used in turn: it stays
-//! in the second-level cache. Costs 0.3 ns a voxel at 8 bits, 0.6 at 16, and 0.8 MiB a thread. Types of 32 bits count
-//! values or, if there are too many, classes of them (`value_counts.rs`, with the bound on percentiles). Neither the
-//! order of voxels nor the number of threads affects the result.
+//! Types of 8 and 16 bits count 16-bit words in one table of 65,536: 8-bit voxels in pairs (which halves the additions;
+//! folded once at the end), 16-bit voxels singly. One table beat two used in turn: it stays in the second-level cache.
+//! Costs 0.3 ns a voxel at 8 bits, 0.6 at 16, and 0.8 MiB a thread. Types of 32 bits count values or, if there are too
+//! many, classes of them (`value_counts.rs`, with the bound on percentiles). Results are independent of voxel order and
+//! number of threads.
 //!
-//! Occupancy needs no histogram of its own. Neighbouring voxels share a 2x2x2 neighbourhood, each neighbourhood sets
-//! all bins between its least and greatest value, and a path of neighbours joins any two voxels of a brick: so the mask
-//! is every bin between the least and greatest valid voxel of the brick with its apron. (If non-finite voxels cut a
-//! brick in two, this is a superset, which is equally safe.)
+//! Occupancy needs no histogram of its own. Neighbouring voxels share a 2x2x2 neighbourhood, which sets all bins
+//! between its least and greatest value, and a path of neighbours joins any two voxels of a brick: so the mask is every
+//! bin between the least and greatest valid voxel of the brick with its apron. (If non-finite voxels cut a brick in
+//! two, this is an equally safe superset.)
 
 use crate::downsample::Reduce;
 use crate::metadata::{ChannelStatistics, HISTOGRAM_BINS, Histogram, Percentiles};
@@ -20,7 +20,7 @@ use brickyard_volume::{OccupancyBins, VoxelType};
 
 const WORDS: usize = 1 << 16;
 
-/// The least and the greatest valid voxel; `low > high` if there is none.
+/// Least and greatest valid voxel; `low > high` if there is none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Range<T> {
     pub(crate) low: T,
@@ -50,12 +50,12 @@ impl<T: Measure> Range<T> {
 pub(crate) trait Measure: Reduce {
     /// The range of no voxels, which has `low > high`.
     const EMPTY: Range<Self>;
-    /// The range ends stored in side data in the absence of valid voxels: NaN, or crossed ones.
+    /// Range ends in side data without valid voxels: NaN, or crossed ones.
     const NO_ENDS: [Self; 2];
-    /// The lesser of `low` and `value`, or `low` if `value` is invalid. `low` is valid or from an empty range. One
-    /// vector operation when inlined.
+    /// The lesser of `low` and `value`, or `low` if `value` is invalid. `low` may come from an empty range. One vector
+    /// operation when inlined.
     fn lower(low: Self, value: Self) -> Self;
-    /// The greater of `high` and `value`, or `high` if `value` is invalid. `high` is valid or from an empty range. One
+    /// The greater of `high` and `value`, or `high` if `value` is invalid. `high` may come from an empty range. One
     /// vector operation when inlined.
     fn upper(high: Self, value: Self) -> Self;
     /// The range of the valid voxels.
@@ -71,8 +71,8 @@ pub(crate) trait Measure: Reduce {
     fn count(values: &[Self], counter: &mut Counter);
     /// A whole number with the order of the valid values, 0 for zero; `None` for an invalid value.
     fn ordinal(self) -> Option<i64>;
-    /// Adds statistics to the tally that counts by value cannot supply to [`ChannelTotals`]: sums of 32-bit voxels, and
-    /// numbers of non-finite voxels.
+    /// Adds sums of 32-bit voxels and numbers of non-finite voxels, which counts by value cannot supply to
+    /// [`ChannelTotals`].
     fn tally(_values: &[Self], _tally: &mut Tally) {}
 }
 
@@ -189,15 +189,14 @@ impl Measure for f32 {
     }
 }
 
-/// A sum of voxels, with counts of non-finite and no-data ones. Tallies are added in brick order, so rounding is
-/// independent of threads.
+/// A sum of voxels, with counts of non-finite and no-data ones. Added in brick order, so rounding is independent of
+/// threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Tally {
     pub(crate) sum: f64,
     pub(crate) nan: u64,
     pub(crate) positive_infinite: u64,
     pub(crate) negative_infinite: u64,
-    /// Number of voxels with the no-data value.
     pub(crate) nodata: u64,
 }
 
@@ -227,7 +226,6 @@ impl Counter {
         }
     }
 
-    /// Bytes of a counter for voxels of `voxel_bytes`.
     pub(crate) const fn bytes(voxel_bytes: usize) -> usize {
         if voxel_bytes <= 2 { WORDS * 12 + 2048 } else { ValueTable::BYTES }
     }
@@ -306,7 +304,6 @@ impl WordTable {
         }
     }
 
-    /// Moves the 32-bit counts to the 64-bit totals.
     #[cold]
     fn settle(&mut self) {
         for (total, count) in self.totals.iter_mut().zip(self.counts.iter_mut()) {
@@ -349,15 +346,11 @@ fn zeroed<T: Copy + Default>() -> Box<[T; WORDS]> {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ChannelTotals {
     voxel_type: VoxelType,
-    /// The least and the greatest valid voxel; `None` if there is none.
+    /// Least and greatest valid voxel; `None` if there is none.
     pub range: Option<(f64, f64)>,
-    /// Number of NaN voxels.
     pub nan: u64,
-    /// Number of voxels at positive infinity.
     pub positive_infinite: u64,
-    /// Number of voxels at negative infinity.
     pub negative_infinite: u64,
-    /// Number of voxels with the no-data value.
     pub nodata: u64,
     sum: f64,
     /// Counts of each 8- or 16-bit value, in ascending order.
@@ -410,7 +403,7 @@ impl ChannelTotals {
         bins.map(move |(i, &n)| (low + i as f64, low + i as f64, n)).chain(self.values.classes())
     }
 
-    /// Appends all counts to a list of words, the input of [`ChannelTotals::from_words`].
+    /// Appends all counts to a list of words, for [`ChannelTotals::from_words`].
     pub(crate) fn to_words(&self, words: &mut Vec<u64>) {
         let (low, high) = self.range.unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
         words.extend([low, high, self.sum].map(f64::to_bits));
@@ -422,7 +415,7 @@ impl ChannelTotals {
         words.extend(counts.iter().flat_map(|&(class, count)| [class as u64, count]));
     }
 
-    /// Restores totals from the words of [`ChannelTotals::to_words`]; `None` if no totals have such words.
+    /// Restores totals from the words of [`ChannelTotals::to_words`]; `None` if the words are invalid.
     pub(crate) fn from_words(voxel_type: VoxelType, words: &mut impl Iterator<Item = u64>) -> Option<Self> {
         let mut next = || words.next();
         let [low, high, sum] = [next()?, next()?, next()?].map(f64::from_bits);
@@ -445,8 +438,8 @@ impl ChannelTotals {
         Some(totals)
     }
 
-    /// Whether both are totals of the same voxels, allowing for the order of summation, which affects the last digits
-    /// of a sum of floats.
+    /// Whether both are totals of the same voxels, up to the order of summation, which affects a float sum's last
+    /// digits.
     pub(crate) fn is_near(&self, other: &Self) -> bool {
         let voxels = (self.valid() + self.non_finite() + self.nodata).max(1) as f64;
         let largest = self.range.map_or(0.0, |(low, high)| low.abs().max(high.abs()));
@@ -469,12 +462,10 @@ impl ChannelTotals {
         };
     }
 
-    /// Number of NaN and infinite voxels.
     pub(crate) fn non_finite(&self) -> u64 {
         self.nan + self.positive_infinite + self.negative_infinite
     }
 
-    /// The number of valid voxels.
     fn valid(&self) -> u64 {
         self.classes().map(|(_, _, n)| n).sum()
     }
@@ -492,9 +483,8 @@ impl ChannelTotals {
         (valid > 0).then(|| sum / valid as f64)
     }
 
-    /// The value not exceeded by `ten_thousandths` / 10,000 of the valid voxels (nearest rank); `None` if there are
-    /// none. Exact for 8 and 16 bits, and while 32-bit values are counted one by one; otherwise within the bound in
-    /// `value_counts.rs`.
+    /// The value not exceeded by `ten_thousandths` / 10,000 of the valid voxels (nearest rank), if any. Exact for 8 and
+    /// 16 bits, and for individually counted 32-bit values; otherwise within the bound in `value_counts.rs`.
     pub(crate) fn percentile(&self, ten_thousandths: u64) -> Option<f64> {
         let (low, high) = self.range?;
         let valid = self.valid();
@@ -568,8 +558,8 @@ impl ChannelTotals {
         }
     }
 
-    /// The bins of the channel's occupancy masks: four values each for 8 bits; otherwise over the range of all but the
-    /// outermost 0.01 % of voxels, so a few outliers do not make them coarse.
+    /// Bins of the channel's occupancy masks: four values each for 8 bits; otherwise over the range of all but the
+    /// outermost 0.01 % of voxels, so outliers do not make them coarse.
     fn occupancy_bins(&self) -> OccupancyBins {
         if self.voxel_type.bytes() == 1 {
             return OccupancyBins { low: self.voxel_type.limits().0, width: 256.0 / OccupancyBins::COUNT as f64 };

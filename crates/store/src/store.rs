@@ -1,8 +1,7 @@
-//! An open store: its documents stay in memory, its side data and shards open on first use.
+//! An open store: documents in memory, side data and shards opened on first use.
 //!
-//! Opening reads only the documents, no side data and no shard, so it takes milliseconds and constant memory at any
-//! size of store. The last few shards and pages stay open; `chunks.rs` reads bricks. Reading never writes. All methods
-//! are thread-safe.
+//! Opening reads only the documents, so it takes milliseconds and constant memory at any size of store. The last few
+//! shards and pages stay open; `chunks.rs` reads bricks. Reading never writes. All methods are thread-safe.
 
 use crate::chunks::Chunks;
 use crate::codec::BrickCodec;
@@ -27,14 +26,14 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Changes of the store tolerated during one opening.
+/// Most changes of the store during one opening.
 const MOST_CHANGES: u32 = 100;
 
 /// A finished, open brick store: one of its pyramids, if it has two.
 pub struct Store {
     folder: Arc<Folder>,
     mode: IoMode,
-    /// Hash of the root document's bytes, for detecting a newer one.
+    /// Hash of the root document, to detect changes.
     root_hash: u64,
     geometry: Geometry,
     placement: Placement,
@@ -53,7 +52,7 @@ impl Store {
     /// Opens the main pyramid of a store, with memory-mapped shards.
     ///
     /// # Errors
-    /// If the path is no store, or the store is unfinished, of an unknown version, contradictory or unreadable.
+    /// If the store is missing, unfinished, of an unknown version, contradictory or unreadable.
     pub fn open(path: impl Into<PathBuf>) -> Result<Self, OpenError> {
         Self::open_with(path, IoMode::default())
     }
@@ -66,7 +65,7 @@ impl Store {
         Self::open_at(path.into(), mode, None)
     }
 
-    /// Opens the pyramid with coarser levels made by `method`: the main one or the second one.
+    /// Opens the pyramid reduced by `method`: the main or the second one.
     ///
     /// # Errors
     /// As for [`Store::open`], or if neither pyramid is made by `method`.
@@ -74,7 +73,7 @@ impl Store {
         Self::open_at(path.into(), mode, Some(method))
     }
 
-    /// Opens a pyramid of the store at a path: the one made by `method`, by default the main one.
+    /// Opens the pyramid made by `method`, by default the main one.
     fn open_at(path: PathBuf, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
         let open = || Self::open_view(&Arc::new(open_folder(&path)?), mode, method);
         let mut opened = open();
@@ -86,7 +85,7 @@ impl Store {
         opened.map_err(|error| inside::explained(error, &path))
     }
 
-    /// Opens the pyramid made by `method`, by default the main one, between two changes of the store.
+    /// Opens a pyramid between two changes of the store.
     pub(crate) fn open_view(folder: &Arc<Folder>, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
         let mut text = read_root(folder)?;
         for _ in 0..MOST_CHANGES {
@@ -103,7 +102,7 @@ impl Store {
         Self::open_with_root(folder, mode, method, &text)
     }
 
-    /// Opens the pyramid made by `method` of the same store, wherever its folder is now.
+    /// Opens the pyramid made by `method` of the same store, even if its folder has moved.
     ///
     /// # Errors
     /// As for [`Store::open_reduced`], or if the store was deleted.
@@ -111,7 +110,7 @@ impl Store {
         Self::open_view(&self.folder, self.mode, Some(method))
     }
 
-    /// Opens the pyramid made by `method`, by default the main one, given the bytes of the root document.
+    /// Opens a pyramid, given the bytes of the root document.
     pub(crate) fn open_with_root(
         folder: &Arc<Folder>,
         mode: IoMode,
@@ -169,8 +168,8 @@ impl Store {
         })
     }
 
-    /// Reopens the store if time steps have been appended since; otherwise `None`. This handle stays as it is: nothing
-    /// it reads ever changes. While the store is unchanged, this only reads the root document, without parsing it.
+    /// Reopens the store if time steps were appended since; otherwise `None`. This handle's data never change. If
+    /// nothing was written, only the root document is read, without parsing.
     ///
     /// # Errors
     /// As for [`Store::open`], or if the store was moved, deleted or replaced.
@@ -200,7 +199,7 @@ impl Store {
         hash(text) == self.root_hash
     }
 
-    /// Whether time steps can be appended: the store has a time axis, and one step per shard.
+    /// Whether time steps can be appended: there is a time axis, with one step per shard.
     pub fn can_grow(&self) -> bool {
         self.layout().axes()[0] == "t" && self.layout().shard_times == 1
     }
@@ -210,8 +209,8 @@ impl Store {
         self.folder.path()
     }
 
-    /// Whether the store's path now leads elsewhere or nowhere, because the store was moved, deleted or replaced. An
-    /// open store reads only its own files; deleted ones yield [`ReadError::Replaced`].
+    /// Whether the store was moved, deleted or replaced. An open store reads only its own files; deleted ones yield
+    /// [`ReadError::Replaced`].
     pub fn is_replaced(&self) -> bool {
         self.folder.is_replaced()
     }
@@ -221,7 +220,6 @@ impl Store {
         OpenError::Replaced { store: self.path().into() }
     }
 
-    /// The open folder of the store.
     pub(crate) fn folder(&self) -> &Arc<Folder> {
         &self.folder
     }
@@ -231,12 +229,12 @@ impl Store {
         &self.info
     }
 
-    /// The reduction behind the coarser levels of the open pyramid.
+    /// The reduction method of the open pyramid.
     pub fn downsample(&self) -> Downsample {
         self.layout().second().unwrap_or(self.info.downsample.main())
     }
 
-    /// The layout of the open pyramid: its mapping of bricks to files.
+    /// The layout of the open pyramid.
     pub fn layout(&self) -> &Layout {
         self.cores.layout()
     }
@@ -246,8 +244,8 @@ impl Store {
         &self.layout().pyramid
     }
 
-    /// Maps the store's own world, given by spacing and origin, to the world of scenes: a patient's right, front and
-    /// head in millimetres if the store has an orientation, otherwise the same world.
+    /// Maps the store's own world (spacing and origin) to that of scenes: a patient's right, front and head in
+    /// millimetres if the store has an orientation, otherwise the same world.
     pub fn placement(&self) -> &Placement {
         &self.placement
     }
@@ -267,8 +265,7 @@ impl Store {
         self.layout().times
     }
 
-    /// The acquisition times of the time steps, if known. They follow OME's metadata, editable by other tools, except
-    /// for unevenly spaced steps.
+    /// Acquisition times of the steps, if known. From OME's metadata, editable by other tools, unless unevenly spaced.
     pub fn time_axis(&self) -> Option<&TimeAxis> {
         self.time.as_ref()
     }
@@ -302,13 +299,13 @@ impl Store {
         self.info.channels.iter().any(|c| c.has_non_finite())
     }
 
-    /// The integer marking voxels without data; `None` if none is defined, or no voxel has it.
+    /// The integer for no data; `None` if undefined or unused.
     pub fn nodata(&self) -> Option<f64> {
         let is_used = self.info.channels.iter().any(|channel| channel.nodata > 0);
         self.info.nodata.filter(|_| is_used).map(|nodata| nodata as f64)
     }
 
-    /// The values (low, high) of a channel shown as black and white in the absence of a transfer function.
+    /// The values (low, high) of a channel shown as black and white by default.
     ///
     /// # Panics
     /// If there is no such channel.
@@ -316,24 +313,24 @@ impl Store {
         self.displays[channel as usize].window
     }
 
-    /// The default display of each channel, from OME's metadata, which other tools may edit.
+    /// Default displays of the channels, from OME's metadata, editable by other tools.
     pub fn channel_displays(&self) -> &[ChannelDisplay] {
         &self.displays
     }
 
-    /// The colours of a label store, sorted by label, from OME's metadata (`image-label`), which other tools may write.
+    /// Label colours, sorted by label, from OME's metadata (`image-label`), editable by other tools.
     pub fn label_colors(&self) -> &[LabelColor] {
         &self.label_colors
     }
 
-    /// Whether a voxel of a channel may have this label, judging by the channel's range and histogram.
+    /// Whether a channel may contain this label, judging by its range and histogram.
     ///
     /// # Panics
     /// If there is no such channel.
     pub fn may_have_label(&self, channel: u32, label: i64) -> bool {
         let ChannelStatistics { range: [low, high], histogram, .. } = &self.info.channels[channel as usize];
         let label = label as f64;
-        // For values counted in classes, a bin's share of a class may round to zero.
+        // In counts by class, a bin's share may round to zero.
         let is_exact = self.info.voxel_type.bytes() <= 2 || histogram.width <= 1.0;
         let bin = ((label - histogram.low) / histogram.width) as usize;
         let count = histogram.counts.get(bin.min(histogram.counts.len() - 1));
@@ -348,7 +345,7 @@ impl Store {
         self.info.channels[channel as usize].bins
     }
 
-    /// Reads the value ranges of a page of bricks, without caching it.
+    /// Reads the value ranges of a page of bricks, uncached.
     ///
     /// # Errors
     /// If the page is unreadable or damaged.
@@ -356,7 +353,7 @@ impl Store {
         self.sides.read_ranges(page)
     }
 
-    /// Reads the hashes (XXH3-128) of a page's decoded cores. Places past the grid hold zeros.
+    /// Reads the hashes (XXH3-128) of a page's decoded cores; zeros past the grid.
     ///
     /// # Errors
     /// If the page is unreadable or damaged.
@@ -364,7 +361,7 @@ impl Store {
         self.sides.read_hashes(page)
     }
 
-    /// The occupancy of a brick and its descendants, with one voxel around each. The last pages read are cached.
+    /// The occupancy of a brick and its descendants, with one voxel around each. Recent pages are cached.
     ///
     /// # Errors
     /// If the brick's page is unreadable or damaged.
@@ -382,14 +379,13 @@ impl Store {
         Ok(page.core(place))
     }
 
-    /// Bound on the store's memory in bytes, callers' buffers excluded, at any size of store: open shards and pages of
-    /// side data.
+    /// Most memory of open shards and pages of side data, in bytes, at any size of store. Excludes callers' buffers.
     pub fn cache_bytes(&self) -> u64 {
         self.chunks().map(Chunks::cache_bytes).sum::<u64>() + self.sides.cache_bytes()
     }
 
-    /// Announces reads of these bricks, and of their stored aprons, to the kernel, so it reads ahead in bulk. Opens
-    /// their shards if needed. A shard that fails to open is left for the read to report.
+    /// Requests read-ahead of these bricks and their stored aprons, opening their shards if needed. Shards that fail to
+    /// open are reported by the read.
     pub fn advise(&self, ids: &[BrickId]) {
         self.cores.advise(ids);
         if let Some(aprons) = &self.aprons {
@@ -397,12 +393,12 @@ impl Store {
         }
     }
 
-    /// Decodes a brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. A brick absent from its shard is
-    /// all zero. Voxels past the level's extent are unspecified.
+    /// Decodes a brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. Absent bricks are all zero. Voxels
+    /// past the level's extent are unspecified.
     ///
     /// # Errors
-    /// If the brick's shard is missing, not the packed one or has a damaged index, if the brick itself is damaged, or
-    /// if a page of side data or a file cannot be read.
+    /// If the brick's shard is missing, replaced or has a damaged index, the brick is damaged, or side data or a file
+    /// cannot be read.
     ///
     /// # Panics
     /// If there is no such brick or `out` is not [`Store::core_bytes`] long.
@@ -415,20 +411,19 @@ impl Store {
         self.info.apron()
     }
 
-    /// Decodes a brick's stored apron, little-endian voxels in the order of [`Apron`], into `out`. In a store with
-    /// aprons, an absent apron is all zero.
+    /// Decodes a brick's stored apron, little-endian voxels in the order of [`Apron`], into `out`. Absent aprons of a
+    /// store with aprons are all zero.
     ///
     /// # Errors
-    /// If the apron's shard is missing, not the packed one or has a damaged index, if the apron itself is damaged, or
-    /// if a page of side data or a file cannot be read.
+    /// As for [`Store::read_core`], for the apron.
     ///
     /// # Panics
-    /// If there is no such brick, the store has no aprons, or the length of `out` differs from an apron's bytes.
+    /// If there is no such brick, the store has no aprons, or `out` is not an apron's length.
     pub fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
         self.aprons.as_ref().expect("aprons are stored").read(id, out)
     }
 
-    /// Total bytes of the files with this pyramid's aprons; 0 if none are stored. Reads all fingerprints.
+    /// Total file size of this pyramid's aprons in bytes; 0 if none are stored. Reads all fingerprints.
     ///
     /// # Errors
     /// If a page of fingerprints is unreadable or damaged.
@@ -439,16 +434,15 @@ impl Store {
         pages.map(|(level, page)| Ok(aprons.files_of_page(level, page)?.1)).sum()
     }
 
-    /// Encoded bytes of bricks and aprons read since opening, repeats and damaged ones included.
+    /// Encoded bytes of bricks and aprons read since opening, including repeated and damaged ones.
     pub fn bytes_read(&self) -> u64 {
         self.cores.bytes_read() + self.aprons.as_ref().map_or(0, Chunks::bytes_read)
     }
 
-    /// Whether the brick's core is stored. An absent core is all zero.
+    /// Whether the brick's core is stored. Absent cores are all zero.
     ///
     /// # Errors
-    /// If the brick's shard is missing, not the packed one or has a damaged index, or if a page of side data or a file
-    /// cannot be read.
+    /// If the brick's shard is missing, replaced or has a damaged index, or side data or a file cannot be read.
     ///
     /// # Panics
     /// If there is no such brick.
@@ -462,8 +456,7 @@ impl Store {
     /// At the first unreadable brick.
     ///
     /// # Panics
-    /// If there is no such time step, channel or level, the box leaves the level, or the length of `out` differs from
-    /// the box's bytes.
+    /// If there is no such time step, channel or level, the box leaves the level, or `out` is not the box's length.
     pub fn read_box(
         &self,
         time: u32,
@@ -484,7 +477,7 @@ impl Store {
         Ok(())
     }
 
-    /// Copies the voxels shared by a brick's `core` and a box into `out`, which holds the box.
+    /// Copies the overlap of a brick's `core` and a box into `out`, which holds the box.
     pub(crate) fn copy_rows(&self, index: BrickIndex, core: &[u8], region: VoxelBox, out: &mut [u8]) {
         let (edge, voxel_bytes) = (self.info.edge, self.voxel_type().bytes());
         let corner = index.to_array().map(|i| i * edge);
@@ -505,23 +498,21 @@ impl Store {
         }
     }
 
-    /// The chunks read from files: cores, then aprons if stored.
+    /// Cores, then aprons if stored.
     pub(crate) fn chunks(&self) -> impl Iterator<Item = &Chunks> {
         std::iter::once(&self.cores).chain(self.aprons())
     }
 
-    /// The chunks of the stored aprons; `None` if none are stored.
     pub(crate) fn aprons(&self) -> Option<&Chunks> {
         self.aprons.as_ref()
     }
 
-    /// The side data of the pyramid's bricks.
     pub(crate) fn sides(&self) -> &SidePages {
         &self.sides
     }
 }
 
-/// Opens the stored aprons, if any, with the same checks as levels.
+/// Opens and checks the stored aprons, if any.
 fn open_aprons(
     folder: &Arc<Folder>,
     layout: &Layout,
@@ -542,7 +533,7 @@ fn open_aprons(
     Ok(Some(Chunks::new(folder, layout, codec, mode)))
 }
 
-/// The bricks of `edge`^3 voxels that overlap a box, x fastest.
+/// Bricks of `edge`^3 voxels overlapping a box, x fastest.
 pub(crate) fn bricks_of(region: VoxelBox, edge: u32) -> impl Iterator<Item = BrickIndex> {
     let first = region.min.to_array().map(|v| v / edge);
     let end = region.max.to_array().map(|v| v.div_ceil(edge));
@@ -597,7 +588,7 @@ mod tests {
         dir
     }
 
-    /// Covers every voxel of every level, all types, codecs and I/O modes, odd extents, steps and channels.
+    /// Covers all voxels, levels, types, codecs and I/O modes, odd extents, steps and channels.
     #[test]
     fn stores_read_back_bit_for_bit() {
         for voxel_type in VoxelType::ALL {

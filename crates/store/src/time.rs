@@ -1,6 +1,6 @@
-//! The time axis of a store, in its root document. OME-Zarr's metadata are authoritative for a regular axis, since
-//! other tools may edit them: `scale` and `translation` of axis t, the same at all levels, and its unit. Times per
-//! step, which OME-Zarr cannot express, are in `attributes.brickyard.time.stamps`.
+//! The time axis of a store, in its root document. OME-Zarr's metadata, editable by other tools, are authoritative for
+//! a regular axis: `scale` and `translation` of axis t, the same at all levels, and its unit. Times per step, which
+//! OME-Zarr cannot express, are in `attributes.brickyard.time.stamps`.
 
 use crate::error::OpenError;
 use crate::layout::Layout;

@@ -1,18 +1,18 @@
-//! Counts of 32-bit values: exact up to [`MOST_CLASSES`] different ones, otherwise by classes determined by the values
-//! alone, independent of their order and their distribution among threads.
+//! Counts of 32-bit values: exact up to [`MOST_CLASSES`] different ones, otherwise by classes that depend on the values
+//! alone, not on order or threads.
 //!
-//! A value's *ordinal* is a whole number with the same order and the same zero: an integer itself; for a float the bits
-//! without the sign, then the sign. A class of *shift* `s` comprises the ordinals that agree after division by 2^s,
-//! rounded away from zero. So zero is always a class of its own, shift 0 has one value per class, and each shift's
-//! classes are unions of the previous shift's. The shift is the least with no more than [`MOST_CLASSES`] non-empty
-//! classes. It depends only on the set of values: a thread with some of them has the same shift or a lower one, and
-//! merging continues from the greatest.
+//! A value's *ordinal* is a whole number with the same order and zero: an integer itself; for a float the bits without
+//! the sign, then the sign. A class of *shift* `s` comprises ordinals that agree after division by 2^s, rounded away
+//! from zero. So zero is always a class of its own, shift 0 has one value per class, and each shift's classes are
+//! unions of the previous one's. The shift is the least with at most [`MOST_CLASSES`] non-empty classes. It depends
+//! only on the set of values: a thread with some of them has this shift or a lower one, and merging continues from the
+//! greatest.
 //!
-//! The error of a percentile is less than 2^s ordinals, the width of a class, and the shift below had more than
+//! A percentile's error is less than 2^s ordinals, the width of a class, and the shift below had more than
 //! `MOST_CLASSES` classes. Values from ordinal `a` to `b`, and any `k` others, have at most (b - a) / 2^(s-1) + 3 + k
 //! of those. So 2^s < 2 (b - a) / (MOST_CLASSES - 3 - k): integers are off by less than 1/32,766 of their range, and by
-//! less than 1/16,000 of the range without any 32,000 outliers. The same holds for the ordinals of floats, 2^32 in all:
-//! `s` is at most 16, which is 1/128 of a value, or 2^-133 below the least normal one.
+//! less than 1/16,000 of the range without any 32,000 outliers. The same holds for floats' ordinals, 2^32 in all: `s`
+//! is at most 16, which is 1/128 of a value, or 2^-133 below the least normal one.
 
 use brickyard_volume::VoxelType;
 
@@ -61,7 +61,7 @@ impl Classes {
         classes
     }
 
-    /// Merges the classes into those of a greater shift.
+    /// Merges classes up to a greater shift.
     fn raise_to(&mut self, shift: u32) {
         let by = shift - self.shift;
         self.shift = shift;
@@ -115,7 +115,6 @@ impl ValueCounts {
         is_sound.then_some(Self { voxel_type, most: MOST_CLASSES, classes })
     }
 
-    /// The classes and their counts, ascending.
     pub(crate) fn classes_of_ordinals(&self) -> &Classes {
         &self.classes
     }

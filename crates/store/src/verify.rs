@@ -1,16 +1,16 @@
 //! Verification: reads everything and recomputes a store's records of itself.
 //!
-//! It checks every document against a freshly generated one (`verify/documents.rs`), every page of side data, every
-//! shard's index (bricks may share all of their bytes, but not some), and every brick's checksum, length, hash and
-//! ranges. Further checks: parents' ranges cover their children's, each level is the reduction of the finer one, stored
-//! aprons equal the neighbours' voxels, and the root document's statistics are right. Two pyramids are checked in one
-//! pass over level 0. Verification continues after a problem and reports all of them. An unreadable brick is reported
-//! once, not again for its dependents.
+//! It checks every document against a generated one (`verify/documents.rs`), every page of side data, every shard's
+//! index (bricks may share all of their bytes, but not some), and every brick's checksum, length, hash and ranges.
+//! Parents' ranges must cover their children's, each level must be the reduction of the finer one, stored aprons must
+//! equal the neighbours' voxels, and the root document's statistics must be right. One pass over level 0 checks both
+//! pyramids. Verification continues after a problem and reports all of them, but an unreadable brick only once, not for
+//! its dependents.
 //!
-//! Bricks are checked in blocks of up to 256 voxels an axis, read with one voxel around (two for aprons of two): each
-//! brick is decoded about 3.4 times. A thread holds one block: (256 + 2)^3 voxels, and an eighth to a half of it per
-//! pyramid. If memory is short, blocks shrink, at least to a brick, and then threads are reduced. Blocks without stored
-//! bricks are not examined voxel by voxel.
+//! Blocks of up to 256 voxels an axis are read with one voxel around (two for aprons of two): each brick is decoded
+//! about 3.4 times. A thread holds one block: (256 + 2)^3 voxels, and an eighth to a half of it per pyramid. If memory
+//! is short, blocks shrink, down to a brick, and then threads are reduced. Blocks without stored bricks are not
+//! examined voxel by voxel.
 
 pub(crate) mod documents;
 #[cfg(test)]
@@ -38,7 +38,7 @@ use std::sync::{Mutex, OnceLock};
 /// A single problem in a store.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct VerifyProblem {
-    /// The brick at fault; `None` if the problem is not about one brick.
+    /// The brick at fault, if any.
     pub brick: Option<BrickId>,
     /// The file at fault, or the folder of an array of side data.
     pub path: PathBuf,
@@ -65,13 +65,11 @@ pub struct VerifyReport {
     pub shards: u64,
     /// Total bytes of the shard files, according to the side data.
     pub bytes: u64,
-    /// All problems found: first documents, side data and shards, then bricks by time step, channel and level, then
-    /// statistics.
+    /// All problems: documents, side data and shards, then bricks by time step, channel and level, then statistics.
     pub problems: Vec<VerifyProblem>,
-    /// Names, colours and windows of channels that differ from the packed ones: edits by other programs, which take
-    /// effect.
+    /// Edits by other programs, which take effect: changed names, colours and windows of channels.
     pub edits: Vec<VerifyProblem>,
-    /// Whether too many problems left the rest of the store unchecked.
+    /// Whether verification stopped early at too many problems.
     pub is_cut_short: bool,
 }
 
@@ -92,8 +90,7 @@ pub enum VerifyError {
         /// The allowed memory, in bytes.
         given_bytes: u64,
     },
-    /// The process lacks permission for some of the store, or resources to read as much at once. This is not a store
-    /// fault.
+    /// The process lacks permission or resources to read some of the store, which is no store fault.
     #[error("{0}: not verified")]
     Barred(#[source] ReadError),
     /// The worker threads could not be started.
@@ -101,15 +98,15 @@ pub enum VerifyError {
     Threads(String),
 }
 
-/// Number of problems that ends a verification: nobody reads that many, and a few bytes of metadata can claim any
-/// number of missing files.
+/// Problems before verification stops: nobody reads more, and a few bytes of metadata can claim any number of missing
+/// files.
 pub const MOST_PROBLEMS: usize = 10_000;
 
 /// The memory limit of [`verify`], in bytes.
 pub const VERIFY_MEMORY_BYTES: u64 = 2 << 30;
 
-/// Verifies a store within [`VERIFY_MEMORY_BYTES`], on the threads of the current rayon pool, or fewer if memory is
-/// short. Calls `progress` with the bytes of voxels checked so far and the total.
+/// Verifies a store within [`VERIFY_MEMORY_BYTES`], on the current rayon pool's number of threads, or fewer if memory
+/// is short. Calls `progress` with the bytes of voxels checked so far and in total.
 ///
 /// # Errors
 /// If the store cannot be opened, the process may not read all of it, the memory is too little for one thread, or no
@@ -118,11 +115,10 @@ pub fn verify(path: &Path, progress: impl Fn(u64, u64) + Sync) -> Result<VerifyR
     verify_within(path, VERIFY_MEMORY_BYTES, progress)
 }
 
-/// Verifies a store like [`verify`], within `memory_bytes` of the process's own memory on top of an open store's.
+/// Verifies a store like [`verify`], within `memory_bytes` on top of an open store's memory.
 ///
 /// # Errors
-/// If the store cannot be opened, the process may not read all of it, `memory_bytes` is too little for one thread, or
-/// no threads can be started.
+/// As for [`verify`], with `memory_bytes`.
 pub fn verify_within(
     path: &Path,
     memory_bytes: u64,
@@ -137,7 +133,7 @@ pub fn verify_within(
     let pool = pool.map_err(|error| VerifyError::Threads(error.to_string()))?;
     let verifier = Verifier::new(&views, &progress, block_edge);
     let report = pool.install(|| with_voxel_type!(views[0].voxel_type(), T => verifier.run::<T>()))?;
-    // If the store's files vanish during the reads, each would be a problem.
+    // Each file of a vanished store would be a problem.
     if !report.problems.is_empty() && views[0].is_replaced() { Err(views[0].replaced().into()) } else { Ok(report) }
 }
 
@@ -185,13 +181,13 @@ struct Verifier<'a> {
     block_edge: u32,
     bricks_done: AtomicU64,
     problems: AtomicUsize,
-    /// Why some of the store is off limits to the process.
+    /// Why the process may not read some of the store.
     barred: OnceLock<ReadError>,
-    /// Whether any brick of level 0 was unreadable, so the volume's statistics are unknown.
+    /// Whether any level-0 brick was unreadable, leaving the statistics unknown.
     level_0_unread: AtomicBool,
     /// Level-0 statistics, per channel.
     totals: Mutex<Vec<ChannelTotals>>,
-    /// Unreadable shards by file, and unreadable bricks also by id.
+    /// Unreadable shards by file; bricks also by id.
     unread: Mutex<BTreeSet<(PathBuf, Option<BrickId>)>>,
 }
 
@@ -258,7 +254,7 @@ impl<'a> Verifier<'a> {
         self.barred.into_inner().map_or(Ok(report), |error| Err(VerifyError::Barred(error)))
     }
 
-    /// Whether to stop: there are too many problems, or something is off limits.
+    /// Whether to stop, after too many problems or a refused read.
     fn has_enough(&self) -> bool {
         self.problems.load(Ordering::Relaxed) >= MOST_PROBLEMS || self.barred.get().is_some()
     }
@@ -301,7 +297,7 @@ impl<'a> Verifier<'a> {
         let buffers = || self.buffers::<T>();
         let in_blocks = self.blocks().map_init(buffers, |b, block| self.check_block(b, block));
         let mut found: Vec<VerifyProblem> = self.some(in_blocks.flatten()).collect();
-        // A brick is also read for its neighbours, and reported by whichever comes first.
+        // Neighbours' reads may report a brick first.
         found.sort_by_key(|problem| problem.brick.map(|id| (id.time, id.channel, id.level, id.index)));
         report.problems.append(&mut found);
         if !self.has_enough() && !self.level_0_unread.load(Ordering::Relaxed) {
@@ -341,7 +337,7 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// The unreadable pages of a level's side data, and of its aprons'.
+    /// Checks the pages of a level's side data, and of its aprons'.
     fn check_pages(&self, store: &Store, level: Level) -> impl ParallelIterator<Item = VerifyProblem> {
         let arrays = level_arrays(store.path(), store.layout(), level, store.voxel_type());
         let of_aprons = store.aprons().map(|aprons| SideArray::fingerprints(store.path(), aprons.layout(), level));
@@ -352,8 +348,8 @@ impl<'a> Verifier<'a> {
         })
     }
 
-    /// Converts a read error to a problem unless already known: the undecodable brick, otherwise its shard. `None` also
-    /// for data off limits to the process.
+    /// Converts a new read error to a problem of the undecodable brick or else its shard. `None` for known problems and
+    /// refused reads.
     fn unread(&self, error: ReadError) -> Option<VerifyProblem> {
         if matches!(&error, ReadError::Io { error, .. } if is_of_process(error)) {
             // Only the first is reported.
@@ -373,7 +369,7 @@ impl<'a> Verifier<'a> {
         unread.insert((path.clone(), brick)).then_some(VerifyProblem { brick, path, what })
     }
 
-    /// All levels of the main pyramid, then the second one's own.
+    /// The main pyramid's levels, then the second one's own.
     fn levels(&self) -> impl Iterator<Item = (&'a Store, Level)> {
         let levels = |(i, store): (usize, &'a Store)| {
             (i.min(1)..self.pyramid().levels().len()).map(move |k| (store, Level(k as u8)))
@@ -464,7 +460,7 @@ impl<'a> Verifier<'a> {
         problems
     }
 
-    /// Checks a block with nothing stored in or around it, without reading; returns false for any other block.
+    /// Checks a block with nothing stored in or around it, without reading; otherwise returns `false`.
     fn check_empty_block<T: Measure>(
         &self,
         buffers: &mut Buffers<T>,
@@ -592,7 +588,7 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// Compares a brick's stored apron with the voxels around its core, one by one.
+    /// Compares a brick's stored apron with the voxels around its core.
     fn check_apron<T: Measure>(
         &self,
         buffers: &mut Buffers<T>,
@@ -647,12 +643,12 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// The box read to check a block: its voxels, and their surroundings for ranges and aprons.
+    /// A block's voxels, with their surroundings for ranges and aprons.
     fn read_box(&self, block: Block<'a>) -> VoxelBox {
         self.grown(block.level, block.core, block.store.apron().map_or(1, |apron| apron.width))
     }
 
-    /// A box grown by `by` voxels on each side, clipped to the level.
+    /// Grows a box by `by` voxels on each side, within the level.
     fn grown(&self, level: Level, region: VoxelBox, by: u32) -> VoxelBox {
         let grown = VoxelBox::new(
             region.min.to_array().map(|v| v.saturating_sub(by)),
@@ -673,7 +669,7 @@ impl<'a> Verifier<'a> {
         std::array::from_fn(|a| coarse[a] / fine[a])
     }
 
-    /// The next level's box for a box of whole bricks; the next level must exist.
+    /// The box of whole bricks on the next level, which must exist.
     fn coarse_box(&self, level: Level, region: VoxelBox) -> VoxelBox {
         let factor = self.factor(level);
         let (min, max) = (region.min.to_array(), region.max.to_array());
@@ -700,7 +696,7 @@ fn check_counts(store: &Store, totals: &[ChannelTotals]) -> Option<VerifyProblem
                 "these are not the counts of the channel's values".into(),
             )
         }
-        // Another append removes them, once those with one more step exist.
+        // Another append may have replaced them.
         Ok(None) | Err(_) if store.newer().is_ok_and(|newer| newer.is_some()) => None,
         Ok(None) => problem(counts.dir(times), "missing".into()),
         Err(error) => {
@@ -755,7 +751,7 @@ fn apron_path(store: &Store, id: BrickId) -> PathBuf {
     layout.shard_path(store.path(), layout.shard_of(id).0)
 }
 
-/// Rows of `part` in an array of the box `whole`, as ranges.
+/// The rows of `part` in an array of the box `whole`.
 fn rows(part: VoxelBox, whole: VoxelBox) -> impl Iterator<Item = std::ops::Range<usize>> {
     let extent: Extent = whole.extent();
     let origin = whole.min.to_array();
@@ -768,13 +764,13 @@ fn rows(part: VoxelBox, whole: VoxelBox) -> impl Iterator<Item = std::ops::Range
     })
 }
 
-/// The range of the box `part` in an array of the box `whole`, without `nodata` voxels: computed directly, while
-/// packing combines it from neighbours.
+/// The range of `part` in an array of the box `whole`, without `nodata` voxels: computed directly, rather than combined
+/// from neighbours as in packing.
 fn range_of_box<T: Measure>(array: &[T], whole: VoxelBox, part: VoxelBox, nodata: Option<T>) -> Range<T> {
     rows(part, whole).fold(T::EMPTY, |range, row| range.join(nodata::range(&array[row], nodata)))
 }
 
-/// Copies the box `part` out of an array of the box `whole` to the start of `out`, packed.
+/// Copies `part` from an array of the box `whole` to the start of `out`, packed.
 fn copy_box<T: Copy>(array: &[T], whole: VoxelBox, part: VoxelBox, out: &mut [T]) {
     let nx = part.extent().x as usize;
     for (out, row) in out.chunks_exact_mut(nx).zip(rows(part, whole)) {
@@ -782,7 +778,7 @@ fn copy_box<T: Copy>(array: &[T], whole: VoxelBox, part: VoxelBox, out: &mut [T]
     }
 }
 
-/// Number of voxels with different bits in packed `expected` and the same box of `array`.
+/// Number of voxels with different bits in packed `expected` and `part` of `array`.
 fn count_differences<T: Measure>(expected: &[T], part: VoxelBox, array: &[T], whole: VoxelBox) -> usize {
     let nx = part.extent().x as usize;
     let in_row = |(row, range): (&[T], std::ops::Range<usize>)| {

@@ -1,4 +1,4 @@
-//! Documents of a store after an append: changes are limited to the step's, and other programs' content stays.
+//! Documents of a store after an append: only the step's changes are made, and other programs' content stays.
 
 use crate::counts::Counts;
 use crate::error::OpenError;
@@ -12,8 +12,7 @@ use brickyard_volume::Level;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// The folders of all arrays of a store, in the order in which their documents gain a step: coarse levels first, and a
-/// level's side data before the level itself.
+/// Folders of all arrays, in the order of gaining a step: coarse levels first, side data before its level.
 pub(super) fn array_dirs(store: &Store) -> Vec<PathBuf> {
     let (path, main, info) = (store.path(), store.layout(), store.info());
     let second = info.downsample.second().map(|method| main.of_second(method));
@@ -35,9 +34,9 @@ pub(super) fn array_dirs(store: &Store) -> Vec<PathBuf> {
 /// A description of steps unknown to a store, with the remedy.
 pub(crate) const FOREIGN_STEPS: &str = "another program has appended steps; pack them anew, or take them back";
 
-/// The document of the finest level, and its number of steps, if another program has appended steps there. A commit
-/// first writes its counts and all new documents under temporary names, and lengthens the finest level last: a longer
-/// one without these is not from an interrupted commit.
+/// The finest level's document and number of steps, if another program has appended there. A commit first writes its
+/// counts and all new documents under temporary names, and lengthens the finest level last: a longer one without these
+/// is not from an interrupted commit.
 pub(crate) fn foreign_steps(store: &Store) -> Result<Option<(PathBuf, u64)>, OpenError> {
     if store.layout().axes()[0] != "t" {
         return Ok(None);
@@ -59,8 +58,8 @@ pub(crate) fn foreign_steps(store: &Store) -> Result<Option<(PathBuf, u64)>, Ope
     Ok((!is_cut_off || others.contains(&false)).then_some((finest, found)))
 }
 
-/// Sets the number of steps in the arrays' documents gathered by another program in the root document
-/// (`consolidated_metadata`): readers use them in place of the arrays' own.
+/// Sets the number of steps in array documents that another program gathered in the root document
+/// (`consolidated_metadata`), which readers prefer.
 pub(super) fn update_consolidated(store: &Path, dirs: &[PathBuf], times: u32, root: &mut Value) {
     let Some(documents) = root.pointer_mut("/consolidated_metadata/metadata") else { return };
     for dir in dirs {
@@ -71,8 +70,8 @@ pub(super) fn update_consolidated(store: &Path, dirs: &[PathBuf], times: u32, ro
     }
 }
 
-/// The root documents of the groups around a store in which another program gathered the store's documents: their
-/// readers see the former steps.
+/// Root documents of surrounding groups in which another program gathered the store's documents: their readers see the
+/// former steps.
 pub(super) fn stale_groups(store: &Path) -> Vec<PathBuf> {
     let Ok(store) = store.canonicalize() else { return Vec::new() };
     let groups = store.ancestors().skip(1).map(|group| (group, group.join("zarr.json")));

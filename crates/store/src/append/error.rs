@@ -7,25 +7,25 @@ use brickyard_volume::counted;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// Why a step was not appended, or, for [`AppendError::Appended`], the failure after it was. The store keeps its former
-/// steps, whole; remains of an interrupted step belong to no one, and go with the next append.
+/// Why a step was not appended, or, for [`AppendError::Appended`], the failure afterwards. The store keeps its former
+/// steps, whole; remains of an interrupted step go with the next append.
 #[derive(Debug, thiserror::Error)]
 pub enum AppendError {
     /// No store can be opened there.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// Options, memory or the input do not allow it, another process writes to the store, or the first step of a new
-    /// store was not packed.
+    /// Options, memory or input do not allow it, another process writes to the store, or a new store's first step was
+    /// not packed.
     #[error(transparent)]
     Pack(#[from] PackError),
-    /// The store is still being packed, or is about to be replaced by an unfinished pack.
+    /// The store is being packed, or about to be replaced by an unfinished pack.
     #[error("{path}: is an unfinished pack; finish it with `resume`, and then append", path = path.display())]
     Unfinished {
         /// The directory of the unfinished pack: the store, or its replacement.
         path: PathBuf,
-        /// Whether the pack replaces the store. If not, packing the store's own source again with
-        /// [`Exists::Resume`](crate::Exists::Resume) finishes it; for a store made by
-        /// [`Appender::create`](crate::Appender::create), the same call does.
+        /// Whether the pack replaces the store. If not, packing the store's own source with
+        /// [`Exists::Resume`](crate::Exists::Resume) finishes it, or the same call of
+        /// [`Appender::create`](crate::Appender::create) that began it.
         replaces: bool,
     },
     /// The first step of a store was begun from another input, or with other settings.
@@ -47,7 +47,7 @@ pub enum AppendError {
         /// The store.
         store: PathBuf,
     },
-    /// The store's shards hold several time steps, which can only be written together.
+    /// The store's shards hold several time steps, only written together.
     #[error(
         "{store}: has {steps} time steps in a shard, so no step can be appended; pack it anew with `shard_times` 1", store = store.display()
     )]
@@ -80,7 +80,7 @@ pub enum AppendError {
         /// The step's value.
         found: String,
     },
-    /// The given time is impossible for the step, or it needs one.
+    /// The step's time is impossible or missing.
     #[error("step {step}: time: expected {expected}, found {found}")]
     Time {
         /// The intended number of the step.
@@ -142,7 +142,7 @@ pub enum AppendError {
         times: u32,
     },
     /// The step is part of the store and visible to all: it must not be appended again. A later operation failed. A
-    /// power failure may still take the step, until an [`Appender`](crate::Appender) opens the store without an error.
+    /// power failure may take the step until an [`Appender`](crate::Appender) opens the store without an error.
     #[error(
         "step {step} is in {store}: do not append it again; a power failure may still take it: {error}",
         store = store.display()

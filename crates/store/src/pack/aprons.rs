@@ -1,13 +1,13 @@
 //! The second pass, if aprons are stored: makes them from the first pass's cores, shard by shard.
 //!
 //! For each layer of bricks of each time step of a shard, it fetches the shells (`shells.rs`) of its bricks and their
-//! neighbours, from memory or by decoding the core. Then the layer's aprons are made, encoded, and appended in index
-//! order. A shell is 11 times smaller than its core, and the last ones used are cached up to `--memory`. With room for
-//! a layer of shards and its neighbours (1 GB at 4096^3 of 8 bits), every core is decoded once; for only a row of
-//! shards, 1.25 times; in the least memory, about twice. Shards of several time steps are still made one after another,
-//! so few are open at a time; equal decoding then takes as many times the memory.
+//! neighbours, from memory or by decoding the core, then makes, encodes and appends the aprons in index order. A shell
+//! is 11 times smaller than its core, and the last ones used are cached up to `--memory`. With room for a layer of
+//! shards and its neighbours (1 GB at 4096^3 of 8 bits), every core is decoded once; for only a row of shards, 1.25
+//! times; in the least memory, about twice. Shards of several time steps are still made one by one, so few are open at
+//! a time; the same decoding then takes as many times the memory.
 //!
-//! Finished shards are journalled like those of cores, so an interrupted pass continues after the last of them.
+//! Finished shards are journalled like those of cores, so an interrupted pass continues after the last one.
 
 use crate::chunks::Chunks;
 use crate::codec::BrickCodec;
@@ -55,7 +55,7 @@ struct Made {
 
 impl ApronPass<'_> {
     /// Makes the aprons of all stages, and returns the bytes written to their shards. On failure, finished shards stay
-    /// and are recorded in the journal.
+    /// and are in the journal.
     pub(crate) fn run(&self, journal: &mut Journal) -> Result<u64, (Stop, Reached)> {
         let mut made = Made::default();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.options.threads).build();
@@ -193,8 +193,8 @@ impl<'a> StagePass<'a> {
         Ok(())
     }
 
-    /// Encodes the aprons of bricks, each with its hash; `None` for an apron that is all fill. The shells of the bricks
-    /// and their neighbours must be in memory.
+    /// Encodes aprons, each with its hash; `None` if all fill. The shells of the bricks and their neighbours must be
+    /// cached.
     fn encode(&self, ids: &[BrickId]) -> Vec<Option<(Vec<u8>, u128)>> {
         let encode = |apron: &mut Vec<u8>, &id: &BrickId| {
             let shell_of = |index| self.shells.peek(&BrickId { index, ..id }).map(|shell| &shell[..]);
@@ -208,7 +208,7 @@ impl<'a> StagePass<'a> {
     }
 }
 
-/// A box of bricks, with those touching it.
+/// A box of bricks and their neighbours.
 fn around(bricks: VoxelBox, grid: Extent) -> VoxelBox {
     let min = bricks.min.to_array().map(|i| i.saturating_sub(1));
     VoxelBox::new(min, bricks.max.to_array().map(|i| i + 1)).intersect(grid.full_box())

@@ -1,8 +1,8 @@
 //! Processing of one brick: from its voxels to core, ranges, counts, and its part of the next level.
 //!
-//! Cores are read in runs along x, a few at a time: long rows, once through the source's memory, make reading cheap.
-//! Ranges shared with neighbours are kept by part (`parts.rs`). A core at the far faces is padded with its last voxels,
-//! which keeps a constant brick constant and averages only existing voxels over odd extents.
+//! Cores are read in runs along x: long rows, once through the source's memory, make reading cheap. Ranges shared with
+//! neighbours are kept by part (`parts.rs`). Cores at the far faces are padded with their last voxels, which keeps
+//! constant bricks constant and averages only existing voxels over odd extents.
 
 use crate::downsample::{Downsample, downsample};
 use crate::nodata;
@@ -10,7 +10,7 @@ use crate::pack::parts::Parts;
 use crate::stats::{Counter, Measure, Range, Tally};
 use brickyard_import::Lent;
 
-/// Number of bricks read together, at least 1: rows of 1 KiB, and at most 4 MiB of cores, which fit a last-level cache.
+/// Bricks read together, at least 1: rows of 1 KiB, and at most 4 MiB of cores, which fit a last-level cache.
 pub(crate) const fn run_length(edge: usize, voxel_bytes: usize) -> usize {
     let by_row = 1024 / (edge * voxel_bytes);
     let by_cores = (4 << 20) / (edge.pow(3) * voxel_bytes);
@@ -18,7 +18,6 @@ pub(crate) const fn run_length(edge: usize, voxel_bytes: usize) -> usize {
     if run > 1 { run } else { 1 }
 }
 
-/// One thread's buffers for bricks of one edge length.
 pub(crate) struct Workspace<T> {
     edge: usize,
     /// The value marking voxels without data.
@@ -36,9 +35,9 @@ pub(crate) struct Workspace<T> {
 pub(crate) struct Summary<T> {
     /// The ranges of the core's valid voxels, by part.
     pub(crate) parts: Parts<T>,
-    /// The core's sums and counts for the channel's statistics; empty except at level 0.
+    /// Sums and counts for the channel's statistics; empty except at level 0.
     pub(crate) tally: Tally,
-    /// Whether every voxel of the core is the fill value, all bits zero.
+    /// Whether every voxel has all bits zero, the fill value.
     pub(crate) is_fill: bool,
 }
 
@@ -54,7 +53,6 @@ impl<T: Measure> Workspace<T> {
         }
     }
 
-    /// Bytes of a workspace.
     pub(crate) const fn bytes(edge: usize, voxel_bytes: usize) -> usize {
         (run_length(edge, voxel_bytes) * edge.pow(3) + edge.pow(3) / 2) * voxel_bytes + Counter::bytes(voxel_bytes)
     }
@@ -64,12 +62,11 @@ impl<T: Measure> Workspace<T> {
         &self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)]
     }
 
-    /// Core `i` of the run, mutable.
     pub(crate) fn core_mut(&mut self, i: usize) -> &mut [T] {
         &mut self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)]
     }
 
-    /// Copies a run of cores, `shape` voxels in all, from memory lent by the source.
+    /// Copies a run of cores, `shape` voxels in all, from lent memory.
     pub(crate) fn gather(&mut self, lent: Lent, shape: [usize; 3]) {
         let (row, slice, core) =
             (self.row_bytes(), self.edge * self.row_bytes(), self.edge * self.edge * self.row_bytes());
@@ -154,7 +151,7 @@ impl<T: Measure> Workspace<T> {
         Summary { parts, tally, is_fill }
     }
 
-    /// Reduces the digested core `i` to its part of the next level, each voxel from `factor` voxels.
+    /// Reduces the digested core `i` to its part of the next level, by `factor` voxels.
     pub(crate) fn reduce(&mut self, i: usize, shape: [usize; 3], factor: [usize; 3], method: Downsample) {
         // Odd extents include one of the padding voxels.
         let shape: [usize; 3] = std::array::from_fn(|a| shape[a].next_multiple_of(factor[a]));
@@ -195,7 +192,7 @@ impl<T: Measure> Workspace<T> {
     }
 }
 
-/// Copies by cache lines: a call for each short row would cost more than the copy.
+/// Copies by cache lines, cheaper than a call for each short row.
 #[inline(always)]
 fn copy(from: &[u8], to: &mut [u8]) {
     let (from, from_rest) = from.as_chunks::<64>();

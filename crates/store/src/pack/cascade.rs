@@ -37,7 +37,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError, RwLock, mpsc};
 
-/// Results of a whole pass besides the files: each channel's totals, and the bytes written to shards.
+/// Results of a pass besides its files.
 pub(crate) struct Passed {
     pub(crate) channels: Vec<ChannelTotals>,
     pub(crate) written_bytes: u64,
@@ -73,8 +73,7 @@ pub(crate) struct Reached {
 }
 
 impl Reached {
-    /// The state of a pack after turning `done_bytes` of voxels into `written_bytes`, with `left_bytes` of voxels to
-    /// come.
+    /// The state after turning `done_bytes` of voxels into `written_bytes`, with `left_bytes` of voxels to come.
     pub(crate) fn new(shards: u64, written_bytes: u64, done_bytes: u64, left_bytes: u64) -> Self {
         // By the compression so far, or by half if nothing is known.
         let rate = if written_bytes == 0 { 0.5 } else { written_bytes as f64 / done_bytes.max(1) as f64 };
@@ -132,7 +131,7 @@ struct Worker<T> {
 /// State shared by the workers.
 struct Shared<'a, T> {
     pass: &'a Pass<'a>,
-    /// The source's no-data value of floats, replaced by NaN.
+    /// The source's no-data value of floats, to become NaN.
     blanked: Option<T>,
     codec: BrickCodec,
     workers: Vec<Mutex<Worker<T>>>,
@@ -166,8 +165,8 @@ impl<T> Shared<'_, T> {
 }
 
 impl Pass<'_> {
-    /// Packs the plan's time steps, all channels, and adds their voxels to the channels' totals. On failure, finished
-    /// shards stay and are recorded in the journal.
+    /// Packs all channels of the plan's time steps, and adds their voxels to the totals. On failure, finished shards
+    /// stay and are in the journal.
     pub(crate) fn run<T: Measure>(
         &self,
         journal: &mut Journal,
@@ -264,7 +263,7 @@ impl<T: Measure> Shared<'_, T> {
         plan.stages.iter().map(window).collect()
     }
 
-    /// The writer: shards and statistics, brick by brick in order. Returns each channel's range and tally of level 0.
+    /// The writer: shards and statistics in brick order. Returns each channel's range and tally of level 0.
     fn write(&self, to_settler: mpsc::SyncSender<Settle>, written: &mut Written) -> Vec<(Range<T>, Tally)> {
         let Pass { plan, store, disk, progress, .. } = *self.pass;
         let total = plan.input_voxels();
@@ -356,8 +355,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         Ok(())
     }
 
-    /// Packs a stage's next layer, then everything it enables on coarser stages: at once, since their windows hold no
-    /// more than they need.
+    /// Packs a stage's next layer, then all it enables on coarser stages, whose windows hold no more than needed.
     fn advance(&mut self, s: usize, next_layer: &mut [u32]) -> Result<(), Stop> {
         self.layer(s, next_layer[s])?;
         next_layer[s] += 1;
@@ -371,7 +369,6 @@ impl<'a, T: Measure> Volume<'a, T> {
         Ok(())
     }
 
-    /// Number of layers of bricks in a stage.
     fn layers(&self, s: usize) -> u32 {
         self.plan().stages[s].grid().bricks.z
     }
@@ -454,7 +451,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         Ok(())
     }
 
-    /// A layer's bricks in runs, shard by shard, each shard's in index order; and their number.
+    /// A layer's bricks in runs, in order of shards and their indexes; and their number.
     fn runs(&self, s: usize, layer: u32) -> (Vec<Run>, u64) {
         let Stage { layout, level, .. } = &self.plan().stages[s];
         let grid = layout.pyramid.level(*level).bricks;
@@ -476,7 +473,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         (runs, number)
     }
 
-    /// Announces the next read, a row of level-0 bricks along all of x, to the source.
+    /// Announces a row of level-0 bricks, along all of x, to the source.
     fn announce(&self, y: u32, z: u32) {
         let Pass { source, plan, .. } = *self.shared.pass;
         let (extent, edge) = (plan.layout.pyramid.levels()[0].extent, plan.layout.pyramid.edge());
@@ -517,7 +514,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         })
     }
 
-    /// Packs core `i` of the workspace as brick `index`; all of its voxels are `constant`, if given.
+    /// Packs core `i` of the workspace as brick `index`, entirely of `constant` if given.
     fn brick(
         &self,
         worker: &mut Worker<T>,
@@ -561,7 +558,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         shared.sequence.put(number, Packed { stage: s, id, summary, voxels, hash, encoded })
     }
 
-    /// Copies the cores of a run from memory, if they are there.
+    /// Copies the cores of a run if they are in memory.
     fn gather(&self, workspace: &mut Workspace<T>, s: usize, run: &Run) -> Result<bool, ImportError> {
         let Stage { layout, level, .. } = &self.plan().stages[s];
         let [first, last] = [0, run.count - 1].map(|i| layout.pyramid.brick_box(*level, run.brick(i)));
@@ -604,7 +601,7 @@ impl Run {
     }
 }
 
-/// Treatment of a no-data value: integers keep it, and floats equal to it become NaN.
+/// Splits a no-data value into one kept (integers) and one replaced by NaN (floats).
 pub(crate) fn no_data<T: Measure>(nodata: Option<f64>) -> (Option<T>, Option<T>) {
     let nodata = nodata.map(T::from_f64_rounded);
     if T::TYPE.is_float() { (None, nodata) } else { (nodata, None) }

@@ -1,5 +1,5 @@
-//! File-system changes of packing, except for the lock's (`lock.rs`): one place for paths in errors, syncs, injected
-//! failures of tests, and the rule that nothing outside a store changes.
+//! File-system changes of packing, except the lock's (`lock.rs`): one place for paths in errors, syncs, tests' injected
+//! failures, and the rule that nothing outside a store changes.
 
 use crate::folder::Folder;
 use crate::inside::named;
@@ -25,13 +25,12 @@ pub(crate) struct DiskError {
 
 type Result<T> = std::result::Result<T, DiskError>;
 
-/// The file system seen by packing.
 #[derive(Default)]
 pub(crate) struct Disk {
     pub(crate) home: OnceLock<Home>,
-    /// The store's folder, if open: changes inside its path are made there, wherever the path leads meanwhile.
+    /// The store's folder, if open: receives all changes inside its path, wherever the path leads.
     pub(crate) open: OnceLock<Arc<Folder>>,
-    /// Whether to sync files one by one, as on file systems that cannot be synced as a whole.
+    /// Whether to sync files one by one.
     #[cfg(test)]
     pub(crate) syncs_each: bool,
     /// Number of changes before all further ones fail, as on a full disk or after a crash.
@@ -55,7 +54,7 @@ pub(crate) struct Disk {
 pub(crate) struct Home {
     /// The folder around the store. Below it no change follows a symbolic link.
     folder: PathBuf,
-    /// Whether one call syncs the whole file system, so files need not be synced one by one.
+    /// Whether one call syncs the whole file system.
     syncs_as_one: bool,
 }
 
@@ -63,8 +62,8 @@ pub(crate) struct Home {
 pub(crate) type Meanwhile = Box<dyn FnOnce() + Send>;
 
 impl Disk {
-    /// Sets the present or future location of the store. From then on, changes are refused if a symbolic link inside
-    /// the store, or beside it under one of its names, would redirect them.
+    /// Sets the present or future location of the store. Changes are then refused where a symbolic link in the store,
+    /// or beside it under one of its names, would redirect them.
     pub(crate) fn work_at(&self, store: &Path) {
         let folder = store.parent().unwrap_or(Path::new(""));
         let made = folder.ancestors().map(named).find(|folder| folder.exists());
@@ -75,7 +74,7 @@ impl Disk {
         let _ = self.home.set(Home { folder: folder.into(), syncs_as_one });
     }
 
-    /// Whether files are synced together by [`Disk::sync_parts`] rather than one by one as they are written.
+    /// Whether [`Disk::sync_parts`] syncs files together, rather than each write.
     pub(crate) fn syncs_as_one(&self) -> bool {
         self.home.get().is_some_and(|home| home.syncs_as_one)
     }
@@ -112,7 +111,7 @@ impl Disk {
         Ok(())
     }
 
-    /// Marks a moment at which another pack may interfere. In tests, runs the action registered for it, once.
+    /// Marks a moment of possible interference by another pack. In tests, runs its registered action, once.
     #[cfg(test)]
     pub(crate) fn meanwhile(&self, moment: &'static str) {
         let mut waiting = self.meanwhile.lock().unwrap();
@@ -155,8 +154,8 @@ impl Disk {
         self.run_at("create_dir_all", path, |at| std::fs::create_dir_all(at))
     }
 
-    /// Creates an empty file, replacing an existing one, and opens it for writing and reading. Other names of the old
-    /// file keep its content.
+    /// Creates an empty file, replacing an existing one, for writing and reading. Other names of the old file keep its
+    /// content.
     pub(crate) fn create(&self, path: &Path) -> Result<File> {
         let new = |at: &Path| File::options().read(true).write(true).create_new(true).open(at);
         self.run_at("create", path, |at| match new(at) {
@@ -189,7 +188,7 @@ impl Disk {
         self.run("sync", path, || if cfg!(test) { Ok(()) } else { file.sync_data() })
     }
 
-    /// Syncs a directory, so renames and new files in it survive a crash.
+    /// Syncs a directory, so its renames and new files survive a crash.
     pub(crate) fn sync_dir(&self, path: &Path) -> Result<()> {
         self.run("sync_dir", path, || if cfg!(test) { Ok(()) } else { File::open(self.at(path))?.sync_all() })
     }
@@ -198,8 +197,8 @@ impl Disk {
         self.run_at("rename", to, |at| self.check_links(from).and_then(|()| std::fs::rename(self.at(from), at)))
     }
 
-    /// Renames a directory to a free name, or over an empty directory. If others have just put something into the
-    /// latter, waits up to half a second for its removal.
+    /// Renames a directory to a free name, or over an empty directory. Waits up to half a second for others to remove
+    /// recent content.
     pub(crate) fn rename_dir(&self, from: &Path, to: &Path) -> Result<()> {
         self.run_at("rename_dir", to, |at| {
             self.check_links(from)?;
@@ -207,8 +206,8 @@ impl Disk {
         })
     }
 
-    /// Exchanges the names of two directories in one step. Returns `false` if the file system cannot, or one of the
-    /// names is free.
+    /// Exchanges the names of two directories in one step. Returns `false` if the file system cannot, or a name is
+    /// free.
     pub(crate) fn exchange(&self, a: &Path, b: &Path) -> Result<bool> {
         use rustix::fs::{CWD, RenameFlags, renameat_with};
         use rustix::io::Errno;
@@ -227,26 +226,25 @@ impl Disk {
         self.run_at("remove_file", path, |at| std::fs::remove_file(at))
     }
 
-    /// Removes an empty directory. If others have put something (a lock) there briefly, waits up to half a second for
-    /// its removal.
+    /// Removes an empty directory. Waits up to half a second for others to remove brief content (a lock).
     pub(crate) fn remove_dir(&self, path: &Path) -> Result<()> {
         self.run_at("remove_dir", path, |at| patiently(|| std::fs::remove_dir(at)))
     }
 
-    /// Writes a whole small file. Its name holds the old content, the new content, or no file, never a part.
+    /// Writes a small file. Its name holds the old content, the new content, or no file, never a part.
     pub(crate) fn write(&self, path: &Path, bytes: &[u8]) -> Result<()> {
         let (temporary, file) = self.fill(path, bytes)?;
         self.sync(&temporary, &file)?;
         self.name(path)
     }
 
-    /// Writes a whole small file under its temporary name, durable after [`Disk::sync_parts`].
+    /// Writes a small file under its temporary name, durable after [`Disk::sync_parts`].
     pub(crate) fn prepare(&self, path: &Path, bytes: &[u8]) -> Result<()> {
         let (temporary, file) = self.fill(path, bytes)?;
         if self.syncs_as_one() { Ok(()) } else { self.sync(&temporary, &file) }
     }
 
-    /// Writes a file's bytes under its temporary name; returns the name and the file.
+    /// Writes a file under its temporary name; returns name and file.
     fn fill(&self, path: &Path, bytes: &[u8]) -> Result<(PathBuf, File)> {
         let temporary = temporary(path);
         let mut file = self.create(&temporary)?;
@@ -259,8 +257,8 @@ impl Disk {
         self.rename(&temporary(path), path)
     }
 
-    /// Writes a whole small file, creating its folder if needed, that nobody reads before [`Disk::sync_parts`]: until
-    /// then a power failure may take part of it.
+    /// Writes a small file, and its folder if needed, unread before [`Disk::sync_parts`]: until then a power failure
+    /// may truncate it.
     pub(crate) fn write_early(&self, path: &Path, bytes: &[u8]) -> Result<()> {
         let missing = path.parent().filter(|parent| !self.at(parent).exists());
         missing.map_or(Ok(()), |parent| self.create_dir_all(parent))?;
@@ -268,8 +266,8 @@ impl Disk {
         self.name(path)
     }
 
-    /// Makes everything written in a store durable: by one call if the file system can, with a single wait for the
-    /// disk, otherwise by syncing these folders, and everything below the trees among them.
+    /// Makes everything written in a store durable: by one call with a single wait for the disk if the file system can,
+    /// otherwise by syncing these folders and trees.
     pub(crate) fn sync_parts<'a>(&self, store: &Path, parts: impl IntoIterator<Item = Part<'a>>) -> Result<()> {
         if self.syncs_as_one() {
             return self.run("sync_all", store, || if cfg!(test) { Ok(()) } else { sync_file_system(&self.at(store)) });
@@ -280,7 +278,7 @@ impl Disk {
         })
     }
 
-    /// Syncs a folder and all folders below it, so the names of all files there survive a crash.
+    /// Syncs a folder and all below it, so the names of all files survive a crash.
     fn sync_tree(&self, folder: &Path) -> Result<()> {
         let io = |error| DiskError { path: folder.into(), error };
         for entry in std::fs::read_dir(self.at(folder)).map_err(io)? {
@@ -309,7 +307,7 @@ fn tells_of_lost_writes() -> bool {
     cfg!(target_os = "linux") && (numbers.next(), numbers.next()) >= (Some(5), Some(8))
 }
 
-/// Syncs the file system around a folder: everybody's writes, which are mostly the pack's.
+/// Syncs the file system of a folder: everybody's writes, but mostly the pack's.
 #[cfg(target_os = "linux")]
 fn sync_file_system(folder: &Path) -> io::Result<()> {
     Ok(rustix::fs::syncfs(File::open(folder)?)?)

@@ -5,14 +5,14 @@
 //! 1234567 89abcdef 0/c/0/0/0          length, checksum of the index, path below the store; "0 00000000 path" if all fill
 //! ```
 //!
-//! A line is valid only if it is complete and the shard's file exists with this length and checksum: so lines and
-//! renames may reach the disk in any order. Only the holder of the directory's lock touches it.
+//! A line counts only if it is complete and the shard's file exists with this length and checksum: so lines and renames
+//! may reach the disk in any order. Only the holder of the directory's lock touches it.
 //!
-//! If the file system is synced as a whole, shards are synced every few seconds and at the end of a pass rather than
-//! one by one. Lines starting with a blank record this: after `unsynced`, lines are valid only if followed by `synced`.
-//! So a kill or power failure costs a few seconds of packing.
+//! If the file system is synced as a whole, shards are synced every few seconds and at the end of a pass, not one by
+//! one. Lines starting with a blank record this: after `unsynced`, lines count only if `synced` follows. So a kill or
+//! power failure costs a few seconds.
 //!
-//! `replaces` is the settings' fingerprint of the finished store to be replaced by the pack, if any.
+//! `replaces` is the settings' fingerprint of the finished store to be replaced, if any.
 
 use crate::data_file::open_file;
 use crate::data_file::read_at_most;
@@ -35,7 +35,7 @@ pub(crate) struct Journal {
     head: Head,
     /// Shards finished by earlier runs, by path below the store.
     finished: HashMap<PathBuf, Fingerprint>,
-    /// Time of the first recorded shard not known to be durable; `None` if all are.
+    /// Time of the first recorded shard that may not be durable; `None` if all are.
     unsynced_since: Option<Instant>,
 }
 
@@ -52,8 +52,7 @@ pub(crate) struct Head {
 }
 
 impl Head {
-    /// Reads the head of the journal in a directory. It is empty if there is no journal, or if the journal's first line
-    /// is not a head.
+    /// Reads the head of a directory's journal; empty if there is no journal, or its first line is not a head.
     ///
     /// # Errors
     /// If the journal exists but cannot be read.
@@ -76,7 +75,7 @@ const MOST_HEAD_BYTES: u64 = 16 << 20;
 const MOST_LINE_BYTES: u64 = 128;
 
 impl Journal {
-    /// A journal without records, for an appended step, which is made anew after an interruption.
+    /// A journal without records, for an appended step, which is remade after an interruption.
     pub(crate) fn none() -> Self {
         Self { path: PathBuf::new(), file: None, head: Head::default(), finished: HashMap::new(), unsynced_since: None }
     }
@@ -96,16 +95,16 @@ impl Journal {
         Ok(Self { file, path, head, finished: HashMap::new(), unsynced_since: None })
     }
 
-    /// The settings' fingerprint of the finished store to be replaced by the pack, if any.
+    /// The settings' fingerprint of the store to be replaced, if any.
     pub(crate) fn replaces(&self) -> Option<&str> {
         self.head.replaces.as_deref()
     }
 
-    /// Reads the finished shards, and continues at the journal's end. A shard whose file differs from its record counts
-    /// as unfinished.
+    /// Reads the finished shards, and continues at the journal's end. Shards that differ from their records are
+    /// unfinished.
     ///
     /// # Errors
-    /// If the pack was made from other data or with other settings, or the journal cannot be read or written.
+    /// If the pack has other data or settings, or the journal cannot be read or written.
     pub(crate) fn resume(&mut self, disk: &Disk, store: &Path, settings: &Value) -> Result<(), PackError> {
         if let Some(difference) = difference(&self.head.settings, settings) {
             return Err(PackError::Mismatch { store: store.into(), difference });
@@ -118,7 +117,7 @@ impl Journal {
         let complete = lines.rfind('\n').map_or(0, |end| end + 1);
         self.finished = believed(store, &lines[..complete]);
         if complete < lines.len() {
-            // A torn last line: end it, so the next one starts afresh, in a way no shard's line ends.
+            // Ends a torn last line, in a way no shard's line ends, so the next one starts afresh.
             self.append(disk, b" torn\n")?;
         }
         self.append(disk, first_line(disk).as_bytes())?;
@@ -136,7 +135,7 @@ impl Journal {
         self.finished.len() as u64
     }
 
-    /// Records a finished shard with its file at `path` below the store. Syncs the file system when due.
+    /// Records a finished shard by its path below the store. Syncs the file system when due.
     pub(crate) fn add(
         &mut self,
         disk: &Disk,
@@ -165,7 +164,7 @@ impl Journal {
     }
 }
 
-/// The line before the records of shards synced together; empty if each is synced before it is recorded.
+/// The line before shards synced together; empty if each is synced before it is recorded.
 fn first_line(disk: &Disk) -> &'static str {
     if disk.syncs_as_one() { " unsynced\n" } else { "" }
 }

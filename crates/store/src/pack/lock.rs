@@ -1,13 +1,13 @@
 //! The lock of a pack directory: of any number of packs, in one process, on one machine or on several, one holds it,
-//! and the others learn its holder.
+//! and the others learn the holder.
 //!
-//! It is a file in the directory, locked as a whole; it names its holder once the latter has decided to pack. The lock
-//! is `flock`'s, released by the kernel whenever and however a process ends; on NFS, Linux makes it a lock of the
-//! server's, since the file is open for writing. If the kernel cannot lock, packing is refused.
+//! It is a file in the directory, locked as a whole; it names the holder once the latter decides to pack. The lock is
+//! `flock`'s, released by the kernel however a process ends; on NFS, Linux makes it a server lock, as the file is open
+//! for writing. If the kernel cannot lock, packing is refused.
 //!
-//! The file goes with the lock, so a process may lock a file that has meanwhile lost its name to another. Such a file
-//! is recognized by its inode number, and by a mark: NFS clients cache names for a while, but reread a file's bytes
-//! once they have its lock.
+//! The file goes with the lock, so a process may lock a file that has lost its name to another. Such a file is
+//! recognized by its inode number, and by a mark: NFS clients cache names for a while, but reread a file's bytes once
+//! they have its lock.
 
 use crate::data_file::{open_file, read_at_most};
 use crate::layout::LOCK_NAME;
@@ -20,7 +20,7 @@ use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Time to wait for a lock holder to declare itself or leave.
+/// Longest wait for a lock holder to declare itself or leave.
 const PATIENCE: Duration = Duration::from_secs(5);
 const PAUSE: Duration = Duration::from_millis(20);
 
@@ -53,7 +53,7 @@ impl Holder {
         Some(Self { pid: pid.parse().ok()?, host: host.into() })
     }
 
-    /// Whether it may still exist. A killed process's entry stays until the next one has the lock.
+    /// Whether it may still exist. A killed process's entry stays until the next lock.
     fn may_live(&self) -> bool {
         let pid = i32::try_from(self.pid).ok().and_then(rustix::process::Pid::from_raw);
         let gone = |pid| rustix::process::test_kill_process(pid) == Err(rustix::io::Errno::SRCH);
@@ -69,7 +69,7 @@ fn host() -> String {
 pub(crate) struct DirLock {
     dir: PathBuf,
     file: File,
-    /// The directory was made for a lock, and goes with it if empty.
+    /// Whether the directory was made for a lock, and goes with it if empty.
     made_dir: bool,
 }
 
@@ -82,7 +82,7 @@ enum Attempt {
 }
 
 impl DirLock {
-    /// Takes the lock of a directory, creating the directory if missing.
+    /// Takes the lock of a directory, created if missing.
     ///
     /// # Errors
     /// If another pack has the lock, the file system does not lock files, or the lock file cannot be made, for instance
@@ -112,7 +112,7 @@ impl DirLock {
         let path = dir.join(LOCK_NAME);
         let mut options = OpenOptions::new();
         options.read(true).write(true).create(true).truncate(false);
-        // A link would lead to a foreign file, which would be truncated.
+        // A foreign file behind a link would be truncated.
         let file = match options.custom_flags(OFlags::NOFOLLOW.bits() as i32).open(&path) {
             Ok(file) => file,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Attempt::Gone),
@@ -168,7 +168,7 @@ impl DirLock {
         }
     }
 
-    /// Updates the path of the lock's directory, which now stays when the lock is dropped.
+    /// Sets the lock's directory, which then outlives the lock.
     pub(crate) fn moved(&mut self, dir: &Path) {
         self.dir = dir.into();
         self.made_dir = false;
@@ -178,8 +178,8 @@ impl DirLock {
 impl Drop for DirLock {
     fn drop(&mut self) {
         let path = self.dir.join(LOCK_NAME);
-        // First the name and then the mark: a marked file is never found under its name. A failure leaves a file locked
-        // by nobody.
+        // First the name and then the mark, so a marked file is never found under its name. A failure leaves an
+        // unlocked file.
         if is_named(&self.file, &path) && std::fs::remove_file(&path).is_ok() {
             let _ = self.file.set_len(0).and_then(|()| self.file.write_all_at(LEFT, 0));
         }

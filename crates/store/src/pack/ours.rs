@@ -1,5 +1,5 @@
-//! The files written by packing in a store's directory. Nothing else is ever deleted: if there is something else,
-//! replacing the store is refused.
+//! The files written by packing in a store's directory. Nothing else is ever deleted: foreign files prevent replacing
+//! the store.
 
 use crate::downsample::Downsample;
 use crate::layout::{COUNTS_NAME, JOURNAL_NAME, LOCK_NAME, SIDE_NAME};
@@ -94,7 +94,7 @@ fn find_foreign_in(folder: Folder, dir: &Path) -> io::Result<Option<PathBuf>> {
     Ok(None)
 }
 
-/// Deletes the files of packing in a store's directory, except its journal and lock. Folders with anything else stay.
+/// Deletes packing's files in a store's directory, except its journal and lock. Folders with anything else stay.
 ///
 /// # Errors
 /// If something cannot be deleted.
@@ -122,7 +122,7 @@ pub(crate) fn remove_chunks(disk: &Disk, dir: &Path) -> Result<(), DiskError> {
     }
 }
 
-/// Deletes the files of packing in a folder of a store. Returns whether the folder is now empty.
+/// Deletes packing's files in a folder of a store. Returns whether it is now empty.
 fn remove_in(disk: &Disk, folder: Folder, dir: &Path) -> Result<bool, DiskError> {
     let io = |error| DiskError { path: dir.into(), error };
     let mut is_empty = true;

@@ -5,13 +5,12 @@
 //! | nothing, or an unfinished pack | in place |
 //! | a finished store | `STORE.packing` beside it; at the end the two are exchanged, and the old one is deleted |
 //!
-//! A directory is changed only by the holder of its lock (`lock.rs`); replacing a store takes the store's lock as well.
-//! Observations from before locking are repeated afterwards. A pack beside a store records this in its journal, which
-//! distinguishes it from a store that happens to have such a name.
+//! A directory is changed only under its lock (`lock.rs`), and also the replaced store's. Observations from before
+//! locking are repeated. A pack beside a store says so in its journal, unlike a store that happens to have such a name.
 //!
 //! The journal goes last: a pack stopped between exchange and end is an unfinished one under the final name, whose
-//! journal identifies its neighbour as the old store. On file systems without exchange of names (NFS) there is a moment
-//! without a store under the final name: meanwhile the pack beside it counts.
+//! journal identifies the old store beside it. Without exchange of names (NFS) there is a moment without a store under
+//! the final name: meanwhile the pack beside it counts.
 
 use crate::error::OpenError;
 use crate::folder::Folder;
@@ -28,10 +27,10 @@ use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Changes of the directory tolerated during inspection.
+/// Most changes of the directory during inspection.
 const MOST_CHANGES: u32 = 100;
 
-/// The directory of a running pack, with its journal and its lock.
+/// A running pack's directory, journal and lock.
 pub(crate) struct Output {
     /// The working directory of the store.
     pub(crate) dir: PathBuf,
@@ -39,17 +38,17 @@ pub(crate) struct Output {
     store: PathBuf,
     pub(crate) journal: Journal,
     lock: DirLock,
-    /// The lock of the store to be replaced, against appends meanwhile.
+    /// The lock of the store to be replaced, against appends.
     replaced: Option<DirLock>,
 }
 
-/// The content found under a name.
+/// Content under a name.
 #[derive(PartialEq)]
 enum Found {
-    /// Nothing, or a directory with only traces of a pack stopped before its start.
+    /// Nothing, or only traces of a pack stopped before its start.
     Free,
     Unfinished {
-        /// It is, or was, made beside the store to be replaced.
+        /// Made beside the store to be replaced.
         replaces: bool,
         /// The store is finished; only cleanup remains.
         is_whole: bool,
@@ -74,8 +73,8 @@ enum Step {
 }
 
 impl Output {
-    /// Prepares the output directory by the policy `exists`, and locks it. Returns `None` if the policy is to resume
-    /// and a finished store with the same settings exists.
+    /// Prepares and locks the output directory by the policy `exists`. Returns `None` if there is nothing to resume,
+    /// since a finished store with these settings exists.
     pub(crate) fn start(
         disk: &Disk,
         store: &Path,
@@ -142,7 +141,7 @@ fn prepare(
 ) -> Result<Option<Journal>, PackError> {
     let replaces = match find(store)? {
         Found::Store(theirs) if dir != store => Some(theirs),
-        // The store is gone, or has not come back from the exchange: the replacement target stays the same.
+        // The store is gone, or not back from the exchange: the replacement target stays the same.
         _ if dir != store => Head::of(dir)?.replaces,
         _ => None,
     };
@@ -166,7 +165,7 @@ fn prepare(
     }
     refuse_foreign(dir)?;
     lock.declare(disk)?;
-    // The journal of the old pack stays until replaced by the new one, so this never looks like a store.
+    // The old journal stays until replaced, so this never looks like a store.
     ours::remove(disk, dir)?;
     Ok(Some(Journal::create(disk, dir, Head { replaces, settings: settings.clone(), shards })?))
 }
@@ -199,8 +198,8 @@ fn decide(disk: &Disk, store: &Path, exists: Exists, settings: &Value) -> Result
     Ok(Some((step, if is_beside { beside } else { store.into() })))
 }
 
-/// The content under two names that others may exchange at any moment. One finding may be from before an exchange and
-/// the other from after; the same findings twice, in the same directories, were valid together.
+/// Content under two names that others may exchange at any moment. A single look may mix both sides of an exchange; two
+/// equal looks, at the same directories, are consistent.
 fn find_both(disk: &Disk, paths: [&Path; 2]) -> Result<[Found; 2], PackError> {
     let mut last = None;
     for _ in 0..MOST_CHANGES {
@@ -215,12 +214,12 @@ fn find_both(disk: &Disk, paths: [&Path; 2]) -> Result<[Found; 2], PackError> {
     Err(PackError::Busy { store: paths[1].into(), holder: None })
 }
 
-/// The identity of the directory under a name, if any is seen there.
+/// The identity of a named directory, if seen.
 fn number(path: &Path) -> Option<(u64, u64)> {
     std::fs::metadata(path).map(|dir| (dir.dev(), dir.ino())).ok()
 }
 
-/// Moves the new store to the place of the old one, if any, and the old one to the new one's.
+/// Swaps the new store with the old one, if any.
 fn exchange(disk: &Disk, new: &Path, store: &Path) -> Result<(), PackError> {
     if !disk.exchange(new, store)? {
         let aside = aside(store);
@@ -245,7 +244,7 @@ fn tidy(disk: &Disk, store: &Path, replaces: Option<&str>) -> Result<(), PackErr
         let names = ["zarr.json", JOURNAL_NAME].map(|name| old.join(name));
         let is_begun = is_there(&old)? && !is_there(&names[0])? && !is_there(&names[1])?;
         if is_store(&old, replaced)? || is_begun {
-            // A process may have locked the old store under its former name, which no longer leads to the lock file.
+            // Someone may have locked the old store under its former name, which no longer leads to the lock file.
             let lock = DirLock::take(disk, &old)?;
             ours::remove(disk, &old)?;
             drop(lock);
@@ -329,7 +328,7 @@ fn find(path: &Path) -> Result<Found, PackError> {
     Ok(if names.iter().all(|name| traces.contains(name)) { Found::Free } else { Found::Other })
 }
 
-/// The directory meant by a path: with links resolved, and with a name of its own, so that others can stand beside it.
+/// Resolves a directory to a path without links and with a name, to allow others beside it.
 pub(crate) fn resolve(store: &Path) -> Result<PathBuf, PackError> {
     // Without a trailing slash, which would follow a link.
     let store = store.components().as_path();
@@ -343,7 +342,7 @@ pub(crate) fn resolve(store: &Path) -> Result<PathBuf, PackError> {
     }
 }
 
-/// The missing directories down to `dir`, deepest first.
+/// Missing directories down to `dir`, deepest first.
 fn ancestors_to_make(dir: &Path) -> Vec<PathBuf> {
     dir.ancestors().take_while(|dir| !dir.as_os_str().is_empty() && !dir.exists()).map(Path::to_path_buf).collect()
 }

@@ -1,17 +1,16 @@
-//! The ranges of a brick's parts: of all its voxels, and of the voxels within one-voxel reach of each of its 26
-//! neighbours (faces, edges, corners).
+//! Ranges of a brick's parts: of all its voxels, and of those within one-voxel reach of each of its 26 neighbours
+//! (faces, edges, corners).
 //!
-//! Such a part is exactly a neighbour's share of its apron. So the range of a brick *with* its surroundings joins its
-//! own with its neighbours' parts, and no voxel is read twice or waits for the next slice.
+//! Such a part is a neighbour's share of its apron. So the range of a brick *with* its surroundings joins its own with
+//! its neighbours' parts, and no voxel is read twice or waits for the next slice.
 //!
-//! Rows fall into nine classes (first, inner, last along y and z); each class keeps its least and greatest voxels
-//! column by column. Cost: one pass of two vector operations a voxel, about 15 us for 64^3.
+//! Rows fall into nine classes (first, inner, last along y and z); each keeps its least and greatest voxels by column.
+//! Cost: one pass of two vector operations a voxel, about 15 us for 64^3.
 
 use crate::downsample::MAX_EDGE;
 use crate::stats::{Measure, Range};
 
-/// The ranges of a brick's parts, by direction. Along each axis a direction is -1 (the first voxels), 0 (all voxels) or
-/// 1 (the last voxels).
+/// A brick's ranges by direction: along each axis -1 (the first voxels), 0 (all voxels) or 1 (the last voxels).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Parts<T>([Range<T>; 27]);
 
@@ -26,7 +25,6 @@ impl<T: Measure> Parts<T> {
         Self([range; 27])
     }
 
-    /// The range of all voxels of the brick.
     pub(crate) fn whole(&self) -> Range<T> {
         self.toward([0; 3])
     }

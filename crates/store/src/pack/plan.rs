@@ -43,36 +43,35 @@ use std::ops::Range;
 
 const MIB: u64 = 1 << 20;
 const PROGRAM_BYTES: u64 = 24 * MIB;
-/// With the statistics of at most this many channels, the root document stays below the document size limit.
+/// Most channels; their statistics keep the root document below its size limit.
 const MAX_CHANNELS: u32 = 4096;
-/// This many times of single steps take at most a third of the document size limit.
+/// Most times of single steps; they take at most a third of a document's size limit.
 pub(crate) const MAX_STAMPS: usize = 1 << 19;
 /// Exceeds the ratio of any level's voxel size to level 0's.
 const MOST_FACTOR: f64 = (1u64 << 33) as f64;
-/// A kept shell's entry in the table of shells, with the allocator's overhead.
+/// A cached shell's table entry, with the allocator's overhead.
 const SHELL_ENTRY_BYTES: u64 = 160;
 
-/// The needs of a pack: memory and disk space, and the layout of its store.
+/// Memory and disk space for a pack, and the layout of its store.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackPlan {
     /// The layout of the store's main pyramid.
     pub layout: Layout,
     /// The packed time steps.
     pub(crate) steps: Range<u32>,
-    /// Most anonymous memory taken by the pack, in bytes; within the options' limit.
+    /// Most anonymous memory of the pack, in bytes; within the options' limit.
     pub memory_bytes: u64,
     /// Bytes of scratch files in the store's directory during the pack.
     pub scratch_bytes: u64,
-    /// Most bytes of the source's scratch files while it is read, in a folder of its own: for compressed inputs.
+    /// Most bytes of the source's scratch files, in a folder of its own, for compressed inputs.
     pub input_scratch_bytes: u64,
-    /// Bytes of the voxels of all levels and all aprons, uncompressed. The store can hardly become larger.
+    /// Uncompressed bytes of all levels and aprons. The store can hardly become larger.
     pub output_bytes_at_most: u64,
-    /// Bytes of all aprons, uncompressed; 0 if none are stored.
+    /// Uncompressed bytes of all aprons; 0 if none are stored.
     pub(crate) apron_bytes: u64,
-    /// Number of shells kept in memory by the second pass.
+    /// Shells cached by the second pass.
     pub(crate) shells: usize,
-    /// Level 0, then levels 1 and up of the main pyramid, then levels 1 and up of the second one: each stage after its
-    /// finer stage.
+    /// Level 0, then levels 1 and up of the main pyramid, then those of the second one.
     pub(crate) stages: Vec<Stage>,
 }
 
@@ -82,7 +81,7 @@ pub(crate) struct Stage {
     /// The layout of the stage's pyramid.
     pub(crate) layout: Layout,
     pub(crate) level: Level,
-    /// The index of the finer stage and the method of reduction; `None` at level 0.
+    /// The finer stage and the reduction; `None` at level 0.
     pub(crate) from: Option<(usize, Downsample)>,
     pub(crate) window: WindowPlan,
 }
@@ -104,7 +103,7 @@ pub(crate) struct WindowPlan {
 }
 
 impl PackPlan {
-    /// The indices of the stages made from stage `s`, each with its method.
+    /// The stages made from stage `s`, with their reductions.
     pub(crate) fn coarser(&self, s: usize) -> impl Iterator<Item = (usize, Downsample)> {
         let follows =
             move |(i, stage): (usize, &Stage)| stage.from.filter(|(from, _)| *from == s).map(|(_, how)| (i, how));
@@ -119,7 +118,7 @@ impl PackPlan {
         shards.map(move |i| layout.shard_at(level, i))
     }
 
-    /// Number of shards of all stages, time steps and channels, including those of aprons.
+    /// Number of shards of all stages, time steps and channels, including aprons'.
     pub(crate) fn shard_count(&self) -> u64 {
         if self.apron_bytes > 0 { 2 * self.core_shard_count() } else { self.core_shard_count() }
     }
@@ -160,15 +159,14 @@ pub(crate) fn bricks_ahead(threads: usize) -> u64 {
 /// Computes the needs of packing `source` with these options.
 ///
 /// # Errors
-/// If an option is out of range or contradicts another one, the options allow too little memory, or no store can hold
-/// the source.
+/// If options are out of range or contradictory, their memory is too little, or no store can hold the source.
 pub fn plan(source: &dyn Source, options: &PackOptions) -> Result<PackPlan, PackError> {
     options.check()?;
     check_input(source.info())?;
     within_memory(Draft::new(source, options)?, source, options)
 }
 
-/// Computes the needs of packing the steps of `source` as the last ones of a store with the resulting layout.
+/// Computes the needs of packing `source` as the last steps of a store with the resulting layout.
 ///
 /// # Errors
 /// As for [`plan`].
@@ -220,7 +218,7 @@ fn check_input(info: &SourceInfo) -> Result<(), PackError> {
         return unfit("channels are", info.channels.to_string(), &expected, "pack a part of them");
     }
     let (spacing, origin) = (info.geometry.spacing, info.geometry.origin);
-    // Every level's placement must be finite, without losing the voxel size to rounding.
+    // Every level's placement must be finite and resolve the voxel size.
     let (scale, corner) = (spacing * MOST_FACTOR, origin + spacing * MOST_FACTOR);
     if !(scale.is_finite() && spacing.min_element() >= f64::MIN_POSITIVE) {
         let found = format!("{:?} (x, y, z)", spacing.to_array());
@@ -250,7 +248,7 @@ fn check_input(info: &SourceInfo) -> Result<(), PackError> {
     Ok(())
 }
 
-/// A plan before the choice of windows to keep in memory, with the least needs of its two passes.
+/// A plan before windows are placed, with the least memory of its two passes.
 struct Draft {
     plan: PackPlan,
     streaming: u64,
@@ -267,7 +265,7 @@ impl Draft {
             let found = if field == "shard" { options.shard_edge } else { layout.shard_times };
             PackError::Options(format!("`{field}` {found}: expected {expected}"))
         })?;
-        // A source with the time of a single step is meant to have more.
+        // A source with a step's time is meant to have more steps.
         let layout = if info.time.is_some() { layout.with_time() } else { layout };
         Ok(Self::of_last(source, options, layout))
     }
@@ -305,8 +303,7 @@ fn least(streaming: u64, aprons: Option<&ApronMemory>) -> u64 {
     streaming.max(aprons.map_or(0, ApronMemory::least))
 }
 
-/// The nearest options within the allowed memory, in words: fewer time steps in a shard, fewer threads, or else other
-/// bricks.
+/// The nearest fitting options, in words: fewer time steps per shard, fewer threads, or else other bricks.
 fn advice(source: &dyn Source, options: &PackOptions) -> String {
     let fits = |options: &PackOptions| {
         let is_enough = |draft: Draft| least(draft.streaming, draft.aprons.as_ref()) <= options.memory_bytes;
@@ -344,7 +341,7 @@ struct ApronMemory {
     /// Independent of the number of shells.
     fixed: u64,
     shell: u64,
-    /// Least number of shells at a time, and the total of a level.
+    /// Least shells at a time, and the total of a level.
     least_shells: u64,
     most_shells: u64,
 }
@@ -430,8 +427,7 @@ fn fixed_bytes(plan: &PackPlan, voxel_type: VoxelType, options: &PackOptions) ->
     (threads * (buffers + compressor) + in_flight + channels).saturating_add(side_data).saturating_add(indexes)
 }
 
-/// Number of shards of a stage open at a time: those of one layer, or if they hold several time steps, all with the
-/// current step.
+/// Shards of a stage open at a time: those of one layer, or with several time steps, all with the current step.
 fn open_shards(stage: &Stage) -> u64 {
     let grid = stage.layout.shard_grid(stage.level);
     match stage.layout.shard_times {
@@ -466,18 +462,18 @@ fn compressor_bytes(core_bytes: u64, codec: Codec) -> u64 {
     core_bytes + tables
 }
 
-/// Most shells needed at a time for one layer of a shard's bricks: its own and its neighbours'.
+/// Most shells needed for one layer of a shard's bricks: its own and its neighbours'.
 pub(crate) fn least_shells(stage: &Stage) -> u64 {
     let (size, grid) = (stage.layout.shard_bricks(stage.level).to_array(), stage.grid().bricks.to_array());
     let across = |a: usize, n: u32| grid[a].min(n + 2) as u64;
     across(0, size[0]) * across(1, size[1]) * across(2, 1)
 }
 
-/// Most bytes of an encoded page in memory besides the page itself: its path, and the overhead of compression, checksum
-/// and allocator.
+/// Most bytes per encoded page in memory besides its content: path, and overhead of compression, checksum and
+/// allocator.
 const PAGE_ENTRY_BYTES: u64 = 128;
 
-/// Bytes of a stage's pages waiting for the other time steps of their files, at `voxel_bytes` a voxel.
+/// Bytes of a stage's pages waiting for other time steps of their files, at `voxel_bytes` a voxel.
 fn held_page_bytes(stage: &Stage, voxel_bytes: u64) -> u64 {
     let Layout { shard_times, channels, .. } = stage.layout;
     if shard_times == 1 {
@@ -497,7 +493,7 @@ fn page_file_bytes(stage: &Stage, voxel_bytes: u64) -> u64 {
     if steps == 1 { 0 } else { steps.saturating_mul(of_page) }
 }
 
-/// Most layers of bricks that wait for their neighbours and children.
+/// Most layers of bricks waiting for neighbours and children.
 const WAITING_LAYERS: u32 = 4;
 
 /// Bytes of a stage's side data under way, at `voxel_bytes` a voxel.

@@ -1,11 +1,11 @@
 //! Writer of a stage's bricks, in order, to shard files: appended under a temporary name, finished with an index,
 //! renamed by a separate thread, and recorded in the journal.
 //!
-//! A shard spanning several layers of bricks, or several time steps, stays open in memory (its index so far), not as a
-//! file: one file per stage is open at a time.
+//! A shard of several layers of bricks, or time steps, stays open in memory (its index so far), not as a file: one file
+//! per stage is open at a time.
 //!
-//! In shards of several time steps, bricks of equal content are stored once, and their index entries share a range.
-//! Hashes find them; reading back from the file confirms equal bytes.
+//! In shards of several time steps, equal bricks are stored once, with a shared range in the index. Hashes find them;
+//! reading the file confirms them.
 
 use crate::layout::{Layout, ShardId};
 use crate::pack::disk::{Disk, DiskError, temporary};
@@ -34,20 +34,19 @@ pub(crate) struct Encoded<'a> {
     pub(crate) hash: u128,
 }
 
-/// Memory of a level's shard while it is written, in bytes.
+/// Memory of a level's open shard, in bytes.
 pub(crate) fn open_bytes(layout: &Layout, level: Level) -> u64 {
     let slots = layout.shard_slots(level) as u64;
     let known = if layout.shard_times > 1 { table_bytes(slots) } else { 0 };
     slots * size_of::<Option<BrickRange>>() as u64 + known
 }
 
-/// Additional memory of a level's shard while it is finished, for one shard at a time: its index, in bytes.
+/// Additional memory of a level's shard while it is finished, one at a time: its index, in bytes.
 pub(crate) fn finishing_bytes(layout: &Layout, level: Level) -> u64 {
     index_bytes(layout.shard_slots(level)) as u64
 }
 
-/// Most bytes of a table of [`Known`] for `bricks` bricks: a power of two of places, at least an eighth of them free,
-/// with a byte for each.
+/// Most bytes of a [`Known`] for `bricks` bricks: a power of two of places, at least an eighth free, with a byte each.
 fn table_bytes(bricks: u64) -> u64 {
     let places = (bricks * 8 / 7 + 1).next_power_of_two().max(16);
     places * (size_of::<(u64, u32)>() as u64 + 1) + 64
@@ -102,8 +101,8 @@ impl<'a> ShardWriter<'a> {
         Self { disk, store, layout, open: HashMap::new(), file: None, written_bytes: 0 }
     }
 
-    /// Adds the next brick: its encoded bytes, or `None` if it is all fill or its shard is `done_before`. Returns the
-    /// shard after its last brick, otherwise `None`. After an error the shard is lost.
+    /// Adds the next brick's encoded bytes, or `None` if it is all fill or its shard is `done_before`. Returns the
+    /// shard after its last brick. After an error the shard is lost.
     pub(crate) fn add(
         &mut self,
         id: BrickId,
@@ -176,7 +175,7 @@ impl<'a> ShardWriter<'a> {
         Ok(())
     }
 
-    /// A shard's file under its temporary name, opened unless it is the open one; created anew if `is_first`.
+    /// A shard's file under its temporary name, opened if needed; created anew if `is_first`.
     fn file(&mut self, id: ShardId, is_first: bool) -> Result<(&PathBuf, &mut File), DiskError> {
         let is_open = self.file.as_ref().is_some_and(|(open, ..)| *open == id);
         let (_, path, file) = match self.file.take() {
@@ -213,8 +212,8 @@ fn holds(file: &File, offset: u64, bytes: &[u8]) -> io::Result<bool> {
     Ok(true)
 }
 
-/// Renames a finished shard to its final name and records it in the journal, which ensures durability. Returns `false`
-/// if an earlier run did so.
+/// Renames a finished shard to its final name and records it in the journal, which makes it durable. Returns `false` if
+/// an earlier run did.
 pub(crate) fn settle(
     disk: &Disk,
     store: &Path,

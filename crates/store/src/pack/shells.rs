@@ -1,11 +1,10 @@
 //! Conversion of cores to aprons by way of *shells*: the outermost voxels of a core, enough for all of its neighbours'
 //! aprons.
 //!
-//! A shell is six slabs like an apron's (see [`Apron`]), but of the core: for each axis its first and its last `width`
+//! A shell is six slabs like an apron's (see [`Apron`]), but of the core: for each axis its first and last `width`
 //! layers, whole, so edges and corners lie in several. At 64^3 and a width of 1 it is 9 % of its core. An apron is
-//! copied from the shells of the brick and its neighbours, 26 boxes in all. At a missing neighbour, the brick's own
-//! outermost voxels repeat; if the level ends inside a brick they are there already, since packing pads cores with
-//! them.
+//! copied from the shells of the brick and its neighbours, 26 boxes in all. Without a neighbour, the brick's own
+//! outermost voxels repeat; where the level ends inside a brick, packing has padded the core with them.
 
 use brickyard_volume::{Apron, BrickIndex, Extent};
 

@@ -29,9 +29,9 @@ struct StagePages<T> {
     ranges: SideArray,
     hashes: SideArray,
     bricks: Extent,
-    /// The first layer that is not final.
+    /// First layer still open.
     first: u32,
-    /// The first layer that is not final, and later ones with partial data.
+    /// The open layers with any data.
     waiting: VecDeque<Layer<T>>,
     /// Final layers of the current row of pages.
     finished: Vec<Layer<T>>,
@@ -45,7 +45,7 @@ struct Layer<T> {
     hashes: Vec<u128>,
     /// Bricks still to come.
     bricks: u64,
-    /// Number of child layers that are not final.
+    /// Number of open child layers.
     children: u32,
 }
 
@@ -64,8 +64,8 @@ impl<'a, T: Measure> BrickPages<'a, T> {
         Self { plan, stages, files: PageFiles::default(), fill_hash: core_hash(&fill) }
     }
 
-    /// Adds the next brick of stage `s`: its ranges by part, and the hash of its core, `None` if it is all fill.
-    /// Appends completed files to `out`.
+    /// Adds the next brick of stage `s`: its ranges by part, and the hash of its core, `None` if all fill. Appends
+    /// completed files to `out`.
     pub(crate) fn add(&mut self, s: usize, id: BrickId, parts: &Parts<T>, hash: Option<u128>, out: &mut Vec<PageFile>) {
         let (index, bricks) = (id.index.to_array(), self.stages[s].bricks.to_array());
         let at = (id.index.y * bricks[0] + id.index.x) as usize;
@@ -88,7 +88,7 @@ impl<'a, T: Measure> BrickPages<'a, T> {
         }
     }
 
-    /// A layer that is not final.
+    /// An open layer.
     fn layer(&mut self, s: usize, z: u32) -> &mut Layer<T> {
         let StagePages { bricks, first, .. } = self.stages[s];
         let cells = bricks.x as u64 * bricks.y as u64;
@@ -115,7 +115,7 @@ impl<'a, T: Measure> BrickPages<'a, T> {
         ((z + 1) * ratio).min(finer.bricks.z) - z * ratio
     }
 
-    /// Finishes the layers of stage `s` with nothing left to wait for, and then those of coarser stages.
+    /// Finishes the layers of stage `s` that wait for nothing, then those of coarser stages.
     fn advance(&mut self, s: usize, volume: (u32, u32), out: &mut Vec<PageFile>) {
         loop {
             let stage = &mut self.stages[s];
@@ -154,7 +154,7 @@ impl<'a, T: Measure> BrickPages<'a, T> {
 }
 
 impl<T: Measure> StagePages<T> {
-    /// Keeps a final layer; writes a row of pages once all of its layers are complete.
+    /// Keeps a final layer; writes a row of pages once complete.
     fn finish(
         &mut self,
         z: u32,
@@ -199,7 +199,7 @@ impl<T: Measure> StagePages<T> {
     }
 }
 
-/// The fingerprints of the shards of a stage, or of its aprons, under way to pages. They come layer by layer.
+/// Fingerprints of the shards of a stage, or of its aprons, under way to pages. They come layer by layer.
 pub(crate) struct ShardPages {
     array: SideArray,
     grid: Extent,

@@ -1,9 +1,9 @@
-//! Comparison of every `zarr.json` with the one generated from the store's settings. The packed content must be
-//! unchanged; additions by others are ignored. Others may edit names, colours and windows of channels: such edits are
-//! reported separately.
+//! Comparison of every `zarr.json` with one generated from the store's settings. Packed content must be unchanged;
+//! additions by others are ignored. Others may edit names, colours and windows of channels: such edits are reported
+//! separately.
 //!
-//! Settings, statistics and placement are themselves read from the root document. To detect a changed byte there too,
-//! the document holds a checksum of its written form.
+//! Settings, statistics and placement themselves come from the root document. To detect a changed byte there too, it
+//! holds a checksum of its written form.
 
 use crate::append::{FOREIGN_STEPS, foreign_steps};
 use crate::error::OpenError;
@@ -26,7 +26,7 @@ pub(crate) struct Found {
     pub(crate) edits: Vec<VerifyProblem>,
 }
 
-/// Checks the root document of the main pyramid, and the documents of these levels, each with the store of its pyramid.
+/// Checks the main pyramid's root document, and the documents of these levels, each with its pyramid's store.
 ///
 /// # Errors
 /// If the process may not read one of them.
@@ -46,7 +46,7 @@ pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, L
     }
     let found = documents.iter().map(|(path, _)| unless_barred(read_json(main.folder(), path)));
     let found = found.collect::<Result<Vec<_>, _>>()?;
-    // Read after the arrays: so they have at most one more step, from an interrupted or running commit.
+    // Read after the arrays, which so have at most one more step, of an interrupted or running commit.
     let (expected, root) = root_now(main);
     let mut root = unless_barred(root)?;
     let times = main.info().times.map(|times| times..=count_of(&root).unwrap_or(times).saturating_add(1));
@@ -61,7 +61,7 @@ pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, L
     Ok(Found { problems: of_root.into_iter().chain(checked.flatten()).chain(foreign(main)).collect(), edits })
 }
 
-/// Passes on the result of reading a document, unless the process may not read it.
+/// Fails if the process may not read the document.
 fn unless_barred<T>(read: Result<T, OpenError>) -> Result<Result<T, OpenError>, OpenError> {
     match read {
         Err(OpenError::Io { path, error }) if is_of_process(&error) => Err(OpenError::Io { path, error }),
@@ -69,8 +69,7 @@ fn unless_barred<T>(read: Result<T, OpenError>) -> Result<Result<T, OpenError>, 
     }
 }
 
-/// Restores the packed names, colours and windows in place of others' usable edits; deleted ones count as packed
-/// anyway. Returns the edits.
+/// Restores the packed names, colours and windows over usable edits; deleted ones count as packed. Returns the edits.
 fn take_edits(expected: &Value, root: &mut Value) -> Vec<String> {
     const OMERO: &str = "/attributes/ome/omero";
     let channels = expected.pointer(OMERO).and_then(|omero| omero["channels"].as_array());
@@ -107,8 +106,7 @@ fn take_edits(expected: &Value, root: &mut Value) -> Vec<String> {
     edits
 }
 
-/// The documents of a level's side data, and of its aprons'. In stores without appended steps, opening has compared
-/// them.
+/// Documents of a level's side data, and of its aprons'. In stores without appended steps, opening has compared them.
 fn side_documents(store: &Store, level: Level) -> Vec<(PathBuf, Value)> {
     let arrays = level_arrays(store.path(), store.layout(), level, store.voxel_type());
     let aprons = store.aprons().map(|aprons| SideArray::fingerprints(store.path(), aprons.layout(), level));
@@ -128,8 +126,8 @@ fn foreign(main: &Store) -> Option<VerifyProblem> {
     (!has_grown).then_some(VerifyProblem { brick: None, path, what })
 }
 
-/// The expected and the actual root document. Steps may have been appended since opening, so the expected one is
-/// generated from the present text, unless that is no store.
+/// The expected and the actual root document. Since steps may have been appended, the expected one is generated from
+/// the present text, if that is a store.
 fn root_now(main: &Store) -> (Value, Result<Value, OpenError>) {
     let path = main.path().join("zarr.json");
     let document = |store: &Store| root_document(store.layout(), store.geometry(), store.info());
@@ -143,12 +141,12 @@ fn root_now(main: &Store) -> (Value, Result<Value, OpenError>) {
     (document(now.as_ref().unwrap_or(main)), parse_json(&path, &text))
 }
 
-/// The number of time steps counted by the root document; `None` if absent or unreadable.
+/// The root document's number of time steps; `None` if absent or unreadable.
 fn count_of(root: &Result<Value, OpenError>) -> Option<u32> {
     root.as_ref().ok()?["attributes"]["brickyard"]["times"].as_u64()?.try_into().ok()
 }
 
-/// An array's document with the expected number of time steps in place of any permitted one.
+/// An array's document with any permitted number of time steps replaced by the expected one.
 fn with_committed_times(expected: &Value, mut found: Value, times: Option<&RangeInclusive<u32>>) -> Value {
     let may_be = |steps: u64| times.is_some_and(|times| u32::try_from(steps).is_ok_and(|steps| times.contains(&steps)));
     if let Some(steps) = found.pointer_mut("/shape/0")
@@ -168,12 +166,12 @@ fn check_one(path: PathBuf, expected: &Value, found: Result<Value, OpenError>) -
     Some(VerifyProblem { brick: None, path, what })
 }
 
-/// A message without the path of its file, which the problem already has.
+/// A message without its file's path, which the problem already has.
 pub(super) fn without_path(message: &str, path: &Path) -> String {
     message.strip_prefix(&format!("{}: ", path.display())).unwrap_or(message).to_owned()
 }
 
-/// The first place where a document differs from the expected one. Unexpected keys belong to others.
+/// The first difference from the expected document. Unexpected keys belong to others.
 fn difference(expected: &Value, found: &Value, at: &mut String) -> Option<String> {
     let length = at.len();
     let mut inner = |expected: &Value, found: Option<&Value>, step: &str| {
@@ -232,8 +230,7 @@ mod tests {
         found
     }
 
-    /// Whether a flip has no effect for readers: numbers and keys are unchanged, apart from an array's empty
-    /// attributes.
+    /// Whether a flip has no effect for readers: numbers and keys are unchanged, except an array's empty attributes.
     fn is_neutral(sound: &[u8], flipped: &[u8]) -> bool {
         let parsed = |bytes: &[u8]| {
             let mut value = serde_json::from_slice::<Value>(bytes).ok()?;

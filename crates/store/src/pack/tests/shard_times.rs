@@ -154,7 +154,7 @@ fn bricks_of_the_same_content_are_stored_once() {
     assert!(files(&path(3)).len() < files(&path(1)).len());
 }
 
-/// Shards of one step are unaffected by the existence of others.
+/// In shards of one step, equal bricks are stored separately, as always.
 #[test]
 fn shards_of_one_step_share_nothing() {
     let source = Array::new([64, 16, 16], |p| p[1] as u8 + 1);
