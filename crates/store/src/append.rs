@@ -314,7 +314,6 @@ impl Appender {
         Ok(pool.install(count).map_err(AppendError::from)?)
     }
 
-    /// Writes the step's shards and pages.
     fn pack_step(
         &self,
         next: &Next,
@@ -438,7 +437,6 @@ impl Appender {
         Err(OpenError::invalid(&path, "shape[0]", expected, found))
     }
 
-    /// The error for an interrupted append.
     fn stopped(&self, failed: Failed) -> AppendError {
         let (store, times) = (self.dir.clone(), self.times);
         match failed {
@@ -538,7 +536,6 @@ fn too_many(store: &Store) -> AppendError {
     PackError::Unfit { what: "shape is", found, expected, cure: "begin another store" }.into()
 }
 
-/// The chunk folder of one step of an array.
 fn chunks_of(dir: &Path, step: u32) -> PathBuf {
     dir.join("c").join(step.to_string())
 }

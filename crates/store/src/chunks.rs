@@ -19,7 +19,6 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Most shards open at a time.
 const MOST_OPEN: usize = 512;
 
 /// Most files open at a time without mapping: a process may have 1,024.
@@ -53,7 +52,6 @@ impl Chunks {
         &self.layout
     }
 
-    /// Bytes of a decoded chunk.
     pub(crate) fn chunk_bytes(&self) -> usize {
         self.codec.core_bytes()
     }

@@ -6,7 +6,6 @@ use std::io::{Error, Read};
 use std::os::fd::AsFd;
 use std::path::Path;
 
-/// Opens a file for reading.
 pub(crate) fn open_file(path: &Path) -> std::io::Result<File> {
     open_at(CWD, path)
 }

@@ -125,7 +125,6 @@ impl From<Reductions> for String {
 
 /// A voxel type's arithmetic for [`downsample`].
 pub(crate) trait Reduce: Voxel + Default {
-    /// The type for sums of voxels.
     type Sum: Copy;
     const ZERO: Self::Sum;
     fn add(sum: Self::Sum, value: Self) -> Self::Sum;

@@ -41,7 +41,6 @@ impl Default for ExportTime {
 }
 
 impl ExportTime {
-    /// The steps, in order.
     fn steps(self) -> impl ExactSizeIterator<Item = u32> + DoubleEndedIterator {
         let (first, end, stride) = match self {
             Self::Step(step) => (step, step.saturating_add(1), 1),

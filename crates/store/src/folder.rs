@@ -10,7 +10,6 @@ use std::os::fd::{AsRawFd, OwnedFd};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Most bytes of a metadata document.
 const MOST_DOCUMENT_BYTES: u64 = 64 << 20;
 
 /// Flags for opening a folder: as a bare location if supported, which needs no permission to list it.

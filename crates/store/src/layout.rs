@@ -27,16 +27,16 @@ pub const DEFAULT_SHARD_EDGE: u32 = 512;
 /// Upper limit of voxels along a shard's edge in any store.
 pub const MAX_SHARD_EDGE: u32 = 8192;
 
-/// Most bricks in a shard, over all of its time steps: those of the largest shard at 64 voxels a brick. Their index
-/// takes 32 MiB.
+/// Most bricks in a shard, over all of its time steps: as many as the largest shard has at an edge of 64 voxels a
+/// brick. Their index takes 32 MiB.
 const MAX_SHARD_BRICKS: u64 = (MAX_SHARD_EDGE as u64 / 64).pow(3);
 
 /// Name of the journal, present in a store directory while a pack is unfinished. Its first line is a JSON object with
 /// the total number of `shards`; each further complete line not starting with a blank is a finished shard.
 pub const JOURNAL_NAME: &str = ".brickyard-journal";
 
-/// Name of the lock file, present while a process packs into a store or after it was killed. It names the process and
-/// its machine.
+/// Name of the lock file, present while a process packs into or appends to a store, and after it was killed. It names
+/// the process and its machine.
 pub const LOCK_NAME: &str = ".brickyard-lock";
 
 /// Name of the side-data folder in a level's folder, ignored by other readers.
@@ -117,7 +117,6 @@ pub struct Layout {
     pub(crate) shard_times: u32,
     /// Whether there is a time axis even with one step, for appending.
     has_time: bool,
-    /// Most bricks along a shard's edge.
     max_shard_bricks: u32,
     /// The method in folder names of a second pyramid's levels 1 and up.
     second: Option<Downsample>,

@@ -146,7 +146,6 @@ mod tests {
     use brickyard_import::{ImportError, Source, SourceInfo};
     use brickyard_volume::{BrickId, Geometry};
 
-    /// A volume in memory.
     struct Voxels {
         info: SourceInfo,
         bytes: Vec<u8>,
@@ -168,7 +167,7 @@ mod tests {
         }
     }
 
-    /// Hashed values from 0 to 127, exact in every type.
+    /// Hashed values from 0 to 127, exact in every type, some equal to `nodata`.
     fn voxels(voxel_type: VoxelType, extent: Extent, nodata: Option<f64>) -> Voxels {
         let value = |i: u64| (i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 57) as f64;
         let bytes = with_voxel_type!(voxel_type, T => {

@@ -86,7 +86,7 @@ fn reduced<T: Reduce>(method: Downsample, valid: &[T], nodata: T) -> T {
 }
 
 /// The mean, rounded to nearest with ties to even. If that is `nodata` despite data, the adjacent whole number on the
-/// mean's side, or above in the exact case.
+/// mean's side, or above if the mean equals it.
 #[inline(always)]
 fn mean<T: Reduce>(valid: &[T], nodata: T) -> T {
     // At most eight integers of 32 bits: the sum is exact, and the quotient's error is far below the distance of any

@@ -33,7 +33,6 @@ pub(crate) struct ShardFile {
 /// The source of a shard's bytes.
 enum Body {
     Mapped(GuardedMap),
-    /// Read at offsets.
     File(File),
 }
 

@@ -2,7 +2,7 @@
 //!
 //! | array | type | shape | contents per brick (`shards`: per shard) |
 //! | --- | --- | --- | --- |
-//! | `ranges` | the voxels' | t, c, z, y, x, 4 | least and greatest valid value of the core, then of the core with one voxel around it; NaN if there is none |
+//! | `ranges` | the voxels' | t, c, z, y, x, 4 | least and greatest valid value of the core, then with one voxel around it; NaN if none |
 //! | `hashes` | uint64 | t, c, z, y, x, 2 | lower and upper half of the XXH3-128 of the decoded core |
 //! | `shards` | uint64 | t, c, z, y, x, 2 | [`Fingerprint`]: length and index checksum; zeros if there is no file |
 //!
@@ -46,13 +46,11 @@ pub(crate) struct SideArray {
 }
 
 impl SideArray {
-    /// The ranges of a level's bricks in a store.
     pub(crate) fn ranges(store: &Path, layout: &Layout, level: Level, voxel_type: VoxelType) -> Self {
         let bricks = layout.pyramid.level(level).bricks;
         Self::new(store, layout, level, "ranges", voxel_type.zarr_name(), voxel_type.bytes(), bricks, 4)
     }
 
-    /// The hashes of a level's bricks in a store.
     pub(crate) fn hashes(store: &Path, layout: &Layout, level: Level) -> Self {
         Self::new(store, layout, level, "hashes", "uint64", 8, layout.pyramid.level(level).bricks, 2)
     }
@@ -84,7 +82,6 @@ impl SideArray {
         Paging::new(self.grid)
     }
 
-    /// Bytes of a decoded page.
     pub(crate) fn page_bytes(&self) -> usize {
         self.paging().page_cells() * self.values as usize * self.element_bytes
     }
@@ -125,7 +122,6 @@ impl SideArray {
         check_array(&path, &self.document(), &read_json(folder, &path)?, steps)
     }
 
-    /// Reads and decodes a page.
     pub(crate) fn read_page(&self, folder: &Folder, page: PageId) -> Result<Vec<u8>, ReadError> {
         let (slot, slots, _) = self.place_in_file(page);
         side_file::read(folder, &self.page_path(page), slot, slots, self.page_bytes())

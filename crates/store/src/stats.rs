@@ -212,9 +212,9 @@ impl Tally {
 
 /// One thread's counts of one channel's voxels by value.
 pub(crate) enum Counter {
-    /// Counts of values of 8 and 16 bits.
+    /// 8- and 16-bit values.
     Words(WordTable),
-    /// Counts of values of 32 bits.
+    /// 32-bit values.
     Values(ValueTable),
 }
 
@@ -263,7 +263,6 @@ impl Counter {
     }
 }
 
-/// Counts of 16-bit words.
 pub(crate) struct WordTable {
     counts: Box<[u32; WORDS]>,
     /// Single bytes, from rows of an odd number of 8-bit voxels.

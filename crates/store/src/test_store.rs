@@ -305,7 +305,6 @@ pub(crate) fn bumps(t: u32, c: u32, [x, y, z]: [u32; 3]) -> f64 {
     ((x * 7 + y * 3 + z * 11 + t * 50 + c * 90) % 120) as f64
 }
 
-/// Reads a document.
 pub(crate) fn read_json(path: &Path) -> Result<Value, OpenError> {
     crate::json::read_json(&Folder::open(path.parent().unwrap()).unwrap(), path)
 }

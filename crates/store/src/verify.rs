@@ -194,16 +194,13 @@ struct Verifier<'a> {
 /// Bricks of a level read together.
 #[derive(Clone, Copy)]
 struct Block<'a> {
-    /// Their pyramid.
     store: &'a Store,
     time: u32,
     channel: u32,
     level: Level,
-    /// Their voxels.
     core: VoxelBox,
 }
 
-/// One thread's memory.
 struct Buffers<T> {
     workspace: Workspace<T>,
     /// The block with its surroundings.
@@ -220,7 +217,6 @@ struct Buffers<T> {
 struct HashPage(Option<(PageId, bool, Vec<u128>)>);
 
 impl HashPage {
-    /// The stored hash of a brick's core.
     fn stored(&mut self, store: &Store, id: BrickId) -> Result<u128, ReadError> {
         let (page, place) = store.pyramid().page_of(id);
         // Pages of two pyramids have the same ids.
@@ -305,7 +301,6 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// Compares the hash of a brick's core with the stored one.
     fn check_hash(&self, hashes: &mut HashPage, store: &Store, id: BrickId, computed: u128) -> Option<VerifyProblem> {
         match hashes.stored(store, id) {
             Ok(stored) if stored == computed => None,

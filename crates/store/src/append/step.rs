@@ -37,7 +37,7 @@ fn one_step(source: &dyn Source) -> Result<&SourceInfo, AppendError> {
     }
 }
 
-/// Checks `count`, the step's voxels with the store's no-data value, which the source may know to be data.
+/// Checks `count`, the step's voxels with the store's no-data value, which the source may declare data.
 pub(super) fn check_nodata(step: &SourceInfo, store: &Store, count: u64) -> Result<(), AppendError> {
     match store_nodata(store) {
         Some(value) if step.knows_nodata && step.nodata.is_none() && count > 0 && !step.voxel_type.is_float() => {
@@ -105,7 +105,7 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
         return differs("row of channels", found, expected);
     }
     let nodata = store_nodata(store);
-    // If the source knows its no-data value, this one only means that some floats are left out, as they are here.
+    // If the source declares a no-data value, this one only means that some floats are left out, as they are here.
     let is_left_out = step.knows_nodata && step.voxel_type.is_float() && nodata.is_some();
     if let Some(found) = step.nodata.filter(|found| Some(*found) != nodata && !is_left_out) {
         let none = match step.knows_nodata {

@@ -798,8 +798,8 @@ fn channels_in_another_order_are_refused() {
     appender.append(&step("GFP"), None, &()).unwrap();
 }
 
-/// The no-data value may be valid data in a step whose source knows its own: integers are refused then, floats keep it
-/// as data.
+/// The no-data value may be valid data in a step whose source declares its own: integers are refused then, floats keep
+/// it as data.
 #[test]
 fn data_of_a_later_step_are_never_taken_for_none() {
     fn check<T: Voxel>(value: f64, is_refused: bool) {

@@ -34,7 +34,6 @@ use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::Arc;
 
-/// The constants of the apron pass.
 pub(crate) struct ApronPass<'a> {
     pub(crate) store: &'a Path,
     pub(crate) voxel_type: VoxelType,
@@ -45,7 +44,6 @@ pub(crate) struct ApronPass<'a> {
     pub(crate) progress: &'a dyn Progress,
 }
 
-/// Work done so far.
 #[derive(Default)]
 struct Made {
     shards: u64,
@@ -82,7 +80,6 @@ impl ApronPass<'_> {
     }
 }
 
-/// The pass over one stage.
 struct StagePass<'a> {
     pass: &'a ApronPass<'a>,
     /// The output of the first pass.

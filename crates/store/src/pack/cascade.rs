@@ -57,7 +57,6 @@ pub(crate) enum Stop {
 }
 
 impl Stop {
-    /// Builds the reason from a thread's panic payload.
     pub(crate) fn panic(payload: Box<dyn std::any::Any + Send>) -> Self {
         let words = payload.downcast_ref::<&str>().map(|words| words.to_string());
         Self::Panic(words.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_default())
@@ -66,7 +65,6 @@ impl Stop {
 
 /// The state of a stopped pack, for the message.
 pub(crate) struct Reached {
-    /// Number of finished shards.
     pub(crate) shards: u64,
     /// Estimate of the bytes still to be written.
     pub(crate) needed_bytes: u64,
@@ -81,7 +79,6 @@ impl Reached {
     }
 }
 
-/// Progress of the writer.
 #[derive(Default)]
 struct Written {
     bytes: u64,
@@ -89,7 +86,6 @@ struct Written {
     voxels: u64,
 }
 
-/// The constants of a pass.
 pub(crate) struct Pass<'a> {
     pub(crate) source: &'a dyn Source,
     pub(crate) store: &'a Path,
@@ -122,13 +118,11 @@ enum Settle {
 /// Most shards and pages waiting for the settler: some 2 MiB.
 const MOST_UNSETTLED: usize = 32;
 
-/// One thread's state.
 struct Worker<T> {
     workspace: Workspace<T>,
     scratch: Scratch,
 }
 
-/// State shared by the workers.
 struct Shared<'a, T> {
     pass: &'a Pass<'a>,
     /// The source's no-data value of floats, to become NaN.

@@ -257,8 +257,8 @@ impl Disk {
         self.rename(&temporary(path), path)
     }
 
-    /// Writes a small file, and its folder if needed, unread before [`Disk::sync_parts`]: until then a power failure
-    /// may truncate it.
+    /// Writes a small file nobody reads before [`Disk::sync_parts`], creating its folder if needed: until then a power
+    /// failure may truncate it.
     pub(crate) fn write_early(&self, path: &Path, bytes: &[u8]) -> Result<()> {
         let missing = path.parent().filter(|parent| !self.at(parent).exists());
         missing.map_or(Ok(()), |parent| self.create_dir_all(parent))?;

@@ -199,7 +199,6 @@ fn parse(store: &Path, line: &str) -> Option<(PathBuf, Fingerprint)> {
     (!fingerprint.has_file() || on_disk(&store.join(&path)) == Some(fingerprint)).then_some((path, fingerprint))
 }
 
-/// The fingerprint of a shard's file.
 fn on_disk(path: &Path) -> Option<Fingerprint> {
     let mut file = open_file(path).ok()?;
     let file_bytes = file.metadata().ok()?.len();

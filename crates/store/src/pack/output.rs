@@ -6,7 +6,7 @@
 //! | a finished store | `STORE.packing` beside it; at the end the two are exchanged, and the old one is deleted |
 //!
 //! A directory is changed only under its lock (`lock.rs`), and also the replaced store's. Observations from before
-//! locking are repeated. A pack beside a store says so in its journal, unlike a store that happens to have such a name.
+//! locking are repeated. The journal marks a pack beside a store, unlike a store that happens to have such a name.
 //!
 //! The journal goes last: a pack stopped between exchange and end is an unfinished one under the final name, whose
 //! journal identifies the old store beside it. Without exchange of names (NFS) there is a moment without a store under
@@ -58,7 +58,6 @@ enum Found {
     Other,
 }
 
-/// Action to take in a directory.
 #[derive(Clone, Copy, PartialEq)]
 enum Step {
     /// Report an unfinished pack.
@@ -347,7 +346,6 @@ fn ancestors_to_make(dir: &Path) -> Vec<PathBuf> {
     dir.ancestors().take_while(|dir| !dir.as_os_str().is_empty() && !dir.exists()).map(Path::to_path_buf).collect()
 }
 
-/// A store's path with a suffix.
 pub(crate) fn with_suffix(store: &Path, suffix: &str) -> PathBuf {
     let mut name = store.as_os_str().to_owned();
     name.push(suffix);

@@ -78,7 +78,6 @@ pub struct PackPlan {
 /// One level of one pyramid.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Stage {
-    /// The layout of the stage's pyramid.
     pub(crate) layout: Layout,
     pub(crate) level: Level,
     /// The finer stage and the reduction; `None` at level 0.

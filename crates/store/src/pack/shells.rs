@@ -59,7 +59,6 @@ impl ApronMaker {
         shape
     }
 
-    /// Copies the shell of `core` to `shell`.
     pub(crate) fn cut(&self, core: &[u8], shell: &mut [u8]) {
         for axis in 0..3 {
             let shape = self.side_shape(axis);

@@ -24,7 +24,6 @@ pub(crate) struct BrickPages<'a, T> {
     fill_hash: u128,
 }
 
-/// The pages of one stage.
 struct StagePages<T> {
     ranges: SideArray,
     hashes: SideArray,

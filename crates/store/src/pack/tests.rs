@@ -115,7 +115,6 @@ pub(crate) fn options(voxel_type: VoxelType) -> PackOptions {
     }
 }
 
-/// All files of a store.
 pub(crate) fn files(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     fn walk(root: &Path, dir: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
         for entry in std::fs::read_dir(dir).unwrap() {

@@ -216,7 +216,6 @@ mod tests {
     use serde_json::{Value, json};
     use std::path::{Path, PathBuf};
 
-    /// All documents of a store.
     fn documents(dir: &Path) -> Vec<PathBuf> {
         let mut found = Vec::new();
         for entry in std::fs::read_dir(dir).unwrap() {
