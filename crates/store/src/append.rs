@@ -1,23 +1,26 @@
-//! Appending: time steps that come one at a time, as from a simulation that runs, join a store while others read it.
+//! Appending: time steps, for instance from a running simulation, join a store while others read it.
 //!
-//! A step is packed by the pass that packs stores (`pack/cascade.rs`), as the last one of the store: its files are at its number in each array, and
-//! no other file changes but documents. So an append costs what packing the step costs, however many there are.
+//! Each step is packed by the pass for whole stores (`pack/cascade.rs`), as the last step of the store: its files have
+//! its number in each array, and only documents change. So an append costs the packing of one step, whatever their
+//! number.
 //!
 //! The *commit* of a step is the order in which it becomes part of the store:
 //!
-//! 1. its shards and pages of side data, the counts of values of all steps (`counts.rs`) and the documents under temporary names are written and
-//!    synced, together where the file system can;
-//! 2. each array's document says that there is a step more, coarse levels first, level 0 last, and is synced;
-//! 3. the root document counts it, with the times and statistics of all steps, and in what other programs consolidated there.
+//! 1. Its shards and pages of side data, the value counts of all steps (`counts.rs`) and the documents under temporary
+//!    names are written and synced, together if the file system can;
+//! 2. each array's document gains the step, coarse levels first, level 0 last, and is synced;
+//! 3. the root document counts it, with the times and statistics of all steps, and in metadata consolidated there by
+//!    other programs.
 //!
-//! What this program reads, it reads as the root document counts. Whoever is killed before that leaves files and documents of a step that nobody
-//! counts: they are taken back by the next one who opens an [`Appender`], before anything is written. A document is replaced in one step.
+//! This program reads only the steps counted by the root document. After an earlier kill, the next opening of an
+//! [`Appender`] rolls back the uncounted step's files and documents before writing anything. Documents are replaced in
+//! one step.
 //!
-//! A step is part of the store from the moment at which its root document has its name. Only then is the name synced; who cannot do that, says both
-//! ([`AppendError::Appended`]), and the next one who opens an [`Appender`] syncs it before anything else.
+//! A step is part of the store once its root document has its name. A failure to sync the name afterwards reports both
+//! ([`AppendError::Appended`]), and the next opening of an [`Appender`] syncs it first.
 //!
-//! A store that was packed counts its steps from its first commit on, before any array says that there is one more; and the values of those steps
-//! are counted before that.
+//! A packed store counts its steps from its first commit on, before any array gains a step, and their values before
+//! that.
 
 mod documents;
 mod error;
@@ -53,12 +56,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use step::{check_nodata, first_step, next_axis, next_step};
 
-/// How steps are appended.
+/// Resources for appending.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AppendOptions {
-    /// The most anonymous memory that appending may take, in bytes.
+    /// Most anonymous memory for appending, in bytes.
     pub memory_bytes: u64,
-    /// Number of worker threads, at least 1. Reading whole planes and writing files take further threads.
+    /// Worker threads, at least 1. Reading whole planes and writing files use further threads.
     pub threads: usize,
 }
 
@@ -69,21 +72,21 @@ impl Default for AppendOptions {
     }
 }
 
-/// What appending a step did.
+/// Outcome of appending a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AppendReport {
-    /// The number of the step.
+    /// The step's number.
     pub step: u32,
-    /// Bytes that were written to shards.
+    /// Bytes written to shards.
     pub written_bytes: u64,
-    /// Number of the step's voxels of level 0 that are NaN or infinite.
+    /// NaN and infinite voxels in the step's level 0.
     pub non_finite: u64,
-    /// Number of the step's voxels of level 0 that are the integer for no data.
+    /// No-data integers in the step's level 0.
     pub nodata: u64,
 }
 
-/// Appends time steps to a store. While there is one, nobody else packs into the store or appends to it, in this process or another; others
-/// may read it.
+/// Exclusive writer of time steps to a store. While it exists, no one else, in this process or another, can pack or
+/// append; reading is allowed.
 pub struct Appender {
     disk: Disk,
     dir: PathBuf,
@@ -93,7 +96,6 @@ pub struct Appender {
     _lock: DirLock,
 }
 
-/// Refuses a store to which no step can be appended.
 fn can_grow(store: &Store) -> Result<(), AppendError> {
     let steps = store.layout().shard_times;
     let path = || store.path().to_owned();
@@ -110,7 +112,7 @@ impl PackOptions {
     }
 }
 
-/// The next step of a store, which may be appended.
+/// The next step of a store, checked for appending.
 struct Next {
     plan: PackPlan,
     options: PackOptions,
@@ -118,20 +120,21 @@ struct Next {
 }
 
 impl Appender {
-    /// Opens a store to append to it, and takes back what an append left that was cut off.
+    /// Opens a store for appending, and rolls back an interrupted append.
     ///
     /// # Errors
-    /// If it is no store, is unfinished, has no axis of time, cannot be written, or somebody else writes to it.
+    /// If the store is missing, unfinished, without a time axis, not writable, or has another writer.
     pub fn open(store: &Path, options: AppendOptions) -> Result<Self, AppendError> {
         Self::open_on(Disk::default(), store, options)
     }
 
-    /// Packs the first step of a new store, and opens it to append more. The step is taken at `stamp`, or at the source's time; where neither is known,
-    /// steps are counted. A step that was cut off is resumed; where that was at its very end, another source is the next step.
+    /// Packs the first step of a new store, and opens it to append more. The step's time is `stamp`, or the source's;
+    /// if neither is known, steps are counted. An interrupted first step is resumed; if only its very end was missing,
+    /// a different source is the next step.
     ///
     /// # Errors
-    /// If a finished store is there, as packing with [`Exists::Resume`] does, or as [`Appender::open`] does, which then is
-    /// [`AppendError::Appended`].
+    /// If a finished store exists, as for packing with [`Exists::Resume`], or, as [`AppendError::Appended`], as for
+    /// [`Appender::open`].
     pub fn create(
         store: &Path,
         source: &dyn Source,
@@ -173,13 +176,13 @@ impl Appender {
         let dir = output::resolve(store)?;
         disk.work_at(&dir);
         if let Err(unfinished) = refuse_unfinished(&dir) {
-            // One who still packs is named as such.
+            // Report an active packer as such.
             let _free = DirLock::take(&disk, &dir)?;
             return Err(unfinished);
         }
         can_grow(&Store::open(&dir)?)?;
         let lock = DirLock::take(&disk, &dir)?;
-        // Looked at again: another one may have been at work until now.
+        // Checked again: another process may have been packing until now.
         refuse_unfinished(&dir)?;
         lock.declare(&disk).map_err(PackError::from)?;
         let folder = Arc::new(open_folder(&dir)?);
@@ -190,7 +193,7 @@ impl Appender {
         Ok(appender)
     }
 
-    /// Number of time steps that the store has.
+    /// Number of time steps in the store.
     pub fn times(&self) -> u32 {
         self.times
     }
@@ -200,13 +203,14 @@ impl Appender {
         &self.dir
     }
 
-    /// Appends the only step of a source, which was taken at `stamp`. Where no stamp is given, the source's own time counts if it begins elsewhere
-    /// than the store's, and else steps go on evenly. When this returns, the step survives a crash.
+    /// Appends the only step of a source, taken at `stamp`. By default, the source's own time counts if it starts
+    /// elsewhere than the store's; otherwise steps continue evenly. On return, the step survives a crash.
     ///
     /// # Errors
-    /// If the step does not fit the store or its time is not after the last one's, or if the source or the disk fails. The store then has the steps
-    /// that it had ([`Appender::times`]), and the same step can be appended again. Only with [`AppendError::Appended`] the step is part of the store,
-    /// and must not be appended again; it may not survive a power failure.
+    /// If the step does not fit the store, its time is not after the last one's, or the source or the disk fails. The
+    /// store then keeps its steps ([`Appender::times`]), and the same step can be appended again. Except with
+    /// [`AppendError::Appended`]: then the step is part of the store and must not be appended again, but may not
+    /// survive a power failure.
     pub fn append(
         &mut self,
         source: &dyn Source,
@@ -216,7 +220,7 @@ impl Appender {
         let before = self.times;
         let appended = self.take_back().and_then(|()| self.append_next(source, stamp, progress));
         appended.map_err(|error| {
-            // What cannot be taken back now is so before the next step.
+            // If the rollback fails now, it is repeated before the next step.
             let _ = self.take_back();
             let error = if self.folder.is_replaced() { self.replaced().into() } else { self.stopped(error) };
             if self.times > before { error.after(&self.dir, before) } else { error }
@@ -261,12 +265,12 @@ impl Appender {
         OpenError::Replaced { store: self.dir.clone() }
     }
 
-    /// Stops before a change is made that follows from what another store holds.
+    /// Refuses a change based on a replaced store.
     fn refuse_replaced(&self) -> Result<(), OpenError> {
         if self.folder.is_replaced() { Err(self.replaced()) } else { Ok(()) }
     }
 
-    /// Opens the store, and checks the documents of its second pyramid as well, if there is one.
+    /// Opens the store, including a second pyramid's documents.
     fn open_store(&self) -> Result<Store, OpenError> {
         let store = Store::open_view(&self.folder, IoMode::default(), None)?;
         if let Some(method) = store.info().downsample.second() {
@@ -275,7 +279,7 @@ impl Appender {
         Ok(store)
     }
 
-    /// The options by which the store was packed.
+    /// The options the store was packed with.
     fn pack_options(&self, info: &StoreInfo) -> PackOptions {
         PackOptions {
             edge: info.edge,
@@ -291,7 +295,7 @@ impl Appender {
         }
     }
 
-    /// What is counted of the steps that the store has: as the store keeps it, or by reading all of them, once.
+    /// The store's value counts, read or counted once over all steps.
     fn counted(&self, store: &Store, progress: &dyn Progress) -> Result<Vec<ChannelTotals>, Failed> {
         let counts = Counts::of(&self.dir, store.layout());
         let kept = counts
@@ -310,7 +314,6 @@ impl Appender {
         Ok(pool.install(count).map_err(AppendError::from)?)
     }
 
-    /// Writes the step's shards and pages.
     fn pack_step(
         &self,
         next: &Next,
@@ -332,13 +335,13 @@ impl Appender {
         Ok(passed)
     }
 
-    /// Makes the step, whose files are there, part of the store. `before` and `after` is what is counted without it and with it.
+    /// Makes a step with existing files part of the store. `before` and `after` are the counts without and with it.
     fn commit(&mut self, next: &Next, before: &[ChannelTotals], after: &[ChannelTotals]) -> Result<(), Failed> {
         self.refuse_replaced()?;
         let root_path = self.dir.join("zarr.json");
         let text = self.folder.document(&root_path)?;
         let mut root = parse_json(&root_path, &text)?;
-        // As others may have edited it meanwhile.
+        // Others may have edited it meanwhile.
         let store = Store::open_with_root(&self.folder, IoMode::default(), None, &text)?;
         let info = store.info();
         let (first, times) = (next.plan.steps.start, next.plan.steps.end);
@@ -383,7 +386,7 @@ impl Appender {
         Ok(counts.keep_only(&self.disk, times)?)
     }
 
-    /// Makes a step's files last: chunks and counts, and the names of all in the folders of arrays.
+    /// Makes a step's chunks and counts durable, and their names in the array folders.
     fn sync(&self, counts: &Counts, of_step: &[PathBuf], dirs: &[PathBuf]) -> Result<(), DiskError> {
         let chunks = of_step.iter().flat_map(|chunks| [Part::Tree(chunks), Part::Folder(output::parent(chunks))]);
         let counts = [Part::Tree(counts.folder()), Part::Folder(output::parent(counts.folder()))];
@@ -396,13 +399,13 @@ impl Appender {
         self.disk.sync_dir(output::parent(path))
     }
 
-    /// Takes back what an append left that was cut off, in the order opposite to a commit's; and learns how many steps there are.
+    /// Rolls back an interrupted append in reverse commit order, and sets the number of steps.
     fn take_back(&mut self) -> Result<(), Failed> {
         self.refuse_replaced()?;
         let store = self.open_store()?;
         self.times = store.times();
         self.refuse_foreign_steps(&store)?;
-        // What belongs to fewer steps goes only when the document that counts these is sure to last.
+        // Counts of fewer steps go only once the document with the present number is durable.
         self.disk.sync_dir(&self.dir)?;
         let dirs = array_dirs(&store);
         for dir in dirs.iter().rev() {
@@ -416,25 +419,24 @@ impl Appender {
             let left = chunks_of(dir, self.times);
             if left.try_exists().map_err(|error| DiskError { path: left.clone(), error })? {
                 ours::remove_chunks(&self.disk, &left)?;
-                // A step of which nothing is stored makes no folder here, whose sync would tell.
+                // Without stored chunks there is no folder to sync.
                 self.disk.sync_dir(output::parent(&left))?;
             }
             ours::remove_file(&self.disk, &temporary(&dir.join("zarr.json")))?;
         }
         ours::remove_file(&self.disk, &temporary(&self.dir.join("zarr.json")))?;
-        // Counts of a store that does not count its steps yet may be half of them.
+        // An uncounted store's counts may be incomplete.
         let counted = store.info().times.unwrap_or(0);
         Ok(Counts::of(&self.dir, store.layout()).keep_only(&self.disk, counted)?)
     }
 
-    /// Refuses a store to which another program has appended steps: they would be deleted.
+    /// Refuses a store with steps appended by another program, which would be deleted.
     fn refuse_foreign_steps(&self, store: &Store) -> Result<(), OpenError> {
         let Some((path, found)) = foreign_steps(store)? else { return Ok(()) };
         let expected = format!("{}, as the root document counts: {FOREIGN_STEPS}", self.times);
         Err(OpenError::invalid(&path, "shape[0]", expected, found))
     }
 
-    /// The error for what stopped an append.
     fn stopped(&self, failed: Failed) -> AppendError {
         let (store, times) = (self.dir.clone(), self.times);
         match failed {
@@ -451,7 +453,7 @@ impl Appender {
     }
 }
 
-/// The path of an array's document, and the document with so many steps and all else as it is.
+/// An array's document with `times` steps, and its path.
 fn with_steps(folder: &Folder, dir: &Path, times: u32) -> Result<(PathBuf, Value), OpenError> {
     let path = dir.join("zarr.json");
     let mut document = read_json(folder, &path)?;
@@ -462,7 +464,7 @@ fn with_steps(folder: &Folder, dir: &Path, times: u32) -> Result<(PathBuf, Value
     Ok((path, document))
 }
 
-/// Why an append stopped, before it is known how many steps the store has then.
+/// Cause of an interrupted append, before the resulting number of steps is known.
 enum Failed {
     Append(Box<AppendError>),
     Stop(Stop),
@@ -492,7 +494,7 @@ impl From<(Stop, Reached)> for Failed {
     }
 }
 
-/// Refuses a directory whose pack is not finished, or that a pack is to replace which is not.
+/// Refuses a directory with an unfinished pack or replacement.
 fn refuse_unfinished(dir: &Path) -> Result<(), AppendError> {
     for (path, replaces) in [(dir.to_path_buf(), false), (output::with_suffix(dir, ".packing"), true)] {
         let journal = path.join(JOURNAL_NAME);
@@ -506,12 +508,12 @@ fn refuse_unfinished(dir: &Path) -> Result<(), AppendError> {
     Ok(())
 }
 
-/// Whether a finished store is in a directory, as far as can be told without opening a file: what has failed may be that.
+/// Whether a directory has a finished store, without opening files, which may have just failed.
 fn is_finished(store: &Path) -> bool {
     refuse_unfinished(store).is_ok() && store.join("zarr.json").exists()
 }
 
-/// Checks that counts are of the store's voxels, as far as the root document tells.
+/// Checks counts against the voxel numbers in the root document.
 fn check_counts(store: &Store, counts: &Counts, kept: &[ChannelTotals]) -> Result<(), ReadError> {
     for (of_root, kept) in store.info().channels.iter().zip(kept.iter().map(ChannelTotals::finish)) {
         let numbers = |channel: &ChannelStatistics| format!("{} values, {:?}", channel.count, channel.range);
@@ -524,7 +526,7 @@ fn check_counts(store: &Store, counts: &Counts, kept: &[ChannelTotals]) -> Resul
     Ok(())
 }
 
-/// Numbers of voxels, of all channels together, that are NaN or infinite, and that are the integer for no data.
+/// Numbers of voxels over all channels: NaN or infinite, and no-data integers.
 fn left_out(channels: &[ChannelTotals]) -> (u64, u64) {
     (channels.iter().map(ChannelTotals::non_finite).sum(), channels.iter().map(|channel| channel.nodata).sum())
 }
@@ -534,12 +536,11 @@ fn too_many(store: &Store) -> AppendError {
     PackError::Unfit { what: "shape is", found, expected, cure: "begin another store" }.into()
 }
 
-/// The folder of the chunks of one step of the array in a folder.
 fn chunks_of(dir: &Path, step: u32) -> PathBuf {
     dir.join("c").join(step.to_string())
 }
 
-/// The statistics of all steps. Windows that a source gave stay; others follow from the values.
+/// The statistics of all steps. Windows given by a source stay; others follow from the values.
 fn statistics(info: &StoreInfo, before: &[ChannelTotals], after: &[ChannelTotals]) -> Vec<ChannelStatistics> {
     let mut grown: Vec<ChannelStatistics> = after.iter().map(ChannelTotals::finish).collect();
     for ((grown, channel), before) in grown.iter_mut().zip(&info.channels).zip(before.iter().map(ChannelTotals::finish))

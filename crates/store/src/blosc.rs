@@ -1,20 +1,20 @@
-//! The Blosc-1 container around shuffled Zstandard: what the Zarr codec `blosc` with `cname = "zstd"` stores.
+//! The Blosc-1 container around shuffled Zstandard, as stored by the Zarr codec `blosc` with `cname = "zstd"`.
 //!
 //! ```text
 //! 0  format version 2 | 1  codec version | 2  flags | 3  typesize | 4  nbytes u32 | 8  blocksize u32 | 12  cbytes u32
 //! 16 start of each block u32 ...        each block: one stream, or one per byte of the type ("split"):
-//!                                       length u32, then Zstandard, or the bytes as they are if the length says so
+//!                                       length u32, then Zstandard, or uncompressed bytes if the length is full
 //! ```
 //!
-//! The writer makes one block with one stream (blocks of 128 KiB cost 2 % of the ratio on 16-bit data, 15 % on floats, and
-//! decode no faster at 16 bits). The reader takes any container that c-blosc writes with Zstandard: several
-//! blocks, split streams, byte or bit shuffle, stored uncompressed; other compressors are told apart and refused.
+//! The writer makes one block with one stream (blocks of 128 KiB cost 2 % of the ratio on 16-bit data, 15 % on floats,
+//! and decode no faster at 16 bits). The reader accepts any container written by c-blosc with Zstandard: several
+//! blocks, split streams, byte or bit shuffle, stored uncompressed; other compressors are recognized and refused.
 
 use crate::error::CodecError;
 use crate::scratch::Scratch;
 
 const HEADER_BYTES: usize = 16;
-/// Bytes that a container adds to its one stream: the header, one block start, one stream length.
+/// Overhead of a container with one stream, in bytes: the header, one block start, one stream length.
 pub(crate) const OVERHEAD_BYTES: usize = HEADER_BYTES + 8;
 
 const VERSION: u8 = 2;
@@ -23,7 +23,7 @@ const STORED: u8 = 0x02;
 const BIT_SHUFFLE: u8 = 0x04;
 const NOT_SPLIT: u8 = 0x10;
 const ZSTD: u8 = 4;
-/// c-blosc splits no wider types, and no streams shorter than this.
+/// c-blosc does not split wider types, or streams shorter than this.
 const MAX_SPLITS: usize = 16;
 const MIN_STREAM_BYTES: usize = 128;
 
@@ -57,7 +57,7 @@ pub(crate) fn encode(scratch: &mut Scratch, typesize: usize, level: i32, data: &
     }
 }
 
-/// Decodes a container, which must hold exactly `out.len()` bytes, into `out`.
+/// Decodes a container of exactly `out.len()` bytes into `out`.
 pub(crate) fn decode(scratch: &mut Scratch, container: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
     let header = Header::parse(container, out.len())?;
     let body = &container[..header.container_bytes];
@@ -208,8 +208,7 @@ pub(crate) fn unshuffle(typesize: usize, data: &[u8], out: &mut [u8]) {
     out_rest.copy_from_slice(rest);
 }
 
-/// The loops for 2 and 4 bytes, in a form that the compiler turns into vector shifts; compiled for AVX2 too, where the
-/// processor has it.
+/// Loops for 2 and 4 bytes that compile to vector shifts; also compiled for AVX2, used if available.
 mod wide {
     macro_rules! dispatched {
         ($(#[$doc:meta])* $name:ident, $from:ident, $to:ident, $body:block) => {
@@ -256,8 +255,8 @@ mod wide {
     });
 }
 
-/// Undoes Blosc's bit shuffle: row `b` of `8 * typesize` holds bit `b` of all elements, eight to a byte. It is applied only
-/// to multiples of eight elements; any other block is stored in its own order.
+/// Undoes Blosc's bit shuffle: row `b` of `8 * typesize` holds bit `b` of all elements, eight to a byte. It applies
+/// only to multiples of eight elements; other blocks are stored unshuffled.
 fn unshuffle_bits(typesize: usize, data: &[u8], out: &mut [u8]) {
     let count = data.len() / typesize;
     out.copy_from_slice(data);

@@ -1,8 +1,8 @@
-//! The chunks of one pyramid: its bricks' cores, or their aprons. Finds, checks and decodes them.
+//! The chunks of one pyramid, cores or aprons: locates, checks and decodes them.
 //!
-//! A shard is mapped and its index checked when one of its chunks is read; the shards used last stay mapped, [`MOST_OPEN`] at most,
-//! since a process may have some 65,000 maps and a store more shards. A chunk is decoded from the mapped slice straight into the
-//! caller's buffer: no copy of the file, no allocation. All methods may be called from many threads.
+//! The first read from a shard maps it and checks its index. The last [`MOST_OPEN`] shards used stay mapped, since a
+//! process may have some 65,000 maps and a store more shards. Chunks are decoded from the map straight into the
+//! caller's buffer: no copy of the file, no allocation. All methods are thread-safe.
 
 use crate::codec::BrickCodec;
 use crate::error::ReadError;
@@ -19,16 +19,15 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Shards that are open at a time.
 const MOST_OPEN: usize = 512;
 
-/// Files that are open at a time where shards are not mapped: a process may have 1,024.
+/// Most files open at a time without mapping: a process may have 1,024.
 const MOST_FILES: usize = 64;
 
-/// Bytes of the indexes of open shards; but two are open at least.
+/// Most bytes of indexes of open shards; but at least two shards stay open.
 const MOST_INDEX_BYTES: usize = 4 << 20;
 
-/// Pages of fingerprints that are kept, of 64 KiB at most.
+/// Cached pages of fingerprints, of 64 KiB at most.
 const KEPT_PAGES: usize = 16;
 
 pub(crate) struct Chunks {
@@ -42,7 +41,7 @@ pub(crate) struct Chunks {
 }
 
 impl Chunks {
-    /// Makes a reader for the chunks of the store in a folder. No file is opened yet.
+    /// Creates a reader for a store's chunks, without opening a file.
     pub(crate) fn new(folder: &Arc<Folder>, layout: Layout, codec: BrickCodec, mode: IoMode) -> Self {
         let open = Mutex::new(LruCache::new(most_open(&layout, mode)));
         let fingerprints = Mutex::new(LruCache::new(at_least_one(KEPT_PAGES)));
@@ -53,7 +52,6 @@ impl Chunks {
         &self.layout
     }
 
-    /// Bytes of a decoded chunk.
     pub(crate) fn chunk_bytes(&self) -> usize {
         self.codec.core_bytes()
     }
@@ -63,17 +61,15 @@ impl Chunks {
         self.bytes_read.load(Ordering::Relaxed)
     }
 
-    /// The most memory that open shards and kept pages take, in bytes.
     pub(crate) fn cache_bytes(&self) -> u64 {
         cache_bytes(&self.layout, self.mode)
     }
 
-    /// The number of a level's pages of fingerprints.
     pub(crate) fn fingerprint_pages(&self, level: Level) -> u64 {
         SideArray::fingerprints(self.folder.path(), &self.layout, level).page_count()
     }
 
-    /// The number of shard files that a page of fingerprints lists, and the sum of their lengths in bytes.
+    /// Number and total bytes of the shard files listed in a page of fingerprints.
     pub(crate) fn files_of_page(&self, level: Level, page: u64) -> Result<(u64, u64), ReadError> {
         let array = SideArray::fingerprints(self.folder.path(), &self.layout, level);
         // Past the grid a page holds zeros.
@@ -81,7 +77,7 @@ impl Chunks {
         Ok(files.iter().filter(|f| f.has_file()).fold((0, 0), |(n, bytes), f| (n + 1, bytes + f.file_bytes)))
     }
 
-    /// Decodes a brick's chunk into `out`. A chunk that is not stored is all zero.
+    /// Decodes a brick's chunk into `out`. Absent chunks are all zero.
     pub(crate) fn read(&self, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
         assert_eq!(out.len(), self.chunk_bytes());
         let Some((shard, range)) = self.locate(id)? else {
@@ -101,19 +97,18 @@ impl Chunks {
                 .map_err(|error| shard.unreadable(&self.folder, &path(), id, error))
         });
         if read.is_err() {
-            // The next try opens the file anew, and maps pages again that could not be read.
+            // The next attempt reopens the file and remaps any unreadable pages.
             lock(&self.open).pop(&shard_id);
         }
         read
     }
 
-    /// Whether the brick's chunk is stored. A chunk that is not stored is all zero.
     pub(crate) fn is_stored(&self, id: BrickId) -> Result<bool, ReadError> {
         Ok(self.locate(id)?.is_some())
     }
 
-    /// Tells the kernel that these bricks' chunks are about to be read, so that it reads them ahead and together. Opens
-    /// their shards if need be; what cannot be opened is left for [`Chunks::read`] to report.
+    /// Requests read-ahead of these bricks' chunks, opening their shards if needed; failures are left for
+    /// [`Chunks::read`] to report.
     pub(crate) fn advise(&self, ids: &[BrickId]) {
         if self.mode != IoMode::Mmap {
             return;
@@ -140,7 +135,7 @@ impl Chunks {
         }
     }
 
-    /// The brick's shard and its chunk's place there; `None` if it is not stored.
+    /// The brick's shard and its chunk's range there; `None` if it is not stored.
     fn locate(&self, id: BrickId) -> Result<Option<(Arc<ShardFile>, BrickRange)>, ReadError> {
         assert!(self.layout.contains(id), "no such brick: {id}");
         let (shard_id, slot) = self.layout.shard_of(id);
@@ -150,8 +145,8 @@ impl Chunks {
         Ok(range.map(|range| (shard, range)))
     }
 
-    /// The shard, opened if it is not open yet; `None` if it has no file. Failures are not kept: a file that comes back
-    /// is read again.
+    /// Returns the shard, opened if needed; `None` if it has no file. Failures are not cached: a restored file is read
+    /// again.
     pub(crate) fn shard(&self, id: ShardId) -> Result<Option<Arc<ShardFile>>, ReadError> {
         if let Some(shard) = lock(&self.open).get(&id) {
             return Ok(Some(shard.clone()));
@@ -164,7 +159,7 @@ impl Chunks {
         let shard =
             ShardFile::open(&self.folder, &self.path(id), fingerprint, slots, self.codec.encoded_cap(), self.mode)?;
         let shard = Arc::new(shard);
-        // What goes is closed when its last reader is done, outside of the lock.
+        // An evicted shard is closed after its last reader, outside the lock.
         let _evicted = lock(&self.open).push(id, shard.clone());
         Ok(Some(shard))
     }
@@ -181,26 +176,25 @@ impl Chunks {
         Ok(read[place])
     }
 
-    /// Whether there is a file under a shard's path, whatever the side data say.
+    /// Whether a shard's file exists, regardless of the side data.
     pub(crate) fn has_file(&self, id: ShardId) -> bool {
         self.folder.file(&self.path(id)).is_ok()
     }
 
-    /// The path of a shard's file.
     pub(crate) fn path(&self, id: ShardId) -> PathBuf {
         self.layout.shard_path(self.folder.path(), id)
     }
 }
 
-/// What an open shard takes besides its index, the cache's entry included.
+/// Bytes of an open shard besides its index, including the cache entry.
 const SHARD_BYTES: u64 = 256;
 
-/// Bytes of the index of a shard of level 0, which has the most bricks.
+/// Bytes of the index of a level-0 shard, the largest of all levels.
 fn shard_index_bytes(layout: &Layout) -> usize {
     index_bytes(layout.shard_slots(Level(0)))
 }
 
-/// The most memory that open shards and kept pages of a pyramid's chunks take, in bytes.
+/// Most memory of open shards and cached pages, in bytes.
 pub(crate) fn cache_bytes(layout: &Layout, mode: IoMode) -> u64 {
     let array = SideArray::fingerprints(Path::new(""), layout, Level(0));
     let levels = layout.pyramid.levels().len() as u64;

@@ -1,10 +1,10 @@
-//! How one brick's core becomes bytes and back: compression, then a crc32c over the compressed bytes.
+//! Encoding of a brick's core: compression, then a crc32c over the compressed bytes.
 //!
-//! Encoded brick = payload, then the payload's crc32c (little-endian), the checksum being what Zarr's codec `crc32c`
-//! appends. The payload is a Zstandard frame, a Blosc container of byte-shuffled Zstandard (`blosc.rs`), or the core
-//! itself. Decoding compares the checksum first, so one damaged byte anywhere is detected before a decompressor sees it.
+//! An encoded brick is a payload and its crc32c (little-endian), as in Zarr's codec `crc32c`. The payload is a
+//! Zstandard frame, a Blosc container of byte-shuffled Zstandard (`blosc.rs`), or the core itself. Decoding checks the
+//! checksum first, so any damaged byte is detected before decompression.
 //!
-//! Contexts and buffers are reused through [`Scratch`]: a decode allocates nothing.
+//! Contexts and buffers are reused through [`Scratch`]: decoding does not allocate.
 
 use crate::blosc;
 use crate::error::CodecError;
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 const CRC_BYTES: usize = 4;
 
-/// How bricks are compressed: `zstd:N`, `shuffle-zstd:N` (N from 1 to 22) or `none`.
+/// Compression of bricks: `zstd:N`, `shuffle-zstd:N` (N from 1 to 22) or `none`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Codec {
@@ -22,18 +22,17 @@ pub enum Codec {
     Zstd(i32),
     /// Byte shuffle, then Zstandard at this level, as the standard `blosc` codec: the default for wider voxels.
     ShuffleZstd(i32),
-    /// Bytes as they are, uncompressed.
+    /// Uncompressed bytes.
     None,
 }
 
 impl Codec {
-    /// The codec of a store of this voxel type unless another one is chosen.
+    /// The default codec for a voxel type.
     pub const fn default_for(voxel_type: VoxelType) -> Self {
         if voxel_type.bytes() == 1 { Self::Zstd(1) } else { Self::ShuffleZstd(1) }
     }
 
-    /// The codec as it works on this voxel type: `ShuffleZstd` becomes `Zstd` for 8-bit voxels, which have nothing to
-    /// shuffle.
+    /// The codec's effect on a voxel type: `ShuffleZstd` becomes `Zstd` for 8-bit voxels, with nothing to shuffle.
     pub const fn for_voxel_type(self, voxel_type: VoxelType) -> Self {
         match self {
             Self::ShuffleZstd(level) if voxel_type.bytes() == 1 => Self::Zstd(level),
@@ -80,7 +79,7 @@ impl From<Codec> for String {
     }
 }
 
-/// The codec of a store's bricks: a [`Codec`] for cores, or for aprons, of known size.
+/// The codec of a store's bricks: a [`Codec`] for cores or aprons of known size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BrickCodec {
     codec: Codec,
@@ -94,7 +93,7 @@ impl BrickCodec {
         Self::of_voxels(codec, voxel_type, (edge as usize).pow(3))
     }
 
-    /// The codec for aprons of this shape. What its methods call a core is then an apron.
+    /// The codec for aprons of this shape; its methods then take aprons as cores.
     pub fn of_aprons(codec: Codec, voxel_type: VoxelType, apron: Apron) -> Self {
         Self::of_voxels(codec, voxel_type, apron.voxels())
     }
@@ -109,12 +108,12 @@ impl BrickCodec {
         self.core_bytes
     }
 
-    /// The greatest length of an encoded brick, in bytes.
+    /// Length limit of an encoded brick, in bytes.
     pub fn encoded_cap(&self) -> u64 {
         (zstd::zstd_safe::compress_bound(self.core_bytes) + blosc::OVERHEAD_BYTES + CRC_BYTES) as u64
     }
 
-    /// Appends the encoded `core` to `out`. The same core always gives the same bytes.
+    /// Appends the encoded `core` to `out`. Equal cores give equal bytes.
     ///
     /// # Panics
     /// If `core` is not [`BrickCodec::core_bytes`] long.
@@ -133,7 +132,7 @@ impl BrickCodec {
     /// Decodes an encoded brick into `out`.
     ///
     /// # Errors
-    /// If the checksum does not match, the payload is not the codec's, or it does not decode to a core's length.
+    /// If the checksum does not match, the payload is foreign to the codec, or it does not decode to a core's length.
     ///
     /// # Panics
     /// If `out` is not [`BrickCodec::core_bytes`] long.
@@ -165,7 +164,7 @@ mod tests {
     const CODECS: [Codec; 5] =
         [Codec::Zstd(1), Codec::Zstd(9), Codec::ShuffleZstd(1), Codec::ShuffleZstd(5), Codec::None];
 
-    /// Smooth data with noise in the low bits, or (`noisy`) nothing but noise.
+    /// Smooth data with noise in the low bits, or pure noise (`noisy`).
     fn core(bytes: usize, noisy: bool) -> Vec<u8> {
         let mut state = 1u32;
         let noise = std::iter::repeat_with(move || {
@@ -215,7 +214,7 @@ mod tests {
         }
     }
 
-    /// Even bytes with a sound checksum cannot make the decoder write or read out of bounds, or pass for a brick.
+    /// Bad bytes with a sound checksum cannot make the decoder access memory out of bounds, or pass for a brick.
     #[test]
     fn hostile_payloads_are_errors() {
         let mut scratch = Scratch::default();

@@ -1,8 +1,9 @@
-//! Counts of values: how often each value occurs in the steps that a store has. A store that steps are appended to keeps them, so that the
-//! statistics with one step more are exact, and no other step is read for them.
+//! Value counts over all steps of a store. Stores with appended steps keep them, so statistics with one more step are
+//! exact without reading other steps.
 //!
-//! `STORE/0/.brickyard/counts/N/C` is about the first N steps of channel C: what [`ChannelTotals`] knows, as 64-bit little-endian words in one
-//! Zstandard frame, and its crc32c. The files of N + 1 steps are there before the root document counts that many, and those of N steps go after.
+//! `STORE/0/.brickyard/counts/N/C` covers the first N steps of channel C: the contents of [`ChannelTotals`], as 64-bit
+//! little-endian words in one Zstandard frame, then its crc32c. The files of N + 1 steps exist before the root document
+//! counts them, and those of N steps are deleted afterwards.
 
 use crate::data_file::read_at_most;
 use crate::error::ReadError;
@@ -25,22 +26,21 @@ use std::sync::{Mutex, PoisonError};
 /// The first word of a file.
 const VERSION: u64 = 1;
 
-/// Words of a file at most: its version, some totals, and two words for each class of values.
+/// Most words of a file: its version, some totals, and two words per class of values.
 const MOST_WORDS: usize = 16 + 2 * MOST_CLASSES;
 
-/// Bricks that one thread counts before it adds them to the channel's.
+/// Bricks counted by one thread before merging into the channel's counts.
 const BRICKS_AT_A_TIME: usize = 16;
 
-/// Bricks whose sums wait for their turn, at most: few where tests are to see that all turns count.
+/// Most bricks whose sums await their turn: few in tests, to cover several rounds.
 const MOST_BRICKS_IN_MEMORY: usize = if cfg!(test) { 3 } else { 1 << 14 };
 
-/// The folder of the counts of a store.
+/// The folder of a store's counts.
 pub(crate) struct Counts {
     dir: PathBuf,
 }
 
 impl Counts {
-    /// The counts of the store at `store`, whose main pyramid has this layout.
     pub(crate) fn of(store: &Path, layout: &Layout) -> Self {
         Self { dir: layout.side_dir(store, Level(0)).join(COUNTS_NAME) }
     }
@@ -54,7 +54,7 @@ impl Counts {
         self.dir(times).join(channel.to_string())
     }
 
-    /// Writes the counts of the first `times` steps, one for each channel. They last once the store was synced.
+    /// Writes each channel's counts of the first `times` steps, durable after the next sync of the store.
     pub(crate) fn write(&self, disk: &Disk, times: u32, channels: &[ChannelTotals]) -> Result<(), DiskError> {
         for (channel, totals) in channels.iter().enumerate() {
             let mut words = vec![VERSION];
@@ -65,17 +65,16 @@ impl Counts {
         Ok(())
     }
 
-    /// The folder of all counts.
     pub(crate) fn folder(&self) -> &Path {
         &self.dir
     }
 
-    /// What to do about counts that are damaged.
+    /// The remedy for damaged counts.
     pub(crate) fn cure(&self) -> String {
         format!("delete {}, and all steps are counted anew", self.dir.display())
     }
 
-    /// Reads the counts of the first `times` steps of as many channels; `None` if the store has none.
+    /// Reads the counts of the first `times` steps, if the store has any.
     pub(crate) fn read(
         &self,
         folder: &Folder,
@@ -99,7 +98,7 @@ impl Counts {
         (0..channels as usize).map(read).collect::<Result<_, _>>().map(Some)
     }
 
-    /// Deletes all counts but those of the first `times` steps.
+    /// Deletes all counts except those of the first `times` steps.
     pub(crate) fn keep_only(&self, disk: &Disk, times: u32) -> Result<(), DiskError> {
         let io = |error| DiskError { path: self.dir.clone(), error };
         let entries = match std::fs::read_dir(&self.dir) {
@@ -119,7 +118,7 @@ impl Counts {
     }
 }
 
-/// The totals that a file holds, or what is wrong with it.
+/// Decodes a file's totals; fails with a description of the fault.
 fn decode(file: &[u8], voxel_type: VoxelType) -> Result<ChannelTotals, String> {
     let (frame, crc) = file.split_last_chunk::<4>().ok_or("it is shorter than its checksum")?;
     let (stored, computed) = (u32::from_le_bytes(*crc), crc32c::crc32c(frame));
@@ -138,7 +137,7 @@ fn decode(file: &[u8], voxel_type: VoxelType) -> Result<ChannelTotals, String> {
     totals.ok_or_else(|| format!("it holds no counts of {voxel_type} voxels"))
 }
 
-/// Counts all voxels of level 0 of a store: for the first step that is appended to one that was packed.
+/// Counts all level-0 voxels of a store, for the first append to a packed one.
 pub(crate) fn count_store<T: Measure>(store: &Store) -> Result<Vec<ChannelTotals>, ReadError> {
     let mut channels = Vec::new();
     for channel in 0..store.channels() {
@@ -151,7 +150,7 @@ pub(crate) fn count_store<T: Measure>(store: &Store) -> Result<Vec<ChannelTotals
     Ok(channels)
 }
 
-/// Adds all voxels of level 0 of one step of a channel to its totals.
+/// Adds all level-0 voxels of one step of a channel to its totals.
 fn count_volume<T: Measure>(
     store: &Store,
     time: u32,
@@ -183,7 +182,7 @@ fn count_volume<T: Measure>(
             .par_chunks(BRICKS_AT_A_TIME)
             .map_init(|| Workspace::new(edge, nodata), of_some)
             .collect::<Result<_, ReadError>>()?;
-        // In the order of the bricks, so that rounding does not depend on threads.
+        // In brick order, so rounding is independent of threads.
         let mut totals = shared.lock().unwrap_or_else(PoisonError::into_inner);
         for (range, tally) in found.iter().flatten() {
             totals.add_range(range.to_f64());

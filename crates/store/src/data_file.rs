@@ -1,4 +1,4 @@
-//! Files of data that are opened to be read: no pipes, devices or sockets, which may never answer.
+//! Data files open for reading: no pipes, devices or sockets, which may block forever.
 
 use rustix::fs::{CWD, Mode, OFlags, openat};
 use std::fs::File;
@@ -6,21 +6,20 @@ use std::io::{Error, Read};
 use std::os::fd::AsFd;
 use std::path::Path;
 
-/// Opens a file by its path to read it.
 pub(crate) fn open_file(path: &Path) -> std::io::Result<File> {
     open_at(CWD, path)
 }
 
-/// Opens a file by its path from a folder to read it.
+/// Opens a file for reading by its path relative to a folder.
 pub(crate) fn open_at(dir: impl AsFd, path: &Path) -> std::io::Result<File> {
-    // Else the open would wait for somebody to write into a pipe.
+    // Otherwise opening a pipe would block until it has a writer.
     let flags = OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK;
     let file = File::from(rustix::io::retry_on_intr(|| openat(&dir, path, flags, Mode::empty()))?);
     let kind = file.metadata()?.file_type();
     if kind.is_file() || kind.is_dir() { Ok(file) } else { Err(Error::other("is no file of data")) }
 }
 
-/// A file's bytes; an error where there are more.
+/// Reads a file of at most `most` bytes; fails if it is longer.
 pub(crate) fn read_at_most(file: std::io::Result<File>, most: u64) -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     file?.take(most + 1).read_to_end(&mut bytes)?;

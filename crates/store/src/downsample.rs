@@ -1,17 +1,17 @@
-//! The kernels that make one level's voxels from the next finer level's: 1 or 2 input voxels per axis to one.
+//! The downsampling kernels: 1 or 2 voxels per axis of a finer level become one.
 //!
-//! Integer means are exact sums in the next wider type, rounded to nearest with ties to even, so that no bias adds up
-//! from level to level. Floats average what is finite, in f64; where nothing is finite the result is NaN. Odd extents
-//! average what exists: callers replicate the last voxel, which leaves every mean, extreme and mode as it is.
+//! Integer means are exact sums in the next wider type, rounded to nearest with ties to even, so no bias builds up over
+//! levels. Floats average the finite voxels in f64; with none, the result is NaN. Odd extents average the existing
+//! voxels: callers replicate the last voxel, which preserves every mean, extreme and mode.
 //!
-//! Loops run over whole rows with plain arithmetic, so the compiler vectorises them for whatever target feature set the
-//! caller was compiled with; everything is `#[inline(always)]` for that reason. Mean of 64^3 u8: about 10 us with AVX2.
+//! Loops run over whole rows with plain arithmetic, so the compiler vectorises them for the caller's target features;
+//! everything is `#[inline(always)]` for that reason. Mean of 64^3 u8: about 10 us with AVX2.
 
 use crate::kind::Kind;
 use brickyard_volume::Voxel;
 use serde::{Deserialize, Serialize};
 
-/// How a coarse voxel is made from the finer voxels in its box.
+/// Reduction of the finer voxels in a box to a coarse voxel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Downsample {
@@ -21,14 +21,14 @@ pub enum Downsample {
     Max,
     /// The least value.
     Min,
-    /// The most frequent value, and the least of those that tie; for labels.
+    /// The most frequent value, the least in a tie; for labels.
     Mode,
-    /// The voxel at the lowest x, y and z; the first valid one in that order, x fastest, if that one is not.
+    /// The voxel at the lowest x, y and z, or the first valid one in that order, x fastest.
     Nearest,
 }
 
 impl Downsample {
-    /// All methods of downsampling.
+    /// All downsampling methods.
     pub const ALL: [Self; 5] = [Self::Mean, Self::Max, Self::Min, Self::Mode, Self::Nearest];
 
     /// The method's name on the command line and in metadata.
@@ -55,8 +55,8 @@ impl std::str::FromStr for Downsample {
     }
 }
 
-/// How a store's coarser levels are made: by one method, or by two (`mean,max`) as two pyramids that share level 0. The second one costs a pack an eighth more
-/// disk and a quarter more time.
+/// One method for a store's coarser levels, or two (`mean,max`) for two pyramids that share level 0. The second costs a
+/// pack an eighth more disk and a quarter more time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Reductions {
@@ -65,7 +65,7 @@ pub struct Reductions {
 }
 
 impl Reductions {
-    /// How voxels are reduced unless somebody says otherwise: images to means and maxima, labels to the most frequent.
+    /// The default for a kind: means and maxima for images, the most frequent value for labels.
     pub const fn default_for(kind: Kind) -> Self {
         match kind {
             Kind::Image => Self { main: Downsample::Mean, second: Some(Downsample::Max) },
@@ -73,7 +73,7 @@ impl Reductions {
         }
     }
 
-    /// The method of the main pyramid, whose levels every Zarr reader sees.
+    /// The method of the main pyramid, visible to every Zarr reader.
     pub const fn main(self) -> Downsample {
         self.main
     }
@@ -125,19 +125,15 @@ impl From<Reductions> for String {
 
 /// A voxel type's arithmetic for [`downsample`].
 pub(crate) trait Reduce: Voxel + Default {
-    /// The type in which voxels are summed.
     type Sum: Copy;
-    /// The sum of no voxels.
     const ZERO: Self::Sum;
-    /// Adds one voxel to a sum.
     fn add(sum: Self::Sum, value: Self) -> Self::Sum;
-    /// Adds two sums.
     fn join(a: Self::Sum, b: Self::Sum) -> Self::Sum;
     /// The mean of `2^log2_count` voxels, given their sum.
     fn mean(sum: Self::Sum, log2_count: u32) -> Self;
-    /// The greater of two voxels; the valid one if only one is valid.
+    /// The greater voxel, or the only valid one.
     fn greater(a: Self, b: Self) -> Self;
-    /// The lesser of two voxels; the valid one if only one is valid.
+    /// The lesser voxel, or the only valid one.
     fn lesser(a: Self, b: Self) -> Self;
 }
 
@@ -155,7 +151,7 @@ macro_rules! integer_reduce {
                 if log2_count == 0 {
                     return sum as Self;
                 }
-                // With q = floor(sum / n) and r the rest: q + 1 if r > n/2, or if r = n/2 and q is odd.
+                // With q = floor(sum / n) and remainder r: q + 1 if r > n/2, or if r = n/2 and q is odd.
                 let half_less_one = (1 << (log2_count - 1)) - 1;
                 let odd = (sum >> log2_count) & 1;
                 ((sum + half_less_one + odd) >> log2_count) as Self
@@ -182,8 +178,7 @@ impl Reduce for f32 {
     fn join(a: (f64, f32), b: (f64, f32)) -> (f64, f32) {
         (a.0 + b.0, a.1 + b.1)
     }
-    /// The mean of the finite voxels. Where none is finite it is one fixed NaN, so that stores do not depend on the
-    /// processor.
+    /// The mean of the finite voxels, or one fixed NaN, so stores are independent of the processor.
     #[inline(always)]
     fn mean((sum, count): (f64, f32), _: u32) -> f32 {
         if count > 0.0 { (sum / count as f64) as f32 } else { f32::NAN }
@@ -299,7 +294,7 @@ fn extreme_row<'a, T: Reduce, const FX: usize>(
         }
     }
     for (out, best) in out.iter_mut().zip(best.chunks_exact(FX)) {
-        // With one voxel per row and one row, a lone infinity must still become NaN: `better` of it with itself.
+        // A lone infinity must become NaN even with one row of one voxel: `better` of it with itself.
         *out = better(best[0], best[FX - 1]);
     }
 }
@@ -327,7 +322,7 @@ fn mode_row<'a, T: Reduce, const FX: usize>(row: impl Fn(usize) -> &'a [T], rows
     }
 }
 
-/// The most frequent valid voxel, the least of those that tie; of none, what two invalid ones give: NaN.
+/// The most frequent valid voxel, the least in a tie; without any, two invalid ones combined: NaN.
 pub(crate) fn mode<T: Reduce>(values: &[T]) -> T {
     if values.iter().all(|v| *v == values[0]) && values[0].is_valid() {
         return values[0];
@@ -367,7 +362,7 @@ mod tests {
 
     #[test]
     fn means_round_to_nearest_ties_to_even() {
-        // Every sum of eight 8-bit voxels that rounding can get wrong, against f64.
+        // Every sum of eight 8-bit voxels prone to wrong rounding, against f64.
         for sum in 0..=2040u32 {
             let base = (sum / 8) as u8;
             let values = std::array::from_fn(|i| base + (i < (sum % 8) as usize) as u8);

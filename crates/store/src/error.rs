@@ -1,14 +1,14 @@
-//! What can go wrong with a store, by what the caller can do about it.
+//! Errors of stores, grouped by the caller's remedy.
 
 use crate::downsample::{Downsample, Reductions};
 use brickyard_volume::BrickId;
 use std::path::{Path, PathBuf};
 
-/// Something was to be written inside of a store, by somebody who is not at work on it.
+/// A write inside a store by an outsider.
 #[derive(Debug, thiserror::Error)]
 #[error("{path}: lies inside of the store {store}, which is left alone; choose a place outside of it", path = path.display(), store = store.display())]
 pub struct InsideStore {
-    /// The path that was to be written.
+    /// The refused output path.
     pub path: PathBuf,
     /// The store.
     pub store: PathBuf,
@@ -17,26 +17,26 @@ pub struct InsideStore {
 /// Why a store cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
-    /// The path holds nothing that could be a store.
+    /// Nothing at the path resembles a store.
     #[error(
         "{path}: not a brick store (no zarr.json in it); 'brickyard pack INPUT STORE' makes one",
         path = path.display()
     )]
     NotAStore {
-        /// The path that was to be opened.
+        /// The path to open.
         path: PathBuf,
     },
-    /// The path is a part of a store, or would be one, and not the store itself.
+    /// The path is, or would be, part of a store.
     #[error("{path}: {what} of {store}: give {store}", path = path.display(), store = store.display())]
     Inside {
-        /// The path that was to be opened.
+        /// The path to open.
         path: PathBuf,
-        /// What the path is, in words, such as `this is level 0`.
+        /// A description of the path, such as `this is level 0`.
         what: String,
-        /// The store that the path is inside of.
+        /// The store around the path.
         store: PathBuf,
     },
-    /// A pack was interrupted, or is still at work: the journal is there, the completion marker is not.
+    /// An interrupted or running pack: a journal without a completion marker.
     #[error(
         "{path}: incomplete store, {percent} % packed; pack it again from its source with `resume` to finish it, or with `overwrite` \
          to start over",
@@ -45,20 +45,20 @@ pub enum OpenError {
     Incomplete {
         /// The store.
         path: PathBuf,
-        /// How much of the store is packed, in percent, 0 to 99.
+        /// Packed share in percent, 0 to 99.
         percent: u8,
     },
-    /// The store is sound, but uses something that is not supported.
+    /// A sound store with an unsupported feature.
     #[error("{path}: {feature} is not supported; {advice}", path = path.display())]
     Unsupported {
-        /// The file or directory that uses it.
+        /// The file or directory with the feature.
         path: PathBuf,
-        /// What the file uses.
+        /// The feature.
         feature: String,
-        /// What to do.
+        /// The remedy.
         advice: &'static str,
     },
-    /// The store was written by an earlier version of this program, in a format that is not read any more.
+    /// A store in an older, no longer readable format.
     #[error(
         "{store}: is a store of format {version}, and this program reads format {now}; pack it anew from its source ({source_name}), \
          with `overwrite`",
@@ -67,12 +67,12 @@ pub enum OpenError {
     OldFormat {
         /// The store.
         store: PathBuf,
-        /// The version of the store's format.
+        /// The store's format version.
         version: u64,
-        /// What the store was packed from, as it says itself.
+        /// The source recorded in the store.
         source_name: String,
     },
-    /// None of the store's pyramids is made by the method asked for.
+    /// No pyramid of the store uses the requested method.
     #[error(
         "{path}: no level is made by {asked}, only by {found}; pack it with `downsample` {main},{asked}",
         path = path.display(), asked = asked.name(), main = found.main().name()
@@ -80,30 +80,30 @@ pub enum OpenError {
     NoReduction {
         /// The store.
         path: PathBuf,
-        /// The method that was asked for.
+        /// The requested method.
         asked: Downsample,
         /// The methods of the store's pyramids.
         found: Reductions,
     },
-    /// A field of the metadata contradicts the format or another field.
+    /// A metadata field contradicts the format or another field.
     #[error("{path}: {field}: expected {expected}, found {found}", path = path.display())]
     Invalid {
         /// The metadata file.
         path: PathBuf,
-        /// The field inside the file.
+        /// The field's name inside the file.
         field: String,
-        /// What the field should hold.
+        /// The expected content.
         expected: String,
-        /// What the field holds.
+        /// The content found.
         found: String,
     },
-    /// The open store is not there any more: it was deleted, or another one has its path.
+    /// The open store was deleted, or another store took its path.
     #[error("{store}: was replaced, moved or deleted while it was open; open it again", store = store.display())]
     Replaced {
-        /// The path by which the store was opened.
+        /// The path given on opening.
         store: PathBuf,
     },
-    /// The operating system could not open or read a file of the store.
+    /// A file of the store could not be opened or read.
     #[error("{path}: {error}", path = path.display())]
     Io {
         /// The file.
@@ -133,13 +133,13 @@ impl OpenError {
 /// Why a brick cannot be read from an open store.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// A shard's file is missing, though the store was packed with it.
+    /// A shard file of the packed store is missing.
     #[error("{path}: missing shard (the store was packed with it); pack again or restore the file", path = path.display())]
     MissingShard {
         /// The path of the missing shard.
         path: PathBuf,
     },
-    /// A shard's file is not the one that was packed.
+    /// The shard file differs from the packed one.
     #[error(
         "{path}: {what}: expected {expected}, found {found} (rewritten or truncated by another tool); pack again or restore \
          the file",
@@ -148,48 +148,48 @@ pub enum ReadError {
     Rewritten {
         /// The shard's file.
         path: PathBuf,
-        /// What differs: the length or the index checksum.
+        /// The difference: the length or the index checksum.
         what: &'static str,
-        /// The length or checksum that was packed.
+        /// The packed length or checksum.
         expected: u64,
-        /// The length or checksum that was found.
+        /// The length or checksum found.
         found: u64,
     },
-    /// A shard's index is damaged, so none of its bricks can be found.
+    /// A damaged shard index; none of its bricks can be located.
     #[error("{path}: damaged shard index: {error}", path = path.display())]
     CorruptIndex {
         /// The shard's file.
         path: PathBuf,
-        /// What is wrong with the index.
+        /// The index's fault.
         #[source]
         error: ShardError,
     },
-    /// One brick is damaged.
+    /// A single damaged brick.
     #[error("{path}: {id}: {error}", path = path.display())]
     CorruptBrick {
         /// The shard's file.
         path: PathBuf,
         /// The damaged brick.
         id: BrickId,
-        /// What is wrong with the brick's bytes.
+        /// The fault in the brick's bytes.
         #[source]
         error: CodecError,
     },
-    /// A page of side data is damaged, so what it says of bricks or shards is not known.
+    /// A damaged page of side data, with lost records of bricks or shards.
     #[error("{path}: damaged side data: {what}", path = path.display())]
     CorruptPage {
         /// The page's file.
         path: PathBuf,
-        /// What is wrong with the page.
+        /// The page's fault.
         what: String,
     },
-    /// The open store is not there any more: it was deleted, or another one has its path.
+    /// The open store was deleted, or another store took its path.
     #[error("{store}: was replaced, moved or deleted while it was open; open it again", store = store.display())]
     Replaced {
-        /// The path by which the store was opened.
+        /// The path given on opening.
         store: PathBuf,
     },
-    /// The operating system could not open or read a file of the store.
+    /// A file of the store could not be opened or read.
     #[error("{path}: {error}", path = path.display())]
     Io {
         /// The file.
@@ -201,7 +201,7 @@ pub enum ReadError {
 }
 
 impl ReadError {
-    /// The file that the error is about.
+    /// The file at fault.
     pub fn path(&self) -> &Path {
         match self {
             Self::MissingShard { path }
@@ -214,8 +214,8 @@ impl ReadError {
         }
     }
 
-    /// Whether the same read may succeed later without any repair: memory or descriptors ran out, or a network file
-    /// system or a disk did not answer. A file that is missing, shorter, damaged or not permitted stays so.
+    /// Whether a retry may succeed without repair: memory or descriptors ran out, or a disk or network file system did
+    /// not respond. Missing, short, damaged or forbidden files stay so.
     pub fn is_passing(&self) -> bool {
         use std::io::ErrorKind::{InvalidData, InvalidInput, NotFound, PermissionDenied, UnexpectedEof};
         let Self::Io { error, .. } = self else { return false };
@@ -229,33 +229,33 @@ pub enum ShardError {
     /// The file is too short for its index.
     #[error("the file has {found} bytes, its index alone needs {expected}")]
     TooShort {
-        /// Bytes that the index needs.
+        /// Bytes needed by the index.
         expected: u64,
-        /// Bytes of the whole file.
+        /// Bytes in the whole file.
         found: u64,
     },
     /// The index does not match its checksum.
     #[error("index checksum: stored {stored:08x}, computed {computed:08x}")]
     Checksum {
-        /// The checksum in the file.
+        /// The stored checksum.
         stored: u32,
-        /// The checksum of the bytes in the file.
+        /// The checksum computed from the stored bytes.
         computed: u32,
     },
-    /// An entry of the index points outside the data, or is longer than an encoded brick can be.
+    /// An index entry points outside the data, or exceeds the length limit of encoded bricks.
     #[error(
         "index entry {slot}: {length} bytes at {offset} do not fit {data} bytes of data in bricks of at most {cap}"
     )]
     Range {
-        /// The number of the entry in the index.
+        /// The entry's number in the index.
         slot: usize,
-        /// The offset of the brick, as stored, in bytes.
+        /// The stored offset of the brick, in bytes.
         offset: u64,
-        /// The length of the brick, as stored, in bytes.
+        /// The stored length of the brick, in bytes.
         length: u64,
         /// Bytes of the file before the index.
         data: u64,
-        /// The greatest length that an encoded brick may have, in bytes.
+        /// The length limit of an encoded brick, in bytes.
         cap: u64,
     },
 }
@@ -266,70 +266,70 @@ pub enum CodecError {
     /// The brick's bytes do not match their checksum.
     #[error("damaged brick: checksum stored {stored:08x}, computed {computed:08x}")]
     Checksum {
-        /// The checksum in the file.
+        /// The stored checksum.
         stored: u32,
-        /// The checksum of the bytes in the file.
+        /// The checksum computed from the stored bytes.
         computed: u32,
     },
     /// The decoded brick has the wrong size.
     #[error("damaged brick: {found} bytes decoded, expected {expected}")]
     Length {
-        /// Bytes that a decoded core has.
+        /// Bytes in a decoded core.
         expected: u64,
-        /// Bytes that were decoded, or that a header announces.
+        /// Bytes decoded, or announced by a header.
         found: u64,
     },
-    /// The brick's bytes match their checksum, but are not what the codec writes.
+    /// Valid checksum, but not from our codec.
     #[error("damaged brick: {0}")]
     Malformed(String),
-    /// The brick's Blosc container is sound, but uses something that is not supported.
+    /// A sound Blosc container with an unsupported feature.
     #[error("{0} is not supported")]
     Unsupported(String),
 }
 
-/// Why an export failed. A failed export leaves no new file under the output's name.
+/// Why an export failed. Afterwards no new file has the output's name.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// The output exists already, and may not be replaced.
+    /// The output exists, and must not be replaced.
     #[error("{path}: exists already; choose another name or pass `overwrite`", path = path.display())]
     Exists {
         /// The output's path.
         path: PathBuf,
     },
-    /// The output would become a part of a store.
+    /// The output would lie inside a store.
     #[error(transparent)]
     Inside(#[from] InsideStore),
-    /// The output's extension names no format that is written.
+    /// The output's extension belongs to no supported format.
     #[error("{path}: cannot export to this extension; supported: .raw, .npy", path = path.display())]
     Extension {
         /// The output's path.
         path: PathBuf,
     },
-    /// The store has no such level, time step, channel or box.
+    /// The store lacks the level, time step, channel or box.
     #[error("{what} {found} is outside the store: expected {expected}")]
     Outside {
-        /// Which part of the request: the level, time step, channel or box.
+        /// The invalid part: level, time step, channel or box.
         what: &'static str,
-        /// What was asked for.
+        /// The requested value.
         found: String,
-        /// What the store has.
+        /// The store's own value.
         expected: String,
     },
-    /// The export was told to stop, by what takes its progress.
+    /// The progress callback cancelled the export.
     #[error("{path}: cancelled; nothing was written there", path = path.display())]
     Cancelled {
         /// The output's path.
         path: PathBuf,
     },
-    /// The memory allowed is less than the least that one thread needs.
+    /// The allowed memory is below the minimum for one thread.
     #[error(
         "`memory` {given} MiB is too little: exporting from this store needs at least {needed} MiB",
         given = given_bytes >> 20, needed = needed_bytes.div_ceil(1 << 20)
     )]
     Memory {
-        /// The least memory that exporting from this store needs, in bytes.
+        /// The least memory for exporting from this store, in bytes.
         needed_bytes: u64,
-        /// The memory that was allowed, in bytes.
+        /// The allowed memory, in bytes.
         given_bytes: u64,
     },
     /// The worker threads could not be started.

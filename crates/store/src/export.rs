@@ -1,9 +1,9 @@
-//! Export: one level, or a box of it, of one channel and of one time step or several, as one file.
+//! Export: one level, or a box of it, of one channel and one or more time steps, as one file.
 //!
-//! `.raw` is the voxels alone, little-endian, x fastest; `.npy` is NumPy's format, shape (z, y, x), or (t, z, y, x)
-//! of a range of steps. Bars of bricks along x are decoded on all threads and written at their places, so a thread holds one bar whatever the size of the
-//! box: a whole row of bricks, or as many as its part of the memory allows.
-//! The file gets its name when it is whole; until then it has a temporary one beside it.
+//! `.raw` holds only voxels, little-endian, x fastest; `.npy` is NumPy's format, shape (z, y, x), or (t, z, y, x) for a
+//! range of steps. Bars of bricks along x are decoded on all threads and written in place, so each thread holds one
+//! bar: a whole row of bricks, or as many as its share of the memory allows. The file has a temporary name in the same
+//! folder until complete.
 
 use crate::error::ExportError;
 use crate::inside::check_outside;
@@ -21,15 +21,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// The time steps to export.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExportTime {
-    /// One step, as an array that has no axis of time.
+    /// One step, as an array without a time axis.
     Step(u32),
-    /// Steps one after another, as an array whose slowest axis is time.
+    /// Consecutive steps, as an array with time as the slowest axis.
     Steps {
         /// The first step.
         first: u32,
-        /// The step at which the range ends, which is excluded.
+        /// The end of the range, excluded.
         end: u32,
-        /// From a step to the next one that is exported; at least 1.
+        /// Distance between exported steps; at least 1.
         stride: u32,
     },
 }
@@ -41,7 +41,6 @@ impl Default for ExportTime {
 }
 
 impl ExportTime {
-    /// The steps, in order.
     fn steps(self) -> impl ExactSizeIterator<Item = u32> + DoubleEndedIterator {
         let (first, end, stride) = match self {
             Self::Step(step) => (step, step.saturating_add(1), 1),
@@ -52,7 +51,7 @@ impl ExportTime {
     }
 }
 
-/// Which part of a store to export, and whether an existing file may be replaced.
+/// Part of a store to export, and policy for an existing file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExportRequest {
     /// The level to export.
@@ -65,7 +64,7 @@ pub struct ExportRequest {
     pub region: Option<VoxelBox>,
     /// Whether an existing file may be replaced.
     pub overwrite: bool,
-    /// The most anonymous memory that exporting may take, in bytes, with what the open store takes.
+    /// Most anonymous memory for the export, in bytes, including the open store's.
     pub memory_bytes: u64,
 }
 
@@ -77,12 +76,13 @@ impl Default for ExportRequest {
     }
 }
 
-/// Writes voxels of a store to `output`, whose extension (`.raw` or `.npy`) chooses the format. Calls `progress` with
-/// the bytes written so far and the bytes in all, after each row of bricks: it may break the export off. Returns the extent of each step written.
+/// Exports voxels to `output`, whose extension (`.raw` or `.npy`) selects the format. Calls `progress` with the bytes
+/// written so far and in total after each bar of bricks; it may cancel. Returns the extent of each step.
 ///
 /// # Errors
-/// If the output exists and may not be replaced, its extension is not known, the request is outside the store, a brick
-/// cannot be read, the memory is too little for one thread, the file cannot be written, or `progress` breaks off. After an error, nothing new is left behind.
+/// If the output exists and may not be replaced, its extension is unknown, the request is outside the store, a brick
+/// cannot be read, the memory is too little for one thread, the file cannot be written, or `progress` cancels. Then
+/// nothing new is left behind.
 pub fn export(
     store: &Store,
     output: &Path,
@@ -172,7 +172,7 @@ fn write_voxels(
     let write = |buffer: &mut Vec<u8>, ((i, time), bar): ((u64, u32), VoxelBox)| {
         buffer.resize((bar.extent().volume() * voxel_bytes) as usize, 0);
         store.read_box(time, request.channel, request.level, bar, buffer)?;
-        // The rows of one slice of the bar lie together in the file, unless the bar is a part of them.
+        // Rows of one slice of the bar are adjacent in the file only if they are whole.
         let rows = if bar.extent().x == extent.x { bar.extent().y } else { 1 };
         let piece_bytes = bar.extent().x as usize * rows as usize * voxel_bytes as usize;
         let pieces =
@@ -193,14 +193,14 @@ fn write_voxels(
     pool.install(|| parts.par_bridge().try_for_each_init(Vec::new, write))
 }
 
-/// What takes memory whatever is exported: the program, its stacks and its allocator.
+/// The program, its stacks and its allocator.
 const PROGRAM_BYTES: u64 = 16 << 20;
 
-/// The widest bars along x, of whole bricks, and then the most threads, that fit into the memory.
+/// The widest bars along x, of whole bricks, then the most threads, within the memory.
 fn bar_width(store: &Store, region: VoxelBox, memory_bytes: u64) -> Result<(u32, usize), ExportError> {
     let edge = store.pyramid().edge();
     let core = store.core_bytes() as u64;
-    // A brick, encoded and shuffled and decoded, and a bar of one.
+    // An encoded, shuffled and decoded brick, and a bar of one.
     let least = 4 * core;
     let fixed = PROGRAM_BYTES + store.cache_bytes();
     let room = memory_bytes.saturating_sub(fixed);
@@ -214,7 +214,7 @@ fn bar_width(store: &Store, region: VoxelBox, memory_bytes: u64) -> Result<(u32,
     Ok((bricks.min(whole) as u32 * edge, threads as usize))
 }
 
-/// The box of these ranges along x, y and z.
+/// The box with these ranges along x, y and z.
 fn bar([x, y, z]: [(u32, u32); 3]) -> VoxelBox {
     VoxelBox::new([x.0, y.0, z.0], [x.1, y.1, z.1])
 }
@@ -224,7 +224,7 @@ fn cuts(from: u32, to: u32, edge: u32) -> impl Iterator<Item = (u32, u32)> {
     (from / edge..to.div_ceil(edge)).map(move |i| (from.max(i * edge), to.min((i + 1).saturating_mul(edge))))
 }
 
-/// The header of a version 1.0 `.npy` file: a Python dictionary, padded so that the data start at a multiple of 64.
+/// A version 1.0 `.npy` header: a Python dictionary, padded so the data start at a multiple of 64.
 fn npy_header(voxel_type: VoxelType, extent: Extent, time: ExportTime) -> Vec<u8> {
     let descr = match voxel_type {
         VoxelType::U8 => "|u1",
@@ -247,7 +247,7 @@ fn npy_header(voxel_type: VoxelType, extent: Extent, time: ExportTime) -> Vec<u8
     [MAGIC, &(padded.len() as u16).to_le_bytes(), padded.as_bytes()].concat()
 }
 
-/// A file that goes unless it is given a name. Temporary files are private; an export has the permissions of any new file.
+/// Creates a file deleted unless named. Temporary files are private; an export has a new file's usual permissions.
 fn temporary_in(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
     use std::os::unix::fs::PermissionsExt;
     let permissions = std::fs::Permissions::from_mode(0o666);
@@ -288,7 +288,7 @@ mod tests {
                 std::fs::write(&output, old).unwrap();
             }
             let request = ExportRequest { overwrite: true, ..ExportRequest::default() };
-            // At the first row, and when all is there but its name.
+            // At the first row, and when only the name is missing.
             for is_last in [false, true] {
                 let watch = |done, total| match is_last && done < total {
                     true => ControlFlow::Continue(()),
@@ -316,7 +316,7 @@ mod tests {
             }
             ControlFlow::Continue(())
         };
-        // So that the rest is read after the first bar.
+        // The rest is then read after the first bar.
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let output = out.path().join("a.raw");
         let error = pool.install(|| export(&store, &output, &ExportRequest::default(), replace)).unwrap_err();
@@ -324,7 +324,7 @@ mod tests {
         assert_eq!(std::fs::read_dir(out.path()).unwrap().count(), 0);
     }
 
-    /// Bars that are parts of rows give the same file, and what does not fit is refused by the least that does.
+    /// Bars of partial rows give the same file; too little memory is refused with the actual minimum.
     #[test]
     fn the_file_is_the_same_within_any_memory() {
         let spec = TestStore { extent: [300, 20, 19], times: 2, ..TestStore::default() };

@@ -1,5 +1,5 @@
-//! The open folder of a store: files are opened by their names inside of it, through one descriptor, so that all of them are of one store,
-//! whatever comes to stand under its path meanwhile. Costs a descriptor for each open store.
+//! The open folder of a store. Files are opened by name through one descriptor, so all belong to one store even if its
+//! path changes hands. Costs a descriptor per open store.
 
 use crate::data_file::{open_at, read_at_most};
 use crate::error::{OpenError, ReadError};
@@ -10,41 +10,39 @@ use std::os::fd::{AsRawFd, OwnedFd};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Bytes of a metadata document at most.
 const MOST_DOCUMENT_BYTES: u64 = 64 << 20;
 
-/// How a folder is opened: as a place alone, which takes no permission to list it, where there is such a thing.
+/// Flags for opening a folder: as a bare location if supported, which needs no permission to list it.
 #[cfg(target_os = "linux")]
 const PLACE: OFlags = OFlags::PATH;
 #[cfg(not(target_os = "linux"))]
 const PLACE: OFlags = OFlags::RDONLY;
 
-/// The folder of a store that is read.
+/// The folder of a store open for reading.
 pub(crate) struct Folder {
     path: PathBuf,
     dir: OwnedFd,
 }
 
 impl Folder {
-    /// Opens a folder.
     pub(crate) fn open(path: &Path) -> std::io::Result<Self> {
         let flags = PLACE | OFlags::DIRECTORY | OFlags::CLOEXEC;
         Ok(Self { path: path.into(), dir: openat(CWD, path, flags, Mode::empty())? })
     }
 
-    /// The path by which the folder was opened: what messages name.
+    /// The path given on opening, as used in messages.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Opens the file, or the folder, of a path inside of the folder to read it. Pipes, devices and sockets are refused: they may never answer.
+    /// Opens a file or folder inside for reading. Refuses pipes, devices and sockets, which may block forever.
     pub(crate) fn file(&self, path: &Path) -> std::io::Result<File> {
         let name = path.strip_prefix(&self.path).map_err(|_| Error::from(ErrorKind::InvalidInput))?;
         open_at(&self.dir, name)
     }
 
-    /// A path by which a path inside of the folder is reached through the descriptor, whatever its own path leads to; the path itself where there is
-    /// none, or it is not inside.
+    /// A path through the descriptor to the same place, wherever the given path now leads; the path itself if that is
+    /// impossible, or it lies outside.
     pub(crate) fn through(&self, path: &Path) -> PathBuf {
         let own = Path::new("/proc/self/fd").join(self.dir.as_raw_fd().to_string());
         match path.strip_prefix(&self.path) {
@@ -53,7 +51,7 @@ impl Folder {
         }
     }
 
-    /// Reads the bytes of a metadata document of at most 64 MiB.
+    /// Reads a metadata document of at most 64 MiB.
     pub(crate) fn document(&self, path: &Path) -> Result<Vec<u8>, OpenError> {
         read_at_most(self.file(path), MOST_DOCUMENT_BYTES).map_err(|error| match self.is_lost(&error) {
             true => OpenError::Replaced { store: self.path.clone() },
@@ -61,7 +59,7 @@ impl Folder {
         })
     }
 
-    /// The error for a file that could not be opened or read.
+    /// The error for a file that failed to open or read.
     pub(crate) fn unreadable(&self, path: &Path, error: Error) -> ReadError {
         match self.is_lost(&error) {
             true => ReadError::Replaced { store: self.path.clone() },
@@ -69,12 +67,12 @@ impl Folder {
         }
     }
 
-    /// Whether a file is missing since the whole folder was deleted, or moved and deleted there.
+    /// Whether a file is missing because the whole folder was deleted, perhaps after a move.
     fn is_lost(&self, error: &Error) -> bool {
         error.kind() == ErrorKind::NotFound && self.is_replaced()
     }
 
-    /// Whether the path leads elsewhere now, or nowhere: the folder was moved, deleted, or replaced by another one.
+    /// Whether the path now leads elsewhere or nowhere: the folder was moved, deleted or replaced.
     pub(crate) fn is_replaced(&self) -> bool {
         let named = match std::fs::metadata(&self.path) {
             Ok(named) => named,

@@ -1,4 +1,4 @@
-//! Paths inside of stores: read from, they are explained by the store that is meant; nothing of others is written there.
+//! Paths inside stores: for reading, errors name the intended store; for writing, they are refused to outsiders.
 
 use crate::error::{InsideStore, OpenError};
 use crate::folder::Folder;
@@ -6,7 +6,7 @@ use crate::json::read_json;
 use crate::metadata::parse_info;
 use std::path::{Component, Path, PathBuf};
 
-/// The error for a path that does not open: if it is inside of a store, the one that names the store in place of this one.
+/// Replaces the error for a path inside a store by one naming the store.
 pub(crate) fn explained(error: OpenError, path: &Path) -> OpenError {
     let leads_up = path.components().any(|part| part == Component::ParentDir);
     let place = if leads_up { located(path) } else { path.into() };
@@ -16,8 +16,8 @@ pub(crate) fn explained(error: OpenError, path: &Path) -> OpenError {
     }
 }
 
-/// Checks that what is to be written here becomes no part of a store, which could not be replaced then: of strangers' files nothing is
-/// deleted.
+/// Checks that a path to be written is outside every store. Stores with foreign files cannot be replaced, since those
+/// are never deleted.
 ///
 /// # Errors
 /// If a folder above the path is a store.
@@ -28,25 +28,25 @@ pub fn check_outside(path: &Path) -> Result<(), InsideStore> {
     }
 }
 
-/// Where a path leads, whether or not there is something: through links, and without `..`.
+/// Resolves links and `..` in a path that may not exist yet.
 fn located(path: &Path) -> PathBuf {
     let Some(name) = path.file_name() else { return path.canonicalize().unwrap_or_else(|_| path.into()) };
     let folder = named(path.parent().unwrap_or(Path::new("")));
     match folder.canonicalize() {
         Ok(folder) => folder.join(name),
-        // None as yet.
+        // Not created yet.
         Err(_) if folder != path => located(folder).join(name),
         Err(_) => path.into(),
     }
 }
 
-/// The nearest folder above a path that is a store.
+/// The nearest store among the folders above a path.
 fn holder(path: &Path) -> Option<&Path> {
     // The first is the path itself.
     path.ancestors().skip(1).map(named).find(|folder| is_store(folder))
 }
 
-/// A folder by a name that can be opened: the working directory has none as the ancestor of a relative path.
+/// A folder under an openable name: the working directory has none as the ancestor of a relative path.
 pub(crate) fn named(folder: &Path) -> &Path {
     if folder.as_os_str().is_empty() { Path::new(".") } else { folder }
 }
@@ -57,9 +57,9 @@ fn is_store(folder: &Path) -> bool {
     root.is_some_and(|root| parse_info(&document, &root).is_ok())
 }
 
-/// What a path inside of a store is, in words.
+/// A description of a path inside a store.
 fn what(path: &Path, store: &Path) -> String {
-    // Without the folder's name where that is `.`, of which the path says nothing.
+    // Nothing to strip if the store is `.`, since the path does not name it.
     let inside = path.strip_prefix(store).unwrap_or(path);
     let mut names = inside.iter().map(|name| name.to_string_lossy());
     let first = names.next().unwrap_or_default();
@@ -102,7 +102,7 @@ mod tests {
             assert_eq!(check_outside(&store.join(name)).is_ok(), is_outside, "{name}");
         }
         assert!(check_outside(&folder.path().join("a.npy")).is_ok());
-        // Through a link, up again, and where no folder is yet.
+        // Through a link, up again, and in a missing folder.
         std::os::unix::fs::symlink(store.join("0"), folder.path().join("link")).unwrap();
         for (name, is_outside) in [
             ("link/a.npy", false),

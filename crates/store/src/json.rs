@@ -10,10 +10,10 @@ pub(crate) fn read_json(folder: &Folder, path: &Path) -> Result<Value, OpenError
     parse_json(path, &folder.document(path)?)
 }
 
-/// Values in a metadata document at most: parsed, each takes up to a hundred times the bytes of its text.
+/// Most values in a metadata document: parsed, each takes up to a hundred times the bytes of its text.
 const MOST_VALUES: usize = 1 << 21;
 
-/// Parses the bytes of a metadata document, which were read from `path`.
+/// Parses a metadata document read from `path`.
 pub(crate) fn parse_json(path: &Path, text: &[u8]) -> Result<Value, OpenError> {
     if has_more_values(text, MOST_VALUES) {
         return Err(OpenError::invalid(path, "document", format!("at most {MOST_VALUES} values"), "more"));
@@ -21,12 +21,12 @@ pub(crate) fn parse_json(path: &Path, text: &[u8]) -> Result<Value, OpenError> {
     serde_json::from_slice(text).map_err(|error| OpenError::invalid(path, "document", "JSON", not_json(&error)))
 }
 
-/// A text that is not JSON, or not of the kind that was expected, in words that go behind "found".
+/// A description of text of the wrong form, to follow "found".
 pub(crate) fn not_json(error: &serde_json::Error) -> String {
     format!("what cannot be read ({}); put the file back, or pack again", error.to_string().replace('`', "'"))
 }
 
-/// Whether a JSON text has more values than so many: each is preceded by one of these characters, outside of strings.
+/// Whether a JSON text has more than `most` values: each is preceded by one of these characters, outside strings.
 fn has_more_values(text: &[u8], most: usize) -> bool {
     let (mut values, mut is_text, mut is_escaped) = (0, false, false);
     for &byte in text {

@@ -1,16 +1,17 @@
-//! Which file holds what: axes, shard grids, paths, and the places of bricks and shards in the side data. Arithmetic only.
+//! Mapping of bricks to files: axes, shard grids, paths, and the places of bricks and shards in the side data.
+//! Arithmetic only.
 //!
 //! ```text
 //! STORE/zarr.json                      root group, written last: the completion marker
 //! STORE/.brickyard-journal             only while packing
-//! STORE/.brickyard-lock                only while packing or appending, and after one that was killed
+//! STORE/.brickyard-lock                only while packing or appending, and after a killed process
 //! STORE/K/zarr.json                    level K
-//! STORE/K/c/[t/][c/]z/y/x              its shards (axes t and c only where there is, or may be, more than one step or channel);
+//! STORE/K/c/[t/][c/]z/y/x              its shards (axes t and c only with more than one step or channel, or steps to be appended);
 //!                                      t counts groups of time steps, whose bricks share shards
 //! STORE/K/.brickyard/{ranges,hashes,shards}/   its side data
-//! STORE/0/.brickyard/counts/N/C         counts of the values of channel C in the first N steps, where steps are appended
-//! STORE/K/.brickyard/aprons/           the aprons of K's bricks, if they are stored: zarr.json, shards and .brickyard/shards
-//! STORE/K/.brickyard/METHOD/           level K >= 1 of a second pyramid, which shares level 0: all that K has above
+//! STORE/0/.brickyard/counts/N/C         counts of the values of channel C in the first N steps, in stores with appended steps
+//! STORE/K/.brickyard/aprons/           the aprons of K's bricks, if stored: zarr.json, shards and .brickyard/shards
+//! STORE/K/.brickyard/METHOD/           level K >= 1 of a second pyramid, which shares level 0: same contents as K above
 //! ```
 
 use crate::data_file::open_file;
@@ -20,37 +21,37 @@ use std::io::{BufRead, BufReader, Read};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// The most voxels along a shard's edge unless a store says otherwise.
+/// Default limit of voxels along a shard's edge.
 pub const DEFAULT_SHARD_EDGE: u32 = 512;
 
-/// The greatest number of voxels along a shard's edge that a store may have.
+/// Upper limit of voxels along a shard's edge in any store.
 pub const MAX_SHARD_EDGE: u32 = 8192;
 
-/// The most bricks that a shard may have, of all of its time steps: as many as the largest shards have of bricks of 64 voxels. Its index takes 32 MiB.
+/// Most bricks in a shard, over all of its time steps: as many as the largest shard has at an edge of 64 voxels a
+/// brick. Their index takes 32 MiB.
 const MAX_SHARD_BRICKS: u64 = (MAX_SHARD_EDGE as u64 / 64).pow(3);
 
-/// The name of the journal, a file that is in a store directory exactly while a pack is unfinished. Its first line is a
-/// JSON object whose `shards` is the number of shards in all; every further complete line that does not begin with a blank is one finished shard.
+/// Name of the journal, present in a store directory while a pack is unfinished. Its first line is a JSON object with
+/// the total number of `shards`; each further complete line not starting with a blank is a finished shard.
 pub const JOURNAL_NAME: &str = ".brickyard-journal";
 
-/// The name of the lock file, which is in a store directory while a process packs into it. It names the process and its
-/// machine. A pack that was killed leaves it behind.
+/// Name of the lock file, present while a process packs into or appends to a store, and after it was killed. It names
+/// the process and its machine.
 pub const LOCK_NAME: &str = ".brickyard-lock";
 
-/// The name of the folder of side data inside a level's folder, which other readers leave alone.
+/// Name of the side-data folder in a level's folder, ignored by other readers.
 pub(crate) const SIDE_NAME: &str = ".brickyard";
 
-/// The folder of counts of values, among the side data of level 0.
+/// Folder of value counts, in the side data of level 0.
 pub(crate) const COUNTS_NAME: &str = "counts";
 
-/// The folder of a level's aprons, among its side data.
+/// Folder of a level's aprons, in its side data.
 const APRONS_NAME: &str = "aprons";
 
-/// A number that no store may have: the field's name, and what is expected of it.
+/// An unacceptable setting: field name, and expected values.
 pub(crate) type Unfit = (&'static str, String);
 
-/// Checks whether a store may have bricks of `edge` voxels and shards of `shard` voxels along an edge. Packing and
-/// opening make the same check.
+/// Checks the edge lengths in voxels, for packing and opening.
 pub(crate) fn check_edges(edge: u32, shard: u32) -> Result<(), Unfit> {
     if !(8..=256).contains(&edge) || !edge.is_power_of_two() {
         return Err(("edge", "a power of two from 8 to 256".into()));
@@ -61,8 +62,7 @@ pub(crate) fn check_edges(edge: u32, shard: u32) -> Result<(), Unfit> {
     Ok(())
 }
 
-/// Checks that a store may have this many voxels in all: at least 1, and fewer than 2^63. Packing and opening make the
-/// same check.
+/// Checks the total number of voxels, 1 to 2^63 - 1, for packing and opening.
 pub(crate) fn check_size(extent: Extent, times: u32, channels: u32) -> Result<(), Unfit> {
     let voxels = extent.checked_volume().and_then(|v| v.checked_mul(times as u64)?.checked_mul(channels as u64));
     match voxels {
@@ -71,8 +71,7 @@ pub(crate) fn check_size(extent: Extent, times: u32, channels: u32) -> Result<()
     }
 }
 
-/// Checks that the shards of a store may hold as many bricks as its layout says, whose index is in memory while a shard is open. Packing and opening
-/// make the same check.
+/// Checks the number of bricks in a shard, whose index is in memory while open, for packing and opening.
 pub(crate) fn check_shard_bricks(layout: &Layout) -> Result<(), Unfit> {
     let bricks = layout.shard_bricks(Level(0)).volume();
     if bricks > MAX_SHARD_BRICKS {
@@ -91,7 +90,7 @@ pub(crate) fn check_shard_bricks(layout: &Layout) -> Result<(), Unfit> {
 /// The key of one shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ShardId {
-    /// Index of the shard's group of time steps: the shard's index along t, and no time step.
+    /// Index of the shard's group of time steps along t, not a time step.
     pub group: u32,
     /// The shard's channel.
     pub channel: u32,
@@ -105,7 +104,7 @@ pub struct ShardId {
     pub x: u32,
 }
 
-/// The arrangement of a store's bricks, or of their aprons, into shards and files.
+/// Arrangement of a store's bricks or their aprons in shards and files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
     /// The levels and their brick grids.
@@ -114,20 +113,19 @@ pub struct Layout {
     pub times: u32,
     /// Number of channels, at least 1.
     pub channels: u32,
-    /// Number of time steps in a group, whose bricks share shards; from 1 to all. The last group may have fewer.
+    /// Time steps per group, sharing shards; from 1 to all. The last group may have fewer.
     pub(crate) shard_times: u32,
-    /// Whether the store has an axis of time though it may have one step: more may be appended.
+    /// Whether there is a time axis even with one step, for appending.
     has_time: bool,
-    /// Most bricks along a shard's edge.
     max_shard_bricks: u32,
-    /// What names the folders of levels 1 and up, if they are a second pyramid's.
+    /// The method in folder names of a second pyramid's levels 1 and up.
     second: Option<Downsample>,
     /// Whether the chunks are the bricks' aprons.
     is_aprons: bool,
 }
 
 impl Layout {
-    /// A layout with shards of at most `shard_edge` voxels along each axis, but of at least one brick, and of one time step.
+    /// A layout with shards of one time step and at most `shard_edge` voxels along each axis, but at least one brick.
     pub fn new(pyramid: Pyramid, times: u32, channels: u32, shard_edge: u32) -> Self {
         let max_shard_bricks = (shard_edge / pyramid.edge()).max(1);
         Self {
@@ -142,17 +140,17 @@ impl Layout {
         }
     }
 
-    /// This layout with an axis of time, however many steps there are.
+    /// This layout with a time axis, even for one step.
     pub fn with_time(self) -> Self {
         Self { has_time: true, ..self }
     }
 
-    /// This layout with so many time steps.
+    /// This layout with `times` time steps.
     pub fn with_times(&self, times: u32) -> Self {
         Self { times, ..self.clone() }
     }
 
-    /// This layout with shards of `steps` time steps: at least one, and at most all there are.
+    /// This layout with `steps` time steps per shard, clamped between one and all.
     pub fn with_shard_times(self, steps: u32) -> Self {
         Self { shard_times: steps.clamp(1, self.times.max(1)), ..self }
     }
@@ -162,44 +160,43 @@ impl Layout {
         Self { second: Some(method), ..self.clone() }
     }
 
-    /// This layout for the aprons of the bricks: the same shards, in folders of their own.
+    /// This layout for the bricks' aprons: the same shards, in folders of their own.
     pub fn of_aprons(&self) -> Self {
         Self { is_aprons: true, ..self.clone() }
     }
 
-    /// The downsampling of levels 1 and up if they are a second pyramid; `None` for the main pyramid.
+    /// The second pyramid's reduction; `None` for the main pyramid.
     pub fn second(&self) -> Option<Downsample> {
         self.second
     }
 
-    /// The store's axes, slowest first: `t` only if there is [more than one time step, or may be](Layout::with_time), `c` only if
-    /// there is more than one channel, then `z`, `y`, `x`.
+    /// Axes, slowest first: `t` only with [more than one time step, or steps to come](Layout::with_time), `c` only with
+    /// more than one channel, then `z`, `y`, `x`.
     pub fn axes(&self) -> Vec<&'static str> {
         let t = self.has_time.then_some("t");
         let c = (self.channels > 1).then_some("c");
         t.into_iter().chain(c).chain(["z", "y", "x"]).collect()
     }
 
-    /// A value per axis, in the order of [`Layout::axes`], from the values for t, c and `[x, y, z]`.
+    /// Arranges values for t, c and `[x, y, z]` in the order of [`Layout::axes`].
     pub fn per_axis<T: Copy>(&self, t: T, c: T, [x, y, z]: [T; 3]) -> Vec<T> {
         let t = self.has_time.then_some(t);
         let c = (self.channels > 1).then_some(c);
         t.into_iter().chain(c).chain([z, y, x]).collect()
     }
 
-    /// Bricks of a level's shards along each axis, of one time step. Shards at the far faces are of this size too, and may reach past the
-    /// grid of bricks.
+    /// Bricks per shard along each axis, for one time step. Shards at the far faces may reach past the brick grid.
     pub fn shard_bricks(&self, level: Level) -> Extent {
         let bricks = self.pyramid.level(level).bricks.to_array();
         Extent::from_array(bricks.map(|n| n.min(self.max_shard_bricks)))
     }
 
-    /// Number of entries in the index of each of a level's shards: one for each brick of each of its time steps.
+    /// Index entries per shard of a level: one per brick and time step.
     pub fn shard_slots(&self, level: Level) -> usize {
         self.shard_times as usize * self.shard_bricks(level).volume() as usize
     }
 
-    /// Number of groups of time steps: of shards along t.
+    /// Number of groups of time steps, or shards along t.
     pub fn shard_groups(&self) -> u32 {
         self.times.div_ceil(self.shard_times)
     }
@@ -210,14 +207,14 @@ impl Layout {
         first.min(self.times)..first.saturating_add(self.shard_times).min(self.times)
     }
 
-    /// Number of shards of a level along each axis of space, for one group of time steps and one channel.
+    /// Shards of a level along each spatial axis, for one group of time steps and one channel.
     pub fn shard_grid(&self, level: Level) -> Extent {
         let bricks = self.pyramid.level(level).bricks.to_array();
         let shard = self.shard_bricks(level).to_array();
         Extent::from_array(std::array::from_fn(|a| bricks[a].div_ceil(shard[a])))
     }
 
-    /// The shard that holds a brick, and the brick's entry in its index.
+    /// The shard of a brick, and the brick's entry in its index.
     pub fn shard_of(&self, id: BrickId) -> (ShardId, usize) {
         let shard = self.shard_bricks(id.level);
         let (i, s) = (id.index.to_array(), shard.to_array());
@@ -227,8 +224,7 @@ impl Layout {
         (ShardId { group, channel: id.channel, level: id.level, z, y, x }, slot as usize)
     }
 
-    /// The brick of entry `slot` of a shard's index; `None` where the shard reaches past the grid, or past the last time
-    /// step.
+    /// The brick of a shard's index entry `slot`; `None` past the grid or the last time step.
     pub fn brick_at(&self, shard: ShardId, slot: usize) -> Option<BrickId> {
         let bricks = self.shard_bricks(shard.level);
         let s = bricks.to_array();
@@ -267,7 +263,7 @@ impl Layout {
         (0..self.pyramid.levels().len()).map(|k| self.level_shards(Level(k as u8))).sum()
     }
 
-    /// The path of a level's folder, or of the folder of its aprons, relative to the store.
+    /// Path of a level's folder, or of its apron folder, relative to the store.
     pub fn level_path(&self, level: Level) -> String {
         let level = match self.second {
             Some(method) if level > Level(0) => format!("{level}/{SIDE_NAME}/{}", method.name()),
@@ -276,7 +272,7 @@ impl Layout {
         if self.is_aprons { format!("{level}/{SIDE_NAME}/{APRONS_NAME}") } else { level }
     }
 
-    /// The path of the folder with the side data of a level, or of its aprons.
+    /// Path of the side-data folder of a level, or of its aprons.
     pub fn side_dir(&self, store: &Path, level: Level) -> PathBuf {
         store.join(self.level_path(level)).join(SIDE_NAME)
     }
@@ -287,7 +283,7 @@ impl Layout {
         path.push("c");
         path.extend(self.per_axis(id.group, id.channel, [id.x, id.y, id.z]).iter().map(u32::to_string));
         if self.is_aprons {
-            // Their last axis, over the voxels of an apron, has one chunk.
+            // The last axis, over an apron's voxels, has one chunk.
             path.push("0");
         }
         path
@@ -302,17 +298,16 @@ impl Layout {
     }
 }
 
-/// `[t, c, z, y, x]` of cell `i`, counted row-major over all time steps or groups of them, `channels` channels and the cells of `grid`.
+/// `[t, c, z, y, x]` of cell `i`, row-major over time steps or groups, `channels` channels and the cells of `grid`.
 pub(crate) fn place_at(i: u64, channels: u32, grid: Extent) -> [u32; 5] {
     let (volume, cell) = (i / grid.volume(), i % grid.volume());
     let (gx, gy, channels) = (grid.x as u64, grid.y as u64, channels as u64);
     [volume / channels, volume % channels, cell / gx / gy, cell / gx % gy, cell % gx].map(|n| n as u32)
 }
 
-/// How much of an unfinished store is packed according to its journal, in percent, 0 to 99; `None` if the journal
-/// cannot be read.
+/// Packed share of an unfinished store by its journal, in percent, 0 to 99; `None` if unreadable.
 pub fn journal_percent(store: &Path) -> Option<u8> {
-    // Of a line that is longer, parts would count as lines: of what is no journal of ours.
+    // Parts of longer lines, from foreign files, would count as lines.
     const LONGEST_LINE: u64 = 16 << 20;
     let mut journal = BufReader::new(open_file(&store.join(JOURNAL_NAME)).ok()?);
     let mut line = Vec::new();
@@ -358,7 +353,7 @@ mod tests {
         }
     }
 
-    /// Of groups that are whole, and a last one that is not; more steps than there are count as all.
+    /// Whole groups and a partial last one; step counts past the total count as all.
     #[test]
     fn shards_of_several_time_steps_map_both_ways() {
         for (asked, steps, groups) in [(1, 1, 5), (2, 2, 3), (3, 3, 2), (5, 5, 1), (7, 5, 1), (0, 1, 5)] {
@@ -388,7 +383,7 @@ mod tests {
             Layout::new(pyramid, 9, 1, 1024).with_shard_times(steps)
         };
         assert_eq!(check_shard_bricks(&of(1)), Ok(()));
-        // What is not there has no entry in an index.
+        // Absent bricks have no index entry.
         let in_shards_of = |extent| Layout::new(Pyramid::new(extent, [1.0; 3], 8), 1, 1, 8192);
         assert_eq!(check_shard_bricks(&in_shards_of(Extent::new(1024, 1024, 1024))), Ok(()));
         let (field, expected) = check_shard_bricks(&in_shards_of(Extent::new(1024, 1024, 1025))).unwrap_err();

@@ -1,5 +1,5 @@
-//! The bricks of all levels of a volume that fits in memory, made by the kernels that pack a store: so what is shown of a volume before it is packed
-//! has the levels, the statistics and the windows that a store of the same voxels has. Making them costs some nanoseconds a voxel.
+//! Bricks of all levels of an in-memory volume, made by the packing kernels: a volume shown before packing has the
+//! levels, statistics and windows of its store. Costs some nanoseconds a voxel.
 
 use crate::downsample::Downsample;
 use crate::metadata::ChannelStatistics;
@@ -24,11 +24,11 @@ struct Bricks {
 }
 
 impl LevelBricks {
-    /// Makes the bricks of a volume, and the statistics of its voxels, which are those of level 0. `voxels` are little-endian, x fastest, the whole
-    /// level. Floats of the value `nodata` become NaN; integers of that value are left out of coarser levels and of statistics.
+    /// Makes a volume's bricks and level-0 statistics. `voxels` is the whole level, little-endian, x fastest. Floats
+    /// equal to `nodata` become NaN; such integers are left out of coarser levels and statistics.
     ///
     /// # Panics
-    /// If there are not as many voxels as level 0 of the pyramid has, or the edge of its bricks is not a power of two from 8 to 256.
+    /// If `voxels` differs in number from the pyramid's level 0, or its brick edge is not a power of two from 8 to 256.
     pub fn make(
         pyramid: &Pyramid,
         voxel_type: VoxelType,
@@ -50,12 +50,12 @@ impl LevelBricks {
         (made, statistics)
     }
 
-    /// Bytes that the bricks of a volume take.
+    /// Bytes of a volume's bricks.
     pub fn bytes(pyramid: &Pyramid, voxel_type: VoxelType) -> u64 {
         pyramid.brick_count() * u64::from(pyramid.edge()).pow(3) * voxel_type.bytes() as u64
     }
 
-    /// The core of a brick: `edge`^3 little-endian voxels, x fastest. Voxels past the level's end are the last ones before it.
+    /// The core of a brick: `edge`^3 little-endian voxels, x fastest. The last voxels repeat past the level's end.
     ///
     /// # Panics
     /// If there is no such brick.
@@ -90,7 +90,7 @@ impl LevelBricks {
         }
     }
 
-    /// Writes a row of voxels, which lies in one brick, from a place of a level on.
+    /// Writes a row of voxels, within one brick, starting at a place of a level.
     fn write_row(&mut self, level: Level, place: [u32; 3], row: &[u8]) {
         let edge = self.edge;
         let index = BrickIndex::from_array(place.map(|at| at / edge));
@@ -98,7 +98,7 @@ impl LevelBricks {
         self.core_mut(level, index)[within..within + row.len()].copy_from_slice(row);
     }
 
-    /// Completes each level's bricks and makes the next level of them.
+    /// Completes each level's bricks and derives the next level from them.
     fn reduce<T: Measure>(&mut self, pyramid: &Pyramid, method: Downsample, nodata: Option<f64>) -> ChannelStatistics {
         let (kept, blanked) = no_data::<T>(nodata);
         let mut workspace = Workspace::<T>::new(self.edge as usize, kept);
@@ -146,7 +146,6 @@ mod tests {
     use brickyard_import::{ImportError, Source, SourceInfo};
     use brickyard_volume::{BrickId, Geometry};
 
-    /// A volume in memory.
     struct Voxels {
         info: SourceInfo,
         bytes: Vec<u8>,
@@ -168,7 +167,7 @@ mod tests {
         }
     }
 
-    /// Hashed values with some that stand for no data, where the type holds them as they are.
+    /// Hashed values from 0 to 127, exact in every type, some equal to `nodata`.
     fn voxels(voxel_type: VoxelType, extent: Extent, nodata: Option<f64>) -> Voxels {
         let value = |i: u64| (i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 57) as f64;
         let bytes = with_voxel_type!(voxel_type, T => {
@@ -215,7 +214,7 @@ mod tests {
                 let store = Store::open(&path).unwrap();
                 let (bricks, statistics) =
                     LevelBricks::make(store.pyramid(), voxel_type, method, nodata, &source.bytes);
-                // Sums of floats are rounded in the order of bricks, which is another one in shards.
+                // Sums of floats are rounded in brick order, which differs in shards.
                 let mean = store.info().channels[0].mean;
                 assert!((statistics.mean - mean).abs() < 1e-9, "{voxel_type}: {} and {mean}", statistics.mean);
                 assert_eq!(ChannelStatistics { mean, ..statistics }, store.info().channels[0], "{voxel_type}");

@@ -1,8 +1,9 @@
 //! The brick store: an OME-Zarr 0.5 image with side data; pack, open, read, verify, export.
 //!
-//! Format, low to high: [`codec`] turns a brick's core into checked bytes (with `blosc` for shuffled data), [`shard`]
-//! frames many of them into one file, [`side`] holds statistics per brick and fingerprints per shard, [`layout`] says
-//! which file holds what, and [`metadata`] writes and checks the `zarr.json` documents. [`Store`] reads all that.
+//! The format, from the bottom up: [`codec`] turns a brick's core into checked bytes (with `blosc` for shuffled data),
+//! [`shard`] frames many of them in one file, [`side`] holds statistics per brick and fingerprints per shard,
+//! [`layout`] maps bricks to files, and [`metadata`] writes and checks the `zarr.json` documents. [`Store`] reads all
+//! of them.
 
 pub mod append;
 mod blosc;

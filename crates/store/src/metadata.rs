@@ -1,8 +1,8 @@
 //! The `zarr.json` documents: written by pack, checked field by field on open.
 //!
-//! The root group's `attributes.ome` is OME-Zarr 0.5's own and the truth about placement; `attributes.brickyard` is
-//! [`StoreInfo`]: settings and statistics. Since settings decide every array document, opening writes the documents it
-//! expects and compares. Unknown keys are left alone, so other tools may add theirs.
+//! In the root group, `attributes.ome` follows OME-Zarr 0.5 and is authoritative for placement; `attributes.brickyard`
+//! is [`StoreInfo`]: settings and statistics. Settings determine every array document, so opening compares with
+//! generated ones. Unknown keys are ignored; other tools may add theirs.
 
 use crate::codec::Codec;
 use crate::downsample::{Downsample, Reductions};
@@ -26,34 +26,34 @@ use std::path::Path;
 /// Number of bins of a [`Histogram`].
 pub const HISTOGRAM_BINS: usize = 256;
 
-/// Percentiles of a channel's valid voxels: for each share, the value that this share of them does not exceed.
+/// Percentiles of a channel's valid voxels: the values not exceeded by these shares of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Percentiles {
-    /// The value that 0.1 % of the valid voxels do not exceed.
+    /// 0.1th percentile.
     #[serde(rename = "0.1")]
     pub p0_1: f64,
-    /// The value that 1 % of the valid voxels do not exceed.
+    /// 1st percentile.
     #[serde(rename = "1")]
     pub p1: f64,
-    /// The value that 5 % of the valid voxels do not exceed.
+    /// 5th percentile.
     #[serde(rename = "5")]
     pub p5: f64,
-    /// The value that 50 % of the valid voxels do not exceed: the median.
+    /// 50th percentile, the median.
     #[serde(rename = "50")]
     pub p50: f64,
-    /// The value that 95 % of the valid voxels do not exceed.
+    /// 95th percentile.
     #[serde(rename = "95")]
     pub p95: f64,
-    /// The value that 99 % of the valid voxels do not exceed.
+    /// 99th percentile.
     #[serde(rename = "99")]
     pub p99: f64,
-    /// The value that 99.9 % of the valid voxels do not exceed.
+    /// 99.9th percentile.
     #[serde(rename = "99.9")]
     pub p99_9: f64,
 }
 
-/// How many of a channel's valid level-0 voxels fall in each of [`HISTOGRAM_BINS`] equal bins. The last bin includes
-/// its upper edge.
+/// Histogram of a channel's valid level-0 voxels in [`HISTOGRAM_BINS`] equal bins. The last bin includes its upper
+/// edge.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Histogram {
     /// Lower edge of the first bin, in data units.
@@ -65,7 +65,7 @@ pub struct Histogram {
 }
 
 impl Histogram {
-    /// The value below which this share of the counts is, if counts are spread evenly over their bins.
+    /// The value below `share` of the counts, assuming even spread within bins.
     fn quantile(&self, share: f64) -> f64 {
         let total: u64 = self.counts.iter().sum();
         let mut rest = share * total as f64;
@@ -79,44 +79,44 @@ impl Histogram {
     }
 }
 
-/// Statistics of one channel at level 0, over all time steps. A voxel is valid if it is neither NaN nor infinite, nor of the
-/// value that says that there are no data ([`StoreInfo::nodata`]).
+/// Level-0 statistics of one channel over all time steps. A voxel is valid if it is finite and not the no-data value
+/// ([`StoreInfo::nodata`]).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelStatistics {
-    /// Least and greatest valid value; `[0, 0]` where there is none.
+    /// Least and greatest valid value; `[0, 0]` if there is none.
     pub range: [f64; 2],
     /// Number of valid voxels.
     pub count: u64,
-    /// Number of voxels that are NaN.
+    /// Number of NaN voxels.
     pub nan: u64,
-    /// Number of voxels that are positive infinity.
+    /// Number of voxels at positive infinity.
     pub pos_inf: u64,
-    /// Number of voxels that are negative infinity.
+    /// Number of voxels at negative infinity.
     pub neg_inf: u64,
-    /// Number of voxels of the value that says that there are no data.
+    /// Number of voxels with the no-data value.
     #[serde(default, skip_serializing_if = "is_none_of")]
     pub nodata: u64,
-    /// Mean of the valid voxels; 0 where there is none.
+    /// Mean of the valid voxels; 0 if there are none.
     pub mean: f64,
     /// Percentiles of the valid voxels.
     pub percentiles: Percentiles,
     /// Histogram of the valid voxels.
     pub histogram: Histogram,
-    /// The values `[low, high]` that are shown as black and white unless a transfer function is given.
+    /// The values `[low, high]` shown as black and white by default.
     pub window: [f64; 2],
-    /// The bins that occupancy masks have for the channel's values.
+    /// The bins of the channel's occupancy masks.
     pub bins: OccupancyBins,
-    /// The channel's name, where the source gave one.
+    /// The channel's name, if the source gave one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// The channel's colour, where the source gave one: red, green and blue.
+    /// The channel's colour, if the source gave one: red, green and blue.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub color: Option<[u8; 3]>,
 }
 
 impl ChannelStatistics {
-    /// The value that `percent` of the valid voxels do not exceed, 0 to 100. It is exact for an end of the range and for each of
-    /// [`Percentiles`]. Between those it is off by less than a bin of the histogram, and never outside of the two nearest.
+    /// The value not exceeded by `percent` of the valid voxels, 0 to 100. Exact for the range's ends and each of
+    /// [`Percentiles`]; in between, off by less than a histogram bin and within the two nearest.
     pub fn percentile(&self, percent: f64) -> f64 {
         let Percentiles { p0_1, p1, p5, p50, p95, p99, p99_9 } = self.percentiles;
         let inner = [(0.1, p0_1), (1.0, p1), (5.0, p5), (50.0, p50), (95.0, p95), (99.0, p99), (99.9, p99_9)];
@@ -132,39 +132,39 @@ impl ChannelStatistics {
         }
     }
 
-    /// What of the channel is worth showing first; `None` if nearly all voxels have the same value.
+    /// The values worth showing first; `None` if nearly all voxels are equal.
     pub fn foreground(&self) -> Option<Foreground> {
         let Histogram { low, width, counts } = &self.histogram;
         Foreground::of_histogram(*low, *width, counts)
     }
 
-    /// Takes a name, colour and window from the source, as far as it gives them.
+    /// Adopts the source's name, colour and window, as far as given.
     pub fn take_look(&mut self, look: &ChannelLook) {
         (self.name, self.color) = (look.name.clone(), look.color);
         self.window = look.window.unwrap_or(self.window);
     }
 
-    /// Whether some voxel of the channel is NaN or infinite.
+    /// Whether any voxel of the channel is NaN or infinite.
     pub fn has_non_finite(&self) -> bool {
         self.nan + self.pos_inf + self.neg_inf > 0
     }
 }
 
-/// How a channel is shown unless somebody says otherwise.
+/// Default display of a channel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ChannelDisplay {
     /// The channel's name; `None` if it has none.
     pub name: Option<String>,
     /// The channel's colour: red, green and blue.
     pub color: [u8; 3],
-    /// The values that are shown as black and as the full colour.
+    /// The values shown as black and as the full colour.
     pub window: (f64, f64),
     /// Whether the channel is shown with the others.
     pub is_visible: bool,
 }
 
 impl ChannelDisplay {
-    /// The displays of the channels with these statistics, where nobody has said anything else.
+    /// The default displays of the channels with these statistics.
     pub fn of_channels(statistics: &[ChannelStatistics]) -> Vec<Self> {
         let channels = statistics.len();
         let display = |(i, channel): (usize, &ChannelStatistics)| Self {
@@ -177,59 +177,58 @@ impl ChannelDisplay {
     }
 }
 
-/// The root group's `brickyard` attribute: settings and statistics of the whole store.
+/// The root group's `brickyard` attribute: the store's settings and statistics.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StoreInfo {
-    /// The version of the store's format: [`FORMAT_VERSION`].
+    /// Format version: [`FORMAT_VERSION`].
     pub version: u32,
     /// Voxels along the edge of a brick's core.
     pub edge: u32,
-    /// The most voxels along a shard's edge.
+    /// Most voxels along a shard's edge.
     pub shard: u32,
-    /// Number of time steps in a shard; at most as many as there are.
+    /// Time steps per shard; at most all.
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub shard_times: u32,
     /// Type of a voxel.
     pub voxel_type: VoxelType,
-    /// How bricks are compressed.
+    /// Compression of the bricks.
     pub codec: Codec,
-    /// How coarser levels were made.
+    /// Reduction behind the coarser levels.
     pub downsample: Reductions,
-    /// What the store's values mean.
+    /// The meaning of the store's values.
     pub kind: Kind,
-    /// The integer that stands in voxels that hold no data; `None` if no value says so. Floats are NaN instead.
+    /// The integer for no data; `None` if undefined. Floats use NaN instead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub nodata: Option<i64>,
-    /// The value of the source's floats that hold no data, which are NaN in the store; `None` if no value says so, or the store keeps integers. Steps
-    /// that are appended are packed by it.
+    /// The source's no-data value of floats, NaN in the store and for appended steps; `None` if undefined, or for
+    /// integers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub blanked: Option<f64>,
-    /// Width of the stored aprons in voxels; 0 where none are stored.
+    /// Width of the stored aprons in voxels; 0 if none are stored.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub aprons: u32,
-    /// The voxel spacing `[x, y, z]` from which the levels' factors were chosen. Where voxels lie in the world is in
-    /// `attributes.ome`.
+    /// Voxel spacing `[x, y, z]` behind the levels' factors. Positions in the world are in `attributes.ome`.
     pub spacing: [f64; 3],
     /// Whether the source gave a spacing.
     pub calibrated: bool,
-    /// How the volume lies in a patient, where the source said it.
+    /// Orientation of the volume in a patient, if given by the source.
     #[serde(default)]
     pub orientation: Option<Orientation>,
-    /// When the time steps were taken, where the source or the user said it. Its step, start and unit are in `attributes.ome` too, and those
-    /// count: [`Store::time_axis`](crate::Store::time_axis) has what counts.
+    /// Acquisition times of the steps, if given by the source or user. `attributes.ome` takes precedence for step,
+    /// start and unit: see [`Store::time_axis`](crate::Store::time_axis).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time: Option<TimeAxis>,
-    /// Number of time steps that the store has, where steps are appended to it: its arrays may have one more, whose commit was cut off.
-    /// `None` where all steps were packed at once, and the arrays say how many.
+    /// Time steps of an appendable store, whose arrays may have one more from an interrupted commit. `None` if all
+    /// steps were packed at once, so the arrays' shape counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub times: Option<u32>,
     /// Statistics, one per channel.
     pub channels: Vec<ChannelStatistics>,
-    /// What the store was packed from: the identity that its source gave.
+    /// The identity given by the packed source.
     pub source: String,
-    /// A hash of the source and the settings together.
+    /// A joint hash of the source and the settings.
     pub settings_fingerprint: String,
-    /// Whether the store is finished; always true in a finished store.
+    /// Whether the store is finished; always true then.
     pub complete: bool,
 }
 
@@ -299,13 +298,13 @@ impl StoreInfo {
     }
 }
 
-/// The root group's document, from the layout of the main pyramid.
+/// Builds the root group's document from the main pyramid's layout.
 ///
-/// `attributes.brickyard.checksum` is the checksum of the document without it. Only `verify` compares it, against a
-/// document that it makes anew from what it reads. Opening does not, since other tools may change the document.
+/// `attributes.brickyard.checksum` covers the rest of the document. Only `verify` compares it, against a regenerated
+/// document; opening does not, since other tools may edit.
 ///
-/// A second pyramid's multiscale is in `attributes.brickyard`, since not every reader of `attributes.ome` stops at the
-/// first one.
+/// A second pyramid's multiscale is in `attributes.brickyard`, since some readers of `attributes.ome` do not stop at
+/// the first one.
 pub fn root_document(layout: &Layout, geometry: &Geometry, info: &StoreInfo) -> Value {
     let multiscale = |layout: &Layout, method: Downsample| {
         json!([{
@@ -381,13 +380,13 @@ pub fn level_document(layout: &Layout, level: Level, info: &StoreInfo) -> Value 
     let mut document = sharded_document(&shape, &shard, &layout.per_axis(1, 1, [info.edge; 3]), info);
     document["dimension_names"] = json!(layout.axes());
     if let Some(nodata) = info.nodata {
-        // CF's name, which xarray goes by; Zarr's own fill value says what bricks hold that are not stored.
+        // CF's name, used by xarray; Zarr's own fill value stands for absent bricks.
         document["attributes"]["_FillValue"] = json!(nodata);
     }
     document
 }
 
-/// The `zarr.json` document of the array of a level's aprons: one row of voxels per brick.
+/// The document of a level's apron array: one row of voxels per brick.
 pub(crate) fn apron_document(layout: &Layout, level: Level, apron: Apron, info: &StoreInfo) -> Value {
     let with_voxels = |per_axis: Vec<u32>| [per_axis, vec![apron.voxels() as u32]].concat();
     let bricks = layout.pyramid.level(level).bricks.to_array();
@@ -396,7 +395,6 @@ pub(crate) fn apron_document(layout: &Layout, level: Level, apron: Apron, info: 
     sharded_document(&shape, &shard, &with_voxels(layout.per_axis(1, 1, [1; 3])), info)
 }
 
-/// The document of an array of voxels in shards.
 fn sharded_document(shape: &[u32], shard: &[u32], chunk: &[u32], info: &StoreInfo) -> Value {
     let codecs = sharding_codecs(chunk, brick_codecs(info.codec, info.voxel_type));
     let mut document = array_document(shape, shard, info.voxel_type.zarr_name(), codecs);
@@ -404,7 +402,7 @@ fn sharded_document(shape: &[u32], shard: &[u32], chunk: &[u32], info: &StoreInf
     document
 }
 
-/// The codecs of an array of shards, each of chunks of a shape, with codecs of their own.
+/// The codecs of a sharded array with these chunks.
 pub(crate) fn sharding_codecs(chunk: &[u32], codecs: Value) -> Value {
     let index_codecs = json!([{ "name": "bytes", "configuration": { "endian": "little" } }, { "name": "crc32c" }]);
     let sharding = json!({
@@ -447,7 +445,7 @@ fn brick_codecs(codec: Codec, voxel_type: VoxelType) -> Value {
             json!([bytes, { "name": "zstd", "configuration": { "level": level, "checksum": false } }, crc])
         }
         Codec::ShuffleZstd(level) => {
-            // Blosc's own scale from 0 to 9: it asks Zstandard for level 2 n - 1.
+            // Blosc's own scale from 0 to 9; it maps n to Zstandard's level 2 n - 1.
             let blosc = json!({
                 "cname": "zstd", "clevel": (level + 1).div_euclid(2).min(9), "shuffle": "shuffle",
                 "typesize": voxel_type.bytes(), "blocksize": 0,
@@ -458,29 +456,28 @@ fn brick_codecs(codec: Codec, voxel_type: VoxelType) -> Value {
     }
 }
 
-/// The bytes of a document as written to a file.
+/// The file content of a document.
 pub fn document_bytes(document: &Value) -> Vec<u8> {
     let mut text = format!("{document:#}");
     text.push('\n');
     text.into_bytes()
 }
 
-/// How many time steps the arrays of a store may have.
+/// Allowed number of time steps in a store's arrays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Steps {
-    /// As many as the layout has.
+    /// The layout's number.
     Exactly,
-    /// As many as the layout has, or more: the store is appended to, and the commit of a step may have been cut off.
+    /// At least the layout's number: an interrupted append may have added steps.
     AtLeast,
 }
 
 impl Steps {
-    /// How many time steps the arrays of a store with these settings may have.
     pub(crate) fn of(info: &StoreInfo) -> Self {
         if info.times.is_some() { Self::AtLeast } else { Self::Exactly }
     }
 
-    /// Whether an array that is to have the shape `expected`, whose first axis is time, may have the shape `found`.
+    /// Whether shape `found` may replace `expected`; the first axis is time.
     fn allow(self, expected: &Value, found: &Value) -> bool {
         let (Self::AtLeast, Some(expected), Some(found)) = (self, expected.as_array(), found.as_array()) else {
             return false;
@@ -490,13 +487,13 @@ impl Steps {
     }
 }
 
-/// Compares an array document with the one that the settings call for; an error names the first field that differs.
+/// Compares an array document with the expected one; an error names the first differing field.
 pub(crate) fn check_array(path: &Path, expected: &Value, found: &Value, steps: Steps) -> Result<(), OpenError> {
     const FIELDS: [&str; 8] =
         ["zarr_format", "node_type", "shape", "data_type", "chunk_grid", "chunk_key_encoding", "fill_value", "codecs"];
     for field in FIELDS {
         let (want, have) = (&expected[field], &found[field]);
-        // 0 and 0.0 are one fill value.
+        // 0 and 0.0 are the same fill value.
         let same = want == have || (want.as_f64().is_some() && want.as_f64() == have.as_f64());
         if !(same || field == "shape" && steps.allow(want, have)) {
             let or_more =
@@ -507,10 +504,10 @@ pub(crate) fn check_array(path: &Path, expected: &Value, found: &Value, steps: S
     Ok(())
 }
 
-/// What to do with a store that another program wrote.
+/// The remedy for a store written by another program.
 pub(crate) const OTHERS_STORE: &str = "export it to .npy, .raw, NIfTI or TIFF with what wrote it, and pack that";
 
-/// Reads a store's settings and statistics from the root document.
+/// Reads settings and statistics from the root document.
 pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenError> {
     let attributes = &root["attributes"];
     let ours = &attributes["brickyard"];
@@ -535,7 +532,7 @@ pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenErr
         .map_err(|error| OpenError::invalid(path, "attributes.brickyard", "the settings of a store", not_json(&error)))
 }
 
-/// Derives a store's layout from level 0's shape and the settings, and checks both.
+/// Derives the layout from level 0's shape and the settings, and checks both.
 pub(crate) fn parse_layout(
     root_path: &Path,
     root: &Value,
@@ -577,7 +574,7 @@ pub(crate) fn parse_layout(
     Ok(if names[0] == "t" { layout.with_time() } else { layout })
 }
 
-/// The number of time steps: as many as level 0 has, unless the root document counts them, which then has the last word.
+/// The root document's number of time steps, if given, otherwise level 0's.
 fn committed_times(
     root_path: &Path,
     info: &StoreInfo,
@@ -597,7 +594,7 @@ fn committed_times(
     Ok(times)
 }
 
-/// Reads the placement from the pyramid's multiscale, and checks that every level's agrees with level 0's.
+/// Reads the placement from the pyramid's multiscale, and checks every level's against level 0's.
 pub(crate) fn parse_geometry(path: &Path, root: &Value, layout: &Layout) -> Result<Geometry, OpenError> {
     let owner = if layout.second().is_some() { "brickyard" } else { "ome" };
     let multiscale = &root["attributes"][owner]["multiscales"][0];
@@ -640,8 +637,7 @@ pub(crate) fn parse_geometry(path: &Path, root: &Value, layout: &Layout) -> Resu
     Ok(geometry)
 }
 
-/// How the channels are shown: as OME's metadata of the store say, which other tools may have edited; as it was packed where they say nothing
-/// that can be used.
+/// Displays from the store's OME metadata, editable by other tools, with unusable entries replaced by the packed ones.
 pub(crate) fn parse_displays(root: &Value, info: &StoreInfo) -> Vec<ChannelDisplay> {
     let display = |(i, packed): (usize, ChannelDisplay)| {
         let said = &root["attributes"]["ome"]["omero"]["channels"][i];
@@ -658,7 +654,7 @@ pub(crate) fn parse_displays(root: &Value, info: &StoreInfo) -> Vec<ChannelDispl
     ChannelDisplay::of_channels(&info.channels).into_iter().enumerate().map(display).collect()
 }
 
-/// The colours of labels that OME's metadata of the store give, sorted by label; the last of a label's counts. What cannot be used is left out.
+/// Label colours from the store's OME metadata, sorted by label; the last entry wins, unusable ones are dropped.
 pub(crate) fn parse_label_colors(root: &Value) -> Vec<LabelColor> {
     let said = root["attributes"]["ome"]["image-label"]["colors"].as_array();
     let color = |entry: &Value| {
@@ -672,7 +668,7 @@ pub(crate) fn parse_label_colors(root: &Value) -> Vec<LabelColor> {
     colors.into_iter().map(|(label, color)| LabelColor { label, color }).collect()
 }
 
-/// Where the volume stands, from its own world of spacing and origin: in the world of the patient, where the store has an orientation.
+/// The placement from the volume's own world of spacing and origin to the patient's, if the store has an orientation.
 pub(crate) fn parse_placement(path: &Path, info: &StoreInfo, geometry: &Geometry) -> Result<Placement, OpenError> {
     let Some(orientation) = &info.orientation else { return Ok(Placement::default()) };
     let field = "attributes.brickyard.orientation";

@@ -1,24 +1,24 @@
-//! Voxels of the integer that a store has for *no data*: left out of levels, ranges and statistics, as NaN is of floats.
+//! Voxels with a store's integer for *no data*: left out of levels, ranges and statistics, like NaN among floats.
 //!
-//! Kernels that know nothing of such a value stay as fast as they are: what is here works on the voxels between those without
-//! data, or box by box, and only for bricks in which there are some.
+//! Other kernels keep their speed: this code works on the voxels in between, or box by box, and only in bricks with
+//! no-data voxels.
 
 use crate::downsample::{Downsample, Reduce, mode};
 use crate::stats::{Counter, Measure, Range, Tally};
 
-/// Whether some voxel is `nodata`. Looks at rows as wholes, which the compiler vectorises.
+/// Whether any voxel is `nodata`. Tests whole rows, which the compiler vectorises.
 #[inline(always)]
 pub(crate) fn is_in<T: PartialEq + Copy>(voxels: &[T], nodata: T) -> bool {
     voxels.chunks(1024).any(|row| row.iter().fold(false, |found, &v| found | (v == nodata)))
 }
 
-/// The range of the voxels that are valid and not `nodata`.
+/// The range of the valid voxels other than `nodata`.
 pub(crate) fn range<T: Measure>(voxels: &[T], nodata: Option<T>) -> Range<T> {
     let Some(nodata) = nodata else { return T::range(voxels) };
     voxels.split(|&v| v == nodata).fold(T::EMPTY, |range, part| range.join(T::range(part)))
 }
 
-/// Counts and sums voxels as if those that are `nodata` were not there, and how many of these there are.
+/// Counts and sums the voxels other than `nodata`, and tallies the `nodata` ones.
 #[inline(always)]
 pub(crate) fn count<T: Measure>(voxels: &[T], nodata: Option<T>, counter: &mut Counter, tally: &mut Tally) {
     match nodata {
@@ -30,8 +30,7 @@ pub(crate) fn count<T: Measure>(voxels: &[T], nodata: Option<T>, counter: &mut C
     }
 }
 
-/// Counts and sums the voxels that are not `nodata`. A function by itself, for loops of bricks without such voxels are slower with
-/// another one beside them.
+/// Like [`count`], with a value. A separate function, since it slows down the loop for bricks without such voxels.
 #[inline(never)]
 fn count_others<T: Measure>(voxels: &[T], nodata: T, counter: &mut Counter, tally: &mut Tally) {
     let mut rest = voxels.len();
@@ -43,8 +42,8 @@ fn count_others<T: Measure>(voxels: &[T], nodata: T, counter: &mut Counter, tall
     tally.nodata += rest as u64;
 }
 
-/// Does what [`downsample`](crate::downsample::downsample) does, without the voxels that are `nodata`: a coarse voxel is
-/// `nodata` only if all of its finer ones are.
+/// Like [`downsample`](crate::downsample::downsample), but skips `nodata` voxels: a coarse voxel is `nodata` only if
+/// all of its finer ones are.
 pub(crate) fn downsample<T: Reduce>(
     method: Downsample,
     core: &[T],
@@ -73,7 +72,7 @@ pub(crate) fn downsample<T: Reduce>(
     }
 }
 
-/// One coarse voxel from the finer ones that have data; `nodata` if there are none.
+/// One coarse voxel from the finer ones with data; `nodata` if there are none.
 #[inline(always)]
 fn reduced<T: Reduce>(method: Downsample, valid: &[T], nodata: T) -> T {
     let Some((&first, rest)) = valid.split_first() else { return nodata };
@@ -86,11 +85,12 @@ fn reduced<T: Reduce>(method: Downsample, valid: &[T], nodata: T) -> T {
     }
 }
 
-/// The mean, rounded to nearest with ties to even. Where that is `nodata`, though there are data, it is the whole number next to
-/// it on the mean's side, or above it where the mean lies on neither.
+/// The mean, rounded to nearest with ties to even. If that is `nodata` despite data, the adjacent whole number on the
+/// mean's side, or above if the mean equals it.
 #[inline(always)]
 fn mean<T: Reduce>(valid: &[T], nodata: T) -> T {
-    // At most eight integers of 32 bits: the sum is exact, and the quotient is far nearer than any two means lie apart.
+    // At most eight integers of 32 bits: the sum is exact, and the quotient's error is far below the distance of any
+    // two means.
     let mean = valid.iter().map(|v| v.to_f64()).sum::<f64>() / valid.len() as f64;
     let rounded = T::from_f64_rounded(mean);
     if rounded != nodata {
@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn a_mean_is_never_nodata() {
-        // The mean is on the value, just below it, and just above it; at both ends of the type there is one side.
+        // The mean is on the value, just below it, and just above it; each end of the type has only one side.
         assert_eq!(one(Downsample::Mean, [-1i8, 1, 0, 0, 0, 0, 0, 0], 0), 1);
         assert_eq!(one(Downsample::Mean, [-2i8, 1, 1, -1, 0, 0, 0, 0], 0), -1);
         assert_eq!(one(Downsample::Mean, [2i8, -1, -1, 1, 0, 0, 0, 0], 0), 1);
@@ -150,7 +150,7 @@ mod tests {
                     assert_eq!(found, expected, "{method:?}");
                 }
             }
-            // Values below the greatest by enough that no mean is it either.
+            // Values far enough below the greatest for no mean to reach it.
             check(&values.iter().map(|v| (v % 255) as u8).collect::<Vec<_>>(), 255, shape, factor);
             check(&values.iter().map(|v| (v % 65535) as i32 as i16 & 0x7ffe).collect::<Vec<_>>(), i16::MAX, shape, factor);
             check(&values.iter().map(|v| v >> 1).collect::<Vec<u32>>(), u32::MAX, shape, factor);

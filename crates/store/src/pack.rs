@@ -1,20 +1,21 @@
 //! Packing: any [`Source`] becomes a brick store in one streaming pass.
 //!
-//! Bricks are read straight from sources that read boxes; each gives its encoded core, its ranges (and those of what it
-//! shares with each neighbour), and its part of the next level, which goes to that level's *window*, one layer of it; level
-//! 0's bricks give a part to each pyramid, where there are two. So all levels cascade from data still at hand, and memory
-//! does not depend on the volume: windows that do not fit it are rings in a scratch file. `pack/plan.rs` has the formula.
+//! Bricks are read directly from sources with box access. Each yields its encoded core, its ranges (including those of
+//! parts shared with each neighbour), and its part of the next level, stored in one layer of the level's *window*;
+//! level 0 feeds both pyramids if there are two. So all levels cascade from data at hand, and memory is independent of
+//! the volume: windows too large for it are rings in a scratch file. `pack/plan.rs` has the formula.
 //!
-//! Where aprons are stored too, a second pass (`pack/aprons.rs`) makes them from what the first one wrote.
+//! A second pass (`pack/aprons.rs`) makes aprons, if stored, from the output of the first.
 //!
-//! Output does not depend on threads, memory or interruptions: results pass through one sequence in the bricks' order, so
-//! stores from the same source and settings are equal byte for byte.
+//! Results pass through one sequence in brick order: regardless of threads, memory and interruptions, the same source
+//! and settings give byte-identical stores.
 //!
-//! Nothing half-made ever stands under a final name, but for what a power failure takes of an unfinished pack. Shards are written under a temporary
-//! name, renamed, synced every few seconds (one by one where a file system cannot be synced as a whole), and noted in `STORE/.brickyard-journal`; the root `zarr.json`, written last, makes the store a store; then the journal goes. Kill
-//! it at any moment and [`Exists::Resume`] reads the source again for statistics and coarser levels, but neither encodes
-//! nor writes the shards that are there. A finished store is replaced only by a finished one: [`Exists::Overwrite`] packs
-//! into `STORE.packing` beside it and exchanges the two in one step at the end.
+//! No unfinished file ever has a final name, except after a power failure during a pack. Shards are written under a
+//! temporary name, renamed, synced every few seconds (one by one if a file system cannot be synced as a whole), and
+//! recorded in `STORE/.brickyard-journal`. The root `zarr.json`, written last, completes the store; then the journal is
+//! removed. After a kill at any moment, [`Exists::Resume`] rereads the source for statistics and coarser levels, but
+//! neither encodes nor writes existing shards. Only a finished store replaces a finished one: [`Exists::Overwrite`]
+//! packs into `STORE.packing` and swaps the two in one step at the end.
 
 pub(crate) mod aprons;
 pub(crate) mod brick;
@@ -58,13 +59,13 @@ use std::io::ErrorKind;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-/// What to do if the output exists already.
+/// Policy for an existing output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Exists {
-    /// Fail, and leave the output as it is.
+    /// Fail, leaving the output unchanged.
     #[default]
     Refuse,
-    /// Finish an unfinished pack of the same source and settings; start one if there is none.
+    /// Finish a pack of the same source and settings, or start one.
     Resume,
     /// Replace the output, if it is a store or an unfinished pack.
     Overwrite,
@@ -75,32 +76,31 @@ pub enum Exists {
 pub struct PackOptions {
     /// Voxels along the edge of a brick's core: a power of two from 8 to 256.
     pub edge: u32,
-    /// The most voxels along a shard's edge: a multiple of `edge`, at most
+    /// Most voxels along a shard's edge: a multiple of `edge`, at most
     /// [`MAX_SHARD_EDGE`](crate::layout::MAX_SHARD_EDGE). Larger shards mean fewer files.
     pub shard_edge: u32,
-    /// Number of time steps in a shard, at least 1; more than there are count as all. Then there are fewer files, bricks of the same content
-    /// in a shard's steps are stored once, a pack that goes on begins again with the first step of a shard, and no step can be appended
-    /// without packing anew.
+    /// Time steps per shard, at least 1; capped at all. More steps mean fewer files, with equal bricks of a shard's
+    /// steps stored once, but a resumed pack restarts at the first step of a shard, and appending requires repacking.
     pub shard_times: u32,
-    /// How bricks are compressed. zstd 3 gives 3 % smaller stores than zstd 1 in twice the time.
+    /// Compression of bricks. zstd 3 gives 3 % smaller stores than zstd 1 in twice the time.
     pub codec: Codec,
-    /// How coarser levels are made: see [`Reductions::default_for`] a kind.
+    /// Reduction methods: see [`Reductions::default_for`] a kind.
     pub downsample: Reductions,
-    /// What the values mean.
+    /// The meaning of the values.
     pub kind: Kind,
-    /// Width of the aprons to store, in voxels, at most [`MAX_APRON`]; 0 stores none.
+    /// Width of the stored aprons in voxels, at most [`MAX_APRON`]; 0 stores none.
     pub aprons: u32,
-    /// The most anonymous memory that the pack may take, in bytes.
+    /// Most anonymous memory for the pack, in bytes.
     pub memory_bytes: u64,
-    /// Number of worker threads, at least 1. Reading whole planes and writing files take further threads.
+    /// Worker threads, at least 1. Reading whole planes and writing files use further threads.
     pub threads: usize,
-    /// What to do if the output exists already.
+    /// Policy for an existing output.
     pub exists: Exists,
 }
 
 impl PackOptions {
-    /// The default options for a voxel type: bricks of 64 voxels and shards of 512 along an edge, 2 GiB of memory, one
-    /// thread per processor.
+    /// Defaults for a voxel type: bricks of 64 and shards of 512 voxels along an edge, 2 GiB of memory, one thread per
+    /// processor.
     pub fn new(voxel_type: VoxelType) -> Self {
         Self {
             edge: DEFAULT_BRICK_EDGE,
@@ -116,7 +116,6 @@ impl PackOptions {
         }
     }
 
-    /// The shape of the aprons to store, if there are to be any.
     pub(crate) fn apron(&self) -> Option<Apron> {
         (self.aprons > 0).then_some(Apron { edge: self.edge, width: self.aprons })
     }
@@ -142,19 +141,18 @@ impl PackOptions {
 
 /// Receives the progress of a pack. Methods may be called from any thread.
 pub trait Progress: Sync {
-    /// Called once with the plan, before any voxel is read. Not called if the store was complete already.
+    /// Called once with the plan, before any voxel is read; not if the store was already complete.
     fn planned(&self, _plan: &PackPlan) {}
     /// Called with a routine remark, in one sentence.
     fn note(&self, _message: &str) {}
-    /// Called with a warning of what may be wrong, in one sentence.
+    /// Called with a warning, in one sentence.
     fn warn(&self, _message: &str) {}
-    /// Called as bricks of level 0 are packed: so far `done` of `total` voxels, over all time steps and channels.
+    /// Called as level-0 bricks are packed, with `done` of `total` voxels of all time steps and channels.
     fn advanced(&self, _done: u64, _total: u64) {}
-    /// Called in the second pass, where aprons are stored: so far `done` of `total` bytes of aprons, uncompressed, are
-    /// packed.
+    /// Called in the second pass, if any, with `done` of `total` uncompressed bytes of aprons.
     fn aprons(&self, _done: u64, _total: u64) {}
-    /// Whether the pack is to stop. Asked before each brick and each plane that is read, so it must be quick. A pack that stops ends with
-    /// [`PackError::Cancelled`].
+    /// Whether to stop the pack, with [`PackError::Cancelled`]. Called before each brick and plane read, so it must be
+    /// fast.
     fn is_cancelled(&self) -> bool {
         false
     }
@@ -163,57 +161,57 @@ pub trait Progress: Sync {
 /// Ignores all progress.
 impl Progress for () {}
 
-/// What a pack did.
+/// Outcome of a pack.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackReport {
-    /// The plan of the pack: what it needed.
+    /// The plan of the pack.
     pub plan: PackPlan,
-    /// Number of shards in the store, those without a file (all fill) included.
+    /// Shards in the store, including those without a file (all fill).
     pub shards: u64,
-    /// Number of shards that earlier, interrupted runs had finished.
+    /// Shards finished by earlier, interrupted runs.
     pub shards_resumed: u64,
-    /// Bytes that this run wrote to shards.
+    /// Bytes written to shards in this run.
     pub written_bytes: u64,
-    /// Number of voxels of level 0 that are NaN or infinite; 0 if `was_complete`.
+    /// NaN and infinite voxels in level 0; 0 if `was_complete`.
     pub non_finite: u64,
-    /// Number of voxels of level 0 that are the integer for no data; 0 if `was_complete`.
+    /// No-data integers in level 0; 0 if `was_complete`.
     pub nodata: u64,
-    /// Whether a finished store from the same source and settings was there already, so that nothing was done.
+    /// Whether nothing was done, since a finished store from the same source and settings existed.
     pub was_complete: bool,
 }
 
 /// Why a pack failed.
 #[derive(Debug, thiserror::Error)]
 pub enum PackError {
-    /// An option is out of its range, or contradicts another one.
+    /// An option is out of range, or contradicts another one.
     #[error("{0}")]
     Options(String),
-    /// The memory allowed is less than the least that the pack needs.
+    /// The allowed memory is below the pack's minimum.
     #[error(
         "`memory` {given} MiB is too little: this pack needs at least {needed} MiB; allow more{advice}",
         given = given_bytes >> 20, needed = needed_bytes.div_ceil(1 << 20)
     )]
     Memory {
-        /// The least memory that the pack needs, in bytes.
+        /// The least memory for the pack, in bytes.
         needed_bytes: u64,
-        /// The memory that was allowed, in bytes.
+        /// The allowed memory, in bytes.
         given_bytes: u64,
-        /// Other options that would fit the memory allowed, in words; empty if there are none.
+        /// Other options within the allowed memory, in words; empty if there are none.
         advice: String,
     },
-    /// The input has a property that no store can hold.
+    /// The input has a property no store can hold.
     #[error("the input's {what} {found}: expected {expected}; {cure}")]
     Unfit {
         /// The property of the input.
         what: &'static str,
-        /// The value that the input has.
+        /// The input's value.
         found: String,
-        /// The values that a store can hold.
+        /// The values a store can hold.
         expected: String,
-        /// What the user can do.
+        /// The user's remedy.
         cure: &'static str,
     },
-    /// The output exists already, and [`Exists::Refuse`] was asked for.
+    /// The output exists, and [`Exists::Refuse`] was chosen.
     #[error("{path}: exists already{}; choose another name, or pass {}", if *unfinished { " (an unfinished pack)" } else { "" },
         if *unfinished { "`resume` to finish it or `overwrite` to start over" } else { "`overwrite` to replace it" }, path = path.display())]
     Exists {
@@ -222,24 +220,24 @@ pub enum PackError {
         /// Whether the output is an unfinished pack.
         unfinished: bool,
     },
-    /// The output would become a part of another store.
+    /// The output would lie inside another store.
     #[error(transparent)]
     Inside(#[from] InsideStore),
-    /// The output exists, and is nothing that packing would replace.
+    /// The output exists, but is nothing replaceable by packing.
     #[error("{path}: is neither a brick store nor an unfinished pack, and is left alone; choose another name or remove it", path = path.display())]
     NotOurs {
         /// The output's path.
         path: PathBuf,
     },
-    /// The pack or store that was to be resumed was made from other data or with other settings.
+    /// The existing pack was made from other data or with other settings.
     #[error("{store}: cannot be resumed: {difference}; use the same input and settings, or `overwrite` to start over", store = store.display())]
     Mismatch {
         /// The store.
         store: PathBuf,
-        /// What differs, in words, such as a setting's values then and now.
+        /// The difference, in words, such as a setting's values then and now.
         difference: String,
     },
-    /// Overwriting would delete files that packing did not write.
+    /// Overwriting would delete foreign files.
     #[error(
         "{store}: cannot be replaced: {found} is not part of the store, and replacing would delete it; move it away, or choose \
          another name",
@@ -248,45 +246,45 @@ pub enum PackError {
     Foreign {
         /// The store.
         store: PathBuf,
-        /// A file or folder inside the store that packing did not write.
+        /// A file or folder inside the store not written by packing.
         found: PathBuf,
     },
-    /// A finished store is replaced by way of `STORE.packing` beside it, and something else has that name.
+    /// The name `STORE.packing`, needed to replace a finished store, is taken.
     #[error(
         "{path}: is in the way: {store} is replaced by way of that name; move it away, or choose another output",
         path = path.display(), store = store.display()
     )]
     InTheWay {
-        /// What stands under that name, `STORE.packing`.
+        /// The occupied path, `STORE.packing`.
         path: PathBuf,
-        /// The store that was to be replaced.
+        /// The store to replace.
         store: PathBuf,
     },
-    /// Another pack is at work on the same output.
+    /// Another pack is running on the same output.
     #[error(
         "{store}: another pack is at work there{}; wait for it or stop it",
         holder.as_ref().map_or(String::new(), |holder| format!(" ({holder})")), store = store.display()
     )]
     Busy {
-        /// The directory that the other pack works in.
+        /// The directory of the other pack.
         store: PathBuf,
-        /// The process of the other pack; `None` if it is not known.
+        /// The process of the other pack, if known.
         holder: Option<Holder>,
     },
-    /// The file system does not lock files, so a second pack into the same store would not be noticed.
+    /// The file system does not lock files, so a concurrent pack would go unnoticed.
     #[error(
         "{path}: {error}: this file system does not lock files, so another pack into the same store would not be noticed; pack \
          to a local disk or to NFS and move the store from there",
         path = path.display()
     )]
     NoLock {
-        /// Where the store was to be made.
+        /// The intended place of the store.
         path: PathBuf,
         /// The operating system's error.
         #[source]
         error: std::io::Error,
     },
-    /// The pack was told to stop, by [`Progress::is_cancelled`]. What was packed stays; nothing half-made has a final name.
+    /// [`Progress::is_cancelled`] stopped the pack. Finished shards stay; no unfinished file has a final name.
     #[error("cancelled; {done} of {total} shards of {store} are finished, and `resume` goes on", store = store.display())]
     Cancelled {
         /// The unfinished store.
@@ -296,7 +294,7 @@ pub enum PackError {
         /// Number of shards in all.
         total: u64,
     },
-    /// The source failed midway. What was packed stays.
+    /// The source failed midway. Finished shards stay.
     #[error("{error}; {done} of {total} shards of {store} are finished: mend the input and run again with `resume`", store = store.display())]
     Source {
         /// The source's error.
@@ -309,13 +307,13 @@ pub enum PackError {
         /// Number of shards in all.
         total: u64,
     },
-    /// A write failed midway (a full disk, mostly). What was packed stays; nothing half-made has a final name.
+    /// A write failed midway, usually from a full disk. Finished shards stay; no unfinished file has a final name.
     #[error(
         "{path}: {error}; {done} of {total} shards of {store} are finished: {cure} and run again with `resume`",
         path = path.display(), store = store.display(), cure = cure(error, *needed_bytes)
     )]
     Incomplete {
-        /// The file that was being written.
+        /// The file being written.
         path: PathBuf,
         /// The operating system's error.
         #[source]
@@ -326,13 +324,13 @@ pub enum PackError {
         done: u64,
         /// Number of shards in all.
         total: u64,
-        /// Estimate of the bytes that are still to be written.
+        /// Estimate of the bytes still to be written.
         needed_bytes: u64,
     },
-    /// What the pack has just written cannot be read back.
+    /// Freshly written data are unreadable.
     #[error("{error}; this pack has just written it: see to the disk of {store} and start over with `overwrite`", store = store.display())]
     ReadBack {
-        /// Why it cannot be read.
+        /// The read error.
         #[source]
         error: ReadError,
         /// The store.
@@ -354,7 +352,7 @@ pub enum PackError {
         /// Number of shards in all.
         total: u64,
     },
-    /// Nothing can be written there: by the directory's permissions, or because its file system is only to be read.
+    /// The directory is not writable, by its permissions or on a read-only file system.
     #[error("{path}: cannot be written: {error}", path = path.display())]
     ReadOnly {
         /// The directory.
@@ -390,8 +388,8 @@ fn cure(error: &std::io::Error, needed_bytes: u64) -> String {
 /// Packs a source into a store.
 ///
 /// # Errors
-/// If the options or the output do not allow it, if the source fails, if the disk fails or is full, or if `progress` cancels the pack. What
-/// was packed until then can be resumed.
+/// If the options or the output do not allow it, the source fails, the disk fails or is full, or `progress` cancels.
+/// Finished work can be resumed.
 pub fn pack(
     source: &dyn Source,
     store: &Path,
@@ -463,7 +461,7 @@ pub(crate) fn pack_on(
     Ok(report(resumed, written_bytes, [non_finite, nodata], false))
 }
 
-/// What decides a store's bytes.
+/// The settings that determine a store's bytes.
 fn settings(source: &dyn Source, options: &PackOptions) -> Value {
     let info = source.info();
     let mut settings = json!({
@@ -484,7 +482,7 @@ fn settings(source: &dyn Source, options: &PackOptions) -> Value {
         "aprons": options.aprons,
         "format": FORMAT_VERSION,
     });
-    // Packs without one stay what they were before there could be one.
+    // Fingerprints of packs without these values must not change.
     if let Some(nodata) = info.nodata {
         settings["nodata"] = json!(nodata);
     }
@@ -498,13 +496,11 @@ fn settings(source: &dyn Source, options: &PackOptions) -> Value {
     settings
 }
 
-/// A short name for a source and the settings that decide a store's bytes: [`StoreInfo::settings_fingerprint`] of the store that packing with
-/// them makes.
+/// Identifies a source and its pack settings: the resulting store's [`StoreInfo::settings_fingerprint`].
 pub fn settings_fingerprint(source: &dyn Source, options: &PackOptions) -> String {
     fingerprint(&settings(source, options))
 }
 
-/// A short name for the settings.
 fn fingerprint(settings: &Value) -> String {
     format!("{:016x}", xxhash_rust::xxh3::xxh3_64(settings.to_string().as_bytes()))
 }
@@ -523,7 +519,7 @@ fn stopped(stop: Stop, reached: &Reached, store: &Path, total: u64) -> PackError
     }
 }
 
-/// Tells what a source says besides its description, warnings last: who shows one line shows these.
+/// Reports the source's remarks, warnings last, for single-line displays.
 pub(crate) fn tell(source: &SourceInfo, progress: &dyn Progress) {
     let (warnings, notes): (Vec<_>, Vec<_>) = source.notes.iter().partition(|note| note.is_warning());
     notes.into_iter().for_each(|note| progress.note(note));
@@ -544,19 +540,17 @@ fn warn_of_space(dir: &Path, plan: &PackPlan, progress: &dyn Progress) {
     }
 }
 
-/// The totals of a source's channels of which nothing is counted yet.
 fn no_totals(source: &dyn Source) -> Vec<ChannelTotals> {
     let info = source.info();
     (0..info.channels).map(|_| ChannelTotals::new(info.voxel_type)).collect()
 }
 
-/// Statistics of channels that look as their source says.
 fn with_looks(mut channels: Vec<ChannelStatistics>, looks: &[ChannelLook]) -> Vec<ChannelStatistics> {
     channels.iter_mut().zip(looks).for_each(|(channel, look)| channel.take_look(look));
     channels
 }
 
-/// All documents, the root's last.
+/// Writes all documents, the root's last.
 fn write_metadata(
     disk: &Disk,
     dir: &Path,

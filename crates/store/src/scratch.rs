@@ -1,20 +1,19 @@
-//! Contexts and buffers of compression, one set for each thread: a decode allocates nothing.
+//! Per-thread compression contexts and buffers: decoding does not allocate.
 
 use crate::error::CodecError;
 use std::cell::RefCell;
 use std::io::Cursor;
 
-/// What encoding and decoding need besides input and output: Zstandard contexts and two buffers, kept from brick to
-/// brick.
+/// Working memory for encoding and decoding: Zstandard contexts and two buffers, reused from brick to brick.
 #[derive(Default)]
 pub struct Scratch {
     compressor: zstd::bulk::Compressor<'static>,
-    /// The level the compressor is set to.
+    /// The compressor's current level.
     level: Option<i32>,
     decompressor: zstd::bulk::Decompressor<'static>,
     /// A buffer for shuffled voxels.
     pub(crate) bytes: Vec<u8>,
-    /// A buffer for an encoded brick that is read from a file and not mapped.
+    /// A buffer for an encoded brick read from a file rather than mapped.
     pub(crate) encoded: Vec<u8>,
 }
 

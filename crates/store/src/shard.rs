@@ -1,23 +1,22 @@
 //! The frame of a shard file: encoded bricks back to back, then the index, then the index's crc32c.
 //!
-//! The index is two little-endian u64 per brick, offset and length, row-major; both are 2^64 - 1 for a brick that is not
-//! stored (all fill value). Bricks of the same content may have one range. Nothing in it is trusted: the checksum is compared first, and every range must lie before the
-//! index and be no longer than an encoded brick can be.
+//! The index is two little-endian u64 per brick, offset and length, row-major; both are 2^64 - 1 for an absent brick
+//! (all fill value). Equal bricks may share a range. Nothing is trusted: the checksum is compared first, and every
+//! range must lie before the index and within the length limit of encoded bricks.
 
 use crate::error::ShardError;
 use bytemuck::{Pod, Zeroable};
 
-/// Marks a brick that is not stored.
+/// Marks an absent brick.
 const EMPTY: u64 = u64::MAX;
 
-/// What identifies a shard file as the one that was packed. Both fields are zero where no file was written (all bricks
-/// empty).
+/// Identifies the packed shard file. Both fields are zero without a file (all bricks empty).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Fingerprint {
     /// Length of the file in bytes.
     pub file_bytes: u64,
-    /// The crc32c of the index, which is also the file's last four bytes.
+    /// The crc32c of the index, also the file's last four bytes.
     pub index_crc: u64,
 }
 
@@ -28,7 +27,7 @@ impl Fingerprint {
     }
 }
 
-/// Where an encoded brick lies in its shard file.
+/// The range of an encoded brick in its shard file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BrickRange {
     /// Bytes from the start of the file to the brick.
@@ -44,13 +43,12 @@ impl BrickRange {
     }
 }
 
-/// Bytes of a shard's index for this many bricks, checksum included.
+/// Bytes of a shard's index for `bricks` bricks, checksum included.
 pub const fn index_bytes(bricks: usize) -> usize {
     bricks * 16 + 4
 }
 
-/// Encodes a shard's index. Returns its bytes, checksum included, and the checksum. `None` stands for a brick that is
-/// not stored.
+/// Encodes a shard's index. Returns its bytes, checksum included, and the checksum. `None` is an absent brick.
 pub fn encode_index(ranges: &[Option<BrickRange>]) -> (Vec<u8>, u32) {
     let mut index = Vec::with_capacity(index_bytes(ranges.len()));
     for range in ranges {
@@ -75,11 +73,11 @@ pub struct ShardIndex<'a> {
 }
 
 impl<'a> ShardIndex<'a> {
-    /// Takes `tail`, the last [`index_bytes`] of a file of `file_bytes`, as the index of a shard of this many bricks.
-    /// `cap` is the greatest length of an encoded brick.
+    /// Wraps `tail`, the last [`index_bytes`] of a file of `file_bytes`, as the index of `bricks` bricks, each at most
+    /// `cap` bytes when encoded.
     ///
     /// # Errors
-    /// If the file is too short for the index, or `tail` does not have the length of the index.
+    /// If the file is too short for the index, or `tail` has another length.
     pub fn new(tail: &'a [u8], file_bytes: u64, bricks: usize, cap: u64) -> Result<Self, ShardError> {
         let expected = index_bytes(bricks) as u64;
         if file_bytes < expected || (tail.len() as u64) != expected {
@@ -88,7 +86,7 @@ impl<'a> ShardIndex<'a> {
         Ok(Self { tail, data: file_bytes - expected, cap })
     }
 
-    /// Compares the checksum and checks every entry.
+    /// Checks the checksum and every entry.
     ///
     /// # Errors
     /// If the checksum does not match, or a range leaves the data or is longer than an encoded brick can be.
@@ -100,11 +98,11 @@ impl<'a> ShardIndex<'a> {
         (0..self.bricks()).try_for_each(|slot| self.range(slot).map(drop))
     }
 
-    /// Where the brick of entry `slot` lies in the file; `None` if the brick is not stored.
+    /// The brick's range in the file; `None` if it is not stored.
     ///
     /// # Errors
-    /// If the range leaves the data or is longer than an encoded brick can be, as may be where the file has changed
-    /// since it was checked.
+    /// If the range leaves the data or is longer than an encoded brick can be, possibly after a change to a checked
+    /// file.
     ///
     /// # Panics
     /// If there is no such entry.
@@ -122,29 +120,29 @@ impl<'a> ShardIndex<'a> {
         }
     }
 
-    /// Two bricks, by their entries, that have some bytes in common but not all; `None` if there are none. Bricks of the same
-    /// content may have all bytes in common. Entries whose ranges do not fit are left out.
+    /// The entries of two bricks with some but not all bytes in common, if any. Equal bricks may share all bytes.
+    /// Invalid ranges are skipped.
     pub fn overlap(&self) -> Option<(usize, usize)> {
         let entry = |slot| self.range(slot).ok()?.map(|BrickRange { offset, length }| (offset, length, slot));
         let mut ranges: Vec<_> = (0..self.bricks()).filter_map(entry).collect();
         ranges.sort_unstable();
         ranges.dedup_by_key(|(offset, length, _)| (*offset, *length));
         let is_apart = |pair: &[(u64, u64, usize)]| pair[0].0 + pair[0].1 <= pair[1].0;
-        // Of ranges in order that are all apart from the next, any two are.
+        // If each sorted range is clear of the next, all are disjoint.
         ranges.windows(2).find(|pair| !is_apart(pair)).map(|pair| (pair[0].2, pair[1].2))
     }
 
-    /// The most memory in bytes that [`ShardIndex::overlap`] takes for a shard of this many bricks.
+    /// Most memory of [`ShardIndex::overlap`] for `bricks` bricks, in bytes.
     pub const fn overlap_bytes(bricks: usize) -> u64 {
         bricks as u64 * size_of::<(u64, u64, usize)>() as u64
     }
 
-    /// The number of entries, one for each brick.
+    /// Number of entries, one per brick.
     pub fn bricks(&self) -> usize {
         self.entries().len() / 16
     }
 
-    /// The checksum (crc32c) of the index, as stored.
+    /// The stored checksum (crc32c) of the index.
     pub fn crc(&self) -> u32 {
         u32::from_le_bytes(self.tail[self.entries().len()..].try_into().unwrap_or_default())
     }
@@ -193,7 +191,7 @@ mod tests {
         }
     }
 
-    /// Checksums that match do not make an entry true.
+    /// A matching checksum does not make an entry true.
     #[test]
     fn lying_entries_are_refused() {
         assert!(parse(&one(50, 50), 100, 1).is_ok());

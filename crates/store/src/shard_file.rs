@@ -9,37 +9,36 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-/// How the files of shards are read.
+/// I/O method for shard files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum IoMode {
-    /// Shards are memory-mapped: no copy, and read-ahead as advised. If a file is truncated or its disk fails while it
-    /// is mapped, reading its bricks gives errors.
+    /// Memory mapping: no copy, and read-ahead as advised. If a mapped file is truncated or its disk fails, reading its
+    /// bricks gives errors.
     #[default]
     Mmap,
-    /// Shards are read at offsets: slower, but safe on network file systems.
+    /// Reads at offsets: slower, but safe on network file systems.
     Pread,
 }
 
-/// An open shard, whose length and index have been found to be those that were packed.
+/// An open shard whose length and index match the packed ones.
 pub(crate) struct ShardFile {
     body: Body,
-    /// A copy, so that what was checked stays what is read, whatever happens to the file.
+    /// A copy, so reads use the checked index whatever happens to the file.
     index: Box<[u8]>,
     file_bytes: u64,
     /// The greatest length of an encoded brick.
     cap: u64,
 }
 
-/// Where a shard's bytes come from.
+/// The source of a shard's bytes.
 enum Body {
     Mapped(GuardedMap),
-    /// To be read at offsets.
     File(File),
 }
 
 impl ShardFile {
-    /// Opens a shard that must exist. `bricks` is the number of its index entries, `cap` the greatest length of an
-    /// encoded brick.
+    /// Opens an existing shard. `bricks` is the number of its index entries, `cap` the greatest length of an encoded
+    /// brick.
     pub(crate) fn open(
         folder: &Folder,
         path: &Path,
@@ -84,13 +83,13 @@ impl ShardFile {
         Ok(shard)
     }
 
-    /// Where the brick of index entry `slot` lies in the file; `None` if the brick is not stored.
+    /// The range in the file of index entry `slot`; `None` if the brick is not stored.
     pub(crate) fn range(&self, slot: usize) -> Result<Option<BrickRange>, ShardError> {
         let bricks = self.index.len() / 16;
         ShardIndex::new(&self.index, self.file_bytes, bricks, self.cap)?.range(slot)
     }
 
-    /// Two bricks, by their index entries, that have some bytes in common but not all; `None` if there are none.
+    /// The index entries of two bricks with some but not all bytes in common; `None` if there are none.
     pub(crate) fn overlap(&self) -> Result<Option<(usize, usize)>, ShardError> {
         let bricks = self.index.len() / 16;
         Ok(ShardIndex::new(&self.index, self.file_bytes, bricks, self.cap)?.overlap())
@@ -99,7 +98,7 @@ impl ShardFile {
     /// A brick's encoded bytes, borrowed from the map or read into `buffer`.
     pub(crate) fn bytes<'a>(&'a self, range: BrickRange, buffer: &'a mut Vec<u8>) -> std::io::Result<&'a [u8]> {
         match &self.body {
-            // The range was checked against the length that was mapped.
+            // The range was checked against the mapped length.
             Body::Mapped(map) => Ok(&map[range.as_range()]),
             Body::File(file) => {
                 buffer.resize(range.length as usize, 0);
@@ -109,20 +108,20 @@ impl ShardFile {
         }
     }
 
-    /// Whether bytes of the map could not be read.
+    /// Whether some mapped bytes were unreadable.
     fn lost(&self) -> bool {
         matches!(&self.body, Body::Mapped(map) if map.lost())
     }
 
-    /// Asks the kernel to read a range of bytes ahead, if the file is mapped. A refusal costs speed only.
+    /// Requests read-ahead of a range of bytes, if the file is mapped. A refusal costs speed only.
     pub(crate) fn advise(&self, range: std::ops::Range<usize>) {
         if let Body::Mapped(map) = &self.body {
             map.advise(range);
         }
     }
 
-    /// The error for a brick of this shard that does not decode: the file has been truncated or its disk has failed
-    /// since it was opened, or else the brick is damaged.
+    /// Diagnoses a brick of this shard that failed to decode: the file was truncated or its disk failed after opening,
+    /// or else the brick is damaged.
     pub(crate) fn unreadable(&self, folder: &Folder, path: &Path, id: BrickId, error: CodecError) -> ReadError {
         let path = path.to_path_buf();
         let (expected, found) =

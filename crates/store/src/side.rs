@@ -1,19 +1,19 @@
-//! Side data: what is known of every brick and shard without reading one, as Zarr arrays inside each level's folder.
+//! Side data: properties of bricks and shards, available without reading any, as Zarr arrays in each level's folder.
 //!
-//! | array | type | shape | holds, for each brick (`shards`: for each shard) |
+//! | array | type | shape | contents per brick (`shards`: per shard) |
 //! | --- | --- | --- | --- |
-//! | `ranges` | the voxels' | t, c, z, y, x, 4 | least and greatest valid value of the core, then of the core with one voxel around it; NaN where there is none |
+//! | `ranges` | the voxels' | t, c, z, y, x, 4 | least and greatest valid value of the core, then with one voxel around it; NaN if none |
 //! | `hashes` | uint64 | t, c, z, y, x, 2 | lower and upper half of the XXH3-128 of the decoded core |
-//! | `shards` | uint64 | t, c, z, y, x, 2 | [`Fingerprint`]: length and index checksum; zeros where there is no file |
+//! | `shards` | uint64 | t, c, z, y, x, 2 | [`Fingerprint`]: length and index checksum; zeros if there is no file |
 //!
-//! A brick's ranges include its descendants'. Where aprons are stored, the array `aprons` of each level has a `shards` of its own.
+//! A brick's ranges include its descendants'. Each level's `aprons` array, if stored, has a `shards` of its own.
 //!
-//! Where shards hold several time steps, `t` of `shards` counts groups of them, as it does in the shards' paths; and the pages of `ranges` and
-//! `hashes` of as many steps are in one file, a shard themselves.
+//! If shards hold several time steps, `t` of `shards` counts groups of them, as in the shards' paths, and a group's
+//! pages of `ranges` and `hashes` are in one file, itself a shard.
 //!
-//! All axes are always there. A chunk is a *page*: one time step, one channel, 16³ bricks (or shards); bytes, zstd, crc32c. So
-//! a store opens without reading any of it, a page is read when something in its box is looked at, and new time steps
-//! leave old pages as they are. A page of ranges takes 16 KiB to 64 KiB in memory.
+//! All axes are always present. A chunk is a *page*: one time step, one channel, 16³ bricks (or shards); bytes, zstd,
+//! crc32c. So a store opens without reading any, a page is read on first access to its box, and new time steps leave
+//! old pages unchanged. A page of ranges takes 16 KiB to 64 KiB in memory.
 
 use crate::error::{OpenError, ReadError};
 use crate::folder::Folder;
@@ -32,33 +32,30 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// One array of a level's side data.
 pub(crate) struct SideArray {
-    /// Its folder.
     dir: PathBuf,
     data_type: &'static str,
     element_bytes: usize,
     /// Number of time steps, or of groups of them.
     times: u32,
-    /// How many steps' pages are in a file.
+    /// Steps whose pages share a file.
     file_times: u32,
     channels: u32,
     grid: Extent,
-    /// Elements for each cell of the grid.
+    /// Elements per cell of the grid.
     values: u32,
 }
 
 impl SideArray {
-    /// The array of the ranges of a level's bricks, in the store at `store`.
     pub(crate) fn ranges(store: &Path, layout: &Layout, level: Level, voxel_type: VoxelType) -> Self {
         let bricks = layout.pyramid.level(level).bricks;
         Self::new(store, layout, level, "ranges", voxel_type.zarr_name(), voxel_type.bytes(), bricks, 4)
     }
 
-    /// The array of the hashes of a level's bricks, in the store at `store`.
     pub(crate) fn hashes(store: &Path, layout: &Layout, level: Level) -> Self {
         Self::new(store, layout, level, "hashes", "uint64", 8, layout.pyramid.level(level).bricks, 2)
     }
 
-    /// The array of the fingerprints of a level's shards, or of its aprons' shards, in the store at `store`.
+    /// The fingerprints of a level's shards, or of its aprons' shards, in a store.
     pub(crate) fn fingerprints(store: &Path, layout: &Layout, level: Level) -> Self {
         let of_steps = Self::new(store, layout, level, "shards", "uint64", 8, layout.shard_grid(level), 2);
         Self { times: layout.shard_groups(), file_times: 1, ..of_steps }
@@ -80,73 +77,67 @@ impl SideArray {
         Self { dir, data_type, element_bytes, times, file_times, channels, grid, values }
     }
 
-    /// How the array's cells divide into pages.
+    /// The division of the array's cells into pages.
     pub(crate) fn paging(&self) -> Paging {
         Paging::new(self.grid)
     }
 
-    /// Bytes of a decoded page.
     pub(crate) fn page_bytes(&self) -> usize {
         self.paging().page_cells() * self.values as usize * self.element_bytes
     }
 
-    /// The folder of the array.
     pub(crate) fn dir(&self) -> &Path {
         &self.dir
     }
 
-    /// The path of the array's document.
     pub(crate) fn document_path(&self) -> PathBuf {
         self.dir.join("zarr.json")
     }
 
-    /// The path of a page's file.
     pub(crate) fn page_path(&self, PageId { time, channel, z, y, x, .. }: PageId) -> PathBuf {
         self.dir.join(format!("c/{}/{channel}/{z}/{y}/{x}/0", time / self.file_times))
     }
 
-    /// A page's place among those of its file, the number of places, and how many of them have a page: the last file's steps may be fewer.
+    /// A page's place in its file, the number of places, and of those in use: the last file may have fewer steps.
     pub(crate) fn place_in_file(&self, PageId { time, .. }: PageId) -> (usize, usize, usize) {
         let first = time / self.file_times * self.file_times;
         let filled = self.file_times.min(self.times - first);
         ((time - first) as usize, self.file_times as usize, filled as usize)
     }
 
-    /// The array's document: the path of its file, and the content.
+    /// The array's document: path and content.
     pub(crate) fn document_file(&self) -> PageFile {
         (self.document_path(), document_bytes(&self.document()))
     }
 
-    /// The file of a page that has it alone: its path, and the content that encodes the page's `bytes`.
+    /// The file for a page stored alone: path, and encoded `bytes`.
     pub(crate) fn page_file(&self, page: PageId, bytes: &[u8]) -> PageFile {
         debug_assert!(bytes.len() == self.page_bytes() && self.file_times == 1);
         (self.page_path(page), side_file::encode(bytes))
     }
 
-    /// Compares the array's document with the one that the layout calls for.
+    /// Compares the array's document with the one expected from the layout.
     pub(crate) fn check(&self, folder: &Folder, steps: Steps) -> Result<(), OpenError> {
         let path = self.document_path();
         check_array(&path, &self.document(), &read_json(folder, &path)?, steps)
     }
 
-    /// Reads and decodes a page.
     pub(crate) fn read_page(&self, folder: &Folder, page: PageId) -> Result<Vec<u8>, ReadError> {
         let (slot, slots, _) = self.place_in_file(page);
         side_file::read(folder, &self.page_path(page), slot, slots, self.page_bytes())
     }
 
-    /// The number of pages of the array, over all time steps (or groups of them) and channels.
+    /// Number of pages, over all time steps (or groups) and channels.
     pub(crate) fn page_count(&self) -> u64 {
         self.times as u64 * self.channels as u64 * self.paging().page_grid().volume()
     }
 
-    /// The id of page `i` of the array, which is one of `level`. Pages are counted row-major in (t, c, z, y, x).
+    /// The id of page `i` of `level`, counted row-major in (t, c, z, y, x).
     pub(crate) fn page_at(&self, level: Level, i: u64) -> PageId {
         let [time, channel, z, y, x] = place_at(i, self.channels, self.paging().page_grid());
         PageId { time, channel, level, z, y, x }
     }
 
-    /// The document of the array.
     pub(crate) fn document(&self) -> Value {
         let (grid, page) = (self.grid, self.paging().page_extent());
         let shape = [self.times, self.channels, grid.z, grid.y, grid.x, self.values];
@@ -166,22 +157,22 @@ impl SideArray {
 /// A file of side data: path and content.
 pub(crate) type PageFile = (PathBuf, Vec<u8>);
 
-/// Files on their way that hold the pages of several time steps, with the pages of each that are there.
+/// Incomplete files for the pages of several time steps, with the pages so far.
 #[derive(Default)]
 pub(crate) struct PageFiles {
     begun: HashMap<PathBuf, BegunFile>,
 }
 
-/// A file whose pages are not all there.
+/// A file with missing pages.
 struct BegunFile {
-    /// The encoded pages, by their places in the file.
+    /// The encoded pages, by place in the file.
     pages: Vec<Option<Vec<u8>>>,
-    /// Number of pages that are still to come.
+    /// Number of missing pages.
     left: usize,
 }
 
 impl PageFiles {
-    /// Takes in a page, each once. Returns the page's file if that is complete now.
+    /// Adds a page, once. Returns the page's file when complete.
     pub(crate) fn add(&mut self, array: &SideArray, page: PageId, bytes: &[u8]) -> Option<PageFile> {
         let (slot, slots, filled) = array.place_in_file(page);
         if slots == 1 {
@@ -200,7 +191,7 @@ impl PageFiles {
     }
 }
 
-/// The side arrays of a level's cores, in the order in which they are written: ranges, hashes, fingerprints.
+/// The side arrays of a level's cores in the order of writing: ranges, hashes, fingerprints.
 pub(crate) fn level_arrays(store: &Path, layout: &Layout, level: Level, voxel_type: VoxelType) -> [SideArray; 3] {
     [
         SideArray::ranges(store, layout, level, voxel_type),
@@ -213,24 +204,22 @@ pub(crate) fn level_arrays(store: &Path, layout: &Layout, level: Level, voxel_ty
 #[derive(Clone, Debug, PartialEq)]
 pub struct RangePage {
     voxel_type: VoxelType,
-    /// Four little-endian voxels per brick, those past the grid included.
+    /// Four little-endian voxels per brick, including those past the grid.
     bytes: Vec<u8>,
 }
 
 impl RangePage {
-    /// Least and greatest valid value of a brick and its descendants, given its place in the page; `None` where there is none.
+    /// Least and greatest valid value of the brick at `place` and its descendants, if any.
     pub fn core(&self, place: usize) -> Option<(f64, f64)> {
         self.pair(place, 0)
     }
 
-    /// Least and greatest valid value of a brick and its descendants, with one voxel around each, given the place of
-    /// the brick in the page; `None` where there is none.
+    /// Least and greatest valid value of the brick at `place` and its descendants, with one voxel around each, if any.
     pub fn reach(&self, place: usize) -> Option<(f64, f64)> {
         self.pair(place, 2)
     }
 
-    /// The occupancy of a brick and its descendants, with one voxel around each, given the place of the brick in the
-    /// page and its channel's bins.
+    /// The occupancy of the brick at `place` and its descendants, with one voxel around each, in its channel's bins.
     pub fn occupancy(&self, place: usize, bins: OccupancyBins) -> Occupancy {
         self.reach(place).map_or(Occupancy::NONE, |(low, high)| bins.mask(low, high))
     }
@@ -241,7 +230,7 @@ impl RangePage {
     }
 }
 
-/// Reads the pages of one pyramid's side data, and keeps the last few.
+/// Reader of one pyramid's side data, with an LRU cache of range pages.
 pub(crate) struct SidePages {
     folder: Arc<Folder>,
     layout: Layout,
@@ -249,7 +238,7 @@ pub(crate) struct SidePages {
     ranges: Mutex<LruCache<PageId, Arc<RangePage>>>,
 }
 
-/// Bytes of the pages of ranges that [`SidePages`] keeps.
+/// Bytes of range pages cached by [`SidePages`].
 const KEPT_BYTES: usize = 8 << 20;
 
 impl SidePages {
@@ -259,7 +248,7 @@ impl SidePages {
         Self { folder: folder.clone(), layout: layout.clone(), voxel_type, ranges: Mutex::new(LruCache::new(kept)) }
     }
 
-    /// The most memory that kept pages take, in bytes.
+    /// Most memory taken by cached pages, in bytes.
     pub(crate) fn cache_bytes(&self) -> u64 {
         let levels = (0..self.layout.pyramid.levels().len()).map(|k| Level(k as u8));
         let arrays = levels.map(|level| SideArray::ranges(self.folder.path(), &self.layout, level, self.voxel_type));
@@ -267,13 +256,13 @@ impl SidePages {
         all.min(KEPT_BYTES as u64)
     }
 
-    /// Reads a page of ranges without keeping it.
+    /// Reads a page of ranges, uncached.
     pub(crate) fn read_ranges(&self, page: PageId) -> Result<RangePage, ReadError> {
         let array = SideArray::ranges(self.folder.path(), &self.layout, page.level, self.voxel_type);
         Ok(RangePage { voxel_type: self.voxel_type, bytes: array.read_page(&self.folder, page)? })
     }
 
-    /// The page that holds a brick's ranges, and the brick's place in it. The page is kept.
+    /// The cached page with a brick's ranges, and the brick's place in it.
     pub(crate) fn ranges_of(&self, id: BrickId) -> Result<(Arc<RangePage>, usize), ReadError> {
         let (page, place) = self.layout.pyramid.page_of(id);
         if let Some(kept) = self.ranges.lock().unwrap_or_else(PoisonError::into_inner).get(&page) {
@@ -284,7 +273,7 @@ impl SidePages {
         Ok((read, place))
     }
 
-    /// Reads a page of hashes: one for each brick, and zeros past the grid.
+    /// Reads a page of hashes: one per brick, and zeros past the grid.
     pub(crate) fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, ReadError> {
         let array = SideArray::hashes(self.folder.path(), &self.layout, page.level);
         let bytes = array.read_page(&self.folder, page)?;

@@ -1,7 +1,8 @@
-//! Files of side data: each a page, or the pages of several time steps as a Zarr shard, where bricks' shards hold as many.
+//! Files of side data: a page, or, if bricks' shards hold several time steps, as many steps' pages as a Zarr shard.
 //!
-//! A page is encoded by Zstandard and followed by its crc32c. In a shard the pages lie back to back, those of the same content once, and the
-//! index is at the end, as in shards of bricks. Cost: a page of a shard is read in two pieces, of which the first is the index: 16 bytes a step.
+//! A page is compressed by Zstandard and followed by its crc32c. A shard's pages lie back to back, equal ones once,
+//! with the index at the end, as in brick shards. Reading one takes two reads, the first for the index: 16 bytes a
+//! step.
 
 use crate::data_file::read_at_most;
 use crate::error::ReadError;
@@ -12,7 +13,7 @@ use std::collections::HashMap;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-/// Encodes a page.
+/// Compresses a page and appends its checksum.
 pub(crate) fn encode(page: &[u8]) -> Vec<u8> {
     let mut encoded = Vec::new();
     Scratch::with(|scratch| scratch.compress(1, page, &mut encoded));
@@ -21,7 +22,7 @@ pub(crate) fn encode(page: &[u8]) -> Vec<u8> {
     encoded
 }
 
-/// Joins encoded pages, one for each time step, to a shard. `None` stands for a step past the last one.
+/// Joins encoded pages, one per time step, to a shard. `None` stands for a step past the last one.
 pub(crate) fn join(pages: &[Option<Vec<u8>>]) -> Vec<u8> {
     let mut file = Vec::new();
     let mut known: HashMap<&[u8], BrickRange> = HashMap::new();
@@ -39,7 +40,7 @@ pub(crate) fn join(pages: &[Option<Vec<u8>>]) -> Vec<u8> {
     file
 }
 
-/// Reads and decodes page `slot` of a file of `slots` pages, of `page_bytes` each.
+/// Reads and decodes page `slot` of a file of `slots` pages, each of `page_bytes`.
 pub(crate) fn read(
     folder: &Folder,
     path: &Path,
@@ -70,7 +71,7 @@ pub(crate) fn read(
     decode(&encoded, page_bytes).map_err(corrupt)
 }
 
-/// The decoded bytes of a page, of which there must be so many; or what is wrong.
+/// Decodes a page; fails unless it has the expected length.
 fn decode(encoded: &[u8], expected_bytes: usize) -> Result<Vec<u8>, String> {
     let (frame, crc) = encoded.split_last_chunk::<4>().ok_or("it is shorter than its checksum")?;
     let (stored, computed) = (u32::from_le_bytes(*crc), crc32c::crc32c(frame));
@@ -91,7 +92,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("0");
         let page = |i: u8| vec![i; 100];
-        // The third step is as the first; there is no fifth.
+        // The third step equals the first; there is no fifth.
         let pages = [Some(page(1)), Some(page(2)), Some(page(1)), Some(page(3)), None];
         let file = join(&pages.map(|page| page.map(|page| encode(&page))));
         let folder = Folder::open(dir.path()).unwrap();
@@ -105,7 +106,7 @@ mod tests {
         let once = [page(1), page(2), page(3)].iter().map(|page| encode(page).len()).sum::<usize>();
         assert_eq!(file.len(), once + index_bytes(5));
         assert!(page_of(&file, 4).unwrap_err().to_string().contains("has no page 4"));
-        // Whatever byte is damaged, no page is wrong, and a damaged index is noticed by all.
+        // No damaged byte yields a wrong page, and a damaged index fails all pages.
         for at in 0..file.len() {
             let mut damaged = file.clone();
             damaged[at] ^= 0x10;

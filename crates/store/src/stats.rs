@@ -1,16 +1,16 @@
-//! Statistics of voxels: the range of a brick, and per channel the exact range, mean, counts of what is not finite, and
-//! how often each value occurs, from which percentiles and histograms follow.
+//! Voxel statistics: the range of each brick, and per channel the exact range, mean, counts of non-finite voxels, and
+//! counts by value, for percentiles and histograms.
 //!
-//! Types of 8 and 16 bits count 16-bit words in one table of 65,536: 8-bit voxels two at a time (a table of pairs halves the
-//! additions and is folded once at the end), 16-bit voxels as they are. One table beat two that take turns: it stays in the
-//! second-level cache. Costs 0.3 ns a voxel at 8 bits, 0.6 at 16, and 0.8 MiB a thread. Types of 32 bits count values, or where there
-//! are too many, classes of them (`value_counts.rs`, which has the bound on percentiles). Either way the order of
-//! voxels and the number of threads do not matter.
+//! Types of 8 and 16 bits count 16-bit words in one table of 65,536: 8-bit voxels in pairs (which halves the additions;
+//! folded once at the end), 16-bit voxels singly. One table beat two used in turn: it stays in the second-level cache.
+//! Costs 0.3 ns a voxel at 8 bits, 0.6 at 16, and 0.8 MiB a thread. Types of 32 bits count values or, if there are too
+//! many, classes of them (`value_counts.rs`, with the bound on percentiles). Results are independent of voxel order and
+//! number of threads.
 //!
-//! Occupancy needs no histogram of its own. Neighbouring voxels share a 2x2x2 neighbourhood, each neighbourhood sets all
-//! bins between its least and greatest value, and any two voxels of a brick are joined by a path of neighbours: so what
-//! is set is every bin between the least and greatest valid voxel of the brick with its apron. (Where voxels that are not
-//! finite cut a brick in two, this is a superset, which is as safe.)
+//! Occupancy needs no histogram of its own. Neighbouring voxels share a 2x2x2 neighbourhood, which sets all bins
+//! between its least and greatest value, and a path of neighbours joins any two voxels of a brick: so the mask is every
+//! bin between the least and greatest valid voxel of the brick with its apron. (If non-finite voxels cut a brick in
+//! two, this is an equally safe superset.)
 
 use crate::downsample::Reduce;
 use crate::metadata::{ChannelStatistics, HISTOGRAM_BINS, Histogram, Percentiles};
@@ -20,7 +20,7 @@ use brickyard_volume::{OccupancyBins, VoxelType};
 
 const WORDS: usize = 1 << 16;
 
-/// The least and the greatest valid voxel; `low > high` where there is none.
+/// Least and greatest valid voxel; `low > high` if there is none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Range<T> {
     pub(crate) low: T,
@@ -40,7 +40,7 @@ impl<T: Measure> Range<T> {
         }
     }
 
-    /// The range as data values; `None` where there is no valid voxel.
+    /// The range as data values; `None` if empty.
     pub(crate) fn to_f64(self) -> Option<(f64, f64)> {
         (!self.is_empty()).then(|| (self.low.to_f64(), self.high.to_f64()))
     }
@@ -50,29 +50,29 @@ impl<T: Measure> Range<T> {
 pub(crate) trait Measure: Reduce {
     /// The range of no voxels, which has `low > high`.
     const EMPTY: Range<Self>;
-    /// The ends that side data hold of a range where there is no valid voxel: NaN, or crossed ones.
+    /// Range ends in side data without valid voxels: NaN, or crossed ones.
     const NO_ENDS: [Self; 2];
-    /// The lesser of `low` and `value`, or `low` if `value` is not valid. `low` is valid or that of an empty range. One
-    /// vector operation where it is inlined.
+    /// The lesser of `low` and `value`, or `low` if `value` is invalid. `low` may come from an empty range. One vector
+    /// operation when inlined.
     fn lower(low: Self, value: Self) -> Self;
-    /// The greater of `high` and `value`, or `high` if `value` is not valid. `high` is valid or that of an empty range.
-    /// One vector operation where it is inlined.
+    /// The greater of `high` and `value`, or `high` if `value` is invalid. `high` may come from an empty range. One
+    /// vector operation when inlined.
     fn upper(high: Self, value: Self) -> Self;
     /// The range of the valid voxels.
     fn range(values: &[Self]) -> Range<Self> {
         values.iter().fold(Self::EMPTY, |range, &v| range.join(Self::range_of(v)))
     }
-    /// The range of one voxel, which is empty if the voxel is not valid.
+    /// The range of one voxel; empty if it is invalid.
     #[inline(always)]
     fn range_of(value: Self) -> Range<Self> {
         if value.is_valid() { Range { low: value, high: value } } else { Self::EMPTY }
     }
     /// Counts the valid voxels by value.
     fn count(values: &[Self], counter: &mut Counter);
-    /// A whole number that orders like a valid value and is 0 for zero; `None` where the value is not valid.
+    /// A whole number with the order of the valid values, 0 for zero; `None` for an invalid value.
     fn ordinal(self) -> Option<i64>;
-    /// Adds to the tally what [`ChannelTotals`] cannot take from counts by value: sums of 32-bit voxels, and how many
-    /// voxels are not finite.
+    /// Adds sums of 32-bit voxels and numbers of non-finite voxels, which counts by value cannot supply to
+    /// [`ChannelTotals`].
     fn tally(_values: &[Self], _tally: &mut Tally) {}
 }
 
@@ -189,15 +189,14 @@ impl Measure for f32 {
     }
 }
 
-/// A sum of voxels and counts of those that are not finite or hold no data. They are added up in the order of the bricks, so that
-/// rounding does not depend on threads.
+/// A sum of voxels, with counts of non-finite and no-data ones. Added in brick order, so rounding is independent of
+/// threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Tally {
     pub(crate) sum: f64,
     pub(crate) nan: u64,
     pub(crate) positive_infinite: u64,
     pub(crate) negative_infinite: u64,
-    /// Number of voxels of the value that says that there are no data.
     pub(crate) nodata: u64,
 }
 
@@ -213,9 +212,9 @@ impl Tally {
 
 /// One thread's counts of one channel's voxels by value.
 pub(crate) enum Counter {
-    /// Counts of values of 8 and 16 bits.
+    /// 8- and 16-bit values.
     Words(WordTable),
-    /// Counts of values of 32 bits.
+    /// 32-bit values.
     Values(ValueTable),
 }
 
@@ -227,7 +226,6 @@ impl Counter {
         }
     }
 
-    /// Bytes that a counter takes for voxels of `voxel_bytes`.
     pub(crate) const fn bytes(voxel_bytes: usize) -> usize {
         if voxel_bytes <= 2 { WORDS * 12 + 2048 } else { ValueTable::BYTES }
     }
@@ -248,7 +246,7 @@ impl Counter {
         }
     }
 
-    /// Counts `count` voxels that all have one value.
+    /// Counts `count` voxels of one value.
     pub(crate) fn constant<T: Measure>(&mut self, value: T, count: u64) {
         match self {
             Self::Words(words) => words.constant(value, count),
@@ -256,7 +254,7 @@ impl Counter {
         }
     }
 
-    /// Adds everything counted to the channel's counts, and starts over at zero.
+    /// Moves all counts to the channel's, leaving zero.
     pub(crate) fn drain_into(&mut self, channel: &mut ChannelTotals) {
         match self {
             Self::Words(words) => words.drain_into(channel),
@@ -265,7 +263,6 @@ impl Counter {
     }
 }
 
-/// Counts of 16-bit words.
 pub(crate) struct WordTable {
     counts: Box<[u32; WORDS]>,
     /// Single bytes, from rows of an odd number of 8-bit voxels.
@@ -306,7 +303,6 @@ impl WordTable {
         }
     }
 
-    /// Moves the 32-bit counts to the 64-bit totals.
     #[cold]
     fn settle(&mut self) {
         for (total, count) in self.totals.iter_mut().zip(self.counts.iter_mut()) {
@@ -315,7 +311,7 @@ impl WordTable {
         self.pending = 0;
     }
 
-    /// Adds everything counted to the channel's histogram, in order of value, and starts over.
+    /// Moves all counts to the channel's histogram, in order of value.
     fn drain_into(&mut self, channel: &mut ChannelTotals) {
         self.settle();
         let bins = &mut channel.bins;
@@ -337,7 +333,7 @@ impl WordTable {
     }
 }
 
-/// A table on the heap that was never on the stack.
+/// Allocates a table on the heap without a copy on the stack.
 fn zeroed<T: Copy + Default>() -> Box<[T; WORDS]> {
     match vec![T::default(); WORDS].into_boxed_slice().try_into() {
         Ok(table) => table,
@@ -349,20 +345,16 @@ fn zeroed<T: Copy + Default>() -> Box<[T; WORDS]> {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ChannelTotals {
     voxel_type: VoxelType,
-    /// The least and the greatest valid voxel; `None` where there is none.
+    /// Least and greatest valid voxel; `None` if there is none.
     pub range: Option<(f64, f64)>,
-    /// Number of voxels that are NaN.
     pub nan: u64,
-    /// Number of voxels that are positive infinity.
     pub positive_infinite: u64,
-    /// Number of voxels that are negative infinity.
     pub negative_infinite: u64,
-    /// Number of voxels of the value that says that there are no data.
     pub nodata: u64,
     sum: f64,
-    /// How often each value of 8 or 16 bits occurs, the least first.
+    /// Counts of each 8- or 16-bit value, in ascending order.
     bins: Vec<u64>,
-    /// How often values of 32 bits occur.
+    /// Counts of 32-bit values.
     values: ValueCounts,
 }
 
@@ -381,7 +373,7 @@ impl ChannelTotals {
         }
     }
 
-    /// Values of 8 and 16 bits.
+    /// Number of 8- or 16-bit values.
     const fn bins(voxel_type: VoxelType) -> usize {
         match voxel_type.bytes() {
             1 => 256,
@@ -390,7 +382,7 @@ impl ChannelTotals {
         }
     }
 
-    /// The most bytes that one channel's counts take.
+    /// Most bytes taken by one channel's counts.
     pub(crate) const fn bytes(voxel_type: VoxelType) -> u64 {
         match voxel_type.bytes() {
             1 | 2 => Self::bins(voxel_type) as u64 * 8,
@@ -398,19 +390,19 @@ impl ChannelTotals {
         }
     }
 
-    /// Bytes that adding to a channel's counts takes for a while.
+    /// Temporary bytes for adding to a channel's counts.
     pub(crate) const fn adding_bytes(voxel_type: VoxelType) -> u64 {
         if voxel_type.bytes() <= 2 { 0 } else { ValueCounts::ADDING_BYTES }
     }
 
-    /// Least and greatest value that are counted together, and how many there are: in order.
+    /// Least and greatest value of each class, with its count, in ascending order.
     fn classes(&self) -> impl Iterator<Item = (f64, f64, u64)> {
         let low = self.voxel_type.limits().0;
         let bins = self.bins.iter().enumerate().filter(|(_, n)| **n > 0);
         bins.map(move |(i, &n)| (low + i as f64, low + i as f64, n)).chain(self.values.classes())
     }
 
-    /// Appends all that is counted to a list of words, from which [`ChannelTotals::from_words`] makes it anew.
+    /// Appends all counts to a list of words, for [`ChannelTotals::from_words`].
     pub(crate) fn to_words(&self, words: &mut Vec<u64>) {
         let (low, high) = self.range.unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
         words.extend([low, high, self.sum].map(f64::to_bits));
@@ -422,7 +414,7 @@ impl ChannelTotals {
         words.extend(counts.iter().flat_map(|&(class, count)| [class as u64, count]));
     }
 
-    /// Makes totals of a type from the words that [`ChannelTotals::to_words`] gave; `None` where no totals give such words.
+    /// Restores totals from the words of [`ChannelTotals::to_words`]; `None` if the words are invalid.
     pub(crate) fn from_words(voxel_type: VoxelType, words: &mut impl Iterator<Item = u64>) -> Option<Self> {
         let mut next = || words.next();
         let [low, high, sum] = [next()?, next()?, next()?].map(f64::from_bits);
@@ -445,7 +437,7 @@ impl ChannelTotals {
         Some(totals)
     }
 
-    /// Whether these are the totals of the same voxels, though added up in another order, which a sum of floats depends on in its last
+    /// Whether both are totals of the same voxels, up to the order of summation, which affects a float sum's last
     /// digits.
     pub(crate) fn is_near(&self, other: &Self) -> bool {
         let voxels = (self.valid() + self.non_finite() + self.nodata).max(1) as f64;
@@ -469,17 +461,15 @@ impl ChannelTotals {
         };
     }
 
-    /// The number of voxels that are NaN or infinite.
     pub(crate) fn non_finite(&self) -> u64 {
         self.nan + self.positive_infinite + self.negative_infinite
     }
 
-    /// The number of valid voxels.
     fn valid(&self) -> u64 {
         self.classes().map(|(_, _, n)| n).sum()
     }
 
-    /// The mean of the valid voxels; `None` where there is none. Exact to one rounding for 8 and 16 bits.
+    /// The mean of the valid voxels; `None` if there are none. Exact to one rounding for 8 and 16 bits.
     fn mean(&self) -> Option<f64> {
         let valid = self.valid();
         let sum = if self.voxel_type.bytes() <= 2 {
@@ -492,9 +482,8 @@ impl ChannelTotals {
         (valid > 0).then(|| sum / valid as f64)
     }
 
-    /// The value that `ten_thousandths` / 10,000 of the valid voxels do not exceed (nearest rank); `None` if there is
-    /// no valid voxel. Exact for 8 and 16 bits, and where 32-bit values are counted one by one; else as near as
-    /// `value_counts.rs` says.
+    /// The value not exceeded by `ten_thousandths` / 10,000 of the valid voxels (nearest rank), if any. Exact for 8 and
+    /// 16 bits, and for individually counted 32-bit values; otherwise within the bound in `value_counts.rs`.
     pub(crate) fn percentile(&self, ten_thousandths: u64) -> Option<f64> {
         let (low, high) = self.range?;
         let valid = self.valid();
@@ -510,8 +499,8 @@ impl ChannelTotals {
         Some(high)
     }
 
-    /// The histogram of the metadata: one bin a value for 8 bits, else equal bins over the range. Values that are counted
-    /// together are shared out evenly among the bins that their class lies in.
+    /// The metadata's histogram: one bin per value for 8 bits, otherwise equal bins over the range. A class of values
+    /// is split evenly among the bins it spans.
     fn histogram(&self, (low, high): (f64, f64)) -> Histogram {
         let (first, width) = match self.voxel_type.bytes() {
             1 => (self.voxel_type.limits().0, 1.0),
@@ -534,7 +523,7 @@ impl ChannelTotals {
         Histogram { low: first, width, counts }
     }
 
-    /// The channel's statistics as the metadata hold them.
+    /// The channel's statistics in the form of the metadata.
     pub(crate) fn finish(&self) -> ChannelStatistics {
         let range = self.range.unwrap_or_default();
         let at = |ten_thousandths| self.percentile(ten_thousandths).unwrap_or_default();
@@ -568,8 +557,8 @@ impl ChannelTotals {
         }
     }
 
-    /// The bins of the channel's occupancy masks: four values each for 8 bits; else over what all but the outermost 0.01 % of
-    /// its voxels span, so that a few outliers do not make them coarse.
+    /// Bins of the channel's occupancy masks: four values each for 8 bits; otherwise over the range of all but the
+    /// outermost 0.01 % of voxels, so outliers do not make them coarse.
     fn occupancy_bins(&self) -> OccupancyBins {
         if self.voxel_type.bytes() == 1 {
             return OccupancyBins { low: self.voxel_type.limits().0, width: 256.0 / OccupancyBins::COUNT as f64 };
@@ -588,7 +577,7 @@ mod tests {
         let mut statistics = ChannelTotals::new(T::TYPE);
         let mut counter = Counter::new(T::TYPE);
         let mut tally = Tally::default();
-        // Odd pieces, so that pairs and single bytes both occur.
+        // Odd pieces, for both pairs and single bytes.
         for row in values.chunks(7) {
             T::count(row, &mut counter);
             T::tally(row, &mut tally);
@@ -611,7 +600,7 @@ mod tests {
         assert_eq!((s.mean(), s.percentile(5000)), (Some(0.0), Some(0.0)));
         let h = s.finish().histogram;
         assert_eq!((h.low, h.width, h.counts.iter().sum::<u64>()), (-1000.0, 2000.0 / 256.0, 2001));
-        // A bin of 7.8125 values holds 7 or 8 of them; the last one has its upper edge too.
+        // A bin of 7.8125 values holds 7 or 8 of them; the last one includes its upper edge.
         assert!(h.counts.iter().all(|n| (7..=8).contains(n)), "{h:?}");
     }
 
@@ -660,7 +649,7 @@ mod tests {
     /// The ranks of the metadata's percentiles, and the ends.
     const SHARES: [u64; 9] = [0, 10, 100, 500, 5000, 9500, 9900, 9990, 10_000];
 
-    /// The value of that rank, by sorting.
+    /// The value of this rank, by sorting.
     fn sorted_rank<T: Measure>(values: &[T], ten_thousandths: u64) -> f64 {
         let mut valid: Vec<f64> = values.iter().filter(|v| v.is_valid()).map(|v| v.to_f64()).collect();
         valid.sort_by(f64::total_cmp);
@@ -702,7 +691,7 @@ mod tests {
 
     #[test]
     fn many_values_have_percentiles_within_the_bound() {
-        // 400,000 values, most of them unlike any other.
+        // 400,000 values, most of them distinct.
         let noise = || (0..400_000u32).map(|i| i.wrapping_mul(2_654_435_761) ^ i >> 5);
         let integers: Vec<i32> = noise().map(|i| i as i32).collect();
         let s = channel(&integers);
@@ -710,7 +699,7 @@ mod tests {
             let off = (s.percentile(share).unwrap() - sorted_rank(&integers, share)).abs();
             assert!(off < 2f64.powi(32) / 32_766.0, "{share}: {off}");
         }
-        // Outliers everywhere do not make what is between them coarse.
+        // Scattered outliers do not make the values in between coarse.
         let outliers: Vec<i32> =
             noise().enumerate().map(|(i, n)| if i < 20_000 { n as i32 } else { (n % 1_000_000) as i32 }).collect();
         let s = channel(&outliers);
@@ -738,7 +727,7 @@ mod tests {
 
     #[test]
     fn ranks_are_not_rounded() {
-        // 99.9 % of 1000 is the 999th; as a product of doubles it is a little more.
+        // 99.9 % of 1000 is the 999th; as a product of doubles it is slightly more.
         let s = channel(&(1..=1000u16).collect::<Vec<_>>());
         assert_eq!((s.percentile(9990), s.percentile(10), s.percentile(2900)), (Some(999.0), Some(1.0), Some(290.0)));
     }

@@ -1,8 +1,7 @@
-//! An open store: its documents in memory; side data and shards are opened as they are touched, and the last few stay open.
+//! An open store: documents in memory, side data and shards opened on first use.
 //!
-//! Opening reads the documents, no side data and no shard, so it takes milliseconds and the same memory however large the
-//! store is. How bricks are read: `chunks.rs`. Reading never writes. All methods may be called from many
-//! threads.
+//! Opening reads only the documents, so it takes milliseconds and constant memory at any size of store. The last few
+//! shards and pages stay open; `chunks.rs` reads bricks. Reading never writes. All methods are thread-safe.
 
 use crate::chunks::Chunks;
 use crate::codec::BrickCodec;
@@ -27,38 +26,38 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// How often a store may change while it is opened.
+/// Most changes of the store during one opening.
 const MOST_CHANGES: u32 = 100;
 
-/// A finished brick store that is open: one of its pyramids, if it has two.
+/// A finished, open brick store: one of its pyramids, if it has two.
 pub struct Store {
     folder: Arc<Folder>,
     mode: IoMode,
-    /// The hash of the bytes of the root document, by which a newer one is told.
+    /// Hash of the root document, to detect changes.
     root_hash: u64,
     geometry: Geometry,
     placement: Placement,
     time: Option<TimeAxis>,
     info: StoreInfo,
-    /// One for each channel.
+    /// One per channel.
     displays: Vec<ChannelDisplay>,
     label_colors: Vec<LabelColor>,
     sides: SidePages,
     cores: Chunks,
-    /// If they are stored.
+    /// `None` unless aprons are stored.
     aprons: Option<Chunks>,
 }
 
 impl Store {
-    /// Opens the main pyramid of a store, whose shards are memory-mapped.
+    /// Opens the main pyramid of a store, with memory-mapped shards.
     ///
     /// # Errors
-    /// If it is no store, is unfinished, is of an unknown version, contradicts itself, or cannot be read.
+    /// If the store is missing, unfinished, of an unknown version, contradictory or unreadable.
     pub fn open(path: impl Into<PathBuf>) -> Result<Self, OpenError> {
         Self::open_with(path, IoMode::default())
     }
 
-    /// Opens the main pyramid of a store, whose shards are read as `mode` says.
+    /// Opens the main pyramid of a store, reading shards by `mode`.
     ///
     /// # Errors
     /// As for [`Store::open`].
@@ -66,7 +65,7 @@ impl Store {
         Self::open_at(path.into(), mode, None)
     }
 
-    /// Opens the pyramid of a store whose coarser levels are made by `method`: the main one or the second one.
+    /// Opens the pyramid reduced by `method`: the main or the second one.
     ///
     /// # Errors
     /// As for [`Store::open`], or if neither pyramid is made by `method`.
@@ -74,19 +73,19 @@ impl Store {
         Self::open_at(path.into(), mode, Some(method))
     }
 
-    /// Opens the main pyramid of the store at a path, or the one that is made by `method`.
+    /// Opens the pyramid made by `method`, by default the main one.
     fn open_at(path: PathBuf, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
         let open = || Self::open_view(&Arc::new(open_folder(&path)?), mode, method);
         let mut opened = open();
         for _ in 0..MOST_CHANGES {
-            // Of a store that is replaced, the one that takes its place.
+            // If the store is replaced, open its successor.
             let Err(OpenError::Replaced { .. }) = opened else { break };
             opened = open();
         }
         opened.map_err(|error| inside::explained(error, &path))
     }
 
-    /// Opens the main pyramid, or the one that is made by `method`, between two changes of the store.
+    /// Opens a pyramid between two changes of the store.
     pub(crate) fn open_view(folder: &Arc<Folder>, mode: IoMode, method: Option<Downsample>) -> Result<Self, OpenError> {
         let mut text = read_root(folder)?;
         for _ in 0..MOST_CHANGES {
@@ -94,7 +93,7 @@ impl Store {
             if opened.is_ok() {
                 return opened;
             }
-            // Documents that contradict each other may be of before and after a change, which ends with the root document.
+            // Contradictory documents may straddle a change; each change writes the root document last.
             match read_root(folder) {
                 Ok(now) if now != text => text = now,
                 _ => return opened,
@@ -103,7 +102,7 @@ impl Store {
         Self::open_with_root(folder, mode, method, &text)
     }
 
-    /// Opens the pyramid of the same store, wherever its folder is now, whose coarser levels are made by `method`.
+    /// Opens the pyramid made by `method` of the same store, even if its folder has moved.
     ///
     /// # Errors
     /// As for [`Store::open_reduced`], or if the store was deleted.
@@ -111,7 +110,7 @@ impl Store {
         Self::open_view(&self.folder, self.mode, Some(method))
     }
 
-    /// Opens the main pyramid, or the one that is made by `method`, of a store whose root document has these bytes.
+    /// Opens a pyramid, given the bytes of the root document.
     pub(crate) fn open_with_root(
         folder: &Arc<Folder>,
         mode: IoMode,
@@ -169,11 +168,11 @@ impl Store {
         })
     }
 
-    /// Opens the store anew if time steps were appended to it since it was opened; `None` if there is none. This store stays what it is:
-    /// nothing that it reads ever changes. As long as nothing was written, this reads the root document alone, and does not parse it.
+    /// Reopens the store if time steps were appended since; otherwise `None`. This handle's data never change. If
+    /// nothing was written, only the root document is read, without parsing.
     ///
     /// # Errors
-    /// As for [`Store::open`], or if the store was moved or deleted, or another one has taken its place.
+    /// As for [`Store::open`], or if the store was moved, deleted or replaced.
     pub fn newer(&self) -> Result<Option<Self>, OpenError> {
         if self.is_replaced() {
             return Err(self.replaced());
@@ -195,12 +194,12 @@ impl Store {
         Self::open_view(&self.folder, self.mode, self.layout().second()).map(Some)
     }
 
-    /// Whether the root document had this text when the store was opened.
+    /// Whether the root document had these bytes on opening.
     pub(crate) fn was_opened_with(&self, text: &[u8]) -> bool {
         hash(text) == self.root_hash
     }
 
-    /// Whether time steps can be appended to the store: it has an axis of time, and shards of one step.
+    /// Whether time steps can be appended: there is a time axis, with one step per shard.
     pub fn can_grow(&self) -> bool {
         self.layout().axes()[0] == "t" && self.layout().shard_times == 1
     }
@@ -210,18 +209,17 @@ impl Store {
         self.folder.path()
     }
 
-    /// Whether the store's path leads elsewhere now, or nowhere: the store was moved or deleted, or another one has its place. An open store reads
-    /// its own files alone; those that are gone give [`ReadError::Replaced`].
+    /// Whether the store was moved, deleted or replaced. An open store reads only its own files; deleted ones yield
+    /// [`ReadError::Replaced`].
     pub fn is_replaced(&self) -> bool {
         self.folder.is_replaced()
     }
 
-    /// The error for a store that is gone from its path.
+    /// The error for a store gone from its path.
     pub fn replaced(&self) -> OpenError {
         OpenError::Replaced { store: self.path().into() }
     }
 
-    /// The open folder of the store.
     pub(crate) fn folder(&self) -> &Arc<Folder> {
         &self.folder
     }
@@ -231,12 +229,12 @@ impl Store {
         &self.info
     }
 
-    /// How the coarser levels of the open pyramid are made.
+    /// The reduction method of the open pyramid.
     pub fn downsample(&self) -> Downsample {
         self.layout().second().unwrap_or(self.info.downsample.main())
     }
 
-    /// The layout of the open pyramid: which file holds what.
+    /// The layout of the open pyramid.
     pub fn layout(&self) -> &Layout {
         self.cores.layout()
     }
@@ -246,8 +244,8 @@ impl Store {
         &self.layout().pyramid
     }
 
-    /// From the store's own world, which its spacing and origin give, to the world that scenes have: of a patient's right, front and head in
-    /// millimetres where the store has an orientation, else the same world.
+    /// Maps the store's own world (spacing and origin) to that of scenes: a patient's right, front and head in
+    /// millimetres if the store has an orientation, otherwise the same world.
     pub fn placement(&self) -> &Placement {
         &self.placement
     }
@@ -267,8 +265,7 @@ impl Store {
         self.layout().times
     }
 
-    /// When the time steps were taken: by OME's metadata, which other tools can edit, but for the times of steps that are not evenly
-    /// spaced. `None` where nothing is known of that.
+    /// Acquisition times of the steps, if known. From OME's metadata, editable by other tools, unless unevenly spaced.
     pub fn time_axis(&self) -> Option<&TimeAxis> {
         self.time.as_ref()
     }
@@ -283,13 +280,13 @@ impl Store {
         self.cores.chunk_bytes()
     }
 
-    /// Least and greatest valid value of level 0 over all channels and time steps; (0, 0) where there is none.
+    /// Least and greatest valid value of level 0 over all channels and time steps; (0, 0) if there is none.
     pub fn value_range(&self) -> (f64, f64) {
         let ranges = self.info.channels.iter().filter(|c| c.count > 0).map(|c| (c.range[0], c.range[1]));
         ranges.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((0.0, 0.0))
     }
 
-    /// The least and greatest valid value of a channel over all time steps; (0, 0) if it has no valid value.
+    /// Least and greatest valid value of a channel over all time steps; (0, 0) if there is none.
     ///
     /// # Panics
     /// If there is no such channel.
@@ -297,18 +294,18 @@ impl Store {
         self.info.channels[channel as usize].range.into()
     }
 
-    /// Whether some voxel of level 0 is NaN or infinite.
+    /// Whether any voxel of level 0 is NaN or infinite.
     pub fn has_non_finite(&self) -> bool {
         self.info.channels.iter().any(|c| c.has_non_finite())
     }
 
-    /// The integer of voxels that hold no data; `None` if no value says so, or no voxel has it.
+    /// The integer for no data; `None` if undefined or unused.
     pub fn nodata(&self) -> Option<f64> {
         let is_used = self.info.channels.iter().any(|channel| channel.nodata > 0);
         self.info.nodata.filter(|_| is_used).map(|nodata| nodata as f64)
     }
 
-    /// The values (low, high) of a channel that are shown as black and white unless a transfer function is given.
+    /// The values (low, high) of a channel shown as black and white by default.
     ///
     /// # Panics
     /// If there is no such channel.
@@ -316,31 +313,31 @@ impl Store {
         self.displays[channel as usize].window
     }
 
-    /// How each channel is shown unless somebody says otherwise: by OME's metadata, which other tools can edit.
+    /// Default displays of the channels, from OME's metadata, editable by other tools.
     pub fn channel_displays(&self) -> &[ChannelDisplay] {
         &self.displays
     }
 
-    /// The colours of a store of labels, sorted by label, that OME's metadata give (`image-label`), which other tools can write.
+    /// Label colours, sorted by label, from OME's metadata (`image-label`), editable by other tools.
     pub fn label_colors(&self) -> &[LabelColor] {
         &self.label_colors
     }
 
-    /// Whether a voxel of a channel may have this label, as far as the channel's range and histogram tell.
+    /// Whether a channel may contain this label, judging by its range and histogram.
     ///
     /// # Panics
     /// If there is no such channel.
     pub fn may_have_label(&self, channel: u32, label: i64) -> bool {
         let ChannelStatistics { range: [low, high], histogram, .. } = &self.info.channels[channel as usize];
         let label = label as f64;
-        // Where values are counted in classes, a bin's share of a class may be rounded to nothing.
+        // In counts by class, a bin's share may round to zero.
         let is_exact = self.info.voxel_type.bytes() <= 2 || histogram.width <= 1.0;
         let bin = ((label - histogram.low) / histogram.width) as usize;
         let count = histogram.counts.get(bin.min(histogram.counts.len() - 1));
         *low <= label && label <= *high && (!is_exact || count.is_none_or(|&count| count > 0))
     }
 
-    /// The bins that occupancy masks have for a channel's values.
+    /// The bins of a channel's occupancy masks.
     ///
     /// # Panics
     /// If there is no such channel.
@@ -348,50 +345,47 @@ impl Store {
         self.info.channels[channel as usize].bins
     }
 
-    /// Reads the value ranges of a page of bricks. The page is not kept in memory.
+    /// Reads the value ranges of a page of bricks, uncached.
     ///
     /// # Errors
-    /// If the page cannot be read, or is damaged.
+    /// If the page is unreadable or damaged.
     pub fn read_ranges(&self, page: PageId) -> Result<RangePage, ReadError> {
         self.sides.read_ranges(page)
     }
 
-    /// Reads the hashes (XXH3-128) of the decoded cores of a page of bricks. Places past the grid hold zeros.
+    /// Reads the hashes (XXH3-128) of a page's decoded cores; zeros past the grid.
     ///
     /// # Errors
-    /// If the page cannot be read, or is damaged.
+    /// If the page is unreadable or damaged.
     pub fn read_hashes(&self, page: PageId) -> Result<Vec<u128>, ReadError> {
         self.sides.read_hashes(page)
     }
 
-    /// The occupancy of a brick and its descendants, with one voxel around each. The pages read last are kept in
-    /// memory.
+    /// The occupancy of a brick and its descendants, with one voxel around each. Recent pages are cached.
     ///
     /// # Errors
-    /// If the brick's page cannot be read, or is damaged.
+    /// If the brick's page is unreadable or damaged.
     pub fn occupancy(&self, id: BrickId) -> Result<Occupancy, ReadError> {
         let (page, place) = self.sides.ranges_of(id)?;
         Ok(page.occupancy(place, self.occupancy_bins(id.channel)))
     }
 
-    /// Least and greatest valid value of the brick and its descendants; `None` where there is none.
+    /// Least and greatest valid value of the brick and its descendants; `None` if there is none.
     ///
     /// # Errors
-    /// If the brick's page cannot be read, or is damaged.
+    /// If the brick's page is unreadable or damaged.
     pub fn minmax(&self, id: BrickId) -> Result<Option<(f64, f64)>, ReadError> {
         let (page, place) = self.sides.ranges_of(id)?;
         Ok(page.core(place))
     }
 
-    /// The most memory in bytes that the store takes besides the callers' buffers, whatever its size: open shards, and
-    /// pages of side data.
+    /// Most memory of open shards and pages of side data, in bytes, at any size of store. Excludes callers' buffers.
     pub fn cache_bytes(&self) -> u64 {
         self.chunks().map(Chunks::cache_bytes).sum::<u64>() + self.sides.cache_bytes()
     }
 
-    /// Tells the kernel that these bricks are about to be read, and their aprons where they are stored, so that it
-    /// reads them ahead and together. Opens their shards if need be. A shard that cannot be opened is left for reading
-    /// to report.
+    /// Requests read-ahead of these bricks and their stored aprons, opening their shards if needed. Shards that fail to
+    /// open are reported by the read.
     pub fn advise(&self, ids: &[BrickId]) {
         self.cores.advise(ids);
         if let Some(aprons) = &self.aprons {
@@ -399,12 +393,12 @@ impl Store {
         }
     }
 
-    /// Decodes a brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. A brick that is not stored is all
-    /// zero. Voxels past the level's extent are unspecified.
+    /// Decodes a brick's core, `edge`^3 little-endian voxels, x fastest, into `out`. Absent bricks are all zero. Voxels
+    /// past the level's extent are unspecified.
     ///
     /// # Errors
-    /// If the brick's shard is missing, not the one packed or has a damaged index, if the brick itself is damaged, or
-    /// if a page of side data or a file cannot be read.
+    /// If the brick's shard is missing, replaced or has a damaged index, the brick is damaged, or side data or a file
+    /// cannot be read.
     ///
     /// # Panics
     /// If there is no such brick or `out` is not [`Store::core_bytes`] long.
@@ -417,23 +411,22 @@ impl Store {
         self.info.apron()
     }
 
-    /// Decodes a brick's stored apron, little-endian voxels in the order of [`Apron`], into `out`. An apron that is not
-    /// stored, in a store with aprons, is all zero.
+    /// Decodes a brick's stored apron, little-endian voxels in the order of [`Apron`], into `out`. Absent aprons of a
+    /// store with aprons are all zero.
     ///
     /// # Errors
-    /// If the apron's shard is missing, not the one packed or has a damaged index, if the apron itself is damaged, or
-    /// if a page of side data or a file cannot be read.
+    /// As for [`Store::read_core`], for the apron.
     ///
     /// # Panics
-    /// If there is no such brick, the store has no aprons, or `out` is not an apron's bytes.
+    /// If there is no such brick, the store has no aprons, or `out` is not an apron's length.
     pub fn read_apron(&self, id: BrickId, out: &mut [u8]) -> Result<(), ReadError> {
         self.aprons.as_ref().expect("aprons are stored").read(id, out)
     }
 
-    /// Bytes of all files that hold this pyramid's aprons; 0 if none are stored. Reads all fingerprints to add them up.
+    /// Total file size of this pyramid's aprons in bytes; 0 if none are stored. Reads all fingerprints.
     ///
     /// # Errors
-    /// If a page of fingerprints cannot be read, or is damaged.
+    /// If a page of fingerprints is unreadable or damaged.
     pub fn apron_file_bytes(&self) -> Result<u64, ReadError> {
         let Some(aprons) = &self.aprons else { return Ok(0) };
         let levels = (0..self.pyramid().levels().len()).map(|k| Level(k as u8));
@@ -441,16 +434,15 @@ impl Store {
         pages.map(|(level, page)| Ok(aprons.files_of_page(level, page)?.1)).sum()
     }
 
-    /// Encoded bytes of the bricks and aprons read since the store was opened, repeats and damaged ones included.
+    /// Encoded bytes of bricks and aprons read since opening, including repeated and damaged ones.
     pub fn bytes_read(&self) -> u64 {
         self.cores.bytes_read() + self.aprons.as_ref().map_or(0, Chunks::bytes_read)
     }
 
-    /// Whether the brick's core is stored. A core that is not stored is all zero.
+    /// Whether the brick's core is stored. Absent cores are all zero.
     ///
     /// # Errors
-    /// If the brick's shard is missing, not the one packed or has a damaged index, or if a page of side data or a file
-    /// cannot be read.
+    /// If the brick's shard is missing, replaced or has a damaged index, or side data or a file cannot be read.
     ///
     /// # Panics
     /// If there is no such brick.
@@ -461,11 +453,10 @@ impl Store {
     /// Reads the voxels of a box of a level, little-endian, x fastest, into `out`.
     ///
     /// # Errors
-    /// At the first brick that cannot be read.
+    /// At the first unreadable brick.
     ///
     /// # Panics
-    /// If there is no such time step, channel or level, the box leaves the level, or `out` is not exactly the box's
-    /// bytes.
+    /// If there is no such time step, channel or level, the box leaves the level, or `out` is not the box's length.
     pub fn read_box(
         &self,
         time: u32,
@@ -486,7 +477,7 @@ impl Store {
         Ok(())
     }
 
-    /// Copies the voxels that a brick's `core` shares with a box into `out`, which holds the box.
+    /// Copies the overlap of a brick's `core` and a box into `out`, which holds the box.
     pub(crate) fn copy_rows(&self, index: BrickIndex, core: &[u8], region: VoxelBox, out: &mut [u8]) {
         let (edge, voxel_bytes) = (self.info.edge, self.voxel_type().bytes());
         let corner = index.to_array().map(|i| i * edge);
@@ -507,23 +498,21 @@ impl Store {
         }
     }
 
-    /// The chunks that are read from files: cores first, then aprons, if they are stored.
+    /// Cores, then aprons if stored.
     pub(crate) fn chunks(&self) -> impl Iterator<Item = &Chunks> {
         std::iter::once(&self.cores).chain(self.aprons())
     }
 
-    /// The chunks of the stored aprons; `None` if none are stored.
     pub(crate) fn aprons(&self) -> Option<&Chunks> {
         self.aprons.as_ref()
     }
 
-    /// The side data of the pyramid's bricks.
     pub(crate) fn sides(&self) -> &SidePages {
         &self.sides
     }
 }
 
-/// The stored aprons, checked like levels, if there are any.
+/// Opens and checks the stored aprons, if any.
 fn open_aprons(
     folder: &Arc<Folder>,
     layout: &Layout,
@@ -544,7 +533,7 @@ fn open_aprons(
     Ok(Some(Chunks::new(folder, layout, codec, mode)))
 }
 
-/// The bricks of `edge`^3 voxels that share voxels with a box, x fastest.
+/// Bricks of `edge`^3 voxels overlapping a box, x fastest.
 pub(crate) fn bricks_of(region: VoxelBox, edge: u32) -> impl Iterator<Item = BrickIndex> {
     let first = region.min.to_array().map(|v| v / edge);
     let end = region.max.to_array().map(|v| v.div_ceil(edge));
@@ -560,7 +549,7 @@ fn hash(text: &[u8]) -> u64 {
     xxhash_rust::xxh3::xxh3_64(text)
 }
 
-/// The folder of a store, or the error for what is there instead.
+/// Opens a store's folder, or diagnoses the thing in its place.
 pub(crate) fn open_folder(store: &Path) -> Result<Folder, OpenError> {
     Folder::open(store).map_err(|error| match error.kind() {
         ErrorKind::NotADirectory if store.exists() => OpenError::NotAStore { path: store.into() },
@@ -568,7 +557,7 @@ pub(crate) fn open_folder(store: &Path) -> Result<Folder, OpenError> {
     })
 }
 
-/// The bytes of the root document, or the error for what is there instead.
+/// Reads the root document, or diagnoses the thing in its place.
 fn read_root(folder: &Folder) -> Result<Vec<u8>, OpenError> {
     let store = folder.path();
     match folder.document(&store.join("zarr.json")) {
@@ -599,7 +588,7 @@ mod tests {
         dir
     }
 
-    /// Every voxel of every level, with every type, codec and way of reading, odd extents, steps and channels.
+    /// Covers all voxels, levels, types, codecs and I/O modes, odd extents, steps and channels.
     #[test]
     fn stores_read_back_bit_for_bit() {
         for voxel_type in VoxelType::ALL {
@@ -626,7 +615,7 @@ mod tests {
         }
     }
 
-    /// A shard that goes while it is open takes only its own bricks along.
+    /// A shard lost while open affects only its own bricks.
     #[test]
     fn files_that_change_while_open_are_damaged_bricks() {
         let spec = TestStore { codec: Codec::None, ..TestStore::default() };
@@ -684,7 +673,7 @@ mod tests {
         store.read_core(id(0), &mut core).unwrap();
         assert!(core.iter().all(|&b| b == 0));
         assert_eq!(store.minmax(id(0)).unwrap(), Some((0.0, 0.0)));
-        // Its apron reaches into the next brick over.
+        // Its apron reaches into the next brick.
         let zero = store.occupancy_bins(0).mask(0.0, 0.0);
         assert_eq!([0, 1].map(|x| store.occupancy(id(x)).unwrap() == zero), [true, false]);
     }
@@ -699,7 +688,7 @@ mod tests {
         Store::open(dir.path()).unwrap().advise(&[id(0, 0)]);
     }
 
-    /// Contract: any one damaged byte of a shard makes some read fail, and the message names the file.
+    /// Contract: any damaged byte in a shard makes some read fail with a message naming the file.
     #[test]
     fn every_damaged_byte_of_a_shard_is_found() {
         for (voxel_type, codec) in [(VoxelType::U8, Codec::Zstd(1)), (VoxelType::U16, Codec::ShuffleZstd(1))] {
@@ -726,7 +715,7 @@ mod tests {
         }
     }
 
-    /// The store whose place another one has taken is read as long as its files are there, and then no other in its stead.
+    /// A replaced store stays readable while its files exist, and is never confused with its successor.
     #[test]
     fn a_store_that_is_replaced_is_never_mixed_with_the_other() {
         let brighter = |t: u32, c: u32, v: [u32; 3]| bumps(t, c, v) + 100.0;
@@ -776,7 +765,7 @@ mod tests {
             store.read_core(id, &mut vec![0; store.core_bytes()]).map_err(|e| e.to_string())
         };
         read().unwrap();
-        // A sound shard of the same length, but not this one.
+        // A sound shard of the same length, but a different one.
         let other = std::fs::read(&path).unwrap();
         let (body, index) = other.split_at(other.len() - crate::shard::index_bytes(8));
         let index = crate::shard::ShardIndex::new(index, other.len() as u64, 8, 1 << 20).unwrap();
@@ -806,7 +795,7 @@ mod tests {
         assert!(matches!(open(dir.path()), OpenError::Invalid { .. }));
     }
 
-    /// Each contradiction in the metadata is refused by a message that names the field.
+    /// Each contradiction in the metadata is refused with a message naming the field.
     #[test]
     fn contradictions_name_their_field() {
         let dir = written(&TestStore { times: 3, shard_times: 2, ..TestStore::default() });
@@ -852,7 +841,7 @@ mod tests {
         }
     }
 
-    /// Opening reads no side data: damage there shows where it is looked at, and names the page.
+    /// Opening reads no side data: damage there shows on access, with the page's name.
     #[test]
     fn damaged_side_data_are_named_when_they_are_read() {
         let dir = written(&TestStore { times: 2, ..TestStore::default() });
@@ -880,7 +869,7 @@ mod tests {
         }
     }
 
-    /// 134 million bricks, and a million time steps: opening looks at the documents alone, which are all there is here.
+    /// 134 million bricks, and a million time steps: opening reads only the documents, the only files here.
     #[test]
     fn opening_takes_the_same_memory_whatever_the_size() {
         const CHILD: &str = "BRICKYARD_TEST_OPEN";
@@ -912,7 +901,7 @@ mod tests {
         assert!(store.cache_bytes() < 14 << 20);
     }
 
-    /// More shards than are kept open at a time, forwards and backwards.
+    /// More shards than stay open at a time, forwards and backwards.
     #[test]
     fn any_number_of_shards_can_be_read() {
         let spec = TestStore {

@@ -1,5 +1,5 @@
-//! For tests: writes small stores plainly from a function of (t, c, x, y, z), through the format modules alone, with
-//! levels and statistics computed voxel by voxel. Nothing here is shared with the packer but the format.
+//! Small test stores, written from a function of (t, c, x, y, z) through the format modules, with levels and statistics
+//! computed voxel by voxel. Only the format is shared with the packer.
 
 use crate::codec::{BrickCodec, Codec};
 use crate::downsample::Downsample;
@@ -34,7 +34,7 @@ pub(crate) struct TestStore {
     pub(crate) shard_times: u32,
 }
 
-/// What side data hold of a brick; an empty range has its ends crossed.
+/// Side data of a brick; an empty range has crossed ends.
 #[derive(Clone, Copy)]
 struct Brick {
     core: (f64, f64),
@@ -70,8 +70,8 @@ impl TestStore {
         Geometry { spacing, origin: DVec3::new(-3.0, 0.1, 100.0), unit: Some("micrometer".into()) }
     }
 
-    /// All levels of one volume, rounded to the voxel type. A coarse voxel is the mean of the finer voxels under it
-    /// that exist.
+    /// All levels of one volume, rounded to the voxel type. A coarse voxel is the mean of the existing finer voxels
+    /// under it.
     pub(crate) fn levels(&self, value: impl Fn([u32; 3]) -> f64) -> Vec<Vec<f64>> {
         let layout = self.layout();
         let round = |v: f64| with_voxel_type!(self.voxel_type, T => T::from_f64_rounded(v).to_f64());
@@ -84,7 +84,7 @@ impl TestStore {
                 let n = fine.extent.to_array();
                 let max = std::array::from_fn(|a| ((at[a] + 1) * ratio[a]).min(n[a]));
                 let under = voxels(VoxelBox::new(std::array::from_fn(|a| at[a] * ratio[a]), max));
-                // An odd extent's last voxel counts twice along its axis, which leaves the mean as it is.
+                // An odd extent's last voxel counts twice along its axis, which leaves the mean unchanged.
                 let (sum, count) = under
                     .map(|v| finer[fine.extent.linear(v) as usize])
                     .filter(|v| v.is_finite())
@@ -97,7 +97,7 @@ impl TestStore {
         levels
     }
 
-    /// Writes the store, whose voxels are `value(t, c, [x, y, z])`.
+    /// Writes the store with voxels `value(t, c, [x, y, z])`.
     pub(crate) fn write(&self, store: &Path, value: impl Fn(u32, u32, [u32; 3]) -> f64) {
         let layout = self.layout();
         let info = self.info(&value);
@@ -152,7 +152,7 @@ impl TestStore {
         write_file(&store.join("zarr.json"), &document_bytes(&root_document(&layout, &self.geometry(), &info)));
     }
 
-    /// Writes only the documents of a store of zeros: all that opening reads.
+    /// Writes only the documents of a store of zeros, which suffice for opening.
     pub(crate) fn write_documents(&self, store: &Path) {
         let layout = self.layout();
         let channels =
@@ -202,7 +202,7 @@ impl TestStore {
         }
     }
 
-    /// The ranges of a level's bricks, given its voxels and those of finer levels' bricks.
+    /// Adds the ranges of a level's bricks, from its voxels and the finer bricks' ranges.
     fn add_ranges(
         &self,
         layout: &Layout,
@@ -236,7 +236,7 @@ impl TestStore {
         }
     }
 
-    /// A brick's core as it is stored, from the voxels of its level; padding repeats the last voxel.
+    /// A brick's core in stored form, from the voxels of its level; padding repeats the last voxel.
     fn core(&self, layout: &Layout, id: BrickId, level: &[f64]) -> Vec<u8> {
         let (extent, edge) = (layout.pyramid.level(id.level).extent, self.edge);
         let (n, corner) = (extent.to_array(), layout.pyramid.brick_box(id.level, id.index).min.to_array());
@@ -297,7 +297,7 @@ pub(crate) fn voxels(region: VoxelBox) -> impl Iterator<Item = [u32; 3]> {
     (min.z..max.z).flat_map(move |z| (min.y..max.y).flat_map(move |y| (min.x..max.x).map(move |x| [x, y, z])))
 }
 
-/// The value of a test voxel: structure in every octant, zeros in one corner, nothing symmetric.
+/// The value of a test voxel: structure in every octant, zeros in one corner, no symmetry.
 pub(crate) fn bumps(t: u32, c: u32, [x, y, z]: [u32; 3]) -> f64 {
     if x < 16 && y < 16 && z < 16 {
         return 0.0;
@@ -305,12 +305,11 @@ pub(crate) fn bumps(t: u32, c: u32, [x, y, z]: [u32; 3]) -> f64 {
     ((x * 7 + y * 3 + z * 11 + t * 50 + c * 90) % 120) as f64
 }
 
-/// Reads a document.
 pub(crate) fn read_json(path: &Path) -> Result<Value, OpenError> {
     crate::json::read_json(&Folder::open(path.parent().unwrap()).unwrap(), path)
 }
 
-/// Changes the decoded bytes of a page of side data.
+/// Edits the decoded bytes of a page of side data.
 pub(crate) fn edit_page(array: &SideArray, page: PageId, edit: impl FnOnce(&mut Vec<u8>)) {
     let (slot, _, filled) = array.place_in_file(page);
     let first = page.time - slot as u32;

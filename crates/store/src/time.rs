@@ -1,6 +1,6 @@
-//! The time axis of a store, in its root document. OME-Zarr's metadata are the truth about a regular one, since other tools may edit them: `scale`
-//! and `translation` of axis t, the same at all levels, and its unit. What OME-Zarr cannot say, a time for each step, is in
-//! `attributes.brickyard.time.stamps`.
+//! The time axis of a store, in its root document. OME-Zarr's metadata, editable by other tools, are authoritative for
+//! a regular axis: `scale` and `translation` of axis t, the same at all levels, and its unit. Times per step, which
+//! OME-Zarr cannot express, are in `attributes.brickyard.time.stamps`.
 
 use crate::error::OpenError;
 use crate::layout::Layout;
@@ -11,20 +11,20 @@ use std::path::Path;
 /// Other tools may round to about seven digits.
 const TOLERANCE: f64 = 1e-5;
 
-/// Step and start as OME-Zarr has them, where they are not known.
+/// Step and start in OME-Zarr's metadata if unknown.
 const UNKNOWN: (f64, f64) = (1.0, 0.0);
 
-/// The step and start that OME-Zarr's metadata say of a store.
+/// Step and start for OME-Zarr's metadata.
 pub(crate) fn step_and_start(time: Option<&TimeAxis>) -> (f64, f64) {
     time.map_or(UNKNOWN, |axis| (axis.step, axis.start))
 }
 
-/// The unit that OME-Zarr's metadata say of axis t.
+/// The unit of axis t for OME-Zarr's metadata.
 pub(crate) fn unit(time: Option<&TimeAxis>) -> Option<&str> {
     time?.unit.as_deref()
 }
 
-/// Reads the time axis from the pyramid's multiscale and the settings, and checks it; `None` where nothing is said of time.
+/// Reads the time axis from the pyramid's multiscale and the settings, and checks it; `None` if time is not described.
 pub(crate) fn parse_time(
     path: &Path,
     root: &Value,
@@ -102,7 +102,7 @@ mod tests {
         dir
     }
 
-    /// The root document after an edit, and what stood there before.
+    /// Edits the root document and returns its former text.
     fn edited(dir: &Path, edit: impl FnOnce(&mut Value)) -> Vec<u8> {
         let path = dir.join("zarr.json");
         let sound = std::fs::read(&path).unwrap();

@@ -1,24 +1,25 @@
-//! How often each 32-bit value occurs: exactly while there are at most [`MOST_CLASSES`] different ones, else by classes that
-//! follow from the values alone, whatever their order and however they were shared out among threads.
+//! Counts of 32-bit values: exact up to [`MOST_CLASSES`] different ones, otherwise by classes that depend on the values
+//! alone, not on order or threads.
 //!
-//! A value's *ordinal* is a whole number that orders like it and keeps zero: an integer itself; a float's bits without the sign,
-//! then the sign. A class of *shift* `s` is what has the same ordinal after division by 2^s, rounded away from zero. So
-//! zero is always a class by itself, shift 0 has one value a class, and classes of one shift are unions of those of the last. The
-//! shift is the least at which no more than [`MOST_CLASSES`] classes have values. This depends on the set of values alone: a thread
-//! that saw some of them has that shift or a lesser one, and merging goes on from the greatest.
+//! A value's *ordinal* is a whole number with the same order and zero: an integer itself; for a float the bits without
+//! the sign, then the sign. A class of *shift* `s` comprises ordinals that agree after division by 2^s, rounded away
+//! from zero. So zero is always a class of its own, shift 0 has one value per class, and each shift's classes are
+//! unions of the previous one's. The shift is the least with at most [`MOST_CLASSES`] non-empty classes. It depends
+//! only on the set of values: a thread with some of them has this shift or a lower one, and merging continues from the
+//! greatest.
 //!
-//! How far a percentile can be off: less than 2^s ordinals, for that is a class's width, and one shift less had more than
-//! `MOST_CLASSES` classes. Values from ordinal `a` to `b`, and any `k` others, have at most (b - a) / 2^(s-1) + 3 + k of those.
-//! So 2^s < 2 (b - a) / (MOST_CLASSES - 3 - k): integers are off by less than 1/32,766 of their range, and by less than 1/16,000 of
-//! what they span but for 32,000 outliers, wherever those are. The same holds of floats' ordinals, of which there are 2^32 in all:
-//! `s` is at most 16, and that is 1/128 of a value, or 2^-133 of those below the least normal one.
+//! A percentile's error is less than 2^s ordinals, the width of a class, and the shift below had more than
+//! `MOST_CLASSES` classes. Values from ordinal `a` to `b`, and any `k` others, have at most (b - a) / 2^(s-1) + 3 + k
+//! of those. So 2^s < 2 (b - a) / (MOST_CLASSES - 3 - k): integers are off by less than 1/32,766 of their range, and by
+//! less than 1/16,000 of the range without any 32,000 outliers. The same holds for floats' ordinals, 2^32 in all: `s`
+//! is at most 16, which is 1/128 of a value, or 2^-133 below the least normal one.
 
 use brickyard_volume::VoxelType;
 
-/// The most classes that are told apart.
+/// Most classes counted separately.
 pub(crate) const MOST_CLASSES: usize = 1 << 16;
 
-/// The class of an ordinal at a shift. Given a class in place of the ordinal, its class `shift` shifts further up.
+/// The class of an ordinal at a shift. Given a class instead of an ordinal, its class `shift` shifts higher.
 #[inline(always)]
 pub(crate) fn class(ordinal: i64, shift: u32) -> i64 {
     let size = ordinal.abs();
@@ -26,7 +27,7 @@ pub(crate) fn class(ordinal: i64, shift: u32) -> i64 {
     if ordinal < 0 { -class } else { class }
 }
 
-/// The value of an ordinal; of a float beyond the greatest, the greatest.
+/// The value of an ordinal; float ordinals past the greatest value are clamped to it.
 fn value(voxel_type: VoxelType, ordinal: i64) -> f64 {
     if !voxel_type.is_float() {
         return ordinal as f64;
@@ -36,7 +37,7 @@ fn value(voxel_type: VoxelType, ordinal: i64) -> f64 {
     if ordinal < 0 { -value } else { value }
 }
 
-/// How often values occur, by class, in ascending order.
+/// Counts of values by class, in ascending order.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ValueCounts {
     voxel_type: VoxelType,
@@ -52,7 +53,7 @@ pub(crate) struct Classes {
 }
 
 impl Classes {
-    /// Makes classes from counts in any order, in which a class may occur more than once.
+    /// Builds classes from counts in any order, with repeated classes allowed.
     pub(crate) fn of(shift: u32, mut counts: Vec<(i64, u64)>) -> Self {
         counts.sort_unstable();
         let mut classes = Self { shift, counts };
@@ -60,7 +61,7 @@ impl Classes {
         classes
     }
 
-    /// Joins classes to those of a greater shift.
+    /// Merges classes up to a greater shift.
     fn raise_to(&mut self, shift: u32) {
         let by = shift - self.shift;
         self.shift = shift;
@@ -70,15 +71,15 @@ impl Classes {
         }
     }
 
-    /// Takes classes of the same shift in.
+    /// Adds classes of the same shift.
     fn join(&mut self, other: Self) {
         self.counts.extend(other.counts);
-        // Two ascending runs, which a stable sort merges.
+        // Two ascending runs, merged by a stable sort.
         self.counts.sort_by_key(|(class, _)| *class);
         self.sum_equals();
     }
 
-    /// Adds up neighbours of one class.
+    /// Adds up neighbours of the same class.
     fn sum_equals(&mut self) {
         self.counts.dedup_by(|next, kept| {
             let same = next.0 == kept.0;
@@ -89,21 +90,21 @@ impl Classes {
 }
 
 impl ValueCounts {
-    /// The most bytes that the counts of one channel take.
+    /// Most bytes taken by one channel's counts.
     pub(crate) const BYTES: u64 = (MOST_CLASSES * size_of::<(i64, u64)>()) as u64;
-    /// Bytes that adding to the counts of one channel takes for a while.
+    /// Temporary bytes for adding to one channel's counts.
     pub(crate) const ADDING_BYTES: u64 = 4 * Self::BYTES;
 
     pub(crate) fn new(voxel_type: VoxelType) -> Self {
         Self::with_at_most(voxel_type, MOST_CLASSES)
     }
 
-    /// Makes empty counts that tell at most `most` classes apart.
+    /// Creates empty counts with at most `most` classes.
     pub(crate) fn with_at_most(voxel_type: VoxelType, most: usize) -> Self {
         Self { voxel_type, most, classes: Classes::default() }
     }
 
-    /// Makes counts of these classes; `None` if there can be none such.
+    /// Wraps these classes; `None` if they are impossible.
     pub(crate) fn of_classes(voxel_type: VoxelType, classes: Classes) -> Option<Self> {
         let Classes { shift, counts } = &classes;
         let is_ordinal = |class: i64| class.unsigned_abs() <= (1 << 32 >> shift) + 1;
@@ -114,7 +115,6 @@ impl ValueCounts {
         is_sound.then_some(Self { voxel_type, most: MOST_CLASSES, classes })
     }
 
-    /// The classes and their counts, ascending.
     pub(crate) fn classes_of_ordinals(&self) -> &Classes {
         &self.classes
     }
@@ -130,7 +130,7 @@ impl ValueCounts {
         self.classes.counts.shrink_to_fit();
     }
 
-    /// For each class, ascending: its least value, its greatest value, and how many voxels it has.
+    /// The classes in ascending order: least value, greatest value and number of voxels.
     pub(crate) fn classes(&self) -> impl Iterator<Item = (f64, f64, u64)> {
         let shift = self.classes.shift;
         self.classes.counts.iter().map(move |&(class, count)| {

@@ -1,17 +1,18 @@
-//! One thread's counts of 32-bit values by class (`value_counts.rs`), in a hash table that never grows: when too many classes
-//! have values, the shift goes up by one. Takes 1 MiB, which a second-level cache holds, and some 8 ns a voxel of noise, where nearly all differ.
+//! One thread's counts of 32-bit values by class (`value_counts.rs`), in a hash table of fixed size: when too many
+//! classes are in use, the shift rises by one. Takes 1 MiB, which fits a second-level cache, and about 8 ns a voxel for
+//! noise, where nearly all values differ.
 
 use crate::value_counts::{Classes, MOST_CLASSES, class};
 
-/// A class and its count; free where that is 0.
+/// A class and its count; free if the count is 0.
 #[derive(Clone, Copy, Default)]
 struct Slot {
-    /// The class's lower 32 bits, which no two classes of one type share.
+    /// The class's lower 32 bits, unique among the classes of one type.
     key: u32,
     count: u32,
 }
 
-/// The least count that is moved out of its slot when room is made.
+/// The least count moved out of its slot to make room.
 const LARGE: u32 = 1 << 31;
 
 pub(crate) struct ValueTable {
@@ -24,25 +25,25 @@ pub(crate) struct ValueTable {
     slots: Box<[Slot]>,
     /// Counts moved out of slots, by key: one per 2^31 values counted.
     moved: Vec<(u32, u64)>,
-    /// Each slot holds less than `LARGE` and these.
+    /// Each slot holds less than `LARGE` plus this.
     pending: u64,
 }
 
 impl ValueTable {
-    /// Bytes that a table takes, with what raising its shift needs.
+    /// Bytes of a table, including the space for raising its shift.
     pub(crate) const BYTES: usize = 3 * MOST_CLASSES * size_of::<Slot>();
 
     pub(crate) fn new(signed: bool) -> Self {
         Self::with_at_most(signed, MOST_CLASSES)
     }
 
-    /// Makes an empty table that tells at most `most` classes apart.
+    /// Creates an empty table with at most `most` classes.
     pub(crate) fn with_at_most(signed: bool, most: usize) -> Self {
         let slots = vec![Slot::default(); 2 * most.next_power_of_two()].into_boxed_slice();
         Self { signed, most, shift: 0, used: 0, slots, moved: Vec::new(), pending: 0 }
     }
 
-    /// Counts the ordinals, of which there are less than 2^31. `None` is not counted.
+    /// Counts ordinals, fewer than 2^31 at a time, ignoring `None`.
     #[inline(always)]
     pub(crate) fn count(&mut self, ordinals: impl ExactSizeIterator<Item = Option<i64>>) {
         self.make_room(ordinals.len() as u64);
@@ -61,7 +62,7 @@ impl ValueTable {
         }
     }
 
-    /// Sees to it that no slot overflows by `more` values.
+    /// Ensures that `more` values overflow no slot.
     #[inline(always)]
     fn make_room(&mut self, more: u64) {
         self.pending += more;
@@ -92,7 +93,7 @@ impl ValueTable {
         }
     }
 
-    /// The place of a key, or the free one where it belongs.
+    /// The slot of a key, or the free slot for it.
     #[inline(always)]
     fn slot(&self, key: u32) -> usize {
         let last = self.slots.len() - 1;
@@ -104,11 +105,11 @@ impl ValueTable {
         slot
     }
 
-    /// Raises the shift until few enough classes have values.
+    /// Raises the shift until few enough classes are in use.
     #[cold]
     fn raise(&mut self) {
         while self.used > self.most {
-            // Two classes become one, so that none overflows.
+            // Merging pairs of classes must not overflow.
             self.relieve();
             self.shift += 1;
             let next = |key| class(class_of_key(key, self.signed), 1) as u32;
@@ -126,7 +127,7 @@ impl ValueTable {
         }
     }
 
-    /// Returns everything counted, and starts over at zero.
+    /// Returns all counts and resets to zero.
     pub(crate) fn take(&mut self) -> Classes {
         let counted = self.slots.iter().filter(|slot| slot.count > 0).map(|slot| (slot.key, slot.count as u64));
         let mut counts = Vec::with_capacity(self.used + self.moved.len());
@@ -150,7 +151,7 @@ mod tests {
     use proptest::prelude::*;
     use std::collections::{BTreeMap, BTreeSet};
 
-    /// The least shift by which the ordinals are in at most `most` classes, and their counts: plainly.
+    /// The least shift with at most `most` classes for the ordinals, and the class counts, computed naively.
     fn plain(ordinals: &[i64], most: usize) -> (u32, BTreeMap<i64, u64>) {
         let classes = |shift| ordinals.iter().map(|&o| class(o, shift)).collect::<BTreeSet<i64>>();
         let shift = (0..).find(|&shift| classes(shift).len() <= most).unwrap();
@@ -193,7 +194,7 @@ mod tests {
             }
         }
 
-        /// The bound of the module: classes are narrow for what all but `k` of the values span.
+        /// The module's bound: classes are narrow relative to the span of all but `k` values.
         #[test]
         fn classes_are_as_narrow_as_is_said(values in ordinals(), most in 8usize..100, k in 0usize..4) {
             let (shift, _) = plain(&values, most);

@@ -1,15 +1,16 @@
-//! Verification: reads everything and recomputes what a store says of itself.
+//! Verification: reads everything and recomputes a store's records of itself.
 //!
-//! It checks every document against the one that packing would write (`verify/documents.rs`), every page of side data, every
-//! shard's index (bricks may share all of their bytes, but not some), and every brick's checksum, length, hash and ranges. It checks that parents' ranges cover their children's,
-//! that each level is what the finer one gives, that stored aprons are the neighbours' voxels, and the statistics in the root
-//! document. If there are two pyramids, both are checked in one pass over level 0. Verification goes on after a problem and
-//! reports all of them. A brick that cannot be read is reported once, not again by what depends on it.
+//! It checks every document against a generated one (`verify/documents.rs`), every page of side data, every shard's
+//! index (bricks may share all of their bytes, but not some), and every brick's checksum, length, hash and ranges.
+//! Parents' ranges must cover their children's, each level must be the reduction of the finer one, stored aprons must
+//! equal the neighbours' voxels, and the root document's statistics must be right. One pass over level 0 checks both
+//! pyramids. Verification continues after a problem and reports all of them, but an unreadable brick only once, not for
+//! its dependents.
 //!
-//! Bricks are checked in blocks of up to 256 voxels an axis, read with one voxel around (two for aprons of two): each brick is
-//! decoded about 3.4 times. A thread holds one block: (256 + 2)^3 voxels, and an eighth to a half of it per pyramid. Where memory is
-//! short, blocks are smaller, at least of a brick, and then threads fewer. Blocks where nothing is stored are not looked at voxel
-//! by voxel.
+//! Blocks of up to 256 voxels an axis are read with one voxel around (two for aprons of two): each brick is decoded
+//! about 3.4 times. A thread holds one block: (256 + 2)^3 voxels, and an eighth to a half of it per pyramid. If memory
+//! is short, blocks shrink, down to a brick, and then threads are reduced. Blocks without stored bricks are not
+//! examined voxel by voxel.
 
 pub(crate) mod documents;
 #[cfg(test)]
@@ -34,14 +35,14 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock};
 
-/// One thing that is wrong with a store.
+/// A single problem in a store.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct VerifyProblem {
-    /// The brick that the problem is about; `None` if it is not about one brick.
+    /// The brick at fault, if any.
     pub brick: Option<BrickId>,
-    /// The file that the problem is about, or the folder of an array of side data.
+    /// The file at fault, or the folder of an array of side data.
     pub path: PathBuf,
-    /// What is wrong: what was expected, and what was found.
+    /// The problem: expected and found.
     pub what: String,
 }
 
@@ -62,14 +63,13 @@ pub struct VerifyReport {
     pub bricks: u64,
     /// Number of shard files checked.
     pub shards: u64,
-    /// Bytes of all shard files, as the side data give them.
+    /// Total bytes of the shard files, according to the side data.
     pub bytes: u64,
-    /// All problems found: first those of documents, side data and shards, then those of bricks by time step, channel
-    /// and level, then those of the statistics.
+    /// All problems: documents, side data and shards, then bricks by time step, channel and level, then statistics.
     pub problems: Vec<VerifyProblem>,
-    /// Names, colours and windows of channels that are not as they were packed: edits of other programs, which are shown.
+    /// Edits by other programs, which take effect: changed names, colours and windows of channels.
     pub edits: Vec<VerifyProblem>,
-    /// Whether there were so many problems that the rest of the store was not looked at.
+    /// Whether verification stopped early at too many problems.
     pub is_cut_short: bool,
 }
 
@@ -79,18 +79,18 @@ pub enum VerifyError {
     /// The store cannot be opened.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// The memory allowed is less than the least that one thread needs.
+    /// The allowed memory is below the minimum for one thread.
     #[error(
         "`memory` {given} MiB is too little: verifying this store needs at least {needed} MiB",
         given = given_bytes >> 20, needed = needed_bytes.div_ceil(1 << 20)
     )]
     Memory {
-        /// The least memory that verifying this store needs, in bytes.
+        /// The least memory for verifying this store, in bytes.
         needed_bytes: u64,
-        /// The memory that was allowed, in bytes.
+        /// The allowed memory, in bytes.
         given_bytes: u64,
     },
-    /// The process may not read some of it, or not so much at once, which is no fault of the store.
+    /// The process lacks permission or resources to read some of the store, which is no store fault.
     #[error("{0}: not verified")]
     Barred(#[source] ReadError),
     /// The worker threads could not be started.
@@ -98,27 +98,27 @@ pub enum VerifyError {
     Threads(String),
 }
 
-/// Problems after which a verification ends: who has so many does not read on, and a few bytes of metadata can claim any number of missing files.
+/// Problems before verification stops: nobody reads more, and a few bytes of metadata can claim any number of missing
+/// files.
 pub const MOST_PROBLEMS: usize = 10_000;
 
-/// The memory that [`verify`] may take, in bytes.
+/// The memory limit of [`verify`], in bytes.
 pub const VERIFY_MEMORY_BYTES: u64 = 2 << 30;
 
-/// Verifies a store within [`VERIFY_MEMORY_BYTES`], on as many threads as the current rayon pool has, or fewer where
-/// memory is short. Calls `progress` with the bytes of voxels checked so far and the bytes in all.
+/// Verifies a store within [`VERIFY_MEMORY_BYTES`], on the current rayon pool's number of threads, or fewer if memory
+/// is short. Calls `progress` with the bytes of voxels checked so far and in total.
 ///
 /// # Errors
-/// If the store cannot be opened, the process may not read all of it, the memory is too little for one thread, or no threads can be started.
-/// All else that is wrong is in the report.
+/// If the store cannot be opened, the process may not read all of it, the memory is too little for one thread, or no
+/// threads can be started. All other faults are in the report.
 pub fn verify(path: &Path, progress: impl Fn(u64, u64) + Sync) -> Result<VerifyReport, VerifyError> {
     verify_within(path, VERIFY_MEMORY_BYTES, progress)
 }
 
-/// Verifies a store as [`verify`] does, within `memory_bytes` of the process's own memory besides what opening the
-/// store takes.
+/// Verifies a store like [`verify`], within `memory_bytes` on top of an open store's memory.
 ///
 /// # Errors
-/// If the store cannot be opened, the process may not read all of it, `memory_bytes` is too little for one thread, or no threads can be started.
+/// As for [`verify`], with `memory_bytes`.
 pub fn verify_within(
     path: &Path,
     memory_bytes: u64,
@@ -133,14 +133,14 @@ pub fn verify_within(
     let pool = pool.map_err(|error| VerifyError::Threads(error.to_string()))?;
     let verifier = Verifier::new(&views, &progress, block_edge);
     let report = pool.install(|| with_voxel_type!(views[0].voxel_type(), T => verifier.run::<T>()))?;
-    // Of a store whose files go while they are read, each would be a problem.
+    // Each file of a vanished store would be a problem.
     if !report.problems.is_empty() && views[0].is_replaced() { Err(views[0].replaced().into()) } else { Ok(report) }
 }
 
-/// The program, its stacks and its allocator, and as many problems as are kept.
+/// The program, its stacks and allocator, and the most problems kept.
 const PROGRAM_BYTES: u64 = (24 << 20) + MOST_PROBLEMS as u64 * 512;
 
-/// The greatest blocks, and then the most threads, that fit.
+/// The largest blocks that fit, then the most threads.
 fn block_edge(views: &[Store], memory_bytes: u64, threads: usize) -> Result<(u32, usize), VerifyError> {
     let store = &views[0];
     let voxel_type = store.voxel_type();
@@ -155,11 +155,11 @@ fn block_edge(views: &[Store], memory_bytes: u64, threads: usize) -> Result<(u32
         let volume = |edge: u64| extent.map(|n| n.min(edge)).iter().product::<u64>();
         let coarse = views.len() as u64 * volume(edge as u64) / 2;
         let apron = store.aprons().map_or(0, Chunks::chunk_bytes) as u64;
-        // A brick, encoded and shuffled and decoded.
+        // A brick: encoded, shuffled and decoded.
         let brick = 3 * store.core_bytes() as u64 + apron;
         let workspace = Workspace::<u8>::bytes(store.pyramid().edge() as usize, voxel_type.bytes()) as u64;
         let block = (volume((edge + around) as u64) + coarse) * voxel_bytes + brick + workspace;
-        // Before blocks are checked, indexes are.
+        // Indexes are checked before blocks.
         block.max(ShardIndex::overlap_bytes(store.layout().shard_slots(Level(0))))
     };
     let edges = [256, 128, 64, 32, 16, 8].into_iter().filter(|&edge| edge >= store.pyramid().edge());
@@ -174,7 +174,7 @@ fn block_edge(views: &[Store], memory_bytes: u64, threads: usize) -> Result<(u32
 }
 
 struct Verifier<'a> {
-    /// The main pyramid, whose level 0 counts, and the second one.
+    /// The main pyramid, used for level 0, and the second one.
     views: &'a [Store],
     progress: &'a (dyn Fn(u64, u64) + Sync),
     /// Voxels along a block's edge: whole bricks.
@@ -183,44 +183,40 @@ struct Verifier<'a> {
     problems: AtomicUsize,
     /// Why the process may not read some of the store.
     barred: OnceLock<ReadError>,
-    /// Whether some brick of level 0 could not be read, so that the volume's statistics cannot be known.
+    /// Whether any level-0 brick was unreadable, leaving the statistics unknown.
     level_0_unread: AtomicBool,
     /// Level-0 statistics, per channel.
     totals: Mutex<Vec<ChannelTotals>>,
-    /// What could not be read: shards by their files, bricks by themselves too.
+    /// Unreadable shards by file; bricks also by id.
     unread: Mutex<BTreeSet<(PathBuf, Option<BrickId>)>>,
 }
 
-/// Some bricks of a level that are read together.
+/// Bricks of a level read together.
 #[derive(Clone, Copy)]
 struct Block<'a> {
-    /// Their pyramid.
     store: &'a Store,
     time: u32,
     channel: u32,
     level: Level,
-    /// Their voxels.
     core: VoxelBox,
 }
 
-/// One thread's memory.
 struct Buffers<T> {
     workspace: Workspace<T>,
-    /// The block and what is around it.
+    /// The block with its surroundings.
     fine: Vec<T>,
-    /// The block's part of each next level; empty where it could not be read.
+    /// The block's part of each next level; empty if unreadable.
     coarse: Vec<Vec<T>>,
     brick: Vec<u8>,
     apron: Vec<u8>,
     hashes: HashPage,
 }
 
-/// The page of hashes that was looked at last; empty before the first one.
+/// The last page of hashes used; empty at first.
 #[derive(Default)]
 struct HashPage(Option<(PageId, bool, Vec<u128>)>);
 
 impl HashPage {
-    /// The stored hash of a brick's core.
     fn stored(&mut self, store: &Store, id: BrickId) -> Result<u128, ReadError> {
         let (page, place) = store.pyramid().page_of(id);
         // Pages of two pyramids have the same ids.
@@ -254,17 +250,17 @@ impl<'a> Verifier<'a> {
         self.barred.into_inner().map_or(Ok(report), |error| Err(VerifyError::Barred(error)))
     }
 
-    /// Whether no more is looked for: there are many problems, or something may not be read.
+    /// Whether to stop, after too many problems or a refused read.
     fn has_enough(&self) -> bool {
         self.problems.load(Ordering::Relaxed) >= MOST_PROBLEMS || self.barred.get().is_some()
     }
 
-    /// Problems as they are found, until there are enough.
+    /// Passes on problems until there are enough.
     fn some<P: ParallelIterator<Item = VerifyProblem>>(&self, found: P) -> impl ParallelIterator<Item = VerifyProblem> {
         found.take_any_while(|_| self.problems.fetch_add(1, Ordering::Relaxed) < MOST_PROBLEMS)
     }
 
-    /// Documents, and every shard's file and index.
+    /// Checks the documents, and every shard's file and index.
     fn check_shards(&self) -> Result<VerifyReport, OpenError> {
         let documents::Found { problems, edits } = documents::check(&self.views[0], self.levels())?;
         let mut report = VerifyReport { bricks: self.brick_count(), problems, edits, ..VerifyReport::default() };
@@ -297,7 +293,7 @@ impl<'a> Verifier<'a> {
         let buffers = || self.buffers::<T>();
         let in_blocks = self.blocks().map_init(buffers, |b, block| self.check_block(b, block));
         let mut found: Vec<VerifyProblem> = self.some(in_blocks.flatten()).collect();
-        // A brick is read for its neighbours too, and is reported by who comes first.
+        // Neighbours' reads may report a brick first.
         found.sort_by_key(|problem| problem.brick.map(|id| (id.time, id.channel, id.level, id.index)));
         report.problems.append(&mut found);
         if !self.has_enough() && !self.level_0_unread.load(Ordering::Relaxed) {
@@ -305,7 +301,6 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// Compares the hash of a brick's core with the one that is stored.
     fn check_hash(&self, hashes: &mut HashPage, store: &Store, id: BrickId, computed: u128) -> Option<VerifyProblem> {
         match hashes.stored(store, id) {
             Ok(stored) if stored == computed => None,
@@ -328,7 +323,7 @@ impl<'a> Verifier<'a> {
             Ok(None) => None,
             Ok(Some(shard)) => {
                 let brick = |slot| chunks.layout().brick_at(id, slot).map_or("one outside".into(), |id| id.to_string());
-                // The index was checked as the shard was opened.
+                // The index was checked on opening the shard.
                 let (a, b) = shard.overlap().ok()??;
                 let what = format!("bricks {} and {} have some bytes in common, but not all", brick(a), brick(b));
                 Some(VerifyProblem { brick: None, path, what })
@@ -337,7 +332,7 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// The pages of a level's side data, and of its aprons', that cannot be read.
+    /// Checks the pages of a level's side data, and of its aprons'.
     fn check_pages(&self, store: &Store, level: Level) -> impl ParallelIterator<Item = VerifyProblem> {
         let arrays = level_arrays(store.path(), store.layout(), level, store.voxel_type());
         let of_aprons = store.aprons().map(|aprons| SideArray::fingerprints(store.path(), aprons.layout(), level));
@@ -348,10 +343,11 @@ impl<'a> Verifier<'a> {
         })
     }
 
-    /// The problem of what cannot be read, unless it is known: a brick that does not decode, or else its shard. None is what the process may not read.
+    /// Converts a new read error to a problem of the undecodable brick or else its shard. `None` for known problems and
+    /// refused reads.
     fn unread(&self, error: ReadError) -> Option<VerifyProblem> {
         if matches!(&error, ReadError::Io { error, .. } if is_of_process(error)) {
-            // Only the first is told.
+            // Only the first is reported.
             let _ = self.barred.set(error);
             return None;
         }
@@ -368,7 +364,7 @@ impl<'a> Verifier<'a> {
         unread.insert((path.clone(), brick)).then_some(VerifyProblem { brick, path, what })
     }
 
-    /// All levels of the main pyramid, then those that the second does not share.
+    /// The main pyramid's levels, then the second one's own.
     fn levels(&self) -> impl Iterator<Item = (&'a Store, Level)> {
         let levels = |(i, store): (usize, &'a Store)| {
             (i.min(1)..self.pyramid().levels().len()).map(move |k| (store, Level(k as u8)))
@@ -385,7 +381,7 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// The grids, which both have in common.
+    /// The grids, common to both pyramids.
     fn pyramid(&self) -> &'a Pyramid {
         self.views[0].pyramid()
     }
@@ -459,7 +455,7 @@ impl<'a> Verifier<'a> {
         problems
     }
 
-    /// Checks a block in and around which nothing is stored, without reading; false if it is not one.
+    /// Checks a block with nothing stored in or around it, without reading; otherwise returns `false`.
     fn check_empty_block<T: Measure>(
         &self,
         buffers: &mut Buffers<T>,
@@ -504,7 +500,7 @@ impl<'a> Verifier<'a> {
         true
     }
 
-    /// Fills the buffers with the block's voxels and returns the bricks that could not be read.
+    /// Fills the buffers with the block's voxels and returns the unreadable bricks.
     fn read_block<T: Measure>(
         &self,
         buffers: &mut Buffers<T>,
@@ -587,7 +583,7 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// Compares a brick's stored apron with the voxels around its core, one by one.
+    /// Compares a brick's stored apron with the voxels around its core.
     fn check_apron<T: Measure>(
         &self,
         buffers: &mut Buffers<T>,
@@ -626,7 +622,8 @@ impl<'a> Verifier<'a> {
         problems.extend(check_counts(&self.views[0], &totals));
         for (c, (totals, stored)) in totals.iter().zip(&self.views[0].info().channels).enumerate() {
             let mut computed = totals.finish();
-            // A float's mean depends in its last digits on the order of summation; the window, name and colour are a choice.
+            // A float's mean depends in its last digits on the order of summation; the window, name and colour are a
+            // choice.
             let near = (computed.mean - stored.mean).abs() <= 1e-9 * stored.range[0].abs().max(stored.range[1].abs());
             if near {
                 computed.mean = stored.mean;
@@ -641,12 +638,12 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// What is read to check a block: its voxels, and those around it that ranges and aprons depend on.
+    /// A block's voxels, with their surroundings for ranges and aprons.
     fn read_box(&self, block: Block<'a>) -> VoxelBox {
         self.grown(block.level, block.core, block.store.apron().map_or(1, |apron| apron.width))
     }
 
-    /// A box with so many voxels around it, inside the level.
+    /// Grows a box by `by` voxels on each side, within the level.
     fn grown(&self, level: Level, region: VoxelBox, by: u32) -> VoxelBox {
         let grown = VoxelBox::new(
             region.min.to_array().map(|v| v.saturating_sub(by)),
@@ -655,7 +652,7 @@ impl<'a> Verifier<'a> {
         grown.intersect(self.pyramid().level(level).extent.full_box())
     }
 
-    /// The value of voxels that hold no data.
+    /// The value marking voxels without data.
     fn nodata<T: Measure>(&self) -> Option<T> {
         self.views[0].info().nodata.map(|nodata| T::from_f64_rounded(nodata as f64))
     }
@@ -667,7 +664,7 @@ impl<'a> Verifier<'a> {
         std::array::from_fn(|a| coarse[a] / fine[a])
     }
 
-    /// The box of the next level, which there must be, that a box of whole bricks becomes.
+    /// The box of whole bricks on the next level, which must exist.
     fn coarse_box(&self, level: Level, region: VoxelBox) -> VoxelBox {
         let factor = self.factor(level);
         let (min, max) = (region.min.to_array(), region.max.to_array());
@@ -681,7 +678,7 @@ impl Block<'_> {
     }
 }
 
-/// Compares the counts that a store keeps which steps are appended to.
+/// Checks the value counts of a store with appended steps.
 fn check_counts(store: &Store, totals: &[ChannelTotals]) -> Option<VerifyProblem> {
     let times = store.info().times?;
     let counts = Counts::of(store.path(), store.layout());
@@ -694,7 +691,7 @@ fn check_counts(store: &Store, totals: &[ChannelTotals]) -> Option<VerifyProblem
                 "these are not the counts of the channel's values".into(),
             )
         }
-        // They go when another step is appended, and then those of one step more are there.
+        // Another append may have replaced them.
         Ok(None) | Err(_) if store.newer().is_ok_and(|newer| newer.is_some()) => None,
         Ok(None) => problem(counts.dir(times), "missing".into()),
         Err(error) => {
@@ -705,7 +702,7 @@ fn check_counts(store: &Store, totals: &[ChannelTotals]) -> Option<VerifyProblem
     }
 }
 
-/// Compares the ranges that are stored of a brick with its voxels' and its children's.
+/// Compares a brick's stored ranges with its voxels and its children's ranges.
 fn check_entry<T: Measure>(
     store: &Store,
     id: BrickId,
@@ -749,7 +746,7 @@ fn apron_path(store: &Store, id: BrickId) -> PathBuf {
     layout.shard_path(store.path(), layout.shard_of(id).0)
 }
 
-/// Rows of `part` in an array that holds the box `whole`, as ranges.
+/// The rows of `part` in an array of the box `whole`.
 fn rows(part: VoxelBox, whole: VoxelBox) -> impl Iterator<Item = std::ops::Range<usize>> {
     let extent: Extent = whole.extent();
     let origin = whole.min.to_array();
@@ -762,13 +759,13 @@ fn rows(part: VoxelBox, whole: VoxelBox) -> impl Iterator<Item = std::ops::Range
     })
 }
 
-/// The range of the box `part` in an array of the box `whole`, without voxels that are `nodata`: plainly, as packing puts it together
-/// from neighbours.
+/// The range of `part` in an array of the box `whole`, without `nodata` voxels: computed directly, rather than combined
+/// from neighbours as in packing.
 fn range_of_box<T: Measure>(array: &[T], whole: VoxelBox, part: VoxelBox, nodata: Option<T>) -> Range<T> {
     rows(part, whole).fold(T::EMPTY, |range, row| range.join(nodata::range(&array[row], nodata)))
 }
 
-/// Copies the box `part` out of an array of the box `whole` to the start of `out`, packed.
+/// Copies `part` from an array of the box `whole` to the start of `out`, packed.
 fn copy_box<T: Copy>(array: &[T], whole: VoxelBox, part: VoxelBox, out: &mut [T]) {
     let nx = part.extent().x as usize;
     for (out, row) in out.chunks_exact_mut(nx).zip(rows(part, whole)) {
@@ -776,7 +773,7 @@ fn copy_box<T: Copy>(array: &[T], whole: VoxelBox, part: VoxelBox, out: &mut [T]
     }
 }
 
-/// Voxels whose bits differ between packed `expected` and the same box of `array`.
+/// Number of voxels with different bits in packed `expected` and `part` of `array`.
 fn count_differences<T: Measure>(expected: &[T], part: VoxelBox, array: &[T], whole: VoxelBox) -> usize {
     let nx = part.extent().x as usize;
     let in_row = |(row, range): (&[T], std::ops::Range<usize>)| {
@@ -787,7 +784,7 @@ fn count_differences<T: Measure>(expected: &[T], part: VoxelBox, array: &[T], wh
     expected.chunks_exact(nx).zip(rows(part, whole)).map(in_row).sum()
 }
 
-/// The first field that differs.
+/// The first differing field.
 fn difference(expected: &ChannelStatistics, found: &ChannelStatistics) -> String {
     let fields = |s: &ChannelStatistics| serde_json::to_value(s).unwrap_or_default();
     let (expected, found) = (fields(expected), fields(found));

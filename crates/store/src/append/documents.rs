@@ -1,4 +1,4 @@
-//! The documents of a store that has one step more: only what the step changes is changed, and what other programs wrote stays.
+//! Documents of a store after an append: only the step's changes are made, and other programs' content stays.
 
 use crate::counts::Counts;
 use crate::error::OpenError;
@@ -12,8 +12,7 @@ use brickyard_volume::Level;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// The folders of all arrays of a store, in the order in which their documents come to say that there is a step more: coarse levels first, and
-/// what belongs to a level before the level itself.
+/// Folders of all arrays, in the order of gaining a step: coarse levels first, side data before its level.
 pub(super) fn array_dirs(store: &Store) -> Vec<PathBuf> {
     let (path, main, info) = (store.path(), store.layout(), store.info());
     let second = info.downsample.second().map(|method| main.of_second(method));
@@ -32,11 +31,12 @@ pub(super) fn array_dirs(store: &Store) -> Vec<PathBuf> {
     dirs
 }
 
-/// What steps are of which a store knows nothing, and what to do.
+/// A description of steps unknown to a store, with the remedy.
 pub(crate) const FOREIGN_STEPS: &str = "another program has appended steps; pack them anew, or take them back";
 
-/// The document of the finest level, and its number of steps, if another program has appended steps there. A commit writes its counts and all new
-/// documents under temporary names first, and lengthens the finest level last: what is longer without these is no commit's that was cut off.
+/// The finest level's document and number of steps, if another program has appended there. A commit first writes its
+/// counts and all new documents under temporary names, and lengthens the finest level last: a longer one without these
+/// is not from an interrupted commit.
 pub(crate) fn foreign_steps(store: &Store) -> Result<Option<(PathBuf, u64)>, OpenError> {
     if store.layout().axes()[0] != "t" {
         return Ok(None);
@@ -50,7 +50,7 @@ pub(crate) fn foreign_steps(store: &Store) -> Result<Option<(PathBuf, u64)>, Ope
     if found < next {
         return Ok(None);
     }
-    // The power may have gone before all names lasted.
+    // The power may have failed before all names were durable.
     let is_renamed = |path: &PathBuf| Ok(is_there(&temporary(path)) || steps(path)? == next);
     let counts = Counts::of(store.path(), store.layout()).dir(store.times().saturating_add(1));
     let is_cut_off = found == next && is_there(&counts) && !is_there(&temporary(&finest));
@@ -58,8 +58,8 @@ pub(crate) fn foreign_steps(store: &Store) -> Result<Option<(PathBuf, u64)>, Ope
     Ok((!is_cut_off || others.contains(&false)).then_some((finest, found)))
 }
 
-/// Makes the arrays' documents that another program gathered in the root document (`consolidated_metadata`) say that there are so many steps:
-/// readers believe those in place of the arrays' own.
+/// Sets the number of steps in array documents that another program gathered in the root document
+/// (`consolidated_metadata`), which readers prefer.
 pub(super) fn update_consolidated(store: &Path, dirs: &[PathBuf], times: u32, root: &mut Value) {
     let Some(documents) = root.pointer_mut("/consolidated_metadata/metadata") else { return };
     for dir in dirs {
@@ -70,7 +70,8 @@ pub(super) fn update_consolidated(store: &Path, dirs: &[PathBuf], times: u32, ro
     }
 }
 
-/// The root documents of the groups around a store in which another program gathered the store's documents: their readers see the steps of then.
+/// Root documents of surrounding groups in which another program gathered the store's documents: their readers see the
+/// former steps.
 pub(super) fn stale_groups(store: &Path) -> Vec<PathBuf> {
     let Ok(store) = store.canonicalize() else { return Vec::new() };
     let groups = store.ancestors().skip(1).map(|group| (group, group.join("zarr.json")));
@@ -82,17 +83,17 @@ pub(super) fn stale_groups(store: &Path) -> Vec<PathBuf> {
     groups.take_while(|(_, document)| document.is_file()).filter(has_gathered).map(|(_, document)| document).collect()
 }
 
-/// Whose word counts where a document is not as it was written.
+/// Precedence for a changed document.
 #[derive(Clone, Copy, PartialEq)]
 enum Owner {
     /// The store's own part.
     Ours,
-    /// What other programs may edit.
+    /// Parts that other programs may edit.
     Anybody,
 }
 
-/// Puts what `new` says in place of what `old` said into the root document that was found: everywhere in the store's own part, elsewhere only where
-/// nobody has written anything else. Keys that neither has stay.
+/// Applies the changes from `old` to `new` to the root document found: everywhere in the store's own part, elsewhere
+/// only to unedited values. Keys absent from both stay.
 pub(super) fn update_root(old: &Value, new: &Value, found: &mut Value) {
     update(old, new, found, Owner::Anybody);
     update(
@@ -117,7 +118,7 @@ fn update(old: &Value, new: &Value, found: &mut Value, owner: Owner) {
                     None if owner == Owner::Ours || old.get(key).is_none() => {
                         found.insert(key.clone(), new.clone());
                     }
-                    // Somebody took it away.
+                    // Somebody deleted it.
                     None => {}
                 }
             }
@@ -165,7 +166,7 @@ mod tests {
         ome["omero"]["channels"][0]["label"] = json!("density");
         found["attributes"]["brickyard"]["theirs"] = json!([1]);
         found["attributes"]["brickyard"]["channels"][0]["note"] = json!("x");
-        // A number that another tool wrote in another way is still the one that was written.
+        // A number in another tool's notation is still the written one.
         found["attributes"]["ome"]["omero"]["channels"][0]["window"]["max"] = json!(3);
         update_root(&old, &new, &mut found);
         let mut expected = new.clone();

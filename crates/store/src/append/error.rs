@@ -1,4 +1,4 @@
-//! Why a step could not be appended.
+//! Errors of appending.
 
 use crate::error::{OpenError, ReadError};
 use crate::pack::PackError;
@@ -7,23 +7,25 @@ use brickyard_volume::counted;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// Why a step was not appended, or, for [`AppendError::Appended`], what failed after it was. The steps that a store had, it still has, whole; what a
-/// cut-off step left is nobody's, and goes with the next one.
+/// Why a step was not appended, or, for [`AppendError::Appended`], the failure afterwards. The store keeps its former
+/// steps, whole; remains of an interrupted step go with the next append.
 #[derive(Debug, thiserror::Error)]
 pub enum AppendError {
-    /// There is no store that can be opened.
+    /// No store can be opened there.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// Options, memory or the input do not allow it, or another process writes to the store; or the first step of a new store was not packed.
+    /// Options, memory or input do not allow it, another process writes to the store, or a new store's first step was
+    /// not packed.
     #[error(transparent)]
     Pack(#[from] PackError),
-    /// The store is still packed, or is to be replaced by a pack that has not ended.
+    /// The store is being packed, or about to be replaced by an unfinished pack.
     #[error("{path}: is an unfinished pack; finish it with `resume`, and then append", path = path.display())]
     Unfinished {
         /// The directory of the unfinished pack: the store, or its replacement.
         path: PathBuf,
-        /// Whether the pack is to replace the store. If not, packing the store's own source again with [`Exists::Resume`](crate::Exists::Resume)
-        /// ends it; where the store was made by [`Appender::create`](crate::Appender::create), the same call does.
+        /// Whether the pack replaces the store. If not, packing the store's own source with
+        /// [`Exists::Resume`](crate::Exists::Resume) finishes it, or the same call of
+        /// [`Appender::create`](crate::Appender::create) that began it.
         replaces: bool,
     },
     /// The first step of a store was begun from another input, or with other settings.
@@ -34,10 +36,10 @@ pub enum AppendError {
     Begun {
         /// The store.
         store: PathBuf,
-        /// What differs, in words, such as a setting's values then and now.
+        /// The difference, in words, such as a setting's values then and now.
         difference: String,
     },
-    /// The store has a single volume, and no axis of time along which there could be more.
+    /// The store has a single volume, and no time axis for more.
     #[error(
         "{store}: has no axis of time, so no step can be appended; pack its first step anew, with `time_step`", store = store.display()
     )]
@@ -45,7 +47,7 @@ pub enum AppendError {
         /// The store.
         store: PathBuf,
     },
-    /// A shard of the store holds several time steps, which are only written together.
+    /// The store's shards hold several time steps, only written together.
     #[error(
         "{store}: has {steps} time steps in a shard, so no step can be appended; pack it anew with `shard_times` 1", store = store.display()
     )]
@@ -55,13 +57,13 @@ pub enum AppendError {
         /// Number of time steps in a shard.
         steps: u32,
     },
-    /// The source has several time steps, which are appended one at a time.
+    /// The source has several time steps, but steps are appended one at a time.
     #[error("the input holds {times} time steps; expected one: steps are appended one at a time")]
     Several {
         /// Number of time steps of the source.
         times: u32,
     },
-    /// The step is not of the same volume as the steps that are there.
+    /// The step's volume differs from that of the store's steps.
     #[error(
         "step {step}: its {what} is {found}, but that of {steps} of {store} is {expected}", store = store.display(),
         steps = if *step == 1 { "step 0".to_owned() } else { format!("steps 0 to {}", step - 1) }
@@ -69,29 +71,29 @@ pub enum AppendError {
     Mismatch {
         /// The store.
         store: PathBuf,
-        /// The number that the step was to have.
+        /// The intended number of the step.
         step: u32,
-        /// What differs, in a word or two.
+        /// The difference, in a word or two.
         what: &'static str,
-        /// What the store has.
+        /// The store's value.
         expected: String,
-        /// What the step has.
+        /// The step's value.
         found: String,
     },
-    /// The step cannot have the time that was given, or needs one.
+    /// The step's time is impossible or missing.
     #[error("step {step}: time: expected {expected}, found {found}")]
     Time {
-        /// The number that the step was to have.
+        /// The intended number of the step.
         step: u32,
-        /// What the time should be.
+        /// The expected time.
         expected: String,
-        /// What was given.
+        /// The given time.
         found: String,
     },
-    /// Something of the store that appending needs cannot be read.
+    /// A part of the store needed for appending cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// Whoever watches told it to stop, by [`Progress::is_cancelled`](crate::Progress::is_cancelled).
+    /// [`Progress::is_cancelled`](crate::Progress::is_cancelled) stopped the append.
     #[error("cancelled; {store} has {}", steps(*times), store = store.display())]
     Cancelled {
         /// The store.
@@ -110,13 +112,13 @@ pub enum AppendError {
         /// Number of its steps.
         times: u32,
     },
-    /// A change to the file system failed: a full disk, mostly.
+    /// A change to the file system failed, usually on a full disk.
     #[error(
         "{path}: {error}; {store} has {}: {} and go on with step {times}", steps(*times), cure(error), path = path.display(),
         store = store.display()
     )]
     Incomplete {
-        /// The file that was being written.
+        /// The file being written.
         path: PathBuf,
         /// The operating system's error.
         #[source]
@@ -139,8 +141,8 @@ pub enum AppendError {
         /// Number of its steps.
         times: u32,
     },
-    /// The step is part of the store, and whoever opens the store sees it: it must not be appended again. What comes after failed. A power failure
-    /// may still take the step, until an [`Appender`](crate::Appender) opens the store without an error.
+    /// The step is part of the store and visible to all: it must not be appended again. A later operation failed. A
+    /// power failure may take the step until an [`Appender`](crate::Appender) opens the store without an error.
     #[error(
         "step {step} is in {store}: do not append it again; a power failure may still take it: {error}",
         store = store.display()
@@ -148,16 +150,16 @@ pub enum AppendError {
     Appended {
         /// The store.
         store: PathBuf,
-        /// The number that the step has.
+        /// The step's number.
         step: u32,
-        /// What failed after the step had become part of the store.
+        /// The failure after the step became part of the store.
         #[source]
         error: Box<AppendError>,
     },
 }
 
 impl AppendError {
-    /// The error of a first step whose pack failed, into a store that is not there yet.
+    /// The error of a failed first step, for a store that does not exist yet.
     pub(super) fn of_first(error: PackError) -> Self {
         match error {
             PackError::Incomplete { path, error, store, .. } => Self::Incomplete { path, error, store, times: 0 },
@@ -169,7 +171,7 @@ impl AppendError {
         }
     }
 
-    /// The error for what failed after a step had become part of a store.
+    /// The error for a failure after a step became part of a store.
     pub(super) fn after(self, store: &Path, step: u32) -> Self {
         Self::Appended { store: store.into(), step, error: self.into() }
     }

@@ -1,4 +1,4 @@
-//! One step of a source on its way into a store: whether it fits the steps that are there, when it was taken, and how it is described.
+//! A step of a source under way into a store: its fit with the existing steps, time and description.
 
 use super::AppendError;
 use crate::metadata::StoreInfo;
@@ -7,13 +7,14 @@ use crate::store::Store;
 use brickyard_import::{Described, Source, SourceInfo};
 use brickyard_volume::{Geometry, TimeAxis, counted};
 
-/// By which part of a voxel spacings and origins of steps may differ.
+/// Allowed deviation of steps' spacings and origins, as a fraction of a voxel.
 const TOLERANCE: f64 = 1e-4;
 
-/// A source of a single time step, under the number that the step has in a store.
+/// A source of a single time step, under the step's number in a store.
 pub(super) type Step<'a> = Described<&'a dyn Source>;
 
-/// The first step of a new store, which is taken at `stamp`; where neither that nor the source's time is known, at 0, each step 1 after the last.
+/// The first step of a new store, taken at `stamp`, otherwise at the source's time; if neither is known, at 0, each
+/// step 1 after the last.
 pub(super) fn first_step(source: &dyn Source, stamp: Option<f64>) -> Result<Step<'_>, AppendError> {
     let mut info = one_step(source)?.clone();
     let axis = info.time.take().unwrap_or_default();
@@ -21,7 +22,7 @@ pub(super) fn first_step(source: &dyn Source, stamp: Option<f64>) -> Result<Step
     Ok(Step { info, source, first: 0 })
 }
 
-/// The next step of a store: its voxels mean what those of the others do.
+/// The next step of a store: its voxels have the same meaning as the others'.
 pub(super) fn next_step<'a>(source: &'a dyn Source, store: &Store) -> Result<Step<'a>, AppendError> {
     let mut info = one_step(source)?.clone();
     check(&info, store)?;
@@ -36,7 +37,7 @@ fn one_step(source: &dyn Source) -> Result<&SourceInfo, AppendError> {
     }
 }
 
-/// Checks that a step has no voxels of the value that stands for no data in its store, where its source knows that they are data: `count` voxels have it.
+/// Checks `count`, the step's voxels with the store's no-data value, which the source may declare data.
 pub(super) fn check_nodata(step: &SourceInfo, store: &Store, count: u64) -> Result<(), AppendError> {
     match store_nodata(store) {
         Some(value) if step.knows_nodata && step.nodata.is_none() && count > 0 && !step.voxel_type.is_float() => {
@@ -52,13 +53,13 @@ pub(super) fn check_nodata(step: &SourceInfo, store: &Store, count: u64) -> Resu
     }
 }
 
-/// The value of a source's voxels without data, by which the store's steps were packed.
+/// The no-data value of source voxels used in packing the store's steps.
 fn store_nodata(store: &Store) -> Option<f64> {
     let StoreInfo { nodata, blanked, .. } = store.info();
     nodata.map(|nodata| nodata as f64).or(*blanked)
 }
 
-/// Checks that a step is of the same volume as a store's: in shape and type, and in place, unit and no data where it says these.
+/// Checks a step against a store's volume: shape and type, and, if given, place, unit and no data.
 fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
     let differs = |what, found: String, expected: String| {
         let (store, step) = (store.path().into(), store.times());
@@ -104,7 +105,7 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
         return differs("row of channels", found, expected);
     }
     let nodata = store_nodata(store);
-    // Of floats of a source that knows its own, a value only tells that some are left out, as they are here.
+    // If the source declares a no-data value, this one only means that some floats are left out, as they are here.
     let is_left_out = step.knows_nodata && step.voxel_type.is_float() && nodata.is_some();
     if let Some(found) = step.nodata.filter(|found| Some(*found) != nodata && !is_left_out) {
         let none = match step.knows_nodata {
@@ -123,8 +124,8 @@ fn in_a_row<'a>(names: impl Iterator<Item = Option<&'a str>>) -> String {
     names.map(|name| name.unwrap_or("(no name)")).collect::<Vec<_>>().join(", ")
 }
 
-/// The time axis of a store with one step more, which was taken at `stamp`. `said` is what the source knows: where it begins when the store does, it
-/// is the store's own axis, else its beginning is the step's time.
+/// The time axis of a store with one more step, taken at `stamp`. `said` is the source's own axis: if its start equals
+/// the store's, it is the store's own axis; otherwise its start is the step's time.
 pub(super) fn next_axis(
     store: &Store,
     said: Option<&TimeAxis>,

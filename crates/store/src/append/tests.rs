@@ -1,4 +1,4 @@
-//! Steps that are appended beside steps that were packed at once; appends that stop at every change, and what readers see.
+//! Appended steps against the same steps packed at once; appends stopped at every change, and the view of readers.
 
 use super::*;
 use crate::downsample::Downsample;
@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicI64, Ordering};
 
 const EXTENT: [u32; 3] = [40, 33, 35];
 
-/// A step of which other parts are empty than of the others.
+/// Each step has different empty parts.
 fn voxel(step: u32, channel: u32, [x, y, z]: [u32; 3]) -> f64 {
     let is_empty = (x / 16 + y / 16 + z / 16 + step).is_multiple_of(3);
     if is_empty { 0.0 } else { value([x + 20, y + 7 * channel, z + 3 * step]) + f64::from(10 * step + channel) }
@@ -65,7 +65,7 @@ fn assert_sound(path: &Path, what: &str) {
     assert_eq!(verify(path, |_, _| {}).unwrap().problems, [], "{what}");
 }
 
-/// All voxels of level 0 of the first steps, and one of the coarsest level.
+/// Checks all voxels of level 0 of the first steps, and one of the coarsest level.
 fn assert_steps(store: &Store, steps: u32, what: &str) {
     assert_eq!(store.times(), steps, "{what}");
     for step in 0..steps {
@@ -77,7 +77,7 @@ fn assert_steps(store: &Store, steps: u32, what: &str) {
     }
 }
 
-/// All but what says how the steps came to be there.
+/// Everything except the history of the steps.
 fn essence(path: &Path) -> (BTreeMap<PathBuf, Vec<u8>>, Value) {
     let mut found = files(path);
     found.retain(|path, _| path != Path::new("zarr.json") && !path.to_string_lossy().contains("/counts/"));
@@ -89,7 +89,7 @@ fn essence(path: &Path) -> (BTreeMap<PathBuf, Vec<u8>>, Value) {
     (found, root)
 }
 
-/// Steps appended one by one beside the same steps packed at once.
+/// Steps appended one by one against the same steps packed at once.
 fn check_series<T: Voxel>(
     channels: u32,
     access: Access,
@@ -139,7 +139,8 @@ fn steps_appended_one_by_one_are_a_series_packed_at_once() {
     check_series(2, Access::Box, &rich(VoxelType::F32), holes);
 }
 
-/// Killed at any change to the file system, first while it appends other data: the store has whole steps, and the next append goes on to the same bytes.
+/// Killed at any change to the file system, at first with other data: the store has whole steps, and the next append
+/// arrives at the same bytes.
 #[test]
 fn an_append_that_stops_anywhere_leaves_whole_steps_and_is_made_again() {
     let dir = tempfile::tempdir().unwrap();
@@ -150,14 +151,14 @@ fn an_append_that_stops_anywhere_leaves_whole_steps_and_is_made_again() {
         let before = files(&path);
         let all = changes_of_append(&path, steps);
         let expected = files(&path);
-        // What is written before anything is committed is much alike.
+        // Changes before the commit are much alike.
         let moments: Vec<i64> = (0..all).filter(|n| n % 15 == i64::from(steps) || *n > all - 100).collect();
         let mut committed = 0;
         for moment in moments {
             write_files(&path, &before);
             let disk = Disk { fuse: Some(AtomicI64::new(moment)), ..Disk::default() };
             let stopped = Appender::open_on(disk, &path, few()).and_then(|mut appender| {
-                // Other voxels than the ones that come after: where these have nothing, files must not stay.
+                // Other voxels than the later ones: where the latter have nothing, no files may remain.
                 let other = byte_step(steps + 1 + moment as u32 % 3);
                 let step = if moment % 2 == 0 { other } else { byte_step(steps) };
                 appender.append(&step, None, &())
@@ -186,7 +187,7 @@ fn an_append_that_stops_anywhere_leaves_whole_steps_and_is_made_again() {
     }
 }
 
-/// Appends a step, and counts the changes to the file system that this takes.
+/// Appends a step, and returns its number of changes to the file system.
 fn changes_of_append(path: &Path, step: u32) -> i64 {
     let mut appender = Appender::open(path, few()).unwrap();
     appender.append(&byte_step(step), None, &()).unwrap();
@@ -302,7 +303,7 @@ fn one_at_a_time_appends_or_packs() {
     drop(appender);
     assert!(!path.join(".brickyard-lock").exists() && !dir.path().join("s.zarr.packing").exists());
 
-    /// Appends while a pack is at work.
+    /// Appends during a pack.
     struct Meanwhile<'a>(&'a Path, std::sync::Mutex<Vec<AppendError>>);
     impl Progress for Meanwhile<'_> {
         fn planned(&self, _: &PackPlan) {
@@ -314,7 +315,7 @@ fn one_at_a_time_appends_or_packs() {
     let refused = meanwhile.1.into_inner().unwrap();
     assert!(matches!(&refused[..], [AppendError::Pack(error)] if is_busy(error)), "{refused:?}");
     assert!(!dir.path().join("s.zarr.packing").exists());
-    // One that came before the journal was there waits for the store's lock.
+    // One from before the journal existed waits for the store's lock.
     let path = store_of(
         &{
             let d = dir.path().join("b");
@@ -356,7 +357,7 @@ fn what_other_programs_wrote_survives() {
     assert!(root.as_object().unwrap().contains_key("consolidated_metadata"));
     assert_eq!([&root["attributes"]["other"], &root["attributes"]["ome"]["name"]], [&json!("x"), &json!("flow")]);
     assert_eq!(root["attributes"]["ome"]["omero"]["rdefs"]["model"], "color");
-    // What nobody has edited follows the values.
+    // Unedited values follow the voxels.
     let window = &root["attributes"]["ome"]["omero"]["channels"][0]["window"];
     assert_eq!(window["max"], json!(store.channel_range(0).1));
     for dir in &dirs {
@@ -413,7 +414,7 @@ fn steps_that_do_not_fit_are_named_with_both_values() {
     refused(&with(&|i| i.time.as_mut().unwrap().unit = Some("day".into())), None, &["second", "day"]);
     refused(&with(&|_| {}), Some(0.0), &["time", "after 0 of step 0", "found 0"]);
     refused(&with(&|_| {}), Some(f64::NAN), &["after 0", "NaN"]);
-    // What says less, fits; and integers without data are the store's.
+    // A source with less information fits; and integers without data take the store's value.
     let mut plain = step_of::<i16>(1, 1);
     plain.info.nodata = None;
     Appender::open(&path, few()).unwrap().append(&plain, None, &()).unwrap();
@@ -449,7 +450,7 @@ fn what_cannot_be_appended_to_is_refused_and_left_alone() {
     let create = |source: &Array<u8>| Appender::create(&unfinished, source, None, &byte_options(), &());
     create(&failing).err().unwrap();
     assert!(refusal(&unfinished).contains("unfinished pack"));
-    // The first step goes on, another one does not; and a store is not created twice.
+    // The first step continues, another one does not; and a store is not created twice.
     let message = create(&byte_step(1)).err().unwrap().to_string();
     assert!(message.contains("was begun otherwise") && !message.contains("overwrite"), "{message}");
     create(&byte_step(0)).unwrap();
@@ -473,7 +474,7 @@ fn times_go_on_evenly_or_are_kept_one_by_one() {
     appender.append(&byte_step(1), Some(2.5), &()).unwrap();
     appender.append(&byte_step(2), None, &()).unwrap();
     assert_eq!((axis().start, axis().step, axis().stamps), (2.0, 0.5, vec![]));
-    // The source's own time, since it is not that of the first step.
+    // The source's own time, since it differs from the first step's.
     let mut late = byte_step(3);
     late.info.time = Some(TimeAxis { start: 7.0, ..TimeAxis::default() });
     appender.append(&late, None, &()).unwrap();
@@ -485,7 +486,7 @@ fn times_go_on_evenly_or_are_kept_one_by_one() {
     appender.append(&byte_step(4), Some(7.25), &()).unwrap();
     assert_steps(&Store::open(&path).unwrap(), 5, "irregular");
     assert_sound(&path, "irregular");
-    // A series whose times nobody knew stays one.
+    // A series with unknown times stays one.
     let series = dir.path().join("series.zarr");
     pack(&Array::series(EXTENT, 2, 1, |t, p| voxel(t, 0, p) as u8), &series, &options, &()).unwrap();
     let mut appender = Appender::open(&series, few()).unwrap();
@@ -525,7 +526,7 @@ fn counts_that_are_missing_are_made_anew_and_damaged_ones_are_named() {
         let message = append(&path, 3).unwrap_err().to_string();
         assert!(message.contains("counts/3/0") && message.contains("damaged"), "byte {i}: {message}");
     }
-    // Another store's.
+    // From another store.
     let other = tempfile::tempdir().unwrap();
     let theirs = store_of(other.path(), 1..4);
     std::fs::copy(theirs.join("0/.brickyard/counts/3/0"), &file).unwrap();
@@ -541,7 +542,7 @@ fn arrays_may_be_one_step_ahead_and_never_behind() {
     for dir in array_dirs(&Store::open(&path).unwrap()) {
         let document = dir.join("zarr.json");
         edit(&document, |document| document["shape"][0] = json!(3));
-        // The finest level is the last one that a commit lengthens.
+        // The finest level is the last one lengthened by a commit.
         if dir == path.join("0") {
             let problems = verify(&path, |_, _| {}).unwrap().problems;
             assert!(problems.len() == 1 && problems[0].what.contains("another program"), "{problems:?}");
@@ -610,7 +611,7 @@ fn a_store_that_takes_the_path_meanwhile_is_left_alone() {
     assert!(again.to_string().contains("replaced"), "{again}");
     drop(appender);
     assert_same(&files(&path), &theirs, "the other store");
-    // What was written of the step is taken back with the next.
+    // The next append rolls back the remains of the step.
     let moved = dir.path().join("moved");
     append(&moved, 2).unwrap();
     assert_steps(&Store::open(&moved).unwrap(), 3, "moved");
@@ -734,12 +735,12 @@ fn a_store_is_sound_while_it_grows() {
     append(&path, 2).unwrap();
     let levels = || (0..before.pyramid().levels().len()).map(|level| (&before, Level(level as u8)));
     assert_eq!(written::check(&before, levels()).unwrap().problems, []);
-    // What is wrong is still found.
+    // Faults are still found.
     edit(&path.join("zarr.json"), |root| root["attributes"]["brickyard"]["edge"] = json!(8));
     assert!(!written::check(&before, levels()).unwrap().problems.is_empty());
 }
 
-/// Files that are written for a step are as many for the tenth as for the third, and none of another step is touched.
+/// The tenth step writes as many files as the third, and touches none of another step.
 #[test]
 fn an_append_costs_the_same_however_many_steps_there_are() {
     let dir = tempfile::tempdir().unwrap();
@@ -781,11 +782,11 @@ fn channels_in_another_order_are_refused() {
     let message = appender.append(&step(1, &["GFP", "DAPI"]), None, &()).unwrap_err().to_string();
     assert!(message.contains("row of channels is GFP, DAPI, but that of step 0"), "{message}");
     assert!(message.contains("is DAPI, GFP (write the step with these channels"), "{message}");
-    // What says less, fits.
+    // A source with less information fits.
     for (number, names) in (1..).zip([&["DAPI", "GFP"][..], &["", "GFP"], &[]]) {
         appender.append(&step(number, names), None, &()).unwrap();
     }
-    // One channel is not another, either.
+    // Nor may a single channel change.
     let step = |title: &str| {
         let mut step = byte_step(0);
         step.info.channel_looks = vec![ChannelLook { name: Some(title.into()), ..ChannelLook::default() }];
@@ -797,7 +798,8 @@ fn channels_in_another_order_are_refused() {
     appender.append(&step("GFP"), None, &()).unwrap();
 }
 
-/// A value that stands for no data may be data in a step whose source knows its own: integers are refused then, floats stay what they are.
+/// The no-data value may be valid data in a step whose source declares its own: integers are refused then, floats keep
+/// it as data.
 #[test]
 fn data_of_a_later_step_are_never_taken_for_none() {
     fn check<T: Voxel>(value: f64, is_refused: bool) {
@@ -823,10 +825,11 @@ fn data_of_a_later_step_are_never_taken_for_none() {
             let at = |time| level_voxels(&store, time, 0, Level(0))[3];
             assert!(at(0).is_nan() && at(1) == value, "{} {}", at(0), at(1));
         }
-        // Another value that is left out already is none of floats.
+        // For floats, another value that is already left out is no conflict.
         let other = appender.append(&step(Some(value + 2.0), true, false), None, &());
         assert_eq!(other.is_err(), is_refused, "{other:?}");
-        // One that has none of it is taken, and so is one whose source says nothing: there the value is no data, as before.
+        // A step without the value is accepted, and so is one whose source does not specify: its voxels with the value
+        // have no data, as before.
         appender.append(&step(None, true, false), None, &()).unwrap();
         let report = appender.append(&step(None, false, true), None, &()).unwrap();
         assert_eq!(report.nodata + report.non_finite, u64::from(EXTENT[1] * EXTENT[2]));

@@ -1,13 +1,13 @@
-//! The second pass, where aprons are stored: made from the cores that the first pass wrote, shard by shard.
+//! The second pass, if aprons are stored: makes them from the first pass's cores, shard by shard.
 //!
-//! For each layer of bricks of each time step of a shard, the shells (`shells.rs`) of its bricks and their neighbours are fetched: from memory, or
-//! by decoding the core. Then its aprons are made, encoded, and appended in the order of the index. A shell is 11 times
-//! smaller than its core, and those last used stay as far as `--memory` reaches. Where a layer of shards and its neighbours fits
-//! (at 4096^3 of 8 bits 1 GB), every core is decoded once; where only a row of shards does, 1.25 times; in the least memory,
-//! about twice. Where shards hold several time steps, they are still made one after another, so that few are open at a time; the same
-//! then takes as many times the memory.
+//! For each layer of bricks of each time step of a shard, it fetches the shells (`shells.rs`) of its bricks and their
+//! neighbours, from memory or by decoding the core, then makes, encodes and appends the aprons in index order. A shell
+//! is 11 times smaller than its core, and the last ones used are cached up to `--memory`. With room for a layer of
+//! shards and its neighbours (1 GB at 4096^3 of 8 bits), every core is decoded once; for only a row of shards, 1.25
+//! times; in the least memory, about twice. Shards of several time steps are still made one by one, so few are open at
+//! a time; the same decoding then takes as many times the memory.
 //!
-//! Finished shards are journalled like those of cores, so a pass that was interrupted goes on after the last of them.
+//! Finished shards are journalled like those of cores, so an interrupted pass continues after the last one.
 
 use crate::chunks::Chunks;
 use crate::codec::BrickCodec;
@@ -34,7 +34,6 @@ use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Everything about the pass over aprons that does not change while it runs.
 pub(crate) struct ApronPass<'a> {
     pub(crate) store: &'a Path,
     pub(crate) voxel_type: VoxelType,
@@ -45,7 +44,6 @@ pub(crate) struct ApronPass<'a> {
     pub(crate) progress: &'a dyn Progress,
 }
 
-/// What has been made so far.
 #[derive(Default)]
 struct Made {
     shards: u64,
@@ -55,7 +53,7 @@ struct Made {
 
 impl ApronPass<'_> {
     /// Makes the aprons of all stages, and returns the bytes written to their shards. On failure, finished shards stay
-    /// and are noted in the journal.
+    /// and are in the journal.
     pub(crate) fn run(&self, journal: &mut Journal) -> Result<u64, (Stop, Reached)> {
         let mut made = Made::default();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.options.threads).build();
@@ -82,18 +80,17 @@ impl ApronPass<'_> {
     }
 }
 
-/// The pass over one stage.
 struct StagePass<'a> {
     pass: &'a ApronPass<'a>,
-    /// What the first pass wrote.
+    /// The output of the first pass.
     cores: Chunks,
-    /// Where the aprons are stored.
+    /// The layout of the aprons.
     layout: Layout,
     level: Level,
     grid: Extent,
     maker: ApronMaker,
     codec: BrickCodec,
-    /// Shells of bricks that are stored, the ones used last.
+    /// Shells of stored bricks, the last ones used.
     shells: LruCache<BrickId, Box<[u8]>>,
 }
 
@@ -113,7 +110,7 @@ impl<'a> StagePass<'a> {
         }
     }
 
-    /// Makes the stage's shards of aprons, as far as they are not there already.
+    /// Makes the stage's missing shards of aprons.
     fn run(mut self, journal: &mut Journal, made: &mut Made) -> Result<(), Stop> {
         let ApronPass { store, disk, plan, progress, .. } = *self.pass;
         let (mut shard_pages, mut pages) = (ShardPages::new(store, &self.layout, self.level), Vec::new());
@@ -168,7 +165,7 @@ impl<'a> StagePass<'a> {
         Ok(fingerprint)
     }
 
-    /// Has the shells of these bricks at hand, as far as they are stored. There is room for all of them.
+    /// Fetches the shells of these bricks, if stored. There is room for all of them.
     fn fetch_shells(&mut self, ids: &[BrickId]) -> Result<(), ReadError> {
         let mut missing = Vec::new();
         for &id in ids {
@@ -193,8 +190,8 @@ impl<'a> StagePass<'a> {
         Ok(())
     }
 
-    /// The encoded aprons of bricks whose shells, and whose neighbours', are at hand, each with the apron's hash; `None` for one
-    /// that is all fill.
+    /// Encodes aprons, each with its hash; `None` if all fill. The shells of the bricks and their neighbours must be
+    /// cached.
     fn encode(&self, ids: &[BrickId]) -> Vec<Option<(Vec<u8>, u128)>> {
         let encode = |apron: &mut Vec<u8>, &id: &BrickId| {
             let shell_of = |index| self.shells.peek(&BrickId { index, ..id }).map(|shell| &shell[..]);
@@ -208,7 +205,7 @@ impl<'a> StagePass<'a> {
     }
 }
 
-/// A box of bricks and those that touch it.
+/// A box of bricks and their neighbours.
 fn around(bricks: VoxelBox, grid: Extent) -> VoxelBox {
     let min = bricks.min.to_array().map(|i| i.saturating_sub(1));
     VoxelBox::new(min, bricks.max.to_array().map(|i| i + 1)).intersect(grid.full_box())

@@ -1,9 +1,8 @@
-//! One brick's way from its voxels to what is kept of it: core, ranges, counts, and its part of the next level.
+//! Processing of one brick: from its voxels to core, ranges, counts, and its part of the next level.
 //!
-//! Cores are read in runs along x, a few at a time: long rows, once through the source's memory, are what makes reading
-//! cheap. What a core shares with its neighbours, the ranges of what touches them, is kept by part
-//! (`parts.rs`). One at the far faces is filled up with its last voxels, which keeps a constant brick constant and
-//! makes means over odd extents those of what exists.
+//! Cores are read in runs along x: long rows, once through the source's memory, make reading cheap. Ranges shared with
+//! neighbours are kept by part (`parts.rs`). Cores at the far faces are padded with their last voxels, which keeps
+//! constant bricks constant and averages only existing voxels over odd extents.
 
 use crate::downsample::{Downsample, downsample};
 use crate::nodata;
@@ -11,8 +10,7 @@ use crate::pack::parts::Parts;
 use crate::stats::{Counter, Measure, Range, Tally};
 use brickyard_import::Lent;
 
-/// Number of bricks that are read together, at least 1: rows of 1 KiB, and at most 4 MiB of cores, which a last-level
-/// cache holds.
+/// Bricks read together, at least 1: rows of 1 KiB, and at most 4 MiB of cores, which fit a last-level cache.
 pub(crate) const fn run_length(edge: usize, voxel_bytes: usize) -> usize {
     let by_row = 1024 / (edge * voxel_bytes);
     let by_cores = (4 << 20) / (edge.pow(3) * voxel_bytes);
@@ -20,27 +18,26 @@ pub(crate) const fn run_length(edge: usize, voxel_bytes: usize) -> usize {
     if run > 1 { run } else { 1 }
 }
 
-/// One thread's buffers for bricks of one edge length.
 pub(crate) struct Workspace<T> {
     edge: usize,
-    /// The value of voxels that hold no data.
+    /// The value marking voxels without data.
     nodata: Option<T>,
     /// A run of cores, `edge`^3 each.
     cores: Vec<T>,
-    /// The part of the next level that was made last from a core, packed.
+    /// The last reduced part of the next level, packed.
     pub(crate) coarse: Vec<T>,
     /// Counts of level-0 voxels by value.
     pub(crate) counter: Counter,
 }
 
-/// What is measured of a brick's core.
+/// Measurements of a brick's core.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Summary<T> {
     /// The ranges of the core's valid voxels, by part.
     pub(crate) parts: Parts<T>,
-    /// The core's sums and counts for the channel's statistics; empty except at level 0.
+    /// Sums and counts for the channel's statistics; empty except at level 0.
     pub(crate) tally: Tally,
-    /// Whether every voxel of the core is the fill value, all bits zero.
+    /// Whether every voxel has all bits zero, the fill value.
     pub(crate) is_fill: bool,
 }
 
@@ -56,7 +53,6 @@ impl<T: Measure> Workspace<T> {
         }
     }
 
-    /// Bytes that a workspace takes.
     pub(crate) const fn bytes(edge: usize, voxel_bytes: usize) -> usize {
         (run_length(edge, voxel_bytes) * edge.pow(3) + edge.pow(3) / 2) * voxel_bytes + Counter::bytes(voxel_bytes)
     }
@@ -66,12 +62,11 @@ impl<T: Measure> Workspace<T> {
         &self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)]
     }
 
-    /// Core `i` of the run, to be written.
     pub(crate) fn core_mut(&mut self, i: usize) -> &mut [T] {
         &mut self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)]
     }
 
-    /// Copies a run of cores, `shape` voxels in all, from where they lie in memory.
+    /// Copies a run of cores, `shape` voxels in all, from lent memory.
     pub(crate) fn gather(&mut self, lent: Lent, shape: [usize; 3]) {
         let (row, slice, core) =
             (self.row_bytes(), self.edge * self.row_bytes(), self.edge * self.edge * self.row_bytes());
@@ -90,7 +85,7 @@ impl<T: Measure> Workspace<T> {
         self.edge * size_of::<T>()
     }
 
-    /// Moves voxels of `shape`, which were read packed to the start of core `i`, to their places in that core.
+    /// Moves voxels of `shape`, packed at the start of core `i`, to their places in the core.
     pub(crate) fn spread(&mut self, i: usize, [nx, ny, nz]: [usize; 3]) {
         let edge = self.edge;
         if nx < edge || ny < edge {
@@ -102,7 +97,7 @@ impl<T: Measure> Workspace<T> {
         }
     }
 
-    /// Puts NaN in place of every voxel of core `i` that is `value`, for floats.
+    /// Replaces every `value` in core `i` by NaN, for floats.
     pub(crate) fn blank(&mut self, i: usize, value: T) {
         let invalid = T::from_f64_rounded(f64::NAN);
         for voxel in self.core_mut(i).iter_mut().filter(|voxel| **voxel == value) {
@@ -110,7 +105,7 @@ impl<T: Measure> Workspace<T> {
         }
     }
 
-    /// Fills core `i` up past its extent, which is `shape`, and measures it. Counts its voxels if `finest`.
+    /// Pads core `i` beyond `shape`, its extent, and measures it. Counts its voxels if `finest`.
     pub(crate) fn digest(&mut self, i: usize, shape: [usize; 3], finest: bool) -> Summary<T> {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
@@ -128,7 +123,7 @@ impl<T: Measure> Workspace<T> {
     fn digest_any(&mut self, i: usize, shape: [usize; 3], finest: bool) -> Summary<T> {
         let core = &mut self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)];
         fill_up(core, self.edge, shape);
-        // Bricks in which all voxels have data are measured as if no value stood for none.
+        // Bricks without no-data voxels are measured as if there were no such value.
         let nodata = self.nodata.filter(|&nodata| nodata::is_in(core, nodata));
         let mut tally = Tally::default();
         if finest {
@@ -141,7 +136,7 @@ impl<T: Measure> Workspace<T> {
         Summary { parts, tally, is_fill }
     }
 
-    /// Fills core `i` with `value`, which is finite, and measures it as [`Workspace::digest`] does at level 0.
+    /// Fills core `i` with the finite `value`, and measures it like [`Workspace::digest`] at level 0.
     pub(crate) fn digest_constant(&mut self, i: usize, shape: [usize; 3], value: T) -> Summary<T> {
         let voxels = shape.iter().product::<usize>();
         self.core_mut(i).fill(value);
@@ -156,15 +151,15 @@ impl<T: Measure> Workspace<T> {
         Summary { parts, tally, is_fill }
     }
 
-    /// Makes the part of the next level from core `i`, which was digested: each of its voxels from `factor` voxels.
+    /// Reduces the digested core `i` to its part of the next level, by `factor` voxels.
     pub(crate) fn reduce(&mut self, i: usize, shape: [usize; 3], factor: [usize; 3], method: Downsample) {
-        // Odd extents include one of the voxels that fill the core up.
+        // Odd extents include one of the padding voxels.
         let shape: [usize; 3] = std::array::from_fn(|a| shape[a].next_multiple_of(factor[a]));
         let Some(nodata) = self.nodata else { return self.reduce_whole(i, shape, factor, method) };
         let mut is_marked = nodata::is_in(self.core(i), nodata);
         if !is_marked {
             self.reduce_whole(i, shape, factor, method);
-            // A mean can be that value where no voxel is.
+            // A mean may equal that value even if no voxel does.
             let voxels = (0..3).map(|a| shape[a] / factor[a]).product();
             is_marked = nodata::is_in(&self.coarse[..voxels], nodata);
         }
@@ -174,7 +169,7 @@ impl<T: Measure> Workspace<T> {
         }
     }
 
-    /// Makes the part of the next level from core `i`, whose integers all have data.
+    /// Reduces core `i`, whose integers all have data, to its part of the next level.
     fn reduce_whole(&mut self, i: usize, shape: [usize; 3], factor: [usize; 3], method: Downsample) {
         let core = &self.cores[i * self.edge.pow(3)..][..self.edge.pow(3)];
         #[cfg(target_arch = "x86_64")]
@@ -197,7 +192,7 @@ impl<T: Measure> Workspace<T> {
     }
 }
 
-/// Copies by cache lines: a call for each short row would cost more than the copy.
+/// Copies by cache lines, cheaper than a call for each short row.
 #[inline(always)]
 fn copy(from: &[u8], to: &mut [u8]) {
     let (from, from_rest) = from.as_chunks::<64>();
@@ -206,7 +201,7 @@ fn copy(from: &[u8], to: &mut [u8]) {
     to_rest.copy_from_slice(from_rest);
 }
 
-/// Fills a core up with the last voxel of each row, then the last row and the last slice of `shape`.
+/// Pads a core with the last voxel of each row, then with the last row and the last slice of `shape`.
 #[inline(always)]
 fn fill_up<T: Copy>(core: &mut [T], edge: usize, [nx, ny, nz]: [usize; 3]) {
     let slice = edge * edge;
@@ -226,7 +221,7 @@ fn fill_up<T: Copy>(core: &mut [T], edge: usize, [nx, ny, nz]: [usize; 3]) {
     }
 }
 
-/// Counts and sums the voxels of `shape`, without those that are `nodata`.
+/// Counts and sums the voxels of `shape`, without `nodata` ones.
 #[inline(always)]
 fn count<T: Measure>(
     core: &[T],

@@ -1,4 +1,4 @@
-//! The streaming pass: layers of bricks, level 0 in z order, each coarser level's as soon as its slices are there.
+//! The streaming pass: layers of bricks, level 0 in z order, each coarser level as soon as its slices are complete.
 //!
 //! ```text
 //! source ──► workers (one brick each) ──► sequence ──► writer ──► shard files ──► settler (rename, journal, sync)
@@ -6,12 +6,12 @@
 //!               └── coarser windows ◄┘
 //! ```
 //!
-//! A *stage* is one level of one pyramid; level 0 gives a coarse part to the next stage of each.
+//! A *stage* is one level of one pyramid; level 0 yields a coarse part for the next stage of each.
 //!
 //! Layers are barriers: a window is written by one layer and read by a later one, never both at once.
 //!
-//! A thread that panics (a source's fault, mostly) stops the sequence as it unwinds, so that the others end too; what it said
-//! becomes the reason why the pass stopped.
+//! A panicking thread (usually the source's fault) stops the sequence as it unwinds, so the others end too; its message
+//! becomes the reason for stopping.
 
 use crate::codec::BrickCodec;
 use crate::error::ReadError;
@@ -37,7 +37,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError, RwLock, mpsc};
 
-/// What a whole pass gives besides the files: what is counted of each channel, and the bytes written to shards.
+/// Results of a pass besides its files.
 pub(crate) struct Passed {
     pub(crate) channels: Vec<ChannelTotals>,
     pub(crate) written_bytes: u64,
@@ -47,42 +47,38 @@ pub(crate) struct Passed {
 pub(crate) enum Stop {
     Disk(DiskError),
     Source(ImportError),
-    /// What the pass wrote cannot be read back.
+    /// The pass cannot read back its own output.
     ReadBack(ReadError),
     Threads(String),
-    /// Whoever watches the pack cancelled it.
+    /// The observer of the pack cancelled it.
     Cancelled,
-    /// A thread has panicked, with this message.
+    /// A thread panicked with this message.
     Panic(String),
 }
 
 impl Stop {
-    /// Makes the reason from the payload of a thread that panicked.
     pub(crate) fn panic(payload: Box<dyn std::any::Any + Send>) -> Self {
         let words = payload.downcast_ref::<&str>().map(|words| words.to_string());
         Self::Panic(words.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_default())
     }
 }
 
-/// How far a pack came, for the message when it stops.
+/// The state of a stopped pack, for the message.
 pub(crate) struct Reached {
-    /// Number of finished shards.
     pub(crate) shards: u64,
-    /// Estimate of the bytes that are still to be written.
+    /// Estimate of the bytes still to be written.
     pub(crate) needed_bytes: u64,
 }
 
 impl Reached {
-    /// The state of a pack in which `done_bytes` of voxels became `written_bytes`, and `left_bytes` of voxels are still
-    /// to come.
+    /// The state after turning `done_bytes` of voxels into `written_bytes`, with `left_bytes` of voxels to come.
     pub(crate) fn new(shards: u64, written_bytes: u64, done_bytes: u64, left_bytes: u64) -> Self {
-        // As the data compressed so far; by half as long as nothing is known.
+        // By the compression so far, or by half if nothing is known.
         let rate = if written_bytes == 0 { 0.5 } else { written_bytes as f64 / done_bytes.max(1) as f64 };
         Self { shards, needed_bytes: (rate * left_bytes as f64) as u64 + (1 << 20) }
     }
 }
 
-/// How far the writer came.
 #[derive(Default)]
 struct Written {
     bytes: u64,
@@ -90,7 +86,6 @@ struct Written {
     voxels: u64,
 }
 
-/// Everything about a pass that does not change while it runs.
 pub(crate) struct Pass<'a> {
     pub(crate) source: &'a dyn Source,
     pub(crate) store: &'a Path,
@@ -100,7 +95,7 @@ pub(crate) struct Pass<'a> {
     pub(crate) progress: &'a dyn Progress,
 }
 
-/// A brick on its way to the writer.
+/// A brick under way to the writer.
 struct Packed<T> {
     stage: usize,
     id: BrickId,
@@ -108,11 +103,11 @@ struct Packed<T> {
     voxels: u64,
     /// The hash of the decoded core; `None` if it is all fill.
     hash: Option<u128>,
-    /// `None` if it is all fill, or its shard is there already.
+    /// `None` if it is all fill, or its shard already exists.
     encoded: Option<Vec<u8>>,
 }
 
-/// What the settler makes last, in order.
+/// Work of the settler, in order.
 enum Settle {
     /// A stage's shard.
     Shard(usize, Finished),
@@ -120,26 +115,24 @@ enum Settle {
     Page(PageFile),
 }
 
-/// Shards and pages that wait for the settler, at most: some 2 MiB.
+/// Most shards and pages waiting for the settler: some 2 MiB.
 const MOST_UNSETTLED: usize = 32;
 
-/// One thread's state.
 struct Worker<T> {
     workspace: Workspace<T>,
     scratch: Scratch,
 }
 
-/// What the workers share.
 struct Shared<'a, T> {
     pass: &'a Pass<'a>,
-    /// The value of floats that become NaN, since the source says that it stands for no data.
+    /// The source's no-data value of floats, to become NaN.
     blanked: Option<T>,
     codec: BrickCodec,
     workers: Vec<Mutex<Worker<T>>>,
     sequence: Sequence<Packed<T>>,
-    /// Per stage, the shards that earlier runs finished.
+    /// Per stage, the shards finished by earlier runs.
     earlier: Vec<HashMap<ShardId, Fingerprint>>,
-    /// Buffers of written bricks, to be used again.
+    /// Buffers of written bricks, for reuse.
     spare: Mutex<Vec<Vec<u8>>>,
     stop: Mutex<Option<Stop>>,
 }
@@ -155,7 +148,7 @@ impl<T> Shared<'_, T> {
         self.sequence.abort();
     }
 
-    /// Whether the pack was cancelled; stops everyone if it was.
+    /// Whether the pack was cancelled; if so, stops everyone.
     fn is_cancelled(&self) -> bool {
         let is_cancelled = self.pass.progress.is_cancelled();
         if is_cancelled {
@@ -166,8 +159,8 @@ impl<T> Shared<'_, T> {
 }
 
 impl Pass<'_> {
-    /// Packs the time steps of the plan, all channels, and adds their voxels to the channels' totals. On failure, finished shards stay
-    /// and are noted in the journal.
+    /// Packs all channels of the plan's time steps, and adds their voxels to the totals. On failure, finished shards
+    /// stay and are in the journal.
     pub(crate) fn run<T: Measure>(
         &self,
         journal: &mut Journal,
@@ -264,7 +257,7 @@ impl<T: Measure> Shared<'_, T> {
         plan.stages.iter().map(window).collect()
     }
 
-    /// The writer: shards and statistics, brick by brick in order. Returns each channel's range and tally of level 0.
+    /// The writer: shards and statistics in brick order. Returns each channel's range and tally of level 0.
     fn write(&self, to_settler: mpsc::SyncSender<Settle>, written: &mut Written) -> Vec<(Range<T>, Tally)> {
         let Pass { plan, store, disk, progress, .. } = *self.pass;
         let total = plan.input_voxels();
@@ -283,7 +276,7 @@ impl<T: Measure> Shared<'_, T> {
             match writers[s].add(brick.id, encoded, done_before) {
                 Ok(Some(finished)) => {
                     shard_pages[s].add(finished.id, finished.fingerprint, &mut pages);
-                    // The settler is gone only after it failed, which stops the sequence.
+                    // The settler is gone only after a failure, which stops the sequence.
                     let _ = to_settler.send(Settle::Shard(s, finished));
                 }
                 Ok(None) => {}
@@ -306,7 +299,7 @@ impl<T: Measure> Shared<'_, T> {
         channels
     }
 
-    /// The settler: makes shards and pages last. Returns how many shards.
+    /// The settler: makes shards and pages durable. Returns the number of shards.
     fn settle(&self, finished: mpsc::Receiver<Settle>, journal: &mut Journal) -> u64 {
         let Pass { plan, store, disk, .. } = *self.pass;
         let mut settled = 0;
@@ -329,7 +322,7 @@ impl<T: Measure> Shared<'_, T> {
     }
 }
 
-/// One time step of one channel on its way.
+/// One time step of one channel under way.
 struct Volume<'a, T> {
     shared: &'a Shared<'a, T>,
     pool: &'a rayon::ThreadPool,
@@ -356,8 +349,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         Ok(())
     }
 
-    /// Packs a stage's next layer, and then all that it makes possible on coarser ones: at once, since their windows hold
-    /// no more than they need.
+    /// Packs a stage's next layer, then all it enables on coarser stages, whose windows hold no more than needed.
     fn advance(&mut self, s: usize, next_layer: &mut [u32]) -> Result<(), Stop> {
         self.layer(s, next_layer[s])?;
         next_layer[s] += 1;
@@ -371,7 +363,6 @@ impl<'a, T: Measure> Volume<'a, T> {
         Ok(())
     }
 
-    /// Layers of bricks of a stage.
     fn layers(&self, s: usize) -> u32 {
         self.plan().stages[s].grid().bricks.z
     }
@@ -384,7 +375,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         self.windows[s].read().unwrap_or_else(PoisonError::into_inner).filled
     }
 
-    /// Slices that must have been made before a layer can be packed.
+    /// Number of slices required to pack a layer.
     fn slices_for(&self, s: usize, layer: u32) -> u32 {
         let end = (layer as u64 + 1) * self.plan().layout.pyramid.edge() as u64;
         end.min(self.plan().stages[s].grid().extent.z as u64) as u32
@@ -454,7 +445,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         Ok(())
     }
 
-    /// A layer's bricks, shard by shard, each shard's in the order of its index; in runs, and how many.
+    /// A layer's bricks in runs, in order of shards and their indexes; and their number.
     fn runs(&self, s: usize, layer: u32) -> (Vec<Run>, u64) {
         let Stage { layout, level, .. } = &self.plan().stages[s];
         let grid = layout.pyramid.level(*level).bricks;
@@ -476,7 +467,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         (runs, number)
     }
 
-    /// Tells the source that a row of level-0 bricks, all along x, will be read.
+    /// Announces a row of level-0 bricks, along all of x, to the source.
     fn announce(&self, y: u32, z: u32) {
         let Pass { source, plan, .. } = *self.shared.pass;
         let (extent, edge) = (plan.layout.pyramid.levels()[0].extent, plan.layout.pyramid.edge());
@@ -487,7 +478,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         }
     }
 
-    /// Packs a run of bricks. False once the pass is to stop.
+    /// Packs a run of bricks. Returns `false` once the pass must stop.
     fn run(&self, worker: &mut Worker<T>, s: usize, run: &Run, first_number: u64) -> bool {
         if s == 0 && run.first.x == 0 {
             self.announce(run.first.y + 1, run.first.z);
@@ -517,7 +508,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         })
     }
 
-    /// Packs core `i` of the workspace, which is brick `index`; every voxel of it is `constant`, if given.
+    /// Packs core `i` of the workspace as brick `index`, entirely of `constant` if given.
     fn brick(
         &self,
         worker: &mut Worker<T>,
@@ -561,7 +552,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         shared.sequence.put(number, Packed { stage: s, id, summary, voxels, hash, encoded })
     }
 
-    /// Fetches the cores of a run from where they lie in memory, if they do.
+    /// Copies the cores of a run if they are in memory.
     fn gather(&self, workspace: &mut Workspace<T>, s: usize, run: &Run) -> Result<bool, ImportError> {
         let Stage { layout, level, .. } = &self.plan().stages[s];
         let [first, last] = [0, run.count - 1].map(|i| layout.pyramid.brick_box(*level, run.brick(i)));
@@ -575,7 +566,7 @@ impl<'a, T: Measure> Volume<'a, T> {
         source.lend(self.time, self.channel, region, &mut |lent| workspace.gather(lent, shape(region)))
     }
 
-    /// Reads a brick of level 0 to core 0, unless the source knows that it is constant.
+    /// Reads a brick of level 0 into core 0, unless the source reports it constant.
     fn read(&self, workspace: &mut Workspace<T>, index: BrickIndex) -> Result<Option<T>, ImportError> {
         let Pass { source, plan, .. } = *self.shared.pass;
         let region = plan.layout.pyramid.brick_box(Level(0), index);
@@ -594,7 +585,7 @@ impl<'a, T: Measure> Volume<'a, T> {
 struct Run {
     first: BrickIndex,
     count: u32,
-    /// The number of the first brick, in its layer.
+    /// The number of the first brick within its layer.
     number: u64,
 }
 
@@ -604,7 +595,7 @@ impl Run {
     }
 }
 
-/// How a value for no data is treated: integers keep it, and floats that are it become NaN.
+/// Splits a no-data value into one kept (integers) and one replaced by NaN (floats).
 pub(crate) fn no_data<T: Measure>(nodata: Option<f64>) -> (Option<T>, Option<T>) {
     let nodata = nodata.map(T::from_f64_rounded);
     if T::TYPE.is_float() { (None, nodata) } else { (nodata, None) }
@@ -614,7 +605,7 @@ pub(crate) fn shape(region: VoxelBox) -> [usize; 3] {
     region.extent().to_array().map(|n| n as usize)
 }
 
-/// What a brick's core becomes on the next level.
+/// The box of a brick's core on the next level.
 pub(crate) fn coarse_box(core: VoxelBox, factor: [usize; 3]) -> VoxelBox {
     let (min, max) = (core.min.to_array(), core.max.to_array());
     VoxelBox::new(

@@ -1,5 +1,5 @@
-//! Every change that packing makes to the file system goes through here, but for the lock's (`lock.rs`): one place for paths
-//! in errors, syncs, tests' injected failures, and the rule that nothing outside of a store changes.
+//! File-system changes of packing, except the lock's (`lock.rs`): one place for paths in errors, syncs, tests' injected
+//! failures, and the rule that nothing outside a store changes.
 
 use crate::folder::Folder;
 use crate::inside::named;
@@ -8,15 +8,15 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
-/// Whether other machines may use a directory without learning of its lock: true on FUSE, 9P, AFS and Coda. The servers
-/// of NFS and SMB keep locks.
+/// Whether other machines may use a directory without seeing its lock: true on FUSE, 9P, AFS and Coda. The servers of
+/// NFS and SMB keep locks.
 pub(crate) fn may_be_local(dir: &Path) -> bool {
     // FUSE (sshfs and others), 9P, AFS, Coda.
     const KINDS: [u64; 4] = [0x6573_5546, 0x0102_1997, 0x5346_414f, 0x7375_7245];
     cfg!(target_os = "linux") && rustix::fs::statfs(dir).is_ok_and(|fs| KINDS.contains(&(fs.f_type as u64)))
 }
 
-/// A change to the file system that failed, and its path.
+/// A failed change to the file system, and its path.
 #[derive(Debug)]
 pub(crate) struct DiskError {
     pub(crate) path: PathBuf,
@@ -25,25 +25,24 @@ pub(crate) struct DiskError {
 
 type Result<T> = std::result::Result<T, DiskError>;
 
-/// The file system as packing sees it.
 #[derive(Default)]
 pub(crate) struct Disk {
     pub(crate) home: OnceLock<Home>,
-    /// The store's folder where it is open: changes inside of its path are made there, whatever the path leads to meanwhile.
+    /// The store's folder, if open: receives all changes inside its path, wherever the path leads.
     pub(crate) open: OnceLock<Arc<Folder>>,
-    /// Whether each file is synced by itself, as where a file system cannot be synced as a whole.
+    /// Whether to sync files one by one.
     #[cfg(test)]
     pub(crate) syncs_each: bool,
-    /// Number of changes after which all further ones fail, as on a full disk or after a crash.
+    /// Number of changes before all further ones fail, as on a full disk or after a crash.
     #[cfg(test)]
     pub(crate) fuse: Option<std::sync::atomic::AtomicI64>,
-    /// Whether a change panics where the fuse would make it fail.
+    /// Whether an exhausted fuse panics instead of failing.
     #[cfg(test)]
     pub(crate) panics: bool,
-    /// The changes that were made, in order, each with its path.
+    /// The changes made, in order, each with its path.
     #[cfg(test)]
     pub(crate) log: std::sync::Mutex<Vec<(&'static str, PathBuf)>>,
-    /// What other packs do, each with the moment at which they do it.
+    /// Actions of other packs, each with its moment.
     #[cfg(test)]
     pub(crate) meanwhile: std::sync::Mutex<Vec<(&'static str, Meanwhile)>>,
     /// Whether names cannot be exchanged, as on NFS.
@@ -51,11 +50,11 @@ pub(crate) struct Disk {
     pub(crate) cannot_exchange: bool,
 }
 
-/// Where a store is.
+/// The location of a store.
 pub(crate) struct Home {
-    /// The folder that holds the store. Below it no change goes through a symbolic link.
+    /// The folder around the store. Below it no change follows a symbolic link.
     folder: PathBuf,
-    /// Whether one call syncs the whole file system, so that files need not be synced one by one.
+    /// Whether one call syncs the whole file system.
     syncs_as_one: bool,
 }
 
@@ -63,8 +62,8 @@ pub(crate) struct Home {
 pub(crate) type Meanwhile = Box<dyn FnOnce() + Send>;
 
 impl Disk {
-    /// Learns where the store is, or is to be. From then on all changes are refused that a symbolic link in its folder, or beside it under one of its
-    /// names, would lead elsewhere.
+    /// Sets the present or future location of the store. Changes are then refused where a symbolic link in the store,
+    /// or beside it under one of its names, would redirect them.
     pub(crate) fn work_at(&self, store: &Path) {
         let folder = store.parent().unwrap_or(Path::new(""));
         let made = folder.ancestors().map(named).find(|folder| folder.exists());
@@ -75,17 +74,17 @@ impl Disk {
         let _ = self.home.set(Home { folder: folder.into(), syncs_as_one });
     }
 
-    /// Whether files are synced together, by [`Disk::sync_parts`], and not one by one as they are written.
+    /// Whether [`Disk::sync_parts`] syncs files together, rather than each write.
     pub(crate) fn syncs_as_one(&self) -> bool {
         self.home.get().is_some_and(|home| home.syncs_as_one)
     }
 
-    /// Makes all further changes inside of a store's path in this folder.
+    /// Redirects all further changes inside a store's path to this folder.
     pub(crate) fn work_in(&self, folder: Arc<Folder>) {
         let _ = self.open.set(folder);
     }
 
-    /// The path at which a change is made.
+    /// The effective path of a change.
     fn at(&self, path: &Path) -> PathBuf {
         self.open.get().map_or_else(|| path.into(), |folder| folder.through(path))
     }
@@ -112,7 +111,7 @@ impl Disk {
         Ok(())
     }
 
-    /// Marks a moment at which another pack may come between. In tests, what is registered for that moment runs, once.
+    /// Marks a moment of possible interference by another pack. In tests, runs its registered action, once.
     #[cfg(test)]
     pub(crate) fn meanwhile(&self, moment: &'static str) {
         let mut waiting = self.meanwhile.lock().unwrap();
@@ -124,7 +123,7 @@ impl Disk {
     #[cfg(not(test))]
     pub(crate) fn meanwhile(&self, _moment: &'static str) {}
 
-    /// Before a change: tests note it, and let it fail.
+    /// Before a change: tests record it, and may make it fail.
     #[cfg(test)]
     fn step(&self, what: &'static str, path: &Path) -> io::Result<()> {
         if let Some(fuse) = &self.fuse
@@ -146,7 +145,7 @@ impl Disk {
         self.step(what, path).and_then(|()| change()).map_err(|error| DiskError { path: path.into(), error })
     }
 
-    /// Makes a change at a path, if that leads through no link. `change` is given the path by which it is made.
+    /// Makes a change at a path free of links. `change` receives the effective path.
     fn run_at<T>(&self, what: &'static str, path: &Path, change: impl FnOnce(&Path) -> io::Result<T>) -> Result<T> {
         self.run(what, path, || self.check_links(path).and_then(|()| change(&self.at(path))))
     }
@@ -155,7 +154,8 @@ impl Disk {
         self.run_at("create_dir_all", path, |at| std::fs::create_dir_all(at))
     }
 
-    /// Creates an empty file, in the place of one that is there, and opens it for writing and reading. What other names that one has keep what it holds.
+    /// Creates an empty file, replacing an existing one, for writing and reading. Other names of the old file keep its
+    /// content.
     pub(crate) fn create(&self, path: &Path) -> Result<File> {
         let new = |at: &Path| File::options().read(true).write(true).create_new(true).open(at);
         self.run_at("create", path, |at| match new(at) {
@@ -167,7 +167,7 @@ impl Disk {
         })
     }
 
-    /// Opens a file to append to what is there, and to read it.
+    /// Opens a file for appending and reading.
     pub(crate) fn reopen(&self, path: &Path) -> Result<File> {
         self.run_at("reopen", path, |at| File::options().read(true).append(true).open(at))
     }
@@ -184,11 +184,11 @@ impl Disk {
     }
 
     pub(crate) fn sync(&self, path: &Path, file: &File) -> Result<()> {
-        // Tests end processes, not power: they count syncs without waiting for the disk.
+        // Tests kill processes, not power: they count syncs without waiting for the disk.
         self.run("sync", path, || if cfg!(test) { Ok(()) } else { file.sync_data() })
     }
 
-    /// Syncs a directory, so that renames and new files in it survive a crash.
+    /// Syncs a directory, so its renames and new files survive a crash.
     pub(crate) fn sync_dir(&self, path: &Path) -> Result<()> {
         self.run("sync_dir", path, || if cfg!(test) { Ok(()) } else { File::open(self.at(path))?.sync_all() })
     }
@@ -197,8 +197,8 @@ impl Disk {
         self.run_at("rename", to, |at| self.check_links(from).and_then(|()| std::fs::rename(self.at(from), at)))
     }
 
-    /// Renames a directory to a free name, or over an empty directory. If others have just put something into that
-    /// directory, waits up to half a second for them to remove it.
+    /// Renames a directory to a free name, or over an empty directory. Waits up to half a second for others to remove
+    /// recent content.
     pub(crate) fn rename_dir(&self, from: &Path, to: &Path) -> Result<()> {
         self.run_at("rename_dir", to, |at| {
             self.check_links(from)?;
@@ -206,8 +206,8 @@ impl Disk {
         })
     }
 
-    /// Exchanges the names of two directories in one step. Returns false where the file system cannot, or where one of
-    /// the names is free.
+    /// Exchanges the names of two directories in one step. Returns `false` if the file system cannot, or a name is
+    /// free.
     pub(crate) fn exchange(&self, a: &Path, b: &Path) -> Result<bool> {
         use rustix::fs::{CWD, RenameFlags, renameat_with};
         use rustix::io::Errno;
@@ -226,27 +226,25 @@ impl Disk {
         self.run_at("remove_file", path, |at| std::fs::remove_file(at))
     }
 
-    /// Removes an empty directory. If others have put something there for a moment (a lock), waits up to half a second
-    /// for them to remove it.
+    /// Removes an empty directory. Waits up to half a second for others to remove brief content (a lock).
     pub(crate) fn remove_dir(&self, path: &Path) -> Result<()> {
         self.run_at("remove_dir", path, |at| patiently(|| std::fs::remove_dir(at)))
     }
 
-    /// Writes a whole small file. Under its name there is the old content, the new content, or no file, but never a
-    /// part.
+    /// Writes a small file. Its name holds the old content, the new content, or no file, never a part.
     pub(crate) fn write(&self, path: &Path, bytes: &[u8]) -> Result<()> {
         let (temporary, file) = self.fill(path, bytes)?;
         self.sync(&temporary, &file)?;
         self.name(path)
     }
 
-    /// Writes a whole small file under its temporary name. It lasts once [`Disk::sync_parts`] has been called.
+    /// Writes a small file under its temporary name, durable after [`Disk::sync_parts`].
     pub(crate) fn prepare(&self, path: &Path, bytes: &[u8]) -> Result<()> {
         let (temporary, file) = self.fill(path, bytes)?;
         if self.syncs_as_one() { Ok(()) } else { self.sync(&temporary, &file) }
     }
 
-    /// Writes a file's bytes under its temporary name; returns that, and the file.
+    /// Writes a file under its temporary name; returns name and file.
     fn fill(&self, path: &Path, bytes: &[u8]) -> Result<(PathBuf, File)> {
         let temporary = temporary(path);
         let mut file = self.create(&temporary)?;
@@ -254,13 +252,13 @@ impl Disk {
         Ok((temporary, file))
     }
 
-    /// Gives a file that was prepared its name.
+    /// Renames a prepared file to its final name.
     pub(crate) fn name(&self, path: &Path) -> Result<()> {
         self.rename(&temporary(path), path)
     }
 
-    /// Writes a whole small file, in a folder that may not be there yet, which nobody reads before [`Disk::sync_parts`] has been called: until then
-    /// the power may take a part of it.
+    /// Writes a small file nobody reads before [`Disk::sync_parts`], creating its folder if needed: until then a power
+    /// failure may truncate it.
     pub(crate) fn write_early(&self, path: &Path, bytes: &[u8]) -> Result<()> {
         let missing = path.parent().filter(|parent| !self.at(parent).exists());
         missing.map_or(Ok(()), |parent| self.create_dir_all(parent))?;
@@ -268,8 +266,8 @@ impl Disk {
         self.name(path)
     }
 
-    /// Makes all that was written in a store last: by one call where the file system can, which takes one wait for the disk, and otherwise by syncing these
-    /// folders, and all below those that are trees.
+    /// Makes everything written in a store durable: by one call with a single wait for the disk if the file system can,
+    /// otherwise by syncing these folders and trees.
     pub(crate) fn sync_parts<'a>(&self, store: &Path, parts: impl IntoIterator<Item = Part<'a>>) -> Result<()> {
         if self.syncs_as_one() {
             return self.run("sync_all", store, || if cfg!(test) { Ok(()) } else { sync_file_system(&self.at(store)) });
@@ -280,7 +278,7 @@ impl Disk {
         })
     }
 
-    /// Syncs a folder and all folders below it, so that the names of all files there survive a crash.
+    /// Syncs a folder and all below it, so the names of all files survive a crash.
     fn sync_tree(&self, folder: &Path) -> Result<()> {
         let io = |error| DiskError { path: folder.into(), error };
         for entry in std::fs::read_dir(self.at(folder)).map_err(io)? {
@@ -293,15 +291,15 @@ impl Disk {
     }
 }
 
-/// A part of a store that is to last.
+/// A part of a store to be made durable.
 pub(crate) enum Part<'a> {
-    /// A folder, with all below it.
+    /// A folder, with everything below it.
     Tree(&'a Path),
     /// The names in a folder.
     Folder(&'a Path),
 }
 
-/// Whether syncing a file system says that something could not be written: on Linux since 5.8.
+/// Whether syncing a file system reports failed writes: on Linux since 5.8.
 fn tells_of_lost_writes() -> bool {
     let system = rustix::system::uname();
     let release = system.release().to_string_lossy();
@@ -309,7 +307,7 @@ fn tells_of_lost_writes() -> bool {
     cfg!(target_os = "linux") && (numbers.next(), numbers.next()) >= (Some(5), Some(8))
 }
 
-/// Syncs the file system that holds a folder: all that anybody has written there, which is mostly what a pack has.
+/// Syncs the file system of a folder: everybody's writes, but mostly the pack's.
 #[cfg(target_os = "linux")]
 fn sync_file_system(folder: &Path) -> io::Result<()> {
     Ok(rustix::fs::syncfs(File::open(folder)?)?)
@@ -320,7 +318,7 @@ fn sync_file_system(_: &Path) -> io::Result<()> {
     Err(io::ErrorKind::Unsupported.into())
 }
 
-/// Tries for half a second as long as a directory is not empty.
+/// Retries for half a second while a directory is not empty.
 fn patiently(mut change: impl FnMut() -> io::Result<()>) -> io::Result<()> {
     for _ in 0..50 {
         match change() {
@@ -332,7 +330,7 @@ fn patiently(mut change: impl FnMut() -> io::Result<()>) -> io::Result<()> {
     change()
 }
 
-/// The name under which a file is written until it is whole.
+/// The name of a file until it is complete.
 pub(crate) fn temporary(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".tmp");

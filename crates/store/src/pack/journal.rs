@@ -1,17 +1,18 @@
-//! The journal of an unfinished pack: what is packed how, then one line per finished shard.
+//! The journal of an unfinished pack: its settings, then one line per finished shard.
 //!
 //! ```text
 //! {"replaces": null, "settings": {...}, "shards": 24}
 //! 1234567 89abcdef 0/c/0/0/0          length, checksum of the index, path below the store; "0 00000000 path" if all fill
 //! ```
 //!
-//! A line is believed only if it is complete and the shard's file is there with that length and checksum: so lines and
-//! renames may reach the disk in any order. Only who has the directory's lock touches it.
+//! A line counts only if it is complete and the shard's file exists with this length and checksum: so lines and renames
+//! may reach the disk in any order. Only the holder of the directory's lock touches it.
 //!
-//! Where the file system is synced as a whole, shards are so every few seconds and when a pass ends, and not one by one. Lines that begin with a blank tell
-//! of that: `unsynced`, that what follows is believed only where `synced` comes after it. So whoever kills a pack, or the power, costs it a few seconds.
+//! If the file system is synced as a whole, shards are synced every few seconds and at the end of a pass, not one by
+//! one. Lines starting with a blank record this: after `unsynced`, lines count only if `synced` follows. So a kill or
+//! power failure costs a few seconds.
 //!
-//! `replaces` is the settings' fingerprint of the finished store whose place the pack is to take, if there is one.
+//! `replaces` is the settings' fingerprint of the finished store to be replaced, if any.
 
 use crate::data_file::open_file;
 use crate::data_file::read_at_most;
@@ -29,16 +30,16 @@ use std::time::{Duration, Instant};
 
 pub(crate) struct Journal {
     path: PathBuf,
-    /// `None` where nothing is noted.
+    /// `None` if nothing is recorded.
     file: Option<File>,
     head: Head,
     /// Shards finished by earlier runs, by path below the store.
     finished: HashMap<PathBuf, Fingerprint>,
-    /// When the first shard was noted that is not known to last; `None` if all are.
+    /// Time of the first recorded shard that may not be durable; `None` if all are.
     unsynced_since: Option<Instant>,
 }
 
-/// How long shards may wait to be synced.
+/// Longest wait of shards for a sync.
 const SYNC_INTERVAL: Duration = Duration::from_secs(5);
 
 /// A journal's first line.
@@ -51,11 +52,10 @@ pub(crate) struct Head {
 }
 
 impl Head {
-    /// Reads the head of the journal in a directory. It is empty if there is no journal, or if the journal's first line
-    /// is not a head.
+    /// Reads the head of a directory's journal; empty if there is no journal, or its first line is not a head.
     ///
     /// # Errors
-    /// If the journal is there and cannot be read.
+    /// If the journal exists but cannot be read.
     pub(crate) fn of(store: &Path) -> Result<Self, PackError> {
         let (path, mut line) = (store.join(JOURNAL_NAME), Vec::new());
         let file = open_file(&path);
@@ -68,19 +68,19 @@ impl Head {
     }
 }
 
-/// A head is some hundred bytes and the source's name.
+/// A head has some hundred bytes and the source's name.
 const MOST_HEAD_BYTES: u64 = 16 << 20;
 
 /// A shard's line: two numbers and a path of numbers.
 const MOST_LINE_BYTES: u64 = 128;
 
 impl Journal {
-    /// A journal that notes nothing: of a step that is appended, which is made anew where it was cut off.
+    /// A journal without records, for an appended step, which is remade after an interruption.
     pub(crate) fn none() -> Self {
         Self { path: PathBuf::new(), file: None, head: Head::default(), finished: HashMap::new(), unsynced_since: None }
     }
 
-    /// Starts a journal in a store directory, and replaces the journal that is there, if any.
+    /// Starts a journal in a store directory, replacing any existing one.
     pub(crate) fn create(disk: &Disk, store: &Path, head: Head) -> Result<Self, DiskError> {
         let path = store.join(JOURNAL_NAME);
         disk.write(&path, format!("{}\n{}", json!(head), first_line(disk)).as_bytes())?;
@@ -95,16 +95,16 @@ impl Journal {
         Ok(Self { file, path, head, finished: HashMap::new(), unsynced_since: None })
     }
 
-    /// The settings' fingerprint of the finished store that the pack is to replace; `None` if it replaces none.
+    /// The settings' fingerprint of the store to be replaced, if any.
     pub(crate) fn replaces(&self) -> Option<&str> {
         self.head.replaces.as_deref()
     }
 
-    /// Reads which shards are finished, and goes on where the journal ends. A shard whose file is not as the journal
-    /// says counts as unfinished.
+    /// Reads the finished shards, and continues at the journal's end. Shards that differ from their records are
+    /// unfinished.
     ///
     /// # Errors
-    /// If the pack was one of other data or with other settings, or the journal cannot be read or written.
+    /// If the pack has other data or settings, or the journal cannot be read or written.
     pub(crate) fn resume(&mut self, disk: &Disk, store: &Path, settings: &Value) -> Result<(), PackError> {
         if let Some(difference) = difference(&self.head.settings, settings) {
             return Err(PackError::Mismatch { store: store.into(), difference });
@@ -117,25 +117,25 @@ impl Journal {
         let complete = lines.rfind('\n').map_or(0, |end| end + 1);
         self.finished = believed(store, &lines[..complete]);
         if complete < lines.len() {
-            // A torn last line: end it, so that the next one starts afresh, in a way that no shard's line ends.
+            // Ends a torn last line, in a way no shard's line ends, so the next one starts afresh.
             self.append(disk, b" torn\n")?;
         }
         self.append(disk, first_line(disk).as_bytes())?;
-        // Before any shard's line, which would be believed without it.
+        // Must precede any shard's line, which would otherwise count as synced.
         Ok(self.file.as_ref().map_or(Ok(()), |file| disk.sync(&self.path, file))?)
     }
 
-    /// The fingerprint of a shard that an earlier run finished; `None` if no run did.
+    /// The fingerprint of a shard finished by an earlier run, if any.
     pub(crate) fn finished(&self, layout: &Layout, shard: ShardId) -> Option<Fingerprint> {
         self.finished.get(&layout.shard_path(Path::new(""), shard)).copied()
     }
 
-    /// How many shards earlier runs finished.
+    /// Number of shards finished by earlier runs.
     pub(crate) fn finished_count(&self) -> u64 {
         self.finished.len() as u64
     }
 
-    /// Notes a finished shard, whose file is at `path` below the store. Syncs the file system when that is due.
+    /// Records a finished shard by its path below the store. Syncs the file system when due.
     pub(crate) fn add(
         &mut self,
         disk: &Disk,
@@ -150,7 +150,7 @@ impl Journal {
         if since.elapsed() >= SYNC_INTERVAL { self.sync(disk, store) } else { Ok(()) }
     }
 
-    /// Makes the shards that were noted last, where that is not done one by one.
+    /// Makes the recorded shards durable, unless they are synced one by one.
     pub(crate) fn sync(&mut self, disk: &Disk, store: &Path) -> Result<(), DiskError> {
         if self.file.is_some() && disk.syncs_as_one() && self.unsynced_since.take().is_some() {
             disk.sync_parts(store, [])?;
@@ -164,15 +164,15 @@ impl Journal {
     }
 }
 
-/// The line before those of shards that are synced together; empty where each is synced before it is noted.
+/// The line before shards synced together; empty if each is synced before it is recorded.
 fn first_line(disk: &Disk) -> &'static str {
     if disk.syncs_as_one() { " unsynced\n" } else { "" }
 }
 
-/// The shards that lines tell of, whose files are there and last.
+/// The shards in these lines with durable files.
 fn believed(store: &Path, lines: &str) -> HashMap<PathBuf, Fingerprint> {
     let (mut believed, mut noted) = (HashMap::new(), Vec::new());
-    // Without a word on it each was synced.
+    // Without a mark, each was synced.
     let mut lasts = true;
     for line in lines.lines() {
         match line {
@@ -199,7 +199,6 @@ fn parse(store: &Path, line: &str) -> Option<(PathBuf, Fingerprint)> {
     (!fingerprint.has_file() || on_disk(&store.join(&path)) == Some(fingerprint)).then_some((path, fingerprint))
 }
 
-/// The fingerprint of a shard's file.
 fn on_disk(path: &Path) -> Option<Fingerprint> {
     let mut file = open_file(path).ok()?;
     let file_bytes = file.metadata().ok()?.len();
@@ -209,7 +208,7 @@ fn on_disk(path: &Path) -> Option<Fingerprint> {
     Some(Fingerprint { file_bytes, index_crc: u32::from_le_bytes(crc) as u64 })
 }
 
-/// The first setting that differs, in words.
+/// The first differing setting, in words.
 fn difference(then: &Value, now: &Value) -> Option<String> {
     let (Some(then), Some(now)) = (then.as_object(), now.as_object()) else {
         return Some("its journal cannot be read".into());
@@ -239,7 +238,7 @@ mod tests {
         let names = |lines: &[&str]| {
             let lines = lines.iter().map(|line| match *line {
                 "unsynced" | "synced" => format!(" {line}\n"),
-                // All fill: there is no file to look at.
+                // All fill: there is no file to check.
                 name => format!("0 00000000 {name}\n"),
             });
             let found = believed(Path::new("/nowhere"), &lines.collect::<String>());

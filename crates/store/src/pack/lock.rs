@@ -1,13 +1,13 @@
-//! The lock of a directory that is packed into: of any number of packs, in one process, on one machine or on several, one
-//! has it, and the others learn who.
+//! The lock of a pack directory: of any number of packs, in one process, on one machine or on several, one holds it,
+//! and the others learn the holder.
 //!
-//! It is a file in the directory, locked whole, that names its holder once that one has decided to pack. The lock is `flock`'s,
-//! which the kernel gives back when a process ends, however it ends; on NFS, Linux makes it a lock of the server's, as the file is open for
-//! writing. Where the kernel cannot lock, packing is refused.
+//! It is a file in the directory, locked as a whole; it names the holder once the latter decides to pack. The lock is
+//! `flock`'s, released by the kernel however a process ends; on NFS, Linux makes it a server lock, as the file is open
+//! for writing. If the kernel cannot lock, packing is refused.
 //!
-//! The file goes with the lock, so one may get the lock of a file that has lost its name meanwhile, while another file has
-//! the name. Such a file is known by its number, and by a mark: clients of NFS remember names for a while, but read a file's
-//! bytes anew once they have its lock.
+//! The file goes with the lock, so a process may lock a file that has lost its name to another. Such a file is
+//! recognized by its inode number, and by a mark: NFS clients cache names for a while, but reread a file's bytes once
+//! they have its lock.
 
 use crate::data_file::{open_file, read_at_most};
 use crate::layout::LOCK_NAME;
@@ -20,19 +20,19 @@ use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How long to wait for one who has the lock to say that it packs, or to leave.
+/// Longest wait for a lock holder to declare itself or leave.
 const PATIENCE: Duration = Duration::from_secs(5);
 const PAUSE: Duration = Duration::from_millis(20);
 
-/// What stands in a lock file whose name is gone.
+/// Content of a lock file without a name.
 const LEFT: &[u8] = b"left";
 
-/// The process that packs into a directory.
+/// The process packing into a directory.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Holder {
     /// The id of the process.
     pub pid: u32,
-    /// The name of the machine that the process runs on.
+    /// The name of the process's machine.
     pub host: String,
 }
 
@@ -53,7 +53,7 @@ impl Holder {
         Some(Self { pid: pid.parse().ok()?, host: host.into() })
     }
 
-    /// Whether it may still be there. What a killed process wrote stays until the next one has the lock.
+    /// Whether it may still exist. A killed process's entry stays until the next lock.
     fn may_live(&self) -> bool {
         let pid = i32::try_from(self.pid).ok().and_then(rustix::process::Pid::from_raw);
         let gone = |pid| rustix::process::test_kill_process(pid) == Err(rustix::io::Errno::SRCH);
@@ -65,27 +65,28 @@ fn host() -> String {
     rustix::system::uname().nodename().to_string_lossy().into_owned()
 }
 
-/// A directory's lock, which is given back when it is dropped.
+/// A directory's lock, released on drop.
 pub(crate) struct DirLock {
     dir: PathBuf,
     file: File,
-    /// The directory was made for a lock, and goes with it while it is empty.
+    /// Whether the directory was made for a lock, and goes with it if empty.
     made_dir: bool,
 }
 
 enum Attempt {
     Taken(DirLock),
-    /// Someone has it.
+    /// Held by another process.
     Held(Option<Holder>),
-    /// Something went away meanwhile: try again.
+    /// Something vanished meanwhile: try again.
     Gone,
 }
 
 impl DirLock {
-    /// Takes the lock of a directory, which is made if it is not there.
+    /// Takes the lock of a directory, created if missing.
     ///
     /// # Errors
-    /// If another pack has the lock, the file system does not lock files, or the lock file cannot be made: where nothing may be written, for one.
+    /// If another pack has the lock, the file system does not lock files, or the lock file cannot be made, for instance
+    /// in a read-only place.
     pub(crate) fn take(disk: &Disk, dir: &Path) -> Result<Self, PackError> {
         let (started, mut seen) = (Instant::now(), None);
         loop {
@@ -111,7 +112,7 @@ impl DirLock {
         let path = dir.join(LOCK_NAME);
         let mut options = OpenOptions::new();
         options.read(true).write(true).create(true).truncate(false);
-        // A link would lead to somebody's file, which would be emptied.
+        // A foreign file behind a link would be truncated.
         let file = match options.custom_flags(OFlags::NOFOLLOW.bits() as i32).open(&path) {
             Ok(file) => file,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Attempt::Gone),
@@ -122,7 +123,7 @@ impl DirLock {
             }
             Err(error) => return Err(PackError::Io { path, error }),
         };
-        // What another name of the same file leads to would be overwritten.
+        // A hard-linked file would be overwritten under its other name.
         if file.metadata().is_ok_and(|found| found.nlink() > 1) {
             let error = io::Error::other("has other names, as hard links have: delete this one, which is a lock's");
             return Err(PackError::Io { path, error });
@@ -131,10 +132,10 @@ impl DirLock {
         match file.try_lock() {
             Ok(()) if !is_named(&file, &path) || is_left(&file) => return Ok(Attempt::Gone),
             Ok(()) => {}
-            // Opened again to be read: a client of NFS then asks the server.
+            // Reopened for reading: an NFS client then consults the server.
             Err(TryLockError::WouldBlock) => return Ok(Attempt::Held(Holder::read(&path))),
             Err(TryLockError::Error(error)) => {
-                // Nobody can have a lock here: what was made for it goes.
+                // Nobody can have a lock here: delete everything made for it.
                 let _ = std::fs::remove_file(&path);
                 let _ = if made_dir { std::fs::remove_dir(dir) } else { Ok(()) };
                 return Err(PackError::NoLock { path: dir.into(), error });
@@ -144,7 +145,7 @@ impl DirLock {
         Ok(Attempt::Taken(Self { dir: dir.into(), file, made_dir }))
     }
 
-    /// Writes this process's name into the lock file, for others that ask for the lock.
+    /// Writes this process's name into the lock file, for others waiting for the lock.
     pub(crate) fn declare(&self, disk: &Disk) -> Result<(), DiskError> {
         let Holder { pid, host } = Holder::myself();
         let path = self.dir.join(LOCK_NAME);
@@ -154,20 +155,20 @@ impl DirLock {
         }
     }
 
-    /// Makes the lock remove its directory, if it is empty, when it is dropped: for a directory that nobody but packs
-    /// makes. Of several packs that come together one makes it, and another one may be the last to leave.
+    /// Makes the lock remove its directory on drop if empty: for a directory made only by packs. Of several
+    /// simultaneous packs one makes it, and another may be the last to leave.
     pub(crate) fn takes_dir_along(&mut self) {
         self.made_dir = true;
     }
 
-    /// Looks for the lock's directory under these names, one of which it may have got.
+    /// Looks for the lock's directory under its possible new names.
     pub(crate) fn moved_to_one_of(&mut self, names: &[&Path]) {
         if let Some(dir) = names.iter().find(|dir| is_named(&self.file, &dir.join(LOCK_NAME))) {
             self.moved(dir);
         }
     }
 
-    /// Tells the lock that its directory is called `dir` now, and is to stay when the lock is dropped.
+    /// Sets the lock's directory, which then outlives the lock.
     pub(crate) fn moved(&mut self, dir: &Path) {
         self.dir = dir.into();
         self.made_dir = false;
@@ -177,8 +178,8 @@ impl DirLock {
 impl Drop for DirLock {
     fn drop(&mut self) {
         let path = self.dir.join(LOCK_NAME);
-        // First the name and then the mark: a marked file is never found under its name. What fails leaves a file that
-        // nobody has locked.
+        // First the name and then the mark, so a marked file is never found under its name. A failure leaves an
+        // unlocked file.
         if is_named(&self.file, &path) && std::fs::remove_file(&path).is_ok() {
             let _ = self.file.set_len(0).and_then(|()| self.file.write_all_at(LEFT, 0));
         }
@@ -188,7 +189,7 @@ impl Drop for DirLock {
     }
 }
 
-/// Whether this is the file that has the name.
+/// Whether `path` names this file.
 fn is_named(file: &File, path: &Path) -> bool {
     let number = |file: std::fs::Metadata| (file.dev(), file.ino());
     let named = std::fs::symlink_metadata(path).map(number).ok();

@@ -1,5 +1,5 @@
-//! What packing writes into a store's directory. Nothing else is ever deleted: where there is something else, what would
-//! replace the store is refused.
+//! The files written by packing in a store's directory. Nothing else is ever deleted: foreign files prevent replacing
+//! the store.
 
 use crate::downsample::Downsample;
 use crate::layout::{COUNTS_NAME, JOURNAL_NAME, LOCK_NAME, SIDE_NAME};
@@ -8,10 +8,11 @@ use std::fs::DirEntry;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The arrays beside each level, those of stores of format 1 (`minmax`, `occupancy`) among them, which are packed anew over the old.
+/// The arrays beside each level, including those of stores of format 1 (`minmax`, `occupancy`), which may be
+/// overwritten.
 const SIDE_ARRAYS: [&str; 6] = ["ranges", "hashes", "shards", "aprons", "minmax", "occupancy"];
 
-/// A folder of a store, by what may stand in it.
+/// A folder of a store, by its permitted content.
 #[derive(Clone, Copy)]
 enum Folder {
     /// Levels and the root document.
@@ -35,7 +36,7 @@ impl Folder {
         }
     }
 
-    /// What a folder of this name is here.
+    /// The kind of a subfolder with this name.
     fn inner(self, name: &str) -> Option<Self> {
         let is_side = || SIDE_ARRAYS.contains(&name) || Downsample::ALL.iter().any(|method| method.name() == name);
         match self {
@@ -49,12 +50,11 @@ impl Folder {
     }
 }
 
-/// Whether it is a number as we write it.
+/// Whether it is a number in canonical form.
 pub(crate) fn is_number(name: &str) -> bool {
     name.parse::<u32>().is_ok_and(|n| n.to_string() == name)
 }
 
-/// What an entry of a folder is.
 enum Entry {
     File,
     Folder(Folder),
@@ -73,7 +73,7 @@ fn classify(folder: Folder, entry: &DirEntry) -> io::Result<Entry> {
     })
 }
 
-/// Finds something in a store's directory that packing did not write; `None` if there is nothing of the kind.
+/// Finds a foreign entry in a store's directory, if any.
 pub(crate) fn find_foreign(store: &Path) -> io::Result<Option<PathBuf>> {
     find_foreign_in(Folder::Store, store)
 }
@@ -93,12 +93,12 @@ fn find_foreign_in(folder: Folder, dir: &Path) -> io::Result<Option<PathBuf>> {
     Ok(None)
 }
 
-/// Deletes what packing wrote into a store's directory, but not its journal and lock. Folders that hold something else stay.
+/// Deletes packing's files in a store's directory, except its journal and lock. Folders with anything else stay.
 ///
 /// # Errors
 /// If something cannot be deleted.
 pub(crate) fn remove(disk: &Disk, store: &Path) -> Result<(), DiskError> {
-    // From its first moment on this is no store any more.
+    // From the first moment on this is no longer a store.
     for name in [store.join("zarr.json"), temporary(&store.join("zarr.json"))] {
         remove_file(disk, &name)?;
     }
@@ -106,7 +106,7 @@ pub(crate) fn remove(disk: &Disk, store: &Path) -> Result<(), DiskError> {
     remove_in(disk, Folder::Store, store).map(drop)
 }
 
-/// Deletes the chunks in a folder, if it is there, and the folder unless it holds something else.
+/// Deletes the chunks in a folder, if it exists, and the folder unless it holds something else.
 ///
 /// # Errors
 /// If something cannot be deleted.
@@ -121,7 +121,7 @@ pub(crate) fn remove_chunks(disk: &Disk, dir: &Path) -> Result<(), DiskError> {
     }
 }
 
-/// Deletes what packing wrote into a folder of a store. Returns whether nothing is left in it.
+/// Deletes packing's files in a folder of a store. Returns whether it is now empty.
 fn remove_in(disk: &Disk, folder: Folder, dir: &Path) -> Result<bool, DiskError> {
     let io = |error| DiskError { path: dir.into(), error };
     let mut is_empty = true;
@@ -138,7 +138,7 @@ fn remove_in(disk: &Disk, folder: Folder, dir: &Path) -> Result<bool, DiskError>
     Ok(is_empty)
 }
 
-/// Deletes a file, if it is there.
+/// Deletes a file if it exists.
 pub(crate) fn remove_file(disk: &Disk, path: &Path) -> Result<(), DiskError> {
     match disk.remove_file(path) {
         Err(DiskError { error, .. }) if error.kind() == io::ErrorKind::NotFound => Ok(()),

@@ -1,16 +1,16 @@
-//! Where a pack goes: whether it may, where it is made, and how it comes to stand under its final name.
+//! The destination of a pack: permission, working directory, and the move to the final name.
 //!
-//! | what is there | where the pack is made |
+//! | existing output | working directory |
 //! | --- | --- |
 //! | nothing, or an unfinished pack | in place |
-//! | a finished store | in `STORE.packing` beside it; at the end the two are exchanged, and the old one is deleted |
+//! | a finished store | `STORE.packing` beside it; at the end the two are exchanged, and the old one is deleted |
 //!
-//! A directory is touched only by who has its lock (`lock.rs`); who replaces a store has the store's as well. What was seen before the lock was taken is looked at again
-//! after. A pack made beside says so in its journal, and is told by that from a store that happens to have such a name.
+//! A directory is changed only under its lock (`lock.rs`), and also the replaced store's. Observations from before
+//! locking are repeated. The journal marks a pack beside a store, unlike a store that happens to have such a name.
 //!
-//! The journal goes last: a pack that is stopped between exchange and end is an unfinished one under the final name, whose
-//! journal tells that what stands beside it is the old store. Where the file system cannot exchange names (NFS) there is a
-//! moment without a store under the final name: meanwhile the pack beside it counts.
+//! The journal goes last: a pack stopped between exchange and end is an unfinished one under the final name, whose
+//! journal identifies the old store beside it. Without exchange of names (NFS) there is a moment without a store under
+//! the final name: meanwhile the pack beside it counts.
 
 use crate::error::OpenError;
 use crate::folder::Folder;
@@ -27,30 +27,30 @@ use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// How often the directory may change while it is looked at.
+/// Most changes of the directory during inspection.
 const MOST_CHANGES: u32 = 100;
 
-/// The directory of a pack that is under way, with its journal and its lock.
+/// A running pack's directory, journal and lock.
 pub(crate) struct Output {
-    /// The directory in which the store is made.
+    /// The working directory of the store.
     pub(crate) dir: PathBuf,
-    /// Where it is to stand.
+    /// Its final path.
     store: PathBuf,
     pub(crate) journal: Journal,
     lock: DirLock,
-    /// The lock of the store that is to be replaced: nobody appends to it meanwhile.
+    /// The lock of the store to be replaced, against appends.
     replaced: Option<DirLock>,
 }
 
-/// What stands under a name.
+/// Content under a name.
 #[derive(PartialEq)]
 enum Found {
-    /// Nothing, or a directory with nothing but traces of a pack that was stopped before it began.
+    /// Nothing, or only traces of a pack stopped before its start.
     Free,
     Unfinished {
-        /// It is made beside the store that it is to replace, or was.
+        /// Made beside the store to be replaced.
         replaces: bool,
-        /// The store is finished; what is left is to tidy up.
+        /// The store is finished; only cleanup remains.
         is_whole: bool,
     },
     /// A finished store, with its settings' fingerprint.
@@ -58,23 +58,22 @@ enum Found {
     Other,
 }
 
-/// What to do in a directory.
 #[derive(Clone, Copy, PartialEq)]
 enum Step {
-    /// Say that an unfinished pack is there.
+    /// Report an unfinished pack.
     Refuse,
     /// Start in a free directory.
     New,
-    /// Start where an unfinished pack is.
+    /// Start over on an unfinished pack.
     Again,
     Resume,
-    /// Take away what is left beside a whole store, and look again.
+    /// Delete the remains beside a whole store, and look again.
     Tidy,
 }
 
 impl Output {
-    /// Prepares the output directory as `exists` says, and locks it. Returns `None` if a finished store with the same
-    /// settings is there already, and is to be resumed.
+    /// Prepares and locks the output directory by the policy `exists`. Returns `None` if there is nothing to resume,
+    /// since a finished store with these settings exists.
     pub(crate) fn start(
         disk: &Disk,
         store: &Path,
@@ -89,7 +88,7 @@ impl Output {
         for _ in 0..MOST_CHANGES {
             let Some((step, dir)) = decide(disk, &store, exists, settings)? else {
                 if is_there(&store.join(LOCK_NAME))? {
-                    // Left by a pack that was killed as its last step; if somebody is there after all, it is theirs.
+                    // Left by a pack killed as its last step; a live holder keeps it.
                     drop(DirLock::take(disk, &store));
                 }
                 return Ok(None);
@@ -114,8 +113,7 @@ impl Output {
         Err(PackError::Busy { store, holder: None })
     }
 
-    /// Puts the store, which is written, in its final place, deletes the store that it replaces, and removes the
-    /// journal.
+    /// Moves the written store to its final place, deletes the store it replaces, and removes the journal.
     pub(crate) fn finish(mut self, disk: &Disk) -> Result<(), PackError> {
         if self.dir != self.store {
             refuse_foreign(&self.store)?;
@@ -131,7 +129,7 @@ impl Output {
     }
 }
 
-/// Makes the directory ready, which is locked; `None` if it has to be looked at again.
+/// Prepares the locked directory; `None` if it must be inspected again.
 fn prepare(
     disk: &Disk,
     store: &Path,
@@ -142,7 +140,7 @@ fn prepare(
 ) -> Result<Option<Journal>, PackError> {
     let replaces = match find(store)? {
         Found::Store(theirs) if dir != store => Some(theirs),
-        // The store has gone, or has not come back from the exchange: what the pack is to replace stays what it was.
+        // The store is gone, or not back from the exchange: the replacement target stays the same.
         _ if dir != store => Head::of(dir)?.replaces,
         _ => None,
     };
@@ -166,12 +164,12 @@ fn prepare(
     }
     refuse_foreign(dir)?;
     lock.declare(disk)?;
-    // The journal of the old pack stays until it is replaced by the new one, so that this never looks like a store.
+    // The old journal stays until replaced, so this never looks like a store.
     ours::remove(disk, dir)?;
     Ok(Some(Journal::create(disk, dir, Head { replaces, settings: settings.clone(), shards })?))
 }
 
-/// What is to be done where; `None` if the very store is there.
+/// The action and its directory; `None` if the requested store already exists.
 fn decide(disk: &Disk, store: &Path, exists: Exists, settings: &Value) -> Result<Option<(Step, PathBuf)>, PackError> {
     let beside = with_suffix(store, ".packing");
     let [found_beside, found] = find_both(disk, [&beside, store])?;
@@ -199,8 +197,8 @@ fn decide(disk: &Disk, store: &Path, exists: Exists, settings: &Value) -> Result
     Ok(Some((step, if is_beside { beside } else { store.into() })))
 }
 
-/// What stands under two names that others may exchange at any moment. What is found under the one may be from before and under the
-/// other from after: what is found twice, in the same directories, stood there at one time.
+/// Content under two names that others may exchange at any moment. A single look may mix both sides of an exchange; two
+/// equal looks, at the same directories, are consistent.
 fn find_both(disk: &Disk, paths: [&Path; 2]) -> Result<[Found; 2], PackError> {
     let mut last = None;
     for _ in 0..MOST_CHANGES {
@@ -215,12 +213,12 @@ fn find_both(disk: &Disk, paths: [&Path; 2]) -> Result<[Found; 2], PackError> {
     Err(PackError::Busy { store: paths[1].into(), holder: None })
 }
 
-/// Which directory has a name; none if none is seen there.
+/// The identity of a named directory, if seen.
 fn number(path: &Path) -> Option<(u64, u64)> {
     std::fs::metadata(path).map(|dir| (dir.dev(), dir.ino())).ok()
 }
 
-/// Puts the new store in the place of the old one, which is then where the new one was; if there is an old one.
+/// Swaps the new store with the old one, if any.
 fn exchange(disk: &Disk, new: &Path, store: &Path) -> Result<(), PackError> {
     if !disk.exchange(new, store)? {
         let aside = aside(store);
@@ -232,29 +230,29 @@ fn exchange(disk: &Disk, new: &Path, store: &Path) -> Result<(), PackError> {
     Ok(())
 }
 
-/// Ends a pack whose store stands under its name: deletes the store that it has replaced, then the journal.
+/// Ends a pack whose store has its final name: deletes the replaced store, then the journal.
 fn tidy(disk: &Disk, store: &Path, replaces: Option<&str>) -> Result<(), PackError> {
-    // The new store's name lasts before the old store goes.
+    // The new store's name must be durable before the old store goes.
     disk.sync_dir(parent(store))?;
     if let Some(replaced) = replaces {
         let (old, aside) = (with_suffix(store, ".packing"), aside(store));
         if !is_there(&old)? && is_store(&aside, replaced)? {
             disk.rename(&aside, &old)?;
         }
-        // Its root document goes first. What has another one somebody has put there since.
+        // Its root document goes first. A different root document means a newcomer's store.
         let names = ["zarr.json", JOURNAL_NAME].map(|name| old.join(name));
         let is_begun = is_there(&old)? && !is_there(&names[0])? && !is_there(&names[1])?;
         if is_store(&old, replaced)? || is_begun {
-            // Somebody may have locked the old store under its former name, which no longer leads them to the lock's file.
+            // Someone may have locked the old store under its former name, which no longer leads to the lock file.
             let lock = DirLock::take(disk, &old)?;
             ours::remove(disk, &old)?;
             drop(lock);
-            // Those who look in on the way take it along when they are the last to leave.
+            // Passing packs remove it themselves if they are the last to leave.
             match disk.remove_dir(&old) {
                 Err(gone) if gone.error.kind() == io::ErrorKind::NotFound => {}
                 other => other?,
             }
-            // Before the journal goes, without which nobody would take it away again.
+            // Must precede the journal's removal, after which nobody would clean up.
             disk.sync_dir(parent(store))?;
         }
     }
@@ -262,7 +260,7 @@ fn tidy(disk: &Disk, store: &Path, replaces: Option<&str>) -> Result<(), PackErr
     Ok(disk.sync_dir(store)?)
 }
 
-/// Ends the pack of a store that is whole. Returns whether there was one.
+/// Ends the pack of a whole store. Returns whether there was one.
 pub(crate) fn end(disk: &Disk, store: &Path) -> Result<bool, PackError> {
     let dir = resolve(store)?;
     let is_whole = || find(&dir).map(|found| matches!(found, Found::Unfinished { is_whole: true, .. }));
@@ -270,7 +268,7 @@ pub(crate) fn end(disk: &Disk, store: &Path) -> Result<bool, PackError> {
         return Ok(false);
     }
     let lock = DirLock::take(disk, &dir)?;
-    // Looked at again: another one may have been at work until now.
+    // Checked again: another process may have been packing until now.
     if is_whole()? {
         lock.declare(disk)?;
         tidy(disk, &dir, Head::of(&dir)?.replaces.as_deref())?;
@@ -282,7 +280,7 @@ fn is_store(path: &Path, with: &str) -> Result<bool, PackError> {
     Ok(matches!(find(path)?, Found::Store(found) if found == with))
 }
 
-/// Whether there is something of a name. What cannot be looked at is not taken for absent.
+/// Whether a name is taken. Unreadable entries are not considered absent.
 fn is_there(path: &Path) -> Result<bool, PackError> {
     path.try_exists().map_err(|error| PackError::Io { path: path.into(), error })
 }
@@ -312,7 +310,7 @@ fn find(path: &Path) -> Result<Found, PackError> {
     };
     let ours = match read_json(&folder, &path.join("zarr.json")) {
         Ok(root) => Some(root["attributes"]["brickyard"].clone()).filter(|ours| !ours.is_null()),
-        // What cannot be read now may be a whole store.
+        // An unreadable document may belong to a whole store.
         Err(OpenError::Io { path, error }) if error.kind() != io::ErrorKind::NotFound => {
             return Err(PackError::Io { path, error });
         }
@@ -324,14 +322,14 @@ fn find(path: &Path) -> Result<Found, PackError> {
     if let Some(ours) = ours {
         return Ok(Found::Store(ours["settings_fingerprint"].as_str().unwrap_or_default().into()));
     }
-    // What a pack leaves that was killed while it made its journal.
+    // Traces of a pack killed while creating its journal.
     let traces = [LOCK_NAME.into(), temporary(Path::new(JOURNAL_NAME)).into_os_string()];
     Ok(if names.iter().all(|name| traces.contains(name)) { Found::Free } else { Found::Other })
 }
 
-/// The directory that a name means: where links lead, and with a name of its own, beside which there can be others.
+/// Resolves a directory to a path without links and with a name, to allow others beside it.
 pub(crate) fn resolve(store: &Path) -> Result<PathBuf, PackError> {
-    // Without a slash at the end, behind which a link is followed.
+    // Without a trailing slash, which would follow a link.
     let store = store.components().as_path();
     let is_link = std::fs::symlink_metadata(store).is_ok_and(|file| file.is_symlink());
     if !is_link && store.file_name().is_some() {
@@ -343,19 +341,18 @@ pub(crate) fn resolve(store: &Path) -> Result<PathBuf, PackError> {
     }
 }
 
-/// The directories that have to be made for one to be there, which first.
+/// Missing directories down to `dir`, deepest first.
 fn ancestors_to_make(dir: &Path) -> Vec<PathBuf> {
     dir.ancestors().take_while(|dir| !dir.as_os_str().is_empty() && !dir.exists()).map(Path::to_path_buf).collect()
 }
 
-/// A store's name with something after it.
 pub(crate) fn with_suffix(store: &Path, suffix: &str) -> PathBuf {
     let mut name = store.as_os_str().to_owned();
     name.push(suffix);
     name.into()
 }
 
-/// Where a store is between two renames.
+/// The place of a store between two renames.
 fn aside(store: &Path) -> PathBuf {
     with_suffix(store, ".replaced")
 }

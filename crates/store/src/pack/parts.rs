@@ -1,43 +1,41 @@
-//! The ranges of a brick's parts: of all its voxels, and of those that lie in one-voxel reach of each of its 26
-//! neighbours (faces, edges, corners).
+//! Ranges of a brick's parts: of all its voxels, and of those within one-voxel reach of each of its 26 neighbours
+//! (faces, edges, corners).
 //!
-//! What a neighbour's apron takes from this brick is just such a part. So the range of a brick *with* its surroundings
-//! is its own joined with parts that its neighbours know, and nobody reads a voxel twice or waits for the next slice.
+//! Such a part is a neighbour's share of its apron. So the range of a brick *with* its surroundings joins its own with
+//! its neighbours' parts, and no voxel is read twice or waits for the next slice.
 //!
-//! Rows fall into nine classes (first, inner, last along y and z); each class keeps, column by column, its least and
-//! greatest voxels. Cost: one pass of two vector operations a voxel, about 15 us for 64^3.
+//! Rows fall into nine classes (first, inner, last along y and z); each keeps its least and greatest voxels by column.
+//! Cost: one pass of two vector operations a voxel, about 15 us for 64^3.
 
 use crate::downsample::MAX_EDGE;
 use crate::stats::{Measure, Range};
 
-/// The ranges of a brick's parts, by direction. Along each axis a direction is -1 (the first voxels), 0 (all voxels) or
-/// 1 (the last voxels).
+/// A brick's ranges by direction: along each axis -1 (the first voxels), 0 (all voxels) or 1 (the last voxels).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Parts<T>([Range<T>; 27]);
 
-/// All 27 directions, (0, 0, 0) for the brick itself among them.
+/// All 27 directions, including (0, 0, 0) for the brick itself.
 pub(crate) fn directions() -> impl Iterator<Item = [i32; 3]> {
     (0..27).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1])
 }
 
 impl<T: Measure> Parts<T> {
-    /// The parts of a brick in which every part has the same range.
+    /// The parts of a brick whose parts all have the same range.
     pub(crate) fn uniform(range: Range<T>) -> Self {
         Self([range; 27])
     }
 
-    /// The range of all voxels of the brick.
     pub(crate) fn whole(&self) -> Range<T> {
         self.toward([0; 3])
     }
 
-    /// The range of the voxels that touch the neighbour in that direction.
+    /// The range of the voxels touching the neighbour in direction `d`.
     pub(crate) fn toward(&self, d: [i32; 3]) -> Range<T> {
         self.0[place(d.map(|d| (d + 1) as usize))]
     }
 
-    /// Measures the first `shape` voxels of an `edge`^3 core whose rows are filled up with their last voxel, without those that
-    /// are `nodata`.
+    /// Measures the first `shape` voxels of an `edge`^3 core, whose rows are padded with their last voxel, without
+    /// `nodata` voxels.
     #[inline(always)]
     pub(crate) fn of(core: &[T], edge: usize, shape: [usize; 3], nodata: Option<T>) -> Self {
         let classes = |n: usize| [0..1, 1..n.max(2) - 1, n - 1..n];
@@ -55,7 +53,7 @@ impl<T: Measure> Parts<T> {
                     }
                 }
                 let along_x = [columns.at(0), columns.all(edge), columns.at(shape[0] - 1)];
-                // A class is part of what lies all along y, all along z, or both; joining twice changes nothing.
+                // A class belongs to the parts spanning all of y, all of z, or both; joining twice is harmless.
                 for (z, y) in [(z, y), (z, ALL), (ALL, y), (ALL, ALL)] {
                     for (x, range) in along_x.into_iter().enumerate() {
                         let part = &mut parts[place([x, y, z])];
@@ -68,7 +66,7 @@ impl<T: Measure> Parts<T> {
     }
 }
 
-/// The class in the middle, and so a direction of 0.
+/// The middle class, and so a direction of 0.
 const ALL: usize = 1;
 
 const fn place([x, y, z]: [usize; 3]) -> usize {
@@ -94,7 +92,7 @@ impl<T: Measure> Columns<T> {
         }
     }
 
-    /// Adds a row without the voxels that are `nodata`. Not inlined, so that the loop of [`Columns::add`] stays as it is.
+    /// Adds a row without its `nodata` voxels. Not inlined, to leave the loop of [`Columns::add`] unaffected.
     #[inline(never)]
     fn add_without(&mut self, row: &[T], nodata: T) {
         for ((low, high), &v) in self.low.iter_mut().zip(&mut self.high).zip(row) {
@@ -118,11 +116,11 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Every part against a plain loop over the voxels it is made of.
+    /// Every part against a plain loop over its voxels.
     fn check<T: Measure + std::fmt::Debug>(shape: [usize; 3], value: impl Fn(usize) -> T, nodata: Option<T>) {
         const EDGE: usize = 8;
         let at = |p: [usize; 3]| value((p[2] * EDGE + p[1]) * EDGE + p[0]);
-        // Only rows are filled up: what lies past the shape along y and z must not matter.
+        // Only rows are padded: voxels past the shape along y and z must not matter.
         let core: Vec<T> =
             (0..EDGE.pow(3)).map(|i| at([(i % EDGE).min(shape[0] - 1), i / EDGE % EDGE, i / EDGE / EDGE])).collect();
         let parts = Parts::of(&core, EDGE, shape, nodata);

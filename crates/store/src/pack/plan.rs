@@ -1,30 +1,30 @@
-//! What a pack will need, before it starts.
+//! The needs of a pack, computed before it starts.
 //!
 //! ```text
 //! memory = fixed + reading + windows kept in memory + 24 MiB (program, stacks, allocator)
 //! fixed  = threads * (buffers(edge) + compressor) + (3 threads + 6) * greatest encoded brick
-//!        + side data on their way + open shards' indexes + channels' counts (twice where a step is appended)
-//! open shards = those of a layer of each stage, 24 bytes a brick; where they hold several time steps all of each stage that hold one step,
+//!        + side data under way + open shards' indexes + channels' counts (twice for an appended step)
+//! open shards = those of a layer of each stage, 24 bytes a brick; if they hold several time steps, all of each stage that hold one step,
 //!        over all channels, 24 bytes and a place in a hash table (20 to 40) for each brick of each of their steps; 16 bytes a brick of one shard
-//! side data = at most 20 layers of each stage's bricks * (4 voxels + 16 bytes), 16 of its shards * 16 bytes; where shards hold several time
+//! side data = at most 20 layers of each stage's bricks * (4 voxels + 16 bytes), 16 of its shards * 16 bytes; if shards hold several time
 //!        steps, as many steps' pages of all channels, and those of one file while they are joined
 //! stages = level 0, and levels k >= 1 of each pyramid
-//! reading = a plane of level 0 + what the source's reader says it takes    (one thread reads whole planes)
-//!         = threads * what the source's reader says it takes               (sources that read boxes)
+//! reading = a plane of level 0 + the needs of the source's reader    (one thread reads whole planes)
+//!         = threads * the needs of the source's reader               (sources that read boxes)
 //! window of level k = capacity_k * x_k * y_k * voxel bytes
 //! capacity_k = edge                                                  (k >= 1: packed as soon as it is full)
 //! capacity_0 = 2 edge for sources that decode whole planes, none for those that read boxes
 //! ```
 //!
-//! Where aprons are stored, the second pass has no windows, and needs instead
+//! With stored aprons, the second pass has no windows, and needs instead
 //!
 //! ```text
 //! threads * (core + apron + compressor) + the caches of an open store
 //!        + a shard's layer of encoded aprons + an open shard's index + shells (at least those of a shard's layer and its neighbours) + 24 MiB
 //! ```
 //!
-//! The greater of both counts. Windows are kept in memory, the smallest first, as far as `memory_bytes` reaches; the others are
-//! rings of the same size in a scratch file. So `fixed + reading` is the least memory a pack needs.
+//! The greater of both counts. Windows are kept in memory, the smallest first, up to `memory_bytes`; the others are
+//! rings of the same size in a scratch file. So `fixed + reading` is the least memory for a pack.
 
 use crate::chunks;
 use crate::codec::{BrickCodec, Codec};
@@ -43,46 +43,44 @@ use std::ops::Range;
 
 const MIB: u64 = 1 << 20;
 const PROGRAM_BYTES: u64 = 24 * MIB;
-/// The root document with so many channels' statistics stays below what is read of a document.
+/// Most channels; their statistics keep the root document below its size limit.
 const MAX_CHANNELS: u32 = 4096;
-/// As many times of single steps take at most a third of what is read of a document.
+/// Most times of single steps; they take at most a third of a document's size limit.
 pub(crate) const MAX_STAMPS: usize = 1 << 19;
-/// More than any level's voxels are larger than level 0's.
+/// Exceeds the ratio of any level's voxel size to level 0's.
 const MOST_FACTOR: f64 = (1u64 << 33) as f64;
-/// A kept shell's place in the table of shells, and what the allocator adds.
+/// A cached shell's table entry, with the allocator's overhead.
 const SHELL_ENTRY_BYTES: u64 = 160;
 
-/// What a pack needs: memory and disk space, and the arrangement of its store.
+/// Memory and disk space for a pack, and the layout of its store.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackPlan {
-    /// The arrangement of the store's main pyramid.
+    /// The layout of the store's main pyramid.
     pub layout: Layout,
-    /// The time steps that are packed.
+    /// The packed time steps.
     pub(crate) steps: Range<u32>,
-    /// The most anonymous memory that the pack takes, in bytes; at most what the options allow.
+    /// Most anonymous memory of the pack, in bytes; within the options' limit.
     pub memory_bytes: u64,
-    /// Bytes of scratch files that the pack keeps in the store's directory while it runs.
+    /// Bytes of scratch files in the store's directory during the pack.
     pub scratch_bytes: u64,
-    /// Bytes of scratch files that the source keeps at a time while it is read, in a folder of its own: of compressed inputs.
+    /// Most bytes of the source's scratch files, in a folder of its own, for compressed inputs.
     pub input_scratch_bytes: u64,
-    /// Bytes of the voxels of all levels and of all aprons, uncompressed. The store can hardly become larger.
+    /// Uncompressed bytes of all levels and aprons. The store can hardly become larger.
     pub output_bytes_at_most: u64,
-    /// Bytes of all aprons, uncompressed; 0 if none are stored.
+    /// Uncompressed bytes of all aprons; 0 if none are stored.
     pub(crate) apron_bytes: u64,
-    /// Number of shells that the second pass keeps in memory.
+    /// Shells cached by the second pass.
     pub(crate) shells: usize,
-    /// Level 0, then levels 1 and up of the main pyramid, then levels 1 and up of the second one: each stage after the
-    /// one that it is made from.
+    /// Level 0, then levels 1 and up of the main pyramid, then those of the second one.
     pub(crate) stages: Vec<Stage>,
 }
 
 /// One level of one pyramid.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Stage {
-    /// The arrangement of the stage's pyramid.
     pub(crate) layout: Layout,
     pub(crate) level: Level,
-    /// The index of the finer stage that this one is made from, and the method; `None` at level 0.
+    /// The finer stage and the reduction; `None` at level 0.
     pub(crate) from: Option<(usize, Downsample)>,
     pub(crate) window: WindowPlan,
 }
@@ -97,21 +95,21 @@ impl Stage {
 /// The size of one stage's window of slices, and whether it is kept in memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct WindowPlan {
-    /// Number of slices that the window holds; 0 where there is no window.
+    /// Number of slices in the window; 0 if there is no window.
     pub(crate) capacity: u32,
     pub(crate) bytes: u64,
     pub(crate) in_memory: bool,
 }
 
 impl PackPlan {
-    /// The indices of the stages that are made from stage `s`, each with its method.
+    /// The stages made from stage `s`, with their reductions.
     pub(crate) fn coarser(&self, s: usize) -> impl Iterator<Item = (usize, Downsample)> {
         let follows =
             move |(i, stage): (usize, &Stage)| stage.from.filter(|(from, _)| *from == s).map(|(_, how)| (i, how));
         self.stages.iter().enumerate().filter_map(follows)
     }
 
-    /// The shards of a level of the time steps that are packed, in their order.
+    /// A level's shards for the packed time steps, in order.
     pub(crate) fn shards<'a>(&self, layout: &'a Layout, level: Level) -> impl Iterator<Item = ShardId> + use<'a> {
         let of_group = layout.channels as u64 * layout.shard_grid(level).volume();
         let groups = self.groups();
@@ -119,7 +117,7 @@ impl PackPlan {
         shards.map(move |i| layout.shard_at(level, i))
     }
 
-    /// Number of shards of all stages, time steps and channels, those of aprons included.
+    /// Number of shards of all stages, time steps and channels, including aprons'.
     pub(crate) fn shard_count(&self) -> u64 {
         if self.apron_bytes > 0 { 2 * self.core_shard_count() } else { self.core_shard_count() }
     }
@@ -141,7 +139,7 @@ impl PackPlan {
         self.volumes() * self.stages[0].grid().extent.volume()
     }
 
-    /// The groups of time steps that are packed. The first step begins one.
+    /// The groups of packed time steps. The first step begins one.
     fn groups(&self) -> Range<u32> {
         let steps = self.layout.shard_times;
         self.steps.start / steps..self.steps.end.div_ceil(steps)
@@ -152,23 +150,22 @@ impl PackPlan {
     }
 }
 
-/// How many encoded bricks may wait for their turn to be written.
+/// Number of encoded bricks that may wait to be written.
 pub(crate) fn bricks_ahead(threads: usize) -> u64 {
     2 * threads as u64 + 4
 }
 
-/// Computes what packing `source` with these options needs.
+/// Computes the needs of packing `source` with these options.
 ///
 /// # Errors
-/// If an option is out of its range or contradicts another one, if the options allow too little memory, or if no store
-/// can hold what the source is.
+/// If options are out of range or contradictory, their memory is too little, or no store can hold the source.
 pub fn plan(source: &dyn Source, options: &PackOptions) -> Result<PackPlan, PackError> {
     options.check()?;
     check_input(source.info())?;
     within_memory(Draft::new(source, options)?, source, options)
 }
 
-/// Computes what packing the steps of `source` as the last ones of a store needs, which then has this layout.
+/// Computes the needs of packing `source` as the last steps of a store with the resulting layout.
 ///
 /// # Errors
 /// As for [`plan`].
@@ -182,7 +179,7 @@ pub(crate) fn plan_last(source: &dyn Source, options: &PackOptions, layout: &Lay
     within_memory(Draft::of_last(source, options, layout.clone()), source, options)
 }
 
-/// Decides which windows are kept in memory.
+/// Selects the windows to keep in memory.
 fn within_memory(draft: Draft, source: &dyn Source, options: &PackOptions) -> Result<PackPlan, PackError> {
     let Draft { mut plan, streaming, aprons } = draft;
     let needed_bytes = least(streaming, aprons.as_ref());
@@ -206,7 +203,7 @@ fn within_memory(draft: Draft, source: &dyn Source, options: &PackOptions) -> Re
     Ok(plan)
 }
 
-/// Refuses what could be packed but not opened.
+/// Refuses inputs that could be packed but not opened.
 fn check_input(info: &SourceInfo) -> Result<(), PackError> {
     let unfit = |what, found: String, expected: &str, cure| {
         Err(PackError::Unfit { what, found, expected: expected.into(), cure })
@@ -220,7 +217,7 @@ fn check_input(info: &SourceInfo) -> Result<(), PackError> {
         return unfit("channels are", info.channels.to_string(), &expected, "pack a part of them");
     }
     let (spacing, origin) = (info.geometry.spacing, info.geometry.origin);
-    // Every level's placement has to be a number, and not lose the voxels' size.
+    // Every level's placement must be finite and resolve the voxel size.
     let (scale, corner) = (spacing * MOST_FACTOR, origin + spacing * MOST_FACTOR);
     if !(scale.is_finite() && spacing.min_element() >= f64::MIN_POSITIVE) {
         let found = format!("{:?} (x, y, z)", spacing.to_array());
@@ -250,7 +247,7 @@ fn check_input(info: &SourceInfo) -> Result<(), PackError> {
     Ok(())
 }
 
-/// A pack's plan before it is known what is kept in memory, and what its two passes need at least.
+/// A plan before windows are placed, with the least memory of its two passes.
 struct Draft {
     plan: PackPlan,
     streaming: u64,
@@ -267,12 +264,12 @@ impl Draft {
             let found = if field == "shard" { options.shard_edge } else { layout.shard_times };
             PackError::Options(format!("`{field}` {found}: expected {expected}"))
         })?;
-        // Who says when a single step was taken means to have more.
+        // A source with a step's time is meant to have more steps.
         let layout = if info.time.is_some() { layout.with_time() } else { layout };
         Ok(Self::of_last(source, options, layout))
     }
 
-    /// The plan for steps that are the last ones of a store with this layout.
+    /// The plan for the last steps of a store with this layout.
     fn of_last(source: &dyn Source, options: &PackOptions, layout: Layout) -> Self {
         let info = source.info();
         let steps = layout.times - info.times..layout.times;
@@ -305,8 +302,7 @@ fn least(streaming: u64, aprons: Option<&ApronMemory>) -> u64 {
     streaming.max(aprons.map_or(0, ApronMemory::least))
 }
 
-/// The options nearest to these that need no more than what they allow, in words: fewer time steps in a shard, fewer threads, or
-/// else other bricks.
+/// The nearest fitting options, in words: fewer time steps per shard, fewer threads, or else other bricks.
 fn advice(source: &dyn Source, options: &PackOptions) -> String {
     let fits = |options: &PackOptions| {
         let is_enough = |draft: Draft| least(draft.streaming, draft.aprons.as_ref()) <= options.memory_bytes;
@@ -339,12 +335,12 @@ fn advice(source: &dyn Source, options: &PackOptions) -> String {
     steps.unwrap_or_default() + &others
 }
 
-/// What the pass for aprons needs.
+/// Memory of the pass for aprons.
 struct ApronMemory {
-    /// Whatever it keeps.
+    /// Independent of the number of shells.
     fixed: u64,
     shell: u64,
-    /// Shells that it must keep at a time, and those there are in all of a level.
+    /// Least shells at a time, and the total of a level.
     least_shells: u64,
     most_shells: u64,
 }
@@ -423,15 +419,14 @@ fn fixed_bytes(plan: &PackPlan, voxel_type: VoxelType, options: &PackOptions) ->
     let open = |stage: &Stage| open_shards(stage).saturating_mul(open_bytes(&stage.layout, stage.level));
     let finishing = plan.stages.iter().map(|stage| finishing_bytes(&stage.layout, stage.level)).max();
     let indexes = plan.stages.iter().map(open).fold(finishing.unwrap_or(0), u64::saturating_add);
-    // What is counted with a step that is appended, and without it.
+    // Counts with an appended step, and without it.
     let countings = if plan.steps.start > 0 { 2 } else { 1 };
     let channels = countings * plan.layout.channels as u64 * ChannelTotals::bytes(voxel_type)
         + ChannelTotals::adding_bytes(voxel_type);
     (threads * (buffers + compressor) + in_flight + channels).saturating_add(side_data).saturating_add(indexes)
 }
 
-/// How many shards of a stage are open at a time: those of one layer, or where they hold several time steps, all that hold
-/// the step at hand.
+/// Shards of a stage open at a time: those of one layer, or with several time steps, all with the current step.
 fn open_shards(stage: &Stage) -> u64 {
     let grid = stage.layout.shard_grid(stage.level);
     match stage.layout.shard_times {
@@ -440,7 +435,7 @@ fn open_shards(stage: &Stage) -> u64 {
     }
 }
 
-/// What an open source holds, and threads while they read it.
+/// Memory of an open source, and of the threads reading it.
 fn reading_bytes(source: &dyn Source, options: &PackOptions) -> u64 {
     let info = source.info();
     let by_threads = match source.access() {
@@ -466,17 +461,18 @@ fn compressor_bytes(core_bytes: u64, codec: Codec) -> u64 {
     core_bytes + tables
 }
 
-/// How many shells one layer of a shard's bricks needs at a time at most: its own and its neighbours'.
+/// Most shells needed for one layer of a shard's bricks: its own and its neighbours'.
 pub(crate) fn least_shells(stage: &Stage) -> u64 {
     let (size, grid) = (stage.layout.shard_bricks(stage.level).to_array(), stage.grid().bricks.to_array());
     let across = |a: usize, n: u32| grid[a].min(n + 2) as u64;
     across(0, size[0]) * across(1, size[1]) * across(2, 1)
 }
 
-/// Bytes that an encoded page takes in memory at most besides those of the page itself: its path, and what compression, checksum and allocator add.
+/// Most bytes per encoded page in memory besides its content: path, and overhead of compression, checksum and
+/// allocator.
 const PAGE_ENTRY_BYTES: u64 = 128;
 
-/// Bytes that the pages of a stage take, whose voxels have so many bytes, while they wait for those of the other time steps of their files.
+/// Bytes of a stage's pages waiting for other time steps of their files, at `voxel_bytes` a voxel.
 fn held_page_bytes(stage: &Stage, voxel_bytes: u64) -> u64 {
     let Layout { shard_times, channels, .. } = stage.layout;
     if shard_times == 1 {
@@ -488,7 +484,7 @@ fn held_page_bytes(stage: &Stage, voxel_bytes: u64) -> u64 {
     (paging.page_grid().volume() * shard_times as u64 * channels as u64).saturating_mul(of_page)
 }
 
-/// Bytes of a file of several time steps' pages of a stage.
+/// Bytes of a file with several time steps' pages of a stage.
 fn page_file_bytes(stage: &Stage, voxel_bytes: u64) -> u64 {
     let steps = stage.layout.shard_times as u64;
     let cells = Paging::new(stage.grid().bricks).page_cells() as u64;
@@ -496,10 +492,10 @@ fn page_file_bytes(stage: &Stage, voxel_bytes: u64) -> u64 {
     if steps == 1 { 0 } else { steps.saturating_mul(of_page) }
 }
 
-/// Layers of bricks that wait for their neighbours and children, at most.
+/// Most layers of bricks waiting for neighbours and children.
 const WAITING_LAYERS: u32 = 4;
 
-/// Bytes that side data on their way take for a stage, whose voxels have so many bytes.
+/// Bytes of a stage's side data under way, at `voxel_bytes` a voxel.
 fn waiting_bytes(stage: &Stage, voxel_bytes: u64) -> u64 {
     let (bricks, shards) = (stage.grid().bricks, stage.layout.shard_grid(stage.level));
     let cells = |grid: Extent, layers: u32| grid.x as u64 * grid.y as u64 * grid.z.min(layers) as u64;

@@ -1,5 +1,5 @@
-//! Hands results from many workers to one consumer in the order of their numbers, so that output does not depend on
-//! threads; a worker far ahead waits, so memory is bounded.
+//! Ordered hand-over of results from many workers to one consumer, by number, so output is independent of threads; a
+//! worker far ahead waits, so memory is bounded.
 
 use std::collections::BTreeMap;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -7,7 +7,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 pub(crate) struct Sequence<T> {
     state: Mutex<State<T>>,
     changed: Condvar,
-    /// How far past the next number an item may wait here.
+    /// Greatest distance of a waiting item past the next number.
     ahead: u64,
 }
 
@@ -20,9 +20,9 @@ struct State<T> {
 #[derive(Clone, Copy, PartialEq)]
 enum End {
     No,
-    /// No item will follow those that wait.
+    /// No items will follow the waiting ones.
     Closed,
-    /// Something failed: everyone stops.
+    /// A failure: everyone stops.
     Aborted,
 }
 
@@ -32,7 +32,7 @@ impl<T> Sequence<T> {
         Self { state: Mutex::new(state), changed: Condvar::new(), ahead }
     }
 
-    /// Delivers the item with this number; waits while it is too far ahead. Returns false once the sequence is aborted.
+    /// Delivers item `number`; waits while it is too far ahead. Returns `false` once the sequence is aborted.
     pub(crate) fn put(&self, number: u64, item: T) -> bool {
         let state = self.lock();
         let too_far = |s: &mut State<T>| s.end != End::Aborted && number > s.next + self.ahead;
@@ -47,7 +47,7 @@ impl<T> Sequence<T> {
         true
     }
 
-    /// Waits for the item with the next number and takes it; `None` at the end, or once the sequence is aborted.
+    /// Waits for the next item and takes it; `None` at the end, or once the sequence is aborted.
     pub(crate) fn take(&self) -> Option<T> {
         let state = self.lock();
         let missing = |s: &mut State<T>| match s.end {
@@ -65,18 +65,18 @@ impl<T> Sequence<T> {
         Some(item)
     }
 
-    /// Ends the sequence: no item will follow those that have been put.
+    /// Ends the sequence: no more items will follow.
     pub(crate) fn close(&self) {
         self.end(End::Closed);
     }
 
-    /// Aborts the sequence, which stops everyone who puts or takes an item, or waits to.
+    /// Aborts the sequence, stopping everyone who puts or takes an item, or waits to.
     pub(crate) fn abort(&self) {
         self.end(End::Aborted);
     }
 
-    /// Returns a guard that aborts the sequence if the thread that holds it unwinds. Others would wait for ever for
-    /// what that thread had to put or take.
+    /// Returns a guard that aborts the sequence if its thread unwinds. Others would wait forever for that thread's
+    /// items.
     pub(crate) fn stop_on_panic(&self) -> impl Drop {
         StopOnPanic(self)
     }

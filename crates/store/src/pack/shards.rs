@@ -1,11 +1,11 @@
-//! Writes a stage's bricks, in their order, to their shards' files: appended under a temporary name as they come, finished
-//! with an index, renamed by a thread of its own, and noted in the journal.
+//! Writer of a stage's bricks, in order, to shard files: appended under a temporary name, finished with an index,
+//! renamed by a separate thread, and recorded in the journal.
 //!
-//! A shard that spans several layers of bricks, or several time steps, stays open as a place in memory (its index so far), not
-//! as a file: one file a stage is open at a time.
+//! A shard of several layers of bricks, or time steps, stays open in memory (its index so far), not as a file: one file
+//! per stage is open at a time.
 //!
-//! In shards of several time steps, bricks of the same content are stored once, and their entries in the index have one range. Hashes
-//! find them; whether the bytes are the same is read back from the file.
+//! In shards of several time steps, equal bricks are stored once, with a shared range in the index. Hashes find them;
+//! reading the file confirms them.
 
 use crate::layout::{Layout, ShardId};
 use crate::pack::disk::{Disk, DiskError, temporary};
@@ -18,51 +18,50 @@ use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-/// A shard whose bricks have all been appended, before [`settle`] makes it durable.
+/// A shard with all bricks appended, before [`settle`] makes it durable.
 pub(crate) struct Finished {
     pub(crate) id: ShardId,
     pub(crate) fingerprint: Fingerprint,
-    /// An earlier run made it: nothing to do.
+    /// Made by an earlier run: nothing to do.
     done_before: bool,
 }
 
-/// What is to be stored of a brick.
+/// The stored form of a brick.
 #[derive(Clone, Copy)]
 pub(crate) struct Encoded<'a> {
     pub(crate) bytes: &'a [u8],
-    /// The hash of what the bytes decode to.
+    /// The hash of the decoded bytes.
     pub(crate) hash: u128,
 }
 
-/// Bytes that a shard of a level takes in memory while it is written.
+/// Memory of a level's open shard, in bytes.
 pub(crate) fn open_bytes(layout: &Layout, level: Level) -> u64 {
     let slots = layout.shard_slots(level) as u64;
     let known = if layout.shard_times > 1 { table_bytes(slots) } else { 0 };
     slots * size_of::<Option<BrickRange>>() as u64 + known
 }
 
-/// Bytes that a shard of a level takes besides, once, while it is finished: its index.
+/// Additional memory of a level's shard while it is finished, one at a time: its index, in bytes.
 pub(crate) fn finishing_bytes(layout: &Layout, level: Level) -> u64 {
     index_bytes(layout.shard_slots(level)) as u64
 }
 
-/// The most bytes of a table of [`Known`] that was made for so many bricks: powers of two of places, of which an eighth at
-/// least stays free, with a byte for each.
+/// Most bytes of a [`Known`] for `bricks` bricks: a power of two of places, at least an eighth free, with a byte each.
 fn table_bytes(bricks: u64) -> u64 {
     let places = (bricks * 8 / 7 + 1).next_power_of_two().max(16);
     places * (size_of::<(u64, u32)>() as u64 + 1) + 64
 }
 
-/// By half of the hash of its content, the entry of the first brick that was appended with it.
+/// The first index entry for each content, by half of the content's hash.
 type Known = HashMap<u64, u32>;
 
 struct OpenShard {
     ranges: Vec<Option<BrickRange>>,
     length: u64,
-    /// Bricks inside the grid that are still to come.
+    /// Bricks inside the grid still to come.
     missing: usize,
     done_before: Option<Fingerprint>,
-    /// In a shard of one time step `None`: each brick has bytes of its own.
+    /// `None` in a shard of one time step: each brick has bytes of its own.
     known: Option<Known>,
 }
 
@@ -79,7 +78,7 @@ impl OpenShard {
         }
     }
 
-    /// Where bytes of this length stand that were made from a brick of the same hash, if there was one.
+    /// The range of equally long bytes from a brick with the same hash, if any.
     fn candidate(&self, encoded: Encoded) -> Option<BrickRange> {
         let slot = *self.known.as_ref()?.get(&(encoded.hash as u64))?;
         self.ranges[slot as usize].filter(|range| range.length == encoded.bytes.len() as u64)
@@ -91,9 +90,9 @@ pub(crate) struct ShardWriter<'a> {
     store: &'a Path,
     layout: &'a Layout,
     open: HashMap<ShardId, OpenShard>,
-    /// The file that the last brick went to.
+    /// The file of the last brick.
     file: Option<(ShardId, PathBuf, File)>,
-    /// Bytes that were appended to shard files, indexes included.
+    /// Bytes appended to shard files, including indexes.
     pub(crate) written_bytes: u64,
 }
 
@@ -102,8 +101,8 @@ impl<'a> ShardWriter<'a> {
         Self { disk, store, layout, open: HashMap::new(), file: None, written_bytes: 0 }
     }
 
-    /// Adds the next brick: its encoded bytes, or `None` if it is all fill or its shard is `done_before`. Returns the
-    /// shard if this was its last brick; `None` if not. After an error the shard is lost.
+    /// Adds the next brick's encoded bytes, or `None` if it is all fill or its shard is `done_before`. Returns the
+    /// shard after its last brick. After an error the shard is lost.
     pub(crate) fn add(
         &mut self,
         id: BrickId,
@@ -128,7 +127,7 @@ impl<'a> ShardWriter<'a> {
         Ok(None)
     }
 
-    /// Where a brick's bytes stand in its shard already; `None` if they do not.
+    /// The existing range of a brick's bytes in its shard, if any.
     fn find(&mut self, id: ShardId, shard: &OpenShard, encoded: Encoded) -> Result<Option<BrickRange>, DiskError> {
         let Some(range) = shard.candidate(encoded) else { return Ok(None) };
         let (path, file) = self.file(id, false)?;
@@ -137,7 +136,7 @@ impl<'a> ShardWriter<'a> {
         Ok(is_same.then_some(range))
     }
 
-    /// Appends the bytes of the brick of entry `slot`. Returns where they stand.
+    /// Appends the bytes of the brick of entry `slot`. Returns their range.
     fn put(
         &mut self,
         id: ShardId,
@@ -176,7 +175,7 @@ impl<'a> ShardWriter<'a> {
         Ok(())
     }
 
-    /// A shard's file under its temporary name, opened if it is not the one that is open; made anew if `is_first`.
+    /// A shard's file under its temporary name, opened if needed; created anew if `is_first`.
     fn file(&mut self, id: ShardId, is_first: bool) -> Result<(&PathBuf, &mut File), DiskError> {
         let is_open = self.file.as_ref().is_some_and(|(open, ..)| *open == id);
         let (_, path, file) = match self.file.take() {
@@ -198,7 +197,7 @@ impl<'a> ShardWriter<'a> {
     }
 }
 
-/// Whether these bytes stand in a file at an offset.
+/// Whether a file has these bytes at an offset.
 fn holds(file: &File, offset: u64, bytes: &[u8]) -> io::Result<bool> {
     let mut buffer = [0; 16 << 10];
     let mut at = offset;
@@ -213,7 +212,8 @@ fn holds(file: &File, offset: u64, bytes: &[u8]) -> io::Result<bool> {
     Ok(true)
 }
 
-/// Gives a finished shard its name and notes it in the journal, which sees that it lasts. Returns false if an earlier run did that.
+/// Renames a finished shard to its final name and records it in the journal, which makes it durable. Returns `false` if
+/// an earlier run did.
 pub(crate) fn settle(
     disk: &Disk,
     store: &Path,
@@ -245,7 +245,7 @@ mod tests {
     fn tables_are_no_larger_than_is_said() {
         for bricks in (0..5000).chain([7 << 13, (7 << 13) + 1, 1 << 20]) {
             let table = Known::with_capacity(bricks as usize);
-            // Of the places an eighth stays free, of few of them one.
+            // An eighth of the places stays free, of few places one.
             let places = (table.capacity() as u64 * 8 / 7).next_power_of_two();
             let bytes = places * (size_of::<(u64, u32)>() as u64 + 1);
             assert!(bytes <= table_bytes(bricks) && table_bytes(bricks) <= 40 * bricks + 400, "{bricks}: {bytes}");

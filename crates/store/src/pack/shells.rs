@@ -1,20 +1,21 @@
-//! From cores to aprons by way of *shells*: the outermost voxels of a core, all that its neighbours' aprons can want of it.
+//! Conversion of cores to aprons by way of *shells*: the outermost voxels of a core, enough for all of its neighbours'
+//! aprons.
 //!
-//! A shell is six slabs like an apron's (see [`Apron`]), but of the core: for each axis its first and its last `width`
-//! layers, whole, so edges and corners lie in several. At 64^3 and a width of 1 it is 9 % of its core. An apron is copied from
-//! the shells of the brick and its neighbours, 26 boxes in all. Where there is no neighbour the brick's own outermost voxels
-//! repeat; where the level ends inside a brick they are there already, since packing fills cores up with them.
+//! A shell is six slabs like an apron's (see [`Apron`]), but of the core: for each axis its first and last `width`
+//! layers, whole, so edges and corners lie in several. At 64^3 and a width of 1 it is 9 % of its core. An apron is
+//! copied from the shells of the brick and its neighbours, 26 boxes in all. Without a neighbour, the brick's own
+//! outermost voxels repeat; where the level ends inside a brick, packing has padded the core with them.
 
 use brickyard_volume::{Apron, BrickIndex, Extent};
 
-/// Cuts shells out of cores, and makes aprons of shells.
+/// Cuts shells out of cores, and assembles aprons from shells.
 #[derive(Clone, Copy)]
 pub(crate) struct ApronMaker {
     pub(crate) apron: Apron,
     pub(crate) voxel_bytes: usize,
 }
 
-/// A box of voxels inside a packed array, as bytes: where it starts, and the steps along each axis.
+/// A box of voxels inside a packed array, in bytes: its start, and the steps along each axis.
 #[derive(Clone, Copy)]
 struct Place {
     start: usize,
@@ -22,7 +23,7 @@ struct Place {
 }
 
 impl Place {
-    /// The box that starts at `at` in an array of `shape`, which starts at byte `base`.
+    /// The box starting at `at` in an array of `shape` that starts at byte `base`.
     fn new(base: usize, shape: [usize; 3], at: [usize; 3], voxel_bytes: usize) -> Self {
         let step = [voxel_bytes, shape[0] * voxel_bytes, shape[0] * shape[1] * voxel_bytes];
         Self { start: base + (0..3).map(|a| at[a] * step[a]).sum::<usize>(), step }
@@ -58,7 +59,6 @@ impl ApronMaker {
         shape
     }
 
-    /// Copies the shell of `core` to `shell`.
     pub(crate) fn cut(&self, core: &[u8], shell: &mut [u8]) {
         for axis in 0..3 {
             let shape = self.side_shape(axis);
@@ -72,13 +72,13 @@ impl ApronMaker {
         }
     }
 
-    /// Where a slab of a shell starts.
+    /// The start of a shell's slab, in bytes.
     fn side_start(&self, axis: usize, is_high: bool) -> usize {
         (2 * axis + is_high as usize) * self.side_bytes()
     }
 
-    /// Makes a brick's apron from the shells of its level's bricks. A shell that `shell_of` does not know is all zero.
-    /// Returns false if the apron is all zero.
+    /// Makes a brick's apron from the shells of its level's bricks. A shell missing from `shell_of` is all zero.
+    /// Returns `false` if the apron is all zero.
     pub(crate) fn make<'a>(
         &self,
         index: BrickIndex,
@@ -90,7 +90,7 @@ impl ApronMaker {
         out.fill(0);
         let mut any = false;
         for side in (0..27).map(|i| [i % 3, i / 3 % 3, i / 9]).filter(|&side| side != [1; 3]) {
-            // Whether there is a neighbour to that side of the brick, along each axis.
+            // Whether the brick has a neighbour on that side, along each axis.
             let lends = std::array::from_fn(|a| match side[a] {
                 0 => index[a] > 0,
                 1 => true,
@@ -105,7 +105,7 @@ impl ApronMaker {
         any && out.iter().any(|&byte| byte != 0)
     }
 
-    /// Copies what lies to one side of a brick (0 before, 1 level with, 2 after its core, along each axis).
+    /// Copies the part on one side of a brick (0 before, 1 level with, 2 after its core, along each axis).
     fn copy_part(&self, side: [usize; 3], lends: [bool; 3], shell: &[u8], out: &mut [u8]) {
         let (edge, width) = (self.edge(), self.width());
         // Parts with z are in the apron's z slabs, then come those with y.
@@ -136,7 +136,7 @@ impl ApronMaker {
     }
 }
 
-/// Copies a box; the rows of `to` have no gaps inside.
+/// Copies a box; the rows of `to` are contiguous.
 fn copy(voxel_bytes: usize, shape: [usize; 3], bytes: &[u8], from: Place, out: &mut [u8], to: Place) {
     let run = shape[0] * voxel_bytes;
     let repeats = from.step[0] == 0 && shape[0] > 1;
@@ -164,7 +164,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Every voxel of every apron is that of the level at its place, clamped to the level.
+        /// Every voxel of every apron equals the level's voxel there, clamped to the level.
         #[test]
         fn aprons_are_the_levels_voxels(
             extent in prop::array::uniform3(1u32..30), width in 1u32..3, voxel_bytes in prop::sample::select(vec![1usize, 2, 4]),
@@ -175,7 +175,7 @@ mod tests {
             let grid = Extent::from_array(extent.map(|n| n.div_ceil(EDGE)));
             let voxel = |v: [u32; 3]| -> Vec<u8> {
                 let v: [u32; 3] = std::array::from_fn(|a| v[a].min(extent[a] - 1));
-                // A third of the bricks is empty.
+                // A third of the bricks are empty.
                 let brick = v.map(|v| v / EDGE);
                 if (seed ^ (brick[0] * 7 + brick[1] * 5 + brick[2] * 3)).is_multiple_of(3) {
                     return vec![0; voxel_bytes];

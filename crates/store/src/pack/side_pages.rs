@@ -1,9 +1,9 @@
-//! Side data while packing: what is known of bricks and shards comes in as they are made, and goes out page by page, so that
-//! memory does not grow with the volume's height, or with its time steps and channels.
+//! Side data during packing: properties of bricks and shards come in as these are made, and go out page by page, so
+//! memory is independent of the volume's height, time steps and channels.
 //!
-//! A brick's ranges are final when its neighbours have been packed and its children's ranges are final. So a layer of bricks waits
-//! for the next one of its stage, and for the layers below it in the octree; then it is joined to its parents, and kept until
-//! all layers of its pages are there: up to 16, and some four that wait.
+//! A brick's ranges are final once its neighbours are packed and its children's ranges are final. So a layer of bricks
+//! waits for the next one of its stage, and for the layers below it in the octree; then it is joined to its parents,
+//! and kept until all layers of its pages are complete: up to 16, and some four that wait.
 
 use crate::layout::{Layout, ShardId};
 use crate::pack::parts::{Parts, directions};
@@ -15,25 +15,24 @@ use brickyard_volume::{BrickId, BrickIndex, Extent, Level, PageId};
 use std::collections::VecDeque;
 use std::path::Path;
 
-/// The ranges and hashes of all stages' bricks, on their way to pages.
+/// The ranges and hashes of all stages' bricks, under way to pages.
 pub(crate) struct BrickPages<'a, T> {
     plan: &'a PackPlan,
     stages: Vec<StagePages<T>>,
     files: PageFiles,
-    /// The hash of a brick that is not stored.
+    /// The hash of an absent brick.
     fill_hash: u128,
 }
 
-/// The pages of one stage.
 struct StagePages<T> {
     ranges: SideArray,
     hashes: SideArray,
     bricks: Extent,
-    /// The first layer that is not final.
+    /// First layer still open.
     first: u32,
-    /// The first layer that is not final, and those after it of which something is known.
+    /// The open layers with any data.
     waiting: VecDeque<Layer<T>>,
-    /// Final layers of the row of pages at hand.
+    /// Final layers of the current row of pages.
     finished: Vec<Layer<T>>,
 }
 
@@ -45,7 +44,7 @@ struct Layer<T> {
     hashes: Vec<u128>,
     /// Bricks still to come.
     bricks: u64,
-    /// Layers of children that are not final.
+    /// Number of open child layers.
     children: u32,
 }
 
@@ -64,8 +63,8 @@ impl<'a, T: Measure> BrickPages<'a, T> {
         Self { plan, stages, files: PageFiles::default(), fill_hash: core_hash(&fill) }
     }
 
-    /// Takes in the next brick of stage `s`: its ranges by part, and the hash of its core, which is `None` if it is all
-    /// fill. Appends the files that it completes to `out`.
+    /// Adds the next brick of stage `s`: its ranges by part, and the hash of its core, `None` if all fill. Appends
+    /// completed files to `out`.
     pub(crate) fn add(&mut self, s: usize, id: BrickId, parts: &Parts<T>, hash: Option<u128>, out: &mut Vec<PageFile>) {
         let (index, bricks) = (id.index.to_array(), self.stages[s].bricks.to_array());
         let at = (id.index.y * bricks[0] + id.index.x) as usize;
@@ -88,7 +87,7 @@ impl<'a, T: Measure> BrickPages<'a, T> {
         }
     }
 
-    /// A layer that is not final.
+    /// An open layer.
     fn layer(&mut self, s: usize, z: u32) -> &mut Layer<T> {
         let StagePages { bricks, first, .. } = self.stages[s];
         let cells = bricks.x as u64 * bricks.y as u64;
@@ -106,7 +105,7 @@ impl<'a, T: Measure> BrickPages<'a, T> {
         &mut self.stages[s].waiting[(z - first) as usize]
     }
 
-    /// How many layers of the finer stage have their parents in a layer.
+    /// Number of the finer stage's layers with parents in a layer.
     fn child_layers(&self, s: usize, z: u32) -> u32 {
         let stage = &self.plan.stages[s];
         let Some((finer, _)) = stage.from else { return 0 };
@@ -115,7 +114,7 @@ impl<'a, T: Measure> BrickPages<'a, T> {
         ((z + 1) * ratio).min(finer.bricks.z) - z * ratio
     }
 
-    /// Finishes the layers of stage `s` that wait for nothing any more, and then those of coarser stages.
+    /// Finishes the layers of stage `s` that wait for nothing, then those of coarser stages.
     fn advance(&mut self, s: usize, volume: (u32, u32), out: &mut Vec<PageFile>) {
         loop {
             let stage = &mut self.stages[s];
@@ -154,7 +153,7 @@ impl<'a, T: Measure> BrickPages<'a, T> {
 }
 
 impl<T: Measure> StagePages<T> {
-    /// Keeps a final layer; makes a row of pages once all of its layers are there.
+    /// Keeps a final layer; writes a row of pages once complete.
     fn finish(
         &mut self,
         z: u32,
@@ -179,7 +178,7 @@ impl<T: Measure> StagePages<T> {
         self.finished.clear();
     }
 
-    /// The content of a page, whose layers are there.
+    /// The content of a page with complete layers.
     fn page(&self, page: PageId) -> (Vec<u8>, Vec<u8>) {
         let paging = self.ranges.paging();
         let (mut ranges, mut hashes) = (vec![0; self.ranges.page_bytes()], vec![0; self.hashes.page_bytes()]);
@@ -199,13 +198,13 @@ impl<T: Measure> StagePages<T> {
     }
 }
 
-/// The fingerprints of the shards of a stage, or of its aprons, on their way to pages. They come layer by layer.
+/// Fingerprints of the shards of a stage, or of its aprons, under way to pages. They come layer by layer.
 pub(crate) struct ShardPages {
     array: SideArray,
     grid: Extent,
-    /// The fingerprints of the row of pages at hand, x fastest.
+    /// The fingerprints of the current row of pages, x fastest.
     row: Vec<Fingerprint>,
-    /// How many of them are there.
+    /// The number of them set so far.
     known: usize,
 }
 
@@ -215,7 +214,7 @@ impl ShardPages {
         Self { array, grid: layout.shard_grid(level), row: Vec::new(), known: 0 }
     }
 
-    /// Takes in the fingerprint of a finished shard. Appends the pages that it completes to `out`.
+    /// Adds the fingerprint of a finished shard. Appends completed pages to `out`.
     pub(crate) fn add(&mut self, id: ShardId, fingerprint: Fingerprint, out: &mut Vec<PageFile>) {
         let paging = self.array.paging();
         let depth = paging.page_extent().z;

@@ -20,14 +20,14 @@ use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicI64, AtomicU32, Ordering};
 
-/// A source over an array in memory.
+/// An in-memory array as a source.
 pub(crate) struct Array<T> {
     pub(crate) info: SourceInfo,
     voxels: Vec<T>,
     pub(crate) access: Access,
-    /// Reads until all further ones fail.
+    /// Reads before all further ones fail.
     pub(crate) fuse: AtomicI64,
-    /// Boxes asked for.
+    /// Number of boxes read.
     reads: AtomicU32,
 }
 
@@ -115,7 +115,6 @@ pub(crate) fn options(voxel_type: VoxelType) -> PackOptions {
     }
 }
 
-/// All files of a store.
 pub(crate) fn files(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     fn walk(root: &Path, dir: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
         for entry in std::fs::read_dir(dir).unwrap() {
@@ -147,7 +146,7 @@ fn packed<T: Voxel>(source: &Array<T>, options: &PackOptions) -> BTreeMap<PathBu
     files(&store)
 }
 
-/// A source says them; they are no statistics that voxels could give again.
+/// These come from the source; they are no statistics to recompute from voxels.
 #[test]
 fn a_store_whose_channels_have_names_colors_and_windows_is_sound() {
     let mut source = Array::<u8>::series([20, 20, 20], 1, 2, |_, p| value(p) as u8);
@@ -167,7 +166,7 @@ pub(crate) fn level_voxels(store: &Store, time: u32, channel: u32, level: Level)
     (0..region.extent().volume() as usize).map(|i| voxel_type.read(&bytes, i)).collect()
 }
 
-/// One level from the finer one, plainly. `nodata` is what voxels without data are, NaN for floats.
+/// One level from the finer one, by plain loops. `nodata` is the value of voxels without data, NaN for floats.
 fn coarser<T: Voxel>(
     fine: &[f64],
     from: Extent,
@@ -203,7 +202,7 @@ fn coarser<T: Voxel>(
                     }
                     Downsample::Max => inside[inside.len() - 1],
                     Downsample::Min => inside[0],
-                    // `max_by_key` takes the last of those that tie: the least, from the back.
+                    // `max_by_key` returns the last of several maxima: the least value, from the back.
                     Downsample::Mode => *inside.iter().rev().max_by_key(|v| frequency(**v)).unwrap(),
                 };
                 coarse.push(T::from_f64_rounded(result).to_f64());
@@ -248,7 +247,8 @@ fn check_pyramid<T: Voxel>(source: &Array<T>, options: &PackOptions) {
     assert_eq!(report.problems, [], "{} {}", T::TYPE, options.downsample);
 }
 
-/// Every stored apron against the voxels of its level, clamped to it; and all but the aprons against a pack without.
+/// Every stored apron against the voxels of its level, clamped to it; and everything but the aprons against a pack
+/// without them.
 fn check_aprons<T: Voxel>(source: &Array<T>, options: &PackOptions) {
     let mut without = packed(source, &PackOptions { aprons: 0, ..options.clone() });
     without.remove(Path::new("zarr.json"));
@@ -306,7 +306,7 @@ fn every_level_is_what_plain_loops_make_of_the_finer_one() {
     }
 }
 
-/// A source in which voxels of a shell and of holes inside are of the value for no data.
+/// A source with the no-data value in a shell and in holes inside.
 fn marked<T: Voxel>(extent: [u32; 3], value: impl Fn([u32; 3]) -> T, nodata: T) -> Array<T> {
     let in_hole = |p: [u32; 3]| p[0].is_multiple_of(5) || p[1] / 7 == 3 || p[2] / 8 == 3;
     let in_shell = |p: [u32; 3]| (0..3).any(|a| p[a] < 18 || p[a] + 3 >= extent[a]);
@@ -323,7 +323,7 @@ fn voxels_without_data_are_left_out_of_coarser_levels() {
     for downsample in alone.into_iter().chain([mean_and_max()]) {
         let with = |t| PackOptions { downsample, aprons: 1, ..options(t) };
         check_pyramid(&marked(extent, |p| value(p) as u8, 0), &with(VoxelType::U8));
-        // A value that means of others are, too.
+        // A value also found among means of others.
         check_pyramid(&marked(extent, |p| value(p) as u8, 40), &with(VoxelType::U8));
         check_pyramid(&marked(extent, |p| (value(p) as i32 - 100) as i16, -2000), &with(VoxelType::I16));
         check_pyramid(&marked(extent, |p| value(p) as u16, u16::MAX), &with(VoxelType::U16));
@@ -334,7 +334,7 @@ fn voxels_without_data_are_left_out_of_coarser_levels() {
     check_pyramid(&marked(extent, |p| u32::MAX - 1 - value(p) as u32, u32::MAX), &options(VoxelType::U32));
 }
 
-/// Of every width, the fill value and others.
+/// With every voxel type, for the fill value and others.
 #[test]
 fn a_store_without_any_data_is_a_store() {
     fn check<T: Voxel>(nodata: T) {
@@ -544,7 +544,7 @@ fn damaged_and_wrong_aprons_are_found() {
         assert!(found.len() == 1 && found[0].contains(file) && found[0].contains("damaged shard index"), "{found:#?}");
         std::fs::write(&path, sound).unwrap();
     }
-    // Aprons of other bricks, sound but for what they mean.
+    // Aprons of other bricks, sound except for their meaning.
     for file in ["c/0/0/0/0", ".brickyard/shards/c/0/0/0/0/0/0"] {
         let aprons = |level: &str| store.join(level).join(".brickyard/aprons").join(file);
         std::fs::copy(aprons("1"), aprons("1/.brickyard/max")).unwrap();
@@ -563,7 +563,7 @@ fn output_does_not_depend_on_threads_memory_or_the_order_of_reading() {
     assert_same(&expected, &packed(&source, &PackOptions { threads: 4, ..options.clone() }), "4 threads");
     let in_memory = plan(&source, &options).unwrap();
     assert_eq!(in_memory.scratch_bytes, 0);
-    // One byte less than everything: some window goes to a scratch file; the least: all do.
+    // One byte less than everything: some window goes to a scratch file; with the least memory, all do.
     let least = in_memory.memory_bytes - in_memory.stages.iter().map(|s| s.window.bytes).sum::<u64>();
     for memory_bytes in [in_memory.memory_bytes - 1, least] {
         let options = PackOptions { memory_bytes, ..options.clone() };
@@ -591,7 +591,7 @@ fn windows_hold_one_layer() {
     };
     let coarse = [(16, 16 * 32 * 24 * 2), (16, 16 * 16 * 12 * 2), (16, 16 * 8 * 6 * 2), (13, 13 * 4 * 3 * 2)];
     assert_eq!(windows(&source, Downsample::Mean.into()), [&[(0, 0)], &coarse[..]].concat());
-    // A second pyramid has windows of its own, but for level 0.
+    // A second pyramid has windows of its own, except for level 0.
     assert_eq!(windows(&source, mean_and_max()), [&[(0, 0)], &coarse[..], &coarse[..]].concat());
     source.access = Access::Planes;
     assert_eq!(windows(&source, Downsample::Mean.into()), [&[(32, 32 * 64 * 48 * 2)], &coarse[..]].concat());
@@ -604,7 +604,7 @@ fn constant_and_fill_bricks_cost_next_to_nothing() {
     let path = dir.path().join("s.zarr");
     let report = pack(&source, &path, &options(VoxelType::U16), &()).unwrap();
     let store = Store::open(&path).unwrap();
-    // Two shards of eight bricks an axis; those at x = 0 hold fill only and have no file.
+    // Two shards of eight bricks an axis; those at x = 0 hold only fill and have no file.
     assert!(!path.join("0/c/0/0/0").exists() && path.join("0/c/0/0/1").exists());
     let id = |x| BrickId { time: 0, channel: 0, level: Level(0), index: BrickIndex::new(x, 0, 0) };
     assert!(!store.is_stored(id(0)).unwrap() && store.is_stored(id(2)).unwrap());
@@ -617,7 +617,7 @@ fn constant_and_fill_bricks_cost_next_to_nothing() {
     assert_eq!(store.occupancy(id(1)).unwrap(), bins.mask(0.0, 700.0));
 }
 
-/// A source that knows its constant boxes packs to the same bytes.
+/// A source with known constant boxes packs to the same bytes.
 #[test]
 fn known_constants_are_not_read() {
     struct Known(Array<i16>);
@@ -736,13 +736,13 @@ fn bad_options_are_refused() {
     }
 }
 
-/// A crash or a full disk at (nearly) any change to the file system, then `--resume`: the same store, byte for byte, and nothing
-/// that was finished is written again.
+/// A crash or a full disk at (nearly) any change to the file system, then `--resume`: the store is byte-identical, and
+/// finished work is not rewritten.
 #[test]
 fn resuming_after_a_failure_at_any_write_gives_the_uninterrupted_store() {
     let source = Array::new([40, 20, 36], |p| value(p) as u16 + 1);
     let fresh = PackOptions { downsample: mean_and_max(), aprons: 1, ..options(VoxelType::U16) };
-    // Of level 0, and two of each pyramid; the same of aprons.
+    // Level 0, and two of each pyramid; the same for aprons.
     check_resuming(&source, &fresh, 2 * (4 + 2 * 2));
 }
 
@@ -770,7 +770,7 @@ fn check_resuming<T: Voxel>(source: &Array<T>, fresh: &PackOptions, shards: u64)
         resumed_most = resumed_most.max(report.shards_resumed);
         assert_same(&expected, &files(&store), &format!("change {n}"));
         std::fs::remove_dir_all(&store).unwrap();
-        // Every change at first, where shards are written, then ever fewer, where side files are.
+        // Every change at first, during shard writes, then ever fewer, during side-file writes.
         n += 1 + n / 8;
     }
     // Every shard's file takes at least a create, an append, a sync, a rename and a journal line.
@@ -789,7 +789,7 @@ fn a_second_pyramid_leaves_the_main_one_as_it_is() {
     };
     assert_same(&shared(&alone), &shared(&both), "the main pyramid");
 
-    // One is not resumed as the other.
+    // Neither is resumed as the other.
     let dir = tempfile::tempdir().unwrap();
     let store = dir.path().join("s.zarr");
     source.fuse.store(30, Ordering::Relaxed);
@@ -820,7 +820,7 @@ fn damage_to_either_pyramid_is_found_once() {
         assert!(found.len() == 1 && found[0].contains(file) && found[0].contains(named), "{found:#?}");
         std::fs::write(&path, sound).unwrap();
     }
-    // Level 1 of the second pyramid with the voxels of the main one: sound but for what it means.
+    // Level 1 of the second pyramid with the voxels of the main one: sound except for its meaning.
     for file in ["c/0/0/0", ".brickyard/shards/c/0/0/0/0/0/0"] {
         std::fs::copy(store.join("1").join(file), store.join("1/.brickyard/max").join(file)).unwrap();
     }
@@ -841,7 +841,7 @@ fn a_pyramid_is_opened_by_its_method() {
     assert_eq!(open(Downsample::Max).unwrap().layout().second(), Some(Downsample::Max));
     let refused = open(Downsample::Min).err().unwrap().to_string();
     assert!(refused.contains("no level is made by min, only by mean,max"), "{refused}");
-    // A contradiction in the second's metadata is no concern of the main one.
+    // A contradiction in the second's metadata does not affect the main one.
     let path = store.join("zarr.json");
     let mut root = crate::test_store::read_json(&path).unwrap();
     root["attributes"]["brickyard"]["multiscales"][0]["datasets"][1]["path"] = "1".into();
@@ -851,7 +851,7 @@ fn a_pyramid_is_opened_by_its_method() {
     assert!(refused.contains("attributes.brickyard.multiscales[0].datasets[1].path"), "{refused}");
 }
 
-/// What the journal says is believed only where the file bears it out.
+/// Journal entries count only if the files confirm them.
 #[test]
 fn resume_checks_the_journal_against_the_files() {
     let source = Array::new([70, 40, 75], |p| value(p) as u8);
@@ -860,7 +860,7 @@ fn resume_checks_the_journal_against_the_files() {
     let expected = packed(&source, &fresh);
     let dir = tempfile::tempdir().unwrap();
     let store = dir.path().join("s.zarr");
-    // All shards are finished; the root document is what fails.
+    // All shards are finished; only the root document fails.
     let changes = {
         let disk = Disk { fuse: Some(AtomicI64::new(i64::MAX)), ..Disk::default() };
         pack_on(&disk, &source, &store, &fresh, &()).unwrap();
@@ -884,7 +884,7 @@ fn resume_checks_the_journal_against_the_files() {
     let refused = pack(&source, &store, &other, &()).unwrap_err().to_string();
     assert!(refused.contains("codec was \"zstd:1\", now \"zstd:5\""), "{refused}");
     let report = pack(&source, &store, &resume, &()).unwrap();
-    // Of 18 + 4 + 1 + 1.
+    // Out of 18 + 4 + 1 + 1.
     assert_eq!(report.shards_resumed, 24 - 4);
     assert_same(&expected, &files(&store), "resumed");
 }
@@ -912,8 +912,8 @@ fn a_failing_source_leaves_a_resumable_store() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// The promise that culling rests on: whatever a trilinear sample in a brick or its apron shows, its bin is set; at
-    /// every level, and in all ancestors.
+    /// The basis of culling: for any value of a trilinear sample in a brick or its apron, its bin is set; at every
+    /// level, and in all ancestors.
     #[test]
     fn no_sample_leaves_its_bricks_occupancy(seed in any::<u32>(), steep in 1u32..2000, samples in prop::collection::vec(prop::array::uniform3(0.0f64..1.0), 40)) {
         let random = |p: [u32; 3]| {
@@ -977,7 +977,7 @@ fn occupancy_bins_of_bytes_are_four_values_wide() {
     assert_eq!(store.occupancy_bins(0), OccupancyBins { low: 0.0, width: 4.0 });
 }
 
-/// Cuts a file short once some voxels of it are packed.
+/// Truncates a file once some of its voxels are packed.
 struct Cutter {
     path: PathBuf,
     left: u64,
@@ -994,12 +994,12 @@ impl Progress for Cutter {
     }
 }
 
-/// Of what is gone of a mapped file zeros are read: none of them may become a store's voxels.
+/// Lost parts of a mapped file read as zeros: none of these may become a store's voxels.
 #[test]
 fn a_source_cut_short_while_it_is_packed_ends_the_pack() {
     use brickyard_import::{Endian, RawLayout, RawSource};
     let extent = Extent::new(64, 64, 512);
-    // Lent as they lie in the file, and copied; cut by pages, and by a byte of the last page.
+    // Lent directly from the file, and copied; truncated by pages, and by a byte of the last page.
     for (voxel_type, endian) in [(VoxelType::U8, Endian::Little), (VoxelType::U16, Endian::Big)] {
         let bytes = extent.volume() * voxel_type.bytes() as u64;
         for left in [bytes / 4, bytes - 1] {
@@ -1020,7 +1020,7 @@ fn a_source_cut_short_while_it_is_packed_ends_the_pack() {
     }
 }
 
-/// A source that must decode whole planes, and takes memory for it.
+/// A source that must decode whole planes, at a cost in memory.
 struct Decoding(Array<u8>, u64);
 
 impl Source for Decoding {
@@ -1041,7 +1041,7 @@ impl Source for Decoding {
     }
 }
 
-/// What a source decodes at once is counted, and refused with the number that would do.
+/// The source's decoding memory is counted, and a refusal names a sufficient amount.
 #[test]
 fn memory_of_the_readers_is_counted() {
     let extent = [64, 32, 5];

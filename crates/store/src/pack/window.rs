@@ -1,5 +1,5 @@
-//! The slices of one level that are still needed: a ring along z, in memory or, where memory is short, in a scratch file
-//! that is mapped and so lives in reclaimable page cache.
+//! The slices of one level still in use: a ring along z, in memory or, if memory is short, in a mapped scratch file,
+//! and so in reclaimable page cache.
 
 use brickyard_import::Lent;
 use brickyard_volume::{Extent, VoxelBox};
@@ -13,7 +13,7 @@ use std::path::Path;
 pub(crate) struct Window {
     bytes: Backing,
     voxel_bytes: usize,
-    /// Extent of the level; `z` slices pass through the ring one after another.
+    /// Extent of the level; its `z` slices pass through the ring one after another.
     extent: Extent,
     /// Slices held at a time.
     capacity: usize,
@@ -46,7 +46,7 @@ impl DerefMut for Backing {
 }
 
 impl Window {
-    /// Makes a ring of `capacity` slices in memory, or in an unnamed file in the directory `scratch`, if one is given.
+    /// Creates a ring of `capacity` slices in memory, or in an unnamed file in the directory `scratch`, if given.
     ///
     /// # Errors
     /// If the disk has no room for the scratch file.
@@ -71,15 +71,15 @@ impl Window {
         ((slice * self.extent.y as usize + y as usize) * self.extent.x as usize + x as usize) * self.voxel_bytes
     }
 
-    /// The voxels of a box, where they lie. Its slices must be among the last `capacity` written, and must not pass the
-    /// end of the ring.
+    /// The voxels of a box, in place. Its slices must be among the last `capacity` written, and must not pass the end
+    /// of the ring.
     pub(crate) fn lend(&self, region: VoxelBox) -> Lent<'_> {
         let slice_bytes = self.extent.x as usize * self.extent.y as usize * self.voxel_bytes;
         let start = self.row(region.min.x, region.min.y, region.min.z);
         Lent { bytes: &self.bytes[start..], row_bytes: self.extent.x as usize * self.voxel_bytes, slice_bytes }
     }
 
-    /// Copies the voxels of a box, which are packed, into the ring.
+    /// Copies a box of packed voxels into the ring.
     pub(crate) fn write_box(&mut self, region: VoxelBox, voxels: &[u8]) {
         let row_bytes = region.extent().x as usize * self.voxel_bytes;
         let mut rows = voxels.chunks_exact(row_bytes);
@@ -94,7 +94,7 @@ impl Window {
     }
 }
 
-/// Allocates the file's blocks now: a map over holes would end in SIGBUS when the disk is full.
+/// Allocates the file's blocks now: on a full disk, a map over holes would end in SIGBUS.
 fn reserve(file: &mut File, bytes: u64) -> io::Result<()> {
     match fallocate(&*file, FallocateFlags::empty(), 0, bytes) {
         Err(rustix::io::Errno::OPNOTSUPP) => {

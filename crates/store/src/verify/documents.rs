@@ -1,8 +1,9 @@
-//! Compares every `zarr.json` with the one that packing would write from the store's settings. What packing wrote must be
-//! there unchanged; what others have added is left alone. Names, colours and windows of channels are theirs to edit: such edits are told apart.
+//! Comparison of every `zarr.json` with one generated from the store's settings. Packed content must be unchanged;
+//! additions by others are ignored. Others may edit names, colours and windows of channels: such edits are reported
+//! separately.
 //!
-//! Settings, statistics and placement are themselves read from the root document. So that one byte in one of them is found
-//! as well, the document holds a checksum of what was written.
+//! Settings, statistics and placement themselves come from the root document. To detect a changed byte there too, it
+//! holds a checksum of its written form.
 
 use crate::append::{FOREIGN_STEPS, foreign_steps};
 use crate::error::OpenError;
@@ -21,11 +22,11 @@ use std::path::{Path, PathBuf};
 /// Findings in a store's documents.
 pub(crate) struct Found {
     pub(crate) problems: Vec<VerifyProblem>,
-    /// Edits of what other programs may edit.
+    /// Permitted edits by other programs.
     pub(crate) edits: Vec<VerifyProblem>,
 }
 
-/// Checks the root document of the main pyramid, and the documents of these levels, each with the store of its pyramid.
+/// Checks the main pyramid's root document, and the documents of these levels, each with its pyramid's store.
 ///
 /// # Errors
 /// If the process may not read one of them.
@@ -45,7 +46,7 @@ pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, L
     }
     let found = documents.iter().map(|(path, _)| unless_barred(read_json(main.folder(), path)));
     let found = found.collect::<Result<Vec<_>, _>>()?;
-    // Read after the arrays: so they have at most one step more, of a commit that was cut off or is under way.
+    // Read after the arrays, which so have at most one more step, of an interrupted or running commit.
     let (expected, root) = root_now(main);
     let mut root = unless_barred(root)?;
     let times = main.info().times.map(|times| times..=count_of(&root).unwrap_or(times).saturating_add(1));
@@ -60,7 +61,7 @@ pub(crate) fn check<'a>(main: &Store, levels: impl Iterator<Item = (&'a Store, L
     Ok(Found { problems: of_root.into_iter().chain(checked.flatten()).chain(foreign(main)).collect(), edits })
 }
 
-/// What was read of a document, or why not, unless the process may not read it.
+/// Fails if the process may not read the document.
 fn unless_barred<T>(read: Result<T, OpenError>) -> Result<Result<T, OpenError>, OpenError> {
     match read {
         Err(OpenError::Io { path, error }) if is_of_process(&error) => Err(OpenError::Io { path, error }),
@@ -68,8 +69,7 @@ fn unless_barred<T>(read: Result<T, OpenError>) -> Result<Result<T, OpenError>, 
     }
 }
 
-/// Puts what was packed in the place of names, colours and windows that others have edited, where theirs can be used; those that are gone stand in as they
-/// were packed anyway. Returns the edits.
+/// Restores the packed names, colours and windows over usable edits; deleted ones count as packed. Returns the edits.
 fn take_edits(expected: &Value, root: &mut Value) -> Vec<String> {
     const OMERO: &str = "/attributes/ome/omero";
     let channels = expected.pointer(OMERO).and_then(|omero| omero["channels"].as_array());
@@ -106,14 +106,14 @@ fn take_edits(expected: &Value, root: &mut Value) -> Vec<String> {
     edits
 }
 
-/// The documents of a level's side data, and of its aprons'. Where no step is appended, opening has compared them.
+/// Documents of a level's side data, and of its aprons'. In stores without appended steps, opening has compared them.
 fn side_documents(store: &Store, level: Level) -> Vec<(PathBuf, Value)> {
     let arrays = level_arrays(store.path(), store.layout(), level, store.voxel_type());
     let aprons = store.aprons().map(|aprons| SideArray::fingerprints(store.path(), aprons.layout(), level));
     arrays.iter().chain(&aprons).map(|array| (array.document_path(), array.document())).collect()
 }
 
-/// Steps that another program has appended, unless the store grows meanwhile.
+/// Steps appended by another program, unless the store grows meanwhile.
 fn foreign(main: &Store) -> Option<VerifyProblem> {
     let (path, what) = match foreign_steps(main) {
         Ok(found) => {
@@ -126,8 +126,8 @@ fn foreign(main: &Store) -> Option<VerifyProblem> {
     (!has_grown).then_some(VerifyProblem { brick: None, path, what })
 }
 
-/// The root document as it should be and as it is: steps may have been appended since the store was opened, so what it says by itself is what it
-/// should say, unless that is no store.
+/// The expected and the actual root document. Since steps may have been appended, the expected one is generated from
+/// the present text, if that is a store.
 fn root_now(main: &Store) -> (Value, Result<Value, OpenError>) {
     let path = main.path().join("zarr.json");
     let document = |store: &Store| root_document(store.layout(), store.geometry(), store.info());
@@ -141,12 +141,12 @@ fn root_now(main: &Store) -> (Value, Result<Value, OpenError>) {
     (document(now.as_ref().unwrap_or(main)), parse_json(&path, &text))
 }
 
-/// The number of time steps that the root document counts; `None` where it does not, or cannot be read.
+/// The root document's number of time steps; `None` if absent or unreadable.
 fn count_of(root: &Result<Value, OpenError>) -> Option<u32> {
     root.as_ref().ok()?["attributes"]["brickyard"]["times"].as_u64()?.try_into().ok()
 }
 
-/// An array's document with the number of time steps that is expected of it, where it has one that it may have.
+/// An array's document with any permitted number of time steps replaced by the expected one.
 fn with_committed_times(expected: &Value, mut found: Value, times: Option<&RangeInclusive<u32>>) -> Value {
     let may_be = |steps: u64| times.is_some_and(|times| u32::try_from(steps).is_ok_and(|steps| times.contains(&steps)));
     if let Some(steps) = found.pointer_mut("/shape/0")
@@ -166,12 +166,12 @@ fn check_one(path: PathBuf, expected: &Value, found: Result<Value, OpenError>) -
     Some(VerifyProblem { brick: None, path, what })
 }
 
-/// A message without the path of its file, which a problem names by itself.
+/// A message without its file's path, which the problem already has.
 pub(super) fn without_path(message: &str, path: &Path) -> String {
     message.strip_prefix(&format!("{}: ", path.display())).unwrap_or(message).to_owned()
 }
 
-/// The first place where a document is not as expected. Keys that are not expected are others'.
+/// The first difference from the expected document. Unexpected keys belong to others.
 fn difference(expected: &Value, found: &Value, at: &mut String) -> Option<String> {
     let length = at.len();
     let mut inner = |expected: &Value, found: Option<&Value>, step: &str| {
@@ -216,7 +216,6 @@ mod tests {
     use serde_json::{Value, json};
     use std::path::{Path, PathBuf};
 
-    /// All documents of a store.
     fn documents(dir: &Path) -> Vec<PathBuf> {
         let mut found = Vec::new();
         for entry in std::fs::read_dir(dir).unwrap() {
@@ -230,7 +229,7 @@ mod tests {
         found
     }
 
-    /// Whether a flip cannot change what anybody reads: numbers and keys are the same, but for an array's empty attributes.
+    /// Whether a flip has no effect for readers: numbers and keys are unchanged, except an array's empty attributes.
     fn is_neutral(sound: &[u8], flipped: &[u8]) -> bool {
         let parsed = |bytes: &[u8]| {
             let mut value = serde_json::from_slice::<Value>(bytes).ok()?;
@@ -248,7 +247,7 @@ mod tests {
         let mut found = 0;
         for path in documents(dir) {
             let sound = std::fs::read(&path).unwrap();
-            // Of the lines of a histogram, which are all alike, some.
+            // Only some of a histogram's lines, which are all alike.
             let counts =
                 sound.windows(9).position(|word| word == b"\"counts\":").map_or(0..0, |at| at + 200..at + 5000);
             for i in (0..sound.len()).filter(|i| !counts.contains(i) || i % 17 == 0) {
@@ -273,7 +272,7 @@ mod tests {
         check_flips(dir.path());
     }
 
-    /// Of stores of one level too, where no number is there twice.
+    /// Includes stores of one level, where no number appears twice.
     #[test]
     fn every_edit_of_what_was_written_is_found() {
         let time = TimeAxis::of_stamps(vec![0.25, 2.0, 2.5], Some("second".into())).unwrap();

@@ -7,7 +7,7 @@ use crate::shard_file::IoMode;
 use crate::test_store::{TestStore, bumps, edit_page};
 use brickyard_volume::VoxelType;
 
-/// What goes wrong after shards were opened is a problem, too.
+/// Damage after shards were opened is a problem, too.
 #[test]
 fn what_cannot_be_read_any_more_is_a_problem() {
     for mode in [IoMode::Mmap, IoMode::Pread] {
@@ -18,7 +18,7 @@ fn what_cannot_be_read_any_more_is_a_problem() {
         let mut report = verifier.check_shards().unwrap();
         assert_eq!(report.problems, []);
         let harmed = ["0/c/0/1/1", "0/c/1/0/1", "1/c/0/0/0"].map(|name| dir.path().join(name));
-        // A file that only loses its name is still there for who has it open.
+        // A file that only loses its name still exists for those with it open.
         for path in &harmed {
             std::fs::File::options().write(true).open(path).unwrap().set_len(100).unwrap();
         }
@@ -29,7 +29,7 @@ fn what_cannot_be_read_any_more_is_a_problem() {
     }
 }
 
-/// From the start: a file that is there but cannot be opened.
+/// Unopenable from the start, though the file exists.
 #[test]
 fn what_cannot_be_opened_is_a_problem() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,9 +1,9 @@
-//! A pack that is cancelled stops soon, and what it leaves can be resumed.
+//! A cancelled pack stops soon, and can be resumed.
 
 use super::*;
 use std::sync::atomic::AtomicBool;
 
-/// Cancels a pack once so many voxels, or bytes of aprons, are packed.
+/// Cancels a pack after a number of voxels, or bytes of aprons.
 struct Canceller {
     voxels: u64,
     apron_bytes: u64,

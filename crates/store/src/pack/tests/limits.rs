@@ -1,4 +1,4 @@
-//! Whatever pack writes, open reads; what no store can hold is refused before anything is written.
+//! Every packed store opens; inputs beyond any store are refused before anything is written.
 
 use super::*;
 
@@ -80,7 +80,7 @@ fn check_opens<T: Voxel>(info: &SourceInfo, options: &PackOptions, seed: u32) {
         let bits = (p[0] + 40 * p[1] + 1600 * p[2] + volume).wrapping_mul(seed | 1);
         match seed % 4 {
             0 => T::from_f64_rounded(f64::from(seed >> 3)),
-            // Whatever bits there are: NaN, infinite, subnormal.
+            // Arbitrary bits: NaN, infinite, subnormal.
             1 => bytemuck::pod_read_unaligned(&bits.to_le_bytes()[..size_of::<T>()]),
             2 => T::from_f64_rounded(f64::NAN),
             _ => T::from_f64_rounded(value(p)),
@@ -154,7 +154,7 @@ fn what_cannot_be_opened_is_refused_before_anything_is_written() {
     refused(source, &sound, &["2^63"]);
 }
 
-/// What is advised is enough, and nothing else is advised.
+/// Advice is sufficient and complete.
 #[test]
 fn too_little_memory_is_told_with_what_would_do() {
     let source = Array::new([200, 200, 200], |p| value(p) as u8);
@@ -188,7 +188,7 @@ fn too_little_memory_is_told_with_what_would_do() {
                 } else {
                     0
                 }] += 1;
-                // What helps is advised.
+                // Everything helpful is advised.
                 let helps = |options: &PackOptions| plan(&source, options).is_ok();
                 assert!(j.is_some() || !helps(&with(Some(1), None)), "{options:?}: {advice}");
                 assert!(

@@ -1,4 +1,4 @@
-//! Where packs go: several at once on one output, what overwriting deletes, and overwrites that stop midway.
+//! Destinations of packs: several at once on one output, deletions by overwriting, and interrupted overwrites.
 
 use super::*;
 use std::sync::Barrier;
@@ -24,14 +24,14 @@ fn names(dir: &Path) -> Vec<String> {
     names
 }
 
-/// Stops a pack once so many shards are there.
+/// Stops a pack after some of its shards.
 fn interrupted(store: &Path, options: &PackOptions) {
     let source = source();
     source.fuse.store(30, Ordering::Relaxed);
     pack(&source, store, options, &()).unwrap_err();
 }
 
-/// Packs that start together, each with its own settings and delay; who wrote the store, by place.
+/// Packs started together, each with its own settings and delay; returns their results in order.
 fn together(store: &Path, packs: &[(PackOptions, Duration)]) -> Vec<Result<PackReport, PackError>> {
     let (source, start) = (source(), Barrier::new(packs.len()));
     let one = |(options, delay): &(PackOptions, Duration)| {
@@ -81,14 +81,14 @@ fn of_packs_that_start_together_one_wins_and_the_others_learn_who() {
         }
         assert_whole(&store, &[settings(&packs[won[0]].0)], "fresh");
 
-        // Some replace it, one after another or one of them alone: each that says so has.
+        // Some replace it, one after another or only one of them: every reported success is real.
         let packs: Vec<_> = (0..6).map(|i| (variant(i % 3, Exists::Overwrite), delay(most))).collect();
         let done = together(&store, &packs);
         let won: Vec<_> = (0..packs.len()).filter(|&i| done[i].is_ok()).map(|i| settings(&packs[i].0)).collect();
         assert!(!won.is_empty() && done.iter().all(|done| done.as_ref().err().is_none_or(is_me)), "{done:?}");
         assert_whole(&store, &won, "overwritten");
 
-        // An unfinished one: those that resume it, right and wrong, and one that starts over.
+        // An unfinished one, with packs resuming it, right and wrong, and one starting over.
         std::fs::remove_dir_all(&store).unwrap();
         interrupted(&store, &variant(1, Exists::Refuse));
         let mut packs: Vec<_> = (0..6).map(|i| (variant(i % 3, Exists::Resume), delay(most))).collect();
@@ -103,7 +103,7 @@ fn of_packs_that_start_together_one_wins_and_the_others_learn_who() {
     }
 }
 
-/// The same with processes: some are killed, the others go on where they were.
+/// The same with processes: some are killed, and others continue their work.
 #[test]
 fn of_processes_that_start_together_one_wins() {
     const CHILD: &str = "BRICKYARD_TEST_PACK";
@@ -112,7 +112,7 @@ fn of_processes_that_start_together_one_wins() {
         let [i, delay] = [0; 2].map(|_| words.next().unwrap().parse::<usize>().unwrap());
         std::thread::sleep(Duration::from_millis(delay as u64));
         let store = Path::new(words.next().unwrap());
-        // Whoever is killed leaves what can be resumed, by those with its settings.
+        // A killed process leaves a pack that others with its settings can resume.
         let options = variant(i % 2, if i < 4 { Exists::Resume } else { Exists::Overwrite });
         let done = pack(&source(), store, &options, &());
         std::process::exit(match done {
@@ -139,7 +139,7 @@ fn of_processes_that_start_together_one_wins() {
         let codes: Vec<_> = children.iter_mut().map(|child| child.wait().unwrap().code()).collect();
         assert!(codes.iter().enumerate().all(|(i, code)| matches!(code, Some(0 | 1)) || i == 0), "{codes:?}");
         assert!(codes.contains(&Some(0)) || round % 2 == 1, "{codes:?}");
-        // By now nobody is at work.
+        // By now nobody is packing.
         pack(&source(), &store, &variant(0, Exists::Overwrite), &()).unwrap();
         assert_whole(&store, &[fingerprint(&settings(&source(), &variant(0, Exists::Refuse)))], "in the end");
     }
@@ -162,13 +162,13 @@ fn who_packs_is_named_until_it_ends() {
     drop(held);
     let refused = pack(&source(), &store, &variant(0, Exists::Refuse), &()).unwrap_err();
     assert!(matches!(refused, PackError::Exists { unfinished: true, .. }), "{refused}");
-    // A process that was killed leaves its name, but not the lock.
+    // A killed process leaves its name, but not the lock.
     std::fs::write(store.join(crate::layout::LOCK_NAME), "999999999 elsewhere\n").unwrap();
     pack(&source(), &store, &variant(0, Exists::Resume), &()).unwrap();
     assert_eq!(names(dir.path()), ["s.zarr"]);
 }
 
-/// Who opens the lock file just before it goes, and gets its lock, has nothing: another one has the name by then.
+/// Opening the lock file just before its removal and locking it yields nothing: another file has the name by then.
 #[test]
 fn the_lock_of_a_file_without_its_name_is_none() {
     let dir = tempfile::tempdir().unwrap();
@@ -190,7 +190,7 @@ fn the_lock_of_a_file_without_its_name_is_none() {
     assert_eq!(names(dir.path()), [""; 0]);
 }
 
-/// Of packs that lock the place beside a store one after another, the first has made it and the last leaves it.
+/// Of packs that lock the place beside a store in succession, the first creates it and the last leaves it.
 #[test]
 fn the_place_beside_a_store_goes_with_the_last_lock() {
     let dir = tempfile::tempdir().unwrap();
@@ -208,7 +208,7 @@ fn the_place_beside_a_store_goes_with_the_last_lock() {
     assert_eq!(names(dir.path()), ["s.zarr"]);
 }
 
-/// Between a look at the output and its lock, another pack comes and goes.
+/// Between inspection and locking of the output, another pack comes and goes.
 #[test]
 fn what_was_seen_before_the_lock_is_looked_at_again() {
     let dir = tempfile::tempdir().unwrap();
@@ -237,7 +237,7 @@ fn what_was_seen_before_the_lock_is_looked_at_again() {
     let error = with_others(Exists::Resume, other(variant(1, Exists::Resume))).unwrap_err();
     assert!(matches!(error, PackError::Mismatch { .. }), "{error}");
     assert_whole(&store, &[theirs], "theirs");
-    // A store was there, and has been replaced or has gone: overwriting does what was asked for all the same.
+    // A store was there, and has been replaced or deleted: overwriting succeeds all the same.
     let ours = fingerprint(&settings(&source(), &variant(0, Exists::Refuse)));
     with_others(Exists::Overwrite, other(variant(2, Exists::Overwrite))).unwrap();
     assert_whole(&store, std::slice::from_ref(&ours), "replaced");
@@ -246,8 +246,8 @@ fn what_was_seen_before_the_lock_is_looked_at_again() {
     assert_whole(&store, &[ours], "gone");
 }
 
-/// Who has the lock of the old store while the names are exchanged gives it back, but no longer finds its file; a pack that was
-/// killed as its last step leaves one too.
+/// The holder of the old store's lock during the exchange releases it, but no longer finds its file; a pack killed as
+/// its last step leaves one too.
 #[test]
 fn the_old_store_goes_with_a_lock_file_that_nobody_holds() {
     let dir = tempfile::tempdir().unwrap();
@@ -261,8 +261,8 @@ fn the_old_store_goes_with_a_lock_file_that_nobody_holds() {
     }
 }
 
-/// Overwrites a store up to where it has its name and what it replaces is still beside it. What is returned lets the pack go on, and
-/// waits for its end.
+/// Overwrites a store until it has its name and the replaced one is still beside it. The returned function lets the
+/// pack continue, and waits for its end.
 fn overwritten_but_for_the_old(store: &Path, settings: usize) -> impl FnOnce() + Send + use<> {
     let (store, disk) = (store.to_path_buf(), Disk::default());
     let (to_test, exchanged) = std::sync::mpsc::channel();
@@ -281,8 +281,8 @@ fn overwritten_but_for_the_old(store: &Path, settings: usize) -> impl FnOnce() +
     }
 }
 
-/// While somebody looks at the store and at what is beside it, other packs replace the store, one after another. What is seen then
-/// never stood there at one time: a store, and beside it another one that nobody is about to take away.
+/// While the store and its neighbour are inspected, other packs replace the store in succession. The combined
+/// observations were never true at one time: a store, and beside it another one that nobody is about to remove.
 #[test]
 fn names_that_are_exchanged_while_they_are_looked_at_are_looked_at_again() {
     let dir = tempfile::tempdir().unwrap();
@@ -332,7 +332,7 @@ fn overwriting_deletes_only_what_packing_wrote() {
     assert_same(&expected, &files(&store), "refused");
     assert_eq!(names(dir.path()), ["s.zarr"]);
 
-    // What comes while the pack is at work, too, and what is packed by then stays beside it.
+    // The same for files added during the pack; the finished result stays beside the store then.
     struct Meddler(std::path::PathBuf);
     impl crate::pack::Progress for Meddler {
         fn advanced(&self, _done: u64, _total: u64) {
@@ -356,7 +356,7 @@ fn overwriting_deletes_only_what_packing_wrote() {
     assert!(unfinished.join(JOURNAL_NAME).exists());
     std::fs::remove_dir_all(&unfinished).unwrap();
 
-    // What has the name by which a store is replaced is left alone: a store, an unfinished pack, a folder, a file.
+    // Anything with the name used for replacing a store is left alone: a store, an unfinished pack, a folder, a file.
     let beside = dir.path().join("s.zarr.packing");
     let refused = |what: &str| {
         let before = if beside.is_dir() { files(&beside) } else { Default::default() };
@@ -385,7 +385,7 @@ fn overwriting_deletes_only_what_packing_wrote() {
     assert_eq!(names(dir.path()), ["s.zarr"]);
 }
 
-/// What a link leads to is replaced, and the link stays; a directory may be named by a dot.
+/// A link's target is replaced, and the link stays; a directory may be named by a dot.
 #[test]
 fn links_and_dots_name_what_they_lead_to() {
     let dir = tempfile::tempdir().unwrap();
@@ -408,7 +408,7 @@ fn links_and_dots_name_what_they_lead_to() {
     assert!(error.to_string().contains("link"), "{error}");
 }
 
-/// Stopped at any change, an overwrite leaves the old store or the new one, and is finished by going on or started over.
+/// An overwrite stopped at any change leaves the old store or the new one, and can be resumed or started over.
 #[test]
 fn an_overwrite_stopped_at_any_change_leaves_a_whole_store_and_is_finished() {
     let small = || Array::new([12, 12, 20], |p| value(p) as u8 + 1);
@@ -426,7 +426,7 @@ fn an_overwrite_stopped_at_any_change_leaves_a_whole_store_and_is_finished() {
         let (_dir, store, done, log) = overwrite(i64::MAX);
         done.unwrap();
         assert_same(&new_files, &files(&store), "all of it");
-        // The change of names and what is near it; of the others some.
+        // The exchange of names and its neighbourhood; only some of the other changes.
         let names_change = |what: &str, path: &Path| what == "exchange" || what == "rename_dir" || path == store;
         let exchange = log.iter().position(|(what, path)| names_change(what, path)).unwrap();
         let near = |n: &usize| *n < 4 || n.abs_diff(exchange) < 7 || *n + 4 > log.len() || n.is_multiple_of(11);
@@ -448,7 +448,7 @@ fn an_overwrite_stopped_at_any_change_leaves_a_whole_store_and_is_finished() {
             // Every other time by starting over.
             let exists = if n % 2 == 0 { Exists::Resume } else { Exists::Overwrite };
             let ended = pack_on(&disk, &small(), &store, &PackOptions { exists, ..new.clone() }, &());
-            // Stopped before it began, there is nothing to resume.
+            // If stopped before its start, there is nothing to resume.
             if !matches!(ended, Err(PackError::Mismatch { .. })) {
                 ended.unwrap_or_else(|error| panic!("{what}: {error}"));
                 assert_same(&new_files, &files(&store), &what);
@@ -459,8 +459,9 @@ fn an_overwrite_stopped_at_any_change_leaves_a_whole_store_and_is_finished() {
     }
 }
 
-/// What makes a store last, in this order: the journal's name; a shard's bytes and name; all names, the root document, the folder that the store is in;
-/// the exchange, the old store's removal; the journal's. Whether the file system is synced as one, or files one by one.
+/// The order in which a store becomes durable: the journal's name; a shard's bytes and name; all names, the root
+/// document, the store's parent folder; the exchange, the old store's removal; the journal's. Both with the file system
+/// synced as one, and with files synced one by one.
 #[test]
 fn what_lasts_lasts_before_what_tells_of_it() {
     let dir = tempfile::tempdir().unwrap();
@@ -471,7 +472,7 @@ fn what_lasts_lasts_before_what_tells_of_it() {
         let name = |path: &Path| path.strip_prefix(dir.path()).unwrap().to_string_lossy().into_owned();
         disk.log.into_inner().unwrap().iter().map(|(what, path)| format!("{what} {}", name(path))).collect::<Vec<_>>()
     };
-    // The last place of the one lies before the first of the other.
+    // The last occurrence of the one precedes the first of the other.
     let check = |log: &[String], before: &str, after: &str| {
         let last = log.iter().rposition(|change| change == before).unwrap_or_else(|| panic!("{before} in {log:#?}"));
         let first = log.iter().position(|change| change == after).unwrap_or_else(|| panic!("{after} in {log:#?}"));
@@ -480,7 +481,7 @@ fn what_lasts_lasts_before_what_tells_of_it() {
     let at = "new/folder/s.zarr";
     let log = changes(&variant(0, Exists::Refuse), false);
     let root = format!("rename {at}/zarr.json");
-    // All names but the root's come before the last sync of the whole, and that before the root's.
+    // All names but the root's come before the last sync of the whole, and this before the root's.
     let last_sync = log.iter().rposition(|change| *change == format!("sync_all {at}")).unwrap();
     let place_of_root = log.iter().position(|change| *change == root).unwrap();
     let is_name = |change: &String| change.starts_with("rename") && *change != root;
@@ -526,7 +527,7 @@ fn what_lasts_lasts_before_what_tells_of_it() {
     assert_eq!(tail[1], parent);
     let place = |change: String| tail.iter().position(|found| *found == change).unwrap();
     assert!(place(format!("remove_file {at}.packing/zarr.json")) > 1);
-    // Nor does the old store come back once the journal has gone.
+    // Nor does the old store come back once the journal is gone.
     let last_sync = tail.iter().rposition(|change| *change == parent).unwrap();
     assert!(place(format!("remove_dir {at}.packing")) < last_sync);
     check(tail, &parent, &format!("remove_file {journal}"));
@@ -534,7 +535,7 @@ fn what_lasts_lasts_before_what_tells_of_it() {
     check(tail, &format!("remove_dir {at}.packing"), &format!("remove_file {journal}"));
 }
 
-/// Each setting that decides a store's bytes is looked at before a pack is resumed.
+/// Each setting that determines a store's bytes is compared before a pack is resumed.
 #[test]
 fn every_setting_is_compared_on_resume() {
     let dir = tempfile::tempdir().unwrap();
@@ -550,7 +551,7 @@ fn every_setting_is_compared_on_resume() {
         let error = pack(&source(), &store, &variant(0, Exists::Resume), &()).unwrap_err().to_string();
         assert!(error.contains("cannot be resumed") && error.contains(&format!("{key} was")), "{key}: {error}");
     }
-    // What the program says of its input and options ends up in them.
+    // The program's view of its input and options is part of them.
     let differs = |change: &dyn Fn(&mut Array<u8>, &mut PackOptions), key: &str| {
         let (mut source, mut options) = (source(), first.clone());
         change(&mut source, &mut options);

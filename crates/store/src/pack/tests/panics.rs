@@ -1,4 +1,4 @@
-//! A panic anywhere in a pack ends it, with what was said, and leaves what can be resumed.
+//! A panic anywhere in a pack ends it with the panic's message, and leaves a pack that can be resumed.
 
 use super::*;
 use brickyard_import::Lent;
@@ -22,7 +22,7 @@ enum At {
 struct Faulty {
     array: Array<u8>,
     at: At,
-    /// Calls left of that kind.
+    /// Remaining calls of this kind.
     left: AtomicI64,
 }
 
@@ -74,7 +74,7 @@ impl Progress for Faulty {
     }
 }
 
-/// Packs in a thread of its own, which must end in time; what it said, or what it panicked with.
+/// Packs in a thread of its own, which must end in time; returns its result or its panic.
 fn ends(store: &Path, faulty: Faulty, options: &PackOptions) -> Result<PackReport, PackError> {
     let (what, (to_watchdog, ended)) = (faulty.at, channel());
     let (store, options) = (store.to_path_buf(), options.clone());
@@ -100,7 +100,7 @@ fn ends(store: &Path, faulty: Faulty, options: &PackOptions) -> Result<PackRepor
 const CALLER: &str = "the caller's own thread";
 const SAID: [&str; 2] = ["out of bounds, say", "a thread that changes files"];
 
-/// Keeps what is meant off the screen: a trace of each takes longer than a pack.
+/// Hides expected panics: each trace takes longer than a pack.
 fn silence() {
     let previous = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
@@ -124,7 +124,7 @@ fn a_panic_in_any_thread_ends_the_pack_and_is_told() {
             let dir = tempfile::tempdir().unwrap();
             let store = dir.path().join("s.zarr");
             match ends(&store, Faulty::new(access, at), &fresh) {
-                // Not so many calls are made.
+                // There are fewer calls than this.
                 Ok(_) => assert_same(&expected, &files(&store), &format!("{access:?} {at:?}")),
                 Err(PackError::Panic { words, .. }) => {
                     assert!(SAID.contains(&words.as_str()) || words == CALLER, "{access:?} {at:?}: {words}");

@@ -1,4 +1,4 @@
-//! Shards of several time steps: the same voxels in fewer files, and bricks of the same content stored once.
+//! Shards of several time steps: the same voxels in fewer files, and bricks of equal content stored once.
 
 use super::*;
 use crate::layout::ShardId;
@@ -13,7 +13,7 @@ fn with(shard_times: u32) -> PackOptions {
     PackOptions { shard_times, downsample: mean_and_max(), aprons: 1, ..options(VoxelType::U8) }
 }
 
-/// A box that moves through a volume that stays as it is, of several channels.
+/// A box moving through a constant volume of several channels.
 fn moving_box(channels: u32) -> Array<u8> {
     Array::series([64, 40, 35], STEPS, channels, move |i, [x, y, z]| {
         let (time, channel) = (i / channels, i % channels);
@@ -22,7 +22,7 @@ fn moving_box(channels: u32) -> Array<u8> {
     })
 }
 
-/// A whole store's cores and aprons, brick by brick, of one pyramid.
+/// All cores and aprons of one pyramid of a store, brick by brick.
 fn contents(path: &Path, method: Downsample) -> BTreeMap<String, (Vec<u8>, Vec<u8>)> {
     let store = Store::open_reduced(path, method, IoMode::Pread).unwrap();
     let apron = store.apron().unwrap();
@@ -82,7 +82,7 @@ fn however_many_steps_a_shard_has_the_voxels_are_the_same() {
         for method in [Downsample::Mean, Downsample::Max] {
             assert!(contents(&path(n), method) == contents(&path(1), method), "{n} steps, {}", method.name());
         }
-        // Side data have the same pages of bricks, and as many files as there are groups.
+        // Side data have the same pages of bricks, and one file per group.
         assert!(pages(&path(n)) == pages(&path(1)), "{n} steps");
         for name in ["ranges", "hashes", "shards"] {
             let mut found = files(&path(n));
@@ -154,7 +154,7 @@ fn bricks_of_the_same_content_are_stored_once() {
     assert!(files(&path(3)).len() < files(&path(1)).len());
 }
 
-/// Shards of one step are as they were before there were others.
+/// In shards of one step, equal bricks are stored separately, as always.
 #[test]
 fn shards_of_one_step_share_nothing() {
     let source = Array::new([64, 16, 16], |p| p[1] as u8 + 1);
@@ -184,7 +184,7 @@ fn output_does_not_depend_on_threads_memory_or_the_order_of_reading() {
 #[test]
 fn resuming_after_a_failure_at_any_write_gives_the_uninterrupted_store() {
     let source = Array::series([40, 20, 20], 3, 1, |i, p| if p[0] / 8 == i { 9 } else { value(p) as u8 + 1 });
-    // Of two groups: two of level 0, and one of each other level; the same of aprons.
+    // Two groups: two shards of level 0, and one of each other level; the same for aprons.
     check_resuming(&source, &PackOptions { downsample: Downsample::Mean.into(), ..with(2) }, 2 * 2 * (2 + 2));
 }
 
@@ -224,7 +224,7 @@ fn the_number_of_steps_is_a_setting() {
     assert_same(&packed(&source, &with(2)), &files(&store), "after an overwrite");
 }
 
-/// Of each brick that a damaged range is of, and of no other.
+/// Found in every brick with the damaged range, and in no other.
 #[test]
 fn damage_to_a_shared_range_is_found_in_every_brick_that_has_it() {
     let source = moving_box(1);
@@ -260,7 +260,7 @@ fn damage_to_a_shared_range_is_found_in_every_brick_that_has_it() {
     assert_eq!(problems(), [""; 0]);
 }
 
-/// A sound index, but for a range that begins inside of another: what no writer makes.
+/// A sound index, except for a range that starts inside another, as no writer produces.
 #[test]
 fn ranges_that_overlap_in_part_are_found() {
     let dir = tempfile::tempdir().unwrap();
@@ -292,14 +292,14 @@ fn ranges_that_overlap_in_part_are_found() {
     assert!(problems.iter().any(|p| p.contains(&format!("{brick}: damaged brick"))), "{problems:#?}");
 }
 
-/// A cube that is planned and never read.
+/// A cube for planning only, never read.
 fn planned(edge: u32, times: u32, channels: u32) -> Array<u8> {
     let mut source = Array::new([1; 3], |_| 0);
     source.info = SourceInfo { extent: Extent::from_array([edge; 3]), times, channels, ..source.info };
     source
 }
 
-/// What open shards take is counted, and refused with the number that would do and with fewer steps that fit.
+/// Memory of open shards is counted, and a refusal gives the sufficient amount and a fitting number of steps.
 #[test]
 fn memory_of_open_shards_is_counted() {
     let source = planned(256, 64, 2);
