@@ -1,21 +1,20 @@
-//! Order of a hand's input, also within one slow frame. egui sees a frame's events at once: it takes motion in the frame of a press or a release for no
-//! drag, keys for earlier than buttons, and text for the field that Tab moves on to. So a frame gets the first part of what waits that is told in order,
-//! and the rest waits for the next frame.
+//! Order of user input within a slow frame. egui takes a frame's events together: it misses drags whose press or release comes in the same frame,
+//! reads keys as earlier than buttons, and sends text to the field Tab moves on to. So a frame gets the longest prefix of the pending input that egui
+//! reads in order; the rest waits for the next frame.
 
 use eframe::egui::{Event, Key, Modifiers, RawInput};
 
-/// How many presses and keys may wait. A hand is not as fast as that: where programs are, input that waited ever longer would be worse than input whose
-/// order is lost.
+/// Most presses and keys that may wait. No user is as fast; from programs, ever later input would be worse than lost order.
 const MOST: usize = 64;
 
-/// Input that waits for its frame.
+/// Input waiting for its frame.
 #[derive(Default)]
 pub(crate) struct InputOrder {
     waiting: Vec<Event>,
 }
 
 impl InputOrder {
-    /// Leaves to a frame the first part of its input, and of what waited for it.
+    /// Leaves a frame the first part of its input, including the input that waited for it.
     pub(crate) fn split(&mut self, input: &mut RawInput) {
         let mut events = std::mem::take(&mut self.waiting);
         events.append(&mut input.events);
@@ -50,7 +49,7 @@ struct Part {
 }
 
 impl Part {
-    /// Whether an event is told in order behind those of the part.
+    /// Whether egui reads an event in order behind those of the part.
     fn takes(&self, event: &Event) -> bool {
         match event {
             Event::PointerButton { pressed, .. } => {
@@ -75,7 +74,7 @@ impl Part {
     }
 }
 
-/// The number of events in the first part.
+/// Number of events in the first part.
 fn first_part(events: &[Event]) -> usize {
     let mut part = Part::default();
     let is_behind = |event: &Event| {
@@ -99,7 +98,7 @@ mod tests {
         Event::PointerButton { pos: Pos2::ZERO, button: PointerButton::Primary, pressed, modifiers }
     }
 
-    /// The number of events in each frame that a hand's input takes.
+    /// Number of events in each frame taken by a user's input.
     fn parts(hand: &[Event]) -> Vec<usize> {
         let mut order = InputOrder::default();
         let mut parts = Vec::new();
@@ -125,7 +124,7 @@ mod tests {
         assert_eq!(parts(&hand), [3, 1, 2, 1, 1]);
         let twice = [press.clone(), release.clone(), press.clone(), release.clone()];
         assert_eq!(parts(&twice), [1; 4]);
-        // What comes meanwhile comes after what waits.
+        // New input follows waiting input.
         let (mut order, mut input) = (InputOrder::default(), RawInput::default());
         input.events = vec![press.clone(), release.clone()];
         order.split(&mut input);
@@ -137,7 +136,7 @@ mod tests {
         assert!(input.events.len() == MOST + 1 && !order.is_waiting(), "no hand is as fast");
     }
 
-    /// A mouse tells of its motion a thousand times a second.
+    /// A mouse reports motion a thousand times a second.
     #[test]
     fn motion_alone_is_never_too_much() {
         let motion = vec![Event::PointerMoved(Pos2::ZERO); 10 * MOST];

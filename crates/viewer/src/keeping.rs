@@ -1,5 +1,5 @@
-//! Keeping a window's state from one day to the next: it is written to a file of the user's a while after each change, and read when the same volumes are
-//! opened again. Costs a small file for each set of volumes.
+//! Keeps a window's state from one day to the next: it is written to a file of the user's a while after each change, and read when the same volumes
+//! are opened again. Costs a small file for each set of volumes.
 
 use crate::state::State;
 use brickyard::text_file::{read_text, write_text};
@@ -7,25 +7,25 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How long after the last change the state is written.
+/// Delay from the last change to writing the state.
 const AFTER: Duration = Duration::from_secs(2);
 
-/// A state that is kept in a file.
+/// A state kept in a file.
 pub(crate) struct Keeper {
     /// The file; `None` keeps nothing.
     path: Option<PathBuf>,
     kept: State,
-    /// The state that is not kept yet, and since when.
+    /// The state still to be written, and the time of its change.
     changed: Option<(State, Instant)>,
 }
 
 impl Keeper {
-    /// Keeps a window's state, which is `state` now; without a file it is not kept.
+    /// Keeps a window's state from the current `state` on; without a file it is not kept.
     pub(crate) fn new(path: Option<PathBuf>, state: &State) -> Self {
         Self { path, kept: state.clone(), changed: None }
     }
 
-    /// Takes note of the state of now, and writes it if it has been the same for a while. Returns how long until that is to be tried again, if it is.
+    /// Records the current state, and writes it if it has been the same for a while. Returns the delay until the next attempt, if any.
     ///
     /// # Errors
     /// If the file cannot be written; that state is given up then.
@@ -45,7 +45,7 @@ impl Keeper {
         }
     }
 
-    /// Writes the state that is not kept yet, if there is one.
+    /// Writes the pending state, if there is one.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -59,7 +59,7 @@ impl Keeper {
     }
 }
 
-/// Writes a state as a scene file, whole or not at all.
+/// Writes a state as a scene file, atomically.
 ///
 /// # Errors
 /// If the file cannot be written.
@@ -79,7 +79,7 @@ pub(crate) fn write(path: &Path, state: &State) -> Result<(), String> {
     write_text(path, &(text + "\n")).map_err(|error| error.to_string())
 }
 
-/// Reads the state in a scene file; `None` if there is no such file. Files that its scene names are not read.
+/// Reads the state in a scene file, but none of the files named by its scene; `None` if the file does not exist.
 ///
 /// # Errors
 /// If the file cannot be read, or is no scene. The message begins with its path.
@@ -92,7 +92,7 @@ pub(crate) fn read(path: &Path) -> Result<Option<State>, String> {
     State::from_document(document).map(Some).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-/// The volumes that a scene file says a window showed; those of relative paths are in the file's folder.
+/// The volumes of the window that wrote a scene file; relative paths are in the file's folder.
 ///
 /// # Errors
 /// If the file cannot be read, or is no scene. The message begins with its path.
@@ -101,7 +101,7 @@ pub fn volumes_of(path: &Path) -> Result<Vec<PathBuf>, String> {
     Ok(volumes.into_iter().map(|volume| path.with_file_name(volume)).collect())
 }
 
-/// The user's file for the state of a window on these volumes; `None` if there are none, or the user has no folder for such files.
+/// The user's file for the state of a window on these volumes; `None` without volumes, or if the user has no folder for such files.
 pub(crate) fn file_of(volumes: &[PathBuf]) -> Option<PathBuf> {
     if volumes.is_empty() {
         return None;
@@ -114,7 +114,7 @@ pub(crate) fn file_of(volumes: &[PathBuf]) -> Option<PathBuf> {
     Some(state_folder()?.join("windows").join(format!("{name}-{:016x}.json", hasher.finish())))
 }
 
-/// The folder where programs keep what they know from one run to the next, as the XDG base directories say.
+/// The folder for programs' state between runs, by the XDG base directory specification.
 pub(crate) fn state_folder() -> Option<PathBuf> {
     let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let home = || absolute("HOME").map(|home| home.join(".local/state"));

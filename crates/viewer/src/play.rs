@@ -1,27 +1,27 @@
-//! How a window plays time steps: what its document says of it, and what sessions make of that.
+//! Playback settings of a window, as kept in its document and as passed to sessions.
 
 use brickyard::pager;
 use serde::{Deserialize, Serialize};
 
-/// How a window plays time steps.
+/// Playback settings of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Play {
     /// Whether it plays now.
     pub(crate) on: bool,
-    /// Steps a second.
+    /// Steps per second.
     pub(crate) steps_per_second: f64,
-    /// Whether it begins by running from later steps to earlier ones.
+    /// Whether it starts out running from later steps to earlier ones.
     pub(crate) backward: bool,
-    /// What follows the last step.
+    /// The sequel to the last step.
     pub(crate) ending: Ending,
-    /// What gives way where the rate cannot be held.
+    /// The sacrifice where the rate cannot be held.
     pub(crate) policy: Policy,
     /// Whether the values of the voxel under the pointer are drawn over the bar of steps.
     pub(crate) curve: bool,
 }
 
-/// What follows the last step.
+/// The sequel to the last step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Ending {
@@ -34,7 +34,7 @@ pub(crate) enum Ending {
     Bounce,
 }
 
-/// What gives way where the rate cannot be held.
+/// The sacrifice where the rate cannot be held.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Policy {
@@ -47,7 +47,7 @@ pub(crate) enum Policy {
     EveryStep,
 }
 
-/// The rates that can be asked for, in steps a second.
+/// Possible rates, in steps per second.
 pub(crate) const RATES: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 
 impl Default for Play {
@@ -58,7 +58,7 @@ impl Default for Play {
 }
 
 impl Play {
-    /// How sessions are to play; `None` while nothing plays.
+    /// The playback for sessions; `None` while nothing plays.
     pub(crate) fn playback(&self) -> Option<pager::Playback> {
         // A document may hold any number.
         let rate = if self.steps_per_second.is_nan() { *RATES.start() } else { self.steps_per_second };
@@ -85,7 +85,7 @@ pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Any way to play.
+    /// Arbitrary settings.
     pub(crate) fn play() -> impl Strategy<Value = Play> {
         let endings = prop::sample::select(vec![Ending::Stop, Ending::Loop, Ending::Bounce]);
         let policies = prop::sample::select(vec![Policy::HoldRate, Policy::HoldQuality, Policy::EveryStep]);
