@@ -26,7 +26,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene) {
     });
 }
 
-/// A mesh. Returns whether it is to be removed.
+/// Shows a mesh. Returns whether to remove it.
 fn one(ui: &mut Ui, mesh: &mut MeshLook, is_projection: bool) -> bool {
     let name = mesh.path.file_name().unwrap_or(mesh.path.as_os_str()).to_string_lossy().into_owned();
     let mut is_visible = mesh.opacity > 0.0;
