@@ -1,6 +1,6 @@
 //! The window's picture: a live session draws the scene into a texture, on the window's own device or [beside the window](drawing) on the CPU, as
-//! coarsely as the pace of a moving view demands. At rest it draws the exact picture once, smooths it sample by sample, and stops. Costs one step of
-//! streaming per picture; on a GPU one per frame of the window.
+//! coarsely as a moving view demands. At rest it draws the exact picture, smooths it sample by sample, and stops. Costs a step of streaming per
+//! picture; on a GPU one per frame of the window.
 
 mod beside;
 mod capture;
@@ -46,38 +46,38 @@ const GIVING_UP: Duration = Duration::from_millis(12);
 /// Longest wait for the picture of a moving view, in frame goals: with painting in between, both take twice as long.
 const PATIENCE: f64 = 1.5;
 
-/// Interval between two looks at a picture in progress.
+/// Interval between looks at a picture in progress.
 const LOOK: Duration = Duration::from_millis(150);
 
-/// Time without a picture of a change after which the next change counts as a first one, such as the press at the start of a drag.
+/// Pause without pictures of changes, after which the next change counts as a first one, such as the press at the start of a drag.
 const REST: Duration = Duration::from_millis(250);
 
 /// Interval at which the window, or a session beside it, checks for new bricks.
 pub(crate) const STREAMING_STEP: Duration = Duration::from_millis(8);
 
-/// Delay before the first and between later progress updates of pictures drawn beside the window. Every frame of the window takes time from them: a
-/// picture of 0.2 s gets by without one.
+/// Delays of the first and of later progress updates for pictures beside the window. Each costs them a frame of the window: a picture of 0.2 s gets
+/// none.
 const DRAWING_STEPS: [Duration; 2] = [Duration::from_millis(200), Duration::from_millis(500)];
 
-/// A session and the texture with its picture.
+/// A session and its texture.
 pub(crate) struct Canvas {
-    /// The session while at home, as always on a GPU; `None` while it is away on the CPU.
+    /// The session while at home, as always on a GPU; `None` while away on the CPU.
     engine: Option<Box<Engine>>,
     /// The session's work while away, and its last report.
     drawing: Option<(Drawing, Task)>,
     known: Known,
-    /// Changes not yet applied to the session.
+    /// Changes still to be applied.
     changes: Vec<Change>,
-    /// The picture drawn in parts on a GPU, and the one drawn there for saving.
+    /// Pictures drawn in parts on a GPU: for the view, and for saving.
     in_rows: Option<InRows>,
     gpu_capture: Option<GpuCapture>,
-    /// The share of an exact picture found fit for one part.
+    /// Share of an exact picture found fit for one part.
     fitting: f64,
-    /// Longest frame of the window while the picture changes, and the duration of a frame without drawing.
+    /// Longest frame of the window during changes, and the duration of one without drawing.
     goal: Duration,
     between: Duration,
     options: SessionOptions,
-    /// The last picture from the CPU, and the time at which it, or a part of the next one, was shown.
+    /// The CPU's last picture, and when it, or a part of the next one, was shown.
     picture: Option<Arc<Picture>>,
     looked: Option<Instant>,
     /// The visible texture; `None` until the window has a device.
@@ -86,32 +86,31 @@ pub(crate) struct Canvas {
     gpu: Option<Device>,
     /// Whether moving views are drawn coarser.
     pub(crate) is_adaptive: bool,
-    /// Whether a frame waits a little beyond its goal for the picture of a moving view: the cores that paint the window draw this picture, too.
+    /// Whether a frame waits slightly beyond its goal for the picture of a moving view: both are drawn on the same cores.
     pub(crate) is_patient: bool,
     /// The playback requested of the session.
     playback: Option<Playback>,
     pace: Pace,
     shown: Option<Shown>,
-    /// Status of the last step of streaming, and the coming time steps; `None` before the first.
+    /// Status of the last streaming step, and the coming time steps; `None` before the first.
     stream: Option<(Status, Vec<ComingStep>)>,
     /// Times of the last frames, oldest first.
     times: VecDeque<FrameTimes>,
     /// Time spent since the last query.
     spent: FrameTimes,
-    /// The last requested scene and the number of changes so far; time and number of the first change without a picture; the times of answered
-    /// changes, and when the last answer came.
+    /// The last requested scene, and the number of changes; time and number of the first unanswered change; the answers, and the time of the last.
     seen: Option<Scene>,
     change: u64,
     asked: Option<(Instant, u64)>,
     answers: Vec<Answer>,
     answered: Option<Instant>,
     captures: VecDeque<Capture>,
-    /// Whether pictures to be saved wait until the view rests; and the picture of the view that failed, for which they do not wait.
+    /// Whether saved pictures wait for a resting view; and the picture of it that failed, for which they do not.
     gives_way: bool,
     failed: Option<Wanted>,
 }
 
-/// A change for the session, applied when it is at home.
+/// A change, applied while the session is home.
 enum Change {
     /// Another playback; `None` stands still.
     Play(Option<Playback>),
@@ -155,7 +154,7 @@ pub(crate) struct FrameTimes {
 }
 
 impl FrameTimes {
-    /// All drawing, wherever.
+    /// All drawing.
     pub(crate) fn drawing(&self) -> Duration {
         self.draw + self.beside
     }
@@ -171,7 +170,7 @@ impl FrameTimes {
     }
 }
 
-/// The session's current and requested time step, as of the shown picture; a session that draws is ahead of it.
+/// The session's current and requested time step, as of the shown picture; a drawing session is ahead of it.
 #[derive(Default)]
 struct Pace {
     is_playing: bool,
@@ -236,8 +235,7 @@ impl Canvas {
         })
     }
 
-    /// Moves to another device of the window. Requested pictures are still to come. Decoded bricks stay, unless the CPU replaces a GPU or the
-    /// reverse.
+    /// Moves to another device. Requested pictures are still to come. Decoded bricks stay, unless the CPU replaces a GPU or the reverse.
     ///
     /// # Errors
     /// If the device lacks a feature of the engine.
@@ -289,7 +287,7 @@ impl Canvas {
         self.tell(Change::Volumes(volumes));
     }
 
-    /// Applies a change to the session: at once on a GPU, else when it leaves for the next picture. Abandons the picture in progress.
+    /// Applies a change: at once on a GPU, else when the session leaves for the next picture. Abandons the picture in progress.
     fn tell(&mut self, change: Change) {
         (self.in_rows, self.gpu_capture) = (None, None);
         if matches!(change, Change::Volumes(_)) {
@@ -304,22 +302,20 @@ impl Canvas {
         self.keep_pace();
     }
 
-    /// Whether the drawing device is lost.
     fn is_lost(&self) -> bool {
         self.gpu.as_ref().is_some_and(|device| device.lost().is_some())
     }
 
-    /// Whether the last requested picture failed, so that an earlier one is shown.
+    /// Whether the last requested picture failed, and an earlier one is shown.
     pub(crate) fn is_failing(&self) -> bool {
         self.failed.is_some()
     }
 
-    /// Whether the CPU draws the picture.
     pub(crate) fn draws_on_cpu(&self) -> bool {
         self.gpu.is_none()
     }
 
-    /// Sets the longest frame of the window while the picture changes; `between` of it is the window's own work.
+    /// Sets the longest frame of the window during changes; `between` of it is the window's own work.
     pub(crate) fn set_frame_goal(&mut self, goal: Duration, between: Duration) {
         (self.goal, self.between) = (goal, between);
         if let Some(Engine { session, control }) = self.engine.as_deref_mut().filter(|_| self.gpu.is_some()) {
@@ -328,7 +324,7 @@ impl Canvas {
         }
     }
 
-    /// Sets other memory limits, in bytes: for slots, tables and targets, and for decoded bricks.
+    /// Sets memory limits, in bytes: for slots, tables and targets, and for decoded bricks.
     pub(crate) fn set_budgets(&mut self, backend_bytes: u64, host_memory_bytes: u64) {
         let SessionOptions { gpu_memory_bytes, cpu_memory_bytes, host_memory_bytes: host, .. } = self.options;
         if (gpu_memory_bytes, cpu_memory_bytes, host) == (backend_bytes, backend_bytes, host_memory_bytes) {
@@ -339,7 +335,7 @@ impl Canvas {
         self.tell(Change::Budgets { backend_bytes, host_memory_bytes });
     }
 
-    /// Brings the texture closer to the scene's picture of this size, unless the shown one still stands, or a picture is being saved and the view
+    /// Brings the texture closer to the scene's picture of this size, unless the shown one still stands, or pictures are being saved and the view
     /// rests.
     ///
     /// # Errors
@@ -386,7 +382,7 @@ impl Canvas {
         let is_known = scene.time == self.pace.asked || Some(scene.time) == self.step_seen();
         self.arrive()?;
         self.pace.is_jump |= self.pace.is_playing && !is_known;
-        // Playback requests the step of the shown picture, which the session may have left already.
+        // Playback requests the shown picture's step, which the session may have left already.
         let is_paced = self.pace.is_playing && !self.pace.is_jump;
         let time = if is_paced { self.pace.stepped } else { scene.time };
         let wanted = Wanted { scene: Scene { time, ..scene.clone() }, size_px, is_paced, change: self.change };
@@ -430,7 +426,7 @@ impl Canvas {
         }
     }
 
-    /// Waits for the session for `at_most`. Returns whether it is ready to be taken home.
+    /// Waits `at_most` for the session. Returns whether it can be taken home.
     fn wait(&mut self, at_most: Duration) -> bool {
         let begun = Instant::now();
         let is_over = self.drawing.as_ref().is_some_and(|(drawing, _)| drawing.wait(at_most));
@@ -438,7 +434,7 @@ impl Canvas {
         is_over
     }
 
-    /// Records the times of a picture; its step of streaming is counted already, or was taken beside the window.
+    /// Records a picture's times; its streaming step is counted already, or was taken beside the window.
     fn took(&mut self, times: FrameTimes) {
         if self.times.len() == FRAMES {
             self.times.pop_front();
@@ -495,7 +491,7 @@ impl Canvas {
         }
     }
 
-    /// Whether time steps are playing. Ends with the last step if the playback stops there.
+    /// Whether time steps are playing, at most until the last step if the playback stops there.
     pub(crate) fn is_playing(&self) -> bool {
         self.pace.is_playing
     }
@@ -524,12 +520,11 @@ impl Canvas {
         self.shown.as_ref().map(|shown| shown.frame.scene.time)
     }
 
-    /// The coming time steps.
     pub(crate) fn coming(&self) -> &[ComingStep] {
         self.stream.as_ref().map_or(&[], |(_, coming)| coming)
     }
 
-    /// A property of the session on a GPU, or from the last report of one on the CPU.
+    /// A property of the session on a GPU, or one last reported from the CPU.
     fn known<'a, T>(&'a self, at_home: impl FnOnce(&'a Session) -> T, told: impl FnOnce(&'a Known) -> T) -> T {
         match self.engine.as_deref().filter(|_| self.gpu.is_some()) {
             Some(engine) => at_home(&engine.session),
@@ -541,7 +536,7 @@ impl Canvas {
         self.known(Session::volumes, |known| &known.volumes)
     }
 
-    /// The drawn share of the picture in progress, 0 to 1, once it has taken a while; `None` if there is none.
+    /// The drawn share of the picture in progress, 0 to 1, once it has taken a while; `None` without one.
     pub(crate) fn progress(&self) -> Option<f64> {
         if let Some(drawing) = self.in_rows.as_ref().map(InRows::drawing) {
             return (drawing.since() > LOOK).then(|| drawing.share());
@@ -550,13 +545,13 @@ impl Canvas {
         let since = match task {
             Task::Show(_) => drawing.begun().map(|begun| begun.at.elapsed()),
             Task::Smooth => Some(drawing.since()),
-            // Progress of saved pictures is shown with them.
+            // Saved pictures have their own progress row.
             Task::Capture => None,
         };
         since.filter(|since| *since > LOOK).map(|_| drawing.progress())
     }
 
-    /// Delay until the next check on a picture that is not final. Pictures drawn beside the window or in parts wake it themselves.
+    /// Delay until the next check on an unfinished picture. Pictures beside the window or in parts report by themselves.
     pub(crate) fn look_after(&self) -> Duration {
         let [soonest, latest] = DRAWING_STEPS;
         let in_parts = self.in_rows.as_ref().map(InRows::drawing);
@@ -566,12 +561,12 @@ impl Canvas {
         since.map_or(STREAMING_STEP, |since| since.clamp(soonest, latest))
     }
 
-    /// Puts the picture over a part of the window; nothing before the first one.
+    /// Puts the picture over a part of the window, if there is one.
     pub(crate) fn paint(&self, painter: &Painter, area: Rect) {
         self.screen.iter().for_each(|screen| screen.paint(painter, area));
     }
 
-    /// Whether the picture stays as it is until the scene changes.
+    /// Whether the picture is complete until the scene changes.
     pub(crate) fn is_final(&self) -> bool {
         self.drawing.is_none() && self.shown.as_ref().is_some_and(|shown| shown.samples_left == Some(0))
     }
@@ -581,7 +576,7 @@ impl Canvas {
         self.stream.as_ref().map(|(status, _)| status)
     }
 
-    /// Work done for the shown picture, as a share of the exact picture's.
+    /// Work done for the shown picture, as a share of the exact one's.
     pub(crate) fn quality(&self) -> f64 {
         self.shown.as_ref().map_or(0.0, |shown| shown.quality.share())
     }
@@ -591,7 +586,7 @@ impl Canvas {
         (self.shown.as_ref().map(|shown| &shown.frame.scene), self.volumes())
     }
 
-    /// The camera of the shown picture; `None` before the first.
+    /// The shown picture's camera; `None` before the first.
     pub(crate) fn camera(&self) -> Option<Camera> {
         self.shown.as_ref().map(|shown| shown.frame.scene.camera)
     }
@@ -607,12 +602,12 @@ impl Canvas {
         self.known(at_home, |known| known.doubtful.clone())
     }
 
-    /// A line that names the drawing device.
+    /// The name of the drawing device.
     pub(crate) fn backend_line(&self) -> &str {
         self.known(Session::backend_line, |known| &known.backend_line)
     }
 
-    /// Backend memory and host memory in use, in bytes.
+    /// Backend and host memory in use, in bytes.
     pub(crate) fn memory_bytes(&self) -> (u64, u64) {
         (
             self.known(Session::backend_bytes, |known| known.backend_bytes),
@@ -623,7 +618,7 @@ impl Canvas {
     /// Checks whether a scene can be shown.
     ///
     /// # Errors
-    /// If it cannot: the reason.
+    /// If not: the reason.
     pub(crate) fn check(&self, scene: &Scene) -> Result<(), SceneError> {
         check(self.volumes(), scene)
     }
@@ -633,12 +628,12 @@ impl Canvas {
         &self.times
     }
 
-    /// Takes the times of frames since the last call.
+    /// Takes the time spent since the last call.
     pub(crate) fn take_spent(&mut self) -> FrameTimes {
         std::mem::take(&mut self.spent)
     }
 
-    /// Takes the times from changes to their first pictures since the last call.
+    /// Takes the answers since the last call.
     pub(crate) fn take_answers(&mut self) -> Vec<Answer> {
         std::mem::take(&mut self.answers)
     }
@@ -648,7 +643,7 @@ impl Canvas {
         self.known(|session| session.draw_lists().collect(), |known| known.draw_lists.iter().collect())
     }
 
-    /// Number of bricks for which there are slots.
+    /// Number of bricks with room in slots.
     pub(crate) fn slots(&self) -> u64 {
         self.known(Session::slots, |known| known.slots)
     }
@@ -663,7 +658,6 @@ fn draws_volumes(device: &Device, options: &SessionOptions) -> bool {
     }
 }
 
-/// The window's device in the form sessions take.
 fn gpu(device: &Device) -> Result<Gpu, SessionError> {
     let RenderState { adapter, device, queue, .. } = &device.state;
     let gpu = Gpu::from_device(adapter, device.clone(), queue.clone());

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 pub(crate) struct Clicks {
     waiting: VecDeque<Pos2>,
     pressed: Option<Pos2>,
-    /// Whether this frame has a release whose effect is still open.
+    /// Whether this frame has a release, still without effect.
     is_released: bool,
 }
 
@@ -18,12 +18,12 @@ impl Clicks {
         self.waiting.push_back(pos2(x as f32, y as f32));
     }
 
-    /// Whether all clicks have been made and taken effect.
+    /// Whether all clicks are made and have taken effect.
     pub(crate) fn are_done(&self) -> bool {
         self.waiting.is_empty() && self.pressed.is_none() && !self.is_released
     }
 
-    /// Adds the clicks that are due to a frame's input.
+    /// Adds due clicks to a frame's input.
     pub(crate) fn play(&mut self, input: &mut RawInput) {
         let button = |pos, pressed| Event::PointerButton {
             pos,

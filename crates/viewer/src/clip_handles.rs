@@ -4,7 +4,7 @@ use crate::overlay::Lens;
 use eframe::egui::{Color32, Pos2, Stroke, Vec2};
 use glam::DVec3;
 
-/// Radius within which the pointer grasps a handle, in points.
+/// Grasping radius of a handle, in points.
 pub(crate) const REACH: f32 = 9.0;
 
 /// Least thickness of the box, as a share of all volumes along an axis.
@@ -14,7 +14,7 @@ const THINNEST: f64 = 1e-3;
 pub(crate) const COLOR: Color32 = Color32::WHITE;
 pub(crate) const HANDLE: Color32 = Color32::from_rgb(240, 150, 40);
 
-/// A face of a box: at the least or the greatest coordinate along an axis.
+/// A face of a box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Face {
     /// The axis across the face.
@@ -35,7 +35,7 @@ impl Face {
     }
 }
 
-/// Draws a clip box with its handles. The one under the pointer or being dragged is larger.
+/// Draws a clip box with its handles; the one under the pointer or dragged is larger.
 pub(crate) fn show(lens: &Lens, clip: [DVec3; 2], near: Option<Face>) {
     lens.edges((clip[0], clip[1]), Stroke::new(1.0, COLOR.gamma_multiply(0.7)));
     for face in Face::all() {
@@ -54,7 +54,7 @@ pub(crate) fn at(lens: &Lens, clip: [DVec3; 2], pointer: Pos2) -> Option<Face> {
     near.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, face)| face)
 }
 
-/// The box after dragging a face of `clip` by `by` points in the window. It stays within the volumes' box and keeps some thickness.
+/// The box after dragging a face of `clip` by `by` points. It stays within the volumes' box and keeps some thickness.
 pub(crate) fn dragged(lens: &Lens, clip: [DVec3; 2], face: Face, by: Vec2, whole: (DVec3, DVec3)) -> [DVec3; 2] {
     let axis = face.axis;
     let size = whole.1[axis] - whole.0[axis];

@@ -1,5 +1,4 @@
-//! Commands: every action in the window, as words. A button, a key and a line of a script come down to the same command, so a script replays a user's
-//! actions.
+//! Commands: every action in the window, as words. A button, a key and a script's line give the same command, so a script replays a user's actions.
 
 use crate::marks::Marks;
 use crate::panels::description::Description;
@@ -39,7 +38,7 @@ pub(crate) enum Command {
     Set(Vec<(String, Value)>),
     /// Click at a place of the window, in points from its upper left corner.
     Click([f64; 2]),
-    /// Show other volumes: stores, or files and folders shown while they are packed.
+    /// Show other volumes: stores, or files and folders shown while being packed.
     Open(Vec<PathBuf>),
     /// Show volumes or meshes beside the current ones.
     Add(Vec<PathBuf>),
@@ -88,7 +87,7 @@ impl PictureForm {
     }
 }
 
-/// Prefix of a picture's marks in words.
+/// Prefix of a picture's marks.
 const OVER: &str = "over=";
 
 impl Command {
@@ -102,12 +101,11 @@ impl Command {
         Self::Orbit { right_deg, up_deg, about: None }
     }
 
-    /// Whether the command ends only later, as its work on files goes on.
+    /// Whether the command, working on files, ends only later.
     pub(crate) fn takes_time(&self) -> bool {
         self.opens() || matches!(self, Self::Export(_) | Self::SavePicture(..) | Self::Screenshot(_))
     }
 
-    /// Whether the command opens files.
     pub(crate) fn opens(&self) -> bool {
         matches!(self, Self::Open(_) | Self::Add(_) | Self::OpenAs(..))
     }
@@ -178,7 +176,7 @@ fn on_or_off(is_on: bool) -> String {
     if is_on { "on" } else { "off" }.into()
 }
 
-/// Paths as words: a single one as it is, several as a JSON list.
+/// Paths as words: several as a JSON list.
 fn listed(paths: &[PathBuf]) -> String {
     let texts: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
     match &texts[..] {
@@ -201,7 +199,6 @@ fn description(text: &str) -> Option<(PathBuf, Description)> {
     Some((path, serde_json::from_value(object.into()).ok()?))
 }
 
-/// A mode's name in scenes.
 pub(crate) fn mode_name(mode: Mode) -> &'static str {
     match mode {
         Mode::Dvr => "dvr",
@@ -267,7 +264,7 @@ impl FromStr for Command {
     }
 }
 
-/// Parses a command from its name and arguments; `None` if they are malformed.
+/// Parses a command; `None` if its arguments are malformed.
 fn parsed(name: &str, rest: &str) -> Option<Command> {
     let words: Vec<&str> = rest.split_whitespace().collect();
     let number = |text: &str| text.parse().ok().filter(|number: &f64| number.is_finite());
@@ -327,7 +324,7 @@ fn parsed(name: &str, rest: &str) -> Option<Command> {
     })
 }
 
-/// Parses fields with values: `FIELD VALUE`, or an object. A value other than JSON is a text.
+/// Parses `FIELD VALUE`, or an object of fields. A value other than JSON is a text.
 fn fields(text: &str) -> Option<Vec<(String, Value)>> {
     if text.starts_with('{') {
         let fields: Map<String, Value> = serde_json::from_str(text).ok()?;
@@ -361,7 +358,7 @@ fn picture_form(text: &str) -> Option<(PictureForm, &str)> {
     (!rest.is_empty()).then_some((form, rest))
 }
 
-/// Parses the width and height of a picture, as in `1920x1080`.
+/// Parses a picture's width and height, as in `1920x1080`.
 pub(crate) fn size_px(text: &str) -> Option<(u32, u32)> {
     let (width, height) = text.split_once('x')?;
     let side = |text: &str| text.parse().ok().filter(|side| *side > 0);

@@ -1,5 +1,5 @@
 //! The window's device: the choice of its adapter, and the detection of its loss. The first adapter able to draw on the display and create a device
-//! is taken. A loss is reported by the device or noticed by polling it.
+//! is taken. A loss is reported by the device or noticed in polling it.
 
 use crate::guard::guarded;
 use brickyard::render::{Gpu, wgpu};
@@ -8,7 +8,7 @@ use eframe::egui_wgpu::{RenderState, WgpuSetup, WgpuSetupCreateNew};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use wgpu::{Adapter, DeviceType, PollType, PowerPreference, Surface};
 
-/// The setup of the window's device. `is_software` prefers a software adapter.
+/// The device's setup. `is_software` prefers a software adapter.
 pub(crate) fn setup(is_software: bool) -> WgpuSetup {
     WgpuSetup::CreateNew(WgpuSetupCreateNew {
         device_descriptor: Arc::new(Gpu::required),
@@ -20,7 +20,7 @@ pub(crate) fn setup(is_software: bool) -> WgpuSetup {
     })
 }
 
-/// The first adapter without an obstacle, the fastest kind first. `name` is a part of the adapter's name, if only some may be taken.
+/// The first adapter without an obstacle, the fastest kind first. `name`, if given, must be a part of its name.
 fn best(
     adapters: &[Adapter],
     name: Option<&str>,
@@ -79,12 +79,11 @@ fn obstacle(adapter: &Adapter, surface: Option<&Surface<'_>>) -> Option<String> 
 /// The window's device. A clone is the same device.
 #[derive(Clone)]
 pub(crate) struct Device {
-    /// The handles for drawing with it.
     pub(crate) state: RenderState,
     loss: Loss,
 }
 
-/// The reason for the loss of a device; `None` before it.
+/// The reason for a device's loss, if it is lost.
 #[derive(Clone, Default)]
 struct Loss(Arc<Mutex<Option<String>>>);
 
@@ -99,7 +98,7 @@ impl Loss {
 }
 
 impl Device {
-    /// Watches a window's device. The window is repainted when the device is lost.
+    /// Watches a window's device, and repaints the window when it is lost.
     pub(crate) fn new(state: &RenderState, egui: &egui::Context) -> Self {
         let (loss, wake) = (Loss::default(), egui.clone());
         let heard = loss.clone();
@@ -112,7 +111,6 @@ impl Device {
         Self { state: state.clone(), loss }
     }
 
-    /// Whether it is a software device.
     pub(crate) fn is_software(&self) -> bool {
         self.state.adapter.get_info().device_type == DeviceType::Cpu
     }

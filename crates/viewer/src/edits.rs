@@ -1,5 +1,5 @@
-//! Edits of a window's state. An edit sets fields of its document and makes the resulting scene valid: it adds everything the mode needs, drops
-//! everything the mode cannot have, and reads newly named files.
+//! Edits of a window's state. An edit sets fields of its document and makes the scene valid: it adds everything the mode needs, drops everything it
+//! cannot have, and reads newly named files.
 
 use crate::fields::{differences, set};
 use crate::panels::mending::{add_surfaces, set_mode, take_surfaces};
@@ -41,7 +41,7 @@ fn given(before: &Scene, after: &Scene) -> Vec<Isosurface> {
     layers.flat_map(|(_, after)| after.isosurfaces.clone()).collect()
 }
 
-/// The scene with default layers for all volumes after the first `before`. Existing layers stay as they are.
+/// The scene with default layers for the volumes after the first `before`. Other layers stay as they are.
 ///
 /// # Errors
 /// If the result cannot be shown.
@@ -66,7 +66,7 @@ pub(crate) fn with_more(scene: &Scene, volumes: &[VolumeSource], before: usize) 
     Ok(scene)
 }
 
-/// The fields changed by a panel's edit of the state.
+/// The fields changed by a panel.
 ///
 /// # Errors
 /// If a path in it is not text.
@@ -75,7 +75,7 @@ pub(crate) fn changes(before: &State, after: &State) -> Result<Vec<(String, Valu
     Ok(differences(&document(before)?, &document(after)?))
 }
 
-/// Carries over file contents, which do not go through the document.
+/// Carries over file contents, which bypass the document.
 fn keep_files(scene: &mut Scene, before: &Scene) {
     for look in scene.meshes.iter_mut().filter(|look| look.mesh.is_none()) {
         let known = before.meshes.iter().find(|known| known.path == look.path);

@@ -1,4 +1,4 @@
-//! The export of voxels from a window: the part of a store left visible by a scene, and the progress of its file.
+//! The export of voxels from a window: the visible part of a store, and the progress of its file.
 
 use crate::planes::{Grid, first_shown};
 use crate::work_row;
@@ -11,23 +11,21 @@ use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Distance from a face to a border between voxels, in voxels, up to which it lies on the border: faces are rounded on their way through the world.
+/// Distance from a face to a border between voxels, in voxels, up to which it lies on the border: the world rounds faces.
 const SNAP: f64 = 1e-6;
 
-/// The error of an export.
 type Failed = background::BackgroundError<ExportError>;
 
-/// The part of a store left visible by a scene.
+/// The visible part of a store.
 pub(crate) struct Part {
     store: Arc<Store>,
     request: ExportRequest,
-    /// Its voxels along each axis.
     pub(crate) extent: Extent,
 }
 
 impl Part {
-    /// The part of the first visible layer within clip box and crop, in its finest voxels: every voxel the boxes overlap. For a box turned against
-    /// the voxels, it is the bounding box in voxels.
+    /// The first visible layer within clip box and crop, in its finest voxels: every voxel the boxes overlap. A box turned against the voxels counts
+    /// as its bounding box in voxels.
     ///
     /// # Errors
     /// If no layer is visible, its volume is no store yet, or the boxes leave nothing of it.
@@ -50,18 +48,16 @@ impl Part {
         Ok(Self { store, request, extent: region.extent() })
     }
 
-    /// The type of its voxels.
     pub(crate) fn voxel_type(&self) -> VoxelType {
         self.store.voxel_type()
     }
 
-    /// Size of its voxels in bytes.
     pub(crate) fn bytes(&self) -> u64 {
         self.extent.volume() * self.voxel_type().bytes() as u64
     }
 }
 
-/// The corners in voxels of the bounding box of a world box.
+/// Corners of a world box's bounding box, in voxels.
 fn voxels_around(grid: &Grid, [low, high]: [DVec3; 2]) -> [DVec3; 2] {
     let corners = box_corners((low, high)).into_iter().map(|corner| grid.voxel_from_world(corner));
     corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], at| [low.min(at), high.max(at)])
@@ -81,7 +77,7 @@ pub(crate) struct Exporting {
 }
 
 impl Exporting {
-    /// Starts writing a part of a store to a file, whose extension is the format. An existing file is left as it is.
+    /// Starts writing a part to a file, whose extension is the format. An existing file is left as it is.
     pub(crate) fn start(part: Part, path: &Path) -> Self {
         let voxel_type = part.voxel_type();
         Self { path: path.into(), voxel_type, work: background::export(part.store, path.into(), part.request) }
@@ -99,7 +95,6 @@ impl Exporting {
         })
     }
 
-    /// Whether the export was stopped by hand.
     pub(crate) fn is_stopped(&self) -> bool {
         self.work.meter().is_cancelled()
     }
@@ -131,7 +126,7 @@ mod tests {
         Part::of(scene, std::slice::from_ref(volume)).map(|part| part.request.region.unwrap())
     }
 
-    /// A scene of one layer with its voxels scaled by 0.1 and moved.
+    /// A scene of one layer, its voxels scaled by 0.1 and moved.
     fn scene() -> Scene {
         let placement =
             DAffine3::from_scale(DVec3::splat(0.1)) * DAffine3::from_translation(DVec3::new(7.0, -3.0, 0.7));

@@ -4,7 +4,7 @@
 use brickyard::volume::near_name;
 use serde_json::Value;
 
-/// The fields of `after` that differ from `before`, with their values. A list counts as one field unless it is a list of objects of unchanged length.
+/// The fields of `after` that differ from `before`. A list is one field unless it is a list of objects of unchanged length.
 pub(crate) fn differences(before: &Value, after: &Value) -> Vec<(String, Value)> {
     let mut found = Vec::new();
     compare("", before, after, &mut found);
@@ -32,7 +32,7 @@ fn compare(path: &str, before: &Value, after: &Value, found: &mut Vec<(String, V
     }
 }
 
-/// Sets a field of a document, creating it in an existing parent object if necessary; the document's reader refuses unknown fields.
+/// Sets a field of a document, adding it to its parent object if necessary; the document's reader refuses unknown fields.
 ///
 /// # Errors
 /// If there is no such parent. The message lists the names there are.

@@ -1,5 +1,5 @@
-//! A list of the files and folders in a folder, to choose one to open: a store, a file, or a folder of planes or slices. A folder is read on entering
-//! it. Files whose names fit no format are hidden unless requested.
+//! A list of a folder's files and folders, to open one: a store, a file, or a folder of planes or slices. A folder is read on entering it. Files
+//! whose names fit no format are hidden unless requested.
 
 use crate::keys::SCENE_FILE;
 use brickyard::background::{Background, check_folder};
@@ -27,7 +27,7 @@ pub(crate) struct FileBrowser {
     marked: usize,
     /// Whether the name field is to get the focus.
     wants_focus: bool,
-    /// The check whether the folder itself can be opened, while it runs.
+    /// The running check whether the folder itself can be opened.
     check: Option<Background<(), ImportError>>,
     /// The reason it cannot.
     refusal: Option<String>,
@@ -48,7 +48,6 @@ enum EntryKind {
 }
 
 impl FileBrowser {
-    /// Shows `folder` first.
     pub(crate) fn new(folder: &Path) -> Self {
         let mut browser = Self {
             folder: PathBuf::new(),
@@ -76,7 +75,7 @@ impl FileBrowser {
         (self.check, self.refusal) = (Some(check_folder(self.folder.clone())), None);
     }
 
-    /// Takes the result of the check on the folder, once there is one.
+    /// Takes the result of the check, once there is one.
     fn follow_check(&mut self, ui: &Ui) {
         match self.check.as_mut().map(Background::poll) {
             None => {}
@@ -89,7 +88,7 @@ impl FileBrowser {
         }
     }
 
-    /// Enters a clicked or typed folder; anything else is chosen.
+    /// Enters a folder, or else returns the path as chosen.
     fn go(&mut self, path: PathBuf) -> Option<PathBuf> {
         if path.is_dir() && !is_store(&path) {
             self.enter(&path);
@@ -157,7 +156,7 @@ impl FileBrowser {
         chosen.or_else(|| self.go(target?))
     }
 
-    /// Shows the field for a part of names, which has the focus at first: arrows mark an entry, Enter opens it. Returns the listed entries.
+    /// Shows the field for a part of names, focused at first: arrows mark an entry, Enter opens it. Returns the listed entries.
     fn search(&mut self, ui: &mut Ui, target: &mut Option<PathBuf>) -> Listed {
         let id = ui.scope_id().with("sought");
         let mut steps = 0;
@@ -189,7 +188,6 @@ impl FileBrowser {
     }
 }
 
-/// The listed entries.
 struct Listed {
     indices: Vec<usize>,
     /// Whether the mark has moved.
@@ -197,7 +195,6 @@ struct Listed {
 }
 
 impl Entry {
-    /// The entry's text in the list.
     fn words(&self) -> String {
         match self.kind {
             EntryKind::Folder => format!("{}/", self.name),
@@ -207,7 +204,7 @@ impl Entry {
     }
 }
 
-/// The entries of a folder, except hidden ones.
+/// A folder's entries, without hidden ones.
 fn entries(folder: &Path) -> std::io::Result<Vec<Entry>> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder)? {

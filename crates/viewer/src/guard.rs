@@ -1,5 +1,5 @@
-//! Guard against panics of the crates that put the window on a display: they panic when a driver or a display misbehaves. Such a panic becomes an
-//! error here and prints nothing. A panic of the window's own code propagates.
+//! Guard against panics of the crates that put the window on a display: they panic when a driver or a display misbehaves. Such a panic becomes a
+//! silent error here. A panic of the window's own code propagates.
 
 use std::any::Any;
 use std::cell::Cell;
@@ -14,7 +14,7 @@ thread_local! {
 /// Runs code of other crates. After a panic its objects must be given up.
 ///
 /// # Errors
-/// If it panics: the panic message.
+/// If it panics: the message.
 pub(crate) fn guarded<T>(foreign: impl FnOnce() -> T) -> Result<T, String> {
     quiet();
     let before = IS_FOREIGN.replace(true);
@@ -44,7 +44,7 @@ fn quiet() {
     });
 }
 
-/// The message of a panic, from its payload.
+/// The message in a panic's payload.
 fn words(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(ToString::to_string);
     let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "it says nothing".into());

@@ -4,13 +4,12 @@ use crate::title;
 use eframe::egui::{self, Memory, ViewportBuilder};
 use std::path::PathBuf;
 
-/// A window after the loss of its device, for the next one.
+/// A window between two devices.
 pub(crate) struct Handover {
     /// The reason for the loss.
     pub(crate) reason: String,
     /// Open panels and scroll positions.
     pub(crate) memory: Memory,
-    /// The window's place.
     pub(crate) viewport: ViewportBuilder,
 }
 

@@ -16,7 +16,7 @@ pub(crate) struct History {
 }
 
 impl History {
-    /// Records `state` before an edit. `kind` names the edited fields; edits of the same kind are one step until [`Self::close`].
+    /// Records `state` before an edit of `kind`; edits of the same kind are one step until [`Self::close`].
     pub(crate) fn edit(&mut self, state: &State, kind: &str) {
         if self.open.as_deref() == Some(kind) {
             return;
@@ -29,7 +29,7 @@ impl History {
         self.open = Some(kind.to_string());
     }
 
-    /// Ends the edit in progress, for example when the button is released.
+    /// Ends the edit in progress, for example on releasing a button.
     pub(crate) fn close(&mut self) {
         self.open = None;
     }
@@ -46,12 +46,12 @@ impl History {
         exchange(&mut self.after, &mut self.before, state)
     }
 
-    /// Whether an edit can be undone, and whether one can be redone.
+    /// Whether an edit can be undone, and one redone.
     pub(crate) fn can(&self) -> (bool, bool) {
         (!self.before.is_empty(), !self.after.is_empty())
     }
 
-    /// Drops all edits, as their volumes have been replaced.
+    /// Drops all edits, as their volumes are replaced.
     pub(crate) fn clear(&mut self) {
         *self = Self::default();
     }

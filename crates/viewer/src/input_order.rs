@@ -1,10 +1,10 @@
-//! Order of user input within a slow frame. egui takes a frame's events together: it misses drags whose press or release comes in the same frame,
-//! reads keys as earlier than buttons, and sends text to the field Tab moves on to. So a frame gets the longest prefix of the pending input that egui
-//! reads in order; the rest waits for the next frame.
+//! Order of user input within a slow frame. egui takes a frame's events together: it misses drags with a press or release in the same frame, reads
+//! keys before buttons, and sends text to the field Tab moves on to. So a frame gets the longest prefix of the pending input that egui reads in
+//! order; the rest waits for the next frame.
 
 use eframe::egui::{Event, Key, Modifiers, RawInput};
 
-/// Most presses and keys that may wait. No user is as fast; from programs, ever later input would be worse than lost order.
+/// Most waiting presses and keys. No user is as fast; from programs, ever later input would be worse than lost order.
 const MOST: usize = 64;
 
 /// Input waiting for its frame.
@@ -14,7 +14,7 @@ pub(crate) struct InputOrder {
 }
 
 impl InputOrder {
-    /// Leaves a frame the first part of its input, including the input that waited for it.
+    /// Leaves a frame the first part of its input, after waiting input.
     pub(crate) fn split(&mut self, input: &mut RawInput) {
         let mut events = std::mem::take(&mut self.waiting);
         events.append(&mut input.events);
@@ -24,7 +24,6 @@ impl InputOrder {
         input.events = events;
     }
 
-    /// Whether some input waits for the next frame.
     pub(crate) fn is_waiting(&self) -> bool {
         !self.waiting.is_empty()
     }
@@ -38,7 +37,6 @@ fn is_typed(event: &Event) -> bool {
     matches!(event, Event::Key { pressed: true, .. } | Event::Text(_) | Event::Paste(_) | Event::Ime(_))
 }
 
-/// The events of a part.
 #[derive(Default)]
 struct Part {
     has_motion: bool,
@@ -49,7 +47,7 @@ struct Part {
 }
 
 impl Part {
-    /// Whether egui reads an event in order behind those of the part.
+    /// Whether egui reads an event in order behind the part's.
     fn takes(&self, event: &Event) -> bool {
         match event {
             Event::PointerButton { pressed, .. } => {
@@ -98,7 +96,7 @@ mod tests {
         Event::PointerButton { pos: Pos2::ZERO, button: PointerButton::Primary, pressed, modifiers }
     }
 
-    /// Number of events in each frame taken by a user's input.
+    /// Number of events in each frame of a user's input.
     fn parts(hand: &[Event]) -> Vec<usize> {
         let mut order = InputOrder::default();
         let mut parts = Vec::new();

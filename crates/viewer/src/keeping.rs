@@ -1,5 +1,5 @@
-//! Keeps a window's state from one day to the next: it is written to a file of the user's a while after each change, and read when the same volumes
-//! are opened again. Costs a small file for each set of volumes.
+//! Keeps a window's state from one day to the next: it is written to a user's file a while after each change, and read when the same volumes are
+//! opened again. Costs a small file for each set of volumes.
 
 use crate::state::State;
 use brickyard::text_file::{read_text, write_text};
@@ -7,7 +7,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Delay from the last change to writing the state.
+/// Delay from the last change to writing.
 const AFTER: Duration = Duration::from_secs(2);
 
 /// A state kept in a file.
@@ -15,17 +15,17 @@ pub(crate) struct Keeper {
     /// The file; `None` keeps nothing.
     path: Option<PathBuf>,
     kept: State,
-    /// The state still to be written, and the time of its change.
+    /// The state still to be written, and when it changed.
     changed: Option<(State, Instant)>,
 }
 
 impl Keeper {
-    /// Keeps a window's state from the current `state` on; without a file it is not kept.
+    /// Keeps a window's state, `state` at first; without a file it is not kept.
     pub(crate) fn new(path: Option<PathBuf>, state: &State) -> Self {
         Self { path, kept: state.clone(), changed: None }
     }
 
-    /// Records the current state, and writes it if it has been the same for a while. Returns the delay until the next attempt, if any.
+    /// Records the state, and writes it if unchanged for a while. Returns the delay until the next attempt, if any.
     ///
     /// # Errors
     /// If the file cannot be written; that state is given up then.
@@ -45,7 +45,7 @@ impl Keeper {
         }
     }
 
-    /// Writes the pending state, if there is one.
+    /// Writes the pending state, if any.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -79,7 +79,7 @@ pub(crate) fn write(path: &Path, state: &State) -> Result<(), String> {
     write_text(path, &(text + "\n")).map_err(|error| error.to_string())
 }
 
-/// Reads the state in a scene file, but none of the files named by its scene; `None` if the file does not exist.
+/// Reads the state in a scene file, but none of the files it names; `None` if it does not exist.
 ///
 /// # Errors
 /// If the file cannot be read, or is no scene. The message begins with its path.
@@ -101,7 +101,7 @@ pub fn volumes_of(path: &Path) -> Result<Vec<PathBuf>, String> {
     Ok(volumes.into_iter().map(|volume| path.with_file_name(volume)).collect())
 }
 
-/// The user's file for the state of a window on these volumes; `None` without volumes, or if the user has no folder for such files.
+/// The user's file for a window on these volumes; `None` without volumes or a folder for such files.
 pub(crate) fn file_of(volumes: &[PathBuf]) -> Option<PathBuf> {
     if volumes.is_empty() {
         return None;

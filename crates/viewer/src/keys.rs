@@ -10,10 +10,10 @@ use serde_json::Value;
 pub(crate) const SCENE_FILE: &str = "brickyard.json";
 pub(crate) const PICTURE_FILE: &str = "brickyard.png";
 
-/// The keys that move a focused control, or move the focus on. Buttons are pressed by Enter: Space plays, whatever was clicked last.
+/// Keys that move a focused control, or the focus. Buttons are pressed by Enter: Space plays, whatever was clicked last.
 const MOVING_KEYS: [Key; 6] = [Key::ArrowLeft, Key::ArrowRight, Key::ArrowUp, Key::ArrowDown, Key::Tab, Key::Escape];
 
-/// The command of a key in a window of some state; `None` if it has no effect there.
+/// A key's command in a window of some state; `None` without an effect.
 type Effect = dyn Fn(&State) -> Option<Command>;
 
 /// A key and its effect.
@@ -144,7 +144,7 @@ fn looks() -> Vec<Shortcut> {
 }
 
 impl Shortcut {
-    /// The command of the key in a window of this state; `None` if it has no effect there.
+    /// The key's command in a window of this state; `None` without an effect.
     pub(crate) fn command(&self, state: &State) -> Option<Command> {
         (self.effect_on)(state)
     }
@@ -158,7 +158,7 @@ pub(crate) fn shown(egui: &egui::Context, effect: &str) -> String {
 
 /// The keys pressed since the last frame, in order. Each acts on the state left by those before it.
 pub(crate) fn pressed(egui: &egui::Context, state: &State) -> Vec<Shortcut> {
-    // A focused text field gets all keys but the one that quits; any other focused control, such as a slider, gets those that move it.
+    // A focused text field gets all keys but the one that quits; another focused control, such as a slider, those that move it.
     let is_typing = egui.text_edit_focused();
     let has_focus = egui.egui_wants_keyboard_input();
     let is_flying = state.window.tool == Tool::Fly;
@@ -191,7 +191,7 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable;
 
-    /// The commands of these keys, from a state on.
+    /// The commands of keys, from a state on.
     fn given(state: State, keys: &[(Modifiers, Key)]) -> Vec<Command> {
         let show = |ui: &mut Ui, (state, commands): &mut (State, Vec<Command>)| {
             for key in pressed(ui.ctx(), state) {

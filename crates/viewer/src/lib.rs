@@ -1,5 +1,5 @@
-//! A window on volumes of any size: the picture of a live [session](brickyard::session) with panels beside it. The window's state is a scene, the
-//! same as for `brickyard render --scene`; panels, keys, pointer and scripts edit it by the same commands.
+//! A window on volumes of any size: the picture of a live [session](brickyard::session) with panels beside it. The window's state is a scene, as for
+//! `brickyard render --scene`; panels, keys, pointer and scripts edit it by the same commands.
 
 mod canvas;
 mod clicks;
@@ -63,25 +63,25 @@ use brickyard::volume::Scene;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// The initial contents of a window, and its settings.
+/// Initial contents and settings of a window.
 #[derive(Clone, Debug)]
 pub struct WindowOptions {
     /// The first scene.
     pub scene: Scene,
     /// The file of the scene, if any; may hold settings of the window, too.
     pub scene_file: Option<PathBuf>,
-    /// Whether to restore the window's state from its last closing on these volumes, instead of showing the scene.
+    /// Whether to restore the window's last state on these volumes instead of showing the scene.
     pub restores: bool,
-    /// The session's choices and limits. Pictures are drawn on the window's own device, unless the options choose the CPU, or leave the choice and
-    /// that device is a software one.
+    /// The session's choices and limits. Pictures are drawn on the window's own device, unless these choose the CPU, or leave the choice and that
+    /// device is a software one.
     pub session: SessionOptions,
     /// The window's inner size in points: width and height.
     pub size: [f32; 2],
     /// Commands to play. A window that plays some is neither restored nor kept.
     pub script: Script,
-    /// A file for a screenshot after the script, once the picture is final; the window closes then. `None` leaves it open.
+    /// A file for a screenshot after the script, once the picture is final, after which the window closes. `None` leaves it open.
     pub screenshot: Option<PathBuf>,
-    /// Start of opening the volumes, from which the time to the first picture counts.
+    /// Start of opening the volumes; the time to the first picture counts from it.
     pub opened: Instant,
     /// A JSON file for frame times, written when the window is closed.
     pub stats: Option<PathBuf>,
@@ -120,7 +120,7 @@ pub(crate) fn title(paths: &[PathBuf]) -> String {
     name.map_or_else(String::new, |name| format!("{} - ", name.to_string_lossy())) + "brickyard"
 }
 
-/// The initial state of a window, its keeper, and a message for the user.
+/// A window's initial state, its keeper, and a message for the user.
 fn first_state(
     volumes: &[VolumeSource],
     paths: Vec<PathBuf>,
@@ -156,7 +156,7 @@ fn first_state(
 /// If the state cannot be read, or cannot be shown any more.
 fn restored(path: &Path, volumes: &[VolumeSource]) -> Result<Option<State>, String> {
     let Some(mut state) = keeping::read(path)? else { return Ok(None) };
-    // Without knowing the keys, users would search for the panels in vain.
+    // Users who do not know the keys would miss the panels.
     (state.window.panels, state.window.fullscreen) = (true, false);
     read_named_files(&mut state.scene, volumes).map_err(|error| error.to_string())?;
     check(volumes, &state.scene).map_err(|error| error.to_string())?;

@@ -1,5 +1,5 @@
-//! Marks over a written picture: the window's overlays in the picture's own resolution. The window's own drawing makes the shapes and the CPU puts
-//! them on the picture, so this needs no device. Costs the covered pixels.
+//! Marks over a saved picture: the window's overlays in the picture's own resolution. The window's own code makes the shapes and the CPU draws them,
+//! so this needs no device. Costs the covered pixels.
 
 use crate::overlay::{self, Lens};
 use crate::paint;
@@ -12,7 +12,7 @@ use glam::DVec3;
 use std::fmt;
 use std::str::FromStr;
 
-/// The choice of marks over a picture.
+/// The choice of marks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Marks {
     overlays: Overlays,
@@ -20,7 +20,6 @@ pub(crate) struct Marks {
 }
 
 impl Marks {
-    /// None.
     pub(crate) const NONE: Self = Self { overlays: Overlays::NONE, distances: false };
 
     /// The marks shown by a window.
@@ -70,20 +69,18 @@ impl FromStr for Marks {
 /// The marks of a picture, and their subjects.
 #[derive(Clone, Debug)]
 pub(crate) struct Over {
-    /// The drawn marks.
     pub(crate) marks: Marks,
-    /// Measured distances.
     pub(crate) distances: Vec<[DVec3; 2]>,
 }
 
-/// Pixels per point in a picture, where a picture of `shown_px` pixels in the window has `scale`: marks keep their relative size, but never become
-/// too small to read.
+/// Pixels per point of a picture, where `shown_px` pixels in the window have `scale`: marks keep their relative size, but never become too small to
+/// read.
 pub(crate) fn pixels_per_point(size_px: (u32, u32), shown_px: (u32, u32), scale: f32) -> f32 {
     let ratio = |of: u32, shown: u32| of as f32 / shown.max(1) as f32;
     (scale * ratio(size_px.0, shown_px.0).min(ratio(size_px.1, shown_px.1))).max(1.0)
 }
 
-/// Draws marks over the picture of a scene. Stereo pictures have none: marks hold for one eye only.
+/// Draws marks over a scene's picture. Stereo pictures have none: marks hold for one eye.
 pub(crate) fn draw(picture: &mut Picture, scene: &Scene, volumes: &[VolumeSource], over: &Over, pixels_per_point: f32) {
     let Some(camera) = scene.camera.filter(|_| scene.stereo.is_none()) else { return };
     let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();

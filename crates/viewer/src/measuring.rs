@@ -1,5 +1,5 @@
 //! Measuring: one click starts a distance and the next one ends it; it then stays as a field of the window's document. A slice takes only places on
-//! it, so its lengths are true to the view. A projection has no places of its own along its rays: there, distances run across the view.
+//! it, so its lengths are true. A projection has no places along its rays: there, distances run across the view.
 
 use crate::command::Command;
 use crate::overlay::{self, Lens};
@@ -27,7 +27,7 @@ impl Measuring {
         self.from
     }
 
-    /// Takes the place of a click: the start of a distance, or its end.
+    /// Takes a click: the start of a distance, or its end.
     pub(crate) fn click(&mut self, place: DVec3, state: &State) -> Option<Command> {
         let Some(from) = self.from.take() else {
             self.from = Some(place);
@@ -56,7 +56,7 @@ impl Measuring {
     }
 }
 
-/// Whether a point is in a slice that reaches `reach` to both sides.
+/// Whether a point is in a slice of this `reach` to both sides.
 fn is_in(slice: &Slice, reach: f64, point: DVec3) -> bool {
     (point - slice.point).dot(slice.normal).abs() <= reach
 }
@@ -66,8 +66,8 @@ pub(crate) fn lying_in(distances: &[[DVec3; 2]], slice: &Slice, reach: f64) -> V
     distances.iter().filter(|ends| ends.iter().all(|end| is_in(slice, reach, *end))).copied().collect()
 }
 
-/// The end of a distance from `from`, at a place of a scene's picture with `picked` under it. In a projection, the ray meets the plane through the
-/// start that is parallel to the picture: the depths of extremes are invisible.
+/// The end of a distance from `from`, at a place of a scene's picture with `picked` under it. In a projection it is the ray's crossing with the
+/// plane through `from` parallel to the picture: extremes lie at invisible depths.
 pub(crate) fn end(
     scene: &Scene,
     rays: &ViewRays,

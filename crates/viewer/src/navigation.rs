@@ -1,15 +1,15 @@
-//! Camera motion: turning around a point, moving across the picture, zooming, and flying. All of it is arithmetic on cameras; the meaning of drags
-//! and keys is decided elsewhere.
+//! Camera motion: turning around a point, moving across the picture, zooming, and flying. All of it is arithmetic on cameras; drags and keys are
+//! interpreted elsewhere.
 
 use crate::command::Command;
 use brickyard::volume::scene::VolumePlace;
 use brickyard::volume::{Camera, Projection, Scene};
 use glam::{DQuat, DVec3};
 
-/// Least angle between the view and straight up or down, in degrees: the picture's up direction is lost there.
+/// Least angle between the view and straight up or down, in degrees: up is undefined there.
 const POLE_DEG: f64 = 1.0;
 
-/// Least distance for flying, as a share of the diagonal of all volumes: inside them the distance would be zero.
+/// Least distance for flying, as a share of the diagonal of all volumes: inside them it would be zero.
 const LEAST_DISTANCE: f64 = 0.02;
 
 /// The camera of a scene, in a picture of this size, after a command; `None` if the command moves no camera.
@@ -66,8 +66,8 @@ pub(crate) fn flown(camera: &Camera, [right, up, forward]: [f64; 3], (low, high)
     Camera { eye: camera.eye + by, target: camera.target + by, ..*camera }
 }
 
-/// Turns a camera around a point of the world: by `right_deg` degrees about its up direction, as if the volume were pushed to the right, and by
-/// `up_deg` degrees over the top, as far as straight up or down.
+/// Turns a camera around a point of the world: by `right_deg` about its up direction, as if the volume were pushed to the right, and by `up_deg` over
+/// the top, as far as straight up or down.
 pub(crate) fn orbited(camera: &Camera, around: DVec3, right_deg: f64, up_deg: f64) -> Camera {
     let up = camera.up.normalize_or_zero();
     let forward = (camera.target - camera.eye).normalize_or_zero();
@@ -88,7 +88,7 @@ pub(crate) fn rolled(camera: &Camera, angle_deg: f64) -> Camera {
     Camera { up: DQuat::from_axis_angle(forward, -angle_deg.to_radians()) * up, ..*camera }
 }
 
-/// Moves a camera so that the content at its target moves right and up in the picture, by parts of the picture's height.
+/// Moves a camera so that its target moves right and up in the picture, by parts of the picture's height.
 pub(crate) fn panned(camera: &Camera, right: f64, up: f64) -> Camera {
     let forward = (camera.target - camera.eye).normalize_or_zero();
     let to_right = forward.cross(camera.up).normalize_or_zero();
@@ -97,7 +97,7 @@ pub(crate) fn panned(camera: &Camera, right: f64, up: f64) -> Camera {
     Camera { eye: camera.eye + by, target: camera.target + by, ..*camera }
 }
 
-/// Moves a camera closer to a point of the world, which keeps its place in the picture: the camera's distances are divided by `factor`.
+/// Moves a camera closer to a world point, which keeps its place in the picture, dividing its distances by `factor`.
 pub(crate) fn zoomed(camera: &Camera, towards: DVec3, factor: f64) -> Camera {
     let moved = |point: DVec3| towards + (point - towards) / factor;
     let projection = match camera.projection {
@@ -107,7 +107,7 @@ pub(crate) fn zoomed(camera: &Camera, towards: DVec3, factor: f64) -> Camera {
     Camera { eye: moved(camera.eye), target: moved(camera.target), projection, ..*camera }
 }
 
-/// Switches between perspective and parallel rays. Content at the target keeps its size in the picture.
+/// Switches between perspective and parallel rays. Content at the target keeps its size.
 pub(crate) fn with_parallel_rays(camera: &Camera, parallel: bool) -> Camera {
     let distance = camera.eye.distance(camera.target);
     match (camera.projection, parallel) {
@@ -154,7 +154,6 @@ mod tests {
         Camera::looking_at_box((DVec3::new(-1.0, 2.0, 3.0), DVec3::new(7.0, 9.0, 5.0)))
     }
 
-    /// A world point's place in a camera's picture.
     fn pixel(camera: &Camera, point: DVec3) -> DVec3 {
         let [x, y] = camera.rays(SIZE.0, SIZE.1).unwrap().pixel(point).unwrap();
         DVec3::new(x, y, 0.0)

@@ -5,11 +5,11 @@ use std::time::{Duration, Instant};
 /// Lifetime of a remark.
 const PASSING: Duration = Duration::from_secs(5);
 
-/// A message of the window, until the next command at most.
+/// A message, until the next command at most.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Note {
     pub(crate) text: String,
-    /// The time at which it expires; `None` keeps it until the next command.
+    /// The time of expiry; `None` is the next command.
     end: Option<Instant>,
 }
 

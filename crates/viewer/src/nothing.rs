@@ -8,7 +8,6 @@ use std::sync::Arc;
 /// Voxels along the edge of its only brick.
 const EDGE: u32 = 8;
 
-/// The volume of an empty window.
 pub(crate) fn volume() -> VolumeSource {
     let pyramid = Pyramid::new(Extent::new(1, 1, 1), [1.0; 3], EDGE);
     VolumeSource::new(Arc::new(Nothing { pyramid, geometry: Geometry::default() }))

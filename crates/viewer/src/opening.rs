@@ -1,4 +1,4 @@
-//! The volumes of a window, each perhaps still on its way: shown as a preview while it is packed. The window polls them once a frame.
+//! The volumes of a window, each perhaps still shown as a preview while it is packed. The window polls them once a frame.
 
 use crate::nothing;
 use crate::work_row;
@@ -20,7 +20,7 @@ pub struct Openings {
 struct Item {
     path: PathBuf,
     opening: Opening,
-    /// The shown state; `None` before there is one.
+    /// The shown state, if any.
     volume: Option<VolumeSource>,
 }
 
@@ -29,11 +29,9 @@ struct Item {
 pub(crate) struct Changes {
     /// Whether a volume was replaced: a preview by a store, or nothing by a first picture.
     pub(crate) has_volumes: bool,
-    /// Whether a volume has more time steps.
     pub(crate) has_steps: bool,
-    /// Messages for the user.
     pub(crate) messages: Vec<String>,
-    /// The path and the error of the first stopped volume, if any. One without a picture is removed.
+    /// Path and error of the first stopped volume, if any. One without a picture is removed.
     pub(crate) stopped: Option<(PathBuf, OpeningError)>,
 }
 
@@ -47,12 +45,12 @@ impl Openings {
         Self { items: paths.into_iter().map(item).collect(), options }
     }
 
-    /// Adds more openings, whose volumes follow the current ones.
+    /// Adds other openings, whose volumes come last.
     pub(crate) fn add(&mut self, others: Self) {
         self.items.extend(others.items);
     }
 
-    /// Waits for the first picture of each. Calls `progress` now and then, with the bytes read and the total.
+    /// Waits for a picture of each. Calls `progress` now and then, with the bytes read and the total.
     ///
     /// # Errors
     /// If one of them cannot be opened.
@@ -89,7 +87,6 @@ impl Openings {
         self.items.iter().filter_map(|item| item.volume.clone()).collect()
     }
 
-    /// The options for opening files.
     pub(crate) fn options(&self) -> &OpeningOptions {
         &self.options
     }

@@ -18,10 +18,10 @@ use glam::DVec3;
 /// Least width of a picture with colour bars, in points.
 const LEAST_BARRED: f32 = 420.0;
 
-/// Least size of a picture with letters at its edges, in points: in a smaller one they would hide too much.
+/// Least size of a picture with letters at its edges, in points: smaller ones would be covered.
 const LEAST_LETTERED: f32 = 96.0;
 
-/// Least distance from the middle of a letter to a line, in points.
+/// Least distance from a letter's middle to a line, in points.
 const CLEARANCE: f32 = 16.0;
 
 /// The colours of the axes x, y and z, as on finished pictures.
@@ -36,24 +36,23 @@ pub(crate) const AXIS_COLORS: [Color32; 3] = {
 /// The colour of measured distances, rare in volumes.
 const MEASURED: Color32 = Color32::from_rgb(255, 210, 60);
 
-/// A picture in the window, which maps world points to places.
+/// A picture in the window, mapping world points to places.
 pub(crate) struct Lens {
     /// Painter clipped to the picture.
     pub(crate) painter: Painter,
     /// The picture's part of the window.
     pub(crate) area: Rect,
-    /// The rays of its pixels.
     pub(crate) rays: ViewRays,
 }
 
 impl Lens {
-    /// The picture of a camera, of `size_px` pixels in a part of the window; `None` if the camera has no picture.
+    /// A camera's picture of `size_px` pixels in a part of the window; `None` if the camera has none.
     pub(crate) fn new(painter: &Painter, area: Rect, camera: &Camera, size_px: (u32, u32)) -> Option<Self> {
         let rays = camera.rays(size_px.0, size_px.1).ok()?;
         Some(Self { painter: painter.with_clip_rect(area), area, rays })
     }
 
-    /// The place of a world point in the window; `None` behind the eye.
+    /// A world point's place in the window; `None` behind the eye.
     pub(crate) fn place(&self, point: DVec3) -> Option<Pos2> {
         let [x, y] = self.rays.pixel(point)?;
         let part = vec2((x / f64::from(self.rays.width)) as f32, (y / f64::from(self.rays.height)) as f32);
@@ -73,7 +72,7 @@ impl Lens {
         }
     }
 
-    /// Draws those edges of a box with both ends in front of the eye.
+    /// Draws a box's edges with both ends in front of the eye.
     pub(crate) fn edges(&self, corners: (DVec3, DVec3), stroke: Stroke) {
         for [from, to] in box_axes::edges(corners) {
             self.line(from, to, stroke);
@@ -94,7 +93,7 @@ impl Lens {
     }
 }
 
-/// Draws the overlays of a scene and its world over the picture.
+/// Draws the overlays of a scene and its world.
 pub(crate) fn show(
     lens: &Lens,
     overlays: &Overlays,
@@ -123,7 +122,7 @@ pub(crate) fn show(
     }
 }
 
-/// Draws distances between world points, each with its length.
+/// Draws distances, each with its length.
 pub(crate) fn distances(lens: &Lens, distances: &[[DVec3; 2]], unit: &str) {
     for [from, to] in distances {
         lens.line(*from, *to, Stroke::new(1.5, MEASURED));
@@ -146,7 +145,7 @@ pub(crate) fn beginning(lens: &Lens, point: DVec3) {
     }
 }
 
-/// Writes the letters of a patient's sides at the edges of a picture, beside the lines crossing it at a point.
+/// Writes the letters of a patient's sides at the picture's edges, beside the lines crossing it at a point.
 pub(crate) fn letters(lens: &Lens, crossing: Option<DVec3>) {
     let area = lens.area.shrink(8.0);
     if lens.area.size().min_elem() < LEAST_LETTERED {
@@ -165,7 +164,7 @@ pub(crate) fn letters(lens: &Lens, crossing: Option<DVec3>) {
     }
 }
 
-/// The place along an edge nearest to `place` that is far enough from a line for a letter.
+/// The place along an edge nearest to `place` with room for a letter beside a line.
 fn beside(place: f32, line: Option<f32>) -> f32 {
     match line {
         Some(line) if (place - line).abs() < CLEARANCE => line + CLEARANCE.copysign(place - line),

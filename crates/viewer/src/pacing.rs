@@ -14,14 +14,14 @@ const MOST: usize = 100_000;
 #[derive(Clone, Copy, Debug)]
 struct Drawn {
     at: Instant,
-    /// Its times on the window's thread besides drawing, and in drawing, in milliseconds.
+    /// Its times on the window's thread without drawing, and in drawing, in milliseconds.
     blocked_ms: f64,
     draw_ms: f64,
     /// The share of the exact picture's work.
     quality: f64,
 }
 
-/// Number of times between frames kept: the least of them is free of waits for the display or the user.
+/// Number of times between frames kept: the least is free of waits for the display or the user.
 const TIMES_BETWEEN: usize = 8;
 
 /// Times of a window's frames.
@@ -32,39 +32,39 @@ pub(crate) struct Pacing {
     between: VecDeque<Duration>,
     first: Option<Instant>,
     drawn: VecDeque<Drawn>,
-    /// Time of each frame on the window's thread besides drawing, with or without a picture.
+    /// Time of each frame, with or without a picture, on the window's thread without drawing.
     blocked_ms: VecDeque<f64>,
-    /// Times from changes of the scene to their first pictures, and the subset for views at rest before.
+    /// Times from changes of the scene to their first pictures, and those of changes at rest.
     answers_ms: Vec<f64>,
     first_answers_ms: Vec<f64>,
     blocked_most_ms: f64,
     frames: u64,
 }
 
-/// The written statistics of a window's frames.
+/// Statistics of a window's frames, as written.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct PacingStats {
-    /// Time from opening the volumes to the first picture, in milliseconds; `None` without a picture.
+    /// Milliseconds from opening the volumes to the first picture, if any.
     first_picture_ms: Option<f64>,
-    /// Number of the window's frames, and of those with a drawn picture.
+    /// Number of frames, and of those with a drawn picture.
     frames: u64,
     drawn: usize,
-    /// Pictures per second while drawing: pauses longer than a quarter of a second do not count.
+    /// Pictures per second while drawing: pauses over a quarter of a second do not count.
     pictures_per_second: f64,
-    /// Time of frames with a drawn picture on the window's thread besides drawing, in milliseconds.
+    /// Milliseconds on the window's thread without drawing, of frames with a drawn picture.
     blocked_ms: Percentiles,
-    /// Milliseconds on the window's thread besides drawing: the maximum of all frames, and of all but one in a thousand.
+    /// Milliseconds on the window's thread without drawing, of all frames: the maximum, and the 99.9th percentile.
     blocked_most_ms: f64,
     blocked_p999_ms: f64,
-    /// Milliseconds from a change of the scene to the first picture of it or of a later one; and the number of such changes.
+    /// Milliseconds from a change of the scene to the first picture of it or of a later one, and the number of such changes.
     answer_ms: Percentiles,
     answers: usize,
-    /// Milliseconds from a change of a view at rest, such as the press at the start of a drag, to its first picture; and the number of such changes.
+    /// Milliseconds from a change of a resting view, such as the press at the start of a drag, to its first picture, and the number of such changes.
     first_answer_ms: Percentiles,
     first_answers: usize,
-    /// Drawing time, in milliseconds.
+    /// Milliseconds of drawing.
     draw_ms: Percentiles,
-    /// Upper bound of 50, 5 and 1 percent of the pictures in work, as a share of the exact picture's.
+    /// The 50th, 5th and 1st percentile of pictures' work, as a share of the exact picture's.
     quality: [f64; 3],
 }
 
@@ -87,7 +87,6 @@ impl Pacing {
         }
     }
 
-    /// Records the start of a frame's work.
     pub(crate) fn begin(&mut self) {
         let Some(ended) = self.ended.take() else { return };
         if self.between.len() == TIMES_BETWEEN {
@@ -127,7 +126,7 @@ impl Pacing {
         self.drawn.push_back(Drawn { at, blocked_ms, draw_ms: ms(spent.drawing()), quality });
     }
 
-    /// Records the times from changes of the scene to their first pictures.
+    /// Records times from changes of the scene to their first pictures.
     pub(crate) fn answered(&mut self, answers: impl IntoIterator<Item = Answer>) {
         let room = MOST - self.answers_ms.len();
         for Answer { took, is_first } in answers.into_iter().take(room) {
@@ -165,7 +164,7 @@ impl Pacing {
         }
     }
 
-    /// The maximum time on the window's thread besides drawing of all but one in a thousand frames, in milliseconds.
+    /// The 99.9th percentile of time on the window's thread without drawing, in milliseconds.
     fn all_but_one_of_a_thousand(&self) -> f64 {
         let mut sorted: Vec<f64> = self.blocked_ms.iter().copied().collect();
         sorted.sort_by(f64::total_cmp);

@@ -1,5 +1,5 @@
-//! Paints egui's shapes on a picture, on the CPU: coloured triangles, and letters from an atlas. Colour codes, blending and pixel coverage are as on
-//! a GPU. Costs the covered pixels.
+//! Paints egui's shapes on a picture, on the CPU: coloured triangles, and letters from an atlas. Colours, blending and pixel coverage are as on a
+//! GPU. Costs the covered pixels.
 
 use brickyard::volume::Picture;
 use eframe::egui::epaint::{ClippedPrimitive, Primitive, Vertex};
@@ -46,7 +46,7 @@ fn patch(whole: &mut ColorImage, image: &ColorImage, [left, top]: [usize; 2]) {
 struct Target<'a> {
     picture: &'a mut Picture,
     texture: &'a ColorImage,
-    /// The part of the picture to draw on, in pixels.
+    /// The part to draw on, in pixels.
     clip: Rect,
     pixels_per_point: f32,
 }
@@ -116,7 +116,7 @@ fn crossed(places: &[Vec2; 3], y: f32) -> (f32, f32) {
     (left - 0.5, right + 0.5)
 }
 
-/// The weights of a triangle's corners at a place; `None` outside. A place on an edge common to two triangles belongs to just one of them.
+/// The weights of a triangle's corners at a place; `None` outside. A place on a common edge of two triangles belongs to just one.
 fn shares(places: &[Vec2; 3], at: Vec2, area: f32) -> Option<[f32; 3]> {
     let mut shares = [0.0; 3];
     for i in 0..3 {
@@ -160,7 +160,7 @@ mod tests {
     use eframe::egui::epaint::{ImageDelta, Mesh};
     use eframe::egui::{TextureOptions, pos2};
 
-    /// Draws a mesh, with places in points, on a picture of 8 x 8 gray pixels, and returns its pixels.
+    /// Draws a mesh, placed in points, on a picture of 8 x 8 gray pixels, and returns its pixels.
     fn drawn(mesh: Mesh, clip_rect: Rect, pixels_per_point: f32) -> Vec<[u8; 3]> {
         let mut picture = Picture { width: 8, height: 8, rgb: vec![[100; 3]; 64] };
         let mut textures = TexturesDelta::default();

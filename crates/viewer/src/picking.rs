@@ -1,5 +1,5 @@
-//! The pick under the pointer: the visible point of the world, and the exact values of its voxel. A thread of its own computes it, so that a slow
-//! disk does not hold up the window; it answers only for the newest place. Costs up to 64 MiB of decoded bricks per picture.
+//! The pick under the pointer: the visible point of the world, and the exact values of its voxel. A thread computes it, so that a slow disk does not
+//! hold up the window; it answers only for the newest place. Costs up to 64 MiB of decoded bricks per picture.
 
 use crate::read_out::ReadOut;
 use brickyard::overlay::{short_name, unit};
@@ -14,7 +14,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 /// The pick under the pointer.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Picked {
-    /// The visible point of the world, and its values.
+    /// The visible world point, and its values.
     pub(crate) pick: Pick,
     /// The label there, if the visible layer has labels.
     pub(crate) label: Option<i64>,
@@ -25,7 +25,6 @@ pub(crate) struct Picked {
 /// Most characters of a name.
 const LONGEST: usize = 16;
 
-/// A place of a picture.
 #[derive(Clone)]
 struct Place {
     scene: Arc<ResolvedScene>,
@@ -41,7 +40,6 @@ impl PartialEq for Place {
 /// A request to the thread: a place of a scene's picture, and the scene's volumes.
 type Question = (Place, Vec<VolumeSource>, egui::Context);
 
-/// Picks under the pointer.
 #[derive(Default)]
 pub(crate) struct Picking {
     /// Channels to the thread and back; `None` before the first request.
@@ -112,8 +110,7 @@ fn look(picker: &mut Picker, place: &Place, volumes: &[VolumeSource]) -> Option<
     Some(Picked { pick, label, words })
 }
 
-/// A pick in words: the place in the world, and the voxel and values of each volume, in order. A voxel equal to the previous volume's is not
-/// repeated.
+/// A pick in words: the place in the world, and each volume's voxel and values, in order. A voxel equal to the previous volume's is not repeated.
 fn words(pick: &Pick, volumes: &[VolumeSource], ((low, high), is_anatomical): ((DVec3, DVec3), bool)) -> ReadOut {
     let size = (high - low).max_element();
     let [x, y, z] = pick.point.to_array().map(|at| within_span(at, size));

@@ -1,5 +1,5 @@
-//! Handles of clip planes: a dot in the middle of the plane's section moves the plane, and the tip of its normal turns it. This has their places in a
-//! picture, the one under the pointer, and the plane after a drag.
+//! Handles of clip planes: a dot in the middle of the plane's section moves the plane, and the tip of its normal turns it. Their places in a picture,
+//! the one under the pointer, and the plane after a drag.
 
 use crate::clip_handles::{COLOR, HANDLE, REACH};
 use crate::overlay::Lens;
@@ -20,7 +20,7 @@ pub(crate) struct PlaneHandle {
     pub(crate) is_tip: bool,
 }
 
-/// Section of a box by a plane: the polygon's corners in order, its middle, and the tip of the normal there; `None` if it is empty.
+/// Section of a box by a plane: the polygon's corners in order, its middle, and the tip of the normal there; `None` if empty.
 struct Cut {
     corners: Vec<DVec3>,
     middle: DVec3,
@@ -54,7 +54,7 @@ impl Cut {
     }
 }
 
-/// Draws planes with their handles. The one under the pointer or being dragged is larger.
+/// Draws planes with their handles; the one under the pointer or dragged is larger.
 pub(crate) fn show(lens: &Lens, planes: &[ClipPlane], whole: (DVec3, DVec3), near: Option<PlaneHandle>) {
     for (i, plane) in planes.iter().enumerate() {
         let Some(cut) = Cut::of(plane, whole) else { continue };
@@ -94,7 +94,7 @@ pub(crate) fn at(lens: &Lens, planes: &[ClipPlane], whole: (DVec3, DVec3), point
     near.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, handle)| handle)
 }
 
-/// The plane after dragging one of its handles by `by` points in the window. If it would no longer cut the box, it stays as it was.
+/// The plane after dragging one of its handles by `by` points. It stays as it was rather than miss the box.
 pub(crate) fn dragged(lens: &Lens, plane: ClipPlane, is_tip: bool, by: Vec2, whole: (DVec3, DVec3)) -> ClipPlane {
     let Some(Cut { middle, tip, .. }) = Cut::of(&plane, whole) else { return plane };
     let small = 1e-3 * whole.0.distance(whole.1);

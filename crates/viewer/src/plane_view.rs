@@ -25,7 +25,6 @@ const POINTS_A_SLICE: f32 = 24.0;
 #[derive(Default)]
 pub(crate) struct PlaneView {
     picking: Picking,
-    /// The pick under the pointer.
     pub(crate) picked: Option<Picked>,
     /// Finger motion towards the next slice, in points.
     rolled: f32,
@@ -135,7 +134,6 @@ fn camera_field(axis: usize) -> String {
 struct Held {
     /// The black and white values.
     window: Option<[f64; 2]>,
-    /// Whether clicks measure.
     is_measuring: bool,
 }
 
@@ -200,7 +198,7 @@ fn distances(
     }
 }
 
-/// The line common to a clip plane and a slice, within reach of a box with these corners; `None` without one there.
+/// The line common to a clip plane and a slice, within reach of a box with these corners, if any.
 fn trace(plane: &ClipPlane, slice: &Slice, (low, high): (DVec3, DVec3)) -> Option<[DVec3; 2]> {
     // The part of the plane's normal in the slice points across the line.
     let across = plane.normal - slice.normal * plane.normal.dot(slice.normal);
@@ -214,7 +212,7 @@ fn trace(plane: &ClipPlane, slice: &Slice, (low, high): (DVec3, DVec3)) -> Optio
     (is_crossed && foot.distance(middle) <= reach).then_some([foot - along, foot + along])
 }
 
-/// Draws the lines of the other slices, the clip box, the lines of clip planes, and the name and place of the slice.
+/// Draws the lines of the other slices, the clip box, the lines of clip planes, and the slice's name and place.
 fn decorate(lens: &Lens, grid: &Grid, (axis, point): (usize, DVec3), camera: &Camera, seen: &Seen<'_>) {
     let voxel = grid.voxel_at(point);
     for other in (0..3).filter(|&other| other != axis) {

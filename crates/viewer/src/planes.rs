@@ -10,7 +10,7 @@ use brickyard::volume::{
 };
 use glam::DVec3;
 
-/// Size of a voxel in pixels from which it is shown as a square.
+/// Least size of a voxel shown as a square, in pixels.
 const SQUARE_PX: f64 = 2.0;
 
 /// The voxels of a volume in the scene's world.
@@ -18,9 +18,8 @@ const SQUARE_PX: f64 = 2.0;
 pub(crate) struct Grid {
     placement: Placement,
     geometry: brickyard::volume::Geometry,
-    /// Number of voxels along each axis.
     pub(crate) extent: [u32; 3],
-    /// Number of original voxels per voxel along each axis.
+    /// Original voxels per voxel along each axis.
     pub(crate) stride: [u32; 3],
     /// Whether the world is a patient's.
     pub(crate) is_anatomical: bool,
@@ -28,13 +27,13 @@ pub(crate) struct Grid {
     world_box: (DVec3, DVec3),
 }
 
-/// The first visible layer of a scene; `None` if all are hidden.
+/// The first visible layer of a scene, if any.
 pub(crate) fn first_shown(scene: &Scene) -> Option<usize> {
     scene.layers.iter().position(|layer| layer.visible)
 }
 
 impl Grid {
-    /// The voxels of a scene's first visible layer; `None` if all are hidden.
+    /// The voxels of a scene's first visible layer, if any.
     pub(crate) fn of(scene: &Scene, volumes: &[VolumeSource]) -> Option<Self> {
         let layer = first_shown(scene)?;
         let volume = volumes.get(scene.store(layer))?;
@@ -55,7 +54,6 @@ impl Grid {
         self.geometry.voxel_from_world(self.placement.volume_from_world(point))
     }
 
-    /// Converts a place in voxels to a world point.
     pub(crate) fn world_from_voxel(&self, voxel: DVec3) -> DVec3 {
         self.placement.world_from_volume(self.geometry.world_from_voxel(voxel))
     }
@@ -66,12 +64,11 @@ impl Grid {
         std::array::from_fn(|axis| (voxel[axis].max(0.0) as u32).min(self.extent[axis] - 1))
     }
 
-    /// The centre of a voxel.
     pub(crate) fn centre(&self, voxel: [u32; 3]) -> DVec3 {
         self.world_from_voxel(DVec3::from_array(voxel.map(f64::from)) + 0.5)
     }
 
-    /// The world point common to the slices: the centre of the crosshair's voxel, or of the middle one.
+    /// The slices' common world point: the centre of the crosshair's voxel, or of the middle one.
     pub(crate) fn crosshair(&self, planes: &Planes) -> DVec3 {
         match planes.crosshair {
             Some(point) => self.centre(self.voxel_at(point)),
@@ -79,7 +76,7 @@ impl Grid {
         }
     }
 
-    /// The world vector from a voxel to the next one along an axis.
+    /// The world vector between neighbouring voxels along an axis.
     fn step(&self, axis: usize) -> DVec3 {
         self.placement.world_vector(DVec3::AXES[axis] * self.geometry.spacing)
     }
@@ -102,7 +99,7 @@ impl Grid {
         0.5 * voxel.max(slice.thickness) * (1.0 + 1e-9)
     }
 
-    /// The direction of the voxels closest to upwards in a slice across an axis.
+    /// The voxels' direction closest to upwards in a slice across an axis.
     fn up(&self, axis: usize, slice: &Slice) -> DVec3 {
         let nominal = if self.is_anatomical { Side::of(slice.normal).up() } else { slice.image_up() };
         let steps = [1, 2].map(|other| self.step((axis + other) % 3).normalize_or_zero());
@@ -136,8 +133,8 @@ fn dominant(vector: DVec3) -> usize {
     if size.z >= size.x && size.z >= size.y { 2 } else { usize::from(size.y > size.x) }
 }
 
-/// The scene of a slice of another scene: its layers without light, clips and surfaces, read through a filter. `is_gray` drops the colours of
-/// transfer functions and covers the values they span with a gray ramp; labels keep their colours.
+/// The scene of a slice: the layers of another scene without light, clips and surfaces, read through a filter. `planes.gray` replaces transfer
+/// functions by a gray ramp over the values they span, except for labels.
 pub(crate) fn slice_scene(
     scene: &Scene,
     volumes: &[VolumeSource],
@@ -171,7 +168,7 @@ pub(crate) fn slice_scene(
     }
 }
 
-/// The window of a layer: its own, or the values spanned by its transfer function if that has values of its own; `None` is the volume's.
+/// A layer's window: its own, or the span of a transfer function with values of its own; `None` is the volume's.
 fn spanned(layer: &SceneLayer, volume: Option<&VolumeSource>) -> Option<[f64; 2]> {
     let own = layer.transfer.as_ref().filter(|choice| !choice.spans_window() && !is_of_labels(choice));
     layer.window.or_else(|| Some(shown(layer, own.and(volume)?)))

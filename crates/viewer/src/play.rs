@@ -1,4 +1,4 @@
-//! Playback settings of a window, as kept in its document and as passed to sessions.
+//! Playback settings, in a window's document and for its sessions.
 
 use brickyard::pager;
 use serde::{Deserialize, Serialize};
@@ -7,43 +7,40 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Play {
-    /// Whether it plays now.
     pub(crate) on: bool,
     /// Steps per second.
     pub(crate) steps_per_second: f64,
-    /// Whether it starts out running from later steps to earlier ones.
+    /// Whether it starts by running backwards, from later steps to earlier ones.
     pub(crate) backward: bool,
-    /// The sequel to the last step.
     pub(crate) ending: Ending,
-    /// The sacrifice where the rate cannot be held.
     pub(crate) policy: Policy,
     /// Whether the values of the voxel under the pointer are drawn over the bar of steps.
     pub(crate) curve: bool,
 }
 
-/// The sequel to the last step.
+/// Behaviour after the last step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Ending {
-    /// Nothing.
+    /// Stop.
     Stop,
-    /// The first step.
+    /// Go to the first step.
     #[default]
     Loop,
-    /// The step before: to and fro.
+    /// Turn around: to and fro.
     Bounce,
 }
 
-/// The sacrifice where the rate cannot be held.
+/// Behaviour where the rate cannot be held.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Policy {
-    /// The level.
+    /// Lower the level.
     #[default]
     HoldRate,
-    /// Steps.
+    /// Skip steps.
     HoldQuality,
-    /// Time.
+    /// Take more time.
     EveryStep,
 }
 

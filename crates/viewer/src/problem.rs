@@ -1,4 +1,4 @@
-//! The last problem, shown by the window until it is over, another message replaces it, or the user dismisses it.
+//! The last problem, shown until it is over, another message replaces it, or the user dismisses it.
 
 /// A problem to show.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -7,7 +7,7 @@ pub(crate) struct Problem {
     pub(crate) about: About,
 }
 
-/// The subject of a problem, and with it its end.
+/// Subject of a problem, which decides its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum About {
     /// The picture: until one can be drawn.

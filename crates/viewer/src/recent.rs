@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 /// Most paths kept.
 const MOST: usize = 20;
 
-/// Recently opened stores, files and folders.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Recent {
     /// The file of the list; `None` keeps nothing.

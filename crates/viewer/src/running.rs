@@ -26,7 +26,7 @@ const SOON: Duration = Duration::from_secs(10);
 /// Losses in a row until the CPU draws the volumes.
 const TRIED: u32 = 3;
 
-/// The fate of a window after the loss of its device.
+/// Fate of a window after the loss of its device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Next {
     /// Another device draws it.
@@ -37,7 +37,6 @@ enum Next {
     End,
 }
 
-/// The device losses so far.
 #[derive(Default)]
 struct Losses {
     in_a_row: u32,
@@ -45,7 +44,7 @@ struct Losses {
 }
 
 impl Losses {
-    /// Records a loss, and decides the sequel.
+    /// Records a loss, and decides the window's fate.
     fn note(&mut self, now: Instant) -> Next {
         let is_soon = self.last.is_some_and(|last| now.duration_since(last) < SOON);
         self.in_a_row = if is_soon { self.in_a_row + 1 } else { 1 };
@@ -78,7 +77,7 @@ impl eframe::App for Shown<'_> {
 /// Opens a window of a size in points, and returns when it is closed.
 ///
 /// # Errors
-/// If it cannot be opened, or its device is lost and there is no other, or again and again. The message contains advice.
+/// If it cannot be opened, or its device is lost without another one, or repeatedly. The message contains advice.
 pub(crate) fn run(window: &mut Window, size: [f32; 2]) -> Result<(), WindowError> {
     // In anything smaller the panels leave no room for a picture.
     let least = [size[0].min(LEAST_SIZE[0]), size[1].min(LEAST_SIZE[1])];
@@ -88,7 +87,7 @@ pub(crate) fn run(window: &mut Window, size: [f32; 2]) -> Result<(), WindowError
         let reason = lost.as_ref().map(|left: &Handover| left.reason.clone());
         let ended = show(window, viewport, lost.take(), next == Next::OnCpu);
         let Some(left) = window.leave() else {
-            // A window that ended on its own has not had this call.
+            // A window that ended by itself has not had this call.
             window.end();
             let problem = |problem| match reason {
                 Some(reason) => format!("the GPU was lost ({reason}), and no other can be opened: {problem}"),
@@ -143,7 +142,7 @@ fn show(window: &mut Window, viewport: ViewportBuilder, lost: Option<Handover>, 
     }
 }
 
-/// The message for a user whose window does not open.
+/// The message for a window that does not open.
 fn refusal(error: &eframe::Error) -> String {
     if let eframe::Error::Wgpu(WgpuError::CustomNativeAdapterSelectionError(reason)) = error {
         return format!(

@@ -38,7 +38,6 @@ impl Saving {
         Ok(Self { path, thread: Some(thread) })
     }
 
-    /// The file.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }

@@ -1,5 +1,5 @@
 //! The visible texture of a picture on the window's device: drawn there, or filled with pixels from the CPU. It has a pass of its own instead of
-//! going through egui's images, whose shader is made for letters and panels: on a software device it took three times as long.
+//! egui's images, whose shader is made for letters and panels: on a software device that took three times as long.
 
 use brickyard::render::wgpu;
 use brickyard::volume::{Picture, PictureSum, PixelSamples};
@@ -18,7 +18,7 @@ pub(crate) struct Screen {
     queue: wgpu::Queue,
     pass: Pass,
     texture: Option<Texture>,
-    /// The textures of a supersampled picture on a GPU.
+    /// Textures of a supersampled picture on a GPU.
     samples: Option<Samples>,
     /// The sum of samples drawn by the CPU.
     sum: PictureSum,
@@ -63,7 +63,6 @@ struct Shown {
 }
 
 impl Screen {
-    /// Creates an empty screen on the window's device.
     pub(crate) fn new(state: &RenderState) -> Self {
         let mut renderer = state.renderer.write();
         let pass = renderer.callback_resources.entry().or_insert_with(|| Pass::new(&state.device, state.target_format));
@@ -99,7 +98,7 @@ impl Screen {
         queue.write_texture(texture.texture.as_image_copy(), &rgba, layout, texture.texture.size());
     }
 
-    /// Puts the picture over a part of the window; nothing before the first one.
+    /// Puts the picture over a part of the window, if there is one.
     pub(crate) fn paint(&self, painter: &Painter, area: Rect) {
         let mean = self.samples.as_ref().map(|samples| &samples.mean).filter(|_| self.shows_mean);
         if let Some(texture) = mean.or(self.texture.as_ref()) {
@@ -125,7 +124,7 @@ impl Screen {
         self.sum.add(picture);
     }
 
-    /// The texture to draw a sample of this size into.
+    /// The texture for a sample of this size.
     pub(crate) fn sample(&mut self, size_px: (u32, u32)) -> &wgpu::TextureView {
         let Self { device, pass, samples, .. } = self;
         if samples.as_ref().is_none_or(|samples| samples.last.size_px != size_px) {

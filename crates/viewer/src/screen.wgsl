@@ -24,8 +24,7 @@ fn codes(place: Place) -> @location(0) vec4f {
     return vec4f(color(place.at), 1.0);
 }
 
-// The window encodes light, as sRGB formats do: the output is the light encoded as the picture's
-// codes.
+// The window encodes light, as sRGB formats do; this decodes the picture's codes for it.
 @fragment
 fn light(place: Place) -> @location(0) vec4f {
     let code = color(place.at);

@@ -15,7 +15,6 @@ pub(crate) struct Screenshots {
     receiver: Receiver<Screenshot>,
 }
 
-/// The window's pixels, and their file.
 struct Screenshot {
     path: PathBuf,
     image: Arc<ColorImage>,
@@ -39,7 +38,6 @@ impl Screenshots {
         egui.send_viewport_cmd(ViewportCommand::Screenshot(callback));
     }
 
-    /// Whether any are still to arrive.
     pub(crate) fn are_awaited(&self) -> bool {
         !self.awaited.is_empty()
     }

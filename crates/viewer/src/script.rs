@@ -1,6 +1,6 @@
 //! Scripts: timed commands for tests, documentation and tutorials. A line is `SECONDS COMMAND`, counted from the window's first frame, or
 //! `settled COMMAND`, which waits for the final picture. Lines are played in order; `#` starts a comment. The first failing command ends the script:
-//! every line has its number, and work it starts in the background stays linked to it until that is over.
+//! lines have numbers, and stay linked to the background work they started until it is over.
 
 use crate::command::Command;
 use std::collections::VecDeque;
@@ -11,7 +11,7 @@ use std::time::Duration;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Script {
     lines: VecDeque<(When, Line)>,
-    /// Lines whose work is not over yet.
+    /// Lines with unfinished work.
     begun: Vec<Line>,
 }
 
@@ -20,7 +20,6 @@ pub struct Script {
 pub(crate) struct Line {
     /// The line's number, from 1; 0 for commands from elsewhere.
     pub(crate) number: usize,
-    /// The command.
     pub(crate) command: Command,
 }
 
@@ -34,7 +33,6 @@ impl Line {
     }
 }
 
-/// The time of a command.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum When {
     /// This long after the window's first frame, and after the lines before.
@@ -44,7 +42,7 @@ enum When {
 }
 
 impl Script {
-    /// Removes the next command that is due. `since_start` is the time since the window's first frame.
+    /// Removes the next due command. `since_start` is the time since the window's first frame.
     pub(crate) fn next(&mut self, since_start: Duration, is_settled: bool) -> Option<Line> {
         let is_due = |when: &When| match when {
             When::At(time) => *time <= since_start,
@@ -68,7 +66,6 @@ impl Script {
         self.lines.clear();
     }
 
-    /// Whether everything has been played.
     pub(crate) fn is_over(&self) -> bool {
         self.lines.is_empty()
     }

@@ -1,5 +1,5 @@
-//! The window's state as one document: the scene, in the form of `brickyard render --scene`, and in its field `window` the settings of the window
-//! alone. Saving, restoring, undoing and scripts all work on this document. Costs a walk through the scene for each writing or reading.
+//! The window's state as one document: the scene, in the form of `brickyard render --scene`, and in its field `window` the window's own settings.
+//! Saving, restoring, undoing and scripts all work on this document. Costs a walk through the scene for each writing or reading.
 
 use crate::play::Play;
 use brickyard::volume::{Camera, Isosurface, Scene};
@@ -8,14 +8,12 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::PathBuf;
 
-/// The window's state.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct State {
-    /// The scene common to all pictures.
     pub(crate) scene: Scene,
-    /// Settings of the window alone.
+    /// The window's own settings.
     pub(crate) window: WindowState,
-    /// Surfaces lent to layers without any when mode isosurface was chosen. They go with the mode, unless somebody has changed them.
+    /// Surfaces lent to layers without any when mode isosurface was chosen. They go with the mode, unless changed by somebody.
     pub(crate) lent_surfaces: Vec<Isosurface>,
 }
 
@@ -23,33 +21,26 @@ pub(crate) struct State {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct WindowState {
-    /// The volumes of the scene's layers: stores, and files shown while they are packed.
+    /// The volumes of the scene's layers: stores, and files shown while being packed.
     pub(crate) volumes: Vec<PathBuf>,
-    /// Division of the window.
     pub(crate) layout: Layout,
     /// The three slices of [`Layout::Planes`].
     pub(crate) planes: Planes,
-    /// Overlays of the picture.
     pub(crate) overlays: Overlays,
-    /// Measured distances, each between two points of the world.
+    /// Measured distances, each between two world points.
     pub(crate) distances: Vec<[DVec3; 2]>,
-    /// Drawing of changing pictures.
     pub(crate) motion: Motion,
-    /// Playback of time steps.
     pub(crate) play: Play,
-    /// Memory limits in MiB; `None` keeps those the window was opened with.
+    /// Memory limits in MiB; `None` keeps the initial ones.
     pub(crate) budgets_mib: Option<Budgets>,
-    /// Effect of dragging and clicking in the scene's picture.
     pub(crate) tool: Tool,
-    /// Whether the panel with residency, rates and memory is shown.
+    /// Whether residency, rates and memory are shown.
     pub(crate) diagnostics: bool,
     /// Whether the keys are shown.
     pub(crate) help: bool,
     /// Whether there is anything besides the pictures.
     pub(crate) panels: bool,
-    /// Whether the window fills the screen.
     pub(crate) fullscreen: bool,
-    /// Light or dark.
     pub(crate) theme: Theme,
 }
 
@@ -91,14 +82,13 @@ pub(crate) enum Layout {
 pub(crate) struct Planes {
     /// The slices' common point in the world; `None` is the middle.
     pub(crate) crosshair: Option<DVec3>,
-    /// Cameras of the slices across the voxels' x, y and z axis. Each is moved along its view to its slice. `None` sees all of it.
+    /// Cameras of the slices across the voxels' x, y and z axis, each moved along its view to its slice. `None` sees all of it.
     pub(crate) cameras: [Option<Camera>; 3],
     /// Whether layers without a colour of their own are gray over their windows, as scans are read, whatever the transfer function; labels keep their
     /// colours.
     pub(crate) gray: bool,
     /// The first visible layer's values shown black and white in the slices; `None` is the layer's window.
     pub(crate) window: Option<[f64; 2]>,
-    /// Filter from voxels to pixels.
     pub(crate) filter: PlaneFilter,
     /// Thickness of each slice in world units; 0 is as thin as can be.
     pub(crate) thickness: f64,
@@ -130,7 +120,6 @@ pub(crate) enum PlaneFilter {
     Linear,
 }
 
-/// Overlays of the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Overlays {
@@ -140,7 +129,6 @@ pub(crate) struct Overlays {
     pub(crate) ticks: bool,
     /// The directions of the axes.
     pub(crate) axes: bool,
-    /// The scale bar.
     pub(crate) scale_bar: bool,
     /// The colours of values.
     pub(crate) color_bar: bool,
@@ -186,7 +174,7 @@ impl Default for Overlays {
 pub(crate) struct Motion {
     /// Whether changing pictures are coarser.
     pub(crate) adaptive: bool,
-    /// Longest frame meanwhile, in milliseconds.
+    /// Longest frame during changes, in milliseconds.
     pub(crate) frame_goal_ms: f64,
 }
 
@@ -241,7 +229,7 @@ impl State {
         Ok(document)
     }
 
-    /// Reads a document, but none of the files named by its scene.
+    /// Reads a document, but none of the files its scene names.
     ///
     /// # Errors
     /// If it is no object, a field is unknown, or has a value of another kind.
@@ -254,8 +242,8 @@ impl State {
         Ok(Self { window: window?, scene: serde_json::from_value(document)?, lent_surfaces: Vec::new() })
     }
 
-    /// Copies all navigation from `other`: the views' place in space and time, the volumes, the memory limits, and the look of the window. None of it
-    /// is an edit.
+    /// Copies navigation from `other`, which is no edit: the views' place in space and time, the volumes, the memory limits, and the look of the
+    /// window.
     pub(crate) fn keep_navigation_of(&mut self, other: &Self) {
         self.scene.camera = other.scene.camera;
         self.scene.time = other.scene.time;

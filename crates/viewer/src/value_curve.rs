@@ -1,5 +1,5 @@
-//! The values of one voxel over time, for the bar of time steps. A thread of its own reads one brick per channel and step: first a few steps from the
-//! whole range, then those between. A newer voxel ends the reading of the previous one.
+//! The values of one voxel over time, for the bar of time steps. A thread reads one brick per channel and step: first a few steps from the whole
+//! range, then those between. A newer voxel ends the reading of the previous one.
 
 use brickyard::probe::probe_voxel;
 use brickyard::session::VolumeSource;
@@ -7,14 +7,14 @@ use eframe::egui;
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The values of one voxel of a volume, as far as they are read.
+/// The values of a volume's voxel, as far as they are read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct ValueCurve {
     /// Index of the volume among the window's.
     pub(crate) volume: usize,
-    /// The voxel of the volume's finest level.
+    /// The voxel, of the finest level.
     pub(crate) voxel: [u32; 3],
-    /// Values of all channels in stored units, for each time step of the volume: NaN for no data, and empty for a step unread or unreadable.
+    /// All channels' values in stored units, for each time step: NaN for no data, and empty for a step unread or unreadable.
     pub(crate) steps: Vec<Vec<f64>>,
 }
 
@@ -45,7 +45,6 @@ fn locked(curve: &Shared) -> MutexGuard<'_, ValueCurve> {
 /// A request to the thread: the curve to write, and its volume.
 type Question = (Shared, VolumeSource, egui::Context);
 
-/// Reads the values of one voxel after another over time.
 #[derive(Default)]
 pub(crate) struct CurveReader {
     thread: Option<Sender<Question>>,
@@ -53,7 +52,7 @@ pub(crate) struct CurveReader {
 }
 
 impl CurveReader {
-    /// Reads another voxel of a volume, given with its index. The window is repainted as values arrive. A voxel already being read is not restarted.
+    /// Reads another voxel of a volume, given with its index. The window is repainted as values arrive. A voxel being read is not restarted.
     pub(crate) fn read(&mut self, egui: &egui::Context, (index, volume): (usize, &VolumeSource), voxel: [u32; 3]) {
         let is_same = |(of, curve): &(VolumeSource, Shared)| {
             let curve = locked(curve);
@@ -70,7 +69,7 @@ impl CurveReader {
         }
     }
 
-    /// The newest voxel's curve so far; `None` once its volume is no longer among these.
+    /// The newest voxel's curve so far; `None` once its volume is not among these.
     pub(crate) fn curve(&mut self, volumes: &[VolumeSource]) -> Option<ValueCurve> {
         let (of, curve) = self.read.as_ref()?;
         let curve = locked(curve).clone();

@@ -11,7 +11,6 @@ use std::time::Duration;
 /// Share of the window's memory for each of three slices, in percent: a slice meets few bricks.
 const PLANE_PERCENT: u64 = 12;
 
-/// The pictures of a window.
 pub(crate) struct Views {
     volumes: Vec<VolumeSource>,
     options: SessionOptions,
@@ -24,7 +23,7 @@ pub(crate) struct Views {
 }
 
 impl Views {
-    /// Creates the pictures of volumes, on the window's device or on the CPU.
+    /// Creates the pictures, on the window's device or on the CPU.
     ///
     /// # Errors
     /// If the device lacks a feature of the engine.
@@ -56,7 +55,6 @@ impl Views {
         self.device.as_ref()
     }
 
-    /// The shown volumes.
     pub(crate) fn volumes(&self) -> &[VolumeSource] {
         &self.volumes
     }
@@ -72,14 +70,14 @@ impl Views {
         Ok(())
     }
 
-    /// Switches to later states of the volumes, such as stores with more time steps. The pictures stay until new ones are there, and playback
+    /// Switches to later states of the volumes, such as stores with more time steps. The pictures stay until there are new ones, and playback
     /// continues.
     pub(crate) fn follow_volumes(&mut self, volumes: Vec<VolumeSource>) {
         self.all_mut().for_each(|canvas| canvas.set_volumes(volumes.clone()));
         self.volumes = volumes;
     }
 
-    /// Memory limits of all pictures together, in bytes: for slots, tables and targets, and for decoded bricks, including those of previews.
+    /// Memory limits of all pictures together, in bytes: for slots, tables and targets, and for decoded bricks, including previews'.
     pub(crate) fn budgets_bytes(&self, window: &WindowState) -> (u64, u64) {
         let SessionOptions { gpu_memory_bytes, cpu_memory_bytes, host_memory_bytes, .. } = self.options;
         let backend_bytes = if self.main.draws_on_cpu() { cpu_memory_bytes } else { gpu_memory_bytes };
@@ -138,7 +136,7 @@ impl Views {
         std::iter::once(&self.main).chain(&self.planes)
     }
 
-    /// Takes the pictures' times since the last call.
+    /// Takes the time spent since the last call.
     pub(crate) fn take_spent(&mut self) -> FrameTimes {
         self.all_mut().map(Canvas::take_spent).fold(FrameTimes::default(), FrameTimes::and)
     }
@@ -147,18 +145,17 @@ impl Views {
         std::iter::once(&mut self.main).chain(&mut self.planes)
     }
 
-    /// Delay until the next check on pictures that are not final.
+    /// Delay until the next check on unfinished pictures.
     pub(crate) fn look_after(&self) -> Duration {
         let open = self.all().filter(|canvas| !canvas.is_final());
         open.map(Canvas::look_after).min().unwrap_or(STREAMING_STEP)
     }
 
-    /// Whether one of the pictures cannot be drawn.
     pub(crate) fn are_failing(&self) -> bool {
         self.all().any(Canvas::is_failing)
     }
 
-    /// Whether all pictures stay as they are until something changes.
+    /// Whether all pictures are complete until something changes.
     pub(crate) fn are_final(&self) -> bool {
         self.all().all(Canvas::is_final) && !self.main.is_capturing()
     }

@@ -37,9 +37,7 @@ pub(crate) const FLIGHT_KEYS: [(Key, [f64; 3]); 6] = [
 
 /// The subject of a view: the window's state, and its volumes.
 pub(crate) struct Seen<'a> {
-    /// The window's state.
     pub(crate) state: &'a State,
-    /// The volumes of the scene's layers.
     pub(crate) volumes: &'a [VolumeSource],
     /// Their world; `None` if no layer has a place.
     pub(crate) world: Option<World<'a>>,
@@ -64,14 +62,12 @@ enum Hold {
     Plane(PlaneHandle),
 }
 
-/// The scene's picture in the window.
 #[derive(Default)]
 pub(crate) struct VolumeView {
     /// The picture's size in the last frame.
     pub(crate) size_px: (u32, u32),
     hold: Option<Hold>,
     picking: Picking,
-    /// The pick under the pointer.
     pub(crate) picked: Option<Picked>,
 }
 
@@ -110,7 +106,7 @@ impl VolumeView {
         drawn
     }
 
-    /// Draws over the picture, seen by this camera.
+    /// Draws over a picture of this camera.
     fn decorate(
         &self,
         (lens, camera): (&Lens, &Camera),
@@ -200,7 +196,7 @@ impl VolumeView {
         }
     }
 
-    /// The end under the pointer of a distance being measured, or its start.
+    /// The place under the pointer where a distance would start or end.
     fn end(&self, lens: &Lens, (seen, measuring): (&Seen<'_>, &Measuring), pointer: Option<Pos2>) -> Option<DVec3> {
         let place_px = pointer.map(|pointer| lens.pixel(pointer));
         let picked = self.picked.as_ref().map(|picked| picked.pick.point);
@@ -268,7 +264,7 @@ pub(crate) fn zoom_factor(ui: &Ui) -> f64 {
     f64::from(pinch) * (f64::from(wheel) / 200.0).exp()
 }
 
-/// Zooms towards the point under the pointer by wheel and pinch.
+/// Zooms towards the pointer, by wheel and pinch.
 fn scroll(ui: &Ui, lens: &Lens, commands: &mut Vec<Command>) {
     let factor = zoom_factor(ui);
     let pointer = ui.input(|input| input.pointer.hover_pos());

@@ -59,7 +59,7 @@ const FAILING_STEP: Duration = Duration::from_secs(1);
 /// Longest wait of a script for a picture that cannot be drawn.
 const HOPELESS: Duration = Duration::from_secs(5);
 
-/// Distance of the rows about background work from the lower end of the pictures, where scale bars are, and their largest width, in points.
+/// Distance of rows about background work from the pictures' lower end, where scale bars are, and their largest width, in points.
 const WORK_ABOVE: f32 = 44.0;
 const WORK_WIDTH: f32 = 420.0;
 
@@ -69,7 +69,6 @@ const MOST_OF_WIDTH: f32 = 2.0 / 3.0;
 /// Space between the pictures of a window, in points.
 const GAP: f32 = 3.0;
 
-/// The state of the window, and everything that shows it.
 pub(crate) struct Window {
     state: State,
     history: History,
@@ -81,30 +80,26 @@ pub(crate) struct Window {
     /// The last volume and voxel under the pointer.
     pointed: Option<(usize, [u32; 3])>,
     script: Script,
-    /// The reason for the script's end, once it has failed.
+    /// The reason for the script's failure, if any.
     failure: Option<String>,
     keeper: Keeper,
     /// The shown volumes, and their progress.
     openings: Openings,
     /// Volumes to be shown instead of them or beside them.
     next: Option<Next>,
-    /// The voxel export under way.
     exporting: Option<Exporting>,
     /// Pictures being written, in their order of arrival.
     saving: Vec<Saving>,
     recent: Recent,
     dialog: Option<Dialog>,
-    /// The last problem.
     problem: Option<Problem>,
     /// The last problem in the log.
     told: Option<Problem>,
-    /// The last note or remark.
     note: Option<Note>,
     /// The time since which a picture cannot be drawn.
     failing_since: Option<Instant>,
     /// Whether fullscreen was requested of the display.
     is_fullscreen: bool,
-    /// The time of the first frame; `None` before it.
     started: Option<Instant>,
     screenshots: Screenshots,
     clicks: Clicks,
@@ -112,7 +107,7 @@ pub(crate) struct Window {
     pacing: Pacing,
     /// A file for frame times; `None` writes none.
     stats: Option<PathBuf>,
-    /// The handover once the device is lost.
+    /// The handover, once the device is lost.
     left: Option<Handover>,
 }
 
@@ -172,7 +167,7 @@ impl Window {
         self.views.volumes().iter().map(VolumeSource::place).collect()
     }
 
-    /// Performs a command. The window shows any problem with it.
+    /// Performs a command, and shows any problem with it.
     fn perform(&mut self, command: &Command, egui: &egui::Context) {
         tracing::debug!("{command}");
         self.note = None;
@@ -198,7 +193,7 @@ impl Window {
         }
     }
 
-    /// Ends the script after its line has failed. The caller learns of it when the window is closed.
+    /// Ends the script after its line has failed. The caller gets the failure when the window is closed.
     fn fail(&mut self, line: &Line, problem: &str) {
         let problem = line.failure(problem);
         self.script.stop();
@@ -216,7 +211,7 @@ impl Window {
         self.note = Some(Note::passing(text));
     }
 
-    /// Removes a remark once its time is over; requests a repaint for that time.
+    /// Removes a remark once its time is over, for which it requests a repaint.
     fn end_note(&mut self, egui: &egui::Context) {
         match self.note.as_ref().and_then(Note::left) {
             Some(Duration::ZERO) => self.note = None,
@@ -325,7 +320,6 @@ impl Window {
         Ok(())
     }
 
-    /// Checks whether a scene can be shown here.
     fn check(&self, scene: &Scene) -> Result<(), String> {
         if let Some(camera) = scene.camera {
             let (width, height) = self.volume_view.size_px;
@@ -339,7 +333,7 @@ impl Window {
         self.openings.are_busy() || self.next.is_some() || self.exporting.is_some() || !self.saving.is_empty()
     }
 
-    /// Whether the pictures stay as they are until something changes; an empty window has none.
+    /// Whether the pictures are complete until something changes; an empty window has none.
     fn has_final_pictures(&self) -> bool {
         self.openings.are_none() || self.views.are_final()
     }
@@ -349,7 +343,7 @@ impl Window {
         self.has_final_pictures() && !self.is_busy()
     }
 
-    /// Plays the lines of the script that are due.
+    /// Plays the due lines of the script.
     fn play(&mut self, egui: &egui::Context) {
         let since_start = self.started.get_or_insert_with(Instant::now).elapsed();
         // A screenshot shows the frame after its request: nothing may change it.
@@ -395,12 +389,10 @@ impl Window {
         shown.and(self.volume_view.show(&mut part, &mut self.views.main, (&seen, measuring), commands))
     }
 
-    /// The label under the pointer.
     fn picked_label(&self) -> Option<i64> {
         self.volume_view.picked.as_ref().and_then(|picked| picked.label)
     }
 
-    /// The pick under the pointer.
     fn picked(&self) -> Option<&Picked> {
         let planes = self.plane_views.iter().filter(|_| !self.views.planes.is_empty());
         let pictures = planes.map(|view| &view.picked).chain([&self.volume_view.picked]);
@@ -457,13 +449,12 @@ impl Window {
         }
     }
 
-    /// Shows the result of saving a picture.
     fn say_saved(&mut self, path: &Path, written: Result<(), String>) {
         let is_it = |command: &Command| matches!(command, Command::SavePicture(file, _) if file == path);
         self.say_ended(is_it, written.map(|()| wrote(path)));
     }
 
-    /// Shows the panels around the pictures, which edit a copy of the state. Returns the room for the row of time steps, if there is one.
+    /// Shows the panels around the pictures, which edit a copy of the state. Returns the room for the row of time steps, if any.
     fn panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) -> Option<Rect> {
         let budgets = self.views.budgets_bytes(&self.state.window);
         let budgets = Budgets { gpu: (budgets.0 >> 20) as u32, host: (budgets.1 >> 20) as u32 };
@@ -510,7 +501,7 @@ impl Window {
         room
     }
 
-    /// Shows the row of time steps, which refers to the pictures of this frame. It edits a copy of the state.
+    /// Shows the row of time steps, for the pictures of this frame. It edits a copy of the state.
     fn steps_row(&mut self, ui: &mut Ui, state: &mut State, room: Rect) {
         let timeline = VolumeSource::timeline(self.views.volumes(), &state.scene);
         let curve = self.value_curve(ui.ctx(), &state.window.play);
@@ -521,8 +512,8 @@ impl Window {
         panels::playing::show(&mut row, (&mut state.scene.time, &mut state.window.play), &steps);
     }
 
-    /// Shows rows over the lower end of the pictures, in the free room of `ui`: files being read or written, and any problem that fits no line. They
-    /// take no room from the pictures, which would have to be redrawn at another height.
+    /// Shows rows over the lower end of the pictures, in the free room of `ui`: files being read or written, and any problem too long for a line.
+    /// They take no room from the pictures, which would have to be redrawn at another height.
     fn over_pictures(&mut self, ui: &Ui, has_problem: bool) {
         let problem = self.problem.as_ref().filter(|_| has_problem).map(|problem| problem.text.clone());
         let capturing = self.views.main.capturing();
@@ -583,8 +574,8 @@ impl Window {
         }
     }
 
-    /// Copies the picture's time step during playback, and the end of playback, into the state; also into the copy edited by panels, unless they have
-    /// changed it. Neither is an edit.
+    /// Copies the picture's time step and the end of playback into the state, and into the copy edited by panels, unless they have changed it.
+    /// Neither is an edit.
     fn follow_clock(&mut self, edited: &mut State) {
         if !self.state.window.play.on || self.openings.are_none() {
             return;
@@ -607,7 +598,7 @@ impl Window {
     }
 }
 
-/// A warning about volumes of one shape drawn at unlike sizes, with the command that mends it; `None` without such volumes.
+/// A warning about volumes of one shape drawn at unlike sizes, if any, with the command that mends it.
 fn remark(scene: &Scene, volumes: &[VolumeSource]) -> Option<Problem> {
     unlike_sizes(scene, volumes).map(|unlike| {
         let rows = unlike.numbers().map(|row| format!("[{}]", row.join(", "))).join(", ");
@@ -650,17 +641,15 @@ impl Window {
         }
     }
 
-    /// The paths of its volumes.
     pub(crate) fn paths(&self) -> Vec<PathBuf> {
         self.openings.paths()
     }
 
-    /// Whether there has been a frame.
     pub(crate) fn has_begun(&self) -> bool {
         self.started.is_some()
     }
 
-    /// The reason for the script's failure, if any, for the caller that opened the window.
+    /// The reason for the script's failure, if any, for the window's caller.
     pub(crate) fn failure(&self) -> Option<&str> {
         self.failure.as_deref()
     }
@@ -694,7 +683,7 @@ impl Window {
         }
     }
 
-    /// Whether the device is lost. The window then closes and draws nothing more: egui panics if it has shapes but no device to draw them on.
+    /// Whether the device is lost. The window then closes and draws nothing more: egui panics with shapes but no device to draw them on.
     fn is_leaving(&mut self, egui: &egui::Context) -> bool {
         let Some(reason) = self.views.device().and_then(Device::lost) else { return false };
         let is_closing = egui.input(|input| input.viewport().close_requested());

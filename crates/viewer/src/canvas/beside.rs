@@ -13,7 +13,7 @@ use eframe::egui;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Longest time for a coarse picture of an outdated view: during a drag, no picture would ever finish within one frame.
+/// Longest time for a coarse picture of an outdated view: during a drag, none would ever finish within a frame.
 const LATE: Duration = Duration::from_millis(600);
 
 /// Longest wait for the few bricks of a moving view.
@@ -32,16 +32,16 @@ pub(super) enum Task {
 /// A request for the picture of a scene.
 struct Order {
     wanted: Wanted,
-    /// The shown picture, and its pixels, visible wherever the next one is not drawn yet.
+    /// The shown picture, and its pixels, visible until the next one covers them.
     shown: Option<Shown>,
     under: Option<Arc<Picture>>,
-    /// Longest frame of the window, and the window's own part of it.
+    /// Longest frame of the window, and the window's part of it.
     goal: (Duration, Duration),
     is_adaptive: bool,
 }
 
 impl Order {
-    /// Streams until a better picture than the shown one can be drawn, and draws it.
+    /// Streams until a better picture than the shown one is possible, and draws it.
     fn run(self, Engine { session, control }: &mut Engine, stage: &Stage) -> Result<Done, SessionError> {
         let (goal, between) = self.goal;
         loop {
@@ -67,7 +67,7 @@ impl Order {
             }
             let choice = Choice { control, is_adaptive: self.is_adaptive, is_gradual: true };
             let (shown, _) = choice.next(wanted, frame, self.shown.as_ref());
-            // A picture drawn only to find the bricks it sees never replaces a better one.
+            // A picture drawn only to find its bricks never replaces a better one.
             let is_worse = before.is_some_and(|before| before.quality.share() > shown.quality.share());
             let begun = Instant::now();
             let news = Begun { quality: shown.quality, is_of_motion: before.is_none(), at: begun };
@@ -86,7 +86,7 @@ impl Order {
         }
     }
 
-    /// Takes a step of streaming. For a moving or new view it aims at bricks as coarse as the pixels and waits for them a little.
+    /// Takes a step of streaming. For a moving or new view it aims at bricks as coarse as the pixels, and waits for them a little.
     fn step(&self, session: &mut Session, control: &QualityControl) -> Result<Frame, SessionError> {
         let Wanted { scene, size_px, .. } = &self.wanted;
         let moves = self.shown.as_ref().is_none_or(|shown| !shown.is_of(&self.wanted));
@@ -124,7 +124,7 @@ fn capture(
                 session.wait(STREAMING_STEP);
             }
             (false, true) => {
-                // Drawing reports the visible bricks, after which more may be wanted.
+                // Drawing reports visible bricks, so more may be wanted.
                 session.paint(&frame, painting)?;
             }
             (true, _) => {
@@ -157,7 +157,7 @@ impl Canvas {
         self.leave(Task::Show(Box::new(wanted)), painting, egui, |engine, stage| order.run(engine, stage))
     }
 
-    /// Sends the session to draw a sample of the shown picture's pixels.
+    /// Sends the session to draw a sample of the shown picture.
     ///
     /// # Errors
     /// If no thread can be started.
@@ -199,7 +199,7 @@ impl Canvas {
         })
     }
 
-    /// Sends the session to draw beside the window, along with all pending changes.
+    /// Sends the session to draw beside the window, with all pending changes.
     fn leave(
         &mut self,
         task: Task,
@@ -228,7 +228,7 @@ impl Canvas {
         }
     }
 
-    /// Takes in the session's reports, and the session itself if it is due, with its picture. Returns a picture to be saved.
+    /// Takes in the session's report, and the session itself if it is due, with its picture. Returns a picture to be saved.
     ///
     /// # Errors
     /// If it could not be drawn.
@@ -243,7 +243,7 @@ impl Canvas {
         if !matches!(task, Task::Capture) {
             self.keep_pace();
         }
-        // An abandoned picture is no error; a finished one is out of date all the same.
+        // An abandoned picture is no error; a finished one is outdated all the same.
         let done = if is_abandoned { Ok(Done::Nothing) } else { done };
         if !matches!((&task, &done), (Task::Smooth, _) | (_, Ok(Done::Picture { .. }))) {
             // The session's slots no longer hold the picture's bricks.
@@ -296,7 +296,7 @@ impl Canvas {
         self.stream = Some((frame.status, frame.coming));
     }
 
-    /// While the session is away: abandons unwanted work, unless it is nearly done, and shows the picture so far.
+    /// While the session is away: abandons unwanted work, unless nearly done, and shows the picture so far.
     pub(super) fn look_on(&mut self, wanted: &Wanted) {
         let Some((drawing, task)) = &self.drawing else { return };
         let shown = self.shown.as_ref().filter(|shown| shown.is_of(wanted));

@@ -1,5 +1,5 @@
-//! Pictures to be saved: requested, drawn one after the other while the view rests, and handed over once final. A changing view comes first: an
-//! interrupted picture keeps its samples so far, and on the CPU its tiles.
+//! Pictures to be saved: requested, drawn in turn while the view rests, and handed over once final. A changing view comes first: an interrupted
+//! picture keeps its samples so far, and on the CPU its tiles.
 
 use super::made::Made;
 use super::row_drawing::{CapturePart, GpuCapture};
@@ -13,10 +13,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// A picture to be written once it is final.
+/// A picture to be saved.
 pub(super) struct Capture {
     scene: Scene,
-    /// `None` is the size of the view when the picture is begun.
+    /// `None` is the view's size at the start of drawing.
     size_px: Option<(u32, u32)>,
     path: PathBuf,
     over: Over,
@@ -47,22 +47,20 @@ pub(super) fn go_on(
     }
 }
 
-/// A final picture with everything known about it.
+/// A final picture.
 pub(crate) struct Captured {
-    /// The file to write.
     pub(crate) path: PathBuf,
-    /// The picture's pixels.
     pub(crate) picture: Picture,
     /// The scene with every choice made.
     pub(crate) scene: Scene,
-    /// Counts of its bricks.
+    /// Brick counts.
     pub(crate) stats: RenderStats,
-    /// Marks to be drawn over the picture.
+    /// The marks to draw over it.
     pub(crate) over: Over,
 }
 
 impl Canvas {
-    /// Requests a picture of a scene, drawn as soon as it is final. `None` is the size of the shown picture.
+    /// Requests a picture of a scene; `None` is the shown picture's size.
     pub(crate) fn capture(&mut self, scene: Scene, size_px: Option<(u32, u32)>, (path, over): (PathBuf, Over)) {
         let (asked, made) = (Instant::now(), Arc::default());
         self.captures.push_back(Capture { scene, size_px, path, over, asked, made });
@@ -73,12 +71,12 @@ impl Canvas {
         !self.captures.is_empty()
     }
 
-    /// Whether a requested picture is being drawn while the view rests.
+    /// Whether a requested picture is being drawn, as the view rests.
     pub(crate) fn saves(&self) -> bool {
         self.is_capturing() && !self.gives_way
     }
 
-    /// Restarts all pictures, as volumes have changed.
+    /// Restarts all pictures after a change of volumes.
     pub(super) fn forget_captures(&mut self) {
         self.captures.iter_mut().for_each(|capture| capture.made = Arc::default());
     }
@@ -133,7 +131,7 @@ impl Canvas {
         }
     }
 
-    /// The file of the first requested picture and its drawn share, 0 to 1, once it has taken a while; `None` without a request.
+    /// The first requested picture's file and drawn share, 0 to 1, once it has taken a while; `None` without one.
     pub(crate) fn capturing(&self) -> Option<(&Path, f64)> {
         let capture = self.captures.front().filter(|capture| capture.asked.elapsed() > LOOK)?;
         let (samples, tiles) = capture.made.drawn();

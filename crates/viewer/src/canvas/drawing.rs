@@ -1,6 +1,6 @@
-//! A picture drawn by the CPU beside the window: its session leaves for a thread of its own, streams and draws there, and comes home with the
-//! picture. Meanwhile the window shows the picture so far and answers from the session's last report. Costs a thread per picture, and a copy of the
-//! draw lists per step of streaming.
+//! A picture drawn by the CPU beside the window: its session leaves for a thread of its own, streams and draws there, and returns with the picture.
+//! Meanwhile the window shows the picture so far and relies on the session's last report. Costs a thread per picture, and a copy of the draw lists
+//! per step of streaming.
 
 use super::FrameTimes;
 use super::meeting::Meeting;
@@ -16,7 +16,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Delay until a finished picture is shown. With a delay of zero egui would paint the window twice.
+/// Delay until a finished picture is shown. With no delay egui would paint the window twice.
 const AT_ONCE: Duration = Duration::from_millis(1);
 
 /// A session and the quality of its pictures.
@@ -25,7 +25,7 @@ pub(super) struct Engine {
     pub(super) control: QualityControl,
 }
 
-/// Properties of the session, for the window's queries while it is away.
+/// The session's properties, for queries while it is away.
 #[derive(Clone, Default)]
 pub(super) struct Known {
     pub(super) volumes: Vec<VolumeSource>,
@@ -37,7 +37,7 @@ pub(super) struct Known {
 }
 
 impl Known {
-    /// The properties of a session that shows this scene.
+    /// Copies the properties of a session showing this scene.
     pub(super) fn of(session: &Session, scene: Option<&ResolvedScene>) -> Self {
         Self {
             volumes: session.volumes().to_vec(),
@@ -54,7 +54,7 @@ impl Known {
 pub(super) struct News {
     pub(super) known: Known,
     pub(super) frame: Frame,
-    /// The drawing of the frame; `None` while the session waits for bricks or a time step.
+    /// The drawing of the frame; `None` while waiting for bricks or a time step.
     pub(super) begun: Option<Begun>,
 }
 
@@ -67,17 +67,17 @@ pub(super) struct Begun {
     pub(super) at: Instant,
 }
 
-/// State shared by the window and a session drawing beside it.
+/// State shared by the window and a session beside it.
 pub(super) struct Stage {
     /// The picture so far, and whether it is abandoned.
     pub(super) painting: Arc<Painting>,
-    /// The last step of streaming not yet seen by the window.
+    /// The last streaming step, until the window takes it.
     news: Mutex<Option<News>>,
     meeting: Meeting,
 }
 
 impl Stage {
-    /// Reports a step of streaming to the window.
+    /// Reports a streaming step to the window.
     pub(super) fn tell(&self, session: &Session, frame: &Frame, begun: Option<Begun>) {
         let known = Known::of(session, Some(&frame.scene));
         let news = News { known, frame: frame.clone(), begun };
@@ -85,19 +85,19 @@ impl Stage {
     }
 }
 
-/// The result a session brings home.
+/// A session's result.
 pub(super) enum Done {
-    /// Nothing: the picture was abandoned.
+    /// The picture was abandoned.
     Nothing,
     /// A picture of the scene.
     Picture { picture: Picture, shown: Box<Shown>, times: FrameTimes },
-    /// A sample of the shown picture's pixels, and its time.
+    /// A sample of the shown picture, and its time.
     Sample(Picture, Duration),
     /// A picture to be saved, and its frame.
     Capture(Picture, Box<Frame>),
 }
 
-/// A session on its way home.
+/// A returning session.
 pub(super) struct Home {
     pub(super) engine: Box<Engine>,
     pub(super) done: Result<Done, SessionError>,
@@ -107,7 +107,7 @@ pub(super) struct Home {
 pub(super) struct Drawing {
     stage: Arc<Stage>,
     since: Instant,
-    /// The picture being drawn, from the last report; the outer `None` is before the first step of streaming.
+    /// The reported picture in progress; the outer `None` before the first streaming step is done.
     begun: Option<Option<Begun>>,
     thread: Option<JoinHandle<Home>>,
 }
@@ -137,30 +137,30 @@ impl Drawing {
         Ok(Self { stage, since: Instant::now(), begun: None, thread: Some(thread) })
     }
 
-    /// The last step of streaming, unless the window has it already.
+    /// Takes the last streaming step, if it is new.
     pub(super) fn hear(&mut self) -> Option<News> {
         let news = self.stage.news.lock().unwrap_or_else(PoisonError::into_inner).take()?;
         self.begun = Some(news.begun);
         Some(news)
     }
 
-    /// The picture being drawn, as of the last report; `None` while the session only streams.
+    /// The reported picture in progress; `None` while the session only streams.
     pub(super) fn begun(&self) -> Option<Begun> {
         self.begun.flatten()
     }
 
-    /// Whether the session is in its first step of streaming, as of the last report.
+    /// Whether no streaming step is reported yet.
     pub(super) fn is_in_first_step(&self) -> bool {
         self.begun.is_none()
     }
 
-    /// Whether the session is ready to be taken home.
+    /// Whether the session can be taken home.
     pub(super) fn is_over(&self) -> bool {
         // A thread that panicked has only ended.
         self.stage.meeting.is_due() || self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// Waits for `at_most` until the session is ready to be taken home. Returns whether it is.
+    /// Waits `at_most` for the session. Returns whether it can be taken home.
     pub(super) fn wait(&self, at_most: Duration) -> bool {
         self.stage.meeting.wait(at_most)
     }
@@ -175,17 +175,15 @@ impl Drawing {
         self.stage.painting.progress()
     }
 
-    /// The picture so far.
     pub(super) fn so_far(&self) -> Picture {
         self.stage.painting.so_far()
     }
 
-    /// Abandons the picture. The session stops after a step of streaming at most, or within milliseconds while it draws.
+    /// Abandons the picture. The session stops within a step of streaming, or milliseconds while it draws.
     pub(super) fn abandon(&self) {
         self.stage.painting.abandon();
     }
 
-    /// Whether the picture is abandoned.
     pub(super) fn is_abandoned(&self) -> bool {
         self.stage.painting.is_abandoned()
     }

@@ -10,7 +10,7 @@ pub(super) struct Made(Mutex<Parts>);
 
 #[derive(Default)]
 struct Parts {
-    /// Coarseness of the bricks drawn.
+    /// Coarseness of their bricks.
     pixel_error: f64,
     sum: PictureSum,
     /// Number of samples in the sum.
@@ -20,7 +20,7 @@ struct Parts {
 }
 
 impl Made {
-    /// Drops all parts drawn from other bricks than this frame's.
+    /// Drops parts drawn from other bricks than this frame's.
     pub(super) fn keep_for(&self, frame: &Frame) {
         let (mut parts, pixel_error) = (self.lock(), frame.status.pixel_error);
         if parts.pixel_error != pixel_error {

@@ -1,5 +1,5 @@
-//! The meeting of the window and a session that comes home from drawing beside it: either the window waits for the session, or the session wakes the
-//! window. Costs a lock. `tests/loom` checks every interleaving of the two threads.
+//! The meeting of the window and a session returning from beside it: either the window waits for the session, or the session wakes the window. Costs
+//! a lock. `tests/loom` checks every interleaving of the two threads.
 
 #[cfg(loom)]
 use loom::sync::{Condvar, Mutex, MutexGuard};
@@ -17,14 +17,14 @@ pub(crate) struct Meeting {
 
 #[derive(Default)]
 struct End {
-    /// Whether the session is ready to be taken home. Its thread may still be about to end.
+    /// Whether the session can be taken home. Its thread may still be ending.
     is_due: bool,
     /// Whether the window is waiting and needs no wake-up.
     is_awaited: bool,
 }
 
 impl Meeting {
-    /// Records the session's arrival. Returns whether the window waits for it; if not, the caller has to wake it.
+    /// Records the session's arrival. Returns whether the window is waiting; if not, the caller has to wake it.
     pub(crate) fn arrive(&self) -> bool {
         let is_awaited = {
             let mut end = self.lock();
@@ -37,12 +37,11 @@ impl Meeting {
         is_awaited
     }
 
-    /// Whether the session has arrived.
     pub(crate) fn is_due(&self) -> bool {
         self.lock().is_due
     }
 
-    /// Waits for the session for `at_most`. Returns whether it has arrived.
+    /// Waits `at_most` for the session. Returns whether it has arrived.
     pub(crate) fn wait(&self, at_most: Duration) -> bool {
         let begun = Instant::now();
         let mut end = self.lock();

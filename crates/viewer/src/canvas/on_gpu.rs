@@ -1,5 +1,5 @@
-//! A GPU's pictures: those of a moving view are submitted whole; exact ones and saved ones [in parts](super::row_drawing) where they take longer than
-//! a frame of the window. All submissions are made by the window's thread.
+//! A GPU's pictures: those of a moving view are submitted whole; exact and saved ones [in parts](super::row_drawing) where they take longer than a
+//! frame of the window. The window's thread makes all submissions.
 
 use super::made::Made;
 use super::picture::{Choice, Shown, Wanted};
@@ -15,11 +15,11 @@ use eframe::egui;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A picture in progress, drawn in parts.
+/// A picture in progress, in parts.
 pub(super) enum InRows {
-    /// The exact picture of a scene, and the time of its step of streaming.
+    /// The exact picture of a scene, and the time of its streaming step.
     Show { drawing: RowDrawing, shown: Box<Shown>, step: Duration },
-    /// A sample of the shown picture's pixels.
+    /// A sample of the shown picture.
     Smooth(RowDrawing),
 }
 
@@ -69,7 +69,7 @@ impl Canvas {
         Ok(())
     }
 
-    /// Draws a frame into the texture of `size_px` pixels. As long as some place has nothing of the frame, the texture stays as it is.
+    /// Draws a frame into the texture of `size_px` pixels, which stays as it is while any place lacks the frame.
     fn draw(&mut self, frame: &Frame, size_px: (u32, u32)) -> Result<Drawn, SessionError> {
         let (Some(screen), Some(engine)) = (&mut self.screen, &mut self.engine) else { return Ok(Drawn::Nothing) };
         let Some(Device { state, .. }) = &self.gpu else { return Ok(Drawn::Nothing) };
@@ -84,7 +84,7 @@ impl Canvas {
         })
     }
 
-    /// Draws the next part of a picture in parts, and shows the picture after the last one.
+    /// Draws the next part, and shows the picture after the last one.
     ///
     /// # Errors
     /// If the device fails. The texture stays as it is.
@@ -112,7 +112,7 @@ impl Canvas {
         }
     }
 
-    /// Draws a sample of the shown picture's pixels, or starts to.
+    /// Draws a sample of the shown picture, or starts to.
     ///
     /// # Errors
     /// If the device fails. The texture stays as it is.
@@ -124,7 +124,7 @@ impl Canvas {
         self.add_sample(&frame)
     }
 
-    /// Draws a sample of the picture's pixels, unless it is drawn already, and adds it to those before.
+    /// Draws a sample, unless it is drawn already, and adds it to those before.
     fn add_sample(&mut self, frame: &Frame) -> Result<(), SessionError> {
         let Some(Shown { scene, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
         let (samples, size_px, is_first) = (scene.pixel_samples, *size_px, *left == scene.pixel_samples.count());
@@ -164,7 +164,7 @@ impl Canvas {
         Ok(part)
     }
 
-    /// Streams a step towards a picture to be saved, and starts it once its bricks are resident. Returns a stereo picture, which is drawn at once.
+    /// Streams a step towards a picture to be saved, and starts it once its bricks are resident. A stereo picture is drawn at once, and returned.
     ///
     /// # Errors
     /// If it cannot be drawn.
@@ -195,7 +195,7 @@ impl Canvas {
             }
             _ => session.draw(&frame)?,
         };
-        // Drawing reports the visible bricks, after which more may be wanted.
+        // Drawing reports visible bricks, so more may be wanted.
         Ok(frame.status.settled.then_some((picture, frame)))
     }
 }

@@ -1,4 +1,4 @@
-//! The wanted picture, the shown one, and the choice of the next from both after a step of streaming. Pure.
+//! The wanted and the shown picture, and the choice of the next one after a step of streaming. Pure.
 
 use brickyard::frame_governor::{Change, Quality, QualityControl};
 use brickyard::session::Frame;
@@ -9,7 +9,7 @@ use brickyard::volume::Scene;
 pub(super) struct Wanted {
     pub(super) scene: Scene,
     pub(super) size_px: (u32, u32),
-    /// Whether the session chooses the time step, as it does during playback.
+    /// Whether the session chooses the time step, as during playback.
     pub(super) is_paced: bool,
     /// Number of scene changes so far.
     pub(super) change: u64,
@@ -21,7 +21,7 @@ impl Wanted {
         self.scene == other.scene && self.size_px == other.size_px
     }
 
-    /// The same picture at the time step of a frame.
+    /// The same picture at a frame's time step.
     pub(super) fn at(&self, frame: &Frame) -> Self {
         let time = if self.is_paced { frame.scene.time } else { self.scene.time };
         Self { scene: Scene { time, ..self.scene.clone() }, ..*self }
@@ -37,12 +37,12 @@ pub(super) struct Shown {
     pub(super) quality: Quality,
     /// Number of scene changes when it was requested.
     pub(super) change: u64,
-    /// Number of samples still to be drawn per pixel; 0 if the picture stays as it is. `None` until it has all bricks and every pixel.
+    /// Samples per pixel still to be drawn; 0 if the picture is complete. `None` until it has all bricks and every pixel.
     pub(super) samples_left: Option<usize>,
 }
 
 impl Shown {
-    /// Whether it is the wanted picture, perhaps a coarser one.
+    /// Whether it is the wanted picture, perhaps coarser.
     pub(super) fn is_of(&self, wanted: &Wanted) -> bool {
         self.scene == wanted.scene && self.size_px == wanted.size_px
     }
@@ -52,25 +52,25 @@ impl Shown {
         self.is_of(wanted) && self.frame.shows_as_much_as(frame)
     }
 
-    /// Whether it matches a picture that takes this share of the exact one's work and lacks some of its bricks: it took more work, or has every brick
-    /// of a level as coarse as its pixels.
+    /// Whether it is as good as one of missing bricks with this share of the exact work: it took more work, or has all bricks as coarse as its
+    /// pixels.
     pub(super) fn suffices(&self, share: f64) -> bool {
         let is_whole = self.frame.status.resident == self.frame.status.wanted;
         self.quality.share() > share || self.frame.level_bias > 0.0 && is_whole
     }
 }
 
-/// The choice of a picture's quality.
+/// The choice of quality.
 pub(super) struct Choice<'a> {
     pub(super) control: &'a mut QualityControl,
-    /// Whether pictures of a moving view are coarser, and whether a resting one is refined step by step.
+    /// Whether a moving view is drawn coarser, and whether a resting one is refined step by step.
     pub(super) is_adaptive: bool,
     pub(super) is_gradual: bool,
 }
 
 impl Choice<'_> {
-    /// Chooses the picture of a frame to follow `shown`; also returns whether its view moves. A view still streaming counts as moving: the exact
-    /// picture is drawn once, when all bricks are resident.
+    /// Chooses the picture of a frame to follow `shown`, and whether its view moves. A streaming view counts as moving: the exact picture is drawn
+    /// once, with all bricks.
     pub(super) fn next(self, wanted: Wanted, frame: Frame, shown: Option<&Shown>) -> (Shown, bool) {
         let before = shown.filter(|shown| shown.is_of(&wanted) && frame.status.settled);
         let moved = before.is_none();

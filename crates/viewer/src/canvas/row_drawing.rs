@@ -1,5 +1,5 @@
-//! A frame drawn in parts on a GPU, so paced that the window never waits for one long; and a picture to be saved, whose samples are such frames.
-//! Costs a frame of the window per part.
+//! A frame drawn in parts on a GPU, so paced that the window never waits long; and a picture to be saved, whose samples are such frames. Costs a
+//! frame of the window per part.
 
 use super::made::Made;
 use super::row_pace::RowPace;
@@ -17,13 +17,13 @@ pub(super) struct RowDrawing {
 }
 
 impl RowDrawing {
-    /// A frame yet to be drawn. A `share` of it should suit a part; frames of the window take `between` besides.
+    /// A frame to draw. A `share` of it should suit a part; frames of the window take `between` besides.
     pub(super) fn new(frame: Frame, share: f64, between: Duration) -> Self {
         let height = frame.scene.layers[0].frames[0].settings.rays.height;
         Self { frame, pace: RowPace::new(height, share, between) }
     }
 
-    /// Submits a part, unless the previous one is under way or shaders are being compiled. Returns the frame once all of it is submitted, ready to be
+    /// Submits a part, unless the previous one is under way or shaders are compiling. Returns the frame once all of it is submitted, ready to be
     /// [put](Session::draw_to) on textures.
     ///
     /// # Errors
@@ -47,7 +47,7 @@ impl RowDrawing {
         self.pace.share()
     }
 
-    /// The share of the frame found fit for one part.
+    /// Share of the frame found fit for one part.
     pub(super) fn fitting(&self) -> f64 {
         self.pace.fitting()
     }
@@ -63,15 +63,15 @@ impl RowDrawing {
     }
 }
 
-/// A picture drawn by a GPU for saving: its samples one after the other, each in parts and then copied to the CPU.
+/// A picture drawn by a GPU for saving: its samples in turn, each in parts and then copied to the CPU.
 pub(super) struct GpuCapture {
     frame: Frame,
     samples: PixelSamples,
-    /// The share of a sample fit for one part, and the time of a frame of the window between parts.
+    /// Share of a sample fit for one part, and the duration of a frame of the window in between.
     fitting: f64,
     between: Duration,
     made: Arc<Made>,
-    /// The sample being drawn; `None` while it is on its way to the CPU.
+    /// The sample being drawn; `None` while on its way to the CPU.
     drawing: Option<RowDrawing>,
 }
 
@@ -79,15 +79,13 @@ pub(super) struct GpuCapture {
 pub(super) enum CapturePart {
     /// More parts are to come.
     Partly,
-    /// All the step of streaming has is drawn; the bricks seen in it may call for more.
+    /// The streaming step is drawn; the bricks seen in it may call for more.
     Step,
-    /// The picture, and its frame.
     Whole(Picture, Box<Frame>),
 }
 
 impl GpuCapture {
-    /// The remaining samples of a frame's picture with `samples` a pixel. A `share` of a sample should suit a part; frames of the window take
-    /// `between` besides.
+    /// The remaining samples of a frame's picture. A `share` of a sample should suit a part; frames of the window take `between` besides.
     pub(super) fn new(frame: Frame, (samples, made): (PixelSamples, Arc<Made>), share: f64, between: Duration) -> Self {
         if frame.status.settled {
             made.keep_for(&frame);
@@ -139,7 +137,6 @@ impl GpuCapture {
         Ok(CapturePart::Partly)
     }
 
-    /// The sample being drawn, if any.
     pub(super) fn drawing(&self) -> Option<&RowDrawing> {
         self.drawing.as_ref()
     }

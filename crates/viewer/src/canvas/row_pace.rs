@@ -1,6 +1,5 @@
-//! Pace of a picture drawn by a GPU some rows at a time. Each part lasts a few frames of the window, whose own work queues behind submitted
-//! work. The next part follows when the previous one is done, with as many rows as would have fitted. Costs a frame of the window and a thread
-//! per part.
+//! Pace of a picture drawn by a GPU some rows at a time. Each part lasts a few frames of the window, whose own work queues behind it. The next
+//! part follows when the previous one is done, with as many rows as would have fitted. Costs a frame of the window and a thread per part.
 
 use brickyard::render::wgpu::{self, PollType};
 use eframe::egui::Context;
@@ -8,7 +7,7 @@ use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-/// Intended GPU time of a part in frames of the window without it, and its bounds: a beginning drag waits for a part, and every part costs a
+/// Intended GPU time of a part in frames of the window without it, and its bounds: a starting drag waits for a part, and every part costs a
 /// painted frame.
 const FRAMES: u32 = 5;
 const GOALS: [Duration; 2] = [Duration::from_millis(40), Duration::from_millis(250)];
@@ -16,18 +15,17 @@ const GOALS: [Duration; 2] = [Duration::from_millis(40), Duration::from_millis(2
 /// Interval between checks for the end of a part.
 const LOOK: Duration = Duration::from_millis(2);
 
-/// Largest growth in rows from one part to the next, as a factor.
+/// Largest growth in rows between parts, as a factor.
 const MOST_GROWTH: f64 = 4.0;
 
-/// Least number of rows in a part.
+/// Least rows in a part.
 const LEAST: u32 = 8;
 
-/// The parts of a picture.
 pub(super) struct RowPace {
     height: u32,
     begun: Instant,
     next: u32,
-    /// Number of rows in the next part.
+    /// Rows in the next part.
     rows: u32,
     /// Intended duration of a part.
     goal: Duration,
@@ -38,12 +36,11 @@ pub(super) struct RowPace {
 struct UnderWay {
     rows: u32,
     begun: Instant,
-    /// The time at which it was done.
     done: Arc<OnceLock<Instant>>,
 }
 
 impl RowPace {
-    /// Creates the pace of a picture of `height` rows. A `share` of them should suit a part; frames of the window take `between` besides.
+    /// Paces a picture of `height` rows. A `share` of them should suit a part; frames of the window take `between` besides.
     pub(super) fn new(height: u32, share: f64, between: Duration) -> Self {
         let [least, most] = GOALS;
         let goal = (FRAMES * between).clamp(least, most);
@@ -62,7 +59,7 @@ impl RowPace {
         (self.next < end).then_some(self.next..end)
     }
 
-    /// Records rows as submitted to a device. The window is repainted when they are drawn.
+    /// Records submitted rows. The window is repainted when they are drawn.
     pub(super) fn submitted(
         &mut self,
         rows: &Range<u32>,
@@ -76,14 +73,14 @@ impl RowPace {
         });
         let (watched, device, egui) = (done.clone(), device.clone(), egui.clone());
         let watch = move || {
-            // The device calls back only when polled. Besides this thread and the callback, the pace holds a reference.
+            // The device calls back only when polled. The pace holds a reference besides this thread's and the callback's while it waits.
             let is_awaited = || watched.get().is_none() && Arc::strong_count(&watched) > 2;
             while is_awaited() && device.poll(PollType::Poll).is_ok() {
                 std::thread::sleep(LOOK);
             }
             egui.request_repaint();
         };
-        // Without a thread the end is noticed a little later, when the window polls the device.
+        // Without a thread, the window notices the end a little later, when it polls the device.
         let _ = std::thread::Builder::new().name("part".into()).spawn(watch);
         self.under_way = Some(UnderWay { rows: rows.end - rows.start, begun: Instant::now(), done });
         self.next = rows.end;
@@ -93,23 +90,22 @@ impl RowPace {
         self.under_way.as_ref().is_some_and(|part| part.done.get().is_none())
     }
 
-    /// The share of the picture found fit for one part.
+    /// Share of the picture found fit for one part.
     pub(super) fn fitting(&self) -> f64 {
         f64::from(self.rows) / f64::from(self.height.max(1))
     }
 
-    /// Time since the start of the picture.
     pub(super) fn since(&self) -> Duration {
         self.begun.elapsed()
     }
 
-    /// The submitted share of the rows; 1 for a picture without rows.
+    /// The submitted share of the rows; 1 without rows.
     pub(super) fn share(&self) -> f64 {
         if self.height == 0 { 1.0 } else { f64::from(self.next) / f64::from(self.height) }
     }
 }
 
-/// The number of rows of a part, near `wanted`.
+/// A part's number of rows, near `wanted`.
 fn rows(wanted: f64) -> u32 {
     // Whole groups of a compute shader.
     ((wanted as u32) / LEAST).max(1) * LEAST

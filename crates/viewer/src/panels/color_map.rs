@@ -8,10 +8,9 @@ use eframe::egui::{
     vec2,
 };
 
-/// Columns of a strip.
 const COLUMNS: u32 = 64;
 
-/// The hint of each preset, such as its value range or its purpose.
+/// Hints on presets.
 const HINTS: [(&str, &str); 14] = [
     ("auto", "what is not background, for fog in the light"),
     ("gray", "black to white"),
@@ -29,7 +28,7 @@ const HINTS: [(&str, &str); 14] = [
     ("mr-default", "magnetic resonance: air is clear, tissue red-brown to ivory"),
 ];
 
-/// Fills an area from left to right with colours; `color` takes the share of the width.
+/// Fills an area from left to right; `color` takes the share of the width.
 pub(crate) fn strip(ui: &Ui, area: Rect, color: impl Fn(f64) -> Color32) {
     let mut mesh = Mesh::default();
     for column in 0..=COLUMNS {
@@ -56,7 +55,7 @@ fn whole(function: &TransferFunction) -> impl Fn(f64) -> Color32 {
     move |share| color32(function.rgb(low + (high - low) * share))
 }
 
-/// Shows the menu of colour maps. `shown` is the current function. Returns the chosen preset; `None` in it is the gray ramp.
+/// Shows the menu of colour maps, with the current function `shown`. Returns the chosen preset; `None` in it is the gray ramp.
 pub(crate) fn menu(
     ui: &mut Ui,
     choice: Option<&TransferChoice>,
@@ -86,7 +85,7 @@ pub(crate) fn menu(
     chosen
 }
 
-/// Shows a clickable line with a strip and a name, marked if the name is the selected one.
+/// Shows a clickable line with a strip and a name, marked if selected.
 fn entry(
     ui: &mut Ui,
     width: f32,

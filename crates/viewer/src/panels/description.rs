@@ -1,4 +1,4 @@
-//! A user's description of a file, for metadata the file lacks: everything for a raw file, the order of axes for an array, the voxel size and whether
+//! A user's description of a file, for metadata it lacks: everything for a raw file, the order of axes for an array, the voxel size and whether
 //! voxels are labels for any file. A form of the file dialogs edits it, and a command carries it.
 
 use crate::panels::widgets::{menu, row};
@@ -16,7 +16,7 @@ const MOST_FITS: usize = 8;
 /// Most suggested voxels along an axis.
 const MOST_VOXELS: u64 = 4096;
 
-/// The description of a file. Anything left out is the file's own.
+/// The description of a file. The rest is the file's own.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Description {
@@ -50,7 +50,7 @@ pub(crate) struct Description {
     /// Whether the voxels are labels.
     #[serde(skip_serializing_if = "is_default")]
     labels: bool,
-    /// Whether numbers beyond every voxel type may be rounded.
+    /// Whether numbers without an exact voxel value may be rounded.
     #[serde(skip_serializing_if = "is_default")]
     allow_lossy: bool,
 }
@@ -70,7 +70,7 @@ const UNITS: [(&str, &str); 6] = [
 ];
 
 impl Description {
-    /// The options to open the described file, on top of `base`.
+    /// The options for the described file, on top of `base`.
     ///
     /// # Errors
     /// If the axes are malformed.
@@ -95,7 +95,7 @@ impl Description {
         Ok(OpeningOptions { files, kind, store: None, preview_bytes: base.preview_bytes })
     }
 
-    /// Shows a form for the description of a file, whose size is known once it is chosen.
+    /// Shows the form, for a file whose size is known once chosen.
     pub(crate) fn show(&mut self, ui: &mut Ui, bytes: Option<u64>) {
         let hint =
             "whole numbers that name things, as of a segmentation: they are never averaged, and have a colour each";
@@ -162,7 +162,7 @@ impl Description {
         });
     }
 
-    /// Shows shapes that fit a file's size, to be chosen by a click.
+    /// Shows shapes that fit a file's size, for a click.
     fn suggestions(&mut self, ui: &mut Ui, bytes: u64) {
         let fits = self.fits(bytes);
         ui.label(format!("The file has {bytes} bytes{}", if fits.is_empty() { "." } else { ", as these have:" }));

@@ -11,7 +11,6 @@ use eframe::egui::{Color32, Grid, ProgressBar, Sense, Ui, pos2, vec2};
 /// Height of the plot of frame times, in points and in milliseconds.
 const PLOT: (f32, f32) = (48.0, 100.0);
 
-/// Shows the diagnostics of the scene's picture.
 pub(crate) fn show(ui: &mut Ui, views: &Views, window: &WindowState) {
     frames(ui, &views.main);
     ui.separator();
@@ -54,7 +53,7 @@ fn frames(ui: &mut Ui, canvas: &Canvas) {
     });
 }
 
-/// Shows the number of drawn bricks of each level.
+/// Shows the number of drawn bricks per level.
 fn levels(ui: &mut Ui, canvas: &Canvas) {
     let mut counts = [0usize; 32];
     for cell in canvas.draw_lists().into_iter().flat_map(|list| &list.cells) {
@@ -98,7 +97,6 @@ fn bricks(ui: &mut Ui, canvas: &Canvas) {
     });
 }
 
-/// Shows memory in use and its limits.
 fn memory(ui: &mut Ui, views: &Views, window: &WindowState) {
     let (used, limits) = (views.memory_bytes(), views.budgets_bytes(window));
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);

@@ -1,5 +1,5 @@
-//! Dialogs about files: choosing those to open or to add, and the name and size of a written picture, scene or export. A dialog stays until it gives
-//! a command or is closed.
+//! Dialogs about files: which to open or to add, and the name and size of a picture, scene or export to write. A dialog stays until it gives a
+//! command or is closed.
 
 use crate::command::{Command, PictureForm, Placing};
 use crate::exporting::Part;
@@ -19,23 +19,19 @@ const VOXELS_FILE: &str = "brickyard.npy";
 /// Most pixels of a picture along an axis.
 const MOST_PX: u32 = 16384;
 
-/// The hint on the folder of written files.
 const FILE_HINT: &str = "in the folder that the window was opened from, if it names none";
 
 /// The purpose of a dialog.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DialogKind {
-    /// Volumes to be shown instead of others.
+    /// Volumes to show instead of others.
     Open,
-    /// Volumes and meshes to be shown beside others.
+    /// Volumes and meshes to show beside others.
     Add,
     /// The description of a file that did not open without one.
     Describe(Placing),
-    /// The picture.
     SavePicture,
-    /// The window's document.
     SaveScene,
-    /// Voxels.
     Export,
 }
 
@@ -50,14 +46,12 @@ pub(crate) struct Dialog {
     description: Description,
     /// The error of opening a file with it.
     problem: String,
-    /// The picture's width and height.
     size_px: (u32, u32),
-    /// The marks over the picture.
     marks: Marks,
 }
 
 impl Dialog {
-    /// Creates a dialog about files of a folder, and a picture of this shown size, with marks over it.
+    /// Creates a dialog about files of a folder, and a picture of this shown size and marks.
     pub(crate) fn new(kind: DialogKind, folder: &Path, shown_px: (u32, u32), marks: Marks) -> Self {
         let path = match kind {
             DialogKind::Open | DialogKind::Add | DialogKind::Describe(_) => "",
@@ -81,7 +75,7 @@ impl Dialog {
         (self.path, self.description, self.problem) = (path.display().to_string(), said, problem);
     }
 
-    /// Whether the dialog is about files to open, and so ends once some are.
+    /// Whether the dialog is about files to open, and ends once some are.
     pub(crate) fn is_about_opening(&self) -> bool {
         matches!(self.kind, DialogKind::Open | DialogKind::Add)
     }
@@ -135,7 +129,7 @@ impl Dialog {
         })
     }
 
-    /// Shows the form for a file that lacks information to read it.
+    /// Shows the form for a file that lacks metadata.
     fn describe(&mut self, ui: &mut Ui, placing: Placing) -> Option<Command> {
         let path = PathBuf::from(&self.path);
         ui.colored_label(ui.visuals().warn_fg_color, &self.problem);
@@ -207,7 +201,7 @@ impl Dialog {
         (is_clicked || is_entered && problem.is_none()).then_some(Command::Export(path))
     }
 
-    /// Shows the field for a file's name, and below it the full path. Returns the name, and whether Enter ended it.
+    /// Shows a file's name and full path. Returns the path, and whether Enter ended it.
     fn file(&mut self, ui: &mut Ui) -> (PathBuf, bool) {
         let is_entered = row(ui, "file", FILE_HINT, |ui, label| {
             let field = TextEdit::singleline(&mut self.path).desired_width(f32::INFINITY);
@@ -221,7 +215,6 @@ impl Dialog {
     }
 }
 
-/// Whether a name has an export format.
 fn has_format(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "npy" || extension == "raw")
 }

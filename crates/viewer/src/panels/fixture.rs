@@ -6,7 +6,6 @@ use brickyard::store::Histogram;
 use brickyard::volume::{BrickId, Extent, Geometry, Mesh, MeshLook, Pyramid, Scene, SceneLayer, VoxelType};
 use std::sync::Arc;
 
-/// Voxels along the axes of all volumes.
 pub(crate) const EXTENT: [u32; 3] = [16, 24, 32];
 
 /// A volume of one value, in two channels and three time steps.

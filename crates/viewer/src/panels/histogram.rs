@@ -8,7 +8,7 @@ use eframe::egui::{Color32, CursorIcon, Id, Rect, Response, Sense, Stroke, Ui, p
 
 const HEIGHT: f32 = 54.0;
 
-/// Radius within which the pointer grasps an end of the window, in points.
+/// Grasping radius of the window's ends, in points.
 const REACH: f32 = 8.0;
 
 /// The window handle being dragged.
@@ -60,7 +60,6 @@ impl Axis {
         Self::over([histogram.low.min(low), end.max(high)], area)
     }
 
-    /// The axis from `least` to `greatest`.
     pub(crate) fn over([least, greatest]: [f64; 2], area: Rect) -> Self {
         Self { least, greatest, area }
     }
@@ -70,7 +69,6 @@ impl Axis {
         (self.greatest - self.least).max(f64::MIN_POSITIVE)
     }
 
-    /// The values at both ends.
     pub(crate) fn ends(&self) -> [f64; 2] {
         [self.least, self.greatest]
     }
@@ -108,7 +106,7 @@ fn dragged([low, high]: [f64; 2], handle: Handle, by: f64, least: f64) -> [f64; 
     }
 }
 
-/// Shows the value under the pointer with the voxel count of its bin, above the hint.
+/// Shows the value under the pointer with its bin's voxel count, above the hint.
 pub(crate) fn hovered(response: Response, axis: &Axis, histogram: &Histogram, hint: &str) -> Response {
     let Some(pointer) = response.hover_pos() else { return response };
     let value = axis.value(pointer.x);
@@ -131,7 +129,6 @@ fn grouped(count: u64) -> String {
     text
 }
 
-/// Whether counts are on a linear scale.
 fn is_linear(ui: &Ui) -> bool {
     ui.data(|data| data.get_temp(scale_id())).unwrap_or(false)
 }
@@ -140,7 +137,7 @@ fn scale_id() -> Id {
     Id::unique("histograms are linear")
 }
 
-/// Offers the scales on a right click on a histogram.
+/// Offers the scales on a right click.
 fn scale_menu(response: &Response) {
     response.context_menu(|ui| {
         let mut is_linear = is_linear(ui);

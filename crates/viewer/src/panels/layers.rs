@@ -16,7 +16,6 @@ use eframe::egui::{
     Align, Button, Id, Label, Layout, Rect, Response, RichText, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
-/// The open layers.
 #[derive(Clone, Default)]
 struct Open(Vec<bool>);
 
@@ -30,7 +29,7 @@ enum Change {
     Remove,
 }
 
-/// Shows the layers of a scene of these volumes. `picked` is the label under the pointer; functions to be saved are added to `saved`.
+/// Shows the layers of a scene. `picked` is the label under the pointer; functions to be saved are added to `saved`.
 pub(crate) fn show(
     ui: &mut Ui,
     scene: &mut Scene,
@@ -59,7 +58,7 @@ pub(crate) fn show(
     ui.data_mut(|data| data.insert_temp(key, open));
 }
 
-/// Shows the line of a layer. Returns the chosen action.
+/// Shows a layer's line. Returns the chosen action.
 fn line(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize, is_open: &mut bool) -> Option<Change> {
     let name = layer_name(scene, volumes, layer);
     let must_stay = must_stay(scene, layer);
@@ -92,7 +91,7 @@ fn line(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize, 
     change
 }
 
-/// The reason why a visible layer cannot be hidden.
+/// The reason a visible layer cannot be hidden, if any.
 fn must_stay(scene: &Scene, layer: usize) -> Option<&'static str> {
     if scene.parsed_expression().ok().flatten().is_some_and(|expression| expression.volumes().contains(&layer)) {
         return Some("the expression reads this layer");
@@ -106,7 +105,6 @@ fn shown(scene: &Scene) -> usize {
     scene.layers.iter().filter(|layer| layer.visible).count()
 }
 
-/// Shows the triangle that opens a layer.
 fn fold(ui: &mut Ui, is_open: &mut bool, name: &str) {
     let (area, response) = ui.allocate_exact_size(vec2(14.0, ui.spacing().interact_size.y), Sense::click());
     if response.clicked() {
@@ -150,7 +148,7 @@ fn eye(ui: &mut Ui, is_visible: &mut bool, name: &str) -> Response {
     response
 }
 
-/// Shows the colour of a layer: its own, or the brightest of its transfer function.
+/// Shows a layer's colour: its own, or the brightest of its transfer function.
 fn swatch(ui: &mut Ui, layer: &mut SceneLayer, volume: Option<&VolumeSource>, name: &str) {
     let function = volume.and_then(|volume| volume.function(layer).ok());
     let last = function.and_then(|function| function.color.last().copied()).unwrap_or([1.0; 4]);
@@ -162,7 +160,6 @@ fn swatch(ui: &mut Ui, layer: &mut SceneLayer, volume: Option<&VolumeSource>, na
     }
 }
 
-/// Shows the menu of a layer.
 fn menu(ui: &mut Ui, scene: &Scene, layer: usize) -> Option<Change> {
     let count = scene.layers.len();
     let names = "the expression names layers by their places: clear it first";
@@ -186,7 +183,7 @@ fn menu(ui: &mut Ui, scene: &Scene, layer: usize) -> Option<Change> {
     change
 }
 
-/// Shows all settings of a layer.
+/// Shows a layer's settings.
 fn body(
     ui: &mut Ui,
     scene: &mut Scene,
@@ -212,7 +209,7 @@ fn body(
     data::show(ui, scene, volumes, layer);
 }
 
-/// Performs an action on a whole layer. Each layer keeps its own volume, wherever it is moved.
+/// Performs an action. Each layer keeps its own volume, wherever it is moved.
 fn rearrange(scene: &mut Scene, layer: usize, change: Change, open: &mut Vec<bool>) {
     let stores: Vec<usize> = (0..scene.layers.len()).map(|layer| scene.store(layer)).collect();
     let mut layers: Vec<_> = scene.layers.drain(..).zip(stores).zip(open.drain(..)).collect();

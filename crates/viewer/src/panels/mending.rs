@@ -6,8 +6,8 @@ use brickyard::volume::{
     Expression, Isosurface, LightingModel, Method, Mode, PixelSamples, Scene, SceneExpression, SceneLayer,
 };
 
-/// Switches a scene of these volumes to another mode. Projections have neither light nor surfaces, and no translucent meshes; slices are projections;
-/// sampling methods exist for fog only; and surfaces start in the middle of the window.
+/// Switches a scene of these volumes to another mode. Projections have neither light nor surfaces nor translucent meshes; slices are projections;
+/// sampling methods are for fog; and surfaces start in the middle of the window.
 pub(crate) fn set_mode(scene: &mut Scene, volumes: &[VolumeSource], mode: Mode) {
     let had_light = !scene.mode.is_projection() || scene.lighting.model != LightingModel::None;
     // Projections show plain values; leaving them restores the initial look.
@@ -37,7 +37,7 @@ pub(crate) fn set_mode(scene: &mut Scene, volumes: &[VolumeSource], mode: Mode) 
     }
 }
 
-/// Adds a surface in the middle of the window to every eligible layer from `first` on.
+/// Adds a surface in the middle of the window to each eligible layer from `first` on.
 pub(crate) fn add_surfaces(scene: &mut Scene, volumes: &[VolumeSource], first: usize) {
     for i in first..scene.layers.len() {
         let volume = volumes.get(scene.store(i)).filter(|volume| !volume.source.is_labels());
@@ -80,7 +80,6 @@ pub(crate) fn set_expression(scene: &mut Scene, volumes: &[VolumeSource], text: 
     scene.expression = Some(SceneExpression { text, transfer });
 }
 
-/// Sets the lighting model of a scene.
 pub(crate) fn set_light(scene: &mut Scene, model: LightingModel) {
     scene.lighting.model = model;
     drop_idle_lights(scene);

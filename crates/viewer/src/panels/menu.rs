@@ -7,17 +7,15 @@ use crate::state::{Budgets, Layout, PlaneFilter, State, Theme, Tool};
 use eframe::egui::{Button, DragValue, MenuBar, Slider, Ui};
 use std::path::PathBuf;
 
-/// The data behind the menu.
+/// The menu's data.
 pub(crate) struct Subject<'a> {
     /// Recently opened paths, newest first.
     pub(crate) recent: &'a [PathBuf],
     /// Whether there is something to add to, and to save.
     pub(crate) has_volumes: bool,
-    /// Whether the world is a patient's.
     pub(crate) is_patient: bool,
-    /// Whether an edit can be undone, and whether one can be redone.
+    /// Whether an edit can be undone, and one redone.
     pub(crate) history: (bool, bool),
-    /// The current memory limits.
     pub(crate) budgets: Budgets,
     /// A requested dialog.
     pub(crate) wanted: &'a mut Option<DialogKind>,
@@ -33,7 +31,6 @@ fn switch(ui: &Ui, name: &str, effect: &str) -> String {
     format!("{name} ({})", keys::shown(ui.ctx(), effect))
 }
 
-/// Shows the menu.
 pub(crate) fn show(ui: &mut Ui, state: &mut State, subject: Subject<'_>, commands: &mut Vec<Command>) {
     let Subject { is_patient, history: (can_undo, can_redo), budgets, .. } = subject;
     MenuBar::new().ui(ui, |ui| {
@@ -186,7 +183,7 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::{NodeT, Queryable};
 
-    /// The window's state after these clicks, and their commands.
+    /// The window's state and the commands after these clicks.
     fn clicked(labels: &[&str]) -> (State, Vec<Command>) {
         let show = |ui: &mut Ui, (state, commands): &mut (State, Vec<Command>)| {
             let subject = Subject {

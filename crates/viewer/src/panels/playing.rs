@@ -14,7 +14,7 @@ use eframe::egui::{
 };
 use std::fmt::Write;
 
-/// Height of the row without and with a curve, and width of the text about a step, in points.
+/// Height of the row without and with a curve, and width of a step's text, in points.
 const HEIGHT: f32 = 22.0;
 const CURVE_HEIGHT: f32 = 72.0;
 const WORDS_WIDTH: f32 = 230.0;
@@ -31,13 +31,11 @@ const POLICIES: Choices<'_, Policy> = &[
     (Policy::EveryStep, "every step", "every step is shown, whole, however long that takes"),
 ];
 
-/// The data behind the row.
+/// The row's data.
 pub(crate) struct Steps<'a> {
-    /// All steps.
     pub(crate) timeline: &'a Timeline,
-    /// The step of the visible picture, for the text; `None` before the first picture. It may lag behind the requested step.
+    /// The step of the visible picture, for the text; `None` before the first. It may lag behind the requested step.
     pub(crate) seen: Option<u32>,
-    /// The coming steps.
     pub(crate) coming: &'a [ComingStep],
     /// The values of a voxel at all steps.
     pub(crate) curve: Option<&'a ValueCurve>,
@@ -89,7 +87,7 @@ fn how(ui: &mut Ui, play: &mut Play) {
     switch(ui, "curve", hint, &mut play.curve);
 }
 
-/// The text about a step: its number and the last one (as in napari), its time, and the values of a curve there.
+/// A step's text: its number and the last one (as in napari), its time, and the values of a curve.
 fn words(time: u32, steps: &Steps<'_>) -> String {
     let mut words = format!("step {time} / {}", steps.timeline.steps() - 1);
     // Writing to a string cannot fail.
@@ -144,7 +142,7 @@ fn bar(ui: &mut Ui, time: &mut u32, height: f32, steps: &Steps<'_>) -> Response 
     response.on_hover_text("drag to jump; what comes next is marked as it gets ready")
 }
 
-/// Draws a line for each channel of a curve, the first one in the text colour. A line breaks at steps without a value.
+/// Draws a line for each channel of a curve, the first one in the text colour. Lines break at steps without a value.
 fn draw_curve(painter: &Painter, first: Color32, area: Rect, steps: &Steps<'_>) {
     let Some((curve, (low, high))) = steps.curve.and_then(|curve| Some((curve, curve.range()?))) else { return };
     let count = steps.timeline.steps();

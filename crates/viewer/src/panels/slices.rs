@@ -12,8 +12,7 @@ use eframe::egui::Ui;
 const TOMOGRAPHY: [(&str, [f64; 2]); 4] =
     [("soft tissue", [-160.0, 240.0]), ("brain", [0.0, 80.0]), ("lung", [-1350.0, 150.0]), ("bone", [-500.0, 1300.0])];
 
-/// The black and white values of a scene's slices: their own, or those of the first visible layer. `None` if that layer has labels, or an expression
-/// in its place.
+/// The black and white values of a scene's slices: their own, or the first visible layer's. `None` if that has labels, or an expression in its place.
 pub(crate) fn shown_window(planes: &Planes, scene: &Scene, volumes: &[VolumeSource]) -> Option<[f64; 2]> {
     let layer = first_shown(scene).filter(|_| scene.expression.is_none())?;
     let volume = volumes.get(scene.store(layer)).filter(|volume| !volume.source.is_labels())?;
@@ -27,7 +26,7 @@ pub(crate) fn dragged([low, high]: [f64; 2], right: f64, down: f64) -> [f64; 2] 
     [middle - 0.5 * width, middle + 0.5 * width]
 }
 
-/// Shows the window of the slices, disabled in a layout without them, so that nothing moves when they come and go.
+/// Shows the window of the slices, disabled without them, so that nothing moves when they come and go.
 pub(crate) fn show(ui: &mut Ui, window: &mut WindowState, scene: &Scene, volumes: &[VolumeSource]) {
     group(ui, "three slices", "which values are black and white in the slices beside the volume", |ui| {
         let are_shown = window.layout == Layout::Planes;

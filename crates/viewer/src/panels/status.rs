@@ -17,7 +17,7 @@ const DISMISS: f32 = 70.0;
 /// Space behind a note, in points.
 const GAP: f32 = 16.0;
 
-/// Warnings about projections that may lose extremes.
+/// Warnings about projections.
 const LOST: &str = "This projection is drawn at a coarse level, whose voxels are not the extremes of those in them: specks may be fainter than they are, or missing. \
                     Level 0 (View: level) draws all voxels, and a store packed with --downsample mean,max (or mean,min) loses none at any level.";
 
@@ -27,11 +27,8 @@ const PAST_CUTS: &str = "This projection is drawn at a coarse level. Its voxels 
 /// The texts on the line's left.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Said<'a> {
-    /// The last problem.
     pub(crate) problem: Option<&'a str>,
-    /// The last note.
     pub(crate) note: Option<&'a str>,
-    /// The read-out under the pointer.
     pub(crate) picked: Option<&'a ReadOut>,
 }
 
@@ -40,14 +37,14 @@ pub(crate) struct Said<'a> {
 pub(crate) enum Outcome {
     /// It is shown, if there is one.
     Said,
-    /// It is too long for the line, and has to be shown elsewhere.
+    /// It is too long, and has to be shown elsewhere.
     TooLong,
     /// The user has dismissed it.
     PutAway,
 }
 
-/// Shows the progress of the pictures; `None` for an empty window. It is always a single line: another height would change the picture's size and
-/// cause a redraw. Returns the outcome of the problem.
+/// Shows the progress of the pictures; `None` for an empty window. It is always one line: another height would change the picture's size and cause a
+/// redraw. Returns the problem's outcome.
 pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, said: &Said<'_>) -> Outcome {
     let line =
         ui.allocate_ui_with_layout(vec2(ui.available_width(), HEIGHT), Layout::right_to_left(Align::Center), |ui| {
@@ -59,7 +56,7 @@ pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, said: &Said<'_>) -> Outco
     line.inner
 }
 
-/// Shows the texts on the line's left. The pointer does not affect the place of a problem.
+/// Shows the texts on the line's left. The pointer does not affect a problem's place.
 fn left(ui: &mut Ui, said: &Said<'_>) -> Outcome {
     let has_room = |text: &str| width(ui, text, TextStyle::Body) + DISMISS < MOST_OF_PROBLEM * ui.available_width();
     let outcome = match said.problem {
@@ -71,7 +68,7 @@ fn left(ui: &mut Ui, said: &Said<'_>) -> Outcome {
     outcome
 }
 
-/// Shows a problem, truncated to one line or wrapped over several. Returns whether it was dismissed.
+/// Shows a problem, truncated to one line or wrapped. Returns whether it was dismissed.
 pub(crate) fn problem(ui: &mut Ui, problem: &str, wrap: TextWrapMode) -> bool {
     ui.horizontal(|ui| {
         let is_put_away = ui.small_button("dismiss").on_hover_text("says this no more").clicked();
@@ -104,7 +101,6 @@ fn width(ui: &Ui, text: &str, style: TextStyle) -> f32 {
     ui.painter().layout_no_wrap(text.into(), style.resolve(ui.style()), Color32::WHITE).size().x
 }
 
-/// A text without line breaks.
 fn one_line(text: &str) -> String {
     text.lines().collect::<Vec<_>>().join(" ")
 }

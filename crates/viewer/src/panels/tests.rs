@@ -11,7 +11,7 @@ use egui_kittest::kittest::{By, NodeT, Queryable};
 use glam::DVec3;
 use std::collections::BTreeSet;
 
-/// Every field of a scene in JSON, with the name of its control. A missing field or control fails the test below.
+/// Every field of a scene in JSON, with its control. A missing field or control fails the test below.
 const FIELDS: [(&str, &str); 48] = [
     ("background", "colour"),
     ("camera.eye", "eye"),

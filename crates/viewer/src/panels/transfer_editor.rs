@@ -20,13 +20,13 @@ use std::sync::Arc;
 
 const HINT: &str = "which opacity and which colour each value has";
 
-/// Most colour points edited directly; a longer table is reduced to a few points of the same look.
+/// Most colour points edited directly; a longer table is reduced to a few of the same look.
 const FEW_COLORS: usize = 24;
 
-/// Largest change of colours when a table becomes few points.
+/// Largest change of colours in that reduction.
 const TOLERANCE: f64 = 1.5 / 255.0;
 
-/// Fewest points of opacity: a single one would make the function flat.
+/// Fewest points of opacity: one alone would make the function flat.
 const FEWEST: usize = 2;
 
 /// A transfer function to be saved to a file.
@@ -129,7 +129,6 @@ fn few(colors: &[[f64; 4]]) -> Vec<[f64; 4]> {
     if colors.len() > FEW_COLORS { simplified(colors, TOLERANCE) } else { colors.to_vec() }
 }
 
-/// Shows the numbers of the selected point.
 fn selected(
     ui: &mut Ui,
     function: &mut TransferFunction,
@@ -181,7 +180,7 @@ fn removes(ui: &mut Ui, can: bool) -> bool {
     button.on_disabled_hover_text("the function needs its last points").clicked()
 }
 
-/// Shows the settings of a function besides its curve.
+/// Shows a function's settings besides its curve.
 fn extras(ui: &mut Ui, function: &mut TransferFunction, volume: &VolumeSource, state: &mut State) {
     let unit = brickyard::overlay::unit(std::slice::from_ref(volume), volume.place().is_anatomical);
     let hint = "the distance in the world over which the opacity is collected: a longer one makes everything thinner";
@@ -208,7 +207,6 @@ fn extras(ui: &mut Ui, function: &mut TransferFunction, volume: &VolumeSource, s
     });
 }
 
-/// Shows loading, saving, and resetting.
 fn files(
     ui: &mut Ui,
     layer: &mut SceneLayer,
@@ -246,7 +244,7 @@ fn files(
     }
 }
 
-/// Gives a layer the function of a file. Returns remarks, one per line, or nothing.
+/// Gives a layer the function of a file. Returns remarks, if any, one per line.
 fn load(layer: &mut SceneLayer, volume: &VolumeSource, path: &Path) -> Result<String, String> {
     let text = read_text(path).map_err(|error| error.to_string())?;
     let read = file::read(&text, None, &volume.subject(layer.channel));

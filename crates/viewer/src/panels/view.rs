@@ -1,4 +1,4 @@
-//! The view of a scene: mode, side, time step, and, in folded groups, all settings not of a single layer.
+//! The view of a scene: mode, side, time step, and, in folded groups, all else that is not a layer's own.
 
 mod camera;
 mod clipping;
@@ -28,7 +28,7 @@ const MODES: [(Mode, &str, &str); 5] = [
     (Mode::Isosurface, "isosurface", "surfaces where the volume has one value, and nothing else"),
 ];
 
-/// The visible world of a scene of volumes.
+/// The visible world.
 struct World<'a> {
     /// Its least and greatest corner.
     low: DVec3,
@@ -69,8 +69,8 @@ impl<'a> World<'a> {
     }
 }
 
-/// Shows the mode, side and time step of a scene of these volumes. Camera motion is added to `commands`. During playback only the row below the
-/// pictures names the step, as it is shown once they are drawn.
+/// Shows the mode, side and time step of a scene. Camera motion is added to `commands`. During playback only the row below the pictures names the
+/// step, as it is shown once they are drawn.
 pub(crate) fn show(
     ui: &mut Ui,
     scene: &mut Scene,

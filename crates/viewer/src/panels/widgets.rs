@@ -1,5 +1,5 @@
 //! The controls of panels: labelled rows, numbers with just their significant digits, colours, explained choices, and text applied once it parses.
-//! None of them changes a value by being shown, so a scene without input stays as it is.
+//! Showing them never changes a value, so a scene without input stays as it is.
 
 use brickyard::volume::numbers::within_span;
 use eframe::egui::{
@@ -22,7 +22,7 @@ const LEAST_RAIL: f32 = 24.0;
 const SCROLL_BAR_WIDTH: f32 = 12.0;
 
 /// Shows a panel's content from top to bottom, in exactly the panel's room. Any excess is clipped: egui would widen the panel by it, in every frame
-/// again for content that fills the available width.
+/// again for content that fills the width.
 pub(crate) fn within(ui: &mut Ui, content: impl FnOnce(&mut Ui)) {
     let area = ui.available_rect_before_wrap();
     let mut inside = ui.new_child(UiBuilder::new().max_rect(area));
@@ -35,7 +35,7 @@ pub(crate) fn within(ui: &mut Ui, content: impl FnOnce(&mut Ui)) {
     ui.advance_cursor_after_rect(area);
 }
 
-/// Shows a line of controls behind a label. `content` takes the label's id, for naming its controls.
+/// Shows a line of controls behind a label. `content` takes the label's id, for naming them.
 pub(crate) fn row<R>(ui: &mut Ui, label: &str, hint: &str, content: impl FnOnce(&mut Ui, Id) -> R) -> R {
     ui.horizontal(|ui| {
         let size = vec2(LABEL_WIDTH, ui.spacing().interact_size.y);
@@ -48,13 +48,13 @@ pub(crate) fn row<R>(ui: &mut Ui, label: &str, hint: &str, content: impl FnOnce(
     .inner
 }
 
-/// Shows controls under a heading, folded away until clicked.
+/// Shows controls under a heading, folded until clicked.
 pub(crate) fn group(ui: &mut Ui, name: &str, hint: &str, content: impl FnOnce(&mut Ui)) {
     let folded = CollapsingHeader::new(name).id_salt(name).show_unindented(ui, content);
     folded.header_response.on_hover_text(hint);
 }
 
-/// Width of a number field with room for each of these values, in points, and at least `least`. The field takes exactly as much: a row wider than its
+/// Width of a number field with room for each of these values, in points, and at least `least`. It takes no more than that: a row wider than its
 /// panel would widen the panel.
 fn width_of(ui: &Ui, values: &[f64], span: f64, (unit, least): (&str, f32)) -> f32 {
     let font = ui.style().drag_value_text_style.resolve(ui.style());
@@ -81,7 +81,7 @@ fn access<'a>(value: &'a mut f64, range: RangeInclusive<f64>, span: f64) -> impl
     }
 }
 
-/// Shows a number to drag or type. `span` is the relevant range of values, `unit` the number's suffix.
+/// Shows a number to drag or type. `span` is the relevant range of values, `unit` the suffix.
 pub(crate) fn number(
     ui: &mut Ui,
     value: &mut f64,
@@ -146,7 +146,7 @@ fn slid(
     })
 }
 
-/// Shows the three numbers of a point or a direction: side by side if they are short, else below each other.
+/// Shows the three numbers of a point or a direction: side by side if short, else below each other.
 pub(crate) fn vector(ui: &mut Ui, label: &str, hint: &str, value: &mut DVec3, span: f64) {
     let any = f64::NEG_INFINITY..=f64::INFINITY;
     let is_long = value.to_array().iter().any(|part| within_span(*part, span).len() > 6);
@@ -192,7 +192,7 @@ pub(crate) fn switch(ui: &mut Ui, label: &str, hint: &str, is_on: &mut bool) -> 
     row(ui, label, hint, |ui, label| ui.checkbox(is_on, "").labelled_by(label).on_hover_text(hint))
 }
 
-/// Shows a value that may be left to the engine: a switch `auto`, and a number if it is off.
+/// Shows a value that may be left to the engine: a switch `auto`, and a number if off.
 pub(crate) fn auto(ui: &mut Ui, label: &str, hint: &str, value: &mut Option<f64>, (own, unit): (f64, &str)) {
     row(ui, label, hint, |ui, label| {
         let mut is_auto = value.is_none();
@@ -262,18 +262,16 @@ pub(crate) fn own_color(ui: &mut Ui, own: &mut Option<[f64; 3]>, seen: [f64; 3],
     }
 }
 
-/// The colour of pixels.
 pub(crate) fn color32(color: [f64; 3]) -> Color32 {
     let [r, g, b] = color.map(|part| (part * 255.0).round() as u8);
     Color32::from_rgb(r, g, b)
 }
 
-/// The colour of error messages.
 pub(crate) fn problem_color(visuals: &Visuals) -> Color32 {
     if visuals.dark_mode { Color32::from_rgb(240, 140, 90) } else { Color32::from_rgb(170, 60, 10) }
 }
 
-/// The text being typed, and the text of the original value.
+/// The typed text, and the text of the original value.
 #[derive(Clone)]
 struct Draft {
     basis: String,

@@ -32,7 +32,6 @@ pub(super) struct Next {
 }
 
 impl Next {
-    /// Shows the progress.
     pub(super) fn show(&self, ui: &mut Ui) {
         self.openings.show(ui);
     }
@@ -72,8 +71,8 @@ impl Window {
         }
     }
 
-    /// Returns the message for a file that cannot be opened; other files requested with it are still opened. If the file lacks information, or its
-    /// description is wrong, a form requests it. There is none for folders: a form describes one file.
+    /// Returns the message for a file that cannot be opened; files requested with it are still opened. If the file lacks metadata, or its description
+    /// is wrong, a form requests it. There is none for folders: a form describes one file.
     fn ask_about(&mut self, path: &Path, error: &OpeningError) -> String {
         if let Some(next) = &self.next
             && is_asked_about(path, error, &next.said)
@@ -86,7 +85,6 @@ impl Window {
         about(&path.display().to_string(), &error.to_string())
     }
 
-    /// Shows meshes beside the volumes.
     fn add_meshes(&mut self, paths: &[PathBuf]) -> Result<(), String> {
         if paths.is_empty() {
             return Ok(());
@@ -257,7 +255,7 @@ impl Window {
     }
 }
 
-/// Whether a form can help to open a path: by information the file lacks, or by a corrected description.
+/// Whether a form can help to open a path: by missing metadata, or by a better description.
 fn is_asked_about(path: &Path, error: &OpeningError, said: &Description) -> bool {
     let may_be_told = error.wants_options() || *said != Description::default() && !error.is_cancelled();
     may_be_told && !path.is_dir()
@@ -268,8 +266,8 @@ pub(super) fn about(what: &str, problem: &str) -> String {
     if problem.contains(what) { problem.into() } else { format!("{what}: {problem}") }
 }
 
-/// Converts the layers' crops, which are in voxels, from the voxels of some volumes to those of their replacements: a store has more than its
-/// preview. Returns whether any changed.
+/// Converts the layers' crops from the voxels of some volumes to those of their replacements: a store has more than its preview. Returns whether any
+/// changed.
 fn scale_crops(scene: &mut Scene, before: &[VolumeSource], after: &[VolumeSource]) -> bool {
     let mut is_scaled = false;
     for layer in 0..scene.layers.len() {
@@ -317,7 +315,7 @@ mod tests {
         let layers = vec![SceneLayer { source: Some(0), crop, ..SceneLayer::default() }; 2];
         let mut scene = Scene { layers, ..Scene::default() };
         scene.layers[1].crop = None;
-        // The preview's one voxel stands for two by three by one, of which the store has just one along x.
+        // The preview's one voxel stands for two by three by one; the store has a single one.
         let preview = [crate::nothing::volume().with_stride([2, 3, 1])];
         let store = [crate::nothing::volume()];
         assert!(scale_crops(&mut scene, &preview, &store));

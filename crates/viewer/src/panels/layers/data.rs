@@ -10,7 +10,6 @@ use glam::DVec3;
 
 const HINT: &str = "which part of which volume the layer shows, and where it stands";
 
-/// Shows the source of a layer's values.
 pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize) {
     group(ui, "data", HINT, |ui| {
         source(ui, scene, volumes, layer);
@@ -33,7 +32,7 @@ fn source(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize
     }
 }
 
-/// Switches to another volume. Between labels and measurements, only the part of the look common to both stays.
+/// Switches to another volume. Between labels and measurements, only the common part of the look stays.
 fn show_store(scene: &mut Scene, volumes: &[VolumeSource], layer: usize, store: usize) {
     let are_labels = |store: usize| volumes.get(store).is_some_and(|volume| volume.source.is_labels());
     let is_alike = are_labels(scene.store(layer)) == are_labels(store);
@@ -46,7 +45,7 @@ fn show_store(scene: &mut Scene, volumes: &[VolumeSource], layer: usize, store: 
     (style.source, style.channel, style.crop) = (Some(store), 0, None);
 }
 
-/// Shows the voxel size of the store, set when the file was opened.
+/// Shows the store's voxel size, set when the file was opened.
 fn voxels(ui: &mut Ui, volume: &VolumeSource) {
     let geometry = volume.source.geometry();
     let stride = volume.stride().map(f64::from);

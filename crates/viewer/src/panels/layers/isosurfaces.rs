@@ -9,7 +9,6 @@ use eframe::egui::{Button, Ui};
 
 const HINT: &str = "surfaces where the volume has one value: alone in mode isosurface, and within the fog in mode dvr";
 
-/// Shows the isosurfaces of a layer of this volume.
 pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, layer: usize, volume: &VolumeSource) {
     group(ui, "isosurfaces", HINT, |ui| {
         let barred =

@@ -7,10 +7,10 @@ use brickyard::volume::{LabelCodes, LabelColor, SceneLayer};
 use eframe::egui::{Button, RichText, Ui};
 use std::ops::RangeInclusive;
 
-/// Most labels of a list with swatches.
+/// Most swatches for a list.
 const SWATCHES: usize = 24;
 
-/// Shows the choice of visible labels. `picked` is the label under the pointer.
+/// Shows a layer's labels. `picked` is the label under the pointer.
 pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, picked: Option<i64>) {
     row(ui, "labels", "which labels are shown; label 0 is the background", |ui, _| {
         let is_all = layer.show_labels.is_none();
@@ -33,7 +33,6 @@ pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, p
     }
 }
 
-/// Shows the actions on the label under the pointer.
 fn picking(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, picked: Option<i64>) {
     let picked = picked.filter(|label| *label != BACKGROUND);
     let words = picked.map_or_else(|| "none".into(), |label| label.to_string());
@@ -56,7 +55,7 @@ fn picking(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, picked: O
     });
 }
 
-/// The visible labels of a layer without one of them; `None` if there are too many to list.
+/// A layer's visible labels without one; `None` if too many to list.
 fn without(layer: &SceneLayer, volume: &VolumeSource, hidden: i64) -> Option<Vec<i64>> {
     let is_other = |label: &i64| *label != hidden && *label != BACKGROUND;
     if let Some(shown) = &layer.show_labels {
@@ -69,7 +68,7 @@ fn without(layer: &SceneLayer, volume: &VolumeSource, hidden: i64) -> Option<Vec
     is_few.then(|| all.filter(is_other).filter(has).collect())
 }
 
-/// Shows the colours of the labels in the list, and of the one under the pointer.
+/// Shows the colours of listed labels, and of the one under the pointer.
 fn colors(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, picked: Option<i64>) {
     let Ok(function) = volume.function(layer) else { return };
     let mut named: Vec<i64> = layer.show_labels.iter().flatten().copied().take(SWATCHES).collect();
@@ -90,7 +89,7 @@ fn colors(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, picked: Op
     }
 }
 
-/// Sets a label's colour. This writes out the layer's function, but the choice of visible labels stays with the layer.
+/// Sets a label's colour. This writes out the layer's function; the choice of visible labels stays with the layer.
 fn set_color(layer: &mut SceneLayer, volume: &VolumeSource, label: i64, color: [f64; 3]) {
     let bare = SceneLayer { show_labels: None, ..layer.clone() };
     let Ok(mut function) = volume.function(&bare) else { return };
@@ -136,7 +135,7 @@ fn parsed(text: &str) -> Result<Vec<i64>, String> {
     Ok(labels)
 }
 
-/// Parses the labels of one word of a list.
+/// Parses one word of a list.
 fn between(word: &str) -> Option<RangeInclusive<i64>> {
     // The first sign may be a minus.
     let dash = word.char_indices().skip(1).find(|(_, letter)| *letter == '-');
@@ -181,7 +180,7 @@ mod tests {
         }
     }
 
-    /// The scene's layer of labels after a click.
+    /// The layer of labels after a click.
     fn clicked(layer: SceneLayer, name: &str) -> SceneLayer {
         let volumes = fixture::volumes();
         let volume = volumes[1].clone();

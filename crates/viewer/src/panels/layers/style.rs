@@ -35,7 +35,6 @@ pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     log_slider(ui, "gamma", hint, &mut layer.gamma, (GAMMAS, ""));
 }
 
-/// Shows the opacity of a layer, and its blending with others.
 pub(super) fn opacity_and_blend(ui: &mut Ui, layer: &mut SceneLayer) {
     let hint = "factor of all opacities of the layer, 0 to 1";
     slider(ui, "opacity", hint, &mut layer.opacity, (0.0..=1.0, ""));
@@ -51,7 +50,7 @@ pub(super) fn opacity_and_blend(ui: &mut Ui, layer: &mut SceneLayer) {
     }
 }
 
-/// The effective window: the layer's own, or the span of a function that has values of its own.
+/// The effective window: the layer's own, or the span of a function with values of its own.
 pub(crate) fn shown(layer: &SceneLayer, volume: &VolumeSource) -> [f64; 2] {
     let subject = volume.subject(layer.channel);
     let own = layer.transfer.as_ref().filter(|choice| !choice.spans_window());

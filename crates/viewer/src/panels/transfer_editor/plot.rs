@@ -1,4 +1,4 @@
-//! The curve of opacities over the histogram, and the editing of its points by the pointer.
+//! The curve of opacities over the histogram, and its editing by the pointer.
 
 use super::{FEWEST, Point, add_point, keys, least, move_point, remove_point};
 use crate::panels::histogram::{self, Axis};
@@ -9,7 +9,7 @@ use eframe::egui::{Color32, Mesh, Pos2, Rect, Response, Role, Sense, Shape, Stro
 
 const HEIGHT: f32 = 116.0;
 
-/// Radius within which the pointer grasps a point, in points of the screen.
+/// Grasping radius of a point, in points of the screen.
 const REACH: f32 = 8.0;
 
 /// Points of the screen between the plot's edge and its curve, so that no point is cut off.

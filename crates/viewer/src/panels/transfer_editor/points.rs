@@ -1,7 +1,7 @@
-//! Editing of the points of a transfer function's lists: moving, adding and removing. The lists always stay sorted, and a moved or added point keeps
-//! its distance from its neighbours.
+//! Edits a transfer function's lists of points: moving, adding and removing. The lists stay sorted, and a moved or added point keeps its distance
+//! from its neighbours.
 
-/// Moves a point to a value, within its neighbours at a distance of `least` and the ends of `within`. A point without room stays.
+/// Moves a point to a value, between its neighbours at a distance of `least` and the ends of `within`. A point without room stays.
 pub(crate) fn move_point<const N: usize>(
     points: &mut [[f64; N]],
     index: usize,

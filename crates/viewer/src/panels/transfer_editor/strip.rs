@@ -1,4 +1,4 @@
-//! The strip of colours, with a handle for each colour point below, and the editing of these by the pointer.
+//! The strip of colours, with a handle for each colour point below, and its editing by the pointer.
 
 use super::{Point, add_point, keys, least, move_point, remove_point};
 use crate::panels::color_map;
@@ -11,7 +11,7 @@ use eframe::egui::{
 
 const HEIGHT: f32 = 30.0;
 
-/// Radius within which the pointer grasps a handle, in points of the screen.
+/// Grasping radius of a handle, in points of the screen.
 const REACH: f32 = 7.0;
 
 /// As for the curve above, so that values are aligned.
@@ -20,7 +20,7 @@ const MARGIN: f32 = 6.0;
 const HINT: &str =
     "click a handle to edit its colour, drag it to move it; double click to add one; right click to remove it";
 
-/// Shows the colours of a function between two values, and edits its colour points `points`.
+/// Shows a function's colours between two values, and edits its colour points `points`.
 pub(super) fn show(
     ui: &mut Ui,
     function: &TransferFunction,

@@ -5,7 +5,6 @@ use crate::panels::widgets::{group, number, row, vector};
 use brickyard::volume::{Projection, Scene};
 use eframe::egui::Ui;
 
-/// Shows the camera's place and opening.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
     group(ui, "camera", "where the camera is, in numbers", |ui| {
         let Some(before) = scene.camera else {

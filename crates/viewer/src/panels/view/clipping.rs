@@ -6,10 +6,8 @@ use brickyard::volume::{ClipPlane, MAX_CLIP_PLANES, Scene};
 use eframe::egui::{Button, Ui};
 use glam::DVec3;
 
-/// The reason why no plane can be added.
 const FULL: &str = "a scene has at most 6 clip planes";
 
-/// Shows clip box and clip planes of a scene.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
     group(ui, "clip box", "shows, and reads, the inside of a box alone", |ui| clip_box(ui, &mut scene.clip, world));
     group(ui, "clip planes", "cuts away what is on the outer side of planes", |ui| {
@@ -87,7 +85,7 @@ fn adding(ui: &mut Ui, planes: &mut Vec<ClipPlane>, world: &World<'_>) {
     });
 }
 
-/// Shows the position of a plane along its normal.
+/// Shows a plane's position along its normal.
 fn position(ui: &mut Ui, plane: &mut ClipPlane, world: &World<'_>) {
     let along = plane.normal.normalize_or_zero();
     let (least, greatest) = world.extent_along(along);

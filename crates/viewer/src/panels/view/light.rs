@@ -22,7 +22,6 @@ const GRADIENTS: [(Gradient, &str, &str); 3] = [
     (Gradient::Stored, "stored", "one gradient for every eight voxels, kept beside the bricks: fast, but softer"),
 ];
 
-/// Shows the lighting of a scene.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], world: &World<'_>) {
     group(ui, "light", "how fog and surfaces are lit, with the direction in which values change as the normal", |ui| {
         let barred = |model| reason(scene, volumes, |scene| set_light(scene, model));

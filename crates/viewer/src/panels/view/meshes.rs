@@ -5,7 +5,6 @@ use brickyard::volume::mesh::PLAIN_COLOR;
 use brickyard::volume::{MeshLook, Scene};
 use eframe::egui::{RichText, Ui};
 
-/// Shows the meshes of a scene.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene) {
     group(ui, "meshes", "surfaces of triangles from files, in the scene's world", |ui| {
         if scene.meshes.is_empty() {

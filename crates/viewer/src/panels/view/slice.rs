@@ -40,7 +40,6 @@ const PROJECTIONS: [(Mode, &str, &str); 3] = [
     (Mode::MinIp, "least", "the least value across the slab (MinIP)"),
 ];
 
-/// Shows the slice of a scene of these volumes.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], world: &World<'_>) {
     group(ui, "slice", "a plane through everything, or a slab about it", |ui| {
         let cuts = if world.is_anatomical { &PATIENT_CUTS } else { &WORLD_CUTS };
@@ -72,7 +71,6 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], wor
     });
 }
 
-/// The orientation of a slice.
 fn cut(slice: Option<&Slice>) -> Cut {
     let Some(slice) = slice else { return Cut::Off };
     let normal = slice.normal.normalize_or_zero().abs();
@@ -106,7 +104,6 @@ fn choose(scene: &mut Scene, volumes: &[VolumeSource], world: &World<'_>, cut: C
     look_at(scene, volumes, slice);
 }
 
-/// Looks straight at a slice.
 fn look_at(scene: &mut Scene, volumes: &[VolumeSource], slice: Slice) {
     let places: Vec<VolumePlace> = volumes.iter().map(VolumeSource::place).collect();
     let straight = Scene { camera: None, slice: Some(slice), ..scene.clone() };
@@ -116,7 +113,7 @@ fn look_at(scene: &mut Scene, volumes: &[VolumeSource], slice: Slice) {
     }
 }
 
-/// Shows the slice's position in the world and, if it lies along voxels of the first visible layer, their index.
+/// Shows the slice's position in the world and, along voxels of the first visible layer, their index.
 fn position(ui: &mut Ui, slice: &mut Slice, scene: &Scene, volumes: &[VolumeSource], world: &World<'_>) {
     let along = match cut(Some(slice)) {
         Cut::Across(axis) => DVec3::AXES[axis],

@@ -13,7 +13,6 @@ const LAYOUTS: [(Option<StereoLayout>, &str, &str); 5] = [
     (Some(StereoLayout::Interlaced), "interlaced", "every other row: for screens with polarised rows"),
 ];
 
-/// Shows the stereo settings of a scene.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
     group(ui, "stereo", "two eyes, whose pictures are shown together", |ui| {
         let shown = scene.stereo.map(|stereo| stereo.layout);
