@@ -1,6 +1,6 @@
-//! The window's picture: a live session draws the scene into a texture, on the window's own device or [beside the window](drawing) on the CPU, as
-//! coarsely as a moving view demands. At rest it draws the exact picture, smooths it sample by sample, and stops. Costs a step of streaming per
-//! picture; on a GPU one per frame of the window.
+//! The window's picture: a live session draws the scene into a texture, on the window's device or [beside the window](drawing) on the CPU, as
+//! coarsely as a moving view demands. At rest it draws the exact picture, smooths it sample by sample, and stops. Costs a streaming step per picture;
+//! on a GPU one per frame of the window.
 
 mod beside;
 mod capture;
@@ -43,37 +43,34 @@ const FRAMES: usize = 240;
 /// Longest wait for an abandoned session.
 const GIVING_UP: Duration = Duration::from_millis(12);
 
-/// Longest wait for the picture of a moving view, in frame goals: with painting in between, both take twice as long.
+/// Longest wait for a moving view's picture, in frame goals: painting in between doubles the time of both.
 const PATIENCE: f64 = 1.5;
 
 /// Interval between looks at a picture in progress.
 const LOOK: Duration = Duration::from_millis(150);
 
-/// Pause without pictures of changes, after which the next change counts as a first one, such as the press at the start of a drag.
+/// Time since the last answer after which a change counts as a first one, such as the press at the start of a drag.
 const REST: Duration = Duration::from_millis(250);
 
-/// Interval at which the window, or a session beside it, checks for new bricks.
+/// Interval of checks for new bricks, by the window or a session beside it.
 pub(crate) const STREAMING_STEP: Duration = Duration::from_millis(8);
 
-/// Delays of the first and of later progress updates for pictures beside the window. Each costs them a frame of the window: a picture of 0.2 s gets
-/// none.
+/// Delays of the first and of later progress updates for pictures beside the window. Each costs them a frame: a picture of 0.2 s gets none.
 const DRAWING_STEPS: [Duration; 2] = [Duration::from_millis(200), Duration::from_millis(500)];
 
-/// A session and its texture.
 pub(crate) struct Canvas {
-    /// The session while at home, as always on a GPU; `None` while away on the CPU.
+    /// The session at home, as always on a GPU; `None` while away on the CPU.
     engine: Option<Box<Engine>>,
     /// The session's work while away, and its last report.
     drawing: Option<(Drawing, Task)>,
     known: Known,
-    /// Changes still to be applied.
     changes: Vec<Change>,
-    /// Pictures drawn in parts on a GPU: for the view, and for saving.
+    /// Pictures drawn in parts on a GPU, for the view and for saving.
     in_rows: Option<InRows>,
     gpu_capture: Option<GpuCapture>,
-    /// Share of an exact picture found fit for one part.
+    /// Share of an exact picture found fit for a part.
     fitting: f64,
-    /// Longest frame of the window during changes, and the duration of one without drawing.
+    /// Longest frame during changes, and the duration of one without drawing.
     goal: Duration,
     between: Duration,
     options: SessionOptions,
@@ -82,17 +79,16 @@ pub(crate) struct Canvas {
     looked: Option<Instant>,
     /// The visible texture; `None` until the window has a device.
     screen: Option<Screen>,
-    /// The window's device, if the session draws on it rather than on the CPU.
+    /// The window's device, if the session draws on it.
     gpu: Option<Device>,
     /// Whether moving views are drawn coarser.
     pub(crate) is_adaptive: bool,
-    /// Whether a frame waits slightly beyond its goal for the picture of a moving view: both are drawn on the same cores.
+    /// Whether a frame waits slightly beyond its goal for a moving view's picture: both use the same cores.
     pub(crate) is_patient: bool,
-    /// The playback requested of the session.
     playback: Option<Playback>,
     pace: Pace,
     shown: Option<Shown>,
-    /// Status of the last streaming step, and the coming time steps; `None` before the first.
+    /// Status of the last streaming step, and coming time steps; `None` before the first.
     stream: Option<(Status, Vec<ComingStep>)>,
     /// Times of the last frames, oldest first.
     times: VecDeque<FrameTimes>,
@@ -105,7 +101,7 @@ pub(crate) struct Canvas {
     answers: Vec<Answer>,
     answered: Option<Instant>,
     captures: VecDeque<Capture>,
-    /// Whether saved pictures wait for a resting view; and the picture of it that failed, for which they do not.
+    /// Whether saved pictures wait for a resting view; and its failed picture, for which they do not.
     gives_way: bool,
     failed: Option<Wanted>,
 }
@@ -140,21 +136,19 @@ pub(crate) struct Answer {
     pub(crate) is_first: bool,
 }
 
-/// Times of a frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct FrameTimes {
     /// Streaming: receiving bricks, planning, uploading.
     pub(crate) step: Duration,
     /// Recording a GPU's commands.
     pub(crate) draw: Duration,
-    /// Drawing beside the window, on the CPU or in parts on a GPU.
+    /// Drawing on the CPU, or in parts on a GPU.
     pub(crate) beside: Duration,
-    /// Waiting for a picture drawn beside the window.
+    /// Waiting for a picture beside the window.
     pub(crate) waited: Duration,
 }
 
 impl FrameTimes {
-    /// All drawing.
     pub(crate) fn drawing(&self) -> Duration {
         self.draw + self.beside
     }
@@ -170,7 +164,7 @@ impl FrameTimes {
     }
 }
 
-/// The session's current and requested time step, as of the shown picture; a drawing session is ahead of it.
+/// The session's current and requested time step, as of the shown picture; a drawing session is ahead.
 #[derive(Default)]
 struct Pace {
     is_playing: bool,
@@ -183,11 +177,11 @@ struct Pace {
 }
 
 impl Canvas {
-    /// Creates a session for the volumes: on the window's device, unless there is none, the options choose the CPU, or they leave the choice and the
-    /// device is a software one.
+    /// Creates a session: on the window's device, unless there is none, the options choose the CPU, or they leave the choice and the device is a
+    /// software one.
     ///
     /// # Errors
-    /// If the device lacks a feature of the engine.
+    /// If the device is unfit for the engine.
     pub(crate) fn new(
         volumes: Vec<VolumeSource>,
         options: &SessionOptions,
@@ -238,7 +232,7 @@ impl Canvas {
     /// Moves to another device. Requested pictures are still to come. Decoded bricks stay, unless the CPU replaces a GPU or the reverse.
     ///
     /// # Errors
-    /// If the device lacks a feature of the engine.
+    /// If the device is unfit for the engine.
     pub(crate) fn set_device(&mut self, options: &SessionOptions, device: &Device) -> Result<(), SessionError> {
         match (&mut self.gpu, draws_volumes(device, options)) {
             (None, false) => {}
@@ -259,10 +253,10 @@ impl Canvas {
         Ok(())
     }
 
-    /// Starts over with other volumes. The old picture stays visible until there is a new one.
+    /// Starts over with other volumes. The old picture stays until there is a new one.
     ///
     /// # Errors
-    /// If the device lacks a feature of the engine.
+    /// If the device is unfit for the engine.
     pub(crate) fn begin_anew(
         &mut self,
         volumes: Vec<VolumeSource>,
@@ -287,7 +281,7 @@ impl Canvas {
         self.tell(Change::Volumes(volumes));
     }
 
-    /// Applies a change: at once on a GPU, else when the session leaves for the next picture. Abandons the picture in progress.
+    /// Applies a change: at once on a GPU, else when the session next leaves. Abandons the picture in progress.
     fn tell(&mut self, change: Change) {
         (self.in_rows, self.gpu_capture) = (None, None);
         if matches!(change, Change::Volumes(_)) {
@@ -315,7 +309,7 @@ impl Canvas {
         self.gpu.is_none()
     }
 
-    /// Sets the longest frame of the window during changes; `between` of it is the window's own work.
+    /// Sets the longest frame during changes, `between` of it the window's own work.
     pub(crate) fn set_frame_goal(&mut self, goal: Duration, between: Duration) {
         (self.goal, self.between) = (goal, between);
         if let Some(Engine { session, control }) = self.engine.as_deref_mut().filter(|_| self.gpu.is_some()) {
@@ -324,7 +318,7 @@ impl Canvas {
         }
     }
 
-    /// Sets memory limits, in bytes: for slots, tables and targets, and for decoded bricks.
+    /// Sets memory limits in bytes: for slots, tables and targets, and for decoded bricks.
     pub(crate) fn set_budgets(&mut self, backend_bytes: u64, host_memory_bytes: u64) {
         let SessionOptions { gpu_memory_bytes, cpu_memory_bytes, host_memory_bytes: host, .. } = self.options;
         if (gpu_memory_bytes, cpu_memory_bytes, host) == (backend_bytes, backend_bytes, host_memory_bytes) {
@@ -335,8 +329,7 @@ impl Canvas {
         self.tell(Change::Budgets { backend_bytes, host_memory_bytes });
     }
 
-    /// Brings the texture closer to the scene's picture of this size, unless the shown one still stands, or pictures are being saved and the view
-    /// rests.
+    /// Brings the texture closer to the scene's picture, unless the shown one still stands, or pictures are being saved and the view rests.
     ///
     /// # Errors
     /// If the scene cannot be drawn, or the device fails. The texture stays as it is.
@@ -434,7 +427,7 @@ impl Canvas {
         is_over
     }
 
-    /// Records a picture's times; its streaming step is counted already, or was taken beside the window.
+    /// Records a picture's times; its streaming step is counted already, or was beside the window.
     fn took(&mut self, times: FrameTimes) {
         if self.times.len() == FRAMES {
             self.times.pop_front();
@@ -468,7 +461,7 @@ impl Canvas {
         self.shown = Some(Shown { samples_left, ..shown });
     }
 
-    /// Draws the next sample of the picture's pixels. After the last one the texture shows their mean.
+    /// Draws the next sample. After the last one the texture shows their mean.
     ///
     /// # Errors
     /// If the device fails. The texture stays as it is.
@@ -483,7 +476,7 @@ impl Canvas {
         }
     }
 
-    /// Plays time steps from the shown one on, or in another way; `None` stands still.
+    /// Plays time steps from the shown one on; `None` stands still.
     pub(crate) fn play(&mut self, playback: Option<Playback>) {
         if self.playback != playback {
             self.playback = playback;
@@ -491,12 +484,12 @@ impl Canvas {
         }
     }
 
-    /// Whether time steps are playing, at most until the last step if the playback stops there.
+    /// Whether time steps are playing, up to the last if the playback stops there.
     pub(crate) fn is_playing(&self) -> bool {
         self.pace.is_playing
     }
 
-    /// Records whether the session plays or seeks, once it is home and has all changes.
+    /// Records whether the session plays or seeks, once it is home without pending changes.
     fn keep_pace(&mut self) {
         if let Some(Engine { session, .. }) = self.engine.as_deref() {
             (self.pace.is_playing, self.pace.is_seeking) = (session.playback().is_some(), session.is_seeking());
@@ -515,7 +508,7 @@ impl Canvas {
         self.shown.as_ref().filter(|_| !is_sought).map(|shown| shown.frame.scene.time)
     }
 
-    /// The time step of the visible picture; `None` before the first.
+    /// The visible picture's time step, if any.
     pub(crate) fn step_seen(&self) -> Option<u32> {
         self.shown.as_ref().map(|shown| shown.frame.scene.time)
     }
@@ -524,7 +517,7 @@ impl Canvas {
         self.stream.as_ref().map_or(&[], |(_, coming)| coming)
     }
 
-    /// A property of the session on a GPU, or one last reported from the CPU.
+    /// A property of the session on a GPU, or as last reported from the CPU.
     fn known<'a, T>(&'a self, at_home: impl FnOnce(&'a Session) -> T, told: impl FnOnce(&'a Known) -> T) -> T {
         match self.engine.as_deref().filter(|_| self.gpu.is_some()) {
             Some(engine) => at_home(&engine.session),
@@ -536,7 +529,7 @@ impl Canvas {
         self.known(Session::volumes, |known| &known.volumes)
     }
 
-    /// The drawn share of the picture in progress, 0 to 1, once it has taken a while; `None` without one.
+    /// The drawn share of the picture in progress, 0 to 1, once it takes long; `None` without one.
     pub(crate) fn progress(&self) -> Option<f64> {
         if let Some(drawing) = self.in_rows.as_ref().map(InRows::drawing) {
             return (drawing.since() > LOOK).then(|| drawing.share());
@@ -551,7 +544,7 @@ impl Canvas {
         since.filter(|since| *since > LOOK).map(|_| drawing.progress())
     }
 
-    /// Delay until the next check on an unfinished picture. Pictures beside the window or in parts report by themselves.
+    /// Delay until the next check on an unfinished picture. Pictures beside the window or in parts report their end.
     pub(crate) fn look_after(&self) -> Duration {
         let [soonest, latest] = DRAWING_STEPS;
         let in_parts = self.in_rows.as_ref().map(InRows::drawing);
@@ -561,7 +554,7 @@ impl Canvas {
         since.map_or(STREAMING_STEP, |since| since.clamp(soonest, latest))
     }
 
-    /// Puts the picture over a part of the window, if there is one.
+    /// Puts the picture, if any, over a part of the window.
     pub(crate) fn paint(&self, painter: &Painter, area: Rect) {
         self.screen.iter().for_each(|screen| screen.paint(painter, area));
     }
@@ -586,12 +579,12 @@ impl Canvas {
         (self.shown.as_ref().map(|shown| &shown.frame.scene), self.volumes())
     }
 
-    /// The shown picture's camera; `None` before the first.
+    /// The shown picture's camera, if any.
     pub(crate) fn camera(&self) -> Option<Camera> {
         self.shown.as_ref().map(|shown| shown.frame.scene.camera)
     }
 
-    /// Layers of the picture with doubtful extremes; none before the first picture.
+    /// Layers of the shown picture with doubtful extremes.
     pub(crate) fn doubtful_extremes(&self) -> DoubtfulExtremes {
         let shown = self.shown.as_ref();
         let at_home = |session: &Session| match shown.map(|shown| &shown.frame) {
@@ -649,7 +642,6 @@ impl Canvas {
     }
 }
 
-/// Whether the window's device draws the volumes, rather than the CPU.
 fn draws_volumes(device: &Device, options: &SessionOptions) -> bool {
     match options.backend {
         BackendChoice::Cpu => false,

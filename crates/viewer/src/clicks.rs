@@ -13,7 +13,7 @@ pub(crate) struct Clicks {
 }
 
 impl Clicks {
-    /// Queues a click at a place of the window, in points from its upper left corner.
+    /// Queues a click, in points from the window's upper left corner.
     pub(crate) fn add(&mut self, [x, y]: [f64; 2]) {
         self.waiting.push_back(pos2(x as f32, y as f32));
     }

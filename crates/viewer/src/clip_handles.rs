@@ -45,7 +45,7 @@ pub(crate) fn show(lens: &Lens, clip: [DVec3; 2], near: Option<Face>) {
     }
 }
 
-/// The nearest handle within reach of a place in the window.
+/// The nearest handle within reach.
 pub(crate) fn at(lens: &Lens, clip: [DVec3; 2], pointer: Pos2) -> Option<Face> {
     let near = Face::all().filter_map(|face| {
         let distance = lens.place(face.middle(clip))?.distance(pointer);
@@ -85,7 +85,7 @@ pub(crate) mod tests {
 
     pub(crate) const WHOLE: (DVec3, DVec3) = (DVec3::ZERO, DVec3::new(4.0, 2.0, 1.0));
 
-    /// Looks along y at the box, at 100 points per unit of the world.
+    /// Looks along y at the box, at 100 points per world unit.
     pub(crate) fn lens() -> Lens {
         let target = DVec3::new(2.0, 1.0, 0.5);
         let projection = Projection::Orthographic { height: 3.0 };

@@ -12,7 +12,7 @@ use std::str::FromStr;
 /// An action in the window.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Command {
-    /// Turn the view around a point of the world, in degrees: the volume goes to the right, and over the top. `None` is the camera's target.
+    /// Turn the view around a world point, in degrees: the volume goes to the right, and over the top. `None` is the camera's target.
     Orbit { right_deg: f64, up_deg: f64, about: Option<DVec3> },
     /// Turn the eye, in degrees: to the right, and up.
     Look { right_deg: f64, up_deg: f64 },
@@ -28,7 +28,7 @@ pub(crate) enum Command {
     View(Viewpoint),
     /// Look at everything, in the current direction.
     Fit,
-    /// Look at a point of the world, in the current direction; the slices meet there.
+    /// Look at a world point, in the current direction; the slices meet there.
     Center(DVec3),
     /// Parallel rays, or perspective.
     Parallel(bool),
@@ -36,13 +36,13 @@ pub(crate) enum Command {
     Clip(bool),
     /// Set fields of the window's document, each by its path: see [`State`](crate::state::State).
     Set(Vec<(String, Value)>),
-    /// Click at a place of the window, in points from its upper left corner.
+    /// Click, in points from the window's upper left corner.
     Click([f64; 2]),
     /// Show other volumes: stores, or files and folders shown while being packed.
     Open(Vec<PathBuf>),
     /// Show volumes or meshes beside the current ones.
     Add(Vec<PathBuf>),
-    /// Open or add a file with a description of its missing metadata.
+    /// Open or add a file, with a description of missing metadata.
     OpenAs(PathBuf, Description, Placing),
     /// Undo the last edit.
     Undo,
@@ -71,7 +71,6 @@ pub(crate) enum Placing {
     Beside,
 }
 
-/// The form of a written picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct PictureForm {
     /// Width and height; `None` is the shown size.
@@ -110,7 +109,7 @@ impl Command {
         matches!(self, Self::Open(_) | Self::Add(_) | Self::OpenAs(..))
     }
 
-    /// The message for the command's failure. A file already named by the problem is not repeated.
+    /// The message for a failure. A file already named by the problem is not repeated.
     pub(crate) fn failure(&self, problem: &str) -> String {
         let is_named = self.words().last().is_some_and(|last| last.len() > 1 && problem.contains(last.as_str()));
         if is_named && self.names_file() { problem.into() } else { format!("{self}: {problem}") }
@@ -344,7 +343,7 @@ fn paths(text: &str) -> Option<Vec<PathBuf>> {
     }
 }
 
-/// Parses a picture's form and the file after it; `None` without a file, or for unknown marks.
+/// Parses a picture's form and file; `None` without a file, or for unknown marks.
 fn picture_form(text: &str) -> Option<(PictureForm, &str)> {
     let (mut form, mut rest) = (PictureForm::default(), text);
     while let Some((word, after)) = rest.split_once(' ') {

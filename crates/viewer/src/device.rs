@@ -20,7 +20,7 @@ pub(crate) fn setup(is_software: bool) -> WgpuSetup {
     })
 }
 
-/// The first adapter without an obstacle, the fastest kind first. `name`, if given, must be a part of its name.
+/// The first adapter without an obstacle, the fastest kind first. Its name must contain `name`, if given.
 fn best(
     adapters: &[Adapter],
     name: Option<&str>,
@@ -98,7 +98,7 @@ impl Loss {
 }
 
 impl Device {
-    /// Watches a window's device, and repaints the window when it is lost.
+    /// Watches a window's device, and repaints the window on its loss.
     pub(crate) fn new(state: &RenderState, egui: &egui::Context) -> Self {
         let (loss, wake) = (Loss::default(), egui.clone());
         let heard = loss.clone();

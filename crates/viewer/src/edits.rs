@@ -41,7 +41,7 @@ fn given(before: &Scene, after: &Scene) -> Vec<Isosurface> {
     layers.flat_map(|(_, after)| after.isosurfaces.clone()).collect()
 }
 
-/// The scene with default layers for the volumes after the first `before`. Other layers stay as they are.
+/// The scene with default layers for the volumes after the first `before`. Other layers stay.
 ///
 /// # Errors
 /// If the result cannot be shown.

@@ -11,7 +11,7 @@ use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Distance from a face to a border between voxels, in voxels, up to which it lies on the border: the world rounds faces.
+/// Distance from a border between voxels, in voxels, within which a face lies on it: the world rounds faces.
 const SNAP: f64 = 1e-6;
 
 type Failed = background::BackgroundError<ExportError>;
@@ -63,7 +63,6 @@ fn voxels_around(grid: &Grid, [low, high]: [DVec3; 2]) -> [DVec3; 2] {
     corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], at| [low.min(at), high.max(at)])
 }
 
-/// The voxels overlapped by a box.
 fn touched([low, high]: [DVec3; 2], extent: [u32; 3]) -> VoxelBox {
     let within = |at: DVec3| std::array::from_fn(|axis| at[axis].clamp(0.0, f64::from(extent[axis])) as u32);
     VoxelBox::new(within((low + SNAP).floor()), within((high - SNAP).ceil()))

@@ -4,7 +4,7 @@
 use brickyard::volume::near_name;
 use serde_json::Value;
 
-/// The fields of `after` that differ from `before`. A list is one field unless it is a list of objects of unchanged length.
+/// The fields of `after` unlike those of `before`. A list is one field unless it is a list of objects of unchanged length.
 pub(crate) fn differences(before: &Value, after: &Value) -> Vec<(String, Value)> {
     let mut found = Vec::new();
     compare("", before, after, &mut found);

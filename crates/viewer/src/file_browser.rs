@@ -12,12 +12,10 @@ use std::time::Duration;
 /// Interval between polls of the check on the folder.
 const CHECK_STEP: Duration = Duration::from_millis(50);
 
-/// A folder with its entries.
 pub(crate) struct FileBrowser {
     folder: PathBuf,
     /// Folders first, each by name; or the error of reading the folder.
     entries: Result<Vec<Entry>, String>,
-    /// The typed path.
     typed: String,
     /// Text to find in names.
     sought: String,
@@ -267,7 +265,6 @@ mod tests {
         assert!(browser.entries.unwrap_err().contains("gone: No such file"));
     }
 
-    /// A list of a folder with these files, and the chosen path.
     fn harness<'a>(folder: &Path, names: &[&str]) -> Harness<'a, (FileBrowser, Option<PathBuf>)> {
         names.iter().for_each(|name| std::fs::write(folder.join(name), "x").unwrap());
         let show = |ui: &mut Ui, (browser, chosen): &mut (FileBrowser, Option<PathBuf>)| {

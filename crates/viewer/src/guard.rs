@@ -1,5 +1,5 @@
-//! Guard against panics of the crates that put the window on a display: they panic when a driver or a display misbehaves. Such a panic becomes a
-//! silent error here. A panic of the window's own code propagates.
+//! Guard against panics of the crates that put the window on a display, caused by misbehaving drivers or displays. Such a panic becomes a silent
+//! error here. A panic of the window's own code propagates.
 
 use std::any::Any;
 use std::cell::Cell;

@@ -29,7 +29,7 @@ impl History {
         self.open = Some(kind.to_string());
     }
 
-    /// Ends the edit in progress, for example on releasing a button.
+    /// Ends the edit in progress, as on releasing a button.
     pub(crate) fn close(&mut self) {
         self.open = None;
     }

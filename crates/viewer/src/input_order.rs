@@ -1,13 +1,12 @@
 //! Order of user input within a slow frame. egui takes a frame's events together: it misses drags with a press or release in the same frame, reads
-//! keys before buttons, and sends text to the field Tab moves on to. So a frame gets the longest prefix of the pending input that egui reads in
-//! order; the rest waits for the next frame.
+//! keys before buttons, and sends text to the field Tab moves on to. So a frame gets the longest prefix of the input that egui reads in order; the
+//! rest waits for the next frame.
 
 use eframe::egui::{Event, Key, Modifiers, RawInput};
 
 /// Most waiting presses and keys. No user is as fast; from programs, ever later input would be worse than lost order.
 const MOST: usize = 64;
 
-/// Input waiting for its frame.
 #[derive(Default)]
 pub(crate) struct InputOrder {
     waiting: Vec<Event>,

@@ -1,5 +1,5 @@
-//! Keeps a window's state from one day to the next: it is written to a user's file a while after each change, and read when the same volumes are
-//! opened again. Costs a small file for each set of volumes.
+//! Keeps a window's state from one day to the next: in a user's file, written a while after each change and read when the same volumes are opened
+//! again. Costs a small file per set of volumes.
 
 use crate::state::State;
 use brickyard::text_file::{read_text, write_text};
@@ -10,7 +10,6 @@ use std::time::{Duration, Instant};
 /// Delay from the last change to writing.
 const AFTER: Duration = Duration::from_secs(2);
 
-/// A state kept in a file.
 pub(crate) struct Keeper {
     /// The file; `None` keeps nothing.
     path: Option<PathBuf>,
@@ -92,7 +91,7 @@ pub(crate) fn read(path: &Path) -> Result<Option<State>, String> {
     State::from_document(document).map(Some).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-/// The volumes of the window that wrote a scene file; relative paths are in the file's folder.
+/// The volumes of a scene file's window; relative paths are in the file's folder.
 ///
 /// # Errors
 /// If the file cannot be read, or is no scene. The message begins with its path.
@@ -114,7 +113,7 @@ pub(crate) fn file_of(volumes: &[PathBuf]) -> Option<PathBuf> {
     Some(state_folder()?.join("windows").join(format!("{name}-{:016x}.json", hasher.finish())))
 }
 
-/// The folder for programs' state between runs, by the XDG base directory specification.
+/// The folder for programs' state, by the XDG base directory specification.
 pub(crate) fn state_folder() -> Option<PathBuf> {
     let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let home = || absolute("HOME").map(|home| home.join(".local/state"));

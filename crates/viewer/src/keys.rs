@@ -16,11 +16,9 @@ const MOVING_KEYS: [Key; 6] = [Key::ArrowLeft, Key::ArrowRight, Key::ArrowUp, Ke
 /// A key's command in a window of some state; `None` without an effect.
 type Effect = dyn Fn(&State) -> Option<Command>;
 
-/// A key and its effect.
 pub(crate) struct Shortcut {
     /// The key with its modifiers.
     pub(crate) keys: KeyboardShortcut,
-    /// Its effect, in words.
     pub(crate) effect: String,
     effect_on: Box<Effect>,
 }
@@ -156,7 +154,7 @@ pub(crate) fn shown(egui: &egui::Context, effect: &str) -> String {
     known.map(|shortcut| egui.format_shortcut(&shortcut.keys)).unwrap_or_default()
 }
 
-/// The keys pressed since the last frame, in order. Each acts on the state left by those before it.
+/// The keys pressed since the last frame, in order. Each acts on the state left by the previous ones.
 pub(crate) fn pressed(egui: &egui::Context, state: &State) -> Vec<Shortcut> {
     // A focused text field gets all keys but the one that quits; another focused control, such as a slider, those that move it.
     let is_typing = egui.text_edit_focused();
@@ -191,7 +189,6 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable;
 
-    /// The commands of keys, from a state on.
     fn given(state: State, keys: &[(Modifiers, Key)]) -> Vec<Command> {
         let show = |ui: &mut Ui, (state, commands): &mut (State, Vec<Command>)| {
             for key in pressed(ui.ctx(), state) {

@@ -72,16 +72,16 @@ pub struct WindowOptions {
     pub scene_file: Option<PathBuf>,
     /// Whether to restore the window's last state on these volumes instead of showing the scene.
     pub restores: bool,
-    /// The session's choices and limits. Pictures are drawn on the window's own device, unless these choose the CPU, or leave the choice and that
-    /// device is a software one.
+    /// The session's choices and limits. Pictures are drawn on the window's device, unless these choose the CPU, or leave the choice and that device
+    /// is a software one.
     pub session: SessionOptions,
     /// The window's inner size in points: width and height.
     pub size: [f32; 2],
     /// Commands to play. A window that plays some is neither restored nor kept.
     pub script: Script,
-    /// A file for a screenshot after the script, once the picture is final, after which the window closes. `None` leaves it open.
+    /// A file for a screenshot after the script, once the picture is final; then the window closes. `None` leaves it open.
     pub screenshot: Option<PathBuf>,
-    /// Start of opening the volumes; the time to the first picture counts from it.
+    /// Start of opening the volumes, and of the time to the first picture.
     pub opened: Instant,
     /// A JSON file for frame times, written when the window is closed.
     pub stats: Option<PathBuf>,
@@ -96,8 +96,8 @@ pub struct WindowError(String);
 /// empty, for files to be opened in it.
 ///
 /// # Errors
-/// If there is no display, nothing can draw on it, or the device lacks a feature of the engine or is lost without another one: the message contains
-/// advice. If a command of the script fails: the message names its line.
+/// If there is no display, nothing can draw on it, or the device is unfit for the engine or lost without another one: the message contains advice. If
+/// a command of the script fails: the message names its line.
 pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowError> {
     if let Some(path) = options.screenshot.take() {
         options.script.then(Command::Screenshot(path));
@@ -114,7 +114,6 @@ pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowE
     window.failure().map_or(Ok(()), |failure| Err(WindowError(failure.into())))
 }
 
-/// The title of a window of these paths.
 pub(crate) fn title(paths: &[PathBuf]) -> String {
     let name = paths.first().and_then(|path| path.file_stem());
     name.map_or_else(String::new, |name| format!("{} - ", name.to_string_lossy())) + "brickyard"

@@ -29,7 +29,7 @@ impl Marks {
         Self { overlays, distances: true }
     }
 
-    /// All marks: the name of each in commands, its name for users, and whether it is drawn.
+    /// All marks: the name of each in commands and for users, and whether it is drawn.
     pub(crate) fn each(&mut self) -> [(&'static str, &'static str, &mut bool); 7] {
         let Self { overlays, distances } = self;
         [
@@ -73,8 +73,7 @@ pub(crate) struct Over {
     pub(crate) distances: Vec<[DVec3; 2]>,
 }
 
-/// Pixels per point of a picture, where `shown_px` pixels in the window have `scale`: marks keep their relative size, but never become too small to
-/// read.
+/// Pixels per point of a picture, where `shown_px` pixels in the window have `scale`: marks keep their relative size, but stay legible.
 pub(crate) fn pixels_per_point(size_px: (u32, u32), shown_px: (u32, u32), scale: f32) -> f32 {
     let ratio = |of: u32, shown: u32| of as f32 / shown.max(1) as f32;
     (scale * ratio(size_px.0, shown_px.0).min(ratio(size_px.1, shown_px.1))).max(1.0)

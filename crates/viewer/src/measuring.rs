@@ -8,7 +8,6 @@ use brickyard::volume::{Scene, Slice, ViewRays};
 use glam::DVec3;
 use serde_json::json;
 
-/// A distance being measured.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Measuring {
     from: Option<DVec3>,
@@ -22,7 +21,6 @@ impl Measuring {
         }
     }
 
-    /// The start of the distance.
     pub(crate) fn from(&self) -> Option<DVec3> {
         self.from
     }
@@ -37,7 +35,7 @@ impl Measuring {
         Some(Command::set("window.distances", json!(distances)))
     }
 
-    /// Takes a click in a slice as the end of a distance. A distance started beside the slice is restarted.
+    /// Takes a click in a slice as the end of a distance, restarting one that started beside the slice.
     pub(crate) fn click_in(&mut self, slice: &Slice, reach: f64, place: DVec3, state: &State) -> Option<Command> {
         self.from = self.from.filter(|from| is_in(slice, reach, *from));
         self.click(place, state)

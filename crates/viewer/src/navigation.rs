@@ -12,7 +12,7 @@ const POLE_DEG: f64 = 1.0;
 /// Least distance for flying, as a share of the diagonal of all volumes: inside them it would be zero.
 const LEAST_DISTANCE: f64 = 0.02;
 
-/// The camera of a scene, in a picture of this size, after a command; `None` if the command moves no camera.
+/// A scene's camera, in a picture of this size, after a command; `None` if it moves no camera.
 ///
 /// # Errors
 /// If the command names a side or a place that does not exist.
@@ -66,8 +66,8 @@ pub(crate) fn flown(camera: &Camera, [right, up, forward]: [f64; 3], (low, high)
     Camera { eye: camera.eye + by, target: camera.target + by, ..*camera }
 }
 
-/// Turns a camera around a point of the world: by `right_deg` about its up direction, as if the volume were pushed to the right, and by `up_deg` over
-/// the top, as far as straight up or down.
+/// Turns a camera around a world point: by `right_deg` about its up direction, as if the volume were pushed to the right, and by `up_deg` over the
+/// top, as far as straight up or down.
 pub(crate) fn orbited(camera: &Camera, around: DVec3, right_deg: f64, up_deg: f64) -> Camera {
     let up = camera.up.normalize_or_zero();
     let forward = (camera.target - camera.eye).normalize_or_zero();
@@ -88,7 +88,7 @@ pub(crate) fn rolled(camera: &Camera, angle_deg: f64) -> Camera {
     Camera { up: DQuat::from_axis_angle(forward, -angle_deg.to_radians()) * up, ..*camera }
 }
 
-/// Moves a camera so that its target moves right and up in the picture, by parts of the picture's height.
+/// Moves a camera so that its target moves right and up, by parts of the picture's height.
 pub(crate) fn panned(camera: &Camera, right: f64, up: f64) -> Camera {
     let forward = (camera.target - camera.eye).normalize_or_zero();
     let to_right = forward.cross(camera.up).normalize_or_zero();

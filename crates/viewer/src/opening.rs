@@ -24,7 +24,6 @@ struct Item {
     volume: Option<VolumeSource>,
 }
 
-/// Changes of the volumes.
 #[derive(Debug, Default)]
 pub(crate) struct Changes {
     /// Whether a volume was replaced: a preview by a store, or nothing by a first picture.
@@ -79,7 +78,7 @@ impl Openings {
         self.items.iter().map(|item| item.path.clone()).collect()
     }
 
-    /// The volumes that can be shown. An empty window has one of a single voxel, which it does not show.
+    /// The volumes to show. An empty window has one of a single voxel, which it does not show.
     pub fn volumes(&self) -> Vec<VolumeSource> {
         if self.are_none() {
             return vec![nothing::volume()];

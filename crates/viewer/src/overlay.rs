@@ -1,5 +1,5 @@
-//! Overlays of the pictures: the volume's box with ticks, a scale bar, the directions of the world's axes, colour bars, measured distances, and the
-//! drawn bricks. All of it follows from the camera and the scene.
+//! Overlays of the pictures: the volume's box with ticks, a scale bar, the axes' directions, colour bars, measured distances, and the drawn bricks.
+//! All of it follows from the camera and the scene.
 
 pub(crate) mod bricks;
 mod canvas;
@@ -46,7 +46,7 @@ pub(crate) struct Lens {
 }
 
 impl Lens {
-    /// A camera's picture of `size_px` pixels in a part of the window; `None` if the camera has none.
+    /// A camera's picture of `size_px` pixels in a part of the window, if it has one.
     pub(crate) fn new(painter: &Painter, area: Rect, camera: &Camera, size_px: (u32, u32)) -> Option<Self> {
         let rays = camera.rays(size_px.0, size_px.1).ok()?;
         Some(Self { painter: painter.with_clip_rect(area), area, rays })
@@ -65,14 +65,14 @@ impl Lens {
         [f64::from(part.x) * f64::from(self.rays.width), f64::from(part.y) * f64::from(self.rays.height)]
     }
 
-    /// Draws a line between two world points if both are in front of the eye.
+    /// Draws a line between two world points in front of the eye.
     pub(crate) fn line(&self, from: DVec3, to: DVec3, stroke: Stroke) {
         if let (Some(a), Some(b)) = (self.place(from), self.place(to)) {
             self.painter.line_segment([a, b], stroke);
         }
     }
 
-    /// Draws a box's edges with both ends in front of the eye.
+    /// Draws the edges of a box, of which both ends are in front of the eye.
     pub(crate) fn edges(&self, corners: (DVec3, DVec3), stroke: Stroke) {
         for [from, to] in box_axes::edges(corners) {
             self.line(from, to, stroke);
@@ -200,7 +200,6 @@ mod tests {
     use eframe::egui;
     use eframe::egui::{Context, LayerId, RawInput, Shape};
 
-    /// A camera's view of a unit cube, in a part of a window.
     pub(crate) fn lens(camera: &Camera) -> Lens {
         let painter = Painter::new(Context::default(), LayerId::background(), egui::Rect::EVERYTHING);
         let area = Rect::from_min_size(pos2(100.0, 50.0), vec2(200.0, 100.0));

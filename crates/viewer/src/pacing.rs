@@ -14,7 +14,7 @@ const MOST: usize = 100_000;
 #[derive(Clone, Copy, Debug)]
 struct Drawn {
     at: Instant,
-    /// Its times on the window's thread without drawing, and in drawing, in milliseconds.
+    /// Milliseconds on the window's thread without drawing, and in drawing.
     blocked_ms: f64,
     draw_ms: f64,
     /// The share of the exact picture's work.
@@ -24,7 +24,6 @@ struct Drawn {
 /// Number of times between frames kept: the least is free of waits for the display or the user.
 const TIMES_BETWEEN: usize = 8;
 
-/// Times of a window's frames.
 pub(crate) struct Pacing {
     opened: Instant,
     /// End of the last frame's work, if the next one was to follow at once.
@@ -34,7 +33,7 @@ pub(crate) struct Pacing {
     drawn: VecDeque<Drawn>,
     /// Time of each frame, with or without a picture, on the window's thread without drawing.
     blocked_ms: VecDeque<f64>,
-    /// Times from changes of the scene to their first pictures, and those of changes at rest.
+    /// Times from changes to their first pictures: of all changes, and of those at rest.
     answers_ms: Vec<f64>,
     first_answers_ms: Vec<f64>,
     blocked_most_ms: f64,
@@ -51,15 +50,15 @@ pub(crate) struct PacingStats {
     drawn: usize,
     /// Pictures per second while drawing: pauses over a quarter of a second do not count.
     pictures_per_second: f64,
-    /// Milliseconds on the window's thread without drawing, of frames with a drawn picture.
+    /// Milliseconds on the window's thread without drawing, of frames with a picture.
     blocked_ms: Percentiles,
     /// Milliseconds on the window's thread without drawing, of all frames: the maximum, and the 99.9th percentile.
     blocked_most_ms: f64,
     blocked_p999_ms: f64,
-    /// Milliseconds from a change of the scene to the first picture of it or of a later one, and the number of such changes.
+    /// Milliseconds from a change to the first picture of it or of a later one, and the number of such changes.
     answer_ms: Percentiles,
     answers: usize,
-    /// Milliseconds from a change of a resting view, such as the press at the start of a drag, to its first picture, and the number of such changes.
+    /// Milliseconds from a change at rest, such as the press at the start of a drag, to its first picture, and the number of such changes.
     first_answer_ms: Percentiles,
     first_answers: usize,
     /// Milliseconds of drawing.
@@ -69,7 +68,7 @@ pub(crate) struct PacingStats {
 }
 
 impl Pacing {
-    /// Counts the frames of a window whose volumes were opened at this time.
+    /// Counts the frames of a window with volumes opened at this time.
     pub(crate) fn new(opened: Instant) -> Self {
         let (drawn, between) = (VecDeque::new(), VecDeque::new());
         let (blocked_ms, answers_ms, first_answers_ms) = (VecDeque::new(), Vec::new(), Vec::new());
@@ -126,7 +125,7 @@ impl Pacing {
         self.drawn.push_back(Drawn { at, blocked_ms, draw_ms: ms(spent.drawing()), quality });
     }
 
-    /// Records times from changes of the scene to their first pictures.
+    /// Records times from changes to their first pictures.
     pub(crate) fn answered(&mut self, answers: impl IntoIterator<Item = Answer>) {
         let room = MOST - self.answers_ms.len();
         for Answer { took, is_first } in answers.into_iter().take(room) {
@@ -138,7 +137,6 @@ impl Pacing {
         }
     }
 
-    /// The statistics so far.
     pub(crate) fn stats(&self) -> PacingStats {
         let of = |value: fn(&Drawn) -> f64| self.drawn.iter().map(value).collect::<Vec<_>>();
         let gaps = self.drawn.iter().zip(self.drawn.iter().skip(1)).map(|(a, b)| (b.at - a.at).as_secs_f64());

@@ -22,7 +22,7 @@ pub(crate) mod widgets;
 use brickyard::session::VolumeSource;
 use brickyard::volume::Scene;
 
-/// The reason an edited scene of these volumes could not be shown, if any. Costs a copy of the scene and its check.
+/// The reason an edited scene could not be shown, if any. Costs a copy of the scene and its check.
 fn reason(scene: &Scene, volumes: &[VolumeSource], edit: impl FnOnce(&mut Scene)) -> Option<String> {
     let mut edited = scene.clone();
     edit(&mut edited);

@@ -1,5 +1,5 @@
-//! The pick under the pointer: the visible point of the world, and the exact values of its voxel. A thread computes it, so that a slow disk does not
-//! hold up the window; it answers only for the newest place. Costs up to 64 MiB of decoded bricks per picture.
+//! The pick under the pointer: the visible world point, and the exact values of its voxel. A thread computes it, so that a slow disk does not hold up
+//! the window; it answers only for the newest place. Costs up to 64 MiB of decoded bricks per picture.
 
 use crate::read_out::ReadOut;
 use brickyard::overlay::{short_name, unit};
@@ -11,14 +11,12 @@ use glam::DVec3;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-/// The pick under the pointer.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Picked {
     /// The visible world point, and its values.
     pub(crate) pick: Pick,
     /// The label there, if the visible layer has labels.
     pub(crate) label: Option<i64>,
-    /// Its voxel and values, in words.
     pub(crate) words: ReadOut,
 }
 
@@ -49,8 +47,8 @@ pub(crate) struct Picking {
 }
 
 impl Picking {
-    /// The latest pick result at this place of a scene's picture, in pixels; may be outdated. The window is repainted when a newer one arrives.
-    /// `None` without a place.
+    /// The latest pick result at this place of a scene's picture, in pixels; may be outdated. The window is repainted for a newer one. `None` without
+    /// a place.
     pub(crate) fn at(
         &mut self,
         egui: &egui::Context,
@@ -110,7 +108,7 @@ fn look(picker: &mut Picker, place: &Place, volumes: &[VolumeSource]) -> Option<
     Some(Picked { pick, label, words })
 }
 
-/// A pick in words: the place in the world, and each volume's voxel and values, in order. A voxel equal to the previous volume's is not repeated.
+/// A pick in words: the place in the world, and each volume's voxel and values, in order. A voxel equal to the previous one is not repeated.
 fn words(pick: &Pick, volumes: &[VolumeSource], ((low, high), is_anatomical): ((DVec3, DVec3), bool)) -> ReadOut {
     let size = (high - low).max_element();
     let [x, y, z] = pick.point.to_array().map(|at| within_span(at, size));

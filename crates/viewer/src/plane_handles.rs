@@ -11,7 +11,6 @@ use glam::DVec3;
 /// Length of normals, as a share of the box's diagonal.
 const LENGTH: f64 = 0.15;
 
-/// A handle of a plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct PlaneHandle {
     /// Index of the plane in the scene.
@@ -82,7 +81,7 @@ pub(crate) fn show(lens: &Lens, planes: &[ClipPlane], whole: (DVec3, DVec3), nea
     }
 }
 
-/// The nearest handle within reach of a place in the window.
+/// The nearest handle within reach.
 pub(crate) fn at(lens: &Lens, planes: &[ClipPlane], whole: (DVec3, DVec3), pointer: Pos2) -> Option<PlaneHandle> {
     let cuts = planes.iter().enumerate().filter_map(|(plane, it)| Some((plane, Cut::of(it, whole)?)));
     let handles =
@@ -94,7 +93,7 @@ pub(crate) fn at(lens: &Lens, planes: &[ClipPlane], whole: (DVec3, DVec3), point
     near.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, handle)| handle)
 }
 
-/// The plane after dragging one of its handles by `by` points. It stays as it was rather than miss the box.
+/// The plane after dragging a handle by `by` points. It stays as it was rather than miss the box.
 pub(crate) fn dragged(lens: &Lens, plane: ClipPlane, is_tip: bool, by: Vec2, whole: (DVec3, DVec3)) -> ClipPlane {
     let Some(Cut { middle, tip, .. }) = Cut::of(&plane, whole) else { return plane };
     let small = 1e-3 * whole.0.distance(whole.1);

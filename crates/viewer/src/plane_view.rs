@@ -21,7 +21,6 @@ use serde_json::json;
 /// Motion of two fingers for one slice, in points.
 const POINTS_A_SLICE: f32 = 24.0;
 
-/// A slice in the window.
 #[derive(Default)]
 pub(crate) struct PlaneView {
     picking: Picking,
@@ -31,7 +30,7 @@ pub(crate) struct PlaneView {
 }
 
 impl PlaneView {
-    /// Shows the slice across an axis of a grid in the rest of `ui`, and turns the pointer's actions there into commands.
+    /// Shows the slice across an axis of a grid in the rest of `ui`, and turns the pointer's actions into commands.
     ///
     /// # Errors
     /// If the picture cannot be advanced; it stays as it was.
@@ -125,7 +124,6 @@ impl PlaneView {
     }
 }
 
-/// The field of a slice's camera.
 fn camera_field(axis: usize) -> String {
     format!("window.planes.cameras.{axis}")
 }
@@ -179,7 +177,7 @@ fn drag(
     }
 }
 
-/// Draws the distances lying in a slice, the one being measured, and the black and white values. `under` is the place under the pointer.
+/// Draws the distances lying in a slice, the one being measured to `under` the pointer, and the black and white values.
 fn distances(
     lens: &Lens,
     (slice, reach): (&Slice, f64),

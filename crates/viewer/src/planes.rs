@@ -23,7 +23,6 @@ pub(crate) struct Grid {
     pub(crate) stride: [u32; 3],
     /// Whether the world is a patient's.
     pub(crate) is_anatomical: bool,
-    /// The volume's box in the scene's world.
     world_box: (DVec3, DVec3),
 }
 
@@ -178,7 +177,7 @@ fn is_of_labels(choice: &TransferChoice) -> bool {
     matches!(choice, TransferChoice::Function(function) if function.labels.is_some())
 }
 
-/// The filter for the voxels of a slice in a picture of `height_px` pixels.
+/// The filter for a slice's voxels in a picture of `height_px` pixels.
 pub(crate) fn filter(grid: &Grid, chosen: PlaneFilter, camera: &Camera, height_px: u32) -> Filter {
     let voxel = (0..3).map(|axis| grid.step(axis).length()).fold(f64::INFINITY, f64::min);
     let pixel = match camera.projection {

@@ -3,18 +3,16 @@
 use brickyard::pager;
 use serde::{Deserialize, Serialize};
 
-/// Playback settings of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Play {
     pub(crate) on: bool,
-    /// Steps per second.
     pub(crate) steps_per_second: f64,
-    /// Whether it starts by running backwards, from later steps to earlier ones.
+    /// Whether it starts by running backwards.
     pub(crate) backward: bool,
     pub(crate) ending: Ending,
     pub(crate) policy: Policy,
-    /// Whether the values of the voxel under the pointer are drawn over the bar of steps.
+    /// Whether the voxel's values under the pointer are drawn over the bar of steps.
     pub(crate) curve: bool,
 }
 

@@ -1,6 +1,5 @@
 //! The last problem, shown until it is over, another message replaces it, or the user dismisses it.
 
-/// A problem to show.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Problem {
     pub(crate) text: String,

@@ -10,7 +10,6 @@ pub(crate) struct ReadOut {
 }
 
 impl ReadOut {
-    /// The complete text.
     pub(crate) fn all(&self) -> String {
         self.place.clone() + &self.values.concat()
     }

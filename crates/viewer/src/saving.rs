@@ -16,7 +16,7 @@ pub(crate) struct Saving {
 }
 
 impl Saving {
-    /// Starts writing a picture of the volumes, with marks at `pixels_per_point`. The window is repainted at the end.
+    /// Starts writing a picture, with marks at `pixels_per_point`. The window is repainted at the end.
     ///
     /// # Errors
     /// If no thread can be started.

@@ -1,5 +1,5 @@
-//! The visible texture of a picture on the window's device: drawn there, or filled with pixels from the CPU. It has a pass of its own instead of
-//! egui's images, whose shader is made for letters and panels: on a software device that took three times as long.
+//! The visible texture of a picture on the window's device: drawn there, or filled from the CPU. It has a pass of its own instead of egui's images,
+//! whose shader is made for letters and panels: on a software device that took three times as long.
 
 use brickyard::render::wgpu;
 use brickyard::volume::{Picture, PictureSum, PixelSamples};
@@ -98,7 +98,7 @@ impl Screen {
         queue.write_texture(texture.texture.as_image_copy(), &rgba, layout, texture.texture.size());
     }
 
-    /// Puts the picture over a part of the window, if there is one.
+    /// Puts the picture, if any, over a part of the window.
     pub(crate) fn paint(&self, painter: &Painter, area: Rect) {
         let mean = self.samples.as_ref().map(|samples| &samples.mean).filter(|_| self.shows_mean);
         if let Some(texture) = mean.or(self.texture.as_ref()) {

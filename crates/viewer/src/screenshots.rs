@@ -7,7 +7,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-/// Requested screenshots.
 pub(crate) struct Screenshots {
     /// The files of those still to arrive.
     awaited: Vec<PathBuf>,

@@ -15,7 +15,6 @@ pub struct Script {
     begun: Vec<Line>,
 }
 
-/// A command of a script.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Line {
     /// The line's number, from 1; 0 for commands from elsewhere.
@@ -42,7 +41,7 @@ enum When {
 }
 
 impl Script {
-    /// Removes the next due command. `since_start` is the time since the window's first frame.
+    /// Removes the next due command, `since_start` after the window's first frame.
     pub(crate) fn next(&mut self, since_start: Duration, is_settled: bool) -> Option<Line> {
         let is_due = |when: &When| match when {
             When::At(time) => *time <= since_start,

@@ -13,7 +13,7 @@ pub(crate) struct State {
     pub(crate) scene: Scene,
     /// The window's own settings.
     pub(crate) window: WindowState,
-    /// Surfaces lent to layers without any when mode isosurface was chosen. They go with the mode, unless changed by somebody.
+    /// Surfaces lent to layers without any when mode isosurface was chosen. They go with the mode, unless changed.
     pub(crate) lent_surfaces: Vec<Isosurface>,
 }
 
@@ -141,7 +141,6 @@ pub(crate) struct Overlays {
 }
 
 impl Overlays {
-    /// No overlays.
     pub(crate) const NONE: Self = Self {
         outline: false,
         ticks: false,
@@ -207,7 +206,6 @@ pub(crate) struct Budgets {
     pub(crate) host: u32,
 }
 
-/// The window's colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Theme {

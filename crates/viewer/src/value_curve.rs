@@ -52,7 +52,7 @@ pub(crate) struct CurveReader {
 }
 
 impl CurveReader {
-    /// Reads another voxel of a volume, given with its index. The window is repainted as values arrive. A voxel being read is not restarted.
+    /// Reads another voxel of a volume, given with its index, unless that is being read. The window is repainted as values arrive.
     pub(crate) fn read(&mut self, egui: &egui::Context, (index, volume): (usize, &VolumeSource), voxel: [u32; 3]) {
         let is_same = |(of, curve): &(VolumeSource, Shared)| {
             let curve = locked(curve);

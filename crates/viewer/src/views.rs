@@ -18,7 +18,7 @@ pub(crate) struct Views {
     device: Option<Device>,
     /// The scene's own picture.
     pub(crate) main: Canvas,
-    /// The slices across the voxels' x, y and z axis; empty in a layout without them.
+    /// The slices across the voxels' x, y and z axis; empty in other layouts.
     pub(crate) planes: Vec<Canvas>,
 }
 
@@ -26,7 +26,7 @@ impl Views {
     /// Creates the pictures, on the window's device or on the CPU.
     ///
     /// # Errors
-    /// If the device lacks a feature of the engine.
+    /// If the device is unfit for the engine.
     pub(crate) fn new(
         volumes: Vec<VolumeSource>,
         options: SessionOptions,
@@ -39,7 +39,7 @@ impl Views {
     /// Moves to another device; `is_on_cpu` leaves the volumes to the CPU from now on.
     ///
     /// # Errors
-    /// If the device lacks a feature of the engine.
+    /// If the device is unfit for the engine.
     pub(crate) fn set_device(&mut self, device: Device, is_on_cpu: bool) -> Result<(), SessionError> {
         if is_on_cpu {
             self.options.backend = BackendChoice::Cpu;
@@ -50,7 +50,6 @@ impl Views {
         Ok(())
     }
 
-    /// The window's device; `None` before it is opened.
     pub(crate) fn device(&self) -> Option<&Device> {
         self.device.as_ref()
     }
@@ -59,7 +58,7 @@ impl Views {
         &self.volumes
     }
 
-    /// Shows other volumes from now on. The old pictures stay visible until there are new ones.
+    /// Shows other volumes. The old pictures stay until there are new ones.
     ///
     /// # Errors
     /// If the device is not available any more.
@@ -97,10 +96,10 @@ impl Views {
         of_pictures.fold((0, self.held_bytes()), |sum, of| (sum.0 + of.0, sum.1 + of.1))
     }
 
-    /// Adapts the pictures to a window's settings: their number, motion and memory. `between` is the window's own work in each frame.
+    /// Adapts the pictures to a window's settings: their number, motion and memory. `between` is the window's own work per frame.
     ///
     /// # Errors
-    /// If the device lacks a feature of the engine.
+    /// If the device is unfit for the engine.
     pub(crate) fn suit(&mut self, window: &WindowState, between: Duration) -> Result<(), SessionError> {
         let count = if window.layout == Layout::Planes { 3 } else { 0 };
         self.planes.truncate(count);

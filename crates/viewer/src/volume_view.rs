@@ -72,7 +72,7 @@ pub(crate) struct VolumeView {
 }
 
 impl VolumeView {
-    /// Shows the scene's picture in the rest of `ui`, and turns the pointer's actions there into commands.
+    /// Shows the scene's picture in the rest of `ui`, and turns the pointer's actions into commands.
     ///
     /// # Errors
     /// If the picture cannot be advanced; it stays as it was.
@@ -235,7 +235,7 @@ pub(crate) fn dim_failed(painter: &Painter, canvas: &Canvas, area: Rect) {
     }
 }
 
-/// The handle at a place of the window, of the clip box or of a clip plane.
+/// The handle at a place, of the clip box or of a clip plane.
 fn handle(lens: &Lens, scene: &Scene, world: &World<'_>, place: Pos2) -> Option<Hold> {
     let face = scene.clip.and_then(|clip| clip_handles::at(lens, clip, place)).map(Hold::Face);
     face.or_else(|| plane_handles::at(lens, &scene.clip_planes, world.corners, place).map(Hold::Plane))
@@ -249,7 +249,7 @@ pub(crate) fn isolation(seen: &Seen<'_>, picked: &Picked) -> Option<Command> {
     Some(Command::set(&format!("layers.{layer}.show_labels"), shown))
 }
 
-/// The rest of a part of the window in whole pixels, and the same in points.
+/// The rest of a part of the window, in whole pixels and in points.
 pub(crate) fn whole_pixels(ui: &Ui) -> ((u32, u32), egui::Vec2) {
     let scale = ui.ctx().pixels_per_point();
     let size = ui.available_size();

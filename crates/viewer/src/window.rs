@@ -180,7 +180,6 @@ impl Window {
         }
     }
 
-    /// Performs a line of the script.
     fn perform_line(&mut self, line: &Line, egui: &egui::Context) {
         tracing::debug!("{}", line.command);
         let done = self.try_perform(&line.command, egui);
@@ -211,7 +210,7 @@ impl Window {
         self.note = Some(Note::passing(text));
     }
 
-    /// Removes a remark once its time is over, for which it requests a repaint.
+    /// Removes a remark at the end of its time, requesting a repaint for it.
     fn end_note(&mut self, egui: &egui::Context) {
         match self.note.as_ref().and_then(Note::left) {
             Some(Duration::ZERO) => self.note = None,
@@ -338,7 +337,7 @@ impl Window {
         self.openings.are_none() || self.views.are_final()
     }
 
-    /// Whether the window stays as it is until something is done to it.
+    /// Whether the window stays as it is without new input.
     fn is_final(&self) -> bool {
         self.has_final_pictures() && !self.is_busy()
     }
@@ -419,7 +418,6 @@ impl Window {
         self.curves.curve(self.views.volumes())
     }
 
-    /// Writes the finished pictures.
     fn write_pictures(&mut self, egui: &egui::Context) {
         for (path, written) in self.screenshots.write() {
             let is_it = |command: &Command| matches!(command, Command::Screenshot(file) if *file == path);
@@ -513,7 +511,7 @@ impl Window {
     }
 
     /// Shows rows over the lower end of the pictures, in the free room of `ui`: files being read or written, and any problem too long for a line.
-    /// They take no room from the pictures, which would have to be redrawn at another height.
+    /// They take no room from the pictures, which another height would force to be redrawn.
     fn over_pictures(&mut self, ui: &Ui, has_problem: bool) {
         let problem = self.problem.as_ref().filter(|_| has_problem).map(|problem| problem.text.clone());
         let capturing = self.views.main.capturing();
@@ -574,8 +572,8 @@ impl Window {
         }
     }
 
-    /// Copies the picture's time step and the end of playback into the state, and into the copy edited by panels, unless they have changed it.
-    /// Neither is an edit.
+    /// Copies the picture's time step and the end of playback into the state, and into the panels' copy unless they have changed it there. Neither is
+    /// an edit.
     fn follow_clock(&mut self, edited: &mut State) {
         if !self.state.window.play.on || self.openings.are_none() {
             return;
@@ -657,7 +655,7 @@ impl Window {
     /// Draws on a device from now on; `is_on_cpu` leaves the volumes to the CPU.
     ///
     /// # Errors
-    /// If the device lacks a feature of the engine.
+    /// If the device is unfit for the engine.
     pub(crate) fn draw_on(&mut self, device: Device, is_on_cpu: bool) -> Result<(), SessionError> {
         self.views.set_device(device, is_on_cpu)
     }

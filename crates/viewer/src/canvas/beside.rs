@@ -1,4 +1,4 @@
-//! The CPU's pictures, drawn [beside the window](super::drawing): requested, watched, abandoned when out of date, and taken in.
+//! The CPU's pictures, drawn [beside the window](super::drawing): requested, watched, abandoned when outdated, and taken in.
 
 use super::capture;
 use super::drawing::{Begun, Done, Drawing, Engine, Home, News, Stage};
@@ -13,7 +13,7 @@ use eframe::egui;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Longest time for a coarse picture of an outdated view: during a drag, none would ever finish within a frame.
+/// Longest time for a coarse picture of an outdated view: during a drag, none would finish within a frame.
 const LATE: Duration = Duration::from_millis(600);
 
 /// Longest wait for the few bricks of a moving view.
@@ -32,10 +32,10 @@ pub(super) enum Task {
 /// A request for the picture of a scene.
 struct Order {
     wanted: Wanted,
-    /// The shown picture, and its pixels, visible until the next one covers them.
+    /// The shown picture, and its pixels, visible until covered by the next one.
     shown: Option<Shown>,
     under: Option<Arc<Picture>>,
-    /// Longest frame of the window, and the window's part of it.
+    /// Longest frame, and the window's own part of it.
     goal: (Duration, Duration),
     is_adaptive: bool,
 }
@@ -86,7 +86,7 @@ impl Order {
         }
     }
 
-    /// Takes a step of streaming. For a moving or new view it aims at bricks as coarse as the pixels, and waits for them a little.
+    /// Takes a streaming step. For a moving or new view it aims at bricks as coarse as the pixels, and waits a little for them.
     fn step(&self, session: &mut Session, control: &QualityControl) -> Result<Frame, SessionError> {
         let Wanted { scene, size_px, .. } = &self.wanted;
         let moves = self.shown.as_ref().is_none_or(|shown| !shown.is_of(&self.wanted));
@@ -105,7 +105,7 @@ impl Order {
     }
 }
 
-/// Streams until a scene's picture is final, and draws the rest of it.
+/// Streams until a scene's picture is final, and draws its rest.
 fn capture(
     session: &mut Session,
     (scene, made): (&Scene, &Made),
@@ -140,7 +140,7 @@ fn eyes(scene: &Scene) -> u32 {
 }
 
 impl Canvas {
-    /// Sends the session to stream towards the wanted picture and draw it.
+    /// Sends the session towards the wanted picture.
     ///
     /// # Errors
     /// If no thread can be started.
@@ -175,7 +175,7 @@ impl Canvas {
         })
     }
 
-    /// Sends the session to draw a picture for saving, once it is home.
+    /// Sends the session, once home, to draw a picture for saving.
     ///
     /// # Errors
     /// If no thread can be started.
@@ -199,7 +199,7 @@ impl Canvas {
         })
     }
 
-    /// Sends the session to draw beside the window, with all pending changes.
+    /// Sends the session beside the window, with all pending changes.
     fn leave(
         &mut self,
         task: Task,
@@ -228,7 +228,7 @@ impl Canvas {
         }
     }
 
-    /// Takes in the session's report, and the session itself if it is due, with its picture. Returns a picture to be saved.
+    /// Takes in the session's report, and the session itself, if due, with its picture. Returns a picture to be saved.
     ///
     /// # Errors
     /// If it could not be drawn.

@@ -1,5 +1,5 @@
 //! Pictures to be saved: requested, drawn in turn while the view rests, and handed over once final. A changing view comes first: an interrupted
-//! picture keeps its samples so far, and on the CPU its tiles.
+//! picture keeps its samples, and on the CPU its tiles.
 
 use super::made::Made;
 use super::row_drawing::{CapturePart, GpuCapture};
@@ -47,20 +47,17 @@ pub(super) fn go_on(
     }
 }
 
-/// A final picture.
 pub(crate) struct Captured {
     pub(crate) path: PathBuf,
     pub(crate) picture: Picture,
     /// The scene with every choice made.
     pub(crate) scene: Scene,
-    /// Brick counts.
     pub(crate) stats: RenderStats,
-    /// The marks to draw over it.
     pub(crate) over: Over,
 }
 
 impl Canvas {
-    /// Requests a picture of a scene; `None` is the shown picture's size.
+    /// Requests a picture of a scene; `None` is the shown size.
     pub(crate) fn capture(&mut self, scene: Scene, size_px: Option<(u32, u32)>, (path, over): (PathBuf, Over)) {
         let (asked, made) = (Instant::now(), Arc::default());
         self.captures.push_back(Capture { scene, size_px, path, over, asked, made });
@@ -71,7 +68,7 @@ impl Canvas {
         !self.captures.is_empty()
     }
 
-    /// Whether a requested picture is being drawn, as the view rests.
+    /// Whether a requested picture is being drawn.
     pub(crate) fn saves(&self) -> bool {
         self.is_capturing() && !self.gives_way
     }
@@ -131,7 +128,7 @@ impl Canvas {
         }
     }
 
-    /// The first requested picture's file and drawn share, 0 to 1, once it has taken a while; `None` without one.
+    /// The first requested picture's file and drawn share, 0 to 1, once it takes long; `None` without one.
     pub(crate) fn capturing(&self) -> Option<(&Path, f64)> {
         let capture = self.captures.front().filter(|capture| capture.asked.elapsed() > LOOK)?;
         let (samples, tiles) = capture.made.drawn();

@@ -1,6 +1,6 @@
-//! A picture drawn by the CPU beside the window: its session leaves for a thread of its own, streams and draws there, and returns with the picture.
-//! Meanwhile the window shows the picture so far and relies on the session's last report. Costs a thread per picture, and a copy of the draw lists
-//! per step of streaming.
+//! A picture drawn by the CPU beside the window: its session leaves for a thread, streams and draws there, and returns with the picture. Meanwhile
+//! the window shows the picture so far and relies on the session's last report. Costs a thread per picture, and a copy of the draw lists per
+//! streaming step.
 
 use super::FrameTimes;
 use super::meeting::Meeting;
@@ -16,7 +16,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Delay until a finished picture is shown. With no delay egui would paint the window twice.
+/// Delay until a finished picture is shown. Without a delay egui would paint the window twice.
 const AT_ONCE: Duration = Duration::from_millis(1);
 
 /// A session and the quality of its pictures.
@@ -107,7 +107,7 @@ pub(super) struct Home {
 pub(super) struct Drawing {
     stage: Arc<Stage>,
     since: Instant,
-    /// The reported picture in progress; the outer `None` before the first streaming step is done.
+    /// The reported picture in progress; the outer `None` before the first streaming step.
     begun: Option<Option<Begun>>,
     thread: Option<JoinHandle<Home>>,
 }
@@ -144,7 +144,7 @@ impl Drawing {
         Some(news)
     }
 
-    /// The reported picture in progress; `None` while the session only streams.
+    /// The reported picture in progress; `None` while only streaming.
     pub(super) fn begun(&self) -> Option<Begun> {
         self.begun.flatten()
     }
@@ -179,7 +179,7 @@ impl Drawing {
         self.stage.painting.so_far()
     }
 
-    /// Abandons the picture. The session stops within a step of streaming, or milliseconds while it draws.
+    /// Abandons the picture. The session stops within a streaming step, or milliseconds while drawing.
     pub(super) fn abandon(&self) {
         self.stage.painting.abandon();
     }

@@ -1,5 +1,5 @@
 //! Finished parts of a picture to be saved: whole samples, and tiles of the next one. The window and the drawing session share them; the lock is held
-//! for a moment only, never while samples are added.
+//! only briefly, never while samples are added.
 
 use brickyard::session::{Frame, KeptTiles};
 use brickyard::volume::{Picture, PictureSum, PixelSamples};
@@ -13,7 +13,7 @@ struct Parts {
     /// Coarseness of their bricks.
     pixel_error: f64,
     sum: PictureSum,
-    /// Number of samples in the sum.
+    /// Samples in the sum.
     samples: usize,
     /// Tiles of the next sample.
     tiles: Arc<KeptTiles>,

@@ -1,5 +1,5 @@
 //! The meeting of the window and a session returning from beside it: either the window waits for the session, or the session wakes the window. Costs
-//! a lock. `tests/loom` checks every interleaving of the two threads.
+//! a lock. `tests/loom` checks every interleaving.
 
 #[cfg(loom)]
 use loom::sync::{Condvar, Mutex, MutexGuard};

@@ -1,5 +1,5 @@
-//! A GPU's pictures: those of a moving view are submitted whole; exact and saved ones [in parts](super::row_drawing) where they take longer than a
-//! frame of the window. The window's thread makes all submissions.
+//! A GPU's pictures: those of a moving view are submitted whole; exact and saved ones [in parts](super::row_drawing) if they take longer than a frame
+//! of the window. The window's thread makes all submissions.
 
 use super::made::Made;
 use super::picture::{Choice, Shown, Wanted};
@@ -31,7 +31,7 @@ impl InRows {
 }
 
 impl Canvas {
-    /// Streams a step towards the wanted picture, and draws it or starts to.
+    /// Streams a step towards the wanted picture, and draws or starts it.
     ///
     /// # Errors
     /// If it cannot be drawn. The texture stays as it is.
@@ -112,7 +112,7 @@ impl Canvas {
         }
     }
 
-    /// Draws a sample of the shown picture, or starts to.
+    /// Draws or starts a sample of the shown picture.
     ///
     /// # Errors
     /// If the device fails. The texture stays as it is.
@@ -124,7 +124,7 @@ impl Canvas {
         self.add_sample(&frame)
     }
 
-    /// Draws a sample, unless it is drawn already, and adds it to those before.
+    /// Draws a sample, if still to be drawn, and adds it to those before.
     fn add_sample(&mut self, frame: &Frame) -> Result<(), SessionError> {
         let Some(Shown { scene, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
         let (samples, size_px, is_first) = (scene.pixel_samples, *size_px, *left == scene.pixel_samples.count());

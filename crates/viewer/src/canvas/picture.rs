@@ -1,10 +1,9 @@
-//! The wanted and the shown picture, and the choice of the next one after a step of streaming. Pure.
+//! The wanted and the shown picture, and the choice of the next one after a streaming step. Pure.
 
 use brickyard::frame_governor::{Change, Quality, QualityControl};
 use brickyard::session::Frame;
 use brickyard::volume::Scene;
 
-/// A wanted picture.
 #[derive(Clone)]
 pub(super) struct Wanted {
     pub(super) scene: Scene,
@@ -60,17 +59,16 @@ impl Shown {
     }
 }
 
-/// The choice of quality.
 pub(super) struct Choice<'a> {
     pub(super) control: &'a mut QualityControl,
-    /// Whether a moving view is drawn coarser, and whether a resting one is refined step by step.
+    /// Whether a moving view is drawn coarser, and a resting one refined step by step.
     pub(super) is_adaptive: bool,
     pub(super) is_gradual: bool,
 }
 
 impl Choice<'_> {
-    /// Chooses the picture of a frame to follow `shown`, and whether its view moves. A streaming view counts as moving: the exact picture is drawn
-    /// once, with all bricks.
+    /// Chooses the picture to follow `shown`, and whether its view moves. A streaming view counts as moving: the exact picture is drawn once, with
+    /// all bricks.
     pub(super) fn next(self, wanted: Wanted, frame: Frame, shown: Option<&Shown>) -> (Shown, bool) {
         let before = shown.filter(|shown| shown.is_of(&wanted) && frame.status.settled);
         let moved = before.is_none();

@@ -17,7 +17,7 @@ pub(super) struct RowDrawing {
 }
 
 impl RowDrawing {
-    /// A frame to draw. A `share` of it should suit a part; frames of the window take `between` besides.
+    /// A frame to draw. A `share` of it should suit a part; frames of the window take `between`.
     pub(super) fn new(frame: Frame, share: f64, between: Duration) -> Self {
         let height = frame.scene.layers[0].frames[0].settings.rays.height;
         Self { frame, pace: RowPace::new(height, share, between) }
@@ -67,7 +67,7 @@ impl RowDrawing {
 pub(super) struct GpuCapture {
     frame: Frame,
     samples: PixelSamples,
-    /// Share of a sample fit for one part, and the duration of a frame of the window in between.
+    /// Share of a sample fit for one part, and the duration of a frame of the window.
     fitting: f64,
     between: Duration,
     made: Arc<Made>,
@@ -79,13 +79,13 @@ pub(super) struct GpuCapture {
 pub(super) enum CapturePart {
     /// More parts are to come.
     Partly,
-    /// The streaming step is drawn; the bricks seen in it may call for more.
+    /// The streaming step is drawn; its visible bricks may call for more.
     Step,
     Whole(Picture, Box<Frame>),
 }
 
 impl GpuCapture {
-    /// The remaining samples of a frame's picture. A `share` of a sample should suit a part; frames of the window take `between` besides.
+    /// The remaining samples of a frame's picture. A `share` of a sample should suit a part; frames of the window take `between`.
     pub(super) fn new(frame: Frame, (samples, made): (PixelSamples, Arc<Made>), share: f64, between: Duration) -> Self {
         if frame.status.settled {
             made.keep_for(&frame);

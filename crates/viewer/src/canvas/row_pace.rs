@@ -1,5 +1,5 @@
 //! Pace of a picture drawn by a GPU some rows at a time. Each part lasts a few frames of the window, whose own work queues behind it. The next
-//! part follows when the previous one is done, with as many rows as would have fitted. Costs a frame of the window and a thread per part.
+//! part follows with as many rows as would have fitted. Costs a frame of the window and a thread per part.
 
 use brickyard::render::wgpu::{self, PollType};
 use eframe::egui::Context;
@@ -7,7 +7,7 @@ use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-/// Intended GPU time of a part in frames of the window without it, and its bounds: a starting drag waits for a part, and every part costs a
+/// Intended GPU time of a part in frames of the window without it, and its bounds: a starting drag waits for a part, and each part costs a
 /// painted frame.
 const FRAMES: u32 = 5;
 const GOALS: [Duration; 2] = [Duration::from_millis(40), Duration::from_millis(250)];
@@ -40,7 +40,7 @@ struct UnderWay {
 }
 
 impl RowPace {
-    /// Paces a picture of `height` rows. A `share` of them should suit a part; frames of the window take `between` besides.
+    /// Paces a picture of `height` rows. A `share` of them should suit a part; frames of the window take `between`.
     pub(super) fn new(height: u32, share: f64, between: Duration) -> Self {
         let [least, most] = GOALS;
         let goal = (FRAMES * between).clamp(least, most);
@@ -115,7 +115,6 @@ fn rows(wanted: f64) -> u32 {
 mod tests {
     use super::*;
 
-    /// Draws a picture with `row_ms` per row, and returns the times of its parts.
     fn draw(pace: &mut RowPace, row_ms: f64) -> Vec<f64> {
         let mut took_ms = Vec::new();
         let mut end = 0;

@@ -18,7 +18,7 @@ pub(crate) fn level_color(level: u8) -> Color32 {
     Color32::from_rgb(r, g, b)
 }
 
-/// Draws the edges of a scene's drawn cells, each in the colour of its brick's level.
+/// Draws the edges of a scene's drawn cells, in the colours of their bricks' levels.
 pub(crate) fn show(lens: &Lens, scene: &Scene, volumes: &[VolumeSource], lists: &[&DrawList]) {
     // The lists of a session's layers begin with the first; its bricks are enough to see.
     let Some(list) = lists.first() else { return };

@@ -47,7 +47,6 @@ pub(crate) struct Description {
     /// Its unit; empty is the file's own.
     #[serde(skip_serializing_if = "is_default")]
     unit: String,
-    /// Whether the voxels are labels.
     #[serde(skip_serializing_if = "is_default")]
     labels: bool,
     /// Whether numbers without an exact voxel value may be rounded.

@@ -21,7 +21,6 @@ const MOST_PX: u32 = 16384;
 
 const FILE_HINT: &str = "in the folder that the window was opened from, if it names none";
 
-/// The purpose of a dialog.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DialogKind {
     /// Volumes to show instead of others.
@@ -35,10 +34,8 @@ pub(crate) enum DialogKind {
     Export,
 }
 
-/// An open dialog.
 pub(crate) struct Dialog {
     kind: DialogKind,
-    /// The list of files to open.
     browser: FileBrowser,
     /// The file to write, or to describe.
     path: String,
@@ -80,7 +77,7 @@ impl Dialog {
         matches!(self.kind, DialogKind::Open | DialogKind::Add)
     }
 
-    /// Shows the dialog over a window with a scene of volumes. Returns whether it stays, and its command.
+    /// Shows the dialog over a window. Returns whether it stays, and its command.
     pub(crate) fn show(
         &mut self,
         egui: &egui::Context,
@@ -116,7 +113,7 @@ impl Dialog {
         (!is_left && command.is_none(), command)
     }
 
-    /// Shows the list of files, and below it the description of the chosen one.
+    /// Shows the list of files, and the description of the chosen one.
     fn choose(&mut self, ui: &mut Ui, placing: Placing) -> Option<Command> {
         let path = self.browser.show(ui);
         let hint = "voxel size, labels, the axes of an array, the shape of a raw file";
@@ -170,7 +167,7 @@ impl Dialog {
         self.save(ui, "Save picture").map(|path| Command::SavePicture(path, form))
     }
 
-    /// Shows the name of a file that may be replaced, and the button to write it.
+    /// Shows a replaceable file's name, and the button to write it.
     fn save(&mut self, ui: &mut Ui, name: &str) -> Option<PathBuf> {
         let (path, is_entered) = self.file(ui);
         if path.exists() {
@@ -231,7 +228,6 @@ mod tests {
     use egui_kittest::kittest::Queryable;
     use glam::DVec3;
 
-    /// A dialog and its result.
     struct Shown {
         dialog: Dialog,
         stays: bool,

@@ -1,5 +1,5 @@
-//! A channel's histogram, with a window dragged by one of its ends, or whole by its middle. Counts are on a logarithmic scale, or a linear one chosen
-//! by a right click. The editor of transfer functions shares its axis and bars.
+//! A channel's histogram, with a window dragged by its ends, or whole by its middle. Counts are on a logarithmic scale, or a linear one chosen by a
+//! right click. The editor of transfer functions shares its axis and bars.
 
 use crate::drag::drag_by;
 use brickyard::store::Histogram;

@@ -29,7 +29,7 @@ enum Change {
     Remove,
 }
 
-/// Shows the layers of a scene. `picked` is the label under the pointer; functions to be saved are added to `saved`.
+/// Shows a scene's layers. `picked` is the label under the pointer; functions to be saved go to `saved`.
 pub(crate) fn show(
     ui: &mut Ui,
     scene: &mut Scene,

@@ -1,4 +1,4 @@
-//! Adapts the rest of a scene to a choice: everything the new mode cannot have is dropped and everything it needs is added, so that every mode is one
+//! Adapts the rest of a scene to a choice, dropping everything the new mode cannot have and adding everything it needs, so that every mode is one
 //! click away.
 
 use brickyard::session::VolumeSource;
@@ -6,8 +6,8 @@ use brickyard::volume::{
     Expression, Isosurface, LightingModel, Method, Mode, PixelSamples, Scene, SceneExpression, SceneLayer,
 };
 
-/// Switches a scene of these volumes to another mode. Projections have neither light nor surfaces nor translucent meshes; slices are projections;
-/// sampling methods are for fog; and surfaces start in the middle of the window.
+/// Switches a scene to another mode. Projections have neither light nor surfaces nor translucent meshes; slices are projections; sampling methods are
+/// for fog; and surfaces start in the middle of the window.
 pub(crate) fn set_mode(scene: &mut Scene, volumes: &[VolumeSource], mode: Mode) {
     let had_light = !scene.mode.is_projection() || scene.lighting.model != LightingModel::None;
     // Projections show plain values; leaving them restores the initial look.

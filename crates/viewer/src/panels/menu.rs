@@ -17,7 +17,6 @@ pub(crate) struct Subject<'a> {
     /// Whether an edit can be undone, and one redone.
     pub(crate) history: (bool, bool),
     pub(crate) budgets: Budgets,
-    /// A requested dialog.
     pub(crate) wanted: &'a mut Option<DialogKind>,
 }
 
@@ -183,7 +182,6 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::{NodeT, Queryable};
 
-    /// The window's state and the commands after these clicks.
     fn clicked(labels: &[&str]) -> (State, Vec<Command>) {
         let show = |ui: &mut Ui, (state, commands): &mut (State, Vec<Command>)| {
             let subject = Subject {

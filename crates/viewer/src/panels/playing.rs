@@ -34,10 +34,9 @@ const POLICIES: Choices<'_, Policy> = &[
 /// The row's data.
 pub(crate) struct Steps<'a> {
     pub(crate) timeline: &'a Timeline,
-    /// The step of the visible picture, for the text; `None` before the first. It may lag behind the requested step.
+    /// The visible picture's step, for the text; `None` before the first. It may lag behind the requested step.
     pub(crate) seen: Option<u32>,
     pub(crate) coming: &'a [ComingStep],
-    /// The values of a voxel at all steps.
     pub(crate) curve: Option<&'a ValueCurve>,
 }
 
@@ -142,7 +141,7 @@ fn bar(ui: &mut Ui, time: &mut u32, height: f32, steps: &Steps<'_>) -> Response 
     response.on_hover_text("drag to jump; what comes next is marked as it gets ready")
 }
 
-/// Draws a line for each channel of a curve, the first one in the text colour. Lines break at steps without a value.
+/// Draws a line for each channel of a curve, the first in the text colour. Lines break at steps without a value.
 fn draw_curve(painter: &Painter, first: Color32, area: Rect, steps: &Steps<'_>) {
     let Some((curve, (low, high))) = steps.curve.and_then(|curve| Some((curve, curve.range()?))) else { return };
     let count = steps.timeline.steps();

@@ -10,7 +10,7 @@ use eframe::egui::{Align, Color32, Label, Layout, RichText, TextStyle, TextWrapM
 /// Height of the line, in points.
 const HEIGHT: f32 = 20.0;
 
-/// Largest share of the line's left for a problem, and the width of its button in points. The rest is for the read-out under the pointer.
+/// Largest share of the line's left for a problem, and the width of its button in points. The rest is for the read-out.
 const MOST_OF_PROBLEM: f32 = 0.5;
 const DISMISS: f32 = 70.0;
 
@@ -158,7 +158,6 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable;
 
-    /// The line in a window of some width, and the problem's outcome so far.
     fn harness<'a>(width: f32, said: (Option<&'a str>, Option<&'a str>, &'a ReadOut)) -> Harness<'a, Outcome> {
         let (problem, note, picked) = said;
         let show = move |ui: &mut Ui, outcome: &mut Outcome| {

@@ -66,7 +66,6 @@ const FIELDS: [(&str, &str); 48] = [
 /// Width of the panel in points.
 const WIDTH: f32 = 260.0;
 
-/// Headings of groups.
 const GROUPS: [&str; 13] = [
     "slice",
     "clip box",
@@ -151,7 +150,6 @@ fn harness<'a>(scene: &Scene, theme: eframe::egui::Theme) -> Harness<'a, Scene> 
     harness
 }
 
-/// Opens all present groups.
 fn open_groups<S>(harness: &mut Harness<'_, S>) {
     for group in GROUPS {
         if let Some(heading) = harness.query_by_role_and_label(eframe::egui::accesskit::Role::DisclosureTriangle, group)

@@ -71,7 +71,7 @@ impl Default for State {
     }
 }
 
-/// Shows the transfer function of a layer of measurements. Functions to be saved are added to `saved`.
+/// Shows the transfer function of a layer of measurements. Functions to be saved go to `saved`.
 pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, saved: &mut Vec<SavedFunction>) {
     let channel = volume.statistics(layer.channel);
     let histogram = channel.map(|channel| &channel.histogram);
@@ -255,7 +255,7 @@ fn load(layer: &mut SceneLayer, volume: &VolumeSource, path: &Path) -> Result<St
     Ok(imported.remarks.join("\n"))
 }
 
-/// Keyboard actions on the selected point: the change of its value and of its opacity, and whether it is removed. `step` is a step in values.
+/// Keyboard changes to the selected point's value, in multiples of `step`, and to its opacity; and whether it is removed.
 fn keys(ui: &Ui, response: &Response, step: f64) -> ([f64; 2], bool) {
     if !response.has_focus() {
         return ([0.0; 2], false);

@@ -69,8 +69,8 @@ impl<'a> World<'a> {
     }
 }
 
-/// Shows the mode, side and time step of a scene. Camera motion is added to `commands`. During playback only the row below the pictures names the
-/// step, as it is shown once they are drawn.
+/// Shows the mode, side and time step of a scene. Camera motion goes to `commands`. During playback only the row below the pictures names the step,
+/// as it is shown once they are drawn.
 pub(crate) fn show(
     ui: &mut Ui,
     scene: &mut Scene,

@@ -187,7 +187,6 @@ pub(crate) fn count(ui: &mut Ui, label: &str, hint: &str, value: &mut u32, range
     })
 }
 
-/// Shows a switch in a row of its own.
 pub(crate) fn switch(ui: &mut Ui, label: &str, hint: &str, is_on: &mut bool) -> Response {
     row(ui, label, hint, |ui, label| ui.checkbox(is_on, "").labelled_by(label).on_hover_text(hint))
 }
@@ -278,8 +277,7 @@ struct Draft {
     text: String,
 }
 
-/// Shows a value typed as text. It is applied as soon as it parses; until then the text stays, with the error below. Returns whether the value
-/// changed.
+/// Shows a value typed as text. It is applied once it parses; until then the text stays, with the error below. Returns whether the value changed.
 pub(crate) fn typed<T: PartialEq>(
     ui: &mut Ui,
     (name, hint, rows): (&str, &str, usize),
@@ -313,7 +311,7 @@ pub(crate) fn typed<T: PartialEq>(
     has_changed
 }
 
-/// Shows a range of values in a row of its own: its ends on a rail, and as numbers. The ends stay `least` apart.
+/// Shows a range of values in a row of its own: its ends on a rail, and as numbers, at least `least` apart.
 pub(crate) fn range(
     ui: &mut Ui,
     label: &str,

@@ -24,7 +24,6 @@ use std::path::{Path, PathBuf};
 /// Volumes being opened, shown once there is a picture of each.
 pub(super) struct Next {
     openings: Openings,
-    /// Meshes to be shown with them.
     meshes: Vec<PathBuf>,
     placing: Placing,
     /// The user's description of the files.
@@ -71,8 +70,8 @@ impl Window {
         }
     }
 
-    /// Returns the message for a file that cannot be opened; files requested with it are still opened. If the file lacks metadata, or its description
-    /// is wrong, a form requests it. There is none for folders: a form describes one file.
+    /// Returns the message for a file that cannot be opened; files requested with it are still opened. A form requests missing metadata or a better
+    /// description. There is none for folders: a form describes one file.
     fn ask_about(&mut self, path: &Path, error: &OpeningError) -> String {
         if let Some(next) = &self.next
             && is_asked_about(path, error, &next.said)
@@ -178,7 +177,7 @@ impl Window {
         Ok(())
     }
 
-    /// Shows other volumes instead of the current ones, as in a new window on them.
+    /// Shows other volumes instead, as in a new window on them.
     fn show_others(&mut self, openings: Openings) -> Result<(), String> {
         let volumes = openings.volumes();
         let mut scene = Scene { layers: default_layers(&volumes), ..Scene::default() };

@@ -1,4 +1,4 @@
-//! The look of a layer of labels: the visible labels, as a typed list or by the pointer, and their colours.
+//! The look of a layer of labels: the visible ones, as a typed list or by the pointer, and their colours.
 
 use crate::panels::widgets::{color, own_color, row, typed};
 use brickyard::session::VolumeSource;
@@ -10,7 +10,7 @@ use std::ops::RangeInclusive;
 /// Most swatches for a list.
 const SWATCHES: usize = 24;
 
-/// Shows a layer's labels. `picked` is the label under the pointer.
+/// Shows a layer's labels, with `picked` under the pointer.
 pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, picked: Option<i64>) {
     row(ui, "labels", "which labels are shown; label 0 is the background", |ui, _| {
         let is_all = layer.show_labels.is_none();
@@ -180,7 +180,6 @@ mod tests {
         }
     }
 
-    /// The layer of labels after a click.
     fn clicked(layer: SceneLayer, name: &str) -> SceneLayer {
         let volumes = fixture::volumes();
         let volume = volumes[1].clone();

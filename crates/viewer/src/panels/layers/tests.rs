@@ -31,7 +31,6 @@ fn clicked(scene: Scene, names: &[&str]) -> Scene {
     harness.state().clone()
 }
 
-/// Types a number into a field of the open second layer.
 fn typed(harness: &mut Harness<'_, Scene>, (label, place): (&str, usize), text: &str) {
     let field = |harness: &Harness<'_, Scene>| {
         harness.get_all_by_role_and_label(Kind::SpinButton, label).nth(place).expect("a number").focus();

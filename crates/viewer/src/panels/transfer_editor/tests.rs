@@ -32,7 +32,6 @@ fn function(harness: &Harness<'_, Edited>) -> TransferFunction {
     volumes[0].function(&layer).expect("a valid function")
 }
 
-/// The place of a value and an opacity in the plot.
 fn place(harness: &Harness<'_, Edited>, value: f64, alpha: f64) -> Pos2 {
     let inner = harness.get_by_label("opacity curve").rect().shrink(6.0);
     pos2(inner.left() + inner.width() * (value / 255.0) as f32, inner.bottom() - inner.height() * alpha as f32)

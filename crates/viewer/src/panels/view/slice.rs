@@ -9,7 +9,7 @@ use brickyard::volume::{Mode, Scene, Slice};
 use eframe::egui::Ui;
 use glam::DVec3;
 
-/// Orientation of a slice.
+/// The orientation of a slice.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Cut {
     Off,
@@ -77,7 +77,7 @@ fn cut(slice: Option<&Slice>) -> Cut {
     (0..3).find(|&axis| normal[axis] > 1.0 - 1e-12).map_or(Cut::Oblique, Cut::Across)
 }
 
-/// Sets the orientation of a scene's slice, through its present place, or else the middle. A slice is a projection, and is looked at straight.
+/// Sets the orientation of a scene's slice, through its present place or the middle. A slice is a projection, and is looked at straight.
 fn choose(scene: &mut Scene, volumes: &[VolumeSource], world: &World<'_>, cut: Cut) {
     let (point, thickness) = scene.slice.map_or((world.middle(), 0.0), |slice| (slice.point, slice.thickness));
     let slice = match cut {

@@ -26,7 +26,6 @@ fn harness<'a>(scene: Scene) -> Harness<'a, Edited> {
     Harness::builder().with_size(vec2(276.0, 1600.0)).build_ui_state(show, (scene, Vec::new()))
 }
 
-/// A harness after these clicks.
 fn clicked<'a>(scene: Scene, names: &[&str]) -> Harness<'a, Edited> {
     let mut harness = harness(scene);
     for name in names {
