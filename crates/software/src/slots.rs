@@ -81,7 +81,7 @@ fn slot_bytes(needs: &VolumeNeeds) -> u64 {
 pub(crate) fn bytes_per_slot(needs: &VolumeNeeds, options: &SoftwareOptions, are_several: bool) -> u64 {
     let edge = needs.edge as usize;
     let cells = macrocells::bytes(edge);
-    let mask = boxes(edge) * size_of::<u16>();
+    let mask = boxes(edge) * size_of::<f32>();
     let light = size_of::<AtomicU32>() + size_of::<f32>();
     let of_threads = if are_several { options.threads.max(1) * BYTES_PER_CELL_AND_THREAD } else { 0 };
     let beside = cells + mask + light + size_of::<Option<Resident>>() + size_of::<Cell<'_>>() + of_threads;

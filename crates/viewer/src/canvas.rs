@@ -1,6 +1,6 @@
-//! The picture in the window: a live session draws the scene into a texture, on the window's own device or [beside the window](drawing) on the CPU, at the
-//! quality that the hand's pace allows. At rest it is drawn once more, exactly, and then sample by sample until it is smooth, and then not again. Costs one step of
-//! streaming for each picture, and on a GPU one for each frame of the window.
+//! The window's picture: a live session draws the scene into a texture, on the window's device or [beside the window](drawing) on the CPU, as
+//! coarsely as a moving view demands. At rest it draws the exact picture, smooths it sample by sample, and stops. Costs a streaming step per picture;
+//! on a GPU one per frame of the window.
 
 mod beside;
 mod capture;
@@ -37,88 +37,82 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How many frames' times are kept.
+/// Number of frames with recorded times.
 const FRAMES: usize = 240;
 
-/// How long the window waits for a session that was told to stop.
+/// Longest wait for an abandoned session.
 const GIVING_UP: Duration = Duration::from_millis(12);
 
-/// How long it waits for the picture of a view that moves, in goals of a frame: painted meanwhile, both take twice as long.
+/// Longest wait for a moving view's picture, in frame goals: painting in between doubles the time of both.
 const PATIENCE: f64 = 1.5;
 
-/// How often what is drawn of a picture is shown.
+/// Interval between looks at a picture in progress.
 const LOOK: Duration = Duration::from_millis(150);
 
-/// How long there is no picture of a change before a change that counts as the first one, such as the press that begins a drag.
+/// Time since the last answer after which a change counts as a first one, such as the press at the start of a drag.
 const REST: Duration = Duration::from_millis(250);
 
-/// How often the window, or a session beside it, looks whether bricks have come.
+/// Interval of checks for new bricks, by the window or a session beside it.
 pub(crate) const STREAMING_STEP: Duration = Duration::from_millis(8);
 
-/// How soon, and how often later, the window shows how far pictures are that are drawn beside it. Each frame of the window takes time from them: a picture
-/// of 0.2 s is drawn without one.
+/// Delays of the first and of later progress updates for pictures beside the window. Each costs them a frame: a picture of 0.2 s gets none.
 const DRAWING_STEPS: [Duration; 2] = [Duration::from_millis(200), Duration::from_millis(500)];
 
-/// A session and the texture that shows its picture.
 pub(crate) struct Canvas {
-    /// The session while it is at home, as it always is on a GPU; `None` while it is away on the CPU.
+    /// The session at home, as always on a GPU; `None` while away on the CPU.
     engine: Option<Box<Engine>>,
-    /// What it does there, and what the window knows of it.
+    /// The session's work while away, and its last report.
     drawing: Option<(Drawing, Task)>,
     known: Known,
-    /// Changes that the session has not heard of.
     changes: Vec<Change>,
-    /// The picture that it draws in parts on a GPU, and the one that it draws there to be saved.
+    /// Pictures drawn in parts on a GPU, for the view and for saving.
     in_rows: Option<InRows>,
     gpu_capture: Option<GpuCapture>,
-    /// The share of an exact picture that was fit for a part of one.
+    /// Share of an exact picture found fit for a part.
     fitting: f64,
-    /// How long a frame of the window may take while the picture changes, and how long it takes without drawing.
+    /// Longest frame during changes, and the duration of one without drawing.
     goal: Duration,
     between: Duration,
-    /// The session's options.
     options: SessionOptions,
-    /// The last picture from the CPU, and when it, or a part of the next one, was shown.
+    /// The CPU's last picture, and when it, or a part of the next one, was shown.
     picture: Option<Arc<Picture>>,
     looked: Option<Instant>,
-    /// Where the picture is seen; `None` as long as the window has no device.
+    /// The visible texture; `None` until the window has a device.
     screen: Option<Screen>,
-    /// The window's device, if the session draws there and not on the CPU.
+    /// The window's device, if the session draws on it.
     gpu: Option<Device>,
-    /// Whether the picture is drawn coarser while the view moves.
+    /// Whether moving views are drawn coarser.
     pub(crate) is_adaptive: bool,
-    /// Whether a frame of the window waits for the picture of a view that moves, for a little longer than it may take: it is painted on the cores that this is drawn on.
+    /// Whether a frame waits slightly beyond its goal for a moving view's picture: both use the same cores.
     pub(crate) is_patient: bool,
-    /// How time steps are played, as the session is told.
     playback: Option<Playback>,
     pace: Pace,
     shown: Option<Shown>,
-    /// How far the last step of streaming was, and which time steps come next; `None` before the first one.
+    /// Status of the last streaming step, and coming time steps; `None` before the first.
     stream: Option<(Status, Vec<ComingStep>)>,
-    /// What the last frames took, oldest first.
+    /// Times of the last frames, oldest first.
     times: VecDeque<FrameTimes>,
-    /// What they took since that was last asked.
+    /// Time spent since the last query.
     spent: FrameTimes,
-    /// The scene that was asked for last, and how often it was another one; when it was changed of which there is no picture yet, and the change's number; how long
-    /// others took, and when the last one came.
+    /// The last requested scene, and the number of changes; time and number of the first unanswered change; the answers, and the time of the last.
     seen: Option<Scene>,
     change: u64,
     asked: Option<(Instant, u64)>,
     answers: Vec<Answer>,
     answered: Option<Instant>,
     captures: VecDeque<Capture>,
-    /// Whether pictures that are to be saved wait until the view rests; and the picture of it that cannot be drawn, for which they do not.
+    /// Whether saved pictures wait for a resting view; and its failed picture, for which they do not.
     gives_way: bool,
     failed: Option<Wanted>,
 }
 
-/// A change that a session hears of when it is at home.
+/// A change, applied while the session is home.
 enum Change {
-    /// Time steps are played in another way; `None` stands still.
+    /// Another playback; `None` stands still.
     Play(Option<Playback>),
     /// Later states of the volumes.
     Volumes(Vec<VolumeSource>),
-    /// Other limits of memory, in bytes.
+    /// Other memory limits, in bytes.
     Budgets { backend_bytes: u64, host_memory_bytes: u64 },
 }
 
@@ -134,34 +128,32 @@ impl Change {
     }
 }
 
-/// How long it was from a change of the scene to the first picture of it.
+/// Time from a change of the scene to its first picture.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Answer {
     pub(crate) took: Duration,
-    /// Whether the view had rested before.
+    /// Whether the view was at rest before.
     pub(crate) is_first: bool,
 }
 
-/// What a frame took.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct FrameTimes {
-    /// Streaming: taking in bricks, planning, uploading.
+    /// Streaming: receiving bricks, planning, uploading.
     pub(crate) step: Duration,
-    /// Recording what a GPU draws.
+    /// Recording a GPU's commands.
     pub(crate) draw: Duration,
-    /// Drawing beside the window, on the CPU or in parts on a GPU.
+    /// Drawing on the CPU, or in parts on a GPU.
     pub(crate) beside: Duration,
-    /// Waiting for what is drawn beside the window.
+    /// Waiting for a picture beside the window.
     pub(crate) waited: Duration,
 }
 
 impl FrameTimes {
-    /// What drawing took, wherever.
     pub(crate) fn drawing(&self) -> Duration {
         self.draw + self.beside
     }
 
-    /// What both took.
+    /// The sum of both.
     pub(crate) fn and(self, other: Self) -> Self {
         Self {
             step: self.step + other.step,
@@ -172,23 +164,24 @@ impl FrameTimes {
     }
 }
 
-/// Which time step a session is at, and is asked for: as it was with the picture that is shown. A session that draws is ahead of that.
+/// The session's current and requested time step, as of the shown picture; a drawing session is ahead.
 #[derive(Default)]
 struct Pace {
     is_playing: bool,
     is_seeking: bool,
-    /// The step of the session's last frame, and the one that it was asked for.
+    /// The step of the session's last frame, and the requested one.
     stepped: u32,
     asked: u32,
-    /// Whether another one is asked for.
+    /// Whether another step is requested.
     is_jump: bool,
 }
 
 impl Canvas {
-    /// Makes a session of volumes, on the window's device unless there is none, the options say the CPU, or leave the choice and the device is a software one.
+    /// Creates a session: on the window's device, unless there is none, the options choose the CPU, or they leave the choice and the device is a
+    /// software one.
     ///
     /// # Errors
-    /// If the device lacks what the engine needs.
+    /// If the device is unfit for the engine.
     pub(crate) fn new(
         volumes: Vec<VolumeSource>,
         options: &SessionOptions,
@@ -236,11 +229,10 @@ impl Canvas {
         })
     }
 
-    /// Goes on with another device of the window's. Pictures that were asked for are still to come. What is decoded stays unless the CPU takes the place of a
-    /// GPU, or the other way round.
+    /// Moves to another device. Requested pictures are still to come. Decoded bricks stay, unless the CPU replaces a GPU or the reverse.
     ///
     /// # Errors
-    /// If the device lacks what the engine needs.
+    /// If the device is unfit for the engine.
     pub(crate) fn set_device(&mut self, options: &SessionOptions, device: &Device) -> Result<(), SessionError> {
         match (&mut self.gpu, draws_volumes(device, options)) {
             (None, false) => {}
@@ -261,10 +253,10 @@ impl Canvas {
         Ok(())
     }
 
-    /// Begins anew with other volumes. The picture before is seen until there is one of them.
+    /// Starts over with other volumes. The old picture stays until there is a new one.
     ///
     /// # Errors
-    /// If the device lacks what the engine needs.
+    /// If the device is unfit for the engine.
     pub(crate) fn begin_anew(
         &mut self,
         volumes: Vec<VolumeSource>,
@@ -274,7 +266,7 @@ impl Canvas {
         let anew = Self::new(volumes, options, device)?;
         let before = std::mem::replace(self, anew);
         self.screen = before.screen;
-        // Giving gigabytes of bricks back takes as long as several frames.
+        // Freeing gigabytes of bricks takes as long as several frames.
         let engine = before.engine;
         let given_back = std::thread::Builder::new().name("giving back".into()).spawn(move || drop(engine));
         if let Err(error) = given_back {
@@ -283,13 +275,13 @@ impl Canvas {
         Ok(())
     }
 
-    /// Goes on with later states of the volumes.
+    /// Switches to later states of the volumes.
     pub(crate) fn set_volumes(&mut self, volumes: Vec<VolumeSource>) {
         self.known.volumes.clone_from(&volumes);
         self.tell(Change::Volumes(volumes));
     }
 
-    /// Tells the session of a change: at once on a GPU, else when it leaves for the next picture. What it draws now is given up.
+    /// Applies a change: at once on a GPU, else when the session next leaves. Abandons the picture in progress.
     fn tell(&mut self, change: Change) {
         (self.in_rows, self.gpu_capture) = (None, None);
         if matches!(change, Change::Volumes(_)) {
@@ -304,31 +296,29 @@ impl Canvas {
         self.keep_pace();
     }
 
-    /// Whether the device is lost on which the picture is drawn.
     fn is_lost(&self) -> bool {
         self.gpu.as_ref().is_some_and(|device| device.lost().is_some())
     }
 
-    /// Whether the picture that was asked for last cannot be drawn: what is shown is one from before.
+    /// Whether the last requested picture failed, and an earlier one is shown.
     pub(crate) fn is_failing(&self) -> bool {
         self.failed.is_some()
     }
 
-    /// Whether the CPU draws the picture.
     pub(crate) fn draws_on_cpu(&self) -> bool {
         self.gpu.is_none()
     }
 
-    /// Sets how long a frame of the window may take while the picture changes, `between` of it for the window itself.
+    /// Sets the longest frame during changes, `between` of it the window's own work.
     pub(crate) fn set_frame_goal(&mut self, goal: Duration, between: Duration) {
         (self.goal, self.between) = (goal, between);
         if let Some(Engine { session, control }) = self.engine.as_deref_mut().filter(|_| self.gpu.is_some()) {
-            // A GPU's own work for a picture is part of the time between frames.
+            // A GPU's own work on a picture is part of the time between frames.
             control.set_goal(session.drawing_time(goal, Duration::ZERO));
         }
     }
 
-    /// Goes on within other limits of memory, in bytes: of slots, tables and targets, and of decoded bricks.
+    /// Sets memory limits in bytes: for slots, tables and targets, and for decoded bricks.
     pub(crate) fn set_budgets(&mut self, backend_bytes: u64, host_memory_bytes: u64) {
         let SessionOptions { gpu_memory_bytes, cpu_memory_bytes, host_memory_bytes: host, .. } = self.options;
         if (gpu_memory_bytes, cpu_memory_bytes, host) == (backend_bytes, backend_bytes, host_memory_bytes) {
@@ -339,10 +329,10 @@ impl Canvas {
         self.tell(Change::Budgets { backend_bytes, host_memory_bytes });
     }
 
-    /// Brings the texture nearer to a scene's picture of a size, unless what is shown still stands, or a picture is being saved of which that is so.
+    /// Brings the texture closer to the scene's picture, unless the shown one still stands, or pictures are being saved and the view rests.
     ///
     /// # Errors
-    /// If the scene cannot be drawn, or the device fails. The texture keeps what it shows.
+    /// If the scene cannot be drawn, or the device fails. The texture stays as it is.
     pub(crate) fn show(
         &mut self,
         scene: &Scene,
@@ -381,17 +371,17 @@ impl Canvas {
                 self.asked.get_or_insert((Instant::now(), self.change));
             }
         }
-        // The scene follows the picture that has been seen, not the one that arrives now.
+        // The scene follows the picture seen so far, not the one arriving now.
         let is_known = scene.time == self.pace.asked || Some(scene.time) == self.step_seen();
         self.arrive()?;
         self.pace.is_jump |= self.pace.is_playing && !is_known;
-        // What is played is asked for step by step: by the step of the picture that is shown, which the session may have left.
+        // Playback requests the shown picture's step, which the session may have left already.
         let is_paced = self.pace.is_playing && !self.pace.is_jump;
         let time = if is_paced { self.pace.stepped } else { scene.time };
         let wanted = Wanted { scene: Scene { time, ..scene.clone() }, size_px, is_paced, change: self.change };
         if self.drawing.is_some() {
             self.look_on(&wanted);
-            // A frame of the window may take as long as the picture that comes next.
+            // A frame of the window may take as long as the next picture.
             let is_home =
                 self.drawing.as_ref().is_some_and(|(drawing, _)| drawing.is_abandoned()) && self.wait(GIVING_UP);
             if !is_home {
@@ -429,7 +419,7 @@ impl Canvas {
         }
     }
 
-    /// Waits for the session, for so long at most. Returns whether it waits to be taken home.
+    /// Waits `at_most` for the session. Returns whether it can be taken home.
     fn wait(&mut self, at_most: Duration) -> bool {
         let begun = Instant::now();
         let is_over = self.drawing.as_ref().is_some_and(|(drawing, _)| drawing.wait(at_most));
@@ -437,7 +427,7 @@ impl Canvas {
         is_over
     }
 
-    /// Takes note of what a picture took; its step of streaming is counted already, or was taken beside the window.
+    /// Records a picture's times; its streaming step is counted already, or was beside the window.
     fn took(&mut self, times: FrameTimes) {
         if self.times.len() == FRAMES {
             self.times.pop_front();
@@ -446,7 +436,7 @@ impl Canvas {
         self.spent = self.spent.and(FrameTimes { step: Duration::ZERO, ..times });
     }
 
-    /// Takes note of a picture.
+    /// Records a picture as shown.
     fn drew(&mut self, drawn: Drawn, shown: Shown) {
         if drawn == Drawn::Nothing {
             self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
@@ -454,7 +444,7 @@ impl Canvas {
         }
         let Shown { scene, frame, quality, change, .. } = &shown;
         if !frame.status.covered {
-            // It never happens; tests of the window look for it.
+            // This never happens; tests of the window search the log for it.
             tracing::error!("a picture has a hole");
         }
         self.failed = None;
@@ -471,10 +461,10 @@ impl Canvas {
         self.shown = Some(Shown { samples_left, ..shown });
     }
 
-    /// Draws the next sample of the picture's pixels. When all are drawn, the texture shows their mean.
+    /// Draws the next sample. After the last one the texture shows their mean.
     ///
     /// # Errors
-    /// If the device fails. The texture keeps what it shows.
+    /// If the device fails. The texture stays as it is.
     fn smooth(&mut self, egui: &egui::Context) -> Result<(), SessionError> {
         let Some(Shown { scene, frame, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
         let samples = scene.pixel_samples;
@@ -486,7 +476,7 @@ impl Canvas {
         }
     }
 
-    /// Plays time steps from the one that is shown on, or in another way; `None` stands still.
+    /// Plays time steps from the shown one on; `None` stands still.
     pub(crate) fn play(&mut self, playback: Option<Playback>) {
         if self.playback != playback {
             self.playback = playback;
@@ -494,12 +484,12 @@ impl Canvas {
         }
     }
 
-    /// Whether time steps are played: not any more once the last one is shown of a playback that stops there.
+    /// Whether time steps are playing, up to the last if the playback stops there.
     pub(crate) fn is_playing(&self) -> bool {
         self.pace.is_playing
     }
 
-    /// Takes note of whether the session plays or seeks, once it has come home and heard of all changes.
+    /// Records whether the session plays or seeks, once it is home without pending changes.
     fn keep_pace(&mut self) {
         if let Some(Engine { session, .. }) = self.engine.as_deref() {
             (self.pace.is_playing, self.pace.is_seeking) = (session.playback().is_some(), session.is_seeking());
@@ -512,23 +502,22 @@ impl Canvas {
         self.pace.is_playing = played.unwrap_or(self.pace.is_playing);
     }
 
-    /// The time step that is shown; `None` before the first picture, and while another one is sought.
+    /// The shown time step; `None` before the first picture and during a seek.
     pub(crate) fn step_shown(&self) -> Option<u32> {
         let is_sought = self.pace.is_seeking || self.pace.is_jump;
         self.shown.as_ref().filter(|_| !is_sought).map(|shown| shown.frame.scene.time)
     }
 
-    /// The time step of the picture that is seen; `None` before the first one.
+    /// The visible picture's time step, if any.
     pub(crate) fn step_seen(&self) -> Option<u32> {
         self.shown.as_ref().map(|shown| shown.frame.scene.time)
     }
 
-    /// The time steps that come next.
     pub(crate) fn coming(&self) -> &[ComingStep] {
         self.stream.as_ref().map_or(&[], |(_, coming)| coming)
     }
 
-    /// What a session on a GPU knows, or one on the CPU has told.
+    /// A property of the session on a GPU, or as last reported from the CPU.
     fn known<'a, T>(&'a self, at_home: impl FnOnce(&'a Session) -> T, told: impl FnOnce(&'a Known) -> T) -> T {
         match self.engine.as_deref().filter(|_| self.gpu.is_some()) {
             Some(engine) => at_home(&engine.session),
@@ -536,12 +525,11 @@ impl Canvas {
         }
     }
 
-    /// The volumes that are shown.
     fn volumes(&self) -> &[VolumeSource] {
         self.known(Session::volumes, |known| &known.volumes)
     }
 
-    /// How much is drawn of the picture at which the session works, 0 to 1, once that has taken a while; `None` if it does not.
+    /// The drawn share of the picture in progress, 0 to 1, once it takes long; `None` without one.
     pub(crate) fn progress(&self) -> Option<f64> {
         if let Some(drawing) = self.in_rows.as_ref().map(InRows::drawing) {
             return (drawing.since() > LOOK).then(|| drawing.share());
@@ -550,13 +538,13 @@ impl Canvas {
         let since = match task {
             Task::Show(_) => drawing.begun().map(|begun| begun.at.elapsed()),
             Task::Smooth => Some(drawing.since()),
-            // It is told with the pictures that are saved.
+            // Saved pictures have their own progress row.
             Task::Capture => None,
         };
         since.filter(|since| *since > LOOK).map(|_| drawing.progress())
     }
 
-    /// How long it is until the window should look how far the picture is, which is not final. It hears of those that are drawn beside it, or in parts.
+    /// Delay until the next check on an unfinished picture. Pictures beside the window or in parts report their end.
     pub(crate) fn look_after(&self) -> Duration {
         let [soonest, latest] = DRAWING_STEPS;
         let in_parts = self.in_rows.as_ref().map(InRows::drawing);
@@ -566,37 +554,37 @@ impl Canvas {
         since.map_or(STREAMING_STEP, |since| since.clamp(soonest, latest))
     }
 
-    /// Puts the picture over a part of the window; nothing before the first one.
+    /// Puts the picture, if any, over a part of the window.
     pub(crate) fn paint(&self, painter: &Painter, area: Rect) {
         self.screen.iter().for_each(|screen| screen.paint(painter, area));
     }
 
-    /// Whether the picture is as it will stay until the scene changes.
+    /// Whether the picture is complete until the scene changes.
     pub(crate) fn is_final(&self) -> bool {
         self.drawing.is_none() && self.shown.as_ref().is_some_and(|shown| shown.samples_left == Some(0))
     }
 
-    /// How far the view is; `None` before the first step.
+    /// Status of the view; `None` before the first step.
     pub(crate) fn status(&self) -> Option<&Status> {
         self.stream.as_ref().map(|(status, _)| status)
     }
 
-    /// The share of the exact picture's work that was done for the one that is shown.
+    /// Work done for the shown picture, as a share of the exact one's.
     pub(crate) fn quality(&self) -> f64 {
         self.shown.as_ref().map_or(0.0, |shown| shown.quality.share())
     }
 
-    /// The scene that is shown, with nothing left open, and its volumes; `None` before the first picture.
+    /// The shown scene with every choice made, and its volumes; `None` before the first picture.
     pub(crate) fn resolved(&self) -> (Option<&Arc<ResolvedScene>>, &[VolumeSource]) {
         (self.shown.as_ref().map(|shown| &shown.frame.scene), self.volumes())
     }
 
-    /// The camera of the picture that is shown; `None` before the first picture.
+    /// The shown picture's camera, if any.
     pub(crate) fn camera(&self) -> Option<Camera> {
         self.shown.as_ref().map(|shown| shown.frame.scene.camera)
     }
 
-    /// Layers of the picture with doubtful extremes; none before the first picture.
+    /// Layers of the shown picture with doubtful extremes.
     pub(crate) fn doubtful_extremes(&self) -> DoubtfulExtremes {
         let shown = self.shown.as_ref();
         let at_home = |session: &Session| match shown.map(|shown| &shown.frame) {
@@ -607,12 +595,12 @@ impl Canvas {
         self.known(at_home, |known| known.doubtful.clone())
     }
 
-    /// A line that says where the picture is drawn.
+    /// The name of the drawing device.
     pub(crate) fn backend_line(&self) -> &str {
         self.known(Session::backend_line, |known| &known.backend_line)
     }
 
-    /// Bytes of the backend's memory, and of host memory, in use.
+    /// Backend and host memory in use, in bytes.
     pub(crate) fn memory_bytes(&self) -> (u64, u64) {
         (
             self.known(Session::backend_bytes, |known| known.backend_bytes),
@@ -620,7 +608,7 @@ impl Canvas {
         )
     }
 
-    /// Whether a scene can be shown.
+    /// Checks whether a scene can be shown.
     ///
     /// # Errors
     /// If not: the reason.
@@ -628,33 +616,32 @@ impl Canvas {
         check(self.volumes(), scene)
     }
 
-    /// What the last frames took, oldest first.
+    /// Times of the last frames, oldest first.
     pub(crate) fn times(&self) -> &VecDeque<FrameTimes> {
         &self.times
     }
 
-    /// What frames took since this was last asked.
+    /// Takes the time spent since the last call.
     pub(crate) fn take_spent(&mut self) -> FrameTimes {
         std::mem::take(&mut self.spent)
     }
 
-    /// How long it was from changes of the scene to the first pictures of them since this was last asked.
+    /// Takes the answers since the last call.
     pub(crate) fn take_answers(&mut self) -> Vec<Answer> {
         std::mem::take(&mut self.answers)
     }
 
-    /// The draw list of each layer, for which pictures are drawn now.
+    /// The current draw list of each layer.
     pub(crate) fn draw_lists(&self) -> Vec<&DrawList> {
         self.known(|session| session.draw_lists().collect(), |known| known.draw_lists.iter().collect())
     }
 
-    /// Number of bricks that slots hold at most.
+    /// Number of bricks with room in slots.
     pub(crate) fn slots(&self) -> u64 {
         self.known(Session::slots, |known| known.slots)
     }
 }
 
-/// Whether the window's device draws volumes, too, and not the CPU.
 fn draws_volumes(device: &Device, options: &SessionOptions) -> bool {
     match options.backend {
         BackendChoice::Cpu => false,
@@ -663,7 +650,6 @@ fn draws_volumes(device: &Device, options: &SessionOptions) -> bool {
     }
 }
 
-/// The window's device, as sessions take it.
 fn gpu(device: &Device) -> Result<Gpu, SessionError> {
     let RenderState { adapter, device, queue, .. } = &device.state;
     let gpu = Gpu::from_device(adapter, device.clone(), queue.clone());

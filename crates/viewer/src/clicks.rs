@@ -1,29 +1,29 @@
-//! Clicks that a script makes: they go to the window as if the pointer had made them, a press in one frame and the release in the next.
+//! Clicks made by a script. They enter the window like the pointer's: a press in one frame and the release in the next.
 
 use eframe::egui::{Event, Modifiers, PointerButton, Pos2, RawInput, pos2};
 use std::collections::VecDeque;
 
-/// Clicks that have not been made yet.
+/// Clicks still to be made.
 #[derive(Default)]
 pub(crate) struct Clicks {
     waiting: VecDeque<Pos2>,
     pressed: Option<Pos2>,
-    /// Whether this frame has a release, of which it is not known yet what comes of it.
+    /// Whether this frame has a release, still without effect.
     is_released: bool,
 }
 
 impl Clicks {
-    /// Makes a click at a place of the window, in points from its upper left corner, after those before.
+    /// Queues a click, in points from the window's upper left corner.
     pub(crate) fn add(&mut self, [x, y]: [f64; 2]) {
         self.waiting.push_back(pos2(x as f32, y as f32));
     }
 
-    /// Whether all clicks have been made, and the window has done what they ask for.
+    /// Whether all clicks are made and have taken effect.
     pub(crate) fn are_done(&self) -> bool {
         self.waiting.is_empty() && self.pressed.is_none() && !self.is_released
     }
 
-    /// Adds to a frame's input what is due of the clicks.
+    /// Adds due clicks to a frame's input.
     pub(crate) fn play(&mut self, input: &mut RawInput) {
         let button = |pos, pressed| Event::PointerButton {
             pos,

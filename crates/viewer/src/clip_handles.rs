@@ -1,23 +1,23 @@
-//! Handles on the faces of the clip box: where they are in a picture, which of them the pointer is on, and the box that dragging one makes.
+//! Handles on the faces of the clip box: their places in a picture, the one under the pointer, and the box after a drag.
 
 use crate::overlay::Lens;
 use eframe::egui::{Color32, Pos2, Stroke, Vec2};
 use glam::DVec3;
 
-/// How near to a handle the pointer must be to take hold of it, in points.
+/// Grasping radius of a handle, in points.
 pub(crate) const REACH: f32 = 9.0;
 
-/// How thin the box may become, as a share of all volumes along an axis.
+/// Least thickness of the box, as a share of all volumes along an axis.
 const THINNEST: f64 = 1e-3;
 
-/// The colour of lines and edges, and of handles.
+/// Colours of lines and edges, and of handles.
 pub(crate) const COLOR: Color32 = Color32::WHITE;
 pub(crate) const HANDLE: Color32 = Color32::from_rgb(240, 150, 40);
 
-/// A face of a box: that of the least or of the greatest coordinate along an axis.
+/// A face of a box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Face {
-    /// The axis that it lies across.
+    /// The axis across the face.
     pub(crate) axis: usize,
     /// Whether it is at the greatest coordinate.
     pub(crate) is_high: bool,
@@ -28,7 +28,6 @@ impl Face {
         (0..3).flat_map(|axis| [false, true].map(|is_high| Self { axis, is_high }))
     }
 
-    /// The middle of the face.
     fn middle(self, [low, high]: [DVec3; 2]) -> DVec3 {
         let mut middle = (low + high) * 0.5;
         middle[self.axis] = if self.is_high { high[self.axis] } else { low[self.axis] };
@@ -36,7 +35,7 @@ impl Face {
     }
 }
 
-/// Draws a clip box with its handles. The one that is under the pointer or held is larger.
+/// Draws a clip box with its handles; the one under the pointer or dragged is larger.
 pub(crate) fn show(lens: &Lens, clip: [DVec3; 2], near: Option<Face>) {
     lens.edges((clip[0], clip[1]), Stroke::new(1.0, COLOR.gamma_multiply(0.7)));
     for face in Face::all() {
@@ -46,7 +45,7 @@ pub(crate) fn show(lens: &Lens, clip: [DVec3; 2], near: Option<Face>) {
     }
 }
 
-/// The handle at a place of the window: the nearest within reach.
+/// The nearest handle within reach.
 pub(crate) fn at(lens: &Lens, clip: [DVec3; 2], pointer: Pos2) -> Option<Face> {
     let near = Face::all().filter_map(|face| {
         let distance = lens.place(face.middle(clip))?.distance(pointer);
@@ -55,14 +54,14 @@ pub(crate) fn at(lens: &Lens, clip: [DVec3; 2], pointer: Pos2) -> Option<Face> {
     near.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, face)| face)
 }
 
-/// The box once a face of `clip` has been dragged by so many points in the window. It stays inside of the volumes' box, and some way thick.
+/// The box after dragging a face of `clip` by `by` points. It stays within the volumes' box and keeps some thickness.
 pub(crate) fn dragged(lens: &Lens, clip: [DVec3; 2], face: Face, by: Vec2, whole: (DVec3, DVec3)) -> [DVec3; 2] {
     let axis = face.axis;
     let size = whole.1[axis] - whole.0[axis];
     let middle = face.middle(clip);
     let ahead = middle + DVec3::AXES[axis] * (1e-3 * size);
     let (Some(from), Some(to)) = (lens.place(middle), lens.place(ahead)) else { return clip };
-    // Points in the window that the face moves for each unit of the world.
+    // Points in the window per unit of the world.
     let rate = (to - from) / (1e-3 * size) as f32;
     if rate.length_sq() < 1e-12 {
         return clip;
@@ -86,7 +85,7 @@ pub(crate) mod tests {
 
     pub(crate) const WHOLE: (DVec3, DVec3) = (DVec3::ZERO, DVec3::new(4.0, 2.0, 1.0));
 
-    /// Looks along y at the box, 100 points for each unit of the world.
+    /// Looks along y at the box, at 100 points per world unit.
     pub(crate) fn lens() -> Lens {
         let target = DVec3::new(2.0, 1.0, 0.5);
         let projection = Projection::Orthographic { height: 3.0 };
@@ -121,7 +120,7 @@ pub(crate) mod tests {
                 );
             }
         }
-        // Seen along the axis, a face cannot be dragged.
+        // Seen along its axis, a face cannot be dragged.
         let along = Face { axis: 1, is_high: true };
         assert_eq!(dragged(&lens, clip, along, vec2(50.0, 50.0), WHOLE), clip);
     }

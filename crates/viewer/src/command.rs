@@ -1,5 +1,4 @@
-//! Commands: everything that a hand does in the window, as words. A button, a key and a line of a script come down to the same command, so a script
-//! plays what a user does.
+//! Commands: every action in the window, as words. A button, a key and a script's line give the same command, so a script replays a user's actions.
 
 use crate::marks::Marks;
 use crate::panels::description::Description;
@@ -10,10 +9,10 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// Something to do in the window.
+/// An action in the window.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Command {
-    /// Turn the view around a point of the world, in degrees: the volume goes to the right, and over the top. `None` is the camera's target.
+    /// Turn the view around a world point, in degrees: the volume goes to the right, and over the top. `None` is the camera's target.
     Orbit { right_deg: f64, up_deg: f64, about: Option<DVec3> },
     /// Turn the eye, in degrees: to the right, and up.
     Look { right_deg: f64, up_deg: f64 },
@@ -23,13 +22,13 @@ pub(crate) enum Command {
     Pan { right: f64, up: f64 },
     /// Move the eye right, up and forward, by parts of its distance from the volumes.
     Fly { right: f64, up: f64, forward: f64 },
-    /// Come nearer by a factor to what is in a place of the picture, in parts of its width and height from the upper left corner; `None` is its middle.
+    /// Zoom by a factor towards a place of the picture, in parts of its width and height from the upper left corner; `None` is its middle.
     Zoom { factor: f64, at: Option<[f64; 2]> },
-    /// Look from a side at everything.
+    /// Look at everything from one side.
     View(Viewpoint),
-    /// Look at everything, from the direction of now.
+    /// Look at everything, in the current direction.
     Fit,
-    /// Look at a point of the world, from the direction of now; the slices meet there.
+    /// Look at a world point, in the current direction; the slices meet there.
     Center(DVec3),
     /// Parallel rays, or perspective.
     Parallel(bool),
@@ -37,47 +36,46 @@ pub(crate) enum Command {
     Clip(bool),
     /// Set fields of the window's document, each by its path: see [`State`](crate::state::State).
     Set(Vec<(String, Value)>),
-    /// Press and release a button of the pointer at a place of the window, in points from its upper left corner.
+    /// Click, in points from the window's upper left corner.
     Click([f64; 2]),
-    /// Show other volumes: stores, or files and folders that are packed while they are shown.
+    /// Show other volumes: stores, or files and folders shown while being packed.
     Open(Vec<PathBuf>),
-    /// Show more volumes, or meshes, beside those that are shown.
+    /// Show volumes or meshes beside the current ones.
     Add(Vec<PathBuf>),
-    /// Open or add a file of which something is said that it does not say itself.
+    /// Open or add a file, with a description of missing metadata.
     OpenAs(PathBuf, Description, Placing),
-    /// Take back the last edit.
+    /// Undo the last edit.
     Undo,
-    /// Make the edit again that was taken back.
+    /// Redo the last undone edit.
     Redo,
-    /// Write the window's document, as `render --scene` takes it.
+    /// Write the window's document, in the form of `render --scene`.
     SaveScene(PathBuf),
     /// Write the volume's picture once it is final, with its scene.
     SavePicture(PathBuf, PictureForm),
-    /// Write the voxels of what the clip box leaves of the first layer that is shown.
+    /// Write the voxels of the first visible layer within the clip box.
     Export(PathBuf),
-    /// Write what the window shows, panels and all.
+    /// Write the whole window, panels included.
     Screenshot(PathBuf),
     /// Close the window.
     Quit,
-    /// Lose the device that draws the window: for tests.
+    /// Lose the window's device, for tests.
     LoseGpu,
 }
 
-/// Where volumes are shown that are opened.
+/// The place of newly opened volumes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Placing {
-    /// In the place of those that there are.
+    /// Instead of the current ones.
     Instead,
     /// Beside them.
     Beside,
 }
 
-/// The form of a picture that is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct PictureForm {
-    /// Its width and height; `None` is the size in which it is shown.
+    /// Width and height; `None` is the shown size.
     pub(crate) size_px: Option<(u32, u32)>,
-    /// The marks that are drawn over the picture; `None` is those that the window shows.
+    /// The marks over the picture; `None` is the window's.
     pub(crate) marks: Option<Marks>,
 }
 
@@ -88,7 +86,7 @@ impl PictureForm {
     }
 }
 
-/// What the marks of a picture begin with in words.
+/// Prefix of a picture's marks.
 const OVER: &str = "over=";
 
 impl Command {
@@ -102,28 +100,27 @@ impl Command {
         Self::Orbit { right_deg, up_deg, about: None }
     }
 
-    /// Whether the command is over only later: it has to do with files.
+    /// Whether the command, working on files, ends only later.
     pub(crate) fn takes_time(&self) -> bool {
         self.opens() || matches!(self, Self::Export(_) | Self::SavePicture(..) | Self::Screenshot(_))
     }
 
-    /// Whether the command opens files.
     pub(crate) fn opens(&self) -> bool {
         matches!(self, Self::Open(_) | Self::Add(_) | Self::OpenAs(..))
     }
 
-    /// Says in words why the command failed. A file that the problem names already is not named again.
+    /// The message for a failure. A file already named by the problem is not repeated.
     pub(crate) fn failure(&self, problem: &str) -> String {
         let is_named = self.words().last().is_some_and(|last| last.len() > 1 && problem.contains(last.as_str()));
         if is_named && self.names_file() { problem.into() } else { format!("{self}: {problem}") }
     }
 
-    /// Whether the last of the command's words is a file.
+    /// Whether the command's last word is a file.
     pub(crate) fn names_file(&self) -> bool {
         self.takes_time() || matches!(self, Self::SaveScene(_))
     }
 
-    /// The command's words; the first one is its name.
+    /// The command's words, its name first.
     fn words(&self) -> Vec<String> {
         let name = |name: &str| vec![name.to_string()];
         let with = |name: &str, words: &[String]| [&[name.to_string()], words].concat();
@@ -178,7 +175,7 @@ fn on_or_off(is_on: bool) -> String {
     if is_on { "on" } else { "off" }.into()
 }
 
-/// Paths as words: one as it is, several as a list in JSON.
+/// Paths as words: several as a JSON list.
 fn listed(paths: &[PathBuf]) -> String {
     let texts: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
     match &texts[..] {
@@ -187,21 +184,20 @@ fn listed(paths: &[PathBuf]) -> String {
     }
 }
 
-/// A path and what is said of it, as an object in JSON.
+/// A path and its description, as a JSON object.
 fn described(path: &Path, description: &Description) -> String {
     let mut object = serde_json::to_value(description).unwrap_or_default();
     object["path"] = path.display().to_string().into();
     object.to_string()
 }
 
-/// A path and what is said of it, of an object in JSON.
+/// Parses a path and its description from a JSON object.
 fn description(text: &str) -> Option<(PathBuf, Description)> {
     let mut object: Map<String, Value> = serde_json::from_str(text).ok()?;
     let path = PathBuf::from(object.remove("path")?.as_str()?);
     Some((path, serde_json::from_value(object.into()).ok()?))
 }
 
-/// A mode's name, as scenes have it.
 pub(crate) fn mode_name(mode: Mode) -> &'static str {
     match mode {
         Mode::Dvr => "dvr",
@@ -218,7 +214,7 @@ impl fmt::Display for Command {
     }
 }
 
-/// All commands with the forms of what follows their names.
+/// All commands with the forms of their arguments.
 const FORMS: [(&str, &str); 25] = [
     ("orbit", "DEGREES_RIGHT DEGREES_UP, or these and a point of the world, X Y Z"),
     ("look", "DEGREES_RIGHT DEGREES_UP"),
@@ -267,7 +263,7 @@ impl FromStr for Command {
     }
 }
 
-/// A command by its name and what follows; `None` if that is malformed.
+/// Parses a command; `None` if its arguments are malformed.
 fn parsed(name: &str, rest: &str) -> Option<Command> {
     let words: Vec<&str> = rest.split_whitespace().collect();
     let number = |text: &str| text.parse().ok().filter(|number: &f64| number.is_finite());
@@ -327,7 +323,7 @@ fn parsed(name: &str, rest: &str) -> Option<Command> {
     })
 }
 
-/// Fields and their values: `FIELD VALUE`, or an object. A value that is no JSON is a text.
+/// Parses `FIELD VALUE`, or an object of fields. A value other than JSON is a text.
 fn fields(text: &str) -> Option<Vec<(String, Value)>> {
     if text.starts_with('{') {
         let fields: Map<String, Value> = serde_json::from_str(text).ok()?;
@@ -338,7 +334,7 @@ fn fields(text: &str) -> Option<Vec<(String, Value)>> {
     Some(vec![(field.to_string(), value)])
 }
 
-/// One path, or a list of them in JSON.
+/// Parses one path, or a JSON list of them.
 fn paths(text: &str) -> Option<Vec<PathBuf>> {
     match text {
         "" => None,
@@ -347,7 +343,7 @@ fn paths(text: &str) -> Option<Vec<PathBuf>> {
     }
 }
 
-/// The form of a picture, and the file that follows it; `None` if there is no file or there are no such marks.
+/// Parses a picture's form and file; `None` without a file, or for unknown marks.
 fn picture_form(text: &str) -> Option<(PictureForm, &str)> {
     let (mut form, mut rest) = (PictureForm::default(), text);
     while let Some((word, after)) = rest.split_once(' ') {
@@ -361,7 +357,7 @@ fn picture_form(text: &str) -> Option<(PictureForm, &str)> {
     (!rest.is_empty()).then_some((form, rest))
 }
 
-/// Width and height of a picture, as in `1920x1080`.
+/// Parses a picture's width and height, as in `1920x1080`.
 pub(crate) fn size_px(text: &str) -> Option<(u32, u32)> {
     let (width, height) = text.split_once('x')?;
     let side = |text: &str| text.parse().ok().filter(|side| *side > 0);

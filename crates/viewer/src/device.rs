@@ -1,5 +1,5 @@
-//! The device that draws the window: which adapter it is of, and whether it is still there. The first adapter that can draw on the display and gives a device is
-//! taken. That a device is lost is known by its own word, or by its silence.
+//! The window's device: the choice of its adapter, and the detection of its loss. The first adapter able to draw on the display and create a device
+//! is taken. A loss is reported by the device or noticed in polling it.
 
 use crate::guard::guarded;
 use brickyard::render::{Gpu, wgpu};
@@ -8,7 +8,7 @@ use eframe::egui_wgpu::{RenderState, WgpuSetup, WgpuSetupCreateNew};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use wgpu::{Adapter, DeviceType, PollType, PowerPreference, Surface};
 
-/// How the window's device is made. `is_software` takes a software adapter first.
+/// The device's setup. `is_software` prefers a software adapter.
 pub(crate) fn setup(is_software: bool) -> WgpuSetup {
     WgpuSetup::CreateNew(WgpuSetupCreateNew {
         device_descriptor: Arc::new(Gpu::required),
@@ -20,7 +20,7 @@ pub(crate) fn setup(is_software: bool) -> WgpuSetup {
     })
 }
 
-/// The first adapter that nothing is in the way of, the fastest kind first. `name` is a part of the adapter's name, if only some may be taken.
+/// The first adapter without an obstacle, the fastest kind first. Its name must contain `name`, if given.
 fn best(
     adapters: &[Adapter],
     name: Option<&str>,
@@ -51,7 +51,7 @@ fn listed(texts: &[String]) -> String {
     if texts.is_empty() { "there is no adapter".into() } else { texts.join("; ") }
 }
 
-/// The place of a kind of adapter in the order in which they are tried.
+/// Rank of a kind of adapter in the order of attempts.
 fn rank(kind: DeviceType, is_software: bool, is_low: bool) -> u8 {
     match kind {
         DeviceType::Cpu if is_software => 0,
@@ -64,9 +64,9 @@ fn rank(kind: DeviceType, is_software: bool, is_low: bool) -> u8 {
     }
 }
 
-/// What keeps an adapter from drawing a window; `None` if nothing does.
+/// The reason an adapter cannot draw a window, if any.
 fn obstacle(adapter: &Adapter, surface: Option<&Surface<'_>>) -> Option<String> {
-    // Some say that they can, and have no format for it.
+    // Some claim to draw on the display but offer no format.
     if surface.is_some_and(|surface| surface.get_capabilities(adapter).formats.is_empty()) {
         return Some("does not draw on this display".into());
     }
@@ -76,15 +76,14 @@ fn obstacle(adapter: &Adapter, surface: Option<&Surface<'_>>) -> Option<String> 
     }
 }
 
-/// The device that draws a window. A clone is the same device.
+/// The window's device. A clone is the same device.
 #[derive(Clone)]
 pub(crate) struct Device {
-    /// What draws with it.
     pub(crate) state: RenderState,
     loss: Loss,
 }
 
-/// Why a device is lost; `None` as long as it is not.
+/// The reason for a device's loss, if it is lost.
 #[derive(Clone, Default)]
 struct Loss(Arc<Mutex<Option<String>>>);
 
@@ -99,7 +98,7 @@ impl Loss {
 }
 
 impl Device {
-    /// Listens to a window's device. The window is drawn again when the device is lost.
+    /// Watches a window's device, and repaints the window on its loss.
     pub(crate) fn new(state: &RenderState, egui: &egui::Context) -> Self {
         let (loss, wake) = (Loss::default(), egui.clone());
         let heard = loss.clone();
@@ -107,17 +106,16 @@ impl Device {
             heard.set(format!("{reason:?} {message}").trim().to_string());
             wake.request_repaint();
         });
-        // Where nobody listens wgpu panics. Sessions hear of their own errors by themselves.
+        // Without a handler wgpu panics. Sessions catch their own errors.
         state.device.on_uncaptured_error(Arc::new(|error| tracing::error!("GPU: {error}")));
         Self { state: state.clone(), loss }
     }
 
-    /// Whether it is a software one.
     pub(crate) fn is_software(&self) -> bool {
         self.state.adapter.get_info().device_type == DeviceType::Cpu
     }
 
-    /// Why it is lost, if it is. Asks it, without waiting.
+    /// The reason for its loss, if it is lost. Polls the device without waiting.
     pub(crate) fn lost(&self) -> Option<String> {
         match guarded(|| self.state.device.poll(PollType::Poll)) {
             Ok(Ok(_) | Err(wgpu::PollError::Timeout)) => {}

@@ -1,8 +1,8 @@
-//! Drags from the place of the press on, wherever the pointer is by the time that egui calls them drags.
+//! Drags measured from the press on, wherever the pointer is when egui recognizes them.
 
 use eframe::egui::{Response, Vec2};
 
-/// How far a widget is dragged in this frame: in a drag's first frame, from the press on.
+/// A widget's drag in this frame; in its first frame, from the press on.
 pub(crate) fn drag_by(response: &Response) -> Vec2 {
     match response.drag_started() {
         true => response.total_drag_delta().unwrap_or_default(),

@@ -1,5 +1,5 @@
-//! What edits make of a window's state. An edit sets fields of its document; a scene that comes of it can be shown: what a mode needs is added, what it
-//! cannot have is left out, and files that the scene newly names are read.
+//! Edits of a window's state. An edit sets fields of its document and makes the scene valid: it adds everything the mode needs, drops everything it
+//! cannot have, and reads newly named files.
 
 use crate::fields::{differences, set};
 use crate::panels::mending::{add_surfaces, set_mode, take_surfaces};
@@ -11,10 +11,10 @@ use brickyard::session::{VolumeSource, check};
 use brickyard::volume::{Isosurface, Mode, Scene, TransferChoice};
 use serde_json::Value;
 
-/// A state after fields of its document have been set.
+/// The state after setting fields of its document.
 ///
 /// # Errors
-/// If there is no such field, it cannot have the value, or a file that the scene names cannot be read.
+/// If a field does not exist or cannot have the value, or a file of the scene cannot be read.
 pub(crate) fn edited(state: &State, volumes: &[VolumeSource], fields: &[(String, Value)]) -> Result<State, String> {
     let mut document = state.to_document().map_err(|error| error.to_string())?;
     for (field, value) in fields {
@@ -35,16 +35,16 @@ pub(crate) fn edited(state: &State, volumes: &[VolumeSource], fields: &[(String,
     Ok(edited)
 }
 
-/// The surfaces of a scene's layers that had none before.
+/// The surfaces of layers that had none before.
 fn given(before: &Scene, after: &Scene) -> Vec<Isosurface> {
     let layers = before.layers.iter().zip(&after.layers).filter(|(before, _)| before.isosurfaces.is_empty());
     layers.flat_map(|(_, after)| after.isosurfaces.clone()).collect()
 }
 
-/// A scene with layers for volumes that come after the first `before` ones, as they are shown by themselves. The other layers stay as they are.
+/// The scene with default layers for the volumes after the first `before`. Other layers stay.
 ///
 /// # Errors
-/// If that cannot be shown.
+/// If the result cannot be shown.
 pub(crate) fn with_more(scene: &Scene, volumes: &[VolumeSource], before: usize) -> Result<Scene, String> {
     let mut scene = scene.clone();
     let first = scene.layers.len();
@@ -52,7 +52,7 @@ pub(crate) fn with_more(scene: &Scene, volumes: &[VolumeSource], before: usize) 
     let added = shown.filter(|layer| layer.source.is_some_and(|source| source >= before));
     scene.layers.extend(added);
     if scene.expression.is_some() {
-        // What an expression takes the place of has no look of its own.
+        // A layer behind an expression has no look of its own.
         for layer in &mut scene.layers[first..] {
             layer.color = None;
         }
@@ -66,7 +66,7 @@ pub(crate) fn with_more(scene: &Scene, volumes: &[VolumeSource], before: usize) 
     Ok(scene)
 }
 
-/// The fields in which a state that a panel has edited differs from the one before.
+/// The fields changed by a panel.
 ///
 /// # Errors
 /// If a path in it is not text.
@@ -75,7 +75,7 @@ pub(crate) fn changes(before: &State, after: &State) -> Result<Vec<(String, Valu
     Ok(differences(&document(before)?, &document(after)?))
 }
 
-/// What has been read of files does not go through the document.
+/// Carries over file contents, which bypass the document.
 fn keep_files(scene: &mut Scene, before: &Scene) {
     for look in scene.meshes.iter_mut().filter(|look| look.mesh.is_none()) {
         let known = before.meshes.iter().find(|known| known.path == look.path);
@@ -129,11 +129,11 @@ mod tests {
         let visit = set(&fog, "mode", json!("isosurface"));
         assert_eq!(surfaces(&visit), [1, 1, 0]);
         assert_eq!(set(&visit, "mode", json!("dvr")).scene, fog.scene);
-        // As a panel has it: the mode, and what it made of the rest.
+        // As in a panel: the mode, and its effects on the rest.
         let changes = changes(&fog, &State { lent_surfaces: Vec::new(), ..visit.clone() }).expect("changes");
         let by_panel = edited(&fog, &volumes, &changes).expect("an edit");
         assert_eq!(by_panel, visit);
-        // One that was changed meanwhile is the user's.
+        // A surface changed meanwhile is the user's.
         let changed = set(&visit, "layers.1.isosurfaces.0.value", json!(99));
         assert_eq!(surfaces(&set(&changed, "mode", json!("dvr"))), [0, 1, 0]);
         // And so is one that was there before, whatever its value.

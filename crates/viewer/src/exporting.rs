@@ -1,4 +1,4 @@
-//! The export of voxels from a window: which part of a store a scene leaves to be seen, and how far the file is that it is written to.
+//! The export of voxels from a window: the visible part of a store, and the progress of its file.
 
 use crate::planes::{Grid, first_shown};
 use crate::work_row;
@@ -11,26 +11,24 @@ use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// How near to a border between voxels, in voxels, a face of a box lies on it: faces are rounded on their way through the world.
+/// Distance from a border between voxels, in voxels, within which a face lies on it: the world rounds faces.
 const SNAP: f64 = 1e-6;
 
-/// Why voxels could not be exported.
 type Failed = background::BackgroundError<ExportError>;
 
-/// The part of a store that a scene leaves to be seen.
+/// The visible part of a store.
 pub(crate) struct Part {
     store: Arc<Store>,
     request: ExportRequest,
-    /// Its voxels along each axis.
     pub(crate) extent: Extent,
 }
 
 impl Part {
-    /// What clip box and crop leave of the first layer that a scene shows, in its finest voxels: each voxel that the boxes have a part of. A box that is turned
-    /// against the voxels has the box of voxels around it.
+    /// The first visible layer within clip box and crop, in its finest voxels: every voxel the boxes overlap. A box turned against the voxels counts
+    /// as its bounding box in voxels.
     ///
     /// # Errors
-    /// If no layer is shown, its volume is no store yet, or the boxes leave nothing of it.
+    /// If no layer is visible, its volume is no store yet, or the boxes leave nothing of it.
     pub(crate) fn of(scene: &Scene, volumes: &[VolumeSource]) -> Result<Self, String> {
         let layer = first_shown(scene).ok_or("no layer is shown")?;
         let volume = volumes.get(scene.store(layer)).ok_or("the layer's volume is not there")?;
@@ -50,30 +48,27 @@ impl Part {
         Ok(Self { store, request, extent: region.extent() })
     }
 
-    /// The type of its voxels.
     pub(crate) fn voxel_type(&self) -> VoxelType {
         self.store.voxel_type()
     }
 
-    /// The bytes of its voxels.
     pub(crate) fn bytes(&self) -> u64 {
         self.extent.volume() * self.voxel_type().bytes() as u64
     }
 }
 
-/// The corners of the box around a box of the world, in voxels.
+/// Corners of a world box's bounding box, in voxels.
 fn voxels_around(grid: &Grid, [low, high]: [DVec3; 2]) -> [DVec3; 2] {
     let corners = box_corners((low, high)).into_iter().map(|corner| grid.voxel_from_world(corner));
     corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], at| [low.min(at), high.max(at)])
 }
 
-/// The voxels that a box has a part of.
 fn touched([low, high]: [DVec3; 2], extent: [u32; 3]) -> VoxelBox {
     let within = |at: DVec3| std::array::from_fn(|axis| at[axis].clamp(0.0, f64::from(extent[axis])) as u32);
     VoxelBox::new(within((low + SNAP).floor()), within((high - SNAP).ceil()))
 }
 
-/// An export that is under way. Dropping it stops it, and waits for that.
+/// An export under way. Dropping it stops the export and waits for its end.
 pub(crate) struct Exporting {
     path: PathBuf,
     voxel_type: VoxelType,
@@ -81,13 +76,13 @@ pub(crate) struct Exporting {
 }
 
 impl Exporting {
-    /// Begins to write a part of a store to a file, whose extension is the format. A file that is there already is left as it is.
+    /// Starts writing a part to a file, whose extension is the format. An existing file is left as it is.
     pub(crate) fn start(part: Part, path: &Path) -> Self {
         let voxel_type = part.voxel_type();
         Self { path: path.into(), voxel_type, work: background::export(part.store, path.into(), part.request) }
     }
 
-    /// What came of it, in words, once it is over.
+    /// The resulting message, once it is over.
     pub(crate) fn poll(&mut self) -> Option<Result<String, String>> {
         let path = self.path.display();
         Some(match self.work.poll()? {
@@ -99,12 +94,11 @@ impl Exporting {
         })
     }
 
-    /// Whether somebody has stopped it.
     pub(crate) fn is_stopped(&self) -> bool {
         self.work.meter().is_cancelled()
     }
 
-    /// Shows how far it is, and a button to stop it.
+    /// Shows the progress, and a button to stop it.
     pub(crate) fn show(&self, ui: &mut Ui) {
         if work_row::show(ui, ("exporting", &self.path), self.work.meter().progress(), true) {
             self.work.meter().cancel();
@@ -131,7 +125,7 @@ mod tests {
         Part::of(scene, std::slice::from_ref(volume)).map(|part| part.request.region.unwrap())
     }
 
-    /// A scene of one layer whose voxels are scaled by 0.1 and moved.
+    /// A scene of one layer, its voxels scaled by 0.1 and moved.
     fn scene() -> Scene {
         let placement =
             DAffine3::from_scale(DVec3::splat(0.1)) * DAffine3::from_translation(DVec3::new(7.0, -3.0, 0.7));
@@ -148,7 +142,7 @@ mod tests {
         let grid = Grid::of(&scene, std::slice::from_ref(&volume)).unwrap();
         let clip =
             |low: [f64; 3], high: [f64; 3]| Some([low, high].map(|at| grid.world_from_voxel(DVec3::from_array(at))));
-        // Borders that are rounded in the world are borders all the same.
+        // Borders rounded in the world are borders all the same.
         scene.clip = clip([3.0, 6.0, 7.0], [29.0, 13.0, 9.0]);
         assert_eq!(region(&scene, &volume), Ok(VoxelBox::new([3, 6, 7], [29, 13, 9])));
         scene.clip = clip([3.4, 6.9, -50.0], [3.5, 13.01, 1e9]);

@@ -1,11 +1,10 @@
-//! Fields of a JSON document by their paths, as in `layers.0.window`: which ones differ between two documents, and how one is set. So whatever a panel
-//! edits has a name that a script can say. Costs a walk through both documents.
+//! Fields of a JSON document by their paths, as in `layers.0.window`: the differences of two documents, and setting a field. So every edit of a panel
+//! has a name for scripts. Costs a walk through both documents.
 
 use brickyard::volume::near_name;
 use serde_json::Value;
 
-/// The fields in which `after` differs from `before`, with their values in `after`. A list counts as one field unless it is a list of objects that is
-/// as long as before.
+/// The fields of `after` unlike those of `before`. A list is one field unless it is a list of objects of unchanged length.
 pub(crate) fn differences(before: &Value, after: &Value) -> Vec<(String, Value)> {
     let mut found = Vec::new();
     compare("", before, after, &mut found);
@@ -33,11 +32,10 @@ fn compare(path: &str, before: &Value, after: &Value, found: &mut Vec<(String, V
     }
 }
 
-/// Sets a field of a document, whose parent must be there. A field that an object does not have is added; whoever reads the document refuses it if
-/// it is unknown.
+/// Sets a field of a document, adding it to its parent object if necessary; the document's reader refuses unknown fields.
 ///
 /// # Errors
-/// If there is no such parent. The message says which names there are.
+/// If there is no such parent. The message lists the names there are.
 pub(crate) fn set(document: &mut Value, path: &str, value: Value) -> Result<(), String> {
     let mut place = document;
     let names: Vec<&str> = path.split('.').collect();

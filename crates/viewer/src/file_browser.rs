@@ -1,5 +1,5 @@
-//! A list of the files and folders of a folder, to choose one that is opened: a store, a file, or a folder of planes or slices. A folder is read when it is entered. Files
-//! that nothing opens, by their names, are left out unless they are asked for.
+//! A list of a folder's files and folders, to open one: a store, a file, or a folder of planes or slices. A folder is read on entering it. Files
+//! whose names fit no format are hidden unless requested.
 
 use crate::keys::SCENE_FILE;
 use brickyard::background::{Background, check_folder};
@@ -9,27 +9,25 @@ use eframe::egui::{self, Button, Key, Label, Modifiers, RichText, Ui};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// How often it is looked whether it is known if a folder can be opened.
+/// Interval between polls of the check on the folder.
 const CHECK_STEP: Duration = Duration::from_millis(50);
 
-/// A folder, and what is in it.
 pub(crate) struct FileBrowser {
     folder: PathBuf,
-    /// Folders first, each by name; or why the folder cannot be read.
+    /// Folders first, each by name; or the error of reading the folder.
     entries: Result<Vec<Entry>, String>,
-    /// The path that is typed.
     typed: String,
     /// Text to find in names.
     sought: String,
-    /// Whether files are listed, too, that nothing opens by their names.
+    /// Whether files whose names fit no format are listed, too.
     has_all: bool,
-    /// The entry that Enter opens, among those that are listed.
+    /// Index of the entry opened by Enter, among the listed ones.
     marked: usize,
-    /// Whether the field for names is to have the focus.
+    /// Whether the name field is to get the focus.
     wants_focus: bool,
-    /// The look whether the folder can be opened as it is, as long as it takes.
+    /// The running check whether the folder itself can be opened.
     check: Option<Background<(), ImportError>>,
-    /// Why it cannot.
+    /// The reason it cannot.
     refusal: Option<String>,
 }
 
@@ -48,7 +46,6 @@ enum EntryKind {
 }
 
 impl FileBrowser {
-    /// Shows a folder at first.
     pub(crate) fn new(folder: &Path) -> Self {
         let mut browser = Self {
             folder: PathBuf::new(),
@@ -66,7 +63,7 @@ impl FileBrowser {
     }
 
     fn enter(&mut self, folder: &Path) {
-        // The folder beside a file without one is the working folder.
+        // The parent of a bare file name is the working folder.
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
         self.folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
         self.entries = entries(&self.folder).map_err(|error| format!("{}: {error}", self.folder.display()));
@@ -76,7 +73,7 @@ impl FileBrowser {
         (self.check, self.refusal) = (Some(check_folder(self.folder.clone())), None);
     }
 
-    /// Takes note of whether the folder can be opened as it is, once that is known.
+    /// Takes the result of the check, once there is one.
     fn follow_check(&mut self, ui: &Ui) {
         match self.check.as_mut().map(Background::poll) {
             None => {}
@@ -89,7 +86,7 @@ impl FileBrowser {
         }
     }
 
-    /// Goes to what was clicked or typed: into a folder, else it is chosen.
+    /// Enters a folder, or else returns the path as chosen.
     fn go(&mut self, path: PathBuf) -> Option<PathBuf> {
         if path.is_dir() && !is_store(&path) {
             self.enter(&path);
@@ -98,13 +95,13 @@ impl FileBrowser {
         Some(path)
     }
 
-    /// Whether an entry is among those that are asked for.
+    /// Whether an entry passes the filters.
     fn lists(&self, entry: &Entry) -> bool {
         let is_known = entry.kind != EntryKind::File || has_known_name(&entry.path);
         (self.has_all || is_known) && entry.name.to_lowercase().contains(&self.sought.to_lowercase())
     }
 
-    /// Shows the list. Returns what was chosen.
+    /// Shows the list. Returns the chosen path.
     pub(crate) fn show(&mut self, ui: &mut Ui) -> Option<PathBuf> {
         let mut target = None;
         let mut chosen = None;
@@ -157,7 +154,7 @@ impl FileBrowser {
         chosen.or_else(|| self.go(target?))
     }
 
-    /// The field for a part of names, which has the focus at first: arrows mark one of the entries, Enter opens it. Returns the entries that are listed.
+    /// Shows the field for a part of names, focused at first: arrows mark an entry, Enter opens it. Returns the listed entries.
     fn search(&mut self, ui: &mut Ui, target: &mut Option<PathBuf>) -> Listed {
         let id = ui.scope_id().with("sought");
         let mut steps = 0;
@@ -189,15 +186,13 @@ impl FileBrowser {
     }
 }
 
-/// The entries that are listed.
 struct Listed {
     indices: Vec<usize>,
-    /// Whether another one of them is marked than before.
+    /// Whether the mark has moved.
     is_moved: bool,
 }
 
 impl Entry {
-    /// How it is listed.
     fn words(&self) -> String {
         match self.kind {
             EntryKind::Folder => format!("{}/", self.name),
@@ -207,13 +202,13 @@ impl Entry {
     }
 }
 
-/// What is in a folder, but for what is hidden.
+/// A folder's entries, without hidden ones.
 fn entries(folder: &Path) -> std::io::Result<Vec<Entry>> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder)? {
         let path = entry?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        // A scene that a window saved stands beside what it shows, and is none of it.
+        // A scene saved by a window lies beside its volumes, but is none of them.
         if name.starts_with('.') || name == SCENE_FILE {
             continue;
         }
@@ -270,7 +265,6 @@ mod tests {
         assert!(browser.entries.unwrap_err().contains("gone: No such file"));
     }
 
-    /// A list of a folder of these files, and what was chosen.
     fn harness<'a>(folder: &Path, names: &[&str]) -> Harness<'a, (FileBrowser, Option<PathBuf>)> {
         names.iter().for_each(|name| std::fs::write(folder.join(name), "x").unwrap());
         let show = |ui: &mut Ui, (browser, chosen): &mut (FileBrowser, Option<PathBuf>)| {
@@ -284,7 +278,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut harness = harness(folder.path(), &["a1.npy", "b1.npy", "b2.npy", "b3.npy"]);
         harness.run();
-        // As typed: into what has the focus.
+        // Typing goes to the focused field.
         harness.event(egui::Event::Text("b".into()));
         harness.run();
         for key in [Key::ArrowDown, Key::ArrowDown, Key::ArrowDown, Key::ArrowUp, Key::Enter] {

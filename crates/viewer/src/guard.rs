@@ -1,5 +1,5 @@
-//! Panics of the crates that put the window on a display: they panic where a driver or a display does what they do not expect. Such a panic is an error here, and
-//! prints nothing. A panic of the window's own code goes on as it is.
+//! Guard against panics of the crates that put the window on a display, caused by misbehaving drivers or displays. Such a panic becomes a silent
+//! error here. A panic of the window's own code propagates.
 
 use std::any::Any;
 use std::cell::Cell;
@@ -11,10 +11,10 @@ thread_local! {
     static IS_FOREIGN: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Runs code of other crates. What it was about when it panicked is to be given up.
+/// Runs code of other crates. After a panic its objects must be given up.
 ///
 /// # Errors
-/// If it panics: what it said.
+/// If it panics: the message.
 pub(crate) fn guarded<T>(foreign: impl FnOnce() -> T) -> Result<T, String> {
     quiet();
     let before = IS_FOREIGN.replace(true);
@@ -23,7 +23,7 @@ pub(crate) fn guarded<T>(foreign: impl FnOnce() -> T) -> Result<T, String> {
     done.map_err(|panic| if is_theirs { words(&*panic) } else { resume_unwind(panic) })
 }
 
-/// Runs code of the window's own that other crates call.
+/// Runs the window's own code when called by other crates.
 pub(crate) fn own<T>(own: impl FnOnce() -> T) -> T {
     let before = IS_FOREIGN.replace(false);
     let done = own();
@@ -31,7 +31,7 @@ pub(crate) fn own<T>(own: impl FnOnce() -> T) -> T {
     done
 }
 
-/// From now on the panics of other crates' code print nothing.
+/// Silences panics of other crates' code from now on.
 fn quiet() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
@@ -44,7 +44,7 @@ fn quiet() {
     });
 }
 
-/// Reads the message of a panic out of what was thrown.
+/// The message in a panic's payload.
 fn words(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(ToString::to_string);
     let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "it says nothing".into());

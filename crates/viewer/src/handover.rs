@@ -1,16 +1,15 @@
-//! A window handed over from one device to the next: its place on the display, and all that egui remembers.
+//! A window handed over from one device to the next: its place on the display, and egui's memory.
 
 use crate::title;
 use eframe::egui::{self, Memory, ViewportBuilder};
 use std::path::PathBuf;
 
-/// A window whose device is lost, as the next device takes it up.
+/// A window between two devices.
 pub(crate) struct Handover {
-    /// Why the device was lost.
+    /// The reason for the loss.
     pub(crate) reason: String,
-    /// What was open, and where it was scrolled to.
+    /// Open panels and scroll positions.
     pub(crate) memory: Memory,
-    /// Where the window was.
     pub(crate) viewport: ViewportBuilder,
 }
 

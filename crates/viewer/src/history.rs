@@ -1,22 +1,22 @@
-//! What can be undone: the states before each edit. Edits of one kind that follow each other while a hand drags are one step. Where views stand is not
-//! part of it: undoing a colour does not throw the view back.
+//! The undo history: the states before each edit. Consecutive edits of one kind during a drag are one step. Views are no part of it: undoing a colour
+//! does not move the camera back.
 
 use crate::state::State;
 
-/// The most steps that are kept.
+/// Most steps kept.
 const MOST: usize = 200;
 
-/// The states before and after the one that is shown.
+/// The states before and after the current one.
 #[derive(Debug, Default)]
 pub(crate) struct History {
     before: Vec<State>,
     after: Vec<State>,
-    /// The kind of edit that goes on; `None` if none does.
+    /// The kind of the edit in progress, if any.
     open: Option<String>,
 }
 
 impl History {
-    /// Notes that `state` is about to be edited. `kind` names what is edited; edits of the same kind are one step until [`Self::close`].
+    /// Records `state` before an edit of `kind`; edits of the same kind are one step until [`Self::close`].
     pub(crate) fn edit(&mut self, state: &State, kind: &str) {
         if self.open.as_deref() == Some(kind) {
             return;
@@ -29,35 +29,35 @@ impl History {
         self.open = Some(kind.to_string());
     }
 
-    /// Ends the edit that goes on, for example because the hand lets go.
+    /// Ends the edit in progress, as on releasing a button.
     pub(crate) fn close(&mut self) {
         self.open = None;
     }
 
-    /// Takes back the last edit of `state`. Returns whether there was one.
+    /// Undoes the last edit of `state`. Returns whether there was one.
     pub(crate) fn undo(&mut self, state: &mut State) -> bool {
         self.close();
         exchange(&mut self.before, &mut self.after, state)
     }
 
-    /// Makes the last edit that was taken back again. Returns whether there was one.
+    /// Redoes the last undone edit. Returns whether there was one.
     pub(crate) fn redo(&mut self, state: &mut State) -> bool {
         self.close();
         exchange(&mut self.after, &mut self.before, state)
     }
 
-    /// Whether an edit can be taken back, and whether one can be made again.
+    /// Whether an edit can be undone, and one redone.
     pub(crate) fn can(&self) -> (bool, bool) {
         (!self.before.is_empty(), !self.after.is_empty())
     }
 
-    /// Forgets all edits, because the volumes that they were about are other ones now.
+    /// Drops all edits, as their volumes are replaced.
     pub(crate) fn clear(&mut self) {
         *self = Self::default();
     }
 }
 
-/// Shows the last of `from`, and puts what was shown on `to`.
+/// Restores the last of `from`, and pushes the current state to `to`.
 fn exchange(from: &mut Vec<State>, to: &mut Vec<State>, state: &mut State) -> bool {
     let Some(mut other) = from.pop() else { return false };
     other.keep_navigation_of(state);
@@ -111,7 +111,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever is edited, undoing all of it gives the first state back but for where views stand.
+        /// Undoing everything restores the first state, except for the views.
         #[test]
         fn undoing_everything_gives_the_first_state(windows in prop::collection::vec(crate::state::tests::window(), 1..6)) {
             let (mut history, mut state) = (History::default(), State::default());

@@ -1,13 +1,13 @@
-//! Order of a hand's input, also within one slow frame. egui sees a frame's events at once: it takes motion in the frame of a press or a release for no
-//! drag, keys for earlier than buttons, and text for the field that Tab moves on to. So a frame gets the first part of what waits that is told in order,
-//! and the rest waits for the next frame.
+//! Order of user input within a slow frame. egui takes a frame's events together: it misses drags with a press or release in the same frame, reads
+//! keys before buttons, and sends text to the field Tab moves on to. So a frame gets the longest prefix of the input that egui reads in order; the
+//! rest waits for the next frame.
 
 use eframe::egui::{Context, Event, Key, Modifiers, RawInput};
 
-/// How many presses and keys may wait. A hand is not as fast as that: where programs are, input that waited ever longer would be worse than input whose
-/// order is lost.
+/// Most waiting presses and keys. No user is as fast; from programs, ever later input would be worse than lost order.
 const MOST: usize = 64;
 
+<<<<<<< HEAD
 /// Seconds between two clicks that are one double click, as in egui.
 const DOUBLE_CLICK_S: f64 = 0.3;
 
@@ -15,13 +15,15 @@ const DOUBLE_CLICK_S: f64 = 0.3;
 const SLOWEST_S: f64 = 0.5;
 
 /// Input that waits for its frame.
+=======
+>>>>>>> 583fdef439a1f48886cd5e732c39e5d928e9b538
 #[derive(Default)]
 pub(crate) struct InputOrder {
     waiting: Vec<Event>,
 }
 
 impl InputOrder {
-    /// Leaves to a frame the first part of its input, and of what waited for it.
+    /// Leaves a frame the first part of its input, after waiting input.
     pub(crate) fn split(&mut self, input: &mut RawInput) {
         let mut events = std::mem::take(&mut self.waiting);
         events.append(&mut input.events);
@@ -31,6 +33,7 @@ impl InputOrder {
         input.events = events;
     }
 
+<<<<<<< HEAD
     /// Lets double clicks take two frames longer. egui times a click by its frame, and a press and a release take a frame each.
     pub(crate) fn allow_slow_clicks(egui: &Context, input: &RawInput) {
         let frame_s = input.time.map_or(0.0, |now_s| now_s - egui.input(|last| last.time)).clamp(0.0, SLOWEST_S);
@@ -38,6 +41,8 @@ impl InputOrder {
     }
 
     /// Whether some input waits for the next frame.
+=======
+>>>>>>> 583fdef439a1f48886cd5e732c39e5d928e9b538
     pub(crate) fn is_waiting(&self) -> bool {
         !self.waiting.is_empty()
     }
@@ -51,7 +56,6 @@ fn is_typed(event: &Event) -> bool {
     matches!(event, Event::Key { pressed: true, .. } | Event::Text(_) | Event::Paste(_) | Event::Ime(_))
 }
 
-/// The events of a part.
 #[derive(Default)]
 struct Part {
     has_motion: bool,
@@ -62,7 +66,7 @@ struct Part {
 }
 
 impl Part {
-    /// Whether an event is told in order behind those of the part.
+    /// Whether egui reads an event in order behind the part's.
     fn takes(&self, event: &Event) -> bool {
         match event {
             Event::PointerButton { pressed, .. } => {
@@ -87,7 +91,7 @@ impl Part {
     }
 }
 
-/// The number of events in the first part.
+/// Number of events in the first part.
 fn first_part(events: &[Event]) -> usize {
     let mut part = Part::default();
     let is_behind = |event: &Event| {
@@ -111,7 +115,7 @@ mod tests {
         Event::PointerButton { pos: Pos2::ZERO, button: PointerButton::Primary, pressed, modifiers }
     }
 
-    /// The number of events in each frame that a hand's input takes.
+    /// Number of events in each frame of a user's input.
     fn parts(hand: &[Event]) -> Vec<usize> {
         let mut order = InputOrder::default();
         let mut parts = Vec::new();
@@ -137,7 +141,7 @@ mod tests {
         assert_eq!(parts(&hand), [3, 1, 2, 1, 1]);
         let twice = [press.clone(), release.clone(), press.clone(), release.clone()];
         assert_eq!(parts(&twice), [1; 4]);
-        // What comes meanwhile comes after what waits.
+        // New input follows waiting input.
         let (mut order, mut input) = (InputOrder::default(), RawInput::default());
         input.events = vec![press.clone(), release.clone()];
         order.split(&mut input);
@@ -149,7 +153,7 @@ mod tests {
         assert!(input.events.len() == MOST + 1 && !order.is_waiting(), "no hand is as fast");
     }
 
-    /// A mouse tells of its motion a thousand times a second.
+    /// A mouse reports motion a thousand times a second.
     #[test]
     fn motion_alone_is_never_too_much() {
         let motion = vec![Event::PointerMoved(Pos2::ZERO); 10 * MOST];

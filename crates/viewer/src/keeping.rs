@@ -1,5 +1,5 @@
-//! Keeping a window's state from one day to the next: it is written to a file of the user's a while after each change, and read when the same volumes are
-//! opened again. Costs a small file for each set of volumes.
+//! Keeps a window's state from one day to the next: in a user's file, written a while after each change and read when the same volumes are opened
+//! again. Costs a small file per set of volumes.
 
 use crate::state::State;
 use brickyard::text_file::{read_text, write_text};
@@ -7,25 +7,24 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How long after the last change the state is written.
+/// Delay from the last change to writing.
 const AFTER: Duration = Duration::from_secs(2);
 
-/// A state that is kept in a file.
 pub(crate) struct Keeper {
     /// The file; `None` keeps nothing.
     path: Option<PathBuf>,
     kept: State,
-    /// The state that is not kept yet, and since when.
+    /// The state still to be written, and when it changed.
     changed: Option<(State, Instant)>,
 }
 
 impl Keeper {
-    /// Keeps a window's state, which is `state` now; without a file it is not kept.
+    /// Keeps a window's state, `state` at first; without a file it is not kept.
     pub(crate) fn new(path: Option<PathBuf>, state: &State) -> Self {
         Self { path, kept: state.clone(), changed: None }
     }
 
-    /// Takes note of the state of now, and writes it if it has been the same for a while. Returns how long until that is to be tried again, if it is.
+    /// Records the state, and writes it if unchanged for a while. Returns the delay until the next attempt, if any.
     ///
     /// # Errors
     /// If the file cannot be written; that state is given up then.
@@ -45,7 +44,7 @@ impl Keeper {
         }
     }
 
-    /// Writes the state that is not kept yet, if there is one.
+    /// Writes the pending state, if any.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -59,7 +58,7 @@ impl Keeper {
     }
 }
 
-/// Writes a state as a scene file, whole or not at all.
+/// Writes a state as a scene file, atomically.
 ///
 /// # Errors
 /// If the file cannot be written.
@@ -79,7 +78,7 @@ pub(crate) fn write(path: &Path, state: &State) -> Result<(), String> {
     write_text(path, &(text + "\n")).map_err(|error| error.to_string())
 }
 
-/// Reads the state in a scene file; `None` if there is no such file. Files that its scene names are not read.
+/// Reads the state in a scene file, but none of the files it names; `None` if it does not exist.
 ///
 /// # Errors
 /// If the file cannot be read, or is no scene. The message begins with its path.
@@ -92,7 +91,7 @@ pub(crate) fn read(path: &Path) -> Result<Option<State>, String> {
     State::from_document(document).map(Some).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-/// The volumes that a scene file says a window showed; those of relative paths are in the file's folder.
+/// The volumes of a scene file's window; relative paths are in the file's folder.
 ///
 /// # Errors
 /// If the file cannot be read, or is no scene. The message begins with its path.
@@ -101,7 +100,7 @@ pub fn volumes_of(path: &Path) -> Result<Vec<PathBuf>, String> {
     Ok(volumes.into_iter().map(|volume| path.with_file_name(volume)).collect())
 }
 
-/// The user's file for the state of a window on these volumes; `None` if there are none, or the user has no folder for such files.
+/// The user's file for a window on these volumes; `None` without volumes or a folder for such files.
 pub(crate) fn file_of(volumes: &[PathBuf]) -> Option<PathBuf> {
     if volumes.is_empty() {
         return None;
@@ -114,7 +113,7 @@ pub(crate) fn file_of(volumes: &[PathBuf]) -> Option<PathBuf> {
     Some(state_folder()?.join("windows").join(format!("{name}-{:016x}.json", hasher.finish())))
 }
 
-/// The folder where programs keep what they know from one run to the next, as the XDG base directories say.
+/// The folder for programs' state, by the XDG base directory specification.
 pub(crate) fn state_folder() -> Option<PathBuf> {
     let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let home = || absolute("HOME").map(|home| home.join(".local/state"));

@@ -1,4 +1,4 @@
-//! The keys, in one list: the window acts by it, and the help shows it.
+//! The keys, in one list shared by the window and its help.
 
 use crate::command::{Command, mode_name};
 use crate::state::{Layout, State, Tool};
@@ -6,26 +6,24 @@ use brickyard::volume::{Mode, Projection};
 use eframe::egui::{self, Event, Key, KeyboardShortcut, Modifiers};
 use serde_json::Value;
 
-/// The files, in the folder that the window was opened from, that scene and picture are saved to.
+/// The files for saved scenes and pictures, in the folder the window was opened from.
 pub(crate) const SCENE_FILE: &str = "brickyard.json";
 pub(crate) const PICTURE_FILE: &str = "brickyard.png";
 
-/// The keys that move a control with the focus, and that take the focus on to the next one. A button is pressed by Enter: Space plays, whatever was clicked last.
+/// Keys that move a focused control, or the focus. Buttons are pressed by Enter: Space plays, whatever was clicked last.
 const MOVING_KEYS: [Key; 6] = [Key::ArrowLeft, Key::ArrowRight, Key::ArrowUp, Key::ArrowDown, Key::Tab, Key::Escape];
 
-/// The command that a key gives in a window of some state; `None` if it does nothing there.
+/// A key's command in a window of some state; `None` without an effect.
 type Effect = dyn Fn(&State) -> Option<Command>;
 
-/// A key, and what it does.
 pub(crate) struct Shortcut {
-    /// The key, with those that are held.
+    /// The key with its modifiers.
     pub(crate) keys: KeyboardShortcut,
-    /// What it does, in words.
     pub(crate) effect: String,
     effect_on: Box<Effect>,
 }
 
-/// All keys. A key with more keys held comes before the same key with fewer, which would take it.
+/// All keys. A key with more modifiers comes before the same key with fewer, which would take it.
 pub(crate) fn all() -> Vec<Shortcut> {
     let mut keys = files();
     keys.extend(navigation());
@@ -43,12 +41,12 @@ fn shortcut(
     Shortcut { keys: KeyboardShortcut::new(modifiers, key), effect: effect.into(), effect_on: Box::new(command) }
 }
 
-/// A key that gives the same command whatever the state.
+/// A key with the same command in every state.
 fn plain(modifiers: Modifiers, key: Key, effect: &str, command: Command) -> Shortcut {
     shortcut(modifiers, key, effect, move |_| Some(command.clone()))
 }
 
-/// A key that sets a field to another value than the state has.
+/// A key that sets a field to its next value.
 fn switch<V: Into<Value> + 'static>(
     modifiers: Modifiers,
     key: Key,
@@ -144,21 +142,21 @@ fn looks() -> Vec<Shortcut> {
 }
 
 impl Shortcut {
-    /// The command that the key gives in a window of this state; `None` if it does nothing there.
+    /// The key's command in a window of this state; `None` without an effect.
     pub(crate) fn command(&self, state: &State) -> Option<Command> {
         (self.effect_on)(state)
     }
 }
 
-/// The key with an effect of [`all`], as menus show it; empty if there is none.
+/// The key for an effect of [`all`], as in menus; empty if there is none.
 pub(crate) fn shown(egui: &egui::Context, effect: &str) -> String {
     let known = all().into_iter().find(|shortcut| shortcut.effect == effect);
     known.map(|shortcut| egui.format_shortcut(&shortcut.keys)).unwrap_or_default()
 }
 
-/// The keys that were pressed since the last frame, in their order. Each acts on what those before it have made of the state.
+/// The keys pressed since the last frame, in order. Each acts on the state left by the previous ones.
 pub(crate) fn pressed(egui: &egui::Context, state: &State) -> Vec<Shortcut> {
-    // A field that is typed into has the keys, but for the one that quits; what else has the focus, such as a slider, has those that move it.
+    // A focused text field gets all keys but the one that quits; another focused control, such as a slider, those that move it.
     let is_typing = egui.text_edit_focused();
     let has_focus = egui.egui_wants_keyboard_input();
     let is_flying = state.window.tool == Tool::Fly;
@@ -191,7 +189,6 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable;
 
-    /// The commands that keys give, from a state on.
     fn given(state: State, keys: &[(Modifiers, Key)]) -> Vec<Command> {
         let show = |ui: &mut Ui, (state, commands): &mut (State, Vec<Command>)| {
             for key in pressed(ui.ctx(), state) {

@@ -1,5 +1,5 @@
-//! A window on volumes of any size: the picture of a live [session](brickyard::session) with panels beside it. The window's state is a scene, the one that
-//! `brickyard render --scene` takes; panels, keys, pointer and scripts edit it by the same commands.
+//! A window on volumes of any size: the picture of a live [session](brickyard::session) with panels beside it. The window's state is a scene, as for
+//! `brickyard render --scene`; panels, keys, pointer and scripts edit it by the same commands.
 
 mod canvas;
 mod clicks;
@@ -63,40 +63,41 @@ use brickyard::volume::Scene;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// What a window shows at first, and what becomes of it.
+/// Initial contents and settings of a window.
 #[derive(Clone, Debug)]
 pub struct WindowOptions {
-    /// The scene that is shown first.
+    /// The first scene.
     pub scene: Scene,
-    /// The file that the scene was read from, which may say what the window is like, too.
+    /// The file of the scene, if any; may hold settings of the window, too.
     pub scene_file: Option<PathBuf>,
-    /// Whether the window shows what it showed when it was last closed on these volumes, in the place of the scene.
+    /// Whether to restore the window's last state on these volumes instead of showing the scene.
     pub restores: bool,
-    /// The session's choices and limits. Its pictures are drawn on the window's own device unless they say the CPU, or leave the choice and that device is a
-    /// software one.
+    /// The session's choices and limits. Pictures are drawn on the window's device, unless these choose the CPU, or leave the choice and that device
+    /// is a software one.
     pub session: SessionOptions,
     /// The window's inner size in points: width and height.
     pub size: [f32; 2],
-    /// Commands to play. A window that plays some is not restored, and is not kept.
+    /// Commands to play. A window that plays some is neither restored nor kept.
     pub script: Script,
-    /// A file for what the window shows once the script is over and the picture is final; the window closes then. `None` leaves it open.
+    /// A file for a screenshot after the script, once the picture is final; then the window closes. `None` leaves it open.
     pub screenshot: Option<PathBuf>,
-    /// When the volumes began to be opened, from which the time to the first picture counts.
+    /// Start of opening the volumes, and of the time to the first picture.
     pub opened: Instant,
-    /// A file for what the frames took, written as JSON when the window is closed.
+    /// A JSON file for frame times, written when the window is closed.
     pub stats: Option<PathBuf>,
 }
 
-/// The window could not be opened, or could not go on.
+/// Failure to open or continue the window.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct WindowError(String);
 
-/// Opens a window on volumes, and returns when it is closed. There is something to show of each: see [`Openings::wait`]. Without volumes it is empty, and files are opened in it.
+/// Opens a window on volumes, and returns when it is closed. There must be a picture of each: see [`Openings::wait`]. Without volumes the window is
+/// empty, for files to be opened in it.
 ///
 /// # Errors
-/// If there is no display, nothing that can draw on it, the device lacks what the engine needs, or is lost and there is no other one: the message says what
-/// to do. If a command of the script fails: the message names its line.
+/// If there is no display, nothing can draw on it, or the device is unfit for the engine or lost without another one: the message contains advice. If
+/// a command of the script fails: the message names its line.
 pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowError> {
     if let Some(path) = options.screenshot.take() {
         options.script.then(Command::Screenshot(path));
@@ -113,13 +114,12 @@ pub fn run(openings: Openings, mut options: WindowOptions) -> Result<(), WindowE
     window.failure().map_or(Ok(()), |failure| Err(WindowError(failure.into())))
 }
 
-/// The title of a window on what these paths name.
 pub(crate) fn title(paths: &[PathBuf]) -> String {
     let name = paths.first().and_then(|path| path.file_stem());
     name.map_or_else(String::new, |name| format!("{} - ", name.to_string_lossy())) + "brickyard"
 }
 
-/// The state that a window begins with, what keeps it, and what the user is to be told of it.
+/// A window's initial state, its keeper, and a message for the user.
 fn first_state(
     volumes: &[VolumeSource],
     paths: Vec<PathBuf>,
@@ -149,13 +149,13 @@ fn first_state(
     Ok((state, keeper, problem))
 }
 
-/// The state that a window on these volumes was left in; `None` if it is the first one.
+/// The last state of a window on these volumes; `None` the first time.
 ///
 /// # Errors
 /// If the state cannot be read, or cannot be shown any more.
 fn restored(path: &Path, volumes: &[VolumeSource]) -> Result<Option<State>, String> {
     let Some(mut state) = keeping::read(path)? else { return Ok(None) };
-    // Who does not know the keys would look for the panels in vain.
+    // Users who do not know the keys would miss the panels.
     (state.window.panels, state.window.fullscreen) = (true, false);
     read_named_files(&mut state.scene, volumes).map_err(|error| error.to_string())?;
     check(volumes, &state.scene).map_err(|error| error.to_string())?;

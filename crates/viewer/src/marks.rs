@@ -1,5 +1,5 @@
-//! Marks over a picture that is written: the overlays that a window shows over it, in the picture's own resolution. The window's own drawing makes
-//! the shapes; the CPU puts them on the picture, so that this needs no device, and costs what the shapes cover.
+//! Marks over a saved picture: the window's overlays in the picture's own resolution. The window's own code makes the shapes and the CPU draws them,
+//! so this needs no device. Costs the covered pixels.
 
 use crate::overlay::{self, Lens};
 use crate::paint;
@@ -12,7 +12,7 @@ use glam::DVec3;
 use std::fmt;
 use std::str::FromStr;
 
-/// Which marks are drawn over a picture.
+/// The choice of marks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Marks {
     overlays: Overlays,
@@ -20,17 +20,16 @@ pub(crate) struct Marks {
 }
 
 impl Marks {
-    /// None.
     pub(crate) const NONE: Self = Self { overlays: Overlays::NONE, distances: false };
 
-    /// Those that a window shows.
+    /// The marks shown by a window.
     pub(crate) fn shown(window: &WindowState) -> Self {
-        // Handles and bricks are about the window's work, not about the picture.
+        // Handles and bricks belong to the window's work, not to the picture.
         let overlays = Overlays { clip_handles: false, bricks: false, ..window.overlays };
         Self { overlays, distances: true }
     }
 
-    /// The marks that there are: the name of each in commands and for users, and whether it is drawn.
+    /// All marks: the name of each in commands and for users, and whether it is drawn.
     pub(crate) fn each(&mut self) -> [(&'static str, &'static str, &mut bool); 7] {
         let Self { overlays, distances } = self;
         [
@@ -67,23 +66,20 @@ impl FromStr for Marks {
     }
 }
 
-/// The marks of a picture, and what they are about.
+/// The marks of a picture, and their subjects.
 #[derive(Clone, Debug)]
 pub(crate) struct Over {
-    /// Which are drawn.
     pub(crate) marks: Marks,
-    /// What was measured.
     pub(crate) distances: Vec<[DVec3; 2]>,
 }
 
-/// How many pixels of a picture a point has, if `shown_px` pixels in the window are a picture in which it has `scale`: all is as large in the picture as
-/// in the window, but no smaller than can be read.
+/// Pixels per point of a picture, where `shown_px` pixels in the window have `scale`: marks keep their relative size, but stay legible.
 pub(crate) fn pixels_per_point(size_px: (u32, u32), shown_px: (u32, u32), scale: f32) -> f32 {
     let ratio = |of: u32, shown: u32| of as f32 / shown.max(1) as f32;
     (scale * ratio(size_px.0, shown_px.0).min(ratio(size_px.1, shown_px.1))).max(1.0)
 }
 
-/// Draws marks over the picture of a scene. Pictures for two eyes have none: what they say holds for one.
+/// Draws marks over a scene's picture. Stereo pictures have none: marks hold for one eye.
 pub(crate) fn draw(picture: &mut Picture, scene: &Scene, volumes: &[VolumeSource], over: &Over, pixels_per_point: f32) {
     let Some(camera) = scene.camera.filter(|_| scene.stereo.is_none()) else { return };
     let places: Vec<_> = volumes.iter().map(VolumeSource::place).collect();
@@ -104,7 +100,7 @@ pub(crate) fn draw(picture: &mut Picture, scene: &Scene, volumes: &[VolumeSource
     });
     let shapes = context.tessellate(shown.shapes, shown.pixels_per_point);
     paint::put(picture, &shapes, &shown.textures_delta, shown.pixels_per_point);
-    // egui insists on that.
+    // egui insists on it.
     shown.textures_delta.clear();
 }
 
@@ -114,7 +110,7 @@ mod tests {
     use crate::panels::fixture;
     use brickyard::volume::Camera;
 
-    /// The pixels of a black picture that marks change.
+    /// The pixels of a black picture changed by marks.
     fn drawn(words: &str, size_px: (u32, u32), pixels_per_point: f32) -> Vec<(u32, u32)> {
         let (width, height) = size_px;
         let mut picture = Picture { width, height, rgb: vec![[0; 3]; (width * height) as usize] };

@@ -1,6 +1,5 @@
-//! Measuring: a click says where a distance begins and the next one where it ends; it stays then, as a field of the window's document. A slice takes
-//! places on it alone, so that what it says is what it shows. A projection has no places of its own along its rays: there a distance is one across
-//! the view.
+//! Measuring: one click starts a distance and the next one ends it; it then stays as a field of the window's document. A slice takes only places on
+//! it, so its lengths are true. A projection has no places along its rays: there, distances run across the view.
 
 use crate::command::Command;
 use crate::overlay::{self, Lens};
@@ -9,26 +8,24 @@ use brickyard::volume::{Scene, Slice, ViewRays};
 use glam::DVec3;
 use serde_json::json;
 
-/// A distance that is being measured.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Measuring {
     from: Option<DVec3>,
 }
 
 impl Measuring {
-    /// Forgets what was begun, unless distances are measured.
+    /// Drops a started distance unless the tool measures.
     pub(crate) fn suit(&mut self, tool: Tool) {
         if tool != Tool::Distance {
             self.from = None;
         }
     }
 
-    /// Where the distance begins.
     pub(crate) fn from(&self) -> Option<DVec3> {
         self.from
     }
 
-    /// Takes the place of a click: the first one of a distance, or the last.
+    /// Takes a click: the start of a distance, or its end.
     pub(crate) fn click(&mut self, place: DVec3, state: &State) -> Option<Command> {
         let Some(from) = self.from.take() else {
             self.from = Some(place);
@@ -38,18 +35,18 @@ impl Measuring {
         Some(Command::set("window.distances", json!(distances)))
     }
 
-    /// Takes a click in a slice as the end of a distance. A distance that was begun beside the slice is begun anew.
+    /// Takes a click in a slice as the end of a distance, restarting one that started beside the slice.
     pub(crate) fn click_in(&mut self, slice: &Slice, reach: f64, place: DVec3, state: &State) -> Option<Command> {
         self.from = self.from.filter(|from| is_in(slice, reach, *from));
         self.click(place, state)
     }
 
-    /// Whether a distance was begun that lies in a slice so far.
+    /// Whether a started distance lies in a slice so far.
     pub(crate) fn is_in(&self, slice: &Slice, reach: f64) -> bool {
         self.from.is_some_and(|from| is_in(slice, reach, from))
     }
 
-    /// Draws the mark where the distance begins, and the line to where it would end now.
+    /// Draws the mark at the start, and the line to the current end.
     pub(crate) fn show(&self, lens: &Lens, to: Option<DVec3>, unit: &str) {
         let Some(from) = self.from else { return };
         overlay::beginning(lens, from);
@@ -57,18 +54,18 @@ impl Measuring {
     }
 }
 
-/// Whether a point is in a slice, which has voxels so far to both sides.
+/// Whether a point is in a slice of this `reach` to both sides.
 fn is_in(slice: &Slice, reach: f64, point: DVec3) -> bool {
     (point - slice.point).dot(slice.normal).abs() <= reach
 }
 
-/// The distances that lie in a slice.
+/// The distances lying in a slice.
 pub(crate) fn lying_in(distances: &[[DVec3; 2]], slice: &Slice, reach: f64) -> Vec<[DVec3; 2]> {
     distances.iter().filter(|ends| ends.iter().all(|end| is_in(slice, reach, *end))).copied().collect()
 }
 
-/// Where a distance ends that begins at `from`, at a place of a scene's picture under which `picked` is seen. In a projection that is where the ray
-/// passes the plane through its beginning that is parallel to the picture: extremes lie at depths that nobody sees.
+/// The end of a distance from `from`, at a place of a scene's picture with `picked` under it. In a projection it is the ray's crossing with the
+/// plane through `from` parallel to the picture: extremes lie at invisible depths.
 pub(crate) fn end(
     scene: &Scene,
     rays: &ViewRays,
@@ -133,7 +130,7 @@ mod tests {
             assert!((found - from).dot(rays.forward).abs() < 1e-9, "{found}");
             let seen = rays.pixel(found).unwrap();
             assert!(seen.iter().zip(place_px.unwrap()).all(|(a, b)| (a - b).abs() < 1e-6), "{seen:?}");
-            // The first end is where the extreme is, and beside the volume there is an end, too.
+            // The first end is at the extreme; beside the volume there is an end, too.
             assert_eq!(end(&scene, &rays, None, place_px, Some(hidden)), Some(hidden));
             assert!(end(&scene, &rays, Some(from), Some([1.0, 1.0]), None).is_some());
         }

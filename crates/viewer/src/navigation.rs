@@ -1,21 +1,21 @@
-//! How a hand moves the camera: it turns around a point, moves across the picture, comes nearer, and flies. All of it is arithmetic on cameras; what a
-//! drag or a key means is decided elsewhere.
+//! Camera motion: turning around a point, moving across the picture, zooming, and flying. All of it is arithmetic on cameras; drags and keys are
+//! interpreted elsewhere.
 
 use crate::command::Command;
 use brickyard::volume::scene::VolumePlace;
 use brickyard::volume::{Camera, Projection, Scene};
 use glam::{DQuat, DVec3};
 
-/// How near to straight up or down the camera may look, in degrees: the picture's up direction is lost there.
+/// Least angle between the view and straight up or down, in degrees: up is undefined there.
 const POLE_DEG: f64 = 1.0;
 
-/// The least distance that flying goes by, as a share of the diagonal of all volumes: inside of them there is no distance from them.
+/// Least distance for flying, as a share of the diagonal of all volumes: inside them it would be zero.
 const LEAST_DISTANCE: f64 = 0.02;
 
-/// The camera of a scene, in a picture of this size, after a command that moves it; `None` if the command moves no camera.
+/// A scene's camera, in a picture of this size, after a command; `None` if it moves no camera.
 ///
 /// # Errors
-/// If the command asks for a side or a place that there is not.
+/// If the command names a side or a place that does not exist.
 pub(crate) fn moved(
     command: &Command,
     scene: &Scene,
@@ -66,13 +66,13 @@ pub(crate) fn flown(camera: &Camera, [right, up, forward]: [f64; 3], (low, high)
     Camera { eye: camera.eye + by, target: camera.target + by, ..*camera }
 }
 
-/// Turns a camera around a point of the world: by `right_deg` degrees about its up direction, as if the volume were pushed to the right, and
-/// by `up_deg` degrees over the top, as far as straight up or down.
+/// Turns a camera around a world point: by `right_deg` about its up direction, as if the volume were pushed to the right, and by `up_deg` over the
+/// top, as far as straight up or down.
 pub(crate) fn orbited(camera: &Camera, around: DVec3, right_deg: f64, up_deg: f64) -> Camera {
     let up = camera.up.normalize_or_zero();
     let forward = (camera.target - camera.eye).normalize_or_zero();
     let right = forward.cross(up).normalize_or_zero();
-    // The angle between the view and up: it stays between the poles.
+    // The angle between the view and up stays between the poles.
     let from_up_deg = forward.angle_between(up).to_degrees();
     let up_deg = up_deg.clamp(from_up_deg - 180.0 + POLE_DEG, from_up_deg - POLE_DEG);
     let turn = DQuat::from_axis_angle(up, -right_deg.to_radians()) * DQuat::from_axis_angle(right, up_deg.to_radians());
@@ -88,7 +88,7 @@ pub(crate) fn rolled(camera: &Camera, angle_deg: f64) -> Camera {
     Camera { up: DQuat::from_axis_angle(forward, -angle_deg.to_radians()) * up, ..*camera }
 }
 
-/// Moves a camera so that what is at its target moves right and up in the picture, by parts of the picture's height.
+/// Moves a camera so that its target moves right and up, by parts of the picture's height.
 pub(crate) fn panned(camera: &Camera, right: f64, up: f64) -> Camera {
     let forward = (camera.target - camera.eye).normalize_or_zero();
     let to_right = forward.cross(camera.up).normalize_or_zero();
@@ -97,7 +97,7 @@ pub(crate) fn panned(camera: &Camera, right: f64, up: f64) -> Camera {
     Camera { eye: camera.eye + by, target: camera.target + by, ..*camera }
 }
 
-/// Brings a camera nearer to a point of the world, which stays where it is in the picture: the camera's distances are divided by `factor`.
+/// Moves a camera closer to a world point, which keeps its place in the picture, dividing its distances by `factor`.
 pub(crate) fn zoomed(camera: &Camera, towards: DVec3, factor: f64) -> Camera {
     let moved = |point: DVec3| towards + (point - towards) / factor;
     let projection = match camera.projection {
@@ -107,7 +107,7 @@ pub(crate) fn zoomed(camera: &Camera, towards: DVec3, factor: f64) -> Camera {
     Camera { eye: moved(camera.eye), target: moved(camera.target), projection, ..*camera }
 }
 
-/// Exchanges a perspective view for a parallel one or back. What is at the target keeps its size in the picture.
+/// Switches between perspective and parallel rays. Content at the target keeps its size.
 pub(crate) fn with_parallel_rays(camera: &Camera, parallel: bool) -> Camera {
     let distance = camera.eye.distance(camera.target);
     match (camera.projection, parallel) {
@@ -115,7 +115,7 @@ pub(crate) fn with_parallel_rays(camera: &Camera, parallel: bool) -> Camera {
             Camera { projection: Projection::Orthographic { height: height_at_target(camera) }, ..*camera }
         }
         (Projection::Orthographic { height }, false) => {
-            // The default camera's angle. The eye moves to where that sees as much.
+            // The default camera's angle. The eye moves to where the view is equally high.
             let fov_y_deg = 30.0f64;
             let needed = 0.5 * height / (0.5 * fov_y_deg).to_radians().tan();
             let eye = camera.target + (camera.eye - camera.target) * (needed / distance);
@@ -125,7 +125,7 @@ pub(crate) fn with_parallel_rays(camera: &Camera, parallel: bool) -> Camera {
     }
 }
 
-/// The height of what the picture shows at the target, in the world.
+/// Height of the view at the target, in the world.
 fn height_at_target(camera: &Camera) -> f64 {
     match camera.projection {
         Projection::Perspective { fov_y_deg } => {
@@ -135,7 +135,7 @@ fn height_at_target(camera: &Camera) -> f64 {
     }
 }
 
-/// The point of the world that is under a place of the picture, in pixels, as far away as the camera's target.
+/// The world point under a place of the picture, in pixels, at the depth of the camera's target.
 pub(crate) fn point_at_target(camera: &Camera, size_px: (u32, u32), [x_px, y_px]: [f64; 2]) -> Option<DVec3> {
     let rays = camera.rays(size_px.0, size_px.1).ok()?;
     let ray = rays.ray(x_px, y_px);
@@ -154,7 +154,6 @@ mod tests {
         Camera::looking_at_box((DVec3::new(-1.0, 2.0, 3.0), DVec3::new(7.0, 9.0, 5.0)))
     }
 
-    /// Where a point of the world is in a camera's picture.
     fn pixel(camera: &Camera, point: DVec3) -> DVec3 {
         let [x, y] = camera.rays(SIZE.0, SIZE.1).unwrap().pixel(point).unwrap();
         DVec3::new(x, y, 0.0)
@@ -165,7 +164,7 @@ mod tests {
         let near = camera().target - (camera().target - camera().eye).normalize();
         let before = pixel(&camera(), near);
         assert!(pixel(&orbited(&camera(), camera().target, 10.0, 0.0), near).x > before.x + 1.0);
-        // Over the top: what is near moves up in the picture, where rows are less.
+        // Over the top: near content moves up in the picture, to lesser rows.
         assert!(pixel(&orbited(&camera(), camera().target, 0.0, 10.0), near).y < before.y - 1.0);
         let beside = camera().target + DVec3::Z;
         assert!(pixel(&rolled(&camera(), 20.0), beside).x > pixel(&camera(), beside).x + 1.0);
@@ -194,7 +193,7 @@ mod tests {
     }
 
     proptest! {
-        /// What is under the pointer stays under it.
+        /// The point under the pointer stays under it.
         #[test]
         fn a_point_that_is_held_keeps_its_place(
             x in 0.0..640.0, y in 0.0..480.0, factor in 0.2..5.0, right in -0.5..0.5f64, up in -0.5..0.5f64, parallel: bool,
@@ -208,7 +207,7 @@ mod tests {
             prop_assert!((pixel(&panned(&camera, right, up), held) - DVec3::new(x, y, 0.0) - by).length() < 1e-6);
         }
 
-        /// Inside of the volumes a flight goes on, and never takes the view's direction away.
+        /// Inside the volumes a flight continues, and always keeps the view's direction.
         #[test]
         fn a_flight_keeps_the_direction(right in -2.0..2.0, up in -2.0..2.0, forward in -2.0..2.0f64, x in 0.0..8.0) {
             let world_box = (DVec3::new(-1.0, 2.0, 3.0), DVec3::new(7.0, 9.0, 5.0));
@@ -220,7 +219,7 @@ mod tests {
             prop_assert!(moved > 0.01 * DVec3::new(right, up, forward).length());
         }
 
-        /// A point that the camera turns around keeps its place and distance.
+        /// The centre of a turn keeps its place and distance.
         #[test]
         fn the_middle_of_a_turn_stays(right in -90.0..90.0, up in -90.0..90.0, x in -3.0..3.0) {
             let around = camera().target + DVec3::new(x, 0.5 * x, 1.0);

@@ -1,30 +1,30 @@
-//! Notes of the window, which nobody has to answer: of work done, until the next command, and remarks, which pass by themselves.
+//! Notes of the window, which nobody has to answer: of work done, until the next command, and remarks, which expire.
 
 use std::time::{Duration, Instant};
 
-/// How long a remark is said.
+/// Lifetime of a remark.
 const PASSING: Duration = Duration::from_secs(5);
 
-/// What the window says, until the next command at most.
+/// A message, until the next command at most.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Note {
     pub(crate) text: String,
-    /// When it is said no more; `None` if it stays until the next command.
+    /// The time of expiry; `None` is the next command.
     end: Option<Instant>,
 }
 
 impl Note {
-    /// What has been done, or is to be known.
+    /// A note on completed work, or a notice.
     pub(crate) fn new(text: impl Into<String>) -> Self {
         Self { text: text.into(), end: None }
     }
 
-    /// A remark on what has just been asked for.
+    /// A remark on the last command.
     pub(crate) fn passing(text: impl Into<String>) -> Self {
         Self { text: text.into(), end: Some(Instant::now() + PASSING) }
     }
 
-    /// How long it is still said; `None` if that is until the next command.
+    /// Remaining lifetime; `None` is until the next command.
     pub(crate) fn left(&self) -> Option<Duration> {
         self.end.map(|end| end.saturating_duration_since(Instant::now()))
     }

@@ -1,4 +1,4 @@
-//! The volume of a window that shows nothing yet: one voxel. With it an empty window has sessions, a scene and commands as any other has.
+//! The volume of an empty window: one voxel. It gives an empty window sessions, a scene and commands like any other.
 
 use brickyard::pager::{BrickError, BrickSource};
 use brickyard::session::VolumeSource;
@@ -8,7 +8,6 @@ use std::sync::Arc;
 /// Voxels along the edge of its only brick.
 const EDGE: u32 = 8;
 
-/// The volume of a window that shows nothing yet.
 pub(crate) fn volume() -> VolumeSource {
     let pyramid = Pyramid::new(Extent::new(1, 1, 1), [1.0; 3], EDGE);
     VolumeSource::new(Arc::new(Nothing { pyramid, geometry: Geometry::default() }))

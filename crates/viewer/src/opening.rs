@@ -1,4 +1,4 @@
-//! The volumes of a window, each of which may still be on its way: shown as a preview, and packed meanwhile. The window asks once a frame what is new.
+//! The volumes of a window, each perhaps still shown as a preview while it is packed. The window polls them once a frame.
 
 use crate::nothing;
 use crate::work_row;
@@ -8,10 +8,10 @@ use eframe::egui::Ui;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// How often somebody who waits for a preview looks whether it is there.
+/// Interval between polls while waiting for a preview.
 const WAIT: Duration = Duration::from_millis(20);
 
-/// The volumes of a window, and what is being done for them.
+/// The volumes of a window, and their progress.
 pub struct Openings {
     options: OpeningOptions,
     items: Vec<Item>,
@@ -20,25 +20,22 @@ pub struct Openings {
 struct Item {
     path: PathBuf,
     opening: Opening,
-    /// As it is shown now; `None` before there is anything to show.
+    /// The shown state, if any.
     volume: Option<VolumeSource>,
 }
 
-/// What is new of the volumes.
 #[derive(Debug, Default)]
 pub(crate) struct Changes {
-    /// Whether a volume is another one now: a store in place of a preview, or the first that there is to show.
+    /// Whether a volume was replaced: a preview by a store, or nothing by a first picture.
     pub(crate) has_volumes: bool,
-    /// Whether a volume has more time steps now.
     pub(crate) has_steps: bool,
-    /// What the user is to be told.
     pub(crate) messages: Vec<String>,
-    /// Why one of them has stopped, with its path; the first if there are several. One of which there is nothing to show is out.
+    /// Path and error of the first stopped volume, if any. One without a picture is removed.
     pub(crate) stopped: Option<(PathBuf, OpeningError)>,
 }
 
 impl Openings {
-    /// Begins to open stores, files and folders: each is a volume of its own.
+    /// Starts opening stores, files and folders, each as a volume of its own.
     pub fn start(paths: Vec<PathBuf>, options: OpeningOptions) -> Self {
         let item = |path: PathBuf| {
             let opening = Opening::start(path.clone(), options.clone());
@@ -47,12 +44,12 @@ impl Openings {
         Self { items: paths.into_iter().map(item).collect(), options }
     }
 
-    /// Adds what is being opened besides: its volumes come after those that there are.
+    /// Adds other openings, whose volumes come last.
     pub(crate) fn add(&mut self, others: Self) {
         self.items.extend(others.items);
     }
 
-    /// Waits until there is something to show of each. Calls `progress` now and then, with the bytes that are read and the bytes in all.
+    /// Waits for a picture of each. Calls `progress` now and then, with the bytes read and the total.
     ///
     /// # Errors
     /// If one of them cannot be opened.
@@ -71,17 +68,17 @@ impl Openings {
         }
     }
 
-    /// Whether nothing was opened: the window is empty.
+    /// Whether the window is empty.
     pub(crate) fn are_none(&self) -> bool {
         self.items.is_empty()
     }
 
-    /// What was opened.
+    /// The opened paths.
     pub fn paths(&self) -> Vec<PathBuf> {
         self.items.iter().map(|item| item.path.clone()).collect()
     }
 
-    /// The volumes that can be shown by now. An empty window has one of a single voxel, which it does not show.
+    /// The volumes to show. An empty window has one of a single voxel, which it does not show.
     pub fn volumes(&self) -> Vec<VolumeSource> {
         if self.are_none() {
             return vec![nothing::volume()];
@@ -89,12 +86,11 @@ impl Openings {
         self.items.iter().filter_map(|item| item.volume.clone()).collect()
     }
 
-    /// How files are opened.
     pub(crate) fn options(&self) -> &OpeningOptions {
         &self.options
     }
 
-    /// Whether there is something to show of each.
+    /// Whether there is a picture of each.
     pub(crate) fn are_shown(&self) -> bool {
         self.items.iter().all(|item| item.volume.is_some())
     }
@@ -104,12 +100,12 @@ impl Openings {
         self.items.iter().any(|item| item.opening.activity() != Activity::Nothing)
     }
 
-    /// Whether time steps may be appended to one of them by another program.
+    /// Whether another program may append time steps to one of them.
     pub(crate) fn are_followed(&self) -> bool {
         self.items.iter().any(|item| item.opening.is_following())
     }
 
-    /// Takes note of what is new, without waiting.
+    /// Takes in changes, without waiting.
     pub(crate) fn poll(&mut self) -> Changes {
         let mut changes = Changes::default();
         for item in &mut self.items {
@@ -140,7 +136,7 @@ impl Openings {
         each.fold((0, 0), |sum, of| (sum.0 + of.0, sum.1 + of.1))
     }
 
-    /// Shows what is being done, and a button to stop each.
+    /// Shows the progress, with a button to stop each.
     pub(crate) fn show(&self, ui: &mut Ui) {
         for item in &self.items {
             let (path, progress) = (item.path.as_path(), item.opening.progress());

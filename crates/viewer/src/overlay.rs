@@ -1,5 +1,5 @@
-//! What is drawn over the pictures: the volume's box with ticks, a scale bar, which way the axes of the world point, what value has which colour, what was
-//! measured, and which bricks are drawn. All of it follows from the camera and the scene.
+//! Overlays of the pictures: the volume's box with ticks, a scale bar, the axes' directions, colour bars, measured distances, and the drawn bricks.
+//! All of it follows from the camera and the scene.
 
 pub(crate) mod bricks;
 mod canvas;
@@ -15,13 +15,13 @@ use brickyard::volume::{Camera, Scene, ViewRays};
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, pos2, vec2};
 use glam::DVec3;
 
-/// The least width of a picture that has colour bars, in points.
+/// Least width of a picture with colour bars, in points.
 const LEAST_BARRED: f32 = 420.0;
 
-/// The least size of a picture that has letters at its edges, in points: in a smaller one they would hide too much.
+/// Least size of a picture with letters at its edges, in points: smaller ones would be covered.
 const LEAST_LETTERED: f32 = 96.0;
 
-/// How far the middle of a letter is from a line at least, in points.
+/// Least distance from a letter's middle to a line, in points.
 const CLEARANCE: f32 = 16.0;
 
 /// The colours of the axes x, y and z, as on finished pictures.
@@ -33,59 +33,58 @@ pub(crate) const AXIS_COLORS: [Color32; 3] = {
     [color(x), color(y), color(z)]
 };
 
-/// What was measured, in a colour that few volumes have.
+/// The colour of measured distances, rare in volumes.
 const MEASURED: Color32 = Color32::from_rgb(255, 210, 60);
 
-/// A picture in the window: where points of the world are in it.
+/// A picture in the window, mapping world points to places.
 pub(crate) struct Lens {
-    /// Draws over the picture and nowhere else.
+    /// Painter clipped to the picture.
     pub(crate) painter: Painter,
-    /// The part of the window that the picture fills.
+    /// The picture's part of the window.
     pub(crate) area: Rect,
-    /// The rays of its pixels.
     pub(crate) rays: ViewRays,
 }
 
 impl Lens {
-    /// The picture that a camera makes of `size_px` pixels, in a part of the window; `None` if the camera makes none.
+    /// A camera's picture of `size_px` pixels in a part of the window, if it has one.
     pub(crate) fn new(painter: &Painter, area: Rect, camera: &Camera, size_px: (u32, u32)) -> Option<Self> {
         let rays = camera.rays(size_px.0, size_px.1).ok()?;
         Some(Self { painter: painter.with_clip_rect(area), area, rays })
     }
 
-    /// Where a point of the world is in the window; `None` if it is behind the eye.
+    /// A world point's place in the window; `None` behind the eye.
     pub(crate) fn place(&self, point: DVec3) -> Option<Pos2> {
         let [x, y] = self.rays.pixel(point)?;
         let part = vec2((x / f64::from(self.rays.width)) as f32, (y / f64::from(self.rays.height)) as f32);
         Some(self.area.min + part * self.area.size())
     }
 
-    /// The pixel, from the picture's upper left corner, that is at a place of the window.
+    /// The pixel at a place of the window, from the picture's upper left corner.
     pub(crate) fn pixel(&self, place: Pos2) -> [f64; 2] {
         let part = (place - self.area.min) / self.area.size();
         [f64::from(part.x) * f64::from(self.rays.width), f64::from(part.y) * f64::from(self.rays.height)]
     }
 
-    /// Draws a line between two points of the world, as far as both are in front of the eye.
+    /// Draws a line between two world points in front of the eye.
     pub(crate) fn line(&self, from: DVec3, to: DVec3, stroke: Stroke) {
         if let (Some(a), Some(b)) = (self.place(from), self.place(to)) {
             self.painter.line_segment([a, b], stroke);
         }
     }
 
-    /// Draws the edges of a box, as far as both of their ends are in front of the eye.
+    /// Draws the edges of a box, of which both ends are in front of the eye.
     pub(crate) fn edges(&self, corners: (DVec3, DVec3), stroke: Stroke) {
         for [from, to] in box_axes::edges(corners) {
             self.line(from, to, stroke);
         }
     }
 
-    /// Draws overlays that finished pictures have, too.
+    /// Draws overlays shared with finished pictures.
     fn overlay(&self, draw: impl FnOnce(&mut OverlayLens<'_>)) {
         draw(&mut OverlayLens { canvas: &mut WindowCanvas(self), rays: self.rays });
     }
 
-    /// Writes a text that is read on any colour.
+    /// Writes a text legible on any colour.
     pub(crate) fn text(&self, place: Pos2, align: Align2, text: &str, size: f32, color: Color32) {
         let font = FontId::proportional(size);
         let shade = Color32::from_black_alpha(190);
@@ -94,7 +93,7 @@ impl Lens {
     }
 }
 
-/// Draws over a scene's picture what the overlays say of it and of its world.
+/// Draws the overlays of a scene and its world.
 pub(crate) fn show(
     lens: &Lens,
     overlays: &Overlays,
@@ -123,7 +122,7 @@ pub(crate) fn show(
     }
 }
 
-/// Draws distances between points of the world, each with its length.
+/// Draws distances, each with its length.
 pub(crate) fn distances(lens: &Lens, distances: &[[DVec3; 2]], unit: &str) {
     for [from, to] in distances {
         lens.line(*from, *to, Stroke::new(1.5, MEASURED));
@@ -139,14 +138,14 @@ pub(crate) fn distances(lens: &Lens, distances: &[[DVec3; 2]], unit: &str) {
     }
 }
 
-/// Draws the mark of a point where a distance begins.
+/// Draws the mark at the start of a distance.
 pub(crate) fn beginning(lens: &Lens, point: DVec3) {
     if let Some(place) = lens.place(point) {
         lens.painter.circle(place, 4.0, MEASURED, Stroke::new(1.5, Color32::from_black_alpha(160)));
     }
 }
 
-/// Writes at the edges of a picture which sides of a patient are there, beside the lines that cross it at a point.
+/// Writes the letters of a patient's sides at the picture's edges, beside the lines crossing it at a point.
 pub(crate) fn letters(lens: &Lens, crossing: Option<DVec3>) {
     let area = lens.area.shrink(8.0);
     if lens.area.size().min_elem() < LEAST_LETTERED {
@@ -165,7 +164,7 @@ pub(crate) fn letters(lens: &Lens, crossing: Option<DVec3>) {
     }
 }
 
-/// The place along an edge that is nearest to one, and far enough from a line for a letter.
+/// The place along an edge nearest to `place` with room for a letter beside a line.
 fn beside(place: f32, line: Option<f32>) -> f32 {
     match line {
         Some(line) if (place - line).abs() < CLEARANCE => line + CLEARANCE.copysign(place - line),
@@ -173,7 +172,7 @@ fn beside(place: f32, line: Option<f32>) -> f32 {
     }
 }
 
-/// The directions of the axes, in the lower left corner; the nearest last.
+/// Draws the directions of the axes in the lower left corner, the nearest last.
 fn axes(painter: &Painter, area: Rect, rays: &ViewRays, is_anatomical: bool) {
     let names = axis_names(is_anatomical);
     let middle = pos2(area.left() + 40.0, area.bottom() - 40.0);
@@ -201,7 +200,6 @@ mod tests {
     use eframe::egui;
     use eframe::egui::{Context, LayerId, RawInput, Shape};
 
-    /// What a camera sees of a unit cube, in a part of a window.
     pub(crate) fn lens(camera: &Camera) -> Lens {
         let painter = Painter::new(Context::default(), LayerId::background(), egui::Rect::EVERYTHING);
         let area = Rect::from_min_size(pos2(100.0, 50.0), vec2(200.0, 100.0));
@@ -218,7 +216,7 @@ mod tests {
         assert_eq!(lens.place(camera.eye + (camera.eye - camera.target)), None);
     }
 
-    /// The texts that are drawn over a picture in a part of a window, with their middles.
+    /// The texts drawn over a picture in a part of a window, with their middles.
     fn texts(camera: &Camera, draw: impl Fn(&Lens)) -> Vec<(String, Pos2)> {
         let area = Rect::from_min_size(pos2(100.0, 50.0), vec2(200.0, 100.0));
         let mut shown = Context::default().run_ui(RawInput::default(), |ui| {
@@ -230,7 +228,7 @@ mod tests {
             _ => None,
         });
         let drawn = drawn.collect();
-        // egui insists on that.
+        // egui insists on it.
         shown.textures_delta.clear();
         drawn
     }

@@ -1,5 +1,5 @@
-//! How evenly a window's frames come: what each took on the window's thread, drawing apart from all else, for files that say it in numbers. Costs a few
-//! numbers for each frame, of the last hundred thousand at most.
+//! Pace of a window's frames: the time of each on the window's thread, with drawing apart, for files of statistics. Costs a few numbers per frame,
+//! for the last hundred thousand at most.
 
 use crate::canvas::{Answer, FrameTimes};
 use brickyard::stats::Percentiles;
@@ -7,69 +7,68 @@ use serde::Serialize;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// The most frames that are kept.
+/// Most frames kept.
 const MOST: usize = 100_000;
 
-/// A frame in which a picture was drawn.
+/// A frame with a drawn picture.
 #[derive(Clone, Copy, Debug)]
 struct Drawn {
     at: Instant,
-    /// What it took on the window's thread besides drawing, and drawing, in milliseconds.
+    /// Milliseconds on the window's thread without drawing, and in drawing.
     blocked_ms: f64,
     draw_ms: f64,
     /// The share of the exact picture's work.
     quality: f64,
 }
 
-/// How many times between frames are kept: the least of them is without what the display or the hand made the window wait.
+/// Number of times between frames kept: the least is free of waits for the display or the user.
 const TIMES_BETWEEN: usize = 8;
 
-/// What the frames of a window took.
 pub(crate) struct Pacing {
     opened: Instant,
-    /// When the last frame's work ended, if the next one was to follow at once.
+    /// End of the last frame's work, if the next one was to follow at once.
     ended: Option<Instant>,
     between: VecDeque<Duration>,
     first: Option<Instant>,
     drawn: VecDeque<Drawn>,
-    /// What each frame took on the window's thread besides drawing, whether or not a picture was drawn in it.
+    /// Time of each frame, with or without a picture, on the window's thread without drawing.
     blocked_ms: VecDeque<f64>,
-    /// What it took from changes of the scene to the first picture of them, and from those before which the view rested.
+    /// Times from changes to their first pictures: of all changes, and of those at rest.
     answers_ms: Vec<f64>,
     first_answers_ms: Vec<f64>,
     blocked_most_ms: f64,
     frames: u64,
 }
 
-/// What the frames of a window took, as it is written.
+/// Statistics of a window's frames, as written.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct PacingStats {
-    /// From opening the volumes to the first picture, milliseconds; `None` if there was none.
+    /// Milliseconds from opening the volumes to the first picture, if any.
     first_picture_ms: Option<f64>,
-    /// Number of the window's frames, and of those in which a picture was drawn.
+    /// Number of frames, and of those with a drawn picture.
     frames: u64,
     drawn: usize,
-    /// Pictures a second, while pictures were drawn: pauses longer than a quarter of a second do not count.
+    /// Pictures per second while drawing: pauses over a quarter of a second do not count.
     pictures_per_second: f64,
-    /// What frames in which a picture was drawn took on the window's thread besides drawing, milliseconds.
+    /// Milliseconds on the window's thread without drawing, of frames with a picture.
     blocked_ms: Percentiles,
-    /// Milliseconds on the window's thread besides drawing: the most of any frame, and of all but one of a thousand.
+    /// Milliseconds on the window's thread without drawing, of all frames: the maximum, and the 99.9th percentile.
     blocked_most_ms: f64,
     blocked_p999_ms: f64,
-    /// From a change of the scene to the first picture of it or of a later one, milliseconds; and how many there were.
+    /// Milliseconds from a change to the first picture of it or of a later one, and the number of such changes.
     answer_ms: Percentiles,
     answers: usize,
-    /// Milliseconds from a change of a view at rest, such as the press that begins a drag, to the first picture of it; and the number of such changes.
+    /// Milliseconds from a change at rest, such as the press at the start of a drag, to its first picture, and the number of such changes.
     first_answer_ms: Percentiles,
     first_answers: usize,
-    /// What drawing took, milliseconds.
+    /// Milliseconds of drawing.
     draw_ms: Percentiles,
-    /// The share of the exact picture's work that 50, 5 and 1 percent of pictures had at most.
+    /// The 50th, 5th and 1st percentile of pictures' work, as a share of the exact picture's.
     quality: [f64; 3],
 }
 
 impl Pacing {
-    /// Counts the frames of a window whose volumes were opened at this time.
+    /// Counts the frames of a window with volumes opened at this time.
     pub(crate) fn new(opened: Instant) -> Self {
         let (drawn, between) = (VecDeque::new(), VecDeque::new());
         let (blocked_ms, answers_ms, first_answers_ms) = (VecDeque::new(), Vec::new(), Vec::new());
@@ -87,7 +86,6 @@ impl Pacing {
         }
     }
 
-    /// Takes note that a frame's work begins.
     pub(crate) fn begin(&mut self) {
         let Some(ended) = self.ended.take() else { return };
         if self.between.len() == TIMES_BETWEEN {
@@ -96,17 +94,17 @@ impl Pacing {
         self.between.push_back(ended.elapsed());
     }
 
-    /// Takes note that a frame's work has ended, and whether the next frame is to follow at once.
+    /// Records the end of a frame's work, and whether the next frame follows at once.
     pub(crate) fn end(&mut self, goes_on: bool) {
         self.ended = goes_on.then(Instant::now);
     }
 
-    /// What the window itself takes between the work of one frame and that of the next: it is painted, and put on the display.
+    /// The window's own time between the work of two frames: it is painted, and put on the display.
     pub(crate) fn between(&self) -> Duration {
         self.between.iter().min().copied().unwrap_or_default()
     }
 
-    /// Takes note of a frame, which took `took` on the window's thread, `spent` of it for pictures, or beside it, of the least of these qualities.
+    /// Records a frame: its time `took` on the window's thread, the part `spent` on pictures there or beside it, and their least quality.
     pub(crate) fn note(&mut self, took: Duration, spent: FrameTimes, quality: f64) {
         let ms = |time: Duration| time.as_secs_f64() * 1e3;
         let blocked_ms = ms(took.saturating_sub(spent.draw + spent.waited));
@@ -127,7 +125,7 @@ impl Pacing {
         self.drawn.push_back(Drawn { at, blocked_ms, draw_ms: ms(spent.drawing()), quality });
     }
 
-    /// Takes note of how long it was from changes of the scene to the first pictures of them.
+    /// Records times from changes to their first pictures.
     pub(crate) fn answered(&mut self, answers: impl IntoIterator<Item = Answer>) {
         let room = MOST - self.answers_ms.len();
         for Answer { took, is_first } in answers.into_iter().take(room) {
@@ -139,7 +137,6 @@ impl Pacing {
         }
     }
 
-    /// What the frames took so far.
     pub(crate) fn stats(&self) -> PacingStats {
         let of = |value: fn(&Drawn) -> f64| self.drawn.iter().map(value).collect::<Vec<_>>();
         let gaps = self.drawn.iter().zip(self.drawn.iter().skip(1)).map(|(a, b)| (b.at - a.at).as_secs_f64());
@@ -165,7 +162,7 @@ impl Pacing {
         }
     }
 
-    /// The least time that all but one of a thousand frames took at most on the window's thread besides drawing, milliseconds.
+    /// The 99.9th percentile of time on the window's thread without drawing, in milliseconds.
     fn all_but_one_of_a_thousand(&self) -> f64 {
         let mut sorted: Vec<f64> = self.blocked_ms.iter().copied().collect();
         sorted.sort_by(f64::total_cmp);
@@ -187,7 +184,7 @@ mod tests {
             pacing.begin();
         }
         assert!((3..30).contains(&pacing.between().as_millis()), "{:?}", pacing.between());
-        // Long ago counts no more.
+        // Old times no longer count.
         for _ in 0..TIMES_BETWEEN {
             pacing.end(true);
             std::thread::sleep(Duration::from_millis(31));

@@ -1,12 +1,12 @@
-//! Puts the shapes that the window's library makes on a picture, on the CPU: triangles with colours, and letters from an atlas. What colours mean, how they
-//! blend, and which pixels a triangle has is as on a GPU. Costs the pixels that the shapes cover.
+//! Paints egui's shapes on a picture, on the CPU: coloured triangles, and letters from an atlas. Colours, blending and pixel coverage are as on a
+//! GPU. Costs the covered pixels.
 
 use brickyard::volume::Picture;
 use eframe::egui::epaint::{ClippedPrimitive, Primitive, Vertex};
 use eframe::egui::{Color32, ColorImage, ImageData, Rect, TextureId, TexturesDelta, Vec2, vec2};
 use std::collections::HashMap;
 
-/// Draws tessellated shapes over a picture. `textures` are all that they use.
+/// Draws tessellated shapes over a picture. `textures` must contain all of theirs.
 pub(crate) fn put(picture: &mut Picture, shapes: &[ClippedPrimitive], textures: &TexturesDelta, pixels_per_point: f32) {
     let textures = images(textures);
     for ClippedPrimitive { clip_rect, primitive } in shapes {
@@ -19,7 +19,7 @@ pub(crate) fn put(picture: &mut Picture, shapes: &[ClippedPrimitive], textures: 
     }
 }
 
-/// The textures that were made, with what was changed in them since.
+/// The created textures, with later changes applied.
 fn images(textures: &TexturesDelta) -> HashMap<TextureId, ColorImage> {
     let mut images = HashMap::new();
     for (id, deltas) in &textures.set {
@@ -42,11 +42,11 @@ fn patch(whole: &mut ColorImage, image: &ColorImage, [left, top]: [usize; 2]) {
     }
 }
 
-/// A picture that triangles of one texture are drawn on.
+/// A picture, and the texture of the triangles drawn on it.
 struct Target<'a> {
     picture: &'a mut Picture,
     texture: &'a ColorImage,
-    /// The part of the picture that is drawn on, in pixels.
+    /// The part to draw on, in pixels.
     clip: Rect,
     pixels_per_point: f32,
 }
@@ -75,7 +75,7 @@ impl Target<'_> {
         }
     }
 
-    /// Puts the colour of a place in a triangle over a pixel.
+    /// Blends a triangle's colour at a place over a pixel.
     fn blend(&mut self, pixel: usize, corners: &[Vertex; 3], shares: [f32; 3]) {
         let of = |value: fn(&Vertex) -> f32| (0..3).map(|i| shares[i] * value(&corners[i])).sum::<f32>();
         let texel = sample(self.texture, [of(|corner| corner.uv.x), of(|corner| corner.uv.y)]);
@@ -96,13 +96,13 @@ fn cross(a: Vec2, b: Vec2) -> f32 {
     a.x * b.y - a.y * b.x
 }
 
-/// The pixels whose centres may be between two places, of `count` pixels.
+/// The pixels, out of `count`, whose centres may lie between two places.
 fn within(low: f32, high: f32, count: u32) -> std::ops::Range<u32> {
     // Casts of floats saturate.
     (low - 0.5).ceil() as u32..((high + 0.5).floor() as u32).min(count)
 }
 
-/// Where a triangle begins and ends in a row.
+/// Start and end of a triangle in a row.
 fn crossed(places: &[Vec2; 3], y: f32) -> (f32, f32) {
     let (mut left, mut right) = (f32::INFINITY, f32::NEG_INFINITY);
     for i in 0..3 {
@@ -112,11 +112,11 @@ fn crossed(places: &[Vec2; 3], y: f32) -> (f32, f32) {
             (left, right) = (left.min(x), right.max(x));
         }
     }
-    // Rounding may lose a pixel at either end: these are looked at one by one.
+    // Rounding may lose a pixel at either end: those are tested one by one.
     (left - 0.5, right + 0.5)
 }
 
-/// The shares of a triangle's corners in a place; `None` if it is outside. Of two triangles with an edge in common one alone has the places on it.
+/// The weights of a triangle's corners at a place; `None` outside. A place on a common edge of two triangles belongs to just one.
 fn shares(places: &[Vec2; 3], at: Vec2, area: f32) -> Option<[f32; 3]> {
     let mut shares = [0.0; 3];
     for i in 0..3 {
@@ -160,7 +160,7 @@ mod tests {
     use eframe::egui::epaint::{ImageDelta, Mesh};
     use eframe::egui::{TextureOptions, pos2};
 
-    /// Draws a mesh, whose places are in points, on a picture of 8 x 8 gray pixels, and returns its pixels.
+    /// Draws a mesh, placed in points, on a picture of 8 x 8 gray pixels, and returns its pixels.
     fn drawn(mesh: Mesh, clip_rect: Rect, pixels_per_point: f32) -> Vec<[u8; 3]> {
         let mut picture = Picture { width: 8, height: 8, rgb: vec![[100; 3]; 64] };
         let mut textures = TexturesDelta::default();
@@ -172,7 +172,7 @@ mod tests {
             &textures,
             pixels_per_point,
         );
-        // egui insists on that.
+        // egui insists on it.
         textures.clear();
         picture.rgb
     }
@@ -180,7 +180,7 @@ mod tests {
     #[test]
     fn each_pixel_of_a_rectangle_is_blended_once() {
         let mut mesh = Mesh::default();
-        // Two triangles, whose common edge passes through centres of pixels.
+        // Two triangles with a common edge through pixel centres.
         mesh.add_colored_rect(Rect::from_min_max(pos2(1.0, 1.0), pos2(3.0, 3.0)), Color32::from_white_alpha(128));
         let rgb = drawn(mesh, Rect::EVERYTHING, 2.0);
         for (i, pixel) in rgb.iter().enumerate() {

@@ -1,5 +1,5 @@
-//! The panels beside the picture. Each shows a part of the window's state and edits it in place; the window makes commands of what it finds changed. A panel that is only
-//! looked at changes nothing, and what cannot be shown together is barred, with the reason where the pointer is, or mended.
+//! The panels beside the picture. Each edits a part of the window's state in place; the window turns the differences into commands. A panel without
+//! input changes nothing, and incompatible choices are barred, with the reason at the pointer, or mended.
 
 mod color_map;
 pub(crate) mod description;
@@ -22,7 +22,7 @@ pub(crate) mod widgets;
 use brickyard::session::VolumeSource;
 use brickyard::volume::Scene;
 
-/// Why a scene of these volumes could not be shown any more after an edit; `None` if it could. Costs a copy of the scene and its check.
+/// The reason an edited scene could not be shown, if any. Costs a copy of the scene and its check.
 fn reason(scene: &Scene, volumes: &[VolumeSource], edit: impl FnOnce(&mut Scene)) -> Option<String> {
     let mut edited = scene.clone();
     edit(&mut edited);

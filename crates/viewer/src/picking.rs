@@ -1,5 +1,5 @@
-//! What is under the pointer: the point of the world that is seen there, and the exact values of the voxel that it is in. A thread of its own looks, so
-//! that a slow disk does not hold up the window; it answers about the newest place alone. Costs up to 64 MiB of decoded bricks for each picture.
+//! The pick under the pointer: the visible world point, and the exact values of its voxel. A thread computes it, so that a slow disk does not hold up
+//! the window; it answers only for the newest place. Costs up to 64 MiB of decoded bricks per picture.
 
 use crate::read_out::ReadOut;
 use brickyard::overlay::{short_name, unit};
@@ -11,21 +11,18 @@ use glam::DVec3;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-/// What is under the pointer.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Picked {
-    /// The point of the world that is seen there, and its values.
+    /// The visible world point, and its values.
     pub(crate) pick: Pick,
-    /// The label that is there, if the layer that is seen there has labels.
+    /// The label there, if the visible layer has labels.
     pub(crate) label: Option<i64>,
-    /// Its voxel and values, in words.
     pub(crate) words: ReadOut,
 }
 
-/// The most characters of a name.
+/// Most characters of a name.
 const LONGEST: usize = 16;
 
-/// A place of a picture.
 #[derive(Clone)]
 struct Place {
     scene: Arc<ResolvedScene>,
@@ -38,21 +35,20 @@ impl PartialEq for Place {
     }
 }
 
-/// What is asked of the thread: a place of a scene's picture, and the volumes of the scene.
+/// A request to the thread: a place of a scene's picture, and the scene's volumes.
 type Question = (Place, Vec<VolumeSource>, egui::Context);
 
-/// Looks what is under the pointer.
 #[derive(Default)]
 pub(crate) struct Picking {
-    /// The way to the thread and back; `None` before the first question.
+    /// Channels to the thread and back; `None` before the first request.
     thread: Option<(Sender<Question>, Receiver<Option<Picked>>)>,
     asked: Option<Place>,
     found: Option<Picked>,
 }
 
 impl Picking {
-    /// What is at a place of a scene's picture, in pixels, as far as that is known by now; the window is drawn again when more is. Without a place
-    /// there is nothing.
+    /// The latest pick result at this place of a scene's picture, in pixels; may be outdated. The window is repainted for a newer one. `None` without
+    /// a place.
     pub(crate) fn at(
         &mut self,
         egui: &egui::Context,
@@ -76,14 +72,14 @@ impl Picking {
     }
 }
 
-/// Starts the thread. It ends when nobody can ask it any more.
+/// Starts the thread. It ends with the last sender.
 fn start() -> (Sender<Question>, Receiver<Option<Picked>>) {
     let (ask, questions) = channel::<Question>();
     let (answer, answers) = channel();
     std::thread::spawn(move || {
         let mut picker = Picker::default();
         while let Ok(mut question) = questions.recv() {
-            // The newest alone is worth an answer.
+            // Only the newest request deserves an answer.
             if let Some(newer) = questions.try_iter().last() {
                 question = newer;
             }
@@ -97,7 +93,7 @@ fn start() -> (Sender<Question>, Receiver<Option<Picked>>) {
     (ask, answers)
 }
 
-/// What is at a place. A brick that cannot be read is said by the picture; here there is nothing then.
+/// The pick at a place. The picture reports unreadable bricks; here they yield nothing.
 fn look(picker: &mut Picker, place: &Place, volumes: &[VolumeSource]) -> Option<Picked> {
     let pick = picker.pick(&place.scene, volumes, place.place_px);
     let pick = pick.inspect_err(|error| tracing::debug!("nothing is picked: {error}")).ok()??;
@@ -112,7 +108,7 @@ fn look(picker: &mut Picker, place: &Place, volumes: &[VolumeSource]) -> Option<
     Some(Picked { pick, label, words })
 }
 
-/// A pick in words: the place in the world, and of each volume, in their order, the voxel and the values there. A voxel that is that of the volume before is not said again.
+/// A pick in words: the place in the world, and each volume's voxel and values, in order. A voxel equal to the previous one is not repeated.
 fn words(pick: &Pick, volumes: &[VolumeSource], ((low, high), is_anatomical): ((DVec3, DVec3), bool)) -> ReadOut {
     let size = (high - low).max_element();
     let [x, y, z] = pick.point.to_array().map(|at| within_span(at, size));
@@ -132,7 +128,7 @@ fn words(pick: &Pick, volumes: &[VolumeSource], ((low, high), is_anatomical): ((
         for (channel, value) in values.probe.values.iter().enumerate() {
             let text = if value.is_nan() { "no data".to_string() } else { exact(*value, is_float) };
             let name = volume.displays().get(channel).and_then(|display| display.name.clone());
-            // The volume's own name stands for that of its first channel.
+            // The volume's own name stands for its unnamed first channel.
             let name = name.or_else(|| volume.name().filter(|_| channel == 0)).unwrap_or_default();
             let name = if name.is_empty() { name } else { format!("{} ", short_name(&name, LONGEST)) };
             words.push(format!("{} {name}{text}", std::mem::take(&mut lead)));

@@ -1,5 +1,5 @@
-//! Handles of clip planes: a dot in the middle of what a plane cuts, which moves the plane, and the tip of its normal, which turns it. Where they are in a
-//! picture, which of them the pointer is on, and the plane that dragging one makes.
+//! Handles of clip planes: a dot in the middle of the plane's section moves the plane, and the tip of its normal turns it. Their places in a picture,
+//! the one under the pointer, and the plane after a drag.
 
 use crate::clip_handles::{COLOR, HANDLE, REACH};
 use crate::overlay::Lens;
@@ -8,19 +8,18 @@ use brickyard::volume::ClipPlane;
 use eframe::egui::{Pos2, Shape, Stroke, Vec2};
 use glam::DVec3;
 
-/// How long normals are, as a share of the box's diagonal.
+/// Length of normals, as a share of the box's diagonal.
 const LENGTH: f64 = 0.15;
 
-/// A handle of a plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct PlaneHandle {
-    /// The plane's place in the scene.
+    /// Index of the plane in the scene.
     pub(crate) plane: usize,
     /// Whether it is the tip of the normal.
     pub(crate) is_tip: bool,
 }
 
-/// What a plane cuts of a box: the corners of that polygon, one after the other, its middle, and the tip of the normal there; `None` if it cuts nothing.
+/// Section of a box by a plane: the polygon's corners in order, its middle, and the tip of the normal there; `None` if empty.
 struct Cut {
     corners: Vec<DVec3>,
     middle: DVec3,
@@ -54,7 +53,7 @@ impl Cut {
     }
 }
 
-/// Draws planes with their handles. The one that is under the pointer or held is larger.
+/// Draws planes with their handles; the one under the pointer or dragged is larger.
 pub(crate) fn show(lens: &Lens, planes: &[ClipPlane], whole: (DVec3, DVec3), near: Option<PlaneHandle>) {
     for (i, plane) in planes.iter().enumerate() {
         let Some(cut) = Cut::of(plane, whole) else { continue };
@@ -82,7 +81,7 @@ pub(crate) fn show(lens: &Lens, planes: &[ClipPlane], whole: (DVec3, DVec3), nea
     }
 }
 
-/// The handle at a place of the window: the nearest within reach.
+/// The nearest handle within reach.
 pub(crate) fn at(lens: &Lens, planes: &[ClipPlane], whole: (DVec3, DVec3), pointer: Pos2) -> Option<PlaneHandle> {
     let cuts = planes.iter().enumerate().filter_map(|(plane, it)| Some((plane, Cut::of(it, whole)?)));
     let handles =
@@ -94,12 +93,12 @@ pub(crate) fn at(lens: &Lens, planes: &[ClipPlane], whole: (DVec3, DVec3), point
     near.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, handle)| handle)
 }
 
-/// The plane once a handle of it has been dragged by so many points in the window. One that would cut nothing any more stays as it was.
+/// The plane after dragging a handle by `by` points. It stays as it was rather than miss the box.
 pub(crate) fn dragged(lens: &Lens, plane: ClipPlane, is_tip: bool, by: Vec2, whole: (DVec3, DVec3)) -> ClipPlane {
     let Some(Cut { middle, tip, .. }) = Cut::of(&plane, whole) else { return plane };
     let small = 1e-3 * whole.0.distance(whole.1);
     let place = if is_tip { tip } else { middle };
-    // Points in the window for each unit of the world along a direction.
+    // Points in the window per unit of the world along a direction.
     let rate = |direction: DVec3| {
         let (from, to) = (lens.place(place)?, lens.place(place + small * direction)?);
         Some((to - from) / small as f32)
@@ -145,7 +144,7 @@ mod tests {
     #[test]
     fn a_normal_follows_the_pointer() {
         let length = 100.0 * (LENGTH * WHOLE.1.length()) as f32;
-        // The tip goes up by as much as the normal is long: half a right angle.
+        // The tip goes up by the length of the normal: half a right angle.
         let turned = dragged(&lens(), PLANE, true, vec2(0.0, -length), WHOLE);
         assert!((turned.normal - DVec3::new(1.0, 0.0, 1.0).normalize()).length() < 1e-3, "{turned:?}");
         assert!((turned.point - DVec3::new(1.0, 1.0, 0.5)).length() < 1e-9, "it turns about its middle: {turned:?}");

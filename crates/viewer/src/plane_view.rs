@@ -1,4 +1,4 @@
-//! A slice in the window, one of three that meet in a point: its picture, the lines in which the other two cross it, and what the pointer does in it.
+//! A slice in the window, one of three through a common point: its picture, the lines of the other two, and the pointer's actions in it.
 
 use crate::canvas::Canvas;
 use crate::command::Command;
@@ -18,24 +18,22 @@ use eframe::egui::{Align2, Color32, Event, MouseWheelUnit, PointerButton, Pos2, 
 use glam::DVec3;
 use serde_json::json;
 
-/// How far two fingers move for one slice, in points.
+/// Motion of two fingers for one slice, in points.
 const POINTS_A_SLICE: f32 = 24.0;
 
-/// A slice in the window.
 #[derive(Default)]
 pub(crate) struct PlaneView {
     picking: Picking,
-    /// What is under the pointer.
     pub(crate) picked: Option<Picked>,
-    /// What fingers have moved for the next slice, in points.
+    /// Finger motion towards the next slice, in points.
     rolled: f32,
 }
 
 impl PlaneView {
-    /// Shows the slice across an axis of a grid in what is left of `ui`, and takes what the pointer does there as commands.
+    /// Shows the slice across an axis of a grid in the rest of `ui`, and turns the pointer's actions into commands.
     ///
     /// # Errors
-    /// If the picture cannot be brought on; it stays as it was.
+    /// If the picture cannot be advanced; it stays as it was.
     pub(crate) fn show(
         &mut self,
         ui: &mut Ui,
@@ -56,7 +54,7 @@ impl PlaneView {
         ui.painter().rect_filled(area, 0.0, Color32::BLACK);
         canvas.paint(ui.painter(), area);
         dim_failed(ui.painter(), canvas, area);
-        // Marks lie on the picture, which may be of the camera before.
+        // Marks lie on the picture, which may be of the previous camera.
         let shown = canvas.camera().unwrap_or(camera);
         let Some(lens) = Lens::new(ui.painter(), area, &shown, size_px) else { return drawn };
         decorate(&lens, grid, (axis, point), &shown, seen);
@@ -73,7 +71,7 @@ impl PlaneView {
         }
         if let Some(place) = under.filter(|_| is_measuring && response.clicked()) {
             commands.extend(measuring.click_in(&slice, reach, place, seen.state));
-            // The mark of the first click is drawn in the next frame, for which nothing else may ask.
+            // The mark of the first click appears in the next frame, which nothing else may request.
             response.ctx.request_repaint();
         }
         let held = Held { window: shown_window(planes, &seen.state.scene, seen.volumes), is_measuring };
@@ -87,7 +85,7 @@ impl PlaneView {
         drawn
     }
 
-    /// The wheel goes from slice to slice; with the command key, or by two fingers, it comes nearer.
+    /// The wheel goes from slice to slice; with the command key, or by pinching, it zooms.
     fn scroll(
         &mut self,
         ui: &Ui,
@@ -126,21 +124,19 @@ impl PlaneView {
     }
 }
 
-/// The field of a slice's camera.
 fn camera_field(axis: usize) -> String {
     format!("window.planes.cameras.{axis}")
 }
 
-/// What a drag in a slice may have hold of.
+/// The objects of a drag in a slice.
 struct Held {
-    /// The values that are black and white.
+    /// The black and white values.
     window: Option<[f64; 2]>,
-    /// Whether clicks measure.
     is_measuring: bool,
 }
 
-/// The primary button moves the point in which the slices meet, where it measures by being dragged alone; shift or the middle button moves the
-/// picture, the secondary one sets which values are black and white.
+/// The primary button moves the slices' common point, while measuring only by a drag; shift or the middle button moves the picture, and the secondary
+/// button sets the black and white values.
 fn drag(
     lens: &Lens,
     (axis, camera, point): (usize, &Camera, DVec3),
@@ -181,7 +177,7 @@ fn drag(
     }
 }
 
-/// Draws the distances that lie in a slice, and the one that is being measured, and says what is black and white. `under` is the place under the pointer.
+/// Draws the distances lying in a slice, the one being measured to `under` the pointer, and the black and white values.
 fn distances(
     lens: &Lens,
     (slice, reach): (&Slice, f64),
@@ -200,13 +196,13 @@ fn distances(
     }
 }
 
-/// The line in which a clip plane crosses a slice, as far as a box with these corners may reach; `None` if it does not cross it there.
+/// The line common to a clip plane and a slice, within reach of a box with these corners, if any.
 fn trace(plane: &ClipPlane, slice: &Slice, (low, high): (DVec3, DVec3)) -> Option<[DVec3; 2]> {
     // The part of the plane's normal in the slice points across the line.
     let across = plane.normal - slice.normal * plane.normal.dot(slice.normal);
     let reach = low.distance(high);
     let is_crossed = across.length() > 1e-6 * plane.normal.length();
-    // From the middle, so that the line's ends are as far as the box is.
+    // From the middle, so that the line reaches as far as the box.
     let middle = 0.5 * (low + high);
     let middle = middle - slice.normal * slice.normal.dot(middle - slice.point);
     let foot = middle - across * (plane.height(middle) / across.length_squared());
@@ -214,11 +210,11 @@ fn trace(plane: &ClipPlane, slice: &Slice, (low, high): (DVec3, DVec3)) -> Optio
     (is_crossed && foot.distance(middle) <= reach).then_some([foot - along, foot + along])
 }
 
-/// Draws the lines in which the other slices cross this one, what the clip box leaves, where clip planes cross it, and what the slice is.
+/// Draws the lines of the other slices, the clip box, the lines of clip planes, and the slice's name and place.
 fn decorate(lens: &Lens, grid: &Grid, (axis, point): (usize, DVec3), camera: &Camera, seen: &Seen<'_>) {
     let voxel = grid.voxel_at(point);
     for other in (0..3).filter(|&other| other != axis) {
-        // The line along the third axis is where the slice across `other` crosses this one.
+        // The slice across `other` crosses this one along the third axis.
         let along = 3 - axis - other;
         let end = |at: f64| {
             let mut place = grid.voxel_from_world(point);
@@ -269,7 +265,7 @@ mod tests {
             assert!(line[0].distance(line[1]) > 2.0 * 11.0);
         }
         assert_eq!(trace(&plane([0.0, 0.0, 2.0]), &slice, corners), None);
-        // Across far beside the box.
+        // It crosses the slice far from the box.
         assert_eq!(trace(&plane([0.01, 0.0, 1.0]), &slice, corners), None);
     }
 }

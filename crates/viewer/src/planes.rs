@@ -1,5 +1,5 @@
-//! Three slices that meet in one point, along the voxels of the first layer that is shown: which voxels they are through, the scene of each, and the
-//! camera that looks straight at it. Arithmetic alone.
+//! Three slices through one point, along the voxels of the first visible layer: their voxels, their scenes, and the cameras looking straight at them.
+//! Arithmetic alone.
 
 use crate::panels::layers::style::shown;
 use crate::state::{PlaneFilter, Planes};
@@ -10,7 +10,7 @@ use brickyard::volume::{
 };
 use glam::DVec3;
 
-/// From how many pixels a voxel on it is shown as a square.
+/// Least size of a voxel shown as a square, in pixels.
 const SQUARE_PX: f64 = 2.0;
 
 /// The voxels of a volume in the scene's world.
@@ -18,23 +18,21 @@ const SQUARE_PX: f64 = 2.0;
 pub(crate) struct Grid {
     placement: Placement,
     geometry: brickyard::volume::Geometry,
-    /// Number of voxels along each axis.
     pub(crate) extent: [u32; 3],
-    /// How many voxels of what the volume stands for each of them covers.
+    /// Original voxels per voxel along each axis.
     pub(crate) stride: [u32; 3],
     /// Whether the world is a patient's.
     pub(crate) is_anatomical: bool,
-    /// The box of the volume in the scene's world.
     world_box: (DVec3, DVec3),
 }
 
-/// The first layer that a scene shows; `None` if it shows none.
+/// The first visible layer of a scene, if any.
 pub(crate) fn first_shown(scene: &Scene) -> Option<usize> {
     scene.layers.iter().position(|layer| layer.visible)
 }
 
 impl Grid {
-    /// The voxels of the first layer that a scene shows; `None` if it shows none.
+    /// The voxels of a scene's first visible layer, if any.
     pub(crate) fn of(scene: &Scene, volumes: &[VolumeSource]) -> Option<Self> {
         let layer = first_shown(scene)?;
         let volume = volumes.get(scene.store(layer))?;
@@ -50,28 +48,26 @@ impl Grid {
         })
     }
 
-    /// The place of a point of the world in voxels: voxel `i` is from `i` to `i + 1` along each axis.
+    /// Converts a world point to voxels: voxel `i` reaches from `i` to `i + 1` along each axis.
     pub(crate) fn voxel_from_world(&self, point: DVec3) -> DVec3 {
         self.geometry.voxel_from_world(self.placement.volume_from_world(point))
     }
 
-    /// The point of the world at a place in voxels.
     pub(crate) fn world_from_voxel(&self, voxel: DVec3) -> DVec3 {
         self.placement.world_from_volume(self.geometry.world_from_voxel(voxel))
     }
 
-    /// The voxel that holds a point of the world, or the nearest one.
+    /// The voxel at a world point, or the nearest one.
     pub(crate) fn voxel_at(&self, point: DVec3) -> [u32; 3] {
         let voxel = self.voxel_from_world(point);
         std::array::from_fn(|axis| (voxel[axis].max(0.0) as u32).min(self.extent[axis] - 1))
     }
 
-    /// The centre of a voxel.
     pub(crate) fn centre(&self, voxel: [u32; 3]) -> DVec3 {
         self.world_from_voxel(DVec3::from_array(voxel.map(f64::from)) + 0.5)
     }
 
-    /// The point of the world in which slices meet: the centre of the voxel that the crosshair is in, or of the middle one.
+    /// The slices' common world point: the centre of the crosshair's voxel, or of the middle one.
     pub(crate) fn crosshair(&self, planes: &Planes) -> DVec3 {
         match planes.crosshair {
             Some(point) => self.centre(self.voxel_at(point)),
@@ -79,7 +75,7 @@ impl Grid {
         }
     }
 
-    /// The step from a voxel to the next one along an axis, in the world.
+    /// The world vector between neighbouring voxels along an axis.
     fn step(&self, axis: usize) -> DVec3 {
         self.placement.world_vector(DVec3::AXES[axis] * self.geometry.spacing)
     }
@@ -95,14 +91,14 @@ impl Grid {
         Slice { point, normal: normal.normalize_or_zero(), thickness }
     }
 
-    /// How far a slice across an axis reaches to each side: its voxels' halves, or its own half.
+    /// Reach of a slice across an axis to each side: half a voxel, or half its thickness if larger.
     pub(crate) fn reach(&self, slice: &Slice, axis: usize) -> f64 {
         let voxel = self.step(axis).dot(slice.normal).abs();
         // Points are rounded on their way through JSON and the world.
         0.5 * voxel.max(slice.thickness) * (1.0 + 1e-9)
     }
 
-    /// A direction of the voxels that is as much up as any in a slice across an axis.
+    /// The voxels' direction closest to upwards in a slice across an axis.
     fn up(&self, axis: usize, slice: &Slice) -> DVec3 {
         let nominal = if self.is_anatomical { Side::of(slice.normal).up() } else { slice.image_up() };
         let steps = [1, 2].map(|other| self.step((axis + other) % 3).normalize_or_zero());
@@ -110,7 +106,7 @@ impl Grid {
         up.map_or(nominal, |up| up * up.dot(nominal).signum())
     }
 
-    /// The camera that looks straight at a slice across an axis: one that sees all of it, or the given one, moved to it.
+    /// The camera looking straight at a slice across an axis: one that sees all of it, or the given one, moved to it.
     pub(crate) fn camera(&self, axis: usize, slice: &Slice, camera: Option<Camera>, size_px: (u32, u32)) -> Camera {
         let whole = slice.camera(self.world_box, self.up(axis, slice), size_px);
         let Some(camera) = camera else { return whole };
@@ -119,7 +115,7 @@ impl Grid {
         Camera { eye: target + slice.normal * distance, target, up: whole.up, projection: camera.projection }
     }
 
-    /// The name of the slices across an axis: that of a patient's, or their axes.
+    /// The name of the slices across an axis: the anatomical one for patients, else their axes.
     pub(crate) fn name(&self, axis: usize) -> &'static str {
         match (self.is_anatomical, axis) {
             (true, _) => ["sagittal", "coronal", "axial"][dominant(self.step(axis))],
@@ -130,14 +126,14 @@ impl Grid {
     }
 }
 
-/// The axis along which a vector reaches farthest.
+/// The axis of a vector's largest component.
 fn dominant(vector: DVec3) -> usize {
     let size = vector.abs();
     if size.z >= size.x && size.z >= size.y { 2 } else { usize::from(size.y > size.x) }
 }
 
-/// The scene of a slice of another scene: its layers without light, clips and surfaces, read by a filter. `is_gray` leaves the colours of transfer functions
-/// out, but not those of labels, which a gray ramp does not touch; it goes over the values that they span.
+/// The scene of a slice: the layers of another scene without light, clips and surfaces, read through a filter. `planes.gray` replaces transfer
+/// functions by a gray ramp over the values they span, except for labels.
 pub(crate) fn slice_scene(
     scene: &Scene,
     volumes: &[VolumeSource],
@@ -171,18 +167,17 @@ pub(crate) fn slice_scene(
     }
 }
 
-/// The window of a layer: its own, or the values that its transfer function spans, if these are its own; `None` is the volume's.
+/// A layer's window: its own, or the span of a transfer function with values of its own; `None` is the volume's.
 fn spanned(layer: &SceneLayer, volume: Option<&VolumeSource>) -> Option<[f64; 2]> {
     let own = layer.transfer.as_ref().filter(|choice| !choice.spans_window() && !is_of_labels(choice));
     layer.window.or_else(|| Some(shown(layer, own.and(volume)?)))
 }
 
-/// Whether a transfer function is one of labels.
 fn is_of_labels(choice: &TransferChoice) -> bool {
     matches!(choice, TransferChoice::Function(function) if function.labels.is_some())
 }
 
-/// How the voxels of a slice become pixels, in a picture of `height_px` pixels.
+/// The filter for a slice's voxels in a picture of `height_px` pixels.
 pub(crate) fn filter(grid: &Grid, chosen: PlaneFilter, camera: &Camera, height_px: u32) -> Filter {
     let voxel = (0..3).map(|axis| grid.step(axis).length()).fold(f64::INFINITY, f64::min);
     let pixel = match camera.projection {
@@ -240,7 +235,7 @@ mod tests {
         let grid = grid(None);
         let planes = Planes { crosshair: Some(DVec3::new(5.1, 0.4, 100.0)), ..Planes::default() };
         let point = grid.crosshair(&planes);
-        // Voxels of 0.5 x 1 x 2 whose first centre is at 3, -2, 1; the last one along z is at 15.
+        // Voxels of 0.5 x 1 x 2, the first centred at 3, -2, 1; the last one along z at 15.
         assert!((point - DVec3::new(5.0, 0.0, 15.0)).length() < 1e-9, "{point}");
         assert_eq!(grid.voxel_at(point), [4, 2, 7]);
         assert_eq!(grid.voxel_at(grid.crosshair(&Planes::default())), [10, 15, 4]);

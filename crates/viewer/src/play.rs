@@ -1,53 +1,48 @@
-//! How a window plays time steps: what its document says of it, and what sessions make of that.
+//! Playback settings, in a window's document and for its sessions.
 
 use brickyard::pager;
 use serde::{Deserialize, Serialize};
 
-/// How a window plays time steps.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Play {
-    /// Whether it plays now.
     pub(crate) on: bool,
-    /// Steps a second.
     pub(crate) steps_per_second: f64,
-    /// Whether it begins by running from later steps to earlier ones.
+    /// Whether it starts by running backwards.
     pub(crate) backward: bool,
-    /// What follows the last step.
     pub(crate) ending: Ending,
-    /// What gives way where the rate cannot be held.
     pub(crate) policy: Policy,
-    /// Whether the values of the voxel under the pointer are drawn over the bar of steps.
+    /// Whether the voxel's values under the pointer are drawn over the bar of steps.
     pub(crate) curve: bool,
 }
 
-/// What follows the last step.
+/// Behaviour after the last step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Ending {
-    /// Nothing.
+    /// Stop.
     Stop,
-    /// The first step.
+    /// Go to the first step.
     #[default]
     Loop,
-    /// The step before: to and fro.
+    /// Turn around: to and fro.
     Bounce,
 }
 
-/// What gives way where the rate cannot be held.
+/// Behaviour where the rate cannot be held.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Policy {
-    /// The level.
+    /// Lower the level.
     #[default]
     HoldRate,
-    /// Steps.
+    /// Skip steps.
     HoldQuality,
-    /// Time.
+    /// Take more time.
     EveryStep,
 }
 
-/// The rates that can be asked for, in steps a second.
+/// Possible rates, in steps per second.
 pub(crate) const RATES: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 
 impl Default for Play {
@@ -58,7 +53,7 @@ impl Default for Play {
 }
 
 impl Play {
-    /// How sessions are to play; `None` while nothing plays.
+    /// The playback for sessions; `None` while nothing plays.
     pub(crate) fn playback(&self) -> Option<pager::Playback> {
         // A document may hold any number.
         let rate = if self.steps_per_second.is_nan() { *RATES.start() } else { self.steps_per_second };
@@ -85,7 +80,7 @@ pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Any way to play.
+    /// Arbitrary settings.
     pub(crate) fn play() -> impl Strategy<Value = Play> {
         let endings = prop::sample::select(vec![Ending::Stop, Ending::Loop, Ending::Bounce]);
         let policies = prop::sample::select(vec![Policy::HoldRate, Policy::HoldQuality, Policy::EveryStep]);

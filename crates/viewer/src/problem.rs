@@ -1,20 +1,19 @@
-//! What has gone wrong, which the window says until it is over, something else is said, or the user puts it away.
+//! The last problem, shown until it is over, another message replaces it, or the user dismisses it.
 
-/// Something that has gone wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Problem {
     pub(crate) text: String,
     pub(crate) about: About,
 }
 
-/// What a problem is about, with which it is over.
+/// Subject of a problem, which decides its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum About {
     /// The picture: until one can be drawn.
     Picture,
-    /// The scene, or an edit of it: until there is another edit.
+    /// The scene, or an edit of it: until the next edit.
     Scene,
-    /// Files, devices and the like: until it is put away.
+    /// Files, devices and the like: until dismissed.
     Work,
 }
 

@@ -5,12 +5,11 @@
 pub(crate) struct ReadOut {
     /// The place in the world.
     pub(crate) place: String,
-    /// The values, each with the space and the voxel before it that set it off from the one before.
+    /// The values, each after its separating space and voxel.
     pub(crate) values: Vec<String>,
 }
 
 impl ReadOut {
-    /// All of it.
     pub(crate) fn all(&self) -> String {
         self.place.clone() + &self.values.concat()
     }

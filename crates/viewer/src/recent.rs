@@ -1,21 +1,20 @@
-//! What was opened last, newest first: kept as a list of paths in a JSON file of the user's. Reading and writing it takes a small file.
+//! Recently opened paths, newest first: a list in a JSON file of the user's. Costs reading or writing a small file.
 
 use brickyard::text_file::{read_text, write_text};
 use std::path::{Path, PathBuf};
 
-/// How many are kept.
+/// Most paths kept.
 const MOST: usize = 20;
 
-/// The stores, files and folders that were opened last.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Recent {
-    /// Where the list is kept; `None` keeps nothing.
+    /// The file of the list; `None` keeps nothing.
     file: Option<PathBuf>,
     paths: Vec<PathBuf>,
 }
 
 impl Recent {
-    /// Reads the list from a file. One that is not there, or holds something else, is an empty list, which is written over it in time.
+    /// Reads the list from a file. A missing file, or one with other contents, is an empty list, which will overwrite it in time.
     pub(crate) fn read(file: Option<PathBuf>) -> Self {
         let text = file.as_deref().and_then(|file| read_text(file).ok());
         let mut paths: Vec<PathBuf> = text.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default();

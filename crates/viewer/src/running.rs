@@ -1,5 +1,5 @@
-//! The window from its opening to its end. It outlives the device that draws it: where that is lost, the window is closed on the display and opened there again on
-//! another one, and all that it shows and knows goes on. Devices that are lost again and again end it.
+//! The window from opening to end. It outlives its drawing device: after a loss it is closed on the display and reopened on another device, with its
+//! whole state. Repeated losses end it.
 //!
 //! ```text
 //! open ──► device ──► frames ──► closed by the user
@@ -17,27 +17,26 @@ use eframe::egui_wgpu::{WgpuConfiguration, WgpuError};
 use eframe::{CreationContext, NativeOptions};
 use std::time::{Duration, Instant};
 
-/// The least width and height of a window in points, unless it is smaller from the beginning.
+/// Least width and height of a window in points, unless it starts out smaller.
 const LEAST_SIZE: [f32; 2] = [640.0, 400.0];
 
-/// Losses that follow each other within this time are in a row.
+/// Longest time between two losses in a row.
 const SOON: Duration = Duration::from_secs(10);
 
-/// How many losses in a row it takes until the CPU draws the volumes.
+/// Losses in a row until the CPU draws the volumes.
 const TRIED: u32 = 3;
 
-/// What becomes of a window whose device is lost.
+/// Fate of a window after the loss of its device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Next {
     /// Another device draws it.
     Again,
-    /// Another device draws it, but for the volumes, which the CPU draws.
+    /// Another device draws it, except for the volumes, which the CPU draws.
     OnCpu,
     /// It ends: devices come and go too fast.
     End,
 }
 
-/// The losses of devices so far.
 #[derive(Default)]
 struct Losses {
     in_a_row: u32,
@@ -45,7 +44,7 @@ struct Losses {
 }
 
 impl Losses {
-    /// Takes note of a loss, and says what follows.
+    /// Records a loss, and decides the window's fate.
     fn note(&mut self, now: Instant) -> Next {
         let is_soon = self.last.is_some_and(|last| now.duration_since(last) < SOON);
         self.in_a_row = if is_soon { self.in_a_row + 1 } else { 1 };
@@ -58,7 +57,7 @@ impl Losses {
     }
 }
 
-/// A window on the display, as long as its device is there.
+/// A window on the display, as long as its device lasts.
 struct Shown<'a>(&'a mut Window);
 
 impl eframe::App for Shown<'_> {
@@ -78,9 +77,9 @@ impl eframe::App for Shown<'_> {
 /// Opens a window of a size in points, and returns when it is closed.
 ///
 /// # Errors
-/// If it cannot be opened, or its device is lost and there is no other one, or again and again. The message says what to do.
+/// If it cannot be opened, or its device is lost without another one, or repeatedly. The message contains advice.
 pub(crate) fn run(window: &mut Window, size: [f32; 2]) -> Result<(), WindowError> {
-    // Smaller, the panels leave no picture.
+    // In anything smaller the panels leave no room for a picture.
     let least = [size[0].min(LEAST_SIZE[0]), size[1].min(LEAST_SIZE[1])];
     let mut viewport = viewport(&window.paths()).with_inner_size(size).with_min_inner_size(least);
     let (mut losses, mut next, mut lost) = (Losses::default(), Next::Again, None);
@@ -88,7 +87,7 @@ pub(crate) fn run(window: &mut Window, size: [f32; 2]) -> Result<(), WindowError
         let reason = lost.as_ref().map(|left: &Handover| left.reason.clone());
         let ended = show(window, viewport, lost.take(), next == Next::OnCpu);
         let Some(left) = window.leave() else {
-            // Where it ended by itself, nobody has told it.
+            // A window that ended by itself has not had this call.
             window.end();
             let problem = |problem| match reason {
                 Some(reason) => format!("the GPU was lost ({reason}), and no other can be opened: {problem}"),
@@ -110,13 +109,13 @@ pub(crate) fn run(window: &mut Window, size: [f32; 2]) -> Result<(), WindowError
     }
 }
 
-/// Shows a window until it is closed, or its device is lost. `lost` is what it left when that of before was.
+/// Shows a window until it is closed or its device is lost. `lost` is the handover from its previous device.
 ///
 /// # Errors
-/// If it cannot be opened, or the display fails: what to tell the user.
+/// If it cannot be opened, or the display fails: a message for the user.
 fn show(window: &mut Window, viewport: ViewportBuilder, lost: Option<Handover>, is_on_cpu: bool) -> Result<(), String> {
     let wgpu_options = WgpuConfiguration { wgpu_setup: device::setup(is_on_cpu), ..WgpuConfiguration::default() };
-    // Pixels of the picture are shown as they are.
+    // Dithering would alter the picture's pixels.
     let native = NativeOptions { viewport, wgpu_options, dithering: false, ..NativeOptions::default() };
     let shown = &mut *window;
     let open = move |creation: &CreationContext<'_>| {
@@ -143,7 +142,7 @@ fn show(window: &mut Window, viewport: ViewportBuilder, lost: Option<Handover>, 
     }
 }
 
-/// What to tell a user whose window does not open.
+/// The message for a window that does not open.
 fn refusal(error: &eframe::Error) -> String {
     if let eframe::Error::Wgpu(WgpuError::CustomNativeAdapterSelectionError(reason)) = error {
         return format!(
@@ -159,7 +158,7 @@ fn refusal(error: &eframe::Error) -> String {
         }
         eframe::Error::AppCreation(_) => "`brickyard doctor` says what this machine can do",
     };
-    // What comes before names files of the window system's crates, which help nobody.
+    // The text before the reason names files of the window system's crates, which helps nobody.
     let error = error.to_string();
     let reason = error.rsplit(": ").find(|part| part.len() > 2).unwrap_or(&error).trim_end_matches('.');
     format!("cannot open a window: {reason}: {hint}")
@@ -174,7 +173,7 @@ mod tests {
         let (mut losses, now) = (Losses::default(), Instant::now());
         let mut after = |seconds| losses.note(now + Duration::from_secs(seconds));
         assert_eq!([0, 3, 6, 9].map(&mut after), [Next::Again, Next::Again, Next::OnCpu, Next::End]);
-        // After a while without a loss the next one is the first.
+        // After a while without a loss, the next one counts as the first.
         assert_eq!([30, 45, 46, 47].map(&mut after), [Next::Again, Next::Again, Next::Again, Next::OnCpu]);
     }
 }

@@ -1,4 +1,4 @@
-//! A picture that is final, on its way into a file: marks are drawn over it, and it is compressed, beside the window. Costs a thread for each picture.
+//! A final picture on its way into a file: marks are drawn over it and it is compressed, beside the window. Costs a thread per picture.
 
 use crate::canvas::Captured;
 use crate::marks;
@@ -9,17 +9,17 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 
-/// A picture that is being written. Dropping it waits until it is.
+/// A picture being written. Dropping it waits for the end.
 pub(crate) struct Saving {
     path: PathBuf,
     thread: Option<JoinHandle<Result<(), String>>>,
 }
 
 impl Saving {
-    /// Begins to write a picture of some volumes, with marks of so many pixels a point. The window is painted again when that is done.
+    /// Starts writing a picture, with marks at `pixels_per_point`. The window is repainted at the end.
     ///
     /// # Errors
-    /// If there is no thread for it.
+    /// If no thread can be started.
     pub(crate) fn begin(
         captured: Captured,
         volumes: Vec<VolumeSource>,
@@ -38,12 +38,11 @@ impl Saving {
         Ok(Self { path, thread: Some(thread) })
     }
 
-    /// The file.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What came of it, once it is over. A panic of its goes on here.
+    /// The result, once it is over. A panic of the thread continues here.
     pub(crate) fn poll(&mut self) -> Option<Result<(), String>> {
         let thread = self.thread.take_if(|thread| thread.is_finished())?;
         Some(thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
@@ -52,7 +51,7 @@ impl Saving {
 
 impl Drop for Saving {
     fn drop(&mut self) {
-        // A panic has told itself already.
+        // A panic has been reported already.
         self.thread.take().into_iter().for_each(|thread| drop(thread.join()));
     }
 }

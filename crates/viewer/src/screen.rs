@@ -1,36 +1,36 @@
-//! The texture in which a picture is seen, on the window's device: drawn there, or filled with pixels from the CPU. It comes into the window by a pass of
-//! its own and not as egui's images do, whose shader is made for letters and panels: a processor that stands in for a GPU took three times as long for it.
+//! The visible texture of a picture on the window's device: drawn there, or filled from the CPU. It has a pass of its own instead of egui's images,
+//! whose shader is made for letters and panels: on a software device that took three times as long.
 
 use brickyard::render::wgpu;
 use brickyard::volume::{Picture, PictureSum, PixelSamples};
 use eframe::egui::{PaintCallbackInfo, Painter, Rect};
 use eframe::egui_wgpu::{Callback, CallbackResources, CallbackTrait, RenderState};
 
-/// The texture's format: the window blends in display-referred codes.
+/// Format of the texture: the window blends in display-referred codes.
 pub(crate) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
-/// The format of a sum of samples.
+/// Format of a sum of samples.
 const SUM_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
-/// A texture, and what brings it into the window.
+/// A texture, and its pass into the window.
 pub(crate) struct Screen {
     device: wgpu::Device,
     queue: wgpu::Queue,
     pass: Pass,
     texture: Option<Texture>,
-    /// What a supersampled picture is made in on a GPU.
+    /// Textures of a supersampled picture on a GPU.
     samples: Option<Samples>,
-    /// The sum of the samples that the CPU draws.
+    /// The sum of samples drawn by the CPU.
     sum: PictureSum,
-    /// Whether the mean of samples is seen, and not the texture.
+    /// Whether the mean of samples is visible instead of the texture.
     shows_mean: bool,
 }
 
-/// A supersampled picture in the making.
+/// A supersampled picture in progress.
 struct Samples {
-    /// The sample that was drawn last.
+    /// The last drawn sample.
     last: Texture,
-    /// The sum of the samples, each by its share. Floats of 16 bits below 1 are at least eight times finer than codes.
+    /// The sum of the samples, each weighted by its share. 16-bit floats below 1 are at least eight times finer than codes.
     mean: Texture,
 }
 
@@ -38,10 +38,10 @@ struct Texture {
     texture: wgpu::Texture,
     view: wgpu::TextureView,
     size_px: (u32, u32),
-    /// Shows it pixel by pixel, and smoothed.
+    /// Bindings to show it pixel by pixel, and smoothed.
     nearest: wgpu::BindGroup,
     linear: wgpu::BindGroup,
-    /// Adds it to a sum.
+    /// Bindings to add it to a sum.
     adding: wgpu::BindGroup,
     is_smoothed: bool,
 }
@@ -50,20 +50,19 @@ struct Texture {
 #[derive(Clone)]
 struct Pass {
     pipeline: wgpu::RenderPipeline,
-    /// Adds a picture, by a share, to the mean.
+    /// Adds a picture, weighted by a share, to the mean.
     adding: wgpu::RenderPipeline,
     nearest: wgpu::Sampler,
     linear: wgpu::Sampler,
 }
 
-/// A picture to be put over a part of the window.
+/// A picture for a part of the window.
 struct Shown {
     pipeline: wgpu::RenderPipeline,
     bindings: wgpu::BindGroup,
 }
 
 impl Screen {
-    /// Makes an empty screen on the window's device.
     pub(crate) fn new(state: &RenderState) -> Self {
         let mut renderer = state.renderer.write();
         let pass = renderer.callback_resources.entry().or_insert_with(|| Pass::new(&state.device, state.target_format));
@@ -78,7 +77,7 @@ impl Screen {
         }
     }
 
-    /// The texture in this size, to be drawn into, made anew if it has another one.
+    /// The texture to draw into, recreated if its size differs.
     pub(crate) fn sized(&mut self, size_px: (u32, u32)) -> &wgpu::TextureView {
         self.shows_mean = false;
         let texture = self.of_size(size_px);
@@ -86,7 +85,7 @@ impl Screen {
         &texture.view
     }
 
-    /// Shows a picture from the CPU: pixel by pixel, or smoothed if it has fewer pixels than are shown.
+    /// Shows a picture from the CPU: pixel by pixel, or smoothed if it has fewer pixels than the view.
     pub(crate) fn put(&mut self, picture: &Picture, is_smoothed: bool) {
         let size_px = (picture.width, picture.height);
         let rgba = picture.rgba();
@@ -99,7 +98,7 @@ impl Screen {
         queue.write_texture(texture.texture.as_image_copy(), &rgba, layout, texture.texture.size());
     }
 
-    /// Puts what the texture shows over a part of the window; nothing before the first picture.
+    /// Puts the picture, if any, over a part of the window.
     pub(crate) fn paint(&self, painter: &Painter, area: Rect) {
         let mean = self.samples.as_ref().map(|samples| &samples.mean).filter(|_| self.shows_mean);
         if let Some(texture) = mean.or(self.texture.as_ref()) {
@@ -117,7 +116,7 @@ impl Screen {
         texture.get_or_insert_with(|| Texture::new(device, pass, size_px, FORMAT))
     }
 
-    /// Adds a sample from the CPU to the mean, which is begun anew with the first one.
+    /// Adds a sample from the CPU to the mean; the first one restarts it.
     pub(crate) fn add(&mut self, picture: &Picture, is_first: bool) {
         if is_first {
             self.sum = PictureSum::default();
@@ -125,7 +124,7 @@ impl Screen {
         self.sum.add(picture);
     }
 
-    /// The texture in which a sample is drawn, in this size.
+    /// The texture for a sample of this size.
     pub(crate) fn sample(&mut self, size_px: (u32, u32)) -> &wgpu::TextureView {
         let Self { device, pass, samples, .. } = self;
         if samples.as_ref().is_none_or(|samples| samples.last.size_px != size_px) {
@@ -135,7 +134,7 @@ impl Screen {
         &samples.get_or_insert_with(|| Samples { last: of(FORMAT), mean: of(SUM_FORMAT) }).last.view
     }
 
-    /// Adds the sample that was drawn last to the mean of so many, which is begun anew with the first one.
+    /// Adds the last drawn sample to the mean of `count`; the first one restarts it.
     pub(crate) fn add_sample(&mut self, encoder: &mut wgpu::CommandEncoder, is_first: bool, count: PixelSamples) {
         let Some(Samples { last, mean }) = &self.samples else { return };
         let load = if is_first { wgpu::LoadOp::Clear(wgpu::Color::BLACK) } else { wgpu::LoadOp::Load };

@@ -18,13 +18,13 @@ fn color(at: vec2f) -> vec3f {
     return textureSampleLevel(picture, picture_sampler, at, 0.0).rgb;
 }
 
-// The window stores what is written.
+// The window stores the written values.
 @fragment
 fn codes(place: Place) -> @location(0) vec4f {
     return vec4f(color(place.at), 1.0);
 }
 
-// The window encodes light, as sRGB formats do: written is what it encodes as the picture's codes.
+// The window encodes light, as sRGB formats do; this decodes the picture's codes for it.
 @fragment
 fn light(place: Place) -> @location(0) vec4f {
     let code = color(place.at);

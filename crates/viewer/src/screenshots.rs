@@ -1,4 +1,4 @@
-//! Screenshots: pixels of the whole window, which come a frame after they were asked for and are written then.
+//! Screenshots: pixels of the whole window, which arrive and are written a frame after their request.
 
 use brickyard::picture_file::{PictureError, write_png};
 use brickyard::volume::Picture;
@@ -7,15 +7,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
-/// Screenshots that have been asked for.
 pub(crate) struct Screenshots {
-    /// The files of those that have not come yet.
+    /// The files of those still to arrive.
     awaited: Vec<PathBuf>,
     sender: Sender<Screenshot>,
     receiver: Receiver<Screenshot>,
 }
 
-/// The window's pixels, and the file that they are for.
 struct Screenshot {
     path: PathBuf,
     image: Arc<ColorImage>,
@@ -27,29 +25,28 @@ impl Screenshots {
         Self { awaited: Vec::new(), sender, receiver }
     }
 
-    /// Asks for the pixels of the next frame.
+    /// Requests the pixels of the next frame.
     pub(crate) fn take(&mut self, path: PathBuf, egui: &egui::Context) {
         self.awaited.push(path.clone());
         let (sender, wake) = (self.sender.clone(), egui.clone());
         let callback = ScreenshotCallback::new(move |image| {
-            // Where nobody waits any more, the window is gone.
+            // Without a receiver the window is gone.
             let _ = sender.send(Screenshot { path, image });
             wake.request_repaint();
         });
         egui.send_viewport_cmd(ViewportCommand::Screenshot(callback));
     }
 
-    /// Whether some have not come yet.
     pub(crate) fn are_awaited(&self) -> bool {
         !self.awaited.is_empty()
     }
 
-    /// Gives up those that have not come, as their window is gone. Returns their files.
+    /// Gives up those still to arrive, as their window is gone. Returns their files.
     pub(crate) fn give_up(&mut self) -> Vec<PathBuf> {
         std::mem::take(&mut self.awaited)
     }
 
-    /// Writes those that have come. Returns their files, and what came of each.
+    /// Writes those that have arrived. Returns each file with its result.
     pub(crate) fn write(&mut self) -> Vec<(PathBuf, Result<(), PictureError>)> {
         let mut written = Vec::new();
         while let Ok(Screenshot { path, image }) = self.receiver.try_recv() {

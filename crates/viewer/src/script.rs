@@ -1,31 +1,29 @@
-//! Scripts: commands with the times at which they are played, for tests, documentation and tutorials. A line is `SECONDS COMMAND`, counted from the
-//! window's first frame, or `settled COMMAND`, which waits until the picture is final. Lines are played in order; `#` begins a remark. The first command that
-//! fails ends the script: a line knows its number, and what it began in the background is known until that is over.
+//! Scripts: timed commands for tests, documentation and tutorials. A line is `SECONDS COMMAND`, counted from the window's first frame, or
+//! `settled COMMAND`, which waits for the final picture. Lines are played in order; `#` starts a comment. The first failing command ends the script:
+//! lines have numbers, and stay linked to the background work they started until it is over.
 
 use crate::command::Command;
 use std::collections::VecDeque;
 use std::str::FromStr;
 use std::time::Duration;
 
-/// Commands that are to be played.
+/// Commands to play.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Script {
     lines: VecDeque<(When, Line)>,
-    /// What was begun and is not over yet.
+    /// Lines with unfinished work.
     begun: Vec<Line>,
 }
 
-/// A command of a script.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Line {
-    /// The line's number, from 1; 0 is none of the script's own.
+    /// The line's number, from 1; 0 for commands from elsewhere.
     pub(crate) number: usize,
-    /// What is to be done.
     pub(crate) command: Command,
 }
 
 impl Line {
-    /// Why the line has failed, in words.
+    /// The message for the line's failure.
     pub(crate) fn failure(&self, problem: &str) -> String {
         match self.number {
             0 => problem.into(),
@@ -34,17 +32,16 @@ impl Line {
     }
 }
 
-/// When a command is played.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum When {
-    /// So long after the window's first frame, and after the lines before.
+    /// This long after the window's first frame, and after the lines before.
     At(Duration),
     /// Once the picture is final.
     Settled,
 }
 
 impl Script {
-    /// The next command that is due, which is removed. `since_start` is the time since the window's first frame.
+    /// Removes the next due command, `since_start` after the window's first frame.
     pub(crate) fn next(&mut self, since_start: Duration, is_settled: bool) -> Option<Line> {
         let is_due = |when: &When| match when {
             When::At(time) => *time <= since_start,
@@ -57,33 +54,32 @@ impl Script {
         Some(line)
     }
 
-    /// The first line that has begun what is over now, if any has: it is over only once.
+    /// Removes the first line whose work is over now, if any: it is over only once.
     pub(crate) fn ended(&mut self, is_it: impl Fn(&Command) -> bool) -> Option<Line> {
         let at = self.begun.iter().position(|line| is_it(&line.command))?;
         Some(self.begun.remove(at))
     }
 
-    /// Leaves out what has not been played.
+    /// Drops all commands not yet played.
     pub(crate) fn stop(&mut self) {
         self.lines.clear();
     }
 
-    /// Whether everything has been played.
     pub(crate) fn is_over(&self) -> bool {
         self.lines.is_empty()
     }
 
-    /// The line that waits for the picture to be final, if that is the next one.
+    /// The next line, if it waits for the final picture.
     pub(crate) fn waiting(&self) -> Option<&Line> {
         self.lines.front().filter(|(when, _)| *when == When::Settled).map(|(_, line)| line)
     }
 
-    /// Adds a command that is played once the picture is final.
+    /// Appends a command to play once the picture is final.
     pub(crate) fn then(&mut self, command: Command) {
         self.lines.push_back((When::Settled, Line { number: 0, command }));
     }
 
-    /// Plays a command that was begun once more, before all others, once the picture is final.
+    /// Repeats a command in progress, before all others, once the picture is final.
     pub(crate) fn again(&mut self, command: Command) {
         let line = self.ended(|begun| *begun == command).unwrap_or(Line { number: 0, command });
         self.lines.push_front((When::Settled, line));
@@ -93,7 +89,7 @@ impl Script {
 impl FromStr for Script {
     type Err = String;
 
-    /// Reads a script. The error names the line.
+    /// Parses a script. The error names the line.
     fn from_str(text: &str) -> Result<Self, String> {
         let lines =
             text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty() && !line.trim().starts_with('#'));

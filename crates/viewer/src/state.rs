@@ -1,5 +1,5 @@
-//! All that a window shows, as one document: the scene, as `brickyard render --scene` takes it, and beside it, as the field `window`, what only a window
-//! has. Saving, restoring, undoing and scripts all work on this document. Costs a walk through the scene each time it is written or read.
+//! The window's state as one document: the scene, in the form of `brickyard render --scene`, and in its field `window` the window's own settings.
+//! Saving, restoring, undoing and scripts all work on this document. Costs a walk through the scene for each writing or reading.
 
 use crate::play::Play;
 use brickyard::volume::{Camera, Isosurface, Scene};
@@ -8,48 +8,39 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::PathBuf;
 
-/// All that a window shows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct State {
-    /// What every picture is made of.
     pub(crate) scene: Scene,
-    /// What only a window has.
+    /// The window's own settings.
     pub(crate) window: WindowState,
-    /// Surfaces that layers were given when mode isosurface was chosen, for want of any. They go with the mode, unless somebody has changed them.
+    /// Surfaces lent to layers without any when mode isosurface was chosen. They go with the mode, unless changed.
     pub(crate) lent_surfaces: Vec<Isosurface>,
 }
 
-/// What a window has besides the scene.
+/// A window's settings besides the scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct WindowState {
-    /// The volumes that the scene's layers show: stores, and files that are packed while they are shown.
+    /// The volumes of the scene's layers: stores, and files shown while being packed.
     pub(crate) volumes: Vec<PathBuf>,
-    /// How the window is divided.
     pub(crate) layout: Layout,
     /// The three slices of [`Layout::Planes`].
     pub(crate) planes: Planes,
-    /// What is drawn over the picture.
     pub(crate) overlays: Overlays,
-    /// Distances that were measured, each between two points of the world.
+    /// Measured distances, each between two world points.
     pub(crate) distances: Vec<[DVec3; 2]>,
-    /// How pictures are drawn while they change.
     pub(crate) motion: Motion,
-    /// How time steps are played.
     pub(crate) play: Play,
-    /// Limits of memory in MiB; `None` are those that the window was opened with.
+    /// Memory limits in MiB; `None` keeps the initial ones.
     pub(crate) budgets_mib: Option<Budgets>,
-    /// What dragging and clicking in the scene's picture does.
     pub(crate) tool: Tool,
-    /// Whether the panel with residency, rates and memory is shown.
+    /// Whether residency, rates and memory are shown.
     pub(crate) diagnostics: bool,
     /// Whether the keys are shown.
     pub(crate) help: bool,
-    /// Whether there is anything but the pictures.
+    /// Whether there is anything besides the pictures.
     pub(crate) panels: bool,
-    /// Whether the window fills the screen.
     pub(crate) fullscreen: bool,
-    /// Light or dark.
     pub(crate) theme: Theme,
 }
 
@@ -74,33 +65,32 @@ impl Default for WindowState {
     }
 }
 
-/// How a window is divided.
+/// Division of a window.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Layout {
     /// The scene's picture alone.
     #[default]
     Single,
-    /// The scene's picture, and three slices through one point, along the voxels of the first layer that is shown.
+    /// The scene's picture, and three slices through one point along the voxels of the first visible layer.
     Planes,
 }
 
-/// Three slices that are linked by the point in which they meet.
+/// Three slices linked by their common point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Planes {
-    /// The point of the world in which the slices meet; `None` is the middle.
+    /// The slices' common point in the world; `None` is the middle.
     pub(crate) crosshair: Option<DVec3>,
-    /// The cameras of the slices across the voxels' x, y and z axis. Each is moved along its view to its slice. `None` sees all of it.
+    /// Cameras of the slices across the voxels' x, y and z axis, each moved along its view to its slice. `None` sees all of it.
     pub(crate) cameras: [Option<Camera>; 3],
     /// Whether layers without a colour of their own are gray over their windows, as scans are read, whatever the transfer function; labels keep their
     /// colours.
     pub(crate) gray: bool,
-    /// The values of the first layer that is shown that are black and white in the slices; `None` are those of the layer.
+    /// The first visible layer's values shown black and white in the slices; `None` is the layer's window.
     pub(crate) window: Option<[f64; 2]>,
-    /// How voxels become pixels.
     pub(crate) filter: PlaneFilter,
-    /// World distance from one side of each slice to the other; 0 is as thin as can be.
+    /// Thickness of each slice in world units; 0 is as thin as can be.
     pub(crate) thickness: f64,
 }
 
@@ -117,20 +107,19 @@ impl Default for Planes {
     }
 }
 
-/// How the voxels of slices become pixels.
+/// The filter from voxels of slices to pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum PlaneFilter {
-    /// Nearest where voxels are as large as two pixels or larger, else linear.
+    /// Nearest for voxels of two pixels or more, else linear.
     #[default]
     Auto,
-    /// Each pixel shows the voxel that it is in.
+    /// The value of the voxel at the pixel.
     Nearest,
     /// Linear between voxels.
     Linear,
 }
 
-/// What is drawn over the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Overlays {
@@ -140,20 +129,18 @@ pub(crate) struct Overlays {
     pub(crate) ticks: bool,
     /// The directions of the axes.
     pub(crate) axes: bool,
-    /// The scale bar.
     pub(crate) scale_bar: bool,
-    /// What value has which colour.
+    /// The colours of values.
     pub(crate) color_bar: bool,
     /// Handles on the faces of the clip box.
     pub(crate) clip_handles: bool,
-    /// The edges of the bricks that are drawn.
+    /// The edges of the drawn bricks.
     pub(crate) bricks: bool,
-    /// Letters at the edges of slices that say which side of a patient is there.
+    /// Letters for the sides of a patient, at the edges of slices.
     pub(crate) letters: bool,
 }
 
 impl Overlays {
-    /// Nothing is drawn over the picture.
     pub(crate) const NONE: Self = Self {
         outline: false,
         ticks: false,
@@ -180,13 +167,13 @@ impl Default for Overlays {
     }
 }
 
-/// How pictures are drawn while they change.
+/// Drawing of changing pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Motion {
-    /// Whether pictures are coarser while they change.
+    /// Whether changing pictures are coarser.
     pub(crate) adaptive: bool,
-    /// How long a frame may take then, in milliseconds.
+    /// Longest frame during changes, in milliseconds.
     pub(crate) frame_goal_ms: f64,
 }
 
@@ -196,11 +183,11 @@ impl Default for Motion {
     }
 }
 
-/// What dragging and clicking in the scene's picture does.
+/// Effect of dragging and clicking in the scene's picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Tool {
-    /// Dragging turns the view around what is under the pointer.
+    /// Dragging turns the view around the point under the pointer.
     #[default]
     Turn,
     /// Dragging turns the eye, and keys move it.
@@ -209,7 +196,7 @@ pub(crate) enum Tool {
     Distance,
 }
 
-/// Hard limits of memory, in MiB.
+/// Hard memory limits, in MiB.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Budgets {
@@ -219,7 +206,6 @@ pub(crate) struct Budgets {
     pub(crate) host: u32,
 }
 
-/// The window's colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Theme {
@@ -231,7 +217,7 @@ pub(crate) enum Theme {
 }
 
 impl State {
-    /// The document.
+    /// Converts the state to a document.
     ///
     /// # Errors
     /// If a path in it is not text.
@@ -241,7 +227,7 @@ impl State {
         Ok(document)
     }
 
-    /// Reads a document. Files that its scene names are not read.
+    /// Reads a document, but none of the files its scene names.
     ///
     /// # Errors
     /// If it is no object, a field is unknown, or has a value of another kind.
@@ -254,7 +240,8 @@ impl State {
         Ok(Self { window: window?, scene: serde_json::from_value(document)?, lent_surfaces: Vec::new() })
     }
 
-    /// Takes over what is no edit: where the views stand in space and time, which volumes there are, what memory they may take, and what the window is like.
+    /// Copies navigation from `other`, which is no edit: the views' place in space and time, the volumes, the memory limits, and the look of the
+    /// window.
     pub(crate) fn keep_navigation_of(&mut self, other: &Self) {
         self.scene.camera = other.scene.camera;
         self.scene.time = other.scene.time;
@@ -272,7 +259,7 @@ impl State {
     }
 }
 
-/// The fields that [`State::keep_navigation_of`] keeps.
+/// The fields kept by [`State::keep_navigation_of`].
 const NAVIGATION: [&str; 13] = [
     "camera",
     "time",
@@ -289,7 +276,7 @@ const NAVIGATION: [&str; 13] = [
     "window.theme",
 ];
 
-/// Whether a field is no edit but says where a view stands, or what the window is like.
+/// Whether a field is navigation rather than an edit: the place of a view, or the look of the window.
 pub(crate) fn is_navigation(field: &str) -> bool {
     NAVIGATION
         .iter()
@@ -330,7 +317,7 @@ pub(crate) mod tests {
         })
     }
 
-    /// Any settings of a window.
+    /// Arbitrary settings of a window.
     pub(crate) fn window() -> impl Strategy<Value = WindowState> {
         let volumes = prop::collection::vec("[a-z/]{1,9}".prop_map(PathBuf::from), 0..3);
         let distances = prop::collection::vec([point(), point()], 0..3);
@@ -379,7 +366,7 @@ pub(crate) mod tests {
             let document = state.to_document().unwrap();
             let text = serde_json::to_string(&document).unwrap();
             prop_assert_eq!(State::from_document(serde_json::from_str(&text).unwrap()).unwrap(), state);
-            // A command that draws pictures reads the scene alone.
+            // Commands that draw pictures read the scene alone.
             prop_assert_eq!(serde_json::from_str::<Scene>(&text).unwrap().camera, camera);
         }
 

@@ -1,5 +1,5 @@
-//! The values of one voxel over time, for the bar of time steps. A thread of its own reads them, one brick for each channel and step: first a few
-//! steps from the whole range, then those between them. A newer voxel ends the reading of the one before.
+//! The values of one voxel over time, for the bar of time steps. A thread reads one brick per channel and step: first a few steps from the whole
+//! range, then those between. A newer voxel ends the reading of the previous one.
 
 use brickyard::probe::probe_voxel;
 use brickyard::session::VolumeSource;
@@ -7,20 +7,19 @@ use eframe::egui;
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The values of one voxel of a volume, as far as they have been read.
+/// The values of a volume's voxel, as far as they are read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct ValueCurve {
-    /// The volume's index among the window's volumes.
+    /// Index of the volume among the window's.
     pub(crate) volume: usize,
-    /// The voxel of the volume's finest level.
+    /// The voxel, of the finest level.
     pub(crate) voxel: [u32; 3],
-    /// The values of all channels, in stored units, for each time step of the volume: NaN where there is none, and none of a step that has not been read, or
-    /// cannot be.
+    /// All channels' values in stored units, for each time step: NaN for no data, and empty for a step unread or unreadable.
     pub(crate) steps: Vec<Vec<f64>>,
 }
 
 impl ValueCurve {
-    /// The least and the greatest value; `None` where there is none.
+    /// The least and the greatest value; `None` without values.
     pub(crate) fn range(&self) -> Option<(f64, f64)> {
         let values = self.steps.iter().flatten().filter(|value| value.is_finite());
         values.fold(None, |range, value| {
@@ -29,24 +28,23 @@ impl ValueCurve {
         })
     }
 
-    /// The most channels that a step has.
+    /// Largest number of channels in a step.
     pub(crate) fn channels(&self) -> usize {
         self.steps.iter().map(Vec::len).max().unwrap_or(0)
     }
 }
 
-/// A curve that one thread writes while another shows it.
+/// A curve written by one thread and shown by another.
 type Shared = Arc<Mutex<ValueCurve>>;
 
 fn locked(curve: &Shared) -> MutexGuard<'_, ValueCurve> {
-    // A value is there or not: there is no state in between.
+    // A value is there or not: no write leaves a half-way state.
     curve.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What is asked of the thread: the curve to write, and of which volume it is.
+/// A request to the thread: the curve to write, and its volume.
 type Question = (Shared, VolumeSource, egui::Context);
 
-/// Reads the values of one voxel after another over time.
 #[derive(Default)]
 pub(crate) struct CurveReader {
     thread: Option<Sender<Question>>,
@@ -54,8 +52,7 @@ pub(crate) struct CurveReader {
 }
 
 impl CurveReader {
-    /// Reads another voxel: of a volume, which is given with its index. The window is drawn again as values come. The voxel that is read already is not
-    /// begun again.
+    /// Reads another voxel of a volume, given with its index, unless that is being read. The window is repainted as values arrive.
     pub(crate) fn read(&mut self, egui: &egui::Context, (index, volume): (usize, &VolumeSource), voxel: [u32; 3]) {
         let is_same = |(of, curve): &(VolumeSource, Shared)| {
             let curve = locked(curve);
@@ -72,7 +69,7 @@ impl CurveReader {
         }
     }
 
-    /// The curve of the newest voxel, as far as it has been read; `None` if that voxel's volume is none of these any more.
+    /// The newest voxel's curve so far; `None` once its volume is not among these.
     pub(crate) fn curve(&mut self, volumes: &[VolumeSource]) -> Option<ValueCurve> {
         let (of, curve) = self.read.as_ref()?;
         let curve = locked(curve).clone();
@@ -84,7 +81,7 @@ impl CurveReader {
     }
 }
 
-/// Starts the thread. It ends when nobody can ask it any more.
+/// Starts the thread. It ends with the last sender.
 fn start() -> Sender<Question> {
     let (ask, questions) = channel::<Question>();
     std::thread::spawn(move || {
@@ -96,7 +93,7 @@ fn start() -> Sender<Question> {
     ask
 }
 
-/// Reads a curve, until nobody looks at it any more.
+/// Reads a curve until nobody shows it any more.
 fn read((curve, volume, egui): &Question) {
     let (voxel, steps) = {
         let curve = locked(curve);
@@ -115,7 +112,7 @@ fn read((curve, volume, egui): &Question) {
     }
 }
 
-/// All numbers below `count`, each once: those far from each other first.
+/// All numbers below `count`, each once, far apart ones first.
 fn coarse_to_fine(count: u32) -> impl Iterator<Item = u32> {
     let bits = u32::BITS - count.saturating_sub(1).leading_zeros();
     let reversed = move |number: u32| if bits == 0 { 0 } else { number.reverse_bits() >> (u32::BITS - bits) };

@@ -1,5 +1,5 @@
-//! The pictures of a window: that of the scene, and the slices that stand beside it in some layouts. Each is drawn by a session of its own; together they
-//! stay within the window's limits of memory.
+//! The pictures of a window: the scene's, and the slices beside it in some layouts. Each has its own session; together they stay within the window's
+//! memory limits.
 
 use crate::canvas::{Canvas, FrameTimes, STREAMING_STEP};
 use crate::device::Device;
@@ -8,26 +8,25 @@ use brickyard::backend::BackendChoice;
 use brickyard::session::{SessionError, SessionOptions, VolumeSource};
 use std::time::Duration;
 
-/// What part of the window's memory each of three slices has, in percent: a slice meets few bricks.
+/// Share of the window's memory for each of three slices, in percent: a slice meets few bricks.
 const PLANE_PERCENT: u64 = 12;
 
-/// The pictures of a window.
 pub(crate) struct Views {
     volumes: Vec<VolumeSource>,
     options: SessionOptions,
-    /// The device that draws the window; `None` before it is opened.
+    /// The window's device; `None` before it is opened.
     device: Option<Device>,
     /// The scene's own picture.
     pub(crate) main: Canvas,
-    /// The slices across the voxels' x, y and z axis; none in a layout without them.
+    /// The slices across the voxels' x, y and z axis; empty in other layouts.
     pub(crate) planes: Vec<Canvas>,
 }
 
 impl Views {
-    /// Makes the pictures of some volumes, on the window's device or on the CPU.
+    /// Creates the pictures, on the window's device or on the CPU.
     ///
     /// # Errors
-    /// If the device lacks what the engine needs.
+    /// If the device is unfit for the engine.
     pub(crate) fn new(
         volumes: Vec<VolumeSource>,
         options: SessionOptions,
@@ -37,10 +36,10 @@ impl Views {
         Ok(Self { volumes, options, device, main, planes: Vec::new() })
     }
 
-    /// Goes on with another device, which is not to draw volumes from now on if `is_on_cpu`.
+    /// Moves to another device; `is_on_cpu` leaves the volumes to the CPU from now on.
     ///
     /// # Errors
-    /// If the device lacks what the engine needs.
+    /// If the device is unfit for the engine.
     pub(crate) fn set_device(&mut self, device: Device, is_on_cpu: bool) -> Result<(), SessionError> {
         if is_on_cpu {
             self.options.backend = BackendChoice::Cpu;
@@ -51,20 +50,18 @@ impl Views {
         Ok(())
     }
 
-    /// The device that draws the window; `None` before it is opened.
     pub(crate) fn device(&self) -> Option<&Device> {
         self.device.as_ref()
     }
 
-    /// The volumes that are shown.
     pub(crate) fn volumes(&self) -> &[VolumeSource] {
         &self.volumes
     }
 
-    /// Shows other volumes from now on. The pictures before are seen until there is something of them.
+    /// Shows other volumes. The old pictures stay until there are new ones.
     ///
     /// # Errors
-    /// If the device is not to be had any more.
+    /// If the device is not available any more.
     pub(crate) fn set_volumes(&mut self, volumes: Vec<VolumeSource>) -> Result<(), SessionError> {
         let (options, device) = (SessionOptions { ..self.options }, self.device.clone());
         self.all_mut().try_for_each(|canvas| canvas.begin_anew(volumes.clone(), &options, device.as_ref()))?;
@@ -72,13 +69,14 @@ impl Views {
         Ok(())
     }
 
-    /// Goes on with later states of the volumes, such as stores with more time steps. What is shown stays until something of them is there, and what is played goes on.
+    /// Switches to later states of the volumes, such as stores with more time steps. The pictures stay until there are new ones, and playback
+    /// continues.
     pub(crate) fn follow_volumes(&mut self, volumes: Vec<VolumeSource>) {
         self.all_mut().for_each(|canvas| canvas.set_volumes(volumes.clone()));
         self.volumes = volumes;
     }
 
-    /// The limits of memory of all pictures together, in bytes: of slots, tables and targets, and of decoded bricks, those of previews included.
+    /// Memory limits of all pictures together, in bytes: for slots, tables and targets, and for decoded bricks, including previews'.
     pub(crate) fn budgets_bytes(&self, window: &WindowState) -> (u64, u64) {
         let SessionOptions { gpu_memory_bytes, cpu_memory_bytes, host_memory_bytes, .. } = self.options;
         let backend_bytes = if self.main.draws_on_cpu() { cpu_memory_bytes } else { gpu_memory_bytes };
@@ -87,31 +85,30 @@ impl Views {
         })
     }
 
-    /// The memory that volumes take besides the pictures' budgets, in bytes.
+    /// Memory held by volumes outside the pictures' budgets, in bytes.
     pub(crate) fn held_bytes(&self) -> u64 {
         self.volumes.iter().map(VolumeSource::held_bytes).sum()
     }
 
-    /// Bytes of slots, tables and targets, and of host memory, that all pictures have in use, and previews may have.
+    /// Bytes of slots, tables and targets, and of host memory, in use by all pictures or reserved for previews.
     pub(crate) fn memory_bytes(&self) -> (u64, u64) {
         let of_pictures = self.all().map(Canvas::memory_bytes);
         of_pictures.fold((0, self.held_bytes()), |sum, of| (sum.0 + of.0, sum.1 + of.1))
     }
 
-    /// Suits the pictures to a window's settings: how many there are, how they move, and what memory they may take. `between` is what the window itself
-    /// takes of each frame.
+    /// Adapts the pictures to a window's settings: their number, motion and memory. `between` is the window's own work per frame.
     ///
     /// # Errors
-    /// If the device lacks what the engine needs.
+    /// If the device is unfit for the engine.
     pub(crate) fn suit(&mut self, window: &WindowState, between: Duration) -> Result<(), SessionError> {
         let count = if window.layout == Layout::Planes { 3 } else { 0 };
         self.planes.truncate(count);
         let (gpu, host) = self.budgets_bytes(window);
-        // What previews take is there once, whatever pictures show of them.
+        // Previews take their memory once, however many pictures show them.
         let budgets = (gpu, host.saturating_sub(self.held_bytes()));
         let share = |percent: u64| (budgets.0 / 100 * percent, budgets.1 / 100 * percent);
         let of_plane = share(PLANE_PERCENT);
-        // What slices do not take is the scene's.
+        // The scene gets the memory that slices leave.
         let (gpu, host) = (budgets.0 - count as u64 * of_plane.0, budgets.1 - count as u64 * of_plane.1);
         self.main.set_budgets(gpu, host);
         while self.planes.len() < count {
@@ -133,12 +130,12 @@ impl Views {
         Ok(())
     }
 
-    /// All pictures: the scene's own first.
+    /// All pictures, the scene's own first.
     pub(crate) fn all(&self) -> impl Iterator<Item = &Canvas> {
         std::iter::once(&self.main).chain(&self.planes)
     }
 
-    /// What the pictures took since this was last asked.
+    /// Takes the time spent since the last call.
     pub(crate) fn take_spent(&mut self) -> FrameTimes {
         self.all_mut().map(Canvas::take_spent).fold(FrameTimes::default(), FrameTimes::and)
     }
@@ -147,18 +144,17 @@ impl Views {
         std::iter::once(&mut self.main).chain(&mut self.planes)
     }
 
-    /// How long it is until the window should look how far pictures are that are not final.
+    /// Delay until the next check on unfinished pictures.
     pub(crate) fn look_after(&self) -> Duration {
         let open = self.all().filter(|canvas| !canvas.is_final());
         open.map(Canvas::look_after).min().unwrap_or(STREAMING_STEP)
     }
 
-    /// Whether one of the pictures cannot be drawn.
     pub(crate) fn are_failing(&self) -> bool {
         self.all().any(Canvas::is_failing)
     }
 
-    /// Whether all pictures are as they will stay until something changes.
+    /// Whether all pictures are complete until something changes.
     pub(crate) fn are_final(&self) -> bool {
         self.all().all(Canvas::is_final) && !self.main.is_capturing()
     }

@@ -1,4 +1,4 @@
-//! The scene's picture in the window: what is drawn over it, and what the pointer does in it.
+//! The scene's picture in the window, its overlays, and the pointer's actions in it.
 
 use crate::canvas::Canvas;
 use crate::clip_handles::{self, Face};
@@ -16,16 +16,16 @@ use eframe::egui::{self, Color32, Key, Painter, PointerButton, Pos2, Rect, Respo
 use glam::DVec3;
 use serde_json::json;
 
-/// How far the volume turns while the pointer is dragged over the picture's height.
+/// Turn of the volume when dragging over the picture's height.
 const TURN_DEG: f64 = 180.0;
 
-/// How far the eye turns while the pointer is dragged over the picture's height.
+/// Turn of the eye when dragging over the picture's height.
 const LOOK_DEG: f64 = 60.0;
 
-/// How far the eye flies in a second, in parts of its distance from the volumes.
+/// Flight per second, as a share of the eye's distance from the volumes.
 const FLIGHT: f64 = 0.8;
 
-/// The keys that fly, and where to: right, up, forward.
+/// Flight keys with their directions: right, up, forward.
 pub(crate) const FLIGHT_KEYS: [(Key, [f64; 3]); 6] = [
     (Key::W, [0.0, 0.0, 1.0]),
     (Key::S, [0.0, 0.0, -1.0]),
@@ -35,26 +35,24 @@ pub(crate) const FLIGHT_KEYS: [(Key, [f64; 3]); 6] = [
     (Key::Q, [0.0, -1.0, 0.0]),
 ];
 
-/// What is to be seen: the window's state, and the volumes that it is about.
+/// The subject of a view: the window's state, and its volumes.
 pub(crate) struct Seen<'a> {
-    /// The window's state.
     pub(crate) state: &'a State,
-    /// The volumes that the scene's layers show.
     pub(crate) volumes: &'a [VolumeSource],
-    /// The world that they are in; `None` if no layer says where it is.
+    /// Their world; `None` if no layer has a place.
     pub(crate) world: Option<World<'a>>,
 }
 
-/// What the pointer has hold of.
+/// The object of a drag.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Hold {
-    /// The volumes, to be turned around a point; `None` is the camera's target.
+    /// The volumes, turned around a point; `None` is the camera's target.
     Turn(Option<DVec3>),
     /// The view's direction.
     Look,
-    /// The picture, to be rolled.
+    /// The picture, rolled.
     Roll,
-    /// The volumes, to be moved.
+    /// The volumes, moved.
     Pan,
     /// The distance from the volumes.
     Zoom,
@@ -64,22 +62,20 @@ enum Hold {
     Plane(PlaneHandle),
 }
 
-/// The scene's picture in the window.
 #[derive(Default)]
 pub(crate) struct VolumeView {
     /// The picture's size in the last frame.
     pub(crate) size_px: (u32, u32),
     hold: Option<Hold>,
     picking: Picking,
-    /// What is under the pointer.
     pub(crate) picked: Option<Picked>,
 }
 
 impl VolumeView {
-    /// Shows the scene's picture in what is left of `ui`, and takes what the pointer does there as commands.
+    /// Shows the scene's picture in the rest of `ui`, and turns the pointer's actions into commands.
     ///
     /// # Errors
-    /// If the picture cannot be brought on; it stays as it was.
+    /// If the picture cannot be advanced; it stays as it was.
     pub(crate) fn show(
         &mut self,
         ui: &mut Ui,
@@ -94,7 +90,7 @@ impl VolumeView {
         canvas.paint(ui.painter(), area);
         dim_failed(ui.painter(), canvas, area);
         let Some(camera) = seen.state.scene.camera else { return drawn };
-        // The picture may be of the camera before: marks lie on the picture, and the pointer touches it.
+        // The picture may be of the previous camera: marks lie on the picture, and the pointer touches it.
         let shown = canvas.camera().unwrap_or(camera);
         let Some(lens) = Lens::new(ui.painter(), area, &shown, size_px) else { return drawn };
         self.decorate((&lens, &shown), canvas, (seen, &*measuring), response.hover_pos());
@@ -110,7 +106,7 @@ impl VolumeView {
         drawn
     }
 
-    /// Draws over the picture, which is of this camera.
+    /// Draws over a picture of this camera.
     fn decorate(
         &self,
         (lens, camera): (&Lens, &Camera),
@@ -135,7 +131,7 @@ impl VolumeView {
         }
     }
 
-    /// Looks what is under the pointer, unless it drags something.
+    /// Updates the pick under the pointer, except during a drag.
     fn pick(&mut self, lens: &Lens, canvas: &Canvas, response: &Response) {
         if self.hold.is_some() {
             return;
@@ -145,7 +141,7 @@ impl VolumeView {
         self.picked = self.picking.at(&response.ctx, scene, volumes, place_px);
     }
 
-    /// What a drag that begins here has hold of.
+    /// The object of a drag that starts here.
     fn grasp(&self, lens: &Lens, seen: &Seen<'_>, response: &Response, from: Pos2) -> Hold {
         let (scene, window) = (&seen.state.scene, &seen.state.window);
         let modifiers = response.ctx.input(|input| input.modifiers);
@@ -200,7 +196,7 @@ impl VolumeView {
         }
     }
 
-    /// Where a distance that is being measured would end under the pointer, or begin.
+    /// The place under the pointer where a distance would start or end.
     fn end(&self, lens: &Lens, (seen, measuring): (&Seen<'_>, &Measuring), pointer: Option<Pos2>) -> Option<DVec3> {
         let place_px = pointer.map(|pointer| lens.pixel(pointer));
         let picked = self.picked.as_ref().map(|picked| picked.pick.point);
@@ -226,26 +222,26 @@ impl VolumeView {
         if response.clicked() && tool == Tool::Distance {
             let place = self.end(lens, (seen, &*measuring), response.interact_pointer_pos());
             commands.extend(place.and_then(|place| measuring.click(place, seen.state)));
-            // The mark of the first click is drawn in the next frame, for which nothing else may ask.
+            // The mark of the first click appears in the next frame, which nothing else may request.
             response.ctx.request_repaint();
         }
     }
 }
 
-/// Dims a picture from before one that cannot be drawn.
+/// Dims a picture that stands in for a failed one.
 pub(crate) fn dim_failed(painter: &Painter, canvas: &Canvas, area: Rect) {
     if canvas.is_failing() {
         painter.rect_filled(area, 0.0, Color32::from_black_alpha(160));
     }
 }
 
-/// The handle at a place of the window, of the clip box or of a clip plane.
+/// The handle at a place, of the clip box or of a clip plane.
 fn handle(lens: &Lens, scene: &Scene, world: &World<'_>, place: Pos2) -> Option<Hold> {
     let face = scene.clip.and_then(|clip| clip_handles::at(lens, clip, place)).map(Hold::Face);
     face.or_else(|| plane_handles::at(lens, &scene.clip_planes, world.corners, place).map(Hold::Plane))
 }
 
-/// Shows the label that was picked alone; once more shows all.
+/// Shows the picked label alone, or all labels if it is alone already.
 pub(crate) fn isolation(seen: &Seen<'_>, picked: &Picked) -> Option<Command> {
     let (layer, label) = (picked.pick.layer, picked.label?);
     let is_alone = seen.state.scene.layers.get(layer)?.show_labels == Some(vec![label]);
@@ -253,7 +249,7 @@ pub(crate) fn isolation(seen: &Seen<'_>, picked: &Picked) -> Option<Command> {
     Some(Command::set(&format!("layers.{layer}.show_labels"), shown))
 }
 
-/// What is left of a part of the window: in whole pixels, and the same in points.
+/// The rest of a part of the window, in whole pixels and in points.
 pub(crate) fn whole_pixels(ui: &Ui) -> ((u32, u32), egui::Vec2) {
     let scale = ui.ctx().pixels_per_point();
     let size = ui.available_size();
@@ -262,13 +258,13 @@ pub(crate) fn whole_pixels(ui: &Ui) -> ((u32, u32), egui::Vec2) {
     (size_px, vec2(size_px.0 as f32, size_px.1 as f32) / scale)
 }
 
-/// By how much the wheel and two fingers come nearer in this frame.
+/// Zoom factor of wheel and pinch in this frame.
 pub(crate) fn zoom_factor(ui: &Ui) -> f64 {
     let (wheel, pinch) = ui.input(|input| (input.smooth_scroll_delta().y, input.zoom_delta()));
     f64::from(pinch) * (f64::from(wheel) / 200.0).exp()
 }
 
-/// What the wheel does, and two fingers: they come nearer to what is under the pointer.
+/// Zooms towards the pointer, by wheel and pinch.
 fn scroll(ui: &Ui, lens: &Lens, commands: &mut Vec<Command>) {
     let factor = zoom_factor(ui);
     let pointer = ui.input(|input| input.pointer.hover_pos());
@@ -277,7 +273,7 @@ fn scroll(ui: &Ui, lens: &Lens, commands: &mut Vec<Command>) {
     commands.push(Command::Zoom { factor, at: Some([f64::from(place.x), f64::from(place.y)]) });
 }
 
-/// What the keys of a flight do while they are held.
+/// Flies while flight keys are held.
 fn fly(ui: &Ui, commands: &mut Vec<Command>) {
     if ui.ctx().egui_wants_keyboard_input() {
         return;

@@ -1,5 +1,5 @@
-//! The window: the state that is shown, and what happens to it. Each frame takes the commands of script, keys, pointer and panels, does them, and
-//! brings the pictures nearer to the state. Nothing is drawn while nothing changes.
+//! The window: its state and everything that happens to it. Each frame collects the commands of script, keys, pointer and panels, performs them, and
+//! brings the pictures closer to the state. Nothing is drawn while nothing changes.
 
 mod files;
 
@@ -48,28 +48,27 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How often the window looks how far a file is that is read or packed.
+/// Interval between checks on files being read or packed.
 const OPENING_STEP: Duration = Duration::from_millis(100);
-/// How often a resting window looks whether stores have more time steps.
+/// Interval at which a resting window checks stores for more time steps.
 const FOLLOWING_STEP: Duration = Duration::from_secs(1);
 
-/// How often the window tries again what has failed: a disk may come back.
+/// Interval between retries after a failure: a disk may come back.
 const FAILING_STEP: Duration = Duration::from_secs(1);
 
-/// How long a script waits for a picture that cannot be drawn.
+/// Longest wait of a script for a picture that cannot be drawn.
 const HOPELESS: Duration = Duration::from_secs(5);
 
-/// How far above the lower end of the pictures, where scale bars are, it is shown what is being read or written, and how wide at most, in points.
+/// Distance of rows about background work from the pictures' lower end, where scale bars are, and their largest width, in points.
 const WORK_ABOVE: f32 = 44.0;
 const WORK_WIDTH: f32 = 420.0;
 
-/// The part of the window's width that the panel beside the pictures takes at most.
+/// Largest share of the window's width for the panel beside the pictures.
 const MOST_OF_WIDTH: f32 = 2.0 / 3.0;
 
 /// Space between the pictures of a window, in points.
 const GAP: f32 = 3.0;
 
-/// The state of the window, and all that shows it.
 pub(crate) struct Window {
     state: State,
     history: History,
@@ -78,47 +77,42 @@ pub(crate) struct Window {
     plane_views: [PlaneView; 3],
     measuring: Measuring,
     curves: CurveReader,
-    /// The volume and voxel that the pointer was at last.
+    /// The last volume and voxel under the pointer.
     pointed: Option<(usize, [u32; 3])>,
     script: Script,
-    /// Why the script was ended, once it was.
+    /// The reason for the script's failure, if any.
     failure: Option<String>,
     keeper: Keeper,
-    /// The volumes that are shown, and what is being done for them.
+    /// The shown volumes, and their progress.
     openings: Openings,
-    /// Volumes that are to be shown in their place or beside them.
+    /// Volumes to be shown instead of them or beside them.
     next: Option<Next>,
-    /// The export of voxels that is under way.
     exporting: Option<Exporting>,
-    /// Pictures that are being written, in the order in which they came.
+    /// Pictures being written, in their order of arrival.
     saving: Vec<Saving>,
     recent: Recent,
-    /// The dialog that is shown.
     dialog: Option<Dialog>,
-    /// What has gone wrong last.
     problem: Option<Problem>,
-    /// What was told of that last, in the log, too.
+    /// The last problem in the log.
     told: Option<Problem>,
-    /// What has been done last, or is to be remarked on it.
     note: Option<Note>,
-    /// Since when a picture cannot be drawn.
+    /// The time since which a picture cannot be drawn.
     failing_since: Option<Instant>,
-    /// Whether the window was told to fill the screen.
+    /// Whether fullscreen was requested of the display.
     is_fullscreen: bool,
-    /// The time of the first frame; `None` before it.
     started: Option<Instant>,
     screenshots: Screenshots,
     clicks: Clicks,
     order: InputOrder,
     pacing: Pacing,
-    /// A file for what the frames took; `None` writes none.
+    /// A file for frame times; `None` writes none.
     stats: Option<PathBuf>,
-    /// What it leaves, once its device is lost.
+    /// The handover, once the device is lost.
     left: Option<Handover>,
 }
 
 impl Window {
-    /// A window that shows a state. `message` is what the user is to be told at first.
+    /// Creates a window with a state. `message` is its first problem.
     pub(crate) fn new(
         state: State,
         views: Views,
@@ -127,7 +121,7 @@ impl Window {
         (keeper, message): (Keeper, Option<String>),
         (pacing, stats): (Pacing, Option<PathBuf>),
     ) -> Self {
-        // A window that plays a script leaves nothing behind.
+        // A window that plays a script leaves no trace.
         let paths = if script.is_over() { openings.paths() } else { Vec::new() };
         let noted = paths.iter().try_for_each(|path| recent.add(path));
         let problem = message.or(noted.err()).map(|message| Problem::new(About::Work, message));
@@ -173,7 +167,7 @@ impl Window {
         self.views.volumes().iter().map(VolumeSource::place).collect()
     }
 
-    /// Does a command. What is wrong with it is said in the window.
+    /// Performs a command, and shows any problem with it.
     fn perform(&mut self, command: &Command, egui: &egui::Context) {
         tracing::debug!("{command}");
         self.note = None;
@@ -186,7 +180,6 @@ impl Window {
         }
     }
 
-    /// Does what a line of the script says.
     fn perform_line(&mut self, line: &Line, egui: &egui::Context) {
         tracing::debug!("{}", line.command);
         let done = self.try_perform(&line.command, egui);
@@ -199,7 +192,7 @@ impl Window {
         }
     }
 
-    /// Ends the script, whose line has failed. Who played it is told when the window is closed.
+    /// Ends the script after its line has failed. The caller gets the failure when the window is closed.
     fn fail(&mut self, line: &Line, problem: &str) {
         let problem = line.failure(problem);
         self.script.stop();
@@ -207,17 +200,17 @@ impl Window {
         self.failure.get_or_insert(problem);
     }
 
-    /// Says what has been done.
+    /// Shows a note on completed work.
     fn note(&mut self, note: String) {
         (self.note, self.problem) = (Some(Note::new(note)), None);
     }
 
-    /// Says in passing what asks for nothing.
+    /// Shows a passing remark.
     fn remark(&mut self, text: impl Into<String>) {
         self.note = Some(Note::passing(text));
     }
 
-    /// Says a remark no more once its time is over; the window is drawn again then.
+    /// Removes a remark at the end of its time, requesting a repaint for it.
     fn end_note(&mut self, egui: &egui::Context) {
         match self.note.as_ref().and_then(Note::left) {
             Some(Duration::ZERO) => self.note = None,
@@ -225,12 +218,12 @@ impl Window {
         }
     }
 
-    /// Says what has gone wrong.
+    /// Shows a problem.
     fn say(&mut self, about: About, text: impl Into<String>) {
         self.problem = Some(Problem::new(about, text));
     }
 
-    /// Says why a picture cannot be drawn, until one is. A script that waits for it fails.
+    /// Shows why a picture cannot be drawn, until one can. A script waiting for it fails.
     fn take_failure(&mut self, drawn: Result<(), SessionError>) {
         match drawn {
             Ok(()) if self.views.are_failing() => {}
@@ -250,12 +243,12 @@ impl Window {
         }
     }
 
-    /// Says no more of what has gone wrong with this.
+    /// Removes the problem if this is its subject.
     fn end_problem(&mut self, about: About) {
         self.problem.take_if(|problem| problem.about == about);
     }
 
-    /// Says what has come of what a command began.
+    /// Shows the result of work started by a command.
     fn say_ended(&mut self, is_it: impl Fn(&Command) -> bool, ended: Result<String, String>) {
         match (self.script.ended(is_it), ended) {
             (_, Ok(done)) => self.note(done),
@@ -264,7 +257,7 @@ impl Window {
         }
     }
 
-    /// Says that something which a command began was stopped by hand.
+    /// Reports that work started by a command was stopped by hand.
     fn say_stopped(&mut self, is_it: impl Fn(&Command) -> bool, text: String) {
         match self.script.ended(is_it) {
             Some(line) => self.fail(&line, &text),
@@ -312,7 +305,7 @@ impl Window {
         Ok(())
     }
 
-    /// Sets fields of the state's document, as one edit that can be undone.
+    /// Sets fields of the state's document, as one undoable edit.
     fn set(&mut self, fields: &[(String, Value)]) -> Result<(), String> {
         let edited = edited(&self.state, self.views.volumes(), fields)?;
         self.check(&edited.scene)?;
@@ -326,7 +319,6 @@ impl Window {
         Ok(())
     }
 
-    /// Whether a scene can be shown here.
     fn check(&self, scene: &Scene) -> Result<(), String> {
         if let Some(camera) = scene.camera {
             let (width, height) = self.volume_view.size_px;
@@ -340,34 +332,34 @@ impl Window {
         self.openings.are_busy() || self.next.is_some() || self.exporting.is_some() || !self.saving.is_empty()
     }
 
-    /// Whether the pictures are as they will stay until something changes; an empty window has none.
+    /// Whether the pictures are complete until something changes; an empty window has none.
     fn has_final_pictures(&self) -> bool {
         self.openings.are_none() || self.views.are_final()
     }
 
-    /// Whether the window shows what it will show until something is done to it.
+    /// Whether the window stays as it is without new input.
     fn is_final(&self) -> bool {
         self.has_final_pictures() && !self.is_busy()
     }
 
-    /// Plays what is due of the script.
+    /// Plays the due lines of the script.
     fn play(&mut self, egui: &egui::Context) {
         let since_start = self.started.get_or_insert_with(Instant::now).elapsed();
-        // A screenshot shows the frame after it was asked for: nothing may change that.
+        // A screenshot shows the frame after its request: nothing may change it.
         while !self.screenshots.are_awaited()
             && self.clicks.are_done()
             && let Some(line) = self.script.next(since_start, self.is_final())
         {
             self.perform_line(&line, egui);
             self.history.close();
-            // What the command changed is to be drawn before the next one that waits for it.
+            // The command's changes must be drawn before the next line that waits for them.
             if self.is_final() {
                 break;
             }
         }
     }
 
-    /// The pictures, and what the pointer does over them.
+    /// Shows the pictures, and takes the pointer's actions over them.
     fn pictures(&mut self, ui: &mut Ui, commands: &mut Vec<Command>) -> Result<(), SessionError> {
         self.views.suit(&self.state.window, self.pacing.between())?;
         self.measuring.suit(self.state.window.tool);
@@ -396,22 +388,20 @@ impl Window {
         shown.and(self.volume_view.show(&mut part, &mut self.views.main, (&seen, measuring), commands))
     }
 
-    /// The label under the pointer.
     fn picked_label(&self) -> Option<i64> {
         self.volume_view.picked.as_ref().and_then(|picked| picked.label)
     }
 
-    /// What is under the pointer.
     fn picked(&self) -> Option<&Picked> {
         let planes = self.plane_views.iter().filter(|_| !self.views.planes.is_empty());
         let pictures = planes.map(|view| &view.picked).chain([&self.volume_view.picked]);
         pictures.flatten().next()
     }
 
-    /// The values over time of the voxel under the pointer, if they are asked for; of the last one that there was, where there is none or
-    /// pictures change.
+    /// The values over time of the voxel under the pointer, if the document shows them; of the last such voxel where there is none or pictures
+    /// change.
     fn value_curve(&mut self, egui: &egui::Context, play: &Play) -> Option<ValueCurve> {
-        // While pictures change below it, a pointer that rests stays with its voxel.
+        // While pictures change below it, a resting pointer keeps its voxel.
         let is_new = !play.on || self.pointed.is_none();
         if let Some(values) = self.picked().filter(|_| is_new).and_then(|picked| picked.pick.values.first()) {
             self.pointed = Some((values.volume, values.probe.voxel));
@@ -428,7 +418,6 @@ impl Window {
         self.curves.curve(self.views.volumes())
     }
 
-    /// Writes the pictures that have come.
     fn write_pictures(&mut self, egui: &egui::Context) {
         for (path, written) in self.screenshots.write() {
             let is_it = |command: &Command| matches!(command, Command::Screenshot(file) if *file == path);
@@ -458,13 +447,12 @@ impl Window {
         }
     }
 
-    /// Says what came of saving a picture.
     fn say_saved(&mut self, path: &Path, written: Result<(), String>) {
         let is_it = |command: &Command| matches!(command, Command::SavePicture(file, _) if file == path);
         self.say_ended(is_it, written.map(|()| wrote(path)));
     }
 
-    /// The panels around the pictures. They edit a copy of the state. Returns the room for the row of time steps, if there is one.
+    /// Shows the panels around the pictures, which edit a copy of the state. Returns the room for the row of time steps, if any.
     fn panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) -> Option<Rect> {
         let budgets = self.views.budgets_bytes(&self.state.window);
         let budgets = Budgets { gpu: (budgets.0 >> 20) as u32, host: (budgets.1 >> 20) as u32 };
@@ -511,7 +499,7 @@ impl Window {
         room
     }
 
-    /// The row of time steps, which is about the pictures of this frame. It edits a copy of the state.
+    /// Shows the row of time steps, for the pictures of this frame. It edits a copy of the state.
     fn steps_row(&mut self, ui: &mut Ui, state: &mut State, room: Rect) {
         let timeline = VolumeSource::timeline(self.views.volumes(), &state.scene);
         let curve = self.value_curve(ui.ctx(), &state.window.play);
@@ -522,8 +510,8 @@ impl Window {
         panels::playing::show(&mut row, (&mut state.scene.time, &mut state.window.play), &steps);
     }
 
-    /// What lies over the lower end of the pictures, for which `ui` has room left: files that are being read or written, and what has gone wrong, where no line says it. It
-    /// takes no room from the pictures: by another height they would have to be drawn again.
+    /// Shows rows over the lower end of the pictures, in the free room of `ui`: files being read or written, and any problem too long for a line.
+    /// They take no room from the pictures, which another height would force to be redrawn.
     fn over_pictures(&mut self, ui: &Ui, has_problem: bool) {
         let problem = self.problem.as_ref().filter(|_| has_problem).map(|problem| problem.text.clone());
         let capturing = self.views.main.capturing();
@@ -557,7 +545,7 @@ impl Window {
         }
     }
 
-    /// The panels beside the pictures, which are about volumes.
+    /// Shows the panels beside the pictures, which are about volumes.
     fn side_panels(&mut self, ui: &mut Ui, state: &mut State, commands: &mut Vec<Command>) {
         let mut saved = Vec::new();
         let most = MOST_OF_WIDTH * ui.available_width();
@@ -584,8 +572,8 @@ impl Window {
         }
     }
 
-    /// Takes over which time step the picture shows while it plays, and that it has stopped, also in the copy that panels have edited, unless they have changed
-    /// it. Neither is an edit.
+    /// Copies the picture's time step and the end of playback into the state, and into the panels' copy unless they have changed it there. Neither is
+    /// an edit.
     fn follow_clock(&mut self, edited: &mut State) {
         if !self.state.window.play.on || self.openings.are_none() {
             return;
@@ -598,7 +586,7 @@ impl Window {
         }
     }
 
-    /// Keeps the state for the next time. Returns how long until that is to be tried again, if it is.
+    /// Keeps the state for the next session. Returns the delay until the next attempt, if any.
     fn keep(&mut self) -> Option<Duration> {
         let kept = self.keeper.keep(&self.state);
         kept.unwrap_or_else(|problem| {
@@ -608,7 +596,7 @@ impl Window {
     }
 }
 
-/// That volumes of one shape are drawn at unlike sizes, and the command that mends it; `None` if they are not.
+/// A warning about volumes of one shape drawn at unlike sizes, if any, with the command that mends it.
 fn remark(scene: &Scene, volumes: &[VolumeSource]) -> Option<Problem> {
     unlike_sizes(scene, volumes).map(|unlike| {
         let rows = unlike.numbers().map(|row| format!("[{}]", row.join(", "))).join(", ");
@@ -617,7 +605,7 @@ fn remark(scene: &Scene, volumes: &[VolumeSource]) -> Option<Problem> {
     })
 }
 
-/// That a file has been written, and where.
+/// The note on a written file, with its path.
 fn wrote(path: &Path) -> String {
     format!("wrote {}", std::path::absolute(path).unwrap_or_else(|_| path.into()).display())
 }
@@ -630,57 +618,55 @@ fn quarters(area: Rect) -> [Rect; 4] {
     [quarter(0.0, 0.0), quarter(1.0, 0.0), quarter(0.0, 1.0), quarter(1.0, 1.0)]
 }
 
-/// What the display asks of a window.
+/// The interface to the display.
 impl Window {
-    /// Adds the script's clicks to a frame's input, and leaves for the next frame what comes later.
+    /// Adds the script's clicks to a frame's input, and defers later events to the next frame.
     pub(crate) fn take_input(&mut self, egui: &egui::Context, input: &mut egui::RawInput) {
         self.clicks.play(input);
         InputOrder::allow_slow_clicks(egui, input);
         self.order.split(input);
     }
 
-    /// Draws a frame, unless the device is lost: then the window is to be opened again.
+    /// Draws a frame, unless the device is lost and the window about to be reopened.
     pub(crate) fn frame(&mut self, ui: &mut Ui) {
         let egui = ui.ctx().clone();
         if self.is_leaving(&egui) {
             return;
         }
         self.update(ui);
-        // What the frame has drawn, and what it says, is for nobody if the device was lost meanwhile.
+        // If the device was lost meanwhile, nobody sees the frame or its messages.
         if !self.is_leaving(&egui) {
             self.tell();
         }
     }
 
-    /// The paths of its volumes.
     pub(crate) fn paths(&self) -> Vec<PathBuf> {
         self.openings.paths()
     }
 
-    /// Whether there has been a frame.
     pub(crate) fn has_begun(&self) -> bool {
         self.started.is_some()
     }
 
-    /// Why the script was ended, if it was: for who has opened the window.
+    /// The reason for the script's failure, if any, for the window's caller.
     pub(crate) fn failure(&self) -> Option<&str> {
         self.failure.as_deref()
     }
 
-    /// Draws on a device from now on, but for volumes if `is_on_cpu`.
+    /// Draws on a device from now on; `is_on_cpu` leaves the volumes to the CPU.
     ///
     /// # Errors
-    /// If the device lacks what the engine needs.
+    /// If the device is unfit for the engine.
     pub(crate) fn draw_on(&mut self, device: Device, is_on_cpu: bool) -> Result<(), SessionError> {
         self.views.set_device(device, is_on_cpu)
     }
 
-    /// What it leaves if its device is lost.
+    /// Takes the handover if the device is lost.
     pub(crate) fn leave(&mut self) -> Option<Handover> {
         self.left.take()
     }
 
-    /// Goes on after its device was lost, of which the user is told. Screenshots that the old device took with it are taken again.
+    /// Continues after the loss of the device, with a message for the user. Screenshots lost with the device are taken again.
     pub(crate) fn take_up(&mut self, message: &str) {
         for path in self.screenshots.give_up().into_iter().rev() {
             self.script.again(Command::Screenshot(path));
@@ -688,7 +674,7 @@ impl Window {
         self.say(About::Work, message);
     }
 
-    /// Puts what the user is told in the log.
+    /// Logs the current problem once.
     fn tell(&mut self) {
         if self.told != self.problem {
             self.told = self.problem.clone();
@@ -696,7 +682,7 @@ impl Window {
         }
     }
 
-    /// Whether the device is lost. The window closes then, and nothing is drawn any more: egui panics where it has something to draw and nothing to draw on.
+    /// Whether the device is lost. The window then closes and draws nothing more: egui panics with shapes but no device to draw them on.
     fn is_leaving(&mut self, egui: &egui::Context) -> bool {
         let Some(reason) = self.views.device().and_then(Device::lost) else { return false };
         let is_closing = egui.input(|input| input.viewport().close_requested());
@@ -782,9 +768,9 @@ impl Window {
         self.pacing.end(!self.has_final_pictures());
     }
 
-    /// Keeps what it is to begin with the next time. Doing it twice is doing it once.
+    /// Keeps the state for the next session. Idempotent.
     pub(crate) fn end(&mut self) {
-        // On another device it goes on with them.
+        // On another device the window continues with them.
         if self.left.is_none() {
             while let Some(path) = self.views.main.give_up_capture() {
                 tracing::warn!("{} was not written: the window was closed", path.display());

@@ -1,24 +1,24 @@
-//! A line about work in the background: what is done to which file, how far that is, and a button to stop it.
+//! A row about work in the background: the task and its file, the progress, and a button to stop it.
 
 use brickyard::overlay::short_name;
 use eframe::egui::{Label, ProgressBar, Ui};
 use std::path::Path;
 
-/// The most characters of a name.
+/// Most characters of a name.
 const LONGEST: usize = 32;
 
-/// Shows how many bytes of how many are done of a file. Returns whether the work is to stop.
+/// Shows progress in bytes of a file. Returns whether to stop the work.
 pub(crate) fn show(ui: &mut Ui, (what, path): (&str, &Path), (done, total): (u64, u64), can_stop: bool) -> bool {
     let share = if total == 0 { 0.0 } else { done as f32 / total as f32 };
     row(ui, share, format!("{what} {}: {} of {} MiB", name(path), done >> 20, total.div_ceil(1 << 20)), can_stop)
 }
 
-/// Shows what share is done of a file. Returns whether the work is to stop.
+/// Shows progress as a share of a file. Returns whether to stop the work.
 pub(crate) fn show_share(ui: &mut Ui, (what, path): (&str, &Path), share: f64) -> bool {
     row(ui, share as f32, format!("{what} {}: {:.0} %", name(path), 100.0 * share), true)
 }
 
-/// Shows that the store of a file is waited for, which another program packs. Returns whether that is to stop.
+/// Shows the wait for a file's store, packed by another program. Returns whether to stop waiting.
 pub(crate) fn show_waiting(ui: &mut Ui, path: &Path) -> bool {
     ui.horizontal(|ui| {
         let is_stopped = ui.button("Stop").clicked();
@@ -28,7 +28,6 @@ pub(crate) fn show_waiting(ui: &mut Ui, path: &Path) -> bool {
     .inner
 }
 
-/// Shows that a file is being written, which takes a moment.
 pub(crate) fn show_writing(ui: &mut Ui, path: &Path) {
     ui.label(format!("writing {}", name(path)));
 }

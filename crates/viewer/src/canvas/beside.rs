@@ -1,4 +1,4 @@
-//! The CPU's pictures, which are drawn [beside the window](super::drawing): sent for, looked on, given up when nobody waits for them any more, and taken in.
+//! The CPU's pictures, drawn [beside the window](super::drawing): requested, watched, abandoned when outdated, and taken in.
 
 use super::capture;
 use super::drawing::{Begun, Done, Drawing, Engine, Home, News, Stage};
@@ -13,35 +13,35 @@ use eframe::egui;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How long a coarse picture may be drawn that is not of the view any more: while a hand moves, no picture would ever be done in less than a frame of it.
+/// Longest time for a coarse picture of an outdated view: during a drag, none would finish within a frame.
 const LATE: Duration = Duration::from_millis(600);
 
-/// How long a picture of a moving view waits for its bricks, of which there are few.
+/// Longest wait for the few bricks of a moving view.
 const FOR_COARSE_BRICKS: Duration = Duration::from_millis(30);
 
-/// What a session is at while it is away.
+/// The work of a session away from home.
 pub(super) enum Task {
-    /// The picture that is wanted, or one that is coarser.
+    /// The wanted picture, or a coarser one.
     Show(Box<Wanted>),
-    /// A sample of the pixels of the picture that is shown.
+    /// A sample of the shown picture's pixels.
     Smooth,
-    /// The picture that was asked for first.
+    /// The first requested picture.
     Capture,
 }
 
-/// The picture of a scene, as it is sent for.
+/// A request for the picture of a scene.
 struct Order {
     wanted: Wanted,
-    /// The picture that is shown as yet, and its pixels, which are seen where nothing is drawn of the next one.
+    /// The shown picture, and its pixels, visible until covered by the next one.
     shown: Option<Shown>,
     under: Option<Arc<Picture>>,
-    /// How long a frame of the window may take, and how much of that the window itself does.
+    /// Longest frame, and the window's own part of it.
     goal: (Duration, Duration),
     is_adaptive: bool,
 }
 
 impl Order {
-    /// Streams until there is something to draw that is better than what is shown, and draws it.
+    /// Streams until a better picture than the shown one is possible, and draws it.
     fn run(self, Engine { session, control }: &mut Engine, stage: &Stage) -> Result<Done, SessionError> {
         let (goal, between) = self.goal;
         loop {
@@ -67,7 +67,7 @@ impl Order {
             }
             let choice = Choice { control, is_adaptive: self.is_adaptive, is_gradual: true };
             let (shown, _) = choice.next(wanted, frame, self.shown.as_ref());
-            // A picture that is only drawn to find out which bricks it sees takes no better one's place.
+            // A picture drawn only to find its bricks never replaces a better one.
             let is_worse = before.is_some_and(|before| before.quality.share() > shown.quality.share());
             let begun = Instant::now();
             let news = Begun { quality: shown.quality, is_of_motion: before.is_none(), at: begun };
@@ -86,7 +86,7 @@ impl Order {
         }
     }
 
-    /// Takes a step towards what is wanted; of a view that moves or is new, towards bricks that are as coarse as its pixels, and waits a little for these.
+    /// Takes a streaming step. For a moving or new view it aims at bricks as coarse as the pixels, and waits a little for them.
     fn step(&self, session: &mut Session, control: &QualityControl) -> Result<Frame, SessionError> {
         let Wanted { scene, size_px, .. } = &self.wanted;
         let moves = self.shown.as_ref().is_none_or(|shown| !shown.is_of(&self.wanted));
@@ -105,14 +105,14 @@ impl Order {
     }
 }
 
-/// Streams until a scene's picture is final, and draws what is left of it.
+/// Streams until a scene's picture is final, and draws its rest.
 fn capture(
     session: &mut Session,
     (scene, made): (&Scene, &Made),
     size_px: (u32, u32),
     painting: &Arc<Painting>,
 ) -> Result<Done, SessionError> {
-    // The picture is of the step that its scene says.
+    // The picture is of its scene's time step.
     session.play(None);
     loop {
         let frame = session.step(scene, size_px)?;
@@ -124,7 +124,7 @@ fn capture(
                 session.wait(STREAMING_STEP);
             }
             (false, true) => {
-                // Drawing tells what was seen, after which more may be wanted.
+                // Drawing reports visible bricks, so more may be wanted.
                 session.paint(&frame, painting)?;
             }
             (true, _) => {
@@ -140,15 +140,15 @@ fn eyes(scene: &Scene) -> u32 {
 }
 
 impl Canvas {
-    /// Sends the session to stream towards what is wanted, and to draw it.
+    /// Sends the session towards the wanted picture.
     ///
     /// # Errors
-    /// If there is no thread for it.
+    /// If no thread can be started.
     pub(super) fn show_beside(&mut self, wanted: Wanted, egui: &egui::Context) -> Result<(), SessionError> {
         let order = Order {
             wanted: wanted.clone(),
             shown: self.shown.clone(),
-            // One eye's picture is not what is seen of two.
+            // One eye's picture is no part of a stereo view.
             under: self.picture.clone().filter(|_| eyes(&wanted.scene) == 1),
             goal: (self.goal, self.between),
             is_adaptive: self.is_adaptive,
@@ -157,10 +157,10 @@ impl Canvas {
         self.leave(Task::Show(Box::new(wanted)), painting, egui, |engine, stage| order.run(engine, stage))
     }
 
-    /// Sends the session to draw a sample of the pixels of the picture that is shown.
+    /// Sends the session to draw a sample of the shown picture.
     ///
     /// # Errors
-    /// If there is no thread for it.
+    /// If no thread can be started.
     pub(super) fn smooth_beside(
         &mut self,
         frame: Frame,
@@ -175,10 +175,10 @@ impl Canvas {
         })
     }
 
-    /// Sends the session to draw a picture that is to be saved, once it is at home.
+    /// Sends the session, once home, to draw a picture for saving.
     ///
     /// # Errors
-    /// If there is no thread for it.
+    /// If no thread can be started.
     pub(super) fn capture_beside(
         &mut self,
         (scene, made): (Scene, Arc<Made>),
@@ -199,7 +199,7 @@ impl Canvas {
         })
     }
 
-    /// Sends the session to draw beside the window, with all that has changed for it.
+    /// Sends the session beside the window, with all pending changes.
     fn leave(
         &mut self,
         task: Task,
@@ -228,12 +228,12 @@ impl Canvas {
         }
     }
 
-    /// Takes in what the session has told, and the session itself if it waits for that, with what it has drawn. Returns a picture that is to be saved.
+    /// Takes in the session's report, and the session itself, if due, with its picture. Returns a picture to be saved.
     ///
     /// # Errors
     /// If it could not be drawn.
     pub(super) fn arrive(&mut self) -> Result<Option<(Picture, Frame)>, SessionError> {
-        // What it told last it told before it was over.
+        // The last report precedes the end.
         let is_over = self.drawing.as_ref().is_some_and(|(drawing, _)| drawing.is_over());
         self.hear();
         let Some((drawing, task)) = self.drawing.take_if(|_| is_over) else { return Ok(None) };
@@ -243,10 +243,10 @@ impl Canvas {
         if !matches!(task, Task::Capture) {
             self.keep_pace();
         }
-        // One that was given up is no error; one that is whole all the same is not of what is wanted now.
+        // An abandoned picture is no error; a finished one is outdated all the same.
         let done = if is_abandoned { Ok(Done::Nothing) } else { done };
         if !matches!((&task, &done), (Task::Smooth, _) | (_, Ok(Done::Picture { .. }))) {
-            // The session's slots are not those of the picture any more.
+            // The session's slots no longer hold the picture's bricks.
             self.shown
                 .iter_mut()
                 .filter(|shown| shown.samples_left != Some(0))
@@ -276,19 +276,19 @@ impl Canvas {
         Ok(None)
     }
 
-    /// Takes in what the session has told.
+    /// Takes in the session's last report.
     fn hear(&mut self) {
         let Some((drawing, task)) = &mut self.drawing else { return };
         let Some(News { mut known, frame, .. }) = drawing.hear() else { return };
         if let Task::Show(wanted) = task {
             **wanted = wanted.at(&frame);
         }
-        // Volumes that it has not taken over yet are those that are asked for.
+        // Volumes not yet passed on stay the requested ones.
         if self.changes.iter().any(|change| matches!(change, Change::Volumes(_))) {
             known.volumes = std::mem::take(&mut self.known.volumes);
         }
         if frame.level_bias > 0.0 {
-            // A view that moves is coarse for a moment.
+            // A moving view is coarse for a moment.
             known.doubtful = std::mem::take(&mut self.known.doubtful);
         }
         self.known = known;
@@ -296,12 +296,12 @@ impl Canvas {
         self.stream = Some((frame.status, frame.coming));
     }
 
-    /// While the session is away: gives up what is not wanted any more, unless it is there soon, and shows what is drawn of it so far.
+    /// While the session is away: abandons unwanted work, unless nearly done, and shows the picture so far.
     pub(super) fn look_on(&mut self, wanted: &Wanted) {
         let Some((drawing, task)) = &self.drawing else { return };
         let shown = self.shown.as_ref().filter(|shown| shown.is_of(wanted));
         let (is_wanted, is_brief) = match (task, drawing.begun()) {
-            // A view that moves is drawn coarse. Whether it is, the first step says.
+            // A moving view is drawn coarse; the first step decides whether it moves.
             (Task::Show(of), None) => (of.is_as(wanted), drawing.is_in_first_step()),
             (Task::Show(of), Some(Begun { quality, is_of_motion, at })) => {
                 (of.is_as(wanted), is_of_motion && quality != Quality::EXACT && at.elapsed() < LATE)
@@ -317,7 +317,7 @@ impl Canvas {
         }
         let Some(begun) = drawing.begun().filter(|begun| begun.quality == Quality::EXACT) else { return };
         let is_due = begun.at.elapsed() > LOOK && self.looked.is_none_or(|looked| looked.elapsed() > LOOK);
-        // Over a picture of the same scene and time step alone.
+        // Only over a picture of the same scene and time step.
         if is_due && shown.is_some_and(|shown| shown.frame.scene.time == self.pace.stepped) {
             let so_far = drawing.so_far();
             if !so_far.rgb.is_empty() {

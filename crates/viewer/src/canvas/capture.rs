@@ -1,5 +1,5 @@
-//! Pictures that are saved: asked for, drawn one after the other while the view rests, and handed over once they are final. A view that changes comes first: a
-//! picture keeps the samples that it has by then, and on the CPU its tiles.
+//! Pictures to be saved: requested, drawn in turn while the view rests, and handed over once final. A changing view comes first: an interrupted
+//! picture keeps its samples, and on the CPU its tiles.
 
 use super::made::Made;
 use super::row_drawing::{CapturePart, GpuCapture};
@@ -13,10 +13,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// A picture that is to be written once it is final.
+/// A picture to be saved.
 pub(super) struct Capture {
     scene: Scene,
-    /// `None` is the size in which the view is shown when the picture is begun.
+    /// `None` is the view's size at the start of drawing.
     size_px: Option<(u32, u32)>,
     path: PathBuf,
     over: Over,
@@ -24,7 +24,7 @@ pub(super) struct Capture {
     made: Arc<Made>,
 }
 
-/// Draws what is left of a picture whose frame has all its bricks.
+/// Draws the rest of a picture whose frame has all its bricks.
 pub(super) fn go_on(
     session: &mut Session,
     frame: &Frame,
@@ -47,43 +47,38 @@ pub(super) fn go_on(
     }
 }
 
-/// A picture that is final, with all that is known of it.
 pub(crate) struct Captured {
-    /// The file that it is for.
     pub(crate) path: PathBuf,
-    /// Its pixels.
     pub(crate) picture: Picture,
-    /// Its scene, in which nothing is left open.
+    /// The scene with every choice made.
     pub(crate) scene: Scene,
-    /// How many bricks it has.
     pub(crate) stats: RenderStats,
-    /// The marks that are to be drawn over the picture.
     pub(crate) over: Over,
 }
 
 impl Canvas {
-    /// Asks for a picture of a scene, which is drawn as soon as it is final. `None` is the size in which the picture is shown.
+    /// Requests a picture of a scene; `None` is the shown size.
     pub(crate) fn capture(&mut self, scene: Scene, size_px: Option<(u32, u32)>, (path, over): (PathBuf, Over)) {
         let (asked, made) = (Instant::now(), Arc::default());
         self.captures.push_back(Capture { scene, size_px, path, over, asked, made });
     }
 
-    /// Whether a picture that was asked for has not come yet.
+    /// Whether a requested picture is still to come.
     pub(crate) fn is_capturing(&self) -> bool {
         !self.captures.is_empty()
     }
 
-    /// Whether a picture is drawn that was asked for, while the view rests.
+    /// Whether a requested picture is being drawn.
     pub(crate) fn saves(&self) -> bool {
         self.is_capturing() && !self.gives_way
     }
 
-    /// Begins pictures anew of which volumes have changed.
+    /// Restarts all pictures after a change of volumes.
     pub(super) fn forget_captures(&mut self) {
         self.captures.iter_mut().for_each(|capture| capture.made = Arc::default());
     }
 
-    /// Goes on with the picture that was asked for first, while the view rests, and returns it once it is final.
+    /// Continues the first requested picture while the view rests, and returns it once final.
     ///
     /// # Errors
     /// If it cannot be drawn; it is given up then, unless another device may draw it.
@@ -100,7 +95,7 @@ impl Canvas {
             Ok(None) => self.go_on_with_capture(&scene, size_px, egui),
             drawn => drawn,
         };
-        // The session's slots are those of another picture now.
+        // The session's slots belong to another picture now.
         self.shown.iter_mut().for_each(|shown| shown.samples_left = None);
         let is_over = match &drawn {
             Ok(drawn) => drawn.is_some(),
@@ -133,8 +128,7 @@ impl Canvas {
         }
     }
 
-    /// For which file the picture is that was asked for first, and how much of it is drawn, 0 to 1, once that has taken a while; `None` if none
-    /// was asked for.
+    /// The first requested picture's file and drawn share, 0 to 1, once it takes long; `None` without one.
     pub(crate) fn capturing(&self) -> Option<(&Path, f64)> {
         let capture = self.captures.front().filter(|capture| capture.asked.elapsed() > LOOK)?;
         let (samples, tiles) = capture.made.drawn();
@@ -143,7 +137,7 @@ impl Canvas {
         Some((&capture.path, (samples as f64 + of_sample) / capture.scene.pixel_samples.count() as f64))
     }
 
-    /// Gives up the picture that was asked for first.
+    /// Gives up the first requested picture.
     pub(crate) fn give_up_capture(&mut self) -> Option<PathBuf> {
         let capture = self.captures.pop_front()?;
         self.tell(Change::Play(self.playback));

@@ -1,6 +1,6 @@
-//! A picture that the CPU draws beside the window: its session leaves for a thread of the picture's own, streams and draws there, and comes home with
-//! the picture. Until then the window shows what is drawn so far, and answers by what the session has told last. Costs a thread for each picture, and a
-//! copy of the draw lists for each step of streaming.
+//! A picture drawn by the CPU beside the window: its session leaves for a thread, streams and draws there, and returns with the picture. Meanwhile
+//! the window shows the picture so far and relies on the session's last report. Costs a thread per picture, and a copy of the draw lists per
+//! streaming step.
 
 use super::FrameTimes;
 use super::meeting::Meeting;
@@ -16,16 +16,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// When the window shows a picture that is done. By a delay of none egui would paint the window twice.
+/// Delay until a finished picture is shown. Without a delay egui would paint the window twice.
 const AT_ONCE: Duration = Duration::from_millis(1);
 
-/// A session, and the quality of its pictures.
+/// A session and the quality of its pictures.
 pub(super) struct Engine {
     pub(super) session: Session,
     pub(super) control: QualityControl,
 }
 
-/// Answers to a window that asks while its session is away.
+/// The session's properties, for queries while it is away.
 #[derive(Clone, Default)]
 pub(super) struct Known {
     pub(super) volumes: Vec<VolumeSource>,
@@ -37,7 +37,7 @@ pub(super) struct Known {
 }
 
 impl Known {
-    /// What a session knows, which shows this scene.
+    /// Copies the properties of a session showing this scene.
     pub(super) fn of(session: &Session, scene: Option<&ResolvedScene>) -> Self {
         Self {
             volumes: session.volumes().to_vec(),
@@ -50,34 +50,34 @@ impl Known {
     }
 }
 
-/// A step of streaming that a session has taken beside the window.
+/// A step of streaming taken beside the window.
 pub(super) struct News {
     pub(super) known: Known,
     pub(super) frame: Frame,
-    /// How the frame is drawn; `None` while the session waits for bricks or a time step.
+    /// The drawing of the frame; `None` while waiting for bricks or a time step.
     pub(super) begun: Option<Begun>,
 }
 
-/// A picture that is begun.
+/// A picture in progress.
 #[derive(Clone, Copy)]
 pub(super) struct Begun {
     pub(super) quality: Quality,
-    /// Whether its view moves: what was shown before is of another one.
+    /// Whether the view moves: the previous picture shows another one.
     pub(super) is_of_motion: bool,
     pub(super) at: Instant,
 }
 
-/// What the window and a session share that draws beside it.
+/// State shared by the window and a session beside it.
 pub(super) struct Stage {
-    /// The picture as it is so far, and whether it is given up.
+    /// The picture so far, and whether it is abandoned.
     pub(super) painting: Arc<Painting>,
-    /// The last step of streaming of which the window has not heard.
+    /// The last streaming step, until the window takes it.
     news: Mutex<Option<News>>,
     meeting: Meeting,
 }
 
 impl Stage {
-    /// Tells the window of a step of streaming.
+    /// Reports a streaming step to the window.
     pub(super) fn tell(&self, session: &Session, frame: &Frame, begun: Option<Begun>) {
         let known = Known::of(session, Some(&frame.scene));
         let news = News { known, frame: frame.clone(), begun };
@@ -85,38 +85,38 @@ impl Stage {
     }
 }
 
-/// What a session comes home with.
+/// A session's result.
 pub(super) enum Done {
-    /// Nothing: it was told to stop.
+    /// The picture was abandoned.
     Nothing,
     /// A picture of the scene.
     Picture { picture: Picture, shown: Box<Shown>, times: FrameTimes },
-    /// A sample of the pixels of the picture that is shown, and how long it took.
+    /// A sample of the shown picture, and its time.
     Sample(Picture, Duration),
     /// A picture to be saved, and its frame.
     Capture(Picture, Box<Frame>),
 }
 
-/// A session that comes home.
+/// A returning session.
 pub(super) struct Home {
     pub(super) engine: Box<Engine>,
     pub(super) done: Result<Done, SessionError>,
 }
 
-/// A picture that is being drawn. Dropping it gives the picture up, and does not wait.
+/// A picture in progress. Dropping it abandons the picture without waiting.
 pub(super) struct Drawing {
     stage: Arc<Stage>,
     since: Instant,
-    /// How the picture is drawn, as far as the window has heard; the outer `None` before the first step of streaming is done.
+    /// The reported picture in progress; the outer `None` before the first streaming step.
     begun: Option<Option<Begun>>,
     thread: Option<JoinHandle<Home>>,
 }
 
 impl Drawing {
-    /// Sends a session to draw. The window is painted again when it is done.
+    /// Sends a session to draw. The window is repainted at the end.
     ///
     /// # Errors
-    /// If there is no thread for it; the session is lost.
+    /// If no thread can be started; the session is lost.
     pub(super) fn begin(
         mut engine: Box<Engine>,
         painting: Painting,
@@ -137,60 +137,58 @@ impl Drawing {
         Ok(Self { stage, since: Instant::now(), begun: None, thread: Some(thread) })
     }
 
-    /// The last step of streaming, unless the window has heard of it already.
+    /// Takes the last streaming step, if it is new.
     pub(super) fn hear(&mut self) -> Option<News> {
         let news = self.stage.news.lock().unwrap_or_else(PoisonError::into_inner).take()?;
         self.begun = Some(news.begun);
         Some(news)
     }
 
-    /// The picture that the session draws, as far as the window has heard; `None` while it only streams.
+    /// The reported picture in progress; `None` while only streaming.
     pub(super) fn begun(&self) -> Option<Begun> {
         self.begun.flatten()
     }
 
-    /// Whether the session is in its first step of streaming, as far as the window has heard.
+    /// Whether no streaming step is reported yet.
     pub(super) fn is_in_first_step(&self) -> bool {
         self.begun.is_none()
     }
 
-    /// Whether the session waits to be taken home.
+    /// Whether the session can be taken home.
     pub(super) fn is_over(&self) -> bool {
         // A thread that panicked has only ended.
         self.stage.meeting.is_due() || self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// Waits until the session is to be taken home, for so long at most. Returns whether it is.
+    /// Waits `at_most` for the session. Returns whether it can be taken home.
     pub(super) fn wait(&self, at_most: Duration) -> bool {
         self.stage.meeting.wait(at_most)
     }
 
-    /// Since when the session is away.
+    /// Time since the session left.
     pub(super) fn since(&self) -> Duration {
         self.since.elapsed()
     }
 
-    /// The share of the picture that is drawn.
+    /// The drawn share of the picture.
     pub(super) fn progress(&self) -> f64 {
         self.stage.painting.progress()
     }
 
-    /// The picture as it is so far.
     pub(super) fn so_far(&self) -> Picture {
         self.stage.painting.so_far()
     }
 
-    /// Tells it to stop, which takes a step of streaming at most, and milliseconds while it draws.
+    /// Abandons the picture. The session stops within a streaming step, or milliseconds while drawing.
     pub(super) fn abandon(&self) {
         self.stage.painting.abandon();
     }
 
-    /// Whether it was told to stop.
     pub(super) fn is_abandoned(&self) -> bool {
         self.stage.painting.is_abandoned()
     }
 
-    /// Takes the session home, and waits for that. A panic of its goes on here.
+    /// Waits for the session and takes it home. A panic of its thread continues here.
     pub(super) fn end(mut self) -> Option<Home> {
         let home = self.thread.take()?.join();
         Some(home.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))

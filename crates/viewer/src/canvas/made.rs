@@ -1,5 +1,5 @@
-//! Parts of a picture to be saved that are drawn already: whole samples, and tiles of the next one. The window and the session that draws share them; a
-//! lock is held for a moment only, and not while samples are added.
+//! Finished parts of a picture to be saved: whole samples, and tiles of the next one. The window and the drawing session share them; the lock is held
+//! only briefly, never while samples are added.
 
 use brickyard::session::{Frame, KeptTiles};
 use brickyard::volume::{Picture, PictureSum, PixelSamples};
@@ -10,17 +10,17 @@ pub(super) struct Made(Mutex<Parts>);
 
 #[derive(Default)]
 struct Parts {
-    /// The coarseness of the bricks that they are drawn from.
+    /// Coarseness of their bricks.
     pixel_error: f64,
     sum: PictureSum,
-    /// Samples that are in the sum.
+    /// Samples in the sum.
     samples: usize,
-    /// Tiles of the sample that comes next.
+    /// Tiles of the next sample.
     tiles: Arc<KeptTiles>,
 }
 
 impl Made {
-    /// Forgets what does not go on with this frame: what is drawn from other bricks.
+    /// Drops parts drawn from other bricks than this frame's.
     pub(super) fn keep_for(&self, frame: &Frame) {
         let (mut parts, pixel_error) = (self.lock(), frame.status.pixel_error);
         if parts.pixel_error != pixel_error {
@@ -28,13 +28,12 @@ impl Made {
         }
     }
 
-    /// Samples that are drawn, and tiles of the next one.
+    /// The number of drawn samples, and the tiles of the next one.
     pub(super) fn drawn(&self) -> (usize, Arc<KeptTiles>) {
         let parts = self.lock();
         (parts.samples, parts.tiles.clone())
     }
 
-    /// Adds the next sample.
     pub(super) fn add(&self, picture: &Picture) {
         let mut sum = std::mem::take(&mut self.lock().sum);
         sum.add(picture);
@@ -43,7 +42,7 @@ impl Made {
         parts.samples += 1;
     }
 
-    /// The picture if it has all its samples.
+    /// The picture, if it has all its samples.
     pub(super) fn whole(&self, samples: PixelSamples) -> Option<Picture> {
         let sum = {
             let mut parts = self.lock();

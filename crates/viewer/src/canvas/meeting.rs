@@ -1,5 +1,5 @@
-//! The meeting of the window and a session that comes home from drawing beside it: the session is waited for, or tells the window to look. Costs a lock.
-//! `tests/loom` checks every order in which the two threads can take their turns.
+//! The meeting of the window and a session returning from beside it: either the window waits for the session, or the session wakes the window. Costs
+//! a lock. `tests/loom` checks every interleaving.
 
 #[cfg(loom)]
 use loom::sync::{Condvar, Mutex, MutexGuard};
@@ -17,14 +17,14 @@ pub(crate) struct Meeting {
 
 #[derive(Default)]
 struct End {
-    /// Whether the session waits to be taken home. Its thread may still be about to end.
+    /// Whether the session can be taken home. Its thread may still be ending.
     is_due: bool,
-    /// Whether the window waits for that, and need not be told to look.
+    /// Whether the window is waiting and needs no wake-up.
     is_awaited: bool,
 }
 
 impl Meeting {
-    /// The session has come. Returns whether the window waits for it; if not, it has to be told.
+    /// Records the session's arrival. Returns whether the window is waiting; if not, the caller has to wake it.
     pub(crate) fn arrive(&self) -> bool {
         let is_awaited = {
             let mut end = self.lock();
@@ -37,12 +37,11 @@ impl Meeting {
         is_awaited
     }
 
-    /// Whether the session has come.
     pub(crate) fn is_due(&self) -> bool {
         self.lock().is_due
     }
 
-    /// Waits for the session, for so long at most. Returns whether it has come.
+    /// Waits `at_most` for the session. Returns whether it has arrived.
     pub(crate) fn wait(&self, at_most: Duration) -> bool {
         let begun = Instant::now();
         let mut end = self.lock();

@@ -1,5 +1,5 @@
-//! A GPU's pictures: those of a moving view are submitted whole, exact ones and those that are saved [in parts](super::row_drawing) where they take longer than a
-//! frame of the window. All is submitted by the window's thread.
+//! A GPU's pictures: those of a moving view are submitted whole; exact and saved ones [in parts](super::row_drawing) if they take longer than a frame
+//! of the window. The window's thread makes all submissions.
 
 use super::made::Made;
 use super::picture::{Choice, Shown, Wanted};
@@ -15,11 +15,11 @@ use eframe::egui;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A picture in the making that is drawn in parts.
+/// A picture in progress, in parts.
 pub(super) enum InRows {
-    /// The exact picture of a scene; and what its step of streaming took.
+    /// The exact picture of a scene, and the time of its streaming step.
     Show { drawing: RowDrawing, shown: Box<Shown>, step: Duration },
-    /// A sample of the pixels of the picture that is shown.
+    /// A sample of the shown picture.
     Smooth(RowDrawing),
 }
 
@@ -31,10 +31,10 @@ impl InRows {
 }
 
 impl Canvas {
-    /// Streams a step towards what is wanted, and draws its picture, or begins to.
+    /// Streams a step towards the wanted picture, and draws or starts it.
     ///
     /// # Errors
-    /// If it cannot be drawn. The texture keeps what it shows.
+    /// If it cannot be drawn. The texture stays as it is.
     pub(super) fn show_on_gpu(&mut self, wanted: &Wanted, egui: &egui::Context) -> Result<(), SessionError> {
         let Some(engine) = &mut self.engine else { return Ok(()) };
         let Engine { session, control } = &mut **engine;
@@ -69,7 +69,7 @@ impl Canvas {
         Ok(())
     }
 
-    /// Draws a frame into the texture, which has `size_px` pixels. While there is nothing of the frame in some place, the texture stays as it is.
+    /// Draws a frame into the texture of `size_px` pixels, which stays as it is while any place lacks the frame.
     fn draw(&mut self, frame: &Frame, size_px: (u32, u32)) -> Result<Drawn, SessionError> {
         let (Some(screen), Some(engine)) = (&mut self.screen, &mut self.engine) else { return Ok(Drawn::Nothing) };
         let Some(Device { state, .. }) = &self.gpu else { return Ok(Drawn::Nothing) };
@@ -84,10 +84,10 @@ impl Canvas {
         })
     }
 
-    /// Draws a part of what is drawn in parts, and shows it once all of it is drawn.
+    /// Draws the next part, and shows the picture after the last one.
     ///
     /// # Errors
-    /// If the device fails. The texture keeps what it shows.
+    /// If the device fails. The texture stays as it is.
     pub(super) fn draw_rows(&mut self, egui: &egui::Context) -> Result<(), SessionError> {
         let (Some(mut in_rows), Some(engine), Some(device)) = (self.in_rows.take(), &mut self.engine, &self.gpu) else {
             return Ok(());
@@ -112,10 +112,10 @@ impl Canvas {
         }
     }
 
-    /// Draws a sample of the pixels of the picture that is shown, or begins to.
+    /// Draws or starts a sample of the shown picture.
     ///
     /// # Errors
-    /// If the device fails. The texture keeps what it shows.
+    /// If the device fails. The texture stays as it is.
     pub(super) fn smooth_on_gpu(&mut self, frame: Frame, egui: &egui::Context) -> Result<(), SessionError> {
         if self.engine.as_ref().is_some_and(|engine| engine.control.share() < 1.0) {
             self.in_rows = Some(InRows::Smooth(RowDrawing::new(frame, self.fitting, self.between)));
@@ -124,7 +124,7 @@ impl Canvas {
         self.add_sample(&frame)
     }
 
-    /// Draws a sample of the picture's pixels, unless that is done, and adds it to those before.
+    /// Draws a sample, if still to be drawn, and adds it to those before.
     fn add_sample(&mut self, frame: &Frame) -> Result<(), SessionError> {
         let Some(Shown { scene, size_px, samples_left: Some(left), .. }) = &self.shown else { return Ok(()) };
         let (samples, size_px, is_first) = (scene.pixel_samples, *size_px, *left == scene.pixel_samples.count());
@@ -148,7 +148,7 @@ impl Canvas {
         Ok(())
     }
 
-    /// Goes on with the parts of a picture that is to be saved.
+    /// Draws the next part of a picture to be saved.
     ///
     /// # Errors
     /// If it cannot be drawn.
@@ -164,7 +164,7 @@ impl Canvas {
         Ok(part)
     }
 
-    /// Streams a step towards a picture that is to be saved, and begins it once its bricks are there. Returns that of two eyes, which is drawn at once.
+    /// Streams a step towards a picture to be saved, and starts it once its bricks are resident. A stereo picture is drawn at once, and returned.
     ///
     /// # Errors
     /// If it cannot be drawn.
@@ -175,7 +175,7 @@ impl Canvas {
     ) -> Result<Option<(Picture, Frame)>, SessionError> {
         let Some(engine) = &mut self.engine else { return Ok(None) };
         let session = &mut engine.session;
-        // The picture is of the step that its scene says.
+        // The picture is of its scene's time step.
         session.play(None);
         let frame = session.step(scene, size_px)?;
         if !(frame.status.settled || frame.status.awaits_feedback) {
@@ -195,7 +195,7 @@ impl Canvas {
             }
             _ => session.draw(&frame)?,
         };
-        // Drawing tells what was seen, after which more may be wanted.
+        // Drawing reports visible bricks, so more may be wanted.
         Ok(frame.status.settled.then_some((picture, frame)))
     }
 }

@@ -1,76 +1,74 @@
-//! The picture that is wanted, the one that is shown, and what a step of streaming makes of the two. Pure.
+//! The wanted and the shown picture, and the choice of the next one after a streaming step. Pure.
 
 use brickyard::frame_governor::{Change, Quality, QualityControl};
 use brickyard::session::Frame;
 use brickyard::volume::Scene;
 
-/// A picture that is wanted.
 #[derive(Clone)]
 pub(super) struct Wanted {
     pub(super) scene: Scene,
     pub(super) size_px: (u32, u32),
-    /// Whether the session says which time step it is of, as it does while steps play.
+    /// Whether the session chooses the time step, as during playback.
     pub(super) is_paced: bool,
-    /// How often another scene was asked for until then.
+    /// Number of scene changes so far.
     pub(super) change: u64,
 }
 
 impl Wanted {
-    /// Whether this picture is wanted still, if the other one is.
+    /// Whether this picture is still wanted if `other` is.
     pub(super) fn is_as(&self, other: &Self) -> bool {
         self.scene == other.scene && self.size_px == other.size_px
     }
 
-    /// The same of the time step that a frame has.
+    /// The same picture at a frame's time step.
     pub(super) fn at(&self, frame: &Frame) -> Self {
         let time = if self.is_paced { frame.scene.time } else { self.scene.time };
         Self { scene: Scene { time, ..self.scene.clone() }, ..*self }
     }
 }
 
-/// A picture that is shown, or is about to be.
+/// A picture on display, or about to be.
 #[derive(Clone)]
 pub(super) struct Shown {
     pub(super) scene: Scene,
     pub(super) size_px: (u32, u32),
     pub(super) frame: Frame,
     pub(super) quality: Quality,
-    /// How often another scene had been asked for when it was sent for.
+    /// Number of scene changes when it was requested.
     pub(super) change: u64,
-    /// How many of its pixels' samples are still to be drawn; 0 if the picture is as it will stay. `None` before it has all bricks and every pixel.
+    /// Samples per pixel still to be drawn; 0 if the picture is complete. `None` until it has all bricks and every pixel.
     pub(super) samples_left: Option<usize>,
 }
 
 impl Shown {
-    /// Whether it is a picture, maybe a coarser one, of what is wanted.
+    /// Whether it is the wanted picture, perhaps coarser.
     pub(super) fn is_of(&self, wanted: &Wanted) -> bool {
         self.scene == wanted.scene && self.size_px == wanted.size_px
     }
 
-    /// Whether a frame of what is wanted would look no better while steps play: until the next one is due.
+    /// Whether a frame of the wanted picture would look no better during playback, until the next step is due.
     pub(super) fn stands(&self, wanted: &Wanted, frame: &Frame) -> bool {
         self.is_of(wanted) && self.frame.shows_as_much_as(frame)
     }
 
-    /// Whether it is as good as a picture with this share of the exact one's work, of bricks that are not all there: it is better, or has all bricks that are as
-    /// coarse as its pixels.
+    /// Whether it is as good as one of missing bricks with this share of the exact work: it took more work, or has all bricks as coarse as its
+    /// pixels.
     pub(super) fn suffices(&self, share: f64) -> bool {
         let is_whole = self.frame.status.resident == self.frame.status.wanted;
         self.quality.share() > share || self.frame.level_bias > 0.0 && is_whole
     }
 }
 
-/// How pictures' quality is chosen.
 pub(super) struct Choice<'a> {
     pub(super) control: &'a mut QualityControl,
-    /// Whether the picture is coarser while the view moves, and whether it is refined step by step when it rests.
+    /// Whether a moving view is drawn coarser, and a resting one refined step by step.
     pub(super) is_adaptive: bool,
     pub(super) is_gradual: bool,
 }
 
 impl Choice<'_> {
-    /// The picture of a frame, which comes next after `shown`; and whether it is one of a view that moves. What still streams is drawn as that is: the exact
-    /// picture comes once, when all is there.
+    /// Chooses the picture to follow `shown`, and whether its view moves. A streaming view counts as moving: the exact picture is drawn once, with
+    /// all bricks.
     pub(super) fn next(self, wanted: Wanted, frame: Frame, shown: Option<&Shown>) -> (Shown, bool) {
         let before = shown.filter(|shown| shown.is_of(&wanted) && frame.status.settled);
         let moved = before.is_none();

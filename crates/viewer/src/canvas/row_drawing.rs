@@ -1,5 +1,5 @@
-//! A frame that a GPU draws in parts, paced so that the window waits for none of them long; and a picture that is saved, whose samples are such
-//! frames. Costs a frame of the window for each part.
+//! A frame drawn in parts on a GPU, so paced that the window never waits long; and a picture to be saved, whose samples are such frames. Costs a
+//! frame of the window per part.
 
 use super::made::Made;
 use super::row_pace::RowPace;
@@ -10,20 +10,20 @@ use eframe::egui::Context;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A frame that is being drawn in parts. There must be no other step of its session meanwhile.
+/// A frame drawn in parts. Its session may take no other step meanwhile.
 pub(super) struct RowDrawing {
     frame: Frame,
     pace: RowPace,
 }
 
 impl RowDrawing {
-    /// A frame of which nothing is drawn yet, a `share` of which is taken to be fit for a part, if frames of the window take so long `between` parts.
+    /// A frame to draw. A `share` of it should suit a part; frames of the window take `between`.
     pub(super) fn new(frame: Frame, share: f64, between: Duration) -> Self {
         let pace = RowPace::new(frame.scene.rows(), share, between);
         Self { frame, pace }
     }
 
-    /// Submits a part, unless the one before is under way or shaders are compiled. Returns the frame once all of it is submitted, so that it can be
+    /// Submits a part, unless the previous one is under way or shaders are compiling. Returns the frame once all of it is submitted, ready to be
     /// [put](Session::draw_to) on textures.
     ///
     /// # Errors
@@ -42,52 +42,50 @@ impl RowDrawing {
         Ok((self.share() >= 1.0).then_some(&self.frame))
     }
 
-    /// The share of the frame that is submitted.
+    /// The submitted share of the frame.
     pub(super) fn share(&self) -> f64 {
         self.pace.share()
     }
 
-    /// The share of it that has turned out to be fit for a part.
+    /// Share of the frame found fit for one part.
     pub(super) fn fitting(&self) -> f64 {
         self.pace.fitting()
     }
 
-    /// Whether a part is under way, after which the window is painted again.
+    /// Whether a part is under way; the window is repainted after it.
     pub(super) fn is_under_way(&self) -> bool {
         self.pace.is_under_way()
     }
 
-    /// Since when it is drawn.
+    /// Time since the start.
     pub(super) fn since(&self) -> Duration {
         self.pace.since()
     }
 }
 
-/// A picture that a GPU draws to be saved: its samples one after the other, each in parts and then brought to the CPU.
+/// A picture drawn by a GPU for saving: its samples in turn, each in parts and then copied to the CPU.
 pub(super) struct GpuCapture {
     frame: Frame,
     samples: PixelSamples,
-    /// The share of a sample that is fit for a part, and how long frames of the window take between parts.
+    /// Share of a sample fit for one part, and the duration of a frame of the window.
     fitting: f64,
     between: Duration,
     made: Arc<Made>,
-    /// The sample that is being drawn; `None` while it is on its way to the CPU.
+    /// The sample being drawn; `None` while on its way to the CPU.
     drawing: Option<RowDrawing>,
 }
 
-/// Parts of a picture that is to be saved.
+/// Progress of a picture to be saved.
 pub(super) enum CapturePart {
-    /// Some.
+    /// More parts are to come.
     Partly,
-    /// All that the step of streaming has; what was seen in it may ask for more.
+    /// The streaming step is drawn; its visible bricks may call for more.
     Step,
-    /// The picture, and its frame.
     Whole(Picture, Box<Frame>),
 }
 
 impl GpuCapture {
-    /// The samples of a frame's picture still to be drawn, of so many a pixel. A `share` of a sample is taken to be fit for a part, if frames of the window take so
-    /// long `between` parts.
+    /// The remaining samples of a frame's picture. A `share` of a sample should suit a part; frames of the window take `between`.
     pub(super) fn new(frame: Frame, (samples, made): (PixelSamples, Arc<Made>), share: f64, between: Duration) -> Self {
         if frame.status.settled {
             made.keep_for(&frame);
@@ -107,7 +105,7 @@ impl GpuCapture {
         self.drawing = Some(RowDrawing::new(frame, self.fitting, self.between));
     }
 
-    /// Goes on with the picture.
+    /// Draws the next part of the picture.
     ///
     /// # Errors
     /// As [`Session::draw_rows`].
@@ -139,12 +137,11 @@ impl GpuCapture {
         Ok(CapturePart::Partly)
     }
 
-    /// The sample that is being drawn, if one is.
     pub(super) fn drawing(&self) -> Option<&RowDrawing> {
         self.drawing.as_ref()
     }
 
-    /// The share of the sample that is drawn.
+    /// The drawn share of the sample.
     pub(super) fn share_of_sample(&self) -> f64 {
         self.drawing.as_ref().map_or(1.0, RowDrawing::share)
     }

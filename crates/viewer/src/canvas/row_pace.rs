@@ -1,6 +1,5 @@
-//! Pace of a picture that a GPU draws some rows at a time, each part a few frames of the window long: the window's own work comes after work
-//! submitted before. The next part follows once the one before is done, and has the rows that would have fitted. Costs a frame of the
-//! window and a thread for each part.
+//! Pace of a picture drawn by a GPU some rows at a time. Each part lasts a few frames of the window, whose own work queues behind it. The next
+//! part follows with as many rows as would have fitted. Costs a frame of the window and a thread per part.
 
 use brickyard::render::wgpu::{self, PollType};
 use eframe::egui::Context;
@@ -8,49 +7,47 @@ use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-/// How many times longer a part is to take on the GPU than a frame of the window takes without it, and the bounds of that: a hand that begins to
-/// move waits for a part, and a frame is painted for each.
+/// Intended GPU time of a part in frames of the window without it, and its bounds: a starting drag waits for a part, and each part costs a
+/// painted frame.
 const FRAMES: u32 = 5;
 const GOALS: [Duration; 2] = [Duration::from_millis(40), Duration::from_millis(250)];
 
-/// How often it is looked whether a part is done.
+/// Interval between checks for the end of a part.
 const LOOK: Duration = Duration::from_millis(2);
 
-/// How many times more rows a part has than the one before at most.
+/// Largest growth in rows between parts, as a factor.
 const MOST_GROWTH: f64 = 4.0;
 
-/// The least rows of a part.
+/// Least rows in a part.
 const LEAST: u32 = 8;
 
-/// The parts of a picture.
 pub(super) struct RowPace {
     height: u32,
     begun: Instant,
     next: u32,
-    /// Rows of the next part.
+    /// Rows in the next part.
     rows: u32,
-    /// How long a part is to take.
+    /// Intended duration of a part.
     goal: Duration,
     under_way: Option<UnderWay>,
 }
 
-/// A part that has been submitted.
+/// A submitted part.
 struct UnderWay {
     rows: u32,
     begun: Instant,
-    /// When it was done.
     done: Arc<OnceLock<Instant>>,
 }
 
 impl RowPace {
-    /// For a picture of so many rows, of which a share is taken to be fit for a part; frames of the window take so long besides.
+    /// Paces a picture of `height` rows. A `share` of them should suit a part; frames of the window take `between`.
     pub(super) fn new(height: u32, share: f64, between: Duration) -> Self {
         let [least, most] = GOALS;
         let goal = (FRAMES * between).clamp(least, most);
         Self { height, begun: Instant::now(), next: 0, rows: rows(f64::from(height) * share), goal, under_way: None }
     }
 
-    /// The rows that are to be submitted now; none while the part before is under way, and once all are.
+    /// The rows to submit now; none while a part is under way, or after the last.
     pub(super) fn next(&mut self) -> Option<Range<u32>> {
         if let Some(UnderWay { rows: drawn, begun, done }) = &self.under_way {
             let took = done.get()?.duration_since(*begun).max(Duration::from_micros(100));
@@ -62,7 +59,7 @@ impl RowPace {
         (self.next < end).then_some(self.next..end)
     }
 
-    /// Takes note that rows have been submitted to a device. The window is painted again when they are drawn.
+    /// Records submitted rows. The window is repainted when they are drawn.
     pub(super) fn submitted(
         &mut self,
         rows: &Range<u32>,
@@ -76,43 +73,41 @@ impl RowPace {
         });
         let (watched, device, egui) = (done.clone(), device.clone(), egui.clone());
         let watch = move || {
-            // The device tells when somebody looks at it. Besides this thread and the one who tells, the pace waits for it.
+            // The device calls back only when polled. The pace holds a reference besides this thread's and the callback's while it waits.
             let is_awaited = || watched.get().is_none() && Arc::strong_count(&watched) > 2;
             while is_awaited() && device.poll(PollType::Poll).is_ok() {
                 std::thread::sleep(LOOK);
             }
             egui.request_repaint();
         };
-        // Without a thread it is seen a little later, when the window looks at the device.
+        // Without a thread, the window notices the end a little later, when it polls the device.
         let _ = std::thread::Builder::new().name("part".into()).spawn(watch);
         self.under_way = Some(UnderWay { rows: rows.end - rows.start, begun: Instant::now(), done });
         self.next = rows.end;
     }
 
-    /// Whether a part is under way.
     pub(super) fn is_under_way(&self) -> bool {
         self.under_way.as_ref().is_some_and(|part| part.done.get().is_none())
     }
 
-    /// The share of the picture that has turned out to be fit for a part.
+    /// Share of the picture found fit for one part.
     pub(super) fn fitting(&self) -> f64 {
         f64::from(self.rows) / f64::from(self.height.max(1))
     }
 
-    /// Since when the picture is drawn.
     pub(super) fn since(&self) -> Duration {
         self.begun.elapsed()
     }
 
-    /// The share of the rows that are submitted; all of a picture without rows.
+    /// The submitted share of the rows; 1 without rows.
     pub(super) fn share(&self) -> f64 {
         if self.height == 0 { 1.0 } else { f64::from(self.next) / f64::from(self.height) }
     }
 }
 
-/// A number of rows that is fit for a part.
+/// A part's number of rows, near `wanted`.
 fn rows(wanted: f64) -> u32 {
-    // Whole groups of a compute shader's.
+    // Whole groups of a compute shader.
     ((wanted as u32) / LEAST).max(1) * LEAST
 }
 
@@ -120,7 +115,6 @@ fn rows(wanted: f64) -> u32 {
 mod tests {
     use super::*;
 
-    /// Draws a picture whose rows take so long, and returns how long the parts took.
     fn draw(pace: &mut RowPace, row_ms: f64) -> Vec<f64> {
         let mut took_ms = Vec::new();
         let mut end = 0;

@@ -1,4 +1,4 @@
-//! The edges of the bricks that are drawn, in a colour for each level: what the view wants, and what stands for it.
+//! The edges of the drawn bricks, in a colour for each level: the wanted bricks, and their stand-ins.
 
 use crate::overlay::Lens;
 use brickyard::overlay::box_axes::edges;
@@ -8,19 +8,19 @@ use brickyard::volume::Scene;
 use eframe::egui::{Color32, Stroke};
 use glam::DVec3;
 
-/// The most bricks that are outlined: more could not be told apart.
+/// Most outlined bricks: more would be a blur.
 const MOST: usize = 3000;
 
-/// The colour of a level: the finest first.
+/// The colour of a level, the finest first.
 pub(crate) fn level_color(level: u8) -> Color32 {
     let colors = [[90, 220, 120], [90, 190, 240], [240, 200, 80], [240, 130, 80], [230, 90, 150], [170, 120, 240]];
     let [r, g, b] = colors[usize::from(level).min(colors.len() - 1)];
     Color32::from_rgb(r, g, b)
 }
 
-/// Draws the edges of the cells that are drawn of a scene, each in the colour of the brick's level.
+/// Draws the edges of a scene's drawn cells, in the colours of their bricks' levels.
 pub(crate) fn show(lens: &Lens, scene: &Scene, volumes: &[VolumeSource], lists: &[&DrawList]) {
-    // Lists are those of the layers that a session keeps, which begin with the first; its bricks are enough to see.
+    // The lists of a session's layers begin with the first; its bricks are enough to see.
     let Some(list) = lists.first() else { return };
     let Some(volume) = volumes.get(scene.store(0)) else { return };
     let Ok(placement) = scene.placement(0, &volume.place()) else { return };

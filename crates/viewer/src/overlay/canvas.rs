@@ -5,7 +5,6 @@ use brickyard::overlay::canvas::{Area, Canvas, Pen};
 use eframe::egui::{Align, Align2, Color32, FontId, Mesh, Pos2, Rect, Shape, Stroke, StrokeKind, pos2};
 use glam::{Vec2, vec2};
 
-/// The canvas of a picture in the window.
 pub(crate) struct WindowCanvas<'a>(pub(crate) &'a Lens);
 
 impl WindowCanvas<'_> {
@@ -23,7 +22,7 @@ fn color(pen: Pen) -> Color32 {
     }
 }
 
-/// The end, middle or begin of a text that is at its place.
+/// The end, middle or start of a text, at its place.
 fn align(part: f32) -> Align {
     match part {
         part if part < 0.25 => Align::Min,

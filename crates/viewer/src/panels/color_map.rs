@@ -1,5 +1,5 @@
-//! Colour maps as they look: a strip of a transfer function's colours, and the menu of presets in which each shows its own. A strip costs a mesh of some
-//! hundred vertices in each frame that shows it.
+//! Colour maps as pictures: a strip of a transfer function's colours, and the menu of presets with their strips. A strip costs a mesh of some hundred
+//! vertices per frame.
 
 use crate::panels::widgets::color32;
 use brickyard::volume::{TransferChoice, TransferFunction};
@@ -8,10 +8,9 @@ use eframe::egui::{
     vec2,
 };
 
-/// Columns of a strip.
 const COLUMNS: u32 = 64;
 
-/// What is said of a preset that has values of its own, or is not known by its name alone.
+/// Hints on presets.
 const HINTS: [(&str, &str); 14] = [
     ("auto", "what is not background, for fog in the light"),
     ("gray", "black to white"),
@@ -29,7 +28,7 @@ const HINTS: [(&str, &str); 14] = [
     ("mr-default", "magnetic resonance: air is clear, tissue red-brown to ivory"),
 ];
 
-/// Fills an area from left to right with colours; `color` is given the share of the width.
+/// Fills an area from left to right; `color` takes the share of the width.
 pub(crate) fn strip(ui: &Ui, area: Rect, color: impl Fn(f64) -> Color32) {
     let mut mesh = Mesh::default();
     for column in 0..=COLUMNS {
@@ -56,7 +55,7 @@ fn whole(function: &TransferFunction) -> impl Fn(f64) -> Color32 {
     move |share| color32(function.rgb(low + (high - low) * share))
 }
 
-/// The menu of colour maps. `shown` is the function that is seen now. Returns the preset that was chosen; `None` in it is the gray ramp.
+/// Shows the menu of colour maps, with the current function `shown`. Returns the chosen preset; `None` in it is the gray ramp.
 pub(crate) fn menu(
     ui: &mut Ui,
     choice: Option<&TransferChoice>,
@@ -86,7 +85,7 @@ pub(crate) fn menu(
     chosen
 }
 
-/// A line with a strip and a name that can be clicked; it is marked if its name is the one that is selected.
+/// Shows a clickable line with a strip and a name, marked if selected.
 fn entry(
     ui: &mut Ui,
     width: f32,

@@ -1,5 +1,5 @@
-//! What a user says of a file that it does not say itself: of a raw file everything, of an array the order of its axes, of any file how large its voxels
-//! are and whether they are labels. A form of the dialogs about files edits it, and a command carries it.
+//! A user's description of a file, for metadata it lacks: everything for a raw file, the order of axes for an array, the voxel size and whether
+//! voxels are labels for any file. A form of the file dialogs edits it, and a command carries it.
 
 use crate::panels::widgets::{menu, row};
 use brickyard::import::{AxisOrder, Endian, OpenOptions};
@@ -10,17 +10,17 @@ use eframe::egui::{DragValue, TextEdit, Ui};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// The most suggestions that are shown.
+/// Most suggestions shown.
 const MOST_FITS: usize = 8;
 
-/// The most voxels along an axis that are suggested.
+/// Most suggested voxels along an axis.
 const MOST_VOXELS: u64 = 4096;
 
-/// What is said of a file. What is left out is the file's own.
+/// The description of a file. The rest is the file's own.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Description {
-    /// Voxels along x, y and z; a file of which this is said is read as raw. 0 is not said.
+    /// Voxels along x, y and z; a file with these is read as raw. 0 is unset.
     #[serde(skip_serializing_if = "is_default")]
     shape: [u32; 3],
     /// The type of a raw file's voxels.
@@ -32,7 +32,7 @@ pub(crate) struct Description {
     /// Bytes before the first voxel of a raw file.
     #[serde(skip_serializing_if = "is_default")]
     offset: u64,
-    /// Letters of the axes, slowest first; empty if the file's own or the usual ones hold.
+    /// Letters of the axes, slowest first; empty for the file's own or the usual ones.
     #[serde(skip_serializing_if = "is_default")]
     axes: String,
     /// Time steps of a raw file; 0 is one.
@@ -44,13 +44,12 @@ pub(crate) struct Description {
     /// The distance between centres of voxels.
     #[serde(skip_serializing_if = "Option::is_none")]
     spacing: Option<DVec3>,
-    /// The unit of that; empty if it is the file's own.
+    /// Its unit; empty is the file's own.
     #[serde(skip_serializing_if = "is_default")]
     unit: String,
-    /// Whether the voxels are labels.
     #[serde(skip_serializing_if = "is_default")]
     labels: bool,
-    /// Whether numbers may be rounded that no voxel holds.
+    /// Whether numbers without an exact voxel value may be rounded.
     #[serde(skip_serializing_if = "is_default")]
     allow_lossy: bool,
 }
@@ -70,10 +69,10 @@ const UNITS: [(&str, &str); 6] = [
 ];
 
 impl Description {
-    /// The options to open a file of which this is said, on top of what is said of all.
+    /// The options for the described file, on top of `base`.
     ///
     /// # Errors
-    /// If the axes are none.
+    /// If the axes are malformed.
     pub(crate) fn options(&self, base: &OpeningOptions) -> Result<OpeningOptions, String> {
         let axes = if self.axes.is_empty() { None } else { Some(self.axes.parse::<AxisOrder>()?) };
         let count = |count: u32| (count > 0).then_some(count);
@@ -95,7 +94,7 @@ impl Description {
         Ok(OpeningOptions { files, kind, store: None, preview_bytes: base.preview_bytes })
     }
 
-    /// A form for what is said of a file, of which the size is known once it has been chosen.
+    /// Shows the form, for a file whose size is known once chosen.
     pub(crate) fn show(&mut self, ui: &mut Ui, bytes: Option<u64>) {
         let hint =
             "whole numbers that name things, as of a segmentation: they are never averaged, and have a colour each";
@@ -162,7 +161,7 @@ impl Description {
         });
     }
 
-    /// Shapes that a file's size allows, to be chosen by a click.
+    /// Shows shapes that fit a file's size, for a click.
     fn suggestions(&mut self, ui: &mut Ui, bytes: u64) {
         let fits = self.fits(bytes);
         ui.label(format!("The file has {bytes} bytes{}", if fits.is_empty() { "." } else { ", as these have:" }));
@@ -175,7 +174,7 @@ impl Description {
         });
     }
 
-    /// Shapes and types that take all bytes of a file: those of the chosen type, cubes before stacks of square planes.
+    /// Shapes and types that take all bytes of a file: of the chosen type, cubes before stacks of square planes.
     fn fits(&self, bytes: u64) -> Vec<([u32; 3], VoxelType)> {
         let sets = u64::from(self.times.max(1)) * u64::from(self.channels.max(1));
         let body = bytes.saturating_sub(self.offset);
@@ -191,7 +190,7 @@ impl Description {
             let sides = (2..=MOST_VOXELS).filter(|side| count.is_multiple_of(side * side));
             let stacks = sides.map(|side| (side, count / (side * side)));
             for (side, planes) in stacks.filter(|(side, planes)| (2..=4 * side).contains(planes)) {
-                // Scanners' planes are mostly of such sides.
+                // Scanners' planes mostly have such sides.
                 let is_usual = side % 64 == 0 || side % 100 == 0 || side == planes;
                 let farness = (side as f64 / planes as f64).ln().abs() + if is_usual { 0.0 } else { 3.0 };
                 fits.push((farness, [side as u32, side as u32, planes as u32], voxel_type));

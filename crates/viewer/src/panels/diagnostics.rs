@@ -1,4 +1,4 @@
-//! Diagnostics: what frames take, how many bricks of each level are drawn, what has been read and uploaded, and what memory is in use of how much.
+//! Diagnostics: frame times, drawn bricks per level, bytes read and uploaded, and memory in use.
 
 use crate::canvas::{Canvas, FrameTimes};
 use crate::overlay::bricks::level_color;
@@ -8,10 +8,9 @@ use brickyard::stats::Percentiles;
 use brickyard::volume::numbers::significant;
 use eframe::egui::{Color32, Grid, ProgressBar, Sense, Ui, pos2, vec2};
 
-/// Height of the plot of frame times, in points, and the time that it is high, in milliseconds.
+/// Height of the plot of frame times, in points and in milliseconds.
 const PLOT: (f32, f32) = (48.0, 100.0);
 
-/// Shows how the scene's picture is made.
 pub(crate) fn show(ui: &mut Ui, views: &Views, window: &WindowState) {
     frames(ui, &views.main);
     ui.separator();
@@ -22,7 +21,7 @@ pub(crate) fn show(ui: &mut Ui, views: &Views, window: &WindowState) {
     memory(ui, views, window);
 }
 
-/// The last frames' times, and their percentiles.
+/// Shows the last frames' times, and their percentiles.
 fn frames(ui: &mut Ui, canvas: &Canvas) {
     let times = canvas.times();
     let (area, _) = ui.allocate_exact_size(vec2(ui.available_width(), PLOT.0), Sense::hover());
@@ -54,7 +53,7 @@ fn frames(ui: &mut Ui, canvas: &Canvas) {
     });
 }
 
-/// How many bricks of each level are drawn.
+/// Shows the number of drawn bricks per level.
 fn levels(ui: &mut Ui, canvas: &Canvas) {
     let mut counts = [0usize; 32];
     for cell in canvas.draw_lists().into_iter().flat_map(|list| &list.cells) {
@@ -69,7 +68,7 @@ fn levels(ui: &mut Ui, canvas: &Canvas) {
     }
 }
 
-/// What is wanted, there and failed, and what it has cost.
+/// Shows the wanted, resident and failed bricks, and their cost.
 fn bricks(ui: &mut Ui, canvas: &Canvas) {
     let Some(status) = canvas.status() else { return };
     let counters = &status.counters;
@@ -98,7 +97,6 @@ fn bricks(ui: &mut Ui, canvas: &Canvas) {
     });
 }
 
-/// What memory is in use, of how much.
 fn memory(ui: &mut Ui, views: &Views, window: &WindowState) {
     let (used, limits) = (views.memory_bytes(), views.budgets_bytes(window));
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);

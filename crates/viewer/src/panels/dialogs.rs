@@ -1,5 +1,5 @@
-//! Dialogs about files: which to open or to add, and where a picture, a scene or voxels are written to, and how large. A dialog stays until it gives a command or
-//! is closed.
+//! Dialogs about files: which to open or to add, and the name and size of a picture, scene or export to write. A dialog stays until it gives a
+//! command or is closed.
 
 use crate::command::{Command, PictureForm, Placing};
 use crate::exporting::Part;
@@ -13,51 +13,42 @@ use brickyard::volume::{Extent, Scene};
 use eframe::egui::{self, Button, DragValue, Key, RichText, TextEdit, Ui, pos2};
 use std::path::{Path, PathBuf};
 
-/// The file, in the folder that the window was opened from, that voxels are exported to.
+/// The file for exported voxels, in the folder the window was opened from.
 const VOXELS_FILE: &str = "brickyard.npy";
 
-/// The most pixels of a picture along an axis.
+/// Most pixels of a picture along an axis.
 const MOST_PX: u32 = 16384;
 
-/// The name under which files are written.
 const FILE_HINT: &str = "in the folder that the window was opened from, if it names none";
 
-/// What a dialog is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DialogKind {
-    /// Volumes that are shown in the place of others.
+    /// Volumes to show instead of others.
     Open,
-    /// Volumes and meshes that are shown beside others.
+    /// Volumes and meshes to show beside others.
     Add,
-    /// What a file does not say that was to be opened.
+    /// The description of a file that did not open without one.
     Describe(Placing),
-    /// The picture.
     SavePicture,
-    /// The window's document.
     SaveScene,
-    /// Voxels.
     Export,
 }
 
-/// A dialog that is shown.
 pub(crate) struct Dialog {
     kind: DialogKind,
-    /// The list of files to open.
     browser: FileBrowser,
     /// The file to write, or to describe.
     path: String,
-    /// What is said of the files that are opened.
+    /// The description of files to open.
     description: Description,
-    /// Why a file does not open with that.
+    /// The error of opening a file with it.
     problem: String,
-    /// The picture's width and height.
     size_px: (u32, u32),
-    /// What is drawn over the picture.
     marks: Marks,
 }
 
 impl Dialog {
-    /// A dialog about files of a folder, and a picture that is shown in a size, with marks over it.
+    /// Creates a dialog about files of a folder, and a picture of this shown size and marks.
     pub(crate) fn new(kind: DialogKind, folder: &Path, shown_px: (u32, u32), marks: Marks) -> Self {
         let path = match kind {
             DialogKind::Open | DialogKind::Add | DialogKind::Describe(_) => "",
@@ -76,17 +67,17 @@ impl Dialog {
         }
     }
 
-    /// Asks what a file is like that does not open with what is said of it so far.
+    /// Requests a better description of a file that does not open with `said`.
     pub(crate) fn ask_about(&mut self, path: &Path, said: Description, problem: String) {
         (self.path, self.description, self.problem) = (path.display().to_string(), said, problem);
     }
 
-    /// Whether the dialog is about files to open: it is done with once some are.
+    /// Whether the dialog is about files to open, and ends once some are.
     pub(crate) fn is_about_opening(&self) -> bool {
         matches!(self.kind, DialogKind::Open | DialogKind::Add)
     }
 
-    /// Shows the dialog over what a window shows of a scene of volumes. Returns whether it stays, and what it was told to do.
+    /// Shows the dialog over a window. Returns whether it stays, and its command.
     pub(crate) fn show(
         &mut self,
         egui: &egui::Context,
@@ -102,7 +93,7 @@ impl Dialog {
             DialogKind::Export => "Export voxels",
         };
         let mut is_open = true;
-        // Beside what an empty window says, below the menu.
+        // Beside the text of an empty window, below the menu.
         let corner = pos2(egui.content_rect().center().x - 120.0, 60.0);
         let window = egui::Window::new(title).open(&mut is_open).collapsible(false);
         let window = window.default_pos(corner).default_width(460.0);
@@ -122,7 +113,7 @@ impl Dialog {
         (!is_left && command.is_none(), command)
     }
 
-    /// The list of files, and below it what is said of the one that is chosen.
+    /// Shows the list of files, and the description of the chosen one.
     fn choose(&mut self, ui: &mut Ui, placing: Placing) -> Option<Command> {
         let path = self.browser.show(ui);
         let hint = "voxel size, labels, the axes of an array, the shape of a raw file";
@@ -135,7 +126,7 @@ impl Dialog {
         })
     }
 
-    /// The form for a file that does not say what it takes to read it.
+    /// Shows the form for a file that lacks metadata.
     fn describe(&mut self, ui: &mut Ui, placing: Placing) -> Option<Command> {
         let path = PathBuf::from(&self.path);
         ui.colored_label(ui.visuals().warn_fg_color, &self.problem);
@@ -176,7 +167,7 @@ impl Dialog {
         self.save(ui, "Save picture").map(|path| Command::SavePicture(path, form))
     }
 
-    /// A file that may be replaced, and the button to write it.
+    /// Shows a replaceable file's name, and the button to write it.
     fn save(&mut self, ui: &mut Ui, name: &str) -> Option<PathBuf> {
         let (path, is_entered) = self.file(ui);
         if path.exists() {
@@ -207,7 +198,7 @@ impl Dialog {
         (is_clicked || is_entered && problem.is_none()).then_some(Command::Export(path))
     }
 
-    /// The field for a file's name, and below it where that is. Returns it, and whether the Enter key ended it.
+    /// Shows a file's name and full path. Returns the path, and whether Enter ended it.
     fn file(&mut self, ui: &mut Ui) -> (PathBuf, bool) {
         let is_entered = row(ui, "file", FILE_HINT, |ui, label| {
             let field = TextEdit::singleline(&mut self.path).desired_width(f32::INFINITY);
@@ -221,7 +212,6 @@ impl Dialog {
     }
 }
 
-/// Whether voxels can be exported under a name.
 fn has_format(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "npy" || extension == "raw")
 }
@@ -238,7 +228,6 @@ mod tests {
     use egui_kittest::kittest::Queryable;
     use glam::DVec3;
 
-    /// A dialog, and what it gave.
     struct Shown {
         dialog: Dialog,
         stays: bool,
@@ -324,7 +313,7 @@ mod tests {
         let store = folder.path().join("a.zarr");
         pack(&source, &store, &PackOptions::new(VoxelType::U16), &()).unwrap();
         let volumes = vec![VolumeSource::open(&store).unwrap()];
-        // From the centre of a voxel to that of another one, both of which have a part in it.
+        // From the centre of one voxel to that of another, including parts of both.
         let clip = Some([DVec3::new(2.0, 3.0, 4.0), DVec3::new(7.0, 19.0, 8.0)]);
         let scene = Scene { clip, ..Scene::default() };
         let mut with_store = harness(DialogKind::Export, folder.path(), scene, volumes);

@@ -1,4 +1,4 @@
-//! What tests of panels look at: volumes of a program's own, and a scene of them.
+//! The fixture of the panels' tests: in-memory volumes, and a scene of them.
 
 use brickyard::pager::{BrickError, BrickSource};
 use brickyard::session::VolumeSource;
@@ -6,10 +6,9 @@ use brickyard::store::Histogram;
 use brickyard::volume::{BrickId, Extent, Geometry, Mesh, MeshLook, Pyramid, Scene, SceneLayer, VoxelType};
 use std::sync::Arc;
 
-/// Voxels along the axes of all volumes.
 pub(crate) const EXTENT: [u32; 3] = [16, 24, 32];
 
-/// Nothing, of one value, in two channels and three time steps.
+/// A volume of one value, in two channels and three time steps.
 struct Constant {
     pyramid: Pyramid,
     geometry: Geometry,
@@ -75,7 +74,7 @@ pub(crate) fn histogram() -> Histogram {
     Histogram { low: 0.0, width: 1.0, counts: (0..256).map(count).collect() }
 }
 
-/// Says so if a scene cannot be shown.
+/// Panics if a scene cannot be shown.
 #[track_caller]
 pub(crate) fn check(scene: &Scene, volumes: &[VolumeSource]) {
     let counts: Vec<_> = volumes.iter().map(VolumeSource::counts).collect();

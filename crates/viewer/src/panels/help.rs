@@ -1,12 +1,12 @@
-//! The help: what keys and pointer do.
+//! The help on keys and pointer.
 
 use crate::keys;
 use eframe::egui::{Grid, Rect, ScrollArea, Ui, Window, vec2};
 
-/// Space around the window, in points: its edges are taken hold of a little outside of it, too.
+/// Space around the window, in points: its edges can be grasped slightly outside, too.
 const MARGIN: f32 = 8.0;
 
-/// What the pointer does over the scene's picture.
+/// The pointer's gestures over the scene's picture.
 const POINTER: [(&str, &str); 9] = [
     ("drag", "turn around what is under the pointer"),
     ("shift + drag, or middle button", "move"),
@@ -19,7 +19,7 @@ const POINTER: [(&str, &str); 9] = [
     ("drag the dot of a clip plane, the tip of its arrow", "move the plane, turn it"),
 ];
 
-/// What the pointer does over a slice.
+/// The pointer's gestures over a slice.
 const PLANES: [(&str, &str); 6] = [
     ("drag", "move the point in which the slices meet"),
     ("wheel", "next slice"),
@@ -29,7 +29,7 @@ const PLANES: [(&str, &str); 6] = [
     ("alt + click on a label", "show it alone, or all again"),
 ];
 
-/// Shows the help, if it is open: at first over the pictures, for which `ui` has room left, and always below the menu.
+/// Shows the help, if open: at first over the pictures, in the free room of `ui`, and always below the menu.
 pub(crate) fn show(ui: &Ui, is_open: &mut bool, below_menu: Rect) {
     let within = below_menu.shrink(MARGIN);
     let size = vec2(560.0, 520.0).min(within.size());

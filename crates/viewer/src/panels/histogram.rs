@@ -1,5 +1,5 @@
-//! A channel's histogram, with a window that is dragged on it: by one of its ends, or whole by its middle. Counts are on a logarithmic scale, or on a
-//! linear one once a right click says so. Its axis and its bars serve the editor of transfer functions, too.
+//! A channel's histogram, with a window dragged by its ends, or whole by its middle. Counts are on a logarithmic scale, or a linear one chosen by a
+//! right click. The editor of transfer functions shares its axis and bars.
 
 use crate::drag::drag_by;
 use brickyard::store::Histogram;
@@ -8,10 +8,10 @@ use eframe::egui::{Color32, CursorIcon, Id, Rect, Response, Sense, Stroke, Ui, p
 
 const HEIGHT: f32 = 54.0;
 
-/// How near to an end of the window the pointer must be to take hold of it, in points.
+/// Grasping radius of the window's ends, in points.
 const REACH: f32 = 8.0;
 
-/// What of a window a hand has hold of.
+/// The window handle being dragged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Handle {
     Low,
@@ -19,7 +19,7 @@ enum Handle {
     Whole,
 }
 
-/// Shows a histogram and the window over it. Returns the window that the hand drags it to, the least value first.
+/// Shows a histogram and the window over it. Returns the dragged window, the least value first.
 pub(crate) fn show(ui: &mut Ui, histogram: &Histogram, window: [f64; 2]) -> Option<[f64; 2]> {
     let width = ui.available_width();
     let (area, response) = ui.allocate_exact_size(vec2(width, HEIGHT), Sense::click_and_drag());
@@ -35,7 +35,7 @@ pub(crate) fn show(ui: &mut Ui, histogram: &Histogram, window: [f64; 2]) -> Opti
     scale_menu(&response);
     let held: Id = response.id.with("held");
     if let Some(pointer) = response.interact_pointer_pos().filter(|_| response.drag_started()) {
-        // Where the button went down, the pointer may have left by now.
+        // The pointer may have left the place of the press by now.
         let from = ui.input(|input| input.pointer.press_origin()).unwrap_or(pointer);
         let handle = grasped(window.map(|value| axis.x(value)), from.x);
         ui.data_mut(|data| data.insert_temp(held, handle));
@@ -54,23 +54,21 @@ pub(crate) struct Axis {
 }
 
 impl Axis {
-    /// All values that the histogram or the window has.
+    /// The axis over all values of the histogram and the window.
     fn new(histogram: &Histogram, [low, high]: [f64; 2], area: Rect) -> Self {
         let end = histogram.low + histogram.width * histogram.counts.len() as f64;
         Self::over([histogram.low.min(low), end.max(high)], area)
     }
 
-    /// The values from one to another.
     pub(crate) fn over([least, greatest]: [f64; 2], area: Rect) -> Self {
         Self { least, greatest, area }
     }
 
-    /// The width in values.
+    /// Width in values.
     pub(crate) fn span(&self) -> f64 {
         (self.greatest - self.least).max(f64::MIN_POSITIVE)
     }
 
-    /// The values at both ends.
     pub(crate) fn ends(&self) -> [f64; 2] {
         [self.least, self.greatest]
     }
@@ -88,7 +86,7 @@ impl Axis {
     }
 }
 
-/// What a pointer takes hold of: the nearer end of the window if it is within reach or outside, else all of it.
+/// The handle grasped by a pointer: the nearer end of the window if within reach or outside, else all of it.
 fn grasped([low, high]: [f32; 2], at: f32) -> Handle {
     let (to_low, to_high) = ((at - low).abs(), (at - high).abs());
     let is_inside = low < at && at < high && to_low.min(to_high) > REACH.min(0.25 * (high - low));
@@ -99,7 +97,7 @@ fn grasped([low, high]: [f32; 2], at: f32) -> Handle {
     }
 }
 
-/// The window once what is held of it has been dragged by a difference of values. Its ends stay `least` apart.
+/// The window after dragging a handle by a difference of values. Its ends stay `least` apart.
 fn dragged([low, high]: [f64; 2], handle: Handle, by: f64, least: f64) -> [f64; 2] {
     match handle {
         Handle::Low => [(low + by).min(high - least), high],
@@ -108,7 +106,7 @@ fn dragged([low, high]: [f64; 2], handle: Handle, by: f64, least: f64) -> [f64; 
     }
 }
 
-/// The value under the pointer and how many voxels are in its bin, above what can be done.
+/// Shows the value under the pointer with its bin's voxel count, above the hint.
 pub(crate) fn hovered(response: Response, axis: &Axis, histogram: &Histogram, hint: &str) -> Response {
     let Some(pointer) = response.hover_pos() else { return response };
     let value = axis.value(pointer.x);
@@ -118,7 +116,7 @@ pub(crate) fn hovered(response: Response, axis: &Axis, histogram: &Histogram, hi
     response.on_hover_text_at_pointer(text)
 }
 
-/// A count with its thousands apart.
+/// A count with grouped thousands.
 fn grouped(count: u64) -> String {
     let digits = count.to_string();
     let mut text = String::new();
@@ -131,7 +129,6 @@ fn grouped(count: u64) -> String {
     text
 }
 
-/// Whether counts are shown on a linear scale.
 fn is_linear(ui: &Ui) -> bool {
     ui.data(|data| data.get_temp(scale_id())).unwrap_or(false)
 }
@@ -140,7 +137,7 @@ fn scale_id() -> Id {
     Id::unique("histograms are linear")
 }
 
-/// What a right click on a histogram offers.
+/// Offers the scales on a right click.
 fn scale_menu(response: &Response) {
     response.context_menu(|ui| {
         let mut is_linear = is_linear(ui);
@@ -154,7 +151,7 @@ fn scale_menu(response: &Response) {
     });
 }
 
-/// The bars of the counts, each in the colour of its least value.
+/// Draws the bars of the counts, each in the colour of its least value.
 pub(crate) fn bars(ui: &Ui, axis: &Axis, histogram: &Histogram, color: impl Fn(f64) -> Color32) {
     let (painter, area) = (ui.painter_at(axis.area), axis.area);
     let scaled: fn(u64) -> f64 = if is_linear(ui) { |count| count as f64 } else { |count| (count as f64).ln_1p() };

@@ -1,5 +1,5 @@
-//! The layers of a scene as a list. A layer is a line: whether it is shown, its name and its colour; opened, it has all that can be said of it. Layers are
-//! shown alone, copied, moved and removed here. Costs what its open layers cost: a closed one is a few shapes.
+//! The layers of a scene as a list. A layer is a line with its visibility, name and colour; opened, it shows all its settings. Layers are shown
+//! alone, copied, moved and removed here. Only open layers cost more than a few shapes.
 
 mod data;
 mod isosurfaces;
@@ -16,11 +16,10 @@ use eframe::egui::{
     Align, Button, Id, Label, Layout, Rect, Response, RichText, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
-/// Which layers are open.
 #[derive(Clone, Default)]
 struct Open(Vec<bool>);
 
-/// What is done with a layer as a whole.
+/// An action on a whole layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Change {
     Solo,
@@ -30,7 +29,7 @@ enum Change {
     Remove,
 }
 
-/// Shows the layers of a scene of these volumes. `picked` is the label under the pointer; functions that are to be saved are added to `saved`.
+/// Shows a scene's layers. `picked` is the label under the pointer; functions to be saved go to `saved`.
 pub(crate) fn show(
     ui: &mut Ui,
     scene: &mut Scene,
@@ -40,7 +39,7 @@ pub(crate) fn show(
 ) {
     let key = Id::unique("open layers");
     let mut open: Open = ui.data(|data| data.get_temp(key)).unwrap_or_default();
-    // With one layer there is nothing else to look at.
+    // A single layer is open from the start.
     open.0.resize(scene.layers.len(), scene.layers.len() == 1);
     let mut change = None;
     for layer in 0..scene.layers.len() {
@@ -59,7 +58,7 @@ pub(crate) fn show(
     ui.data_mut(|data| data.insert_temp(key, open));
 }
 
-/// The line of a layer. Returns what is to be done with the layer.
+/// Shows a layer's line. Returns the chosen action.
 fn line(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize, is_open: &mut bool) -> Option<Change> {
     let name = layer_name(scene, volumes, layer);
     let must_stay = must_stay(scene, layer);
@@ -92,7 +91,7 @@ fn line(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize, 
     change
 }
 
-/// Why a layer that is shown cannot be hidden.
+/// The reason a visible layer cannot be hidden, if any.
 fn must_stay(scene: &Scene, layer: usize) -> Option<&'static str> {
     if scene.parsed_expression().ok().flatten().is_some_and(|expression| expression.volumes().contains(&layer)) {
         return Some("the expression reads this layer");
@@ -101,12 +100,11 @@ fn must_stay(scene: &Scene, layer: usize) -> Option<&'static str> {
     is_last.then_some("the only layer that is shown: show another one first")
 }
 
-/// The number of layers that are shown.
+/// Number of visible layers.
 fn shown(scene: &Scene) -> usize {
     scene.layers.iter().filter(|layer| layer.visible).count()
 }
 
-/// The triangle that opens a layer.
 fn fold(ui: &mut Ui, is_open: &mut bool, name: &str) {
     let (area, response) = ui.allocate_exact_size(vec2(14.0, ui.spacing().interact_size.y), Sense::click());
     if response.clicked() {
@@ -118,7 +116,7 @@ fn fold(ui: &mut Ui, is_open: &mut bool, name: &str) {
     paint_default_icon(ui, if *is_open { 1.0 } else { 0.0 }, &icon);
 }
 
-/// An eye, struck out if the layer is hidden.
+/// Shows an eye, struck out if the layer is hidden.
 fn eye(ui: &mut Ui, is_visible: &mut bool, name: &str) -> Response {
     let (area, mut response) = ui.allocate_exact_size(vec2(20.0, ui.spacing().interact_size.y), Sense::click());
     if response.clicked() {
@@ -150,7 +148,7 @@ fn eye(ui: &mut Ui, is_visible: &mut bool, name: &str) -> Response {
     response
 }
 
-/// The colour of a layer: its own, or the brightest of its transfer function.
+/// Shows a layer's colour: its own, or the brightest of its transfer function.
 fn swatch(ui: &mut Ui, layer: &mut SceneLayer, volume: Option<&VolumeSource>, name: &str) {
     let function = volume.and_then(|volume| volume.function(layer).ok());
     let last = function.and_then(|function| function.color.last().copied()).unwrap_or([1.0; 4]);
@@ -162,7 +160,6 @@ fn swatch(ui: &mut Ui, layer: &mut SceneLayer, volume: Option<&VolumeSource>, na
     }
 }
 
-/// What a layer's menu offers.
 fn menu(ui: &mut Ui, scene: &Scene, layer: usize) -> Option<Change> {
     let count = scene.layers.len();
     let names = "the expression names layers by their places: clear it first";
@@ -186,7 +183,7 @@ fn menu(ui: &mut Ui, scene: &Scene, layer: usize) -> Option<Change> {
     change
 }
 
-/// All that can be said of a layer.
+/// Shows a layer's settings.
 fn body(
     ui: &mut Ui,
     scene: &mut Scene,
@@ -212,7 +209,7 @@ fn body(
     data::show(ui, scene, volumes, layer);
 }
 
-/// Does something with a layer as a whole. Each layer goes on showing its own volume, wherever it comes to stand.
+/// Performs an action. Each layer keeps its own volume, wherever it is moved.
 fn rearrange(scene: &mut Scene, layer: usize, change: Change, open: &mut Vec<bool>) {
     let stores: Vec<usize> = (0..scene.layers.len()).map(|layer| scene.store(layer)).collect();
     let mut layers: Vec<_> = scene.layers.drain(..).zip(stores).zip(open.drain(..)).collect();

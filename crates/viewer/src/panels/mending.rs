@@ -1,15 +1,16 @@
-//! What a choice asks of the rest of the scene. What a mode cannot have is left out, and what it needs is added, so that every mode is one click away.
+//! Adapts the rest of a scene to a choice, dropping everything the new mode cannot have and adding everything it needs, so that every mode is one
+//! click away.
 
 use brickyard::session::VolumeSource;
 use brickyard::volume::{
     Expression, Isosurface, LightingModel, Method, Mode, PixelSamples, Scene, SceneExpression, SceneLayer,
 };
 
-/// Shows a scene of these volumes in another mode. Projections have neither light nor surfaces, and no translucent meshes; slices are projections; methods
-/// of sampling are those of fog; and surfaces begin in the middle of the window.
+/// Switches a scene to another mode. Projections have neither light nor surfaces nor translucent meshes; slices are projections; sampling methods are
+/// for fog; and surfaces start in the middle of the window.
 pub(crate) fn set_mode(scene: &mut Scene, volumes: &[VolumeSource], mode: Mode) {
     let had_light = !scene.mode.is_projection() || scene.lighting.model != LightingModel::None;
-    // Projections show values as they are; what is left of them is as it is first shown.
+    // Projections show plain values; leaving them restores the initial look.
     if mode.is_projection() {
         scene.pixel_samples = PixelSamples::ONE;
     } else if scene.mode.is_projection() {
@@ -17,7 +18,7 @@ pub(crate) fn set_mode(scene: &mut Scene, volumes: &[VolumeSource], mode: Mode) 
     }
     scene.mode = mode;
     if mode == Mode::Dvr && !had_light {
-        // As fog is first shown.
+        // The initial look of fog.
         set_light(scene, LightingModel::Phong);
     }
     if mode != Mode::Dvr {
@@ -36,7 +37,7 @@ pub(crate) fn set_mode(scene: &mut Scene, volumes: &[VolumeSource], mode: Mode) 
     }
 }
 
-/// A surface in the middle of the window for every layer from one on that can have one.
+/// Adds a surface in the middle of the window to each eligible layer from `first` on.
 pub(crate) fn add_surfaces(scene: &mut Scene, volumes: &[VolumeSource], first: usize) {
     for i in first..scene.layers.len() {
         let volume = volumes.get(scene.store(i)).filter(|volume| !volume.source.is_labels());
@@ -47,7 +48,7 @@ pub(crate) fn add_surfaces(scene: &mut Scene, volumes: &[VolumeSource], first: u
     }
 }
 
-/// Takes surfaces away that layers were lent. A layer that has others, or more, keeps all.
+/// Removes lent surfaces. A layer with other or more surfaces keeps them all.
 pub(crate) fn take_surfaces(scene: &mut Scene, lent: &[Isosurface]) {
     for layer in &mut scene.layers {
         let is_lent = matches!(&layer.isosurfaces[..], [only] if lent.contains(only));
@@ -56,8 +57,8 @@ pub(crate) fn take_surfaces(scene: &mut Scene, lent: &[Isosurface]) {
     drop_idle_lights(scene);
 }
 
-/// Shows an expression over the layers in their place, or the layers again. An expression's values have its own look, so the layers lose theirs; the layers
-/// that it reads are shown.
+/// Shows an expression in the place of the layers, or the layers again. An expression has its own look, so the layers lose theirs; the layers it
+/// reads become visible.
 pub(crate) fn set_expression(scene: &mut Scene, volumes: &[VolumeSource], text: Option<String>) {
     let Some(text) = text else {
         scene.expression = None;
@@ -79,13 +80,12 @@ pub(crate) fn set_expression(scene: &mut Scene, volumes: &[VolumeSource], text: 
     scene.expression = Some(SceneExpression { text, transfer });
 }
 
-/// Lights a scene by another model.
 pub(crate) fn set_light(scene: &mut Scene, model: LightingModel) {
     scene.lighting.model = model;
     drop_idle_lights(scene);
 }
 
-/// Leaves out lights that have nothing to light.
+/// Removes lights without anything to light.
 pub(crate) fn drop_idle_lights(scene: &mut Scene) {
     let has_surfaces = scene.layers.iter().any(|layer| !layer.isosurfaces.is_empty());
     if scene.lighting.model == LightingModel::None && !has_surfaces {

@@ -1,4 +1,4 @@
-//! The menu: files, edits, and what the window is like.
+//! The menu: files, edits, and the look of the window.
 
 use crate::command::{Command, PictureForm};
 use crate::keys::{self, PICTURE_FILE, SCENE_FILE};
@@ -7,33 +7,29 @@ use crate::state::{Budgets, Layout, PlaneFilter, State, Theme, Tool};
 use eframe::egui::{Button, DragValue, MenuBar, Slider, Ui};
 use std::path::PathBuf;
 
-/// What the menu is about.
+/// The menu's data.
 pub(crate) struct Subject<'a> {
-    /// What was opened last, newest first.
+    /// Recently opened paths, newest first.
     pub(crate) recent: &'a [PathBuf],
     /// Whether there is something to add to, and to save.
     pub(crate) has_volumes: bool,
-    /// Whether it is a patient.
     pub(crate) is_patient: bool,
-    /// Whether an edit can be undone, and one be done again.
+    /// Whether an edit can be undone, and one redone.
     pub(crate) history: (bool, bool),
-    /// The limits of memory now.
     pub(crate) budgets: Budgets,
-    /// A dialog that is asked for.
     pub(crate) wanted: &'a mut Option<DialogKind>,
 }
 
-/// An entry with the key that does the same.
+/// An entry with its shortcut key.
 fn entry<'a>(ui: &Ui, text: impl Into<String>, effect: &str) -> Button<'a> {
     Button::new(text.into()).shortcut_text(keys::shown(ui.ctx(), effect))
 }
 
-/// The name of something that a key switches, with the key.
+/// The name of a switch with its key.
 fn switch(ui: &Ui, name: &str, effect: &str) -> String {
     format!("{name} ({})", keys::shown(ui.ctx(), effect))
 }
 
-/// Shows the menu.
 pub(crate) fn show(ui: &mut Ui, state: &mut State, subject: Subject<'_>, commands: &mut Vec<Command>) {
     let Subject { is_patient, history: (can_undo, can_redo), budgets, .. } = subject;
     MenuBar::new().ui(ui, |ui| {
@@ -90,7 +86,7 @@ fn files(ui: &mut Ui, subject: Subject<'_>, commands: &mut Vec<Command>) {
     }
     ui.menu_button("Open again", |ui| {
         for path in recent {
-            // One that is gone is shown as such: its disk may come back.
+            // A missing path is greyed out: its disk may come back.
             let button = Button::new(path.display().to_string());
             if ui.add_enabled(path.exists(), button).clicked() {
                 commands.push(Command::Open(vec![path.clone()]));
@@ -186,7 +182,6 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::{NodeT, Queryable};
 
-    /// What clicks, one after the other, make of a window's state, and the commands that they give.
     fn clicked(labels: &[&str]) -> (State, Vec<Command>) {
         let show = |ui: &mut Ui, (state, commands): &mut (State, Vec<Command>)| {
             let subject = Subject {

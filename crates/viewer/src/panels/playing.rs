@@ -1,5 +1,5 @@
-//! The row of time steps below the pictures: play or stop, where among the steps the picture is and which of them are ready, and how they are played. Over the
-//! bar lies the curve of a voxel's values, if it is asked for.
+//! The row of time steps below the pictures: play or stop, the bar of steps with the current and the ready ones, and the playback settings. The curve
+//! of a voxel's values lies over the bar, if requested.
 
 use crate::panels::widgets::{Choices, log_slider, switch};
 use crate::play::{Ending, Play, Policy, RATES};
@@ -14,7 +14,7 @@ use eframe::egui::{
 };
 use std::fmt::Write;
 
-/// The row's height without and with a curve, and the width of the words about a step, in points.
+/// Height of the row without and with a curve, and width of a step's text, in points.
 const HEIGHT: f32 = 22.0;
 const CURVE_HEIGHT: f32 = 72.0;
 const WORDS_WIDTH: f32 = 230.0;
@@ -31,29 +31,25 @@ const POLICIES: Choices<'_, Policy> = &[
     (Policy::EveryStep, "every step", "every step is shown, whole, however long that takes"),
 ];
 
-/// What the row shows of the pictures.
+/// The row's data.
 pub(crate) struct Steps<'a> {
-    /// All steps.
     pub(crate) timeline: &'a Timeline,
-    /// The step of the picture that is seen, which words are about; `None` before the first picture. Another one than is asked for is seen until that can be.
+    /// The visible picture's step, for the text; `None` before the first. It may lag behind the requested step.
     pub(crate) seen: Option<u32>,
-    /// Those that come next.
     pub(crate) coming: &'a [ComingStep],
-    /// The values of a voxel at all steps.
     pub(crate) curve: Option<&'a ValueCurve>,
 }
 
-/// Room for the row, which is [shown](show) once the pictures are drawn: so it says which step they show.
+/// Reserves room for the row, to be [shown](show) once the pictures are drawn, so that it names their step.
 pub(crate) fn room(ui: &mut Ui, play: &Play) -> Rect {
     ui.allocate_exact_size(vec2(ui.available_width(), height(play)), Sense::hover()).0
 }
 
-/// The row's height.
 fn height(play: &Play) -> f32 {
     if play.curve { CURVE_HEIGHT } else { HEIGHT }
 }
 
-/// Shows the row, of a timeline of several steps, and edits which step is asked for and how steps are played.
+/// Shows the row of a timeline of several steps, and edits the requested step and the playback.
 pub(crate) fn show(ui: &mut Ui, (time, play): (&mut u32, &mut Play), steps: &Steps<'_>) {
     let height = height(play);
     ui.allocate_ui_with_layout(vec2(ui.available_width(), height), Layout::left_to_right(Align::Center), |ui| {
@@ -90,7 +86,7 @@ fn how(ui: &mut Ui, play: &mut Play) {
     switch(ui, "curve", hint, &mut play.curve);
 }
 
-/// Which step it is, and which is the last (as napari says it), when it was taken, and the values of a curve there.
+/// A step's text: its number and the last one (as in napari), its time, and the values of a curve.
 fn words(time: u32, steps: &Steps<'_>) -> String {
     let mut words = format!("step {time} / {}", steps.timeline.steps() - 1);
     // Writing to a string cannot fail.
@@ -111,7 +107,7 @@ fn words(time: u32, steps: &Steps<'_>) -> String {
     words
 }
 
-/// A bar of all steps: the one that is shown, which of those that come next are ready, and a curve over them. A drag jumps.
+/// Shows a bar of all steps: the shown one, the coming ones that are ready, and a curve over them. A drag jumps.
 fn bar(ui: &mut Ui, time: &mut u32, height: f32, steps: &Steps<'_>) -> Response {
     let (area, mut response) = ui.allocate_exact_size(vec2(ui.available_width(), height), Sense::click_and_drag());
     let count = steps.timeline.steps();
@@ -125,7 +121,7 @@ fn bar(ui: &mut Ui, time: &mut u32, height: f32, steps: &Steps<'_>) -> Response 
     }
     let of_step = |step: u32| {
         let at = |step: u32| area.left() + area.width() * step as f32 / count as f32;
-        // At least as wide as can be seen.
+        // Wide enough to be visible.
         Rect::from_min_max(pos2(at(step), area.top()), pos2(at(step + 1).max(at(step) + 2.0), area.bottom()))
     };
     let visuals = ui.visuals();
@@ -145,12 +141,12 @@ fn bar(ui: &mut Ui, time: &mut u32, height: f32, steps: &Steps<'_>) -> Response 
     response.on_hover_text("drag to jump; what comes next is marked as it gets ready")
 }
 
-/// Draws a line for each channel of a curve, the first one in the colour of text. A line is broken where a step has no value.
+/// Draws a line for each channel of a curve, the first in the text colour. Lines break at steps without a value.
 fn draw_curve(painter: &Painter, first: Color32, area: Rect, steps: &Steps<'_>) {
     let Some((curve, (low, high))) = steps.curve.and_then(|curve| Some((curve, curve.range()?))) else { return };
     let count = steps.timeline.steps();
     let place = |step: u32, value: f64| -> Pos2 {
-        // What never changes lies in the middle.
+        // A constant curve lies in the middle.
         let part = if high > low { (value - low) / (high - low) } else { 0.5 };
         let x = area.left() + area.width() * (step as f32 + 0.5) / count as f32;
         pos2(x, area.bottom() - area.height() * part as f32)
@@ -159,14 +155,14 @@ fn draw_curve(painter: &Painter, first: Color32, area: Rect, steps: &Steps<'_>) 
         let [r, g, b] = LINE_COLORS[channel % LINE_COLORS.len()];
         let color = if channel == 0 { first } else { Color32::from_rgb(r, g, b) };
         let values = (0..count).filter_map(|step| {
-            // Steps that have not been read are passed over.
+            // Unread steps are skipped.
             let values = curve.steps.get(steps.timeline.step_of(curve.volume, step) as usize)?;
             Some((step, *values.get(channel)?))
         });
         let values: Vec<(u32, f64)> = values.collect();
         for run in values.split(|(_, value)| !value.is_finite()).filter(|run| !run.is_empty()) {
             let mut points: Vec<Pos2> = run.iter().map(|(step, value)| place(*step, *value)).collect();
-            // A value alone is a line too.
+            // A single value is a line too.
             points.extend(points.first().filter(|_| run.len() == 1).map(|point| *point + vec2(1.5, 0.0)));
             painter.line(points, (1.5, color));
         }

@@ -1,4 +1,4 @@
-//! The window of the three slices: which values are black and white there, whatever the layer shows in the volume's picture.
+//! The window of the three slices: their black and white values, independent of the layer's look in the volume's picture.
 
 use crate::panels::layers::style::shown;
 use crate::panels::widgets::{group, number, row};
@@ -12,22 +12,21 @@ use eframe::egui::Ui;
 const TOMOGRAPHY: [(&str, [f64; 2]); 4] =
     [("soft tissue", [-160.0, 240.0]), ("brain", [0.0, 80.0]), ("lung", [-1350.0, 150.0]), ("bone", [-500.0, 1300.0])];
 
-/// The values that slices of a scene show as black and as white: their own, or those of the first layer that is shown. `None` if that layer has no such
-/// values, but labels, or an expression in its place.
+/// The black and white values of a scene's slices: their own, or the first visible layer's. `None` if that has labels, or an expression in its place.
 pub(crate) fn shown_window(planes: &Planes, scene: &Scene, volumes: &[VolumeSource]) -> Option<[f64; 2]> {
     let layer = first_shown(scene).filter(|_| scene.expression.is_none())?;
     let volume = volumes.get(scene.store(layer)).filter(|volume| !volume.source.is_labels())?;
     Some(planes.window.unwrap_or_else(|| shown(&scene.layers[layer], volume)))
 }
 
-/// A window after a drag by parts of a picture's height: to the right it is wider, upwards all is brighter.
+/// The window after a drag by parts of a picture's height: wider to the right, brighter upwards.
 pub(crate) fn dragged([low, high]: [f64; 2], right: f64, down: f64) -> [f64; 2] {
     let width = (high - low) * (2.0 * right).exp();
     let middle = 0.5 * (low + high) + down * (high - low);
     [middle - 0.5 * width, middle + 0.5 * width]
 }
 
-/// Shows the window of the slices, barred while there are none: nothing moves when they come and go.
+/// Shows the window of the slices, disabled without them, so that nothing moves when they come and go.
 pub(crate) fn show(ui: &mut Ui, window: &mut WindowState, scene: &Scene, volumes: &[VolumeSource]) {
     group(ui, "three slices", "which values are black and white in the slices beside the volume", |ui| {
         let are_shown = window.layout == Layout::Planes;
@@ -70,7 +69,7 @@ fn window_of(ui: &mut Ui, planes: &mut Planes, scene: &Scene, volumes: &[VolumeS
     });
 }
 
-/// Whether the first layer that is shown may have Hounsfield units: from about that of air to more than that of soft tissue.
+/// Whether the first visible layer may have Hounsfield units: from about air to above soft tissue.
 fn is_tomography(scene: &Scene, volumes: &[VolumeSource]) -> bool {
     let range = first_shown(scene).and_then(|layer| {
         let volume = volumes.get(scene.store(layer))?;

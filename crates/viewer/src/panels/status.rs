@@ -1,4 +1,4 @@
-//! The line below the picture: how far it is, what it takes, and what went wrong last.
+//! The line below the picture: its progress, its memory, and the last problem.
 
 use crate::canvas::Canvas;
 use crate::panels::widgets::problem_color;
@@ -7,47 +7,44 @@ use crate::views::Views;
 use brickyard::session::VolumeSource;
 use eframe::egui::{Align, Color32, Label, Layout, RichText, TextStyle, TextWrapMode, Ui, vec2};
 
-/// The line's height, in points.
+/// Height of the line, in points.
 const HEIGHT: f32 = 20.0;
 
-/// The part of the line's left that a problem takes at most, with its button's width in points. The rest is for what is under the pointer.
+/// Largest share of the line's left for a problem, and the width of its button in points. The rest is for the read-out.
 const MOST_OF_PROBLEM: f32 = 0.5;
 const DISMISS: f32 = 70.0;
 
 /// Space behind a note, in points.
 const GAP: f32 = 16.0;
 
-/// What is said of projections that may lose extremes.
+/// Warnings about projections.
 const LOST: &str = "This projection is drawn at a coarse level, whose voxels are not the extremes of those in them: specks may be fainter than they are, or missing. \
                     Level 0 (View: level) draws all voxels, and a store packed with --downsample mean,max (or mean,min) loses none at any level.";
 
 const PAST_CUTS: &str = "This projection is drawn at a coarse level. Its voxels at a cut hold the extremes of both sides: what lies up to one of them behind the cut may \
                          show. Level 0 (View: level) cuts exactly.";
 
-/// What the line says on its left.
+/// The texts on the line's left.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Said<'a> {
-    /// What has gone wrong.
     pub(crate) problem: Option<&'a str>,
-    /// What has been done.
     pub(crate) note: Option<&'a str>,
-    /// What is under the pointer.
     pub(crate) picked: Option<&'a ReadOut>,
 }
 
-/// What has become of a problem in the line.
+/// The outcome of showing a problem in the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
-    /// It is said, if there is one.
+    /// It is shown, if there is one.
     Said,
-    /// It is too long: it is to be said elsewhere.
+    /// It is too long, and has to be shown elsewhere.
     TooLong,
-    /// It is to be said no more.
+    /// The user has dismissed it.
     PutAway,
 }
 
-/// Shows how far the pictures are; `None` of an empty window. It is one line, whatever it says: if its height changed, so would the picture's size, and the picture
-/// would have to be drawn again. Returns what has become of the problem.
+/// Shows the progress of the pictures; `None` for an empty window. It is always one line: another height would change the picture's size and cause a
+/// redraw. Returns the problem's outcome.
 pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, said: &Said<'_>) -> Outcome {
     let line =
         ui.allocate_ui_with_layout(vec2(ui.available_width(), HEIGHT), Layout::right_to_left(Align::Center), |ui| {
@@ -59,7 +56,7 @@ pub(crate) fn show(ui: &mut Ui, views: Option<&Views>, said: &Said<'_>) -> Outco
     line.inner
 }
 
-/// What the line says on its left. Where a problem is said is the same wherever the pointer is.
+/// Shows the texts on the line's left. The pointer does not affect a problem's place.
 fn left(ui: &mut Ui, said: &Said<'_>) -> Outcome {
     let has_room = |text: &str| width(ui, text, TextStyle::Body) + DISMISS < MOST_OF_PROBLEM * ui.available_width();
     let outcome = match said.problem {
@@ -71,7 +68,7 @@ fn left(ui: &mut Ui, said: &Said<'_>) -> Outcome {
     outcome
 }
 
-/// Shows what has gone wrong, as far as one line has room, or in several. Returns whether it is to be said no more.
+/// Shows a problem, truncated to one line or wrapped. Returns whether it was dismissed.
 pub(crate) fn problem(ui: &mut Ui, problem: &str, wrap: TextWrapMode) -> bool {
     ui.horizontal(|ui| {
         let is_put_away = ui.small_button("dismiss").on_hover_text("says this no more").clicked();
@@ -82,7 +79,7 @@ pub(crate) fn problem(ui: &mut Ui, problem: &str, wrap: TextWrapMode) -> bool {
     .inner
 }
 
-/// A note, as far as it has room before what is under the pointer.
+/// Shows a note, in the room before the read-out.
 fn words(ui: &mut Ui, said: &Said<'_>) {
     let room = ui.available_width();
     let note = said.note.map(|note| (one_line(note), width(ui, &one_line(note), TextStyle::Body) + GAP));
@@ -99,17 +96,16 @@ fn words(ui: &mut Ui, said: &Said<'_>) {
     }
 }
 
-/// The width of a text in one line, in points.
+/// Width of a text in one line, in points.
 fn width(ui: &Ui, text: &str, style: TextStyle) -> f32 {
     ui.painter().layout_no_wrap(text.into(), style.resolve(ui.style()), Color32::WHITE).size().x
 }
 
-/// A text without breaks.
 fn one_line(text: &str) -> String {
     text.lines().collect::<Vec<_>>().join(" ")
 }
 
-/// How far the pictures are, and what memory they take, from right to left.
+/// Shows the progress of the pictures, and their memory, from right to left.
 fn progress(ui: &mut Ui, views: &Views) {
     let (backend, host) = views.memory_bytes();
     let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
@@ -130,7 +126,7 @@ fn progress(ui: &mut Ui, views: &Views) {
     ui.separator();
 }
 
-/// How far a picture is, in words.
+/// The progress of a picture, in words.
 fn state(canvas: &Canvas) -> String {
     if canvas.is_failing() {
         return "not drawn".into();
@@ -162,7 +158,6 @@ mod tests {
     use egui_kittest::Harness;
     use egui_kittest::kittest::Queryable;
 
-    /// The line in a window of some width, and the problem's outcome so far.
     fn harness<'a>(width: f32, said: (Option<&'a str>, Option<&'a str>, &'a ReadOut)) -> Harness<'a, Outcome> {
         let (problem, note, picked) = said;
         let show = move |ui: &mut Ui, outcome: &mut Outcome| {

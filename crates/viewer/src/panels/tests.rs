@@ -1,4 +1,4 @@
-//! What panels owe: every field of a scene has a control, and looking changes nothing.
+//! Tests of all panels: every field of a scene has a control, and looking changes nothing.
 
 use super::*;
 use brickyard::volume::{
@@ -11,8 +11,7 @@ use egui_kittest::kittest::{By, NodeT, Queryable};
 use glam::DVec3;
 use std::collections::BTreeSet;
 
-/// Every field of a scene, as JSON has it, and the name of a control that edits it. A field of the scene that is not here, or whose control is gone, fails the
-/// test below.
+/// Every field of a scene in JSON, with its control. A missing field or control fails the test below.
 const FIELDS: [(&str, &str); 48] = [
     ("background", "colour"),
     ("camera.eye", "eye"),
@@ -67,7 +66,6 @@ const FIELDS: [(&str, &str); 48] = [
 /// Width of the panel in points.
 const WIDTH: f32 = 260.0;
 
-/// Headings of groups.
 const GROUPS: [&str; 13] = [
     "slice",
     "clip box",
@@ -84,7 +82,7 @@ const GROUPS: [&str; 13] = [
     "data",
 ];
 
-/// Scenes in which every field has a value.
+/// Scenes with a value in every field.
 fn scenes() -> Vec<Scene> {
     let camera = Some(Camera::looking_at_box((DVec3::ZERO, DVec3::splat(20.0))));
     let image = SceneLayer {
@@ -152,7 +150,6 @@ fn harness<'a>(scene: &Scene, theme: eframe::egui::Theme) -> Harness<'a, Scene> 
     harness
 }
 
-/// Opens all groups that there are.
 fn open_groups<S>(harness: &mut Harness<'_, S>) {
     for group in GROUPS {
         if let Some(heading) = harness.query_by_role_and_label(eframe::egui::accesskit::Role::DisclosureTriangle, group)
@@ -163,7 +160,7 @@ fn open_groups<S>(harness: &mut Harness<'_, S>) {
     }
 }
 
-/// The paths of all fields of a JSON document; lists of objects are as one object.
+/// The paths of all fields of a JSON document; lists of objects count as one object.
 fn fields(value: &serde_json::Value, path: &str, found: &mut BTreeSet<String>) {
     use serde_json::Value;
     let inner = |name: &str| if path.is_empty() { name.to_string() } else { format!("{path}.{name}") };
@@ -247,7 +244,7 @@ fn nothing_is_wider_than_the_panel() {
         let harness = harness(&scene, eframe::egui::Theme::Dark);
         let nodes = harness.query_all(By::new());
         let right = |node: &egui_kittest::Node<'_>| node.accesskit_node().raw_bounds().map_or(0.0, |bounds| bounds.x1);
-        // Half a point is what rounding to pixels may take.
+        // Rounding to pixels may take half a point.
         let is_wide = |right: f64| right > f64::from(WIDTH) + 0.5;
         let wide = nodes.filter(|node| is_wide(right(node))).map(|node| format!("{} {node:?}", right(&node)));
         let wide: Vec<_> = wide.collect();

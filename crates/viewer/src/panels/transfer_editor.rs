@@ -1,6 +1,6 @@
-//! The editor of a layer's transfer function: opacity as a curve over the histogram, colours as a strip below. Points are dragged, added by a double click,
-//! and removed by a right click. The first edit of a preset writes it out as a function of the layer's own, which looks the same. Costs a copy of the
-//! function's points in each frame in which it is open.
+//! The editor of a layer's transfer function: opacity as a curve over the histogram, colours as a strip below. Points are dragged, added by a double
+//! click, and removed by a right click. The first edit of a preset writes it out as the layer's own function of the same look. Costs a copy of the
+//! function's points per frame while open.
 
 mod plot;
 mod points;
@@ -20,16 +20,16 @@ use std::sync::Arc;
 
 const HINT: &str = "which opacity and which colour each value has";
 
-/// More colour points than this are a table; they are edited as the few that look the same.
+/// Most colour points edited directly; a longer table is reduced to a few of the same look.
 const FEW_COLORS: usize = 24;
 
-/// By how much colours may change when a table becomes few points.
+/// Largest change of colours in that reduction.
 const TOLERANCE: f64 = 1.5 / 255.0;
 
-/// The fewest points of opacity: one alone would make the function flat.
+/// Fewest points of opacity: one alone would make the function flat.
 const FEWEST: usize = 2;
 
-/// A transfer function that the hand wants in a file.
+/// A transfer function to be saved to a file.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct SavedFunction {
     pub(crate) path: PathBuf,
@@ -37,7 +37,7 @@ pub(crate) struct SavedFunction {
 }
 
 impl SavedFunction {
-    /// Writes the file, as JSON that is read again by scenes and by the editor.
+    /// Writes the file, as JSON for scenes and the editor to read.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -54,14 +54,14 @@ enum Point {
     Color(usize),
 }
 
-/// What the editor remembers from frame to frame.
+/// The editor's state between frames.
 #[derive(Clone)]
 struct State {
     selected: Option<Point>,
     /// Whether the window fills the width.
     is_zoomed: bool,
     path: String,
-    /// What a file had to say.
+    /// The remarks or the error of the last loaded file.
     message: Result<String, String>,
 }
 
@@ -71,7 +71,7 @@ impl Default for State {
     }
 }
 
-/// Shows the transfer function of a layer that shows measurements of a volume. Functions that are to be saved are added to `saved`.
+/// Shows the transfer function of a layer of measurements. Functions to be saved go to `saved`.
 pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, saved: &mut Vec<SavedFunction>) {
     let channel = volume.statistics(layer.channel);
     let histogram = channel.map(|channel| &channel.histogram);
@@ -107,7 +107,7 @@ fn edit(
     ui.data_mut(|data| data.insert_temp(key, state));
 }
 
-/// The values at both ends of the width: the window, or all values that the volume or the function has.
+/// The values at both ends of the width: the window, or the full range of the volume and the function.
 fn ends(layer: &SceneLayer, volume: &VolumeSource, function: &TransferFunction, is_zoomed: bool) -> [f64; 2] {
     let [low, high] = style::shown(layer, volume);
     if is_zoomed && low < high {
@@ -119,17 +119,16 @@ fn ends(layer: &SceneLayer, volume: &VolumeSource, function: &TransferFunction, 
     if least < greatest { [least, greatest] } else { [least - 0.5, least + 0.5] }
 }
 
-/// How near to each other points may come: about a point of the screen.
+/// Least distance between points: about a point of the screen.
 fn least([low, high]: [f64; 2]) -> f64 {
     (high - low) / 400.0
 }
 
-/// The colour points that are edited.
+/// The editable colour points.
 fn few(colors: &[[f64; 4]]) -> Vec<[f64; 4]> {
     if colors.len() > FEW_COLORS { simplified(colors, TOLERANCE) } else { colors.to_vec() }
 }
 
-/// The numbers of the point that is selected.
 fn selected(
     ui: &mut Ui,
     function: &mut TransferFunction,
@@ -181,7 +180,7 @@ fn removes(ui: &mut Ui, can: bool) -> bool {
     button.on_disabled_hover_text("the function needs its last points").clicked()
 }
 
-/// What a function has besides its curve.
+/// Shows a function's settings besides its curve.
 fn extras(ui: &mut Ui, function: &mut TransferFunction, volume: &VolumeSource, state: &mut State) {
     let unit = brickyard::overlay::unit(std::slice::from_ref(volume), volume.place().is_anatomical);
     let hint = "the distance in the world over which the opacity is collected: a longer one makes everything thinner";
@@ -208,7 +207,6 @@ fn extras(ui: &mut Ui, function: &mut TransferFunction, volume: &VolumeSource, s
     });
 }
 
-/// Reading, writing, and starting anew.
 fn files(
     ui: &mut Ui,
     layer: &mut SceneLayer,
@@ -246,7 +244,7 @@ fn files(
     }
 }
 
-/// Gives a layer the function of a file. Returns what is to be said of it, which is nothing or a remark a line.
+/// Gives a layer the function of a file. Returns remarks, if any, one per line.
 fn load(layer: &mut SceneLayer, volume: &VolumeSource, path: &Path) -> Result<String, String> {
     let text = read_text(path).map_err(|error| error.to_string())?;
     let read = file::read(&text, None, &volume.subject(layer.channel));
@@ -257,7 +255,7 @@ fn load(layer: &mut SceneLayer, volume: &VolumeSource, path: &Path) -> Result<St
     Ok(imported.remarks.join("\n"))
 }
 
-/// What the keys do to the point that is selected: the change of its value and of its opacity, and whether it is removed. `step` is a step in values.
+/// Keyboard changes to the selected point's value, in multiples of `step`, and to its opacity; and whether it is removed.
 fn keys(ui: &Ui, response: &Response, step: f64) -> ([f64; 2], bool) {
     if !response.has_focus() {
         return ([0.0; 2], false);

@@ -1,4 +1,4 @@
-//! How a scene is looked at: mode, side, time step, and in groups that are folded away all else that is not a layer's own.
+//! The view of a scene: mode, side, time step, and, in folded groups, all else that is not a layer's own.
 
 mod camera;
 mod clipping;
@@ -19,7 +19,7 @@ use brickyard::volume::{Mode, Projection, Scene, Viewpoint};
 use eframe::egui::{Button, Ui};
 use glam::DVec3;
 
-/// The modes, their names in commands, and what they show.
+/// The modes, their names in commands, and their meanings.
 const MODES: [(Mode, &str, &str); 5] = [
     (Mode::Dvr, "dvr", "direct volume rendering: fog that glows and hides what is behind it"),
     (Mode::Mip, "mip", "maximum intensity projection: the greatest value along each ray"),
@@ -28,13 +28,13 @@ const MODES: [(Mode, &str, &str); 5] = [
     (Mode::Isosurface, "isosurface", "surfaces where the volume has one value, and nothing else"),
 ];
 
-/// The world that a scene of volumes shows.
+/// The visible world.
 struct World<'a> {
     /// Its least and greatest corner.
     low: DVec3,
     high: DVec3,
     is_anatomical: bool,
-    /// The unit of its distances; empty if that is not known.
+    /// The unit of its distances; empty if unknown.
     unit: &'a str,
 }
 
@@ -51,13 +51,13 @@ impl<'a> World<'a> {
         0.5 * (self.low + self.high)
     }
 
-    /// Its sides with their names: a patient's, or the directions of the axes.
+    /// Its named sides: a patient's, or the directions of the axes.
     fn sides(&self) -> impl Iterator<Item = (&'static str, Viewpoint)> {
         let is_anatomical = self.is_anatomical;
         Viewpoint::all().filter(move |(_, side)| matches!(side, Viewpoint::Patient(_)) == is_anatomical)
     }
 
-    /// The length of its diagonal.
+    /// Length of its diagonal.
     fn size(&self) -> f64 {
         self.low.distance(self.high)
     }
@@ -69,8 +69,8 @@ impl<'a> World<'a> {
     }
 }
 
-/// Shows the mode, side and time step of a scene of these volumes. What moves the camera is added to `commands`. While steps are played the row below the
-/// pictures alone names the step: it is shown once they are drawn.
+/// Shows the mode, side and time step of a scene. Camera motion goes to `commands`. During playback only the row below the pictures names the step,
+/// as it is shown once they are drawn.
 pub(crate) fn show(
     ui: &mut Ui,
     scene: &mut Scene,
@@ -83,7 +83,7 @@ pub(crate) fn show(
     time(ui, scene, (volumes, is_playing));
 }
 
-/// Shows what else there is to how a scene is looked at, in groups.
+/// Shows the other settings of the view, in groups.
 pub(crate) fn groups(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
     let world = World::new(scene, volumes);
     slice::show(ui, scene, volumes, &world);
@@ -116,7 +116,7 @@ fn modes(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
     }
 }
 
-/// The sides from which the scene is looked at, and how rays leave the camera.
+/// Shows the sides to look from, and the choice of parallel rays.
 fn sides(ui: &mut Ui, scene: &Scene, world: &World<'_>, commands: &mut Vec<Command>) {
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;

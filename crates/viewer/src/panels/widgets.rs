@@ -1,5 +1,5 @@
-//! The controls that panels are made of: rows with a label in front, numbers with as many digits as matter, colours, choices with explanations, text
-//! that is applied once it can be read. None of them changes a value by being shown, so a scene that is only looked at stays as it is.
+//! The controls of panels: labelled rows, numbers with just their significant digits, colours, explained choices, and text applied once it parses.
+//! Showing them never changes a value, so a scene without input stays as it is.
 
 use brickyard::volume::numbers::within_span;
 use eframe::egui::{
@@ -15,27 +15,27 @@ const LABEL_WIDTH: f32 = 74.0;
 /// Width of a number beside a slider, in points.
 const NUMBER_WIDTH: f32 = 52.0;
 
-/// Width of a rail on which there is anything to hit, in points.
+/// Least useful width of a rail, in points.
 const LEAST_RAIL: f32 = 24.0;
 
-/// The room that a panel leaves for its scroll bar, in points.
+/// Room left by a panel for its scroll bar, in points.
 const SCROLL_BAR_WIDTH: f32 = 12.0;
 
-/// Shows what a panel has, from top to bottom, in exactly the room that the panel gives. What does not fit is cut off: egui would widen the panel by it, again in
-/// every frame if it fills the width that there is.
+/// Shows a panel's content from top to bottom, in exactly the panel's room. Any excess is clipped: egui would widen the panel by it, in every frame
+/// again for content that fills the width.
 pub(crate) fn within(ui: &mut Ui, content: impl FnOnce(&mut Ui)) {
     let area = ui.available_rect_before_wrap();
     let mut inside = ui.new_child(UiBuilder::new().max_rect(area));
     inside.shrink_clip_rect(area);
     ScrollArea::vertical().auto_shrink(false).show(&mut inside, |ui| {
-        // The bar comes and goes, and is over no control.
+        // The bar comes and goes, and covers no control.
         ui.set_max_width(ui.available_width() - SCROLL_BAR_WIDTH);
         content(ui);
     });
     ui.advance_cursor_after_rect(area);
 }
 
-/// A line of controls behind a label. `content` takes the label's id, by which its controls are named.
+/// Shows a line of controls behind a label. `content` takes the label's id, for naming them.
 pub(crate) fn row<R>(ui: &mut Ui, label: &str, hint: &str, content: impl FnOnce(&mut Ui, Id) -> R) -> R {
     ui.horizontal(|ui| {
         let size = vec2(LABEL_WIDTH, ui.spacing().interact_size.y);
@@ -48,14 +48,14 @@ pub(crate) fn row<R>(ui: &mut Ui, label: &str, hint: &str, content: impl FnOnce(
     .inner
 }
 
-/// Controls under a heading that is folded away until it is clicked.
+/// Shows controls under a heading, folded until clicked.
 pub(crate) fn group(ui: &mut Ui, name: &str, hint: &str, content: impl FnOnce(&mut Ui)) {
     let folded = CollapsingHeader::new(name).id_salt(name).show_unindented(ui, content);
     folded.header_response.on_hover_text(hint);
 }
 
-/// Width of a number's field in which each of these values has room, in points, and `least` or more. It is what the field takes and no less: a row that is wider
-/// than its panel would widen the panel.
+/// Width of a number field with room for each of these values, in points, and at least `least`. It takes no more than that: a row wider than its
+/// panel would widen the panel.
 fn width_of(ui: &Ui, values: &[f64], span: f64, (unit, least): (&str, f32)) -> f32 {
     let font = ui.style().drag_value_text_style.resolve(ui.style());
     let written =
@@ -68,8 +68,8 @@ fn width_of(ui: &Ui, values: &[f64], span: f64, (unit, least): (&str, f32)) -> f
     least.max((longest + 2.0 * ui.spacing().button_padding.x).ceil())
 }
 
-/// What `set` and `get` of egui's numbers are: a value that is changed by what the hand means, and not by the rounding of what is shown, or by the
-/// range for what is typed.
+/// The accessor of egui's number widgets: the value changes by deliberate input only, not by rounding for display or clamping to the range of typed
+/// numbers.
 fn access<'a>(value: &'a mut f64, range: RangeInclusive<f64>, span: f64) -> impl FnMut(Option<f64>) -> f64 + 'a {
     move |new| {
         let shown = within_span(*value, span).parse::<f64>().unwrap_or(*value);
@@ -81,7 +81,7 @@ fn access<'a>(value: &'a mut f64, range: RangeInclusive<f64>, span: f64) -> impl
     }
 }
 
-/// A number that is dragged or typed. `span` is the range of values that matter, `unit` what follows the number.
+/// Shows a number to drag or type. `span` is the relevant range of values, `unit` the suffix.
 pub(crate) fn number(
     ui: &mut Ui,
     value: &mut f64,
@@ -102,7 +102,7 @@ pub(crate) fn number(
     ui.add(number)
 }
 
-/// A slider in a row of its own, with its number.
+/// Shows a slider in a row of its own, with its number.
 pub(crate) fn slider(
     ui: &mut Ui,
     label: &str,
@@ -113,7 +113,7 @@ pub(crate) fn slider(
     slid(ui, label, hint, value, (range, unit), false)
 }
 
-/// A slider on which equal distances are equal factors.
+/// Shows a slider on which equal distances are equal factors.
 pub(crate) fn log_slider(
     ui: &mut Ui,
     label: &str,
@@ -146,7 +146,7 @@ fn slid(
     })
 }
 
-/// The three numbers of a point or a direction: beside each other if they are short, else below each other.
+/// Shows the three numbers of a point or a direction: side by side if short, else below each other.
 pub(crate) fn vector(ui: &mut Ui, label: &str, hint: &str, value: &mut DVec3, span: f64) {
     let any = f64::NEG_INFINITY..=f64::INFINITY;
     let is_long = value.to_array().iter().any(|part| within_span(*part, span).len() > 6);
@@ -169,7 +169,7 @@ pub(crate) fn vector(ui: &mut Ui, label: &str, hint: &str, value: &mut DVec3, sp
     }
 }
 
-/// A whole number on a slider in a row of its own.
+/// Shows a whole number on a slider in a row of its own.
 pub(crate) fn count(ui: &mut Ui, label: &str, hint: &str, value: &mut u32, range: RangeInclusive<u32>) -> Response {
     row(ui, label, hint, |ui, label| {
         ui.spacing_mut().slider_width =
@@ -178,7 +178,7 @@ pub(crate) fn count(ui: &mut Ui, label: &str, hint: &str, value: &mut u32, range
         let rail = ui.add(rail).labelled_by(label).on_hover_text(hint);
         let mut typed = f64::from(*value);
         let whole = f64::from(*range.start())..=f64::from(*range.end());
-        // So wide a span that no digits are shown behind the point.
+        // With so wide a span no decimals are shown.
         let number = number(ui, &mut typed, whole, 1e4, (NUMBER_WIDTH, "")).labelled_by(label);
         if typed != f64::from(*value) {
             *value = typed.round() as u32;
@@ -187,12 +187,11 @@ pub(crate) fn count(ui: &mut Ui, label: &str, hint: &str, value: &mut u32, range
     })
 }
 
-/// A switch in a row of its own.
 pub(crate) fn switch(ui: &mut Ui, label: &str, hint: &str, is_on: &mut bool) -> Response {
     row(ui, label, hint, |ui, label| ui.checkbox(is_on, "").labelled_by(label).on_hover_text(hint))
 }
 
-/// A value that may be left to the engine: a switch `auto`, and a number where it is off.
+/// Shows a value that may be left to the engine: a switch `auto`, and a number if off.
 pub(crate) fn auto(ui: &mut Ui, label: &str, hint: &str, value: &mut Option<f64>, (own, unit): (f64, &str)) {
     row(ui, label, hint, |ui, label| {
         let mut is_auto = value.is_none();
@@ -206,10 +205,10 @@ pub(crate) fn auto(ui: &mut Ui, label: &str, hint: &str, value: &mut Option<f64>
     });
 }
 
-/// A choice among a few: a value, its name, and what it means, each.
+/// A choice among a few, each with its value, name and meaning.
 pub(crate) type Choices<'a, T> = &'a [(T, &'a str, &'a str)];
 
-/// A menu of choices. Those for which `barred` gives a reason cannot be chosen, and say it. Returns what was chosen.
+/// Shows a menu of choices. A choice with a reason from `barred` is disabled and shows it. Returns the chosen value.
 pub(crate) fn menu<T: Copy + PartialEq>(
     ui: &mut Ui,
     label: &str,
@@ -237,7 +236,7 @@ pub(crate) fn menu<T: Copy + PartialEq>(
     })
 }
 
-/// A colour, which a click edits.
+/// Shows a colour, edited by a click.
 pub(crate) fn color(ui: &mut Ui, color: &mut [f64; 3]) -> Response {
     let mut bytes = color.map(|part| (part * 255.0).round() as u8);
     let swatch = |ui: &mut Ui| {
@@ -251,7 +250,7 @@ pub(crate) fn color(ui: &mut Ui, color: &mut [f64; 3]) -> Response {
     button
 }
 
-/// A colour in the place of one that follows from something else: the swatch shows what is seen, and a cross takes the own colour back.
+/// Shows a colour that may replace a derived one: the swatch shows the effective colour, and a cross removes the replacement.
 pub(crate) fn own_color(ui: &mut Ui, own: &mut Option<[f64; 3]>, seen: [f64; 3], label: Id) {
     let mut shown = own.unwrap_or(seen);
     if color(ui, &mut shown).labelled_by(label).changed() {
@@ -262,26 +261,23 @@ pub(crate) fn own_color(ui: &mut Ui, own: &mut Option<[f64; 3]>, seen: [f64; 3],
     }
 }
 
-/// The colour of pixels.
 pub(crate) fn color32(color: [f64; 3]) -> Color32 {
     let [r, g, b] = color.map(|part| (part * 255.0).round() as u8);
     Color32::from_rgb(r, g, b)
 }
 
-/// The colour of messages about what is wrong.
 pub(crate) fn problem_color(visuals: &Visuals) -> Color32 {
     if visuals.dark_mode { Color32::from_rgb(240, 140, 90) } else { Color32::from_rgb(170, 60, 10) }
 }
 
-/// What is being typed, and the words of the value that it was begun from.
+/// The typed text, and the text of the original value.
 #[derive(Clone)]
 struct Draft {
     basis: String,
     text: String,
 }
 
-/// A value that is typed as text. It is applied as soon as it can be read; until then the text stays, with what is wrong with it below. Returns
-/// whether the value changed.
+/// Shows a value typed as text. It is applied once it parses; until then the text stays, with the error below. Returns whether the value changed.
 pub(crate) fn typed<T: PartialEq>(
     ui: &mut Ui,
     (name, hint, rows): (&str, &str, usize),
@@ -315,7 +311,7 @@ pub(crate) fn typed<T: PartialEq>(
     has_changed
 }
 
-/// A range of values in a row of its own: its ends on a rail, and as numbers. The ends stay `least` apart.
+/// Shows a range of values in a row of its own: its ends on a rail, and as numbers, at least `least` apart.
 pub(crate) fn range(
     ui: &mut Ui,
     label: &str,

@@ -1,5 +1,5 @@
-//! What a window does with files: it opens volumes in the place of others or beside them, and exports voxels. It goes on with what it shows meanwhile, and is asked
-//! once a frame.
+//! The window's work with files: opening volumes instead of others or beside them, and exporting voxels. It runs in the background, polled once a
+//! frame.
 
 use super::{Window, remark};
 use crate::command::{Command, Placing};
@@ -21,38 +21,36 @@ use eframe::egui::{self, Link, Rect, Ui, UiBuilder, ViewportCommand, pos2};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 
-/// What is being opened, and is shown once there is something to show of each.
+/// Volumes being opened, shown once there is a picture of each.
 pub(super) struct Next {
     openings: Openings,
-    /// Meshes that are shown with it.
     meshes: Vec<PathBuf>,
     placing: Placing,
-    /// What was said of the files.
+    /// The user's description of the files.
     said: Description,
 }
 
 impl Next {
-    /// Shows what is being done for it.
     pub(super) fn show(&self, ui: &mut Ui) {
         self.openings.show(ui);
     }
 }
 
 impl Window {
-    /// Begins to open volumes and meshes, which are shown in the place of those that there are, or beside them. Meshes alone are always shown beside volumes.
+    /// Starts opening volumes and meshes, to be shown instead of the current ones or beside them. Meshes alone are always shown beside volumes.
     pub(super) fn open(&mut self, paths: &[PathBuf], placing: Placing) -> Result<(), String> {
         let (meshes, volumes): (Vec<_>, Vec<_>) = paths.iter().cloned().partition(|path| is_mesh(path));
         if volumes.is_empty() {
             return self.add_meshes(&meshes);
         }
         self.dialog.take_if(|dialog| dialog.is_about_opening());
-        // What was said of the files before is not of these.
+        // The description of previous files does not apply to these.
         let options = OpeningOptions { store: None, ..self.openings.options().clone() };
         self.open_next(Openings::start(volumes, options), (meshes, placing), Description::default());
         Ok(())
     }
 
-    /// Begins to open a file of which something is said.
+    /// Starts opening a file with a description.
     pub(super) fn open_as(&mut self, path: &Path, said: &Description, placing: Placing) -> Result<(), String> {
         let openings = Openings::start(vec![path.to_owned()], said.options(self.openings.options())?);
         self.open_next(openings, (Vec::new(), placing), said.clone());
@@ -72,8 +70,8 @@ impl Window {
         }
     }
 
-    /// Says why a file cannot be opened; others that were to be opened with it still are. If that is for want of something that the file does not say, or of
-    /// what was said of it, a form asks for it. Of a folder there is none: it is about one file.
+    /// Returns the message for a file that cannot be opened; files requested with it are still opened. A form requests missing metadata or a better
+    /// description. There is none for folders: a form describes one file.
     fn ask_about(&mut self, path: &Path, error: &OpeningError) -> String {
         if let Some(next) = &self.next
             && is_asked_about(path, error, &next.said)
@@ -86,7 +84,6 @@ impl Window {
         about(&path.display().to_string(), &error.to_string())
     }
 
-    /// Shows meshes beside the volumes.
     fn add_meshes(&mut self, paths: &[PathBuf]) -> Result<(), String> {
         if paths.is_empty() {
             return Ok(());
@@ -100,7 +97,7 @@ impl Window {
         self.set(&[("meshes".into(), meshes)])
     }
 
-    /// Shows what has been opened meanwhile, and says what has come of an export.
+    /// Shows newly opened volumes, and reports the end of an export.
     pub(super) fn follow_files(&mut self, egui: &egui::Context) -> Result<(), String> {
         if let Some(ended) = self.exporting.as_mut().and_then(Exporting::poll) {
             let is_stopped = self.exporting.take().is_some_and(|exporting| exporting.is_stopped());
@@ -115,7 +112,7 @@ impl Window {
         if changes.has_volumes {
             let volumes = self.openings.volumes();
             if scale_crops(&mut self.state.scene, self.views.volumes(), &volumes) {
-                // What could be undone is about the voxels before.
+                // Undoable edits refer to the previous voxels.
                 self.history.clear();
             }
             self.views.set_volumes(volumes).map_err(|error| error.to_string())?;
@@ -161,7 +158,7 @@ impl Window {
         paths.iter().try_for_each(|path| self.recent.add(path))
     }
 
-    /// Shows volumes beside those that there are. What is shown of these, and from where, stays.
+    /// Shows volumes beside the current ones, whose looks and view stay.
     fn show_more(&mut self, openings: Openings) -> Result<(), String> {
         let before = self.views.volumes();
         let volumes = [before, &openings.volumes()].concat();
@@ -180,7 +177,7 @@ impl Window {
         Ok(())
     }
 
-    /// Shows other volumes in the place of those that there are, as a new window on them would.
+    /// Shows other volumes instead, as in a new window on them.
     fn show_others(&mut self, openings: Openings) -> Result<(), String> {
         let volumes = openings.volumes();
         let mut scene = Scene { layers: default_layers(&volumes), ..Scene::default() };
@@ -199,7 +196,7 @@ impl Window {
         Ok(())
     }
 
-    /// Keeps the state as that of a window on other volumes from now on.
+    /// Keeps the state as a window on other volumes from now on.
     fn keep_as(&mut self, paths: Vec<PathBuf>) -> Result<(), String> {
         self.keeper.write()?;
         self.keeper = Keeper::new(keeping::file_of(&paths).filter(|_| self.script.is_over()), &self.state);
@@ -207,7 +204,7 @@ impl Window {
         Ok(())
     }
 
-    /// Begins to export the voxels that are left to be seen of the first layer that is shown.
+    /// Starts exporting the visible voxels of the first visible layer.
     pub(super) fn export(&mut self, path: &Path) -> Result<(), String> {
         if self.exporting.is_some() {
             return Err("another export is under way".into());
@@ -217,14 +214,14 @@ impl Window {
         Ok(())
     }
 
-    /// Shows a dialog, in the place of the one that is shown.
+    /// Shows a dialog instead of the current one.
     pub(super) fn show_dialog(&mut self, kind: DialogKind) {
         let beside = self.openings.paths().first().and_then(|path| path.parent().map(Path::to_path_buf));
         let marks = Marks::shown(&self.state.window);
         self.dialog = Some(Dialog::new(kind, &beside.unwrap_or_default(), self.volume_view.size_px, marks));
     }
 
-    /// The dialog, if one is shown, and what was dropped on the window.
+    /// Shows the dialog, if any, and opens files dropped on the window.
     pub(super) fn choose_files(&mut self, egui: &egui::Context, commands: &mut Vec<Command>) {
         let (dropped, is_added) = egui.input(|input| (input.raw.dropped_files.clone(), input.modifiers.shift));
         let dropped: Vec<_> = dropped.iter().map(|file| file.path().to_path_buf()).collect();
@@ -240,7 +237,7 @@ impl Window {
         commands.extend(command);
     }
 
-    /// What an empty window shows in the place of pictures.
+    /// The page of an empty window, in the place of pictures.
     pub(super) fn welcome(&self, ui: &mut Ui, commands: &mut Vec<Command>) {
         // The other half is the dialog's.
         let area = ui.max_rect().shrink(40.0);
@@ -257,19 +254,19 @@ impl Window {
     }
 }
 
-/// Whether a form asks for what a path does not say that does not open, or for what was said of it.
+/// Whether a form can help to open a path: by missing metadata, or by a better description.
 fn is_asked_about(path: &Path, error: &OpeningError, said: &Description) -> bool {
     let may_be_told = error.wants_options() || *said != Description::default() && !error.is_cancelled();
     may_be_told && !path.is_dir()
 }
 
-/// A problem with what it is about before it, unless it names that by itself, as errors of files do.
+/// A problem prefixed with its subject, unless it names that itself, as file errors do.
 pub(super) fn about(what: &str, problem: &str) -> String {
     if problem.contains(what) { problem.into() } else { format!("{what}: {problem}") }
 }
 
-/// Brings the crops of layers, which are in voxels, from the voxels of some volumes to those of others that take their places: a store's are more than its
-/// preview's. Returns whether that changes any.
+/// Converts the layers' crops from the voxels of some volumes to those of their replacements: a store has more than its preview. Returns whether any
+/// changed.
 fn scale_crops(scene: &mut Scene, before: &[VolumeSource], after: &[VolumeSource]) -> bool {
     let mut is_scaled = false;
     for layer in 0..scene.layers.len() {
@@ -317,7 +314,7 @@ mod tests {
         let layers = vec![SceneLayer { source: Some(0), crop, ..SceneLayer::default() }; 2];
         let mut scene = Scene { layers, ..Scene::default() };
         scene.layers[1].crop = None;
-        // The preview's one voxel stands for two by three by one, of which the store has one alone along x.
+        // The preview's one voxel stands for two by three by one; the store has a single one.
         let preview = [crate::nothing::volume().with_stride([2, 3, 1])];
         let store = [crate::nothing::volume()];
         assert!(scale_crops(&mut scene, &preview, &store));

@@ -1,4 +1,4 @@
-//! Which part of which volume a layer shows, and where: volume, channel, crop and placement.
+//! The data of a layer, and their place: volume, channel, crop and placement.
 
 use crate::panels::reason;
 use crate::panels::widgets::{group, menu, range, row, switch, typed, vector};
@@ -10,7 +10,6 @@ use glam::DVec3;
 
 const HINT: &str = "which part of which volume the layer shows, and where it stands";
 
-/// Shows where a layer's values come from.
 pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize) {
     group(ui, "data", HINT, |ui| {
         source(ui, scene, volumes, layer);
@@ -33,7 +32,7 @@ fn source(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize
     }
 }
 
-/// Shows another volume. Of the layer's look stays what suits labels and measurements alike, if it was the other.
+/// Switches to another volume. Between labels and measurements, only the common part of the look stays.
 fn show_store(scene: &mut Scene, volumes: &[VolumeSource], layer: usize, store: usize) {
     let are_labels = |store: usize| volumes.get(store).is_some_and(|volume| volume.source.is_labels());
     let is_alike = are_labels(scene.store(layer)) == are_labels(store);
@@ -42,11 +41,11 @@ fn show_store(scene: &mut Scene, volumes: &[VolumeSource], layer: usize, store: 
     if !is_alike {
         *style = SceneLayer { world_from_volume, opacity, blend, visible, ..SceneLayer::default() };
     }
-    // What a volume's voxels are does not hold for another's.
+    // Settings of one volume's voxels do not hold for another's.
     (style.source, style.channel, style.crop) = (Some(store), 0, None);
 }
 
-/// How large the voxels are: what the store has, which is said when a file is opened.
+/// Shows the store's voxel size, set when the file was opened.
 fn voxels(ui: &mut Ui, volume: &VolumeSource) {
     let geometry = volume.source.geometry();
     let stride = volume.stride().map(f64::from);
@@ -72,7 +71,7 @@ fn channel(ui: &mut Ui, scene: &mut Scene, volume: &VolumeSource, layer: usize) 
     }
 }
 
-/// The box in voxels of which something is shown.
+/// Edits the visible box, in voxels.
 fn crop(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     let extent = DVec3::from_array(volume.source.pyramid().levels()[0].extent.to_array().map(f64::from));
     let mut is_on = layer.crop.is_some();
@@ -87,7 +86,7 @@ fn crop(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     }
 }
 
-/// The map from the volume's own world to the scene's: where it is moved to, and the whole matrix.
+/// Edits the map from the volume's own world to the scene's: its translation, and the whole matrix.
 fn placement(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     let (low, high) = volume.place().own_box;
     let placement = &mut layer.world_from_volume;
@@ -120,7 +119,7 @@ fn placement(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     typed(ui, ("placement", "12 or 16 numbers, row by row", 3), placement, matrix, read);
 }
 
-/// A matrix as text, a row a line.
+/// A matrix as text, one row per line.
 fn matrix(placement: &Placement) -> String {
     let line = |row: &[f64; 4]| row.map(|number| number.to_string()).join(" ");
     placement.rows().each_ref().map(line).join("\n")

@@ -9,7 +9,6 @@ use eframe::egui::{Button, Ui};
 
 const HINT: &str = "surfaces where the volume has one value: alone in mode isosurface, and within the fog in mode dvr";
 
-/// Shows the isosurfaces of a layer of this volume.
 pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, layer: usize, volume: &VolumeSource) {
     group(ui, "isosurfaces", HINT, |ui| {
         let barred =
@@ -27,7 +26,7 @@ pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, layer: usize, volume: &Volume
                 slider(ui, "value", hint, &mut surfaces[i].value, (least..=greatest, ""));
                 if surfaces.iter().enumerate().any(|(other, surface)| other != i && surface.value == surfaces[i].value)
                 {
-                    // Two surfaces in one place are none that can be told apart.
+                    // Two surfaces in one place would be indistinguishable.
                     surfaces[i].value = before;
                 }
                 slider(
@@ -69,13 +68,13 @@ fn layer_channel(scene: &Scene, layer: usize) -> u32 {
     scene.layers[layer].channel
 }
 
-/// How many surfaces the other layers that are shown have.
+/// Number of surfaces of the other visible layers.
 fn others(scene: &Scene, layer: usize) -> usize {
     let shown = scene.layers.iter().enumerate().filter(|(i, other)| *i != layer && other.visible);
     shown.map(|(_, other)| other.isosurfaces.len()).sum()
 }
 
-/// A surface in the widest gap between those that there are.
+/// A surface in the widest gap between the present ones.
 fn another(surfaces: &[Isosurface], (least, greatest): (f64, f64)) -> Isosurface {
     let inside = surfaces.iter().map(|surface| surface.value).filter(|value| least < *value && *value < greatest);
     let mut values: Vec<f64> = inside.chain([least, greatest]).collect();

@@ -1,4 +1,4 @@
-//! How a layer of labels looks: which labels are shown, as a list that is typed or by what is under the pointer, and in which colours.
+//! The look of a layer of labels: the visible ones, as a typed list or by the pointer, and their colours.
 
 use crate::panels::widgets::{color, own_color, row, typed};
 use brickyard::session::VolumeSource;
@@ -7,10 +7,10 @@ use brickyard::volume::{LabelCodes, LabelColor, SceneLayer};
 use eframe::egui::{Button, RichText, Ui};
 use std::ops::RangeInclusive;
 
-/// How many labels of a list have swatches.
+/// Most swatches for a list.
 const SWATCHES: usize = 24;
 
-/// Shows which labels of a layer are seen. `picked` is the label under the pointer.
+/// Shows a layer's labels, with `picked` under the pointer.
 pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, picked: Option<i64>) {
     row(ui, "labels", "which labels are shown; label 0 is the background", |ui, _| {
         let is_all = layer.show_labels.is_none();
@@ -33,7 +33,6 @@ pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, p
     }
 }
 
-/// What can be done with the label under the pointer.
 fn picking(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, picked: Option<i64>) {
     let picked = picked.filter(|label| *label != BACKGROUND);
     let words = picked.map_or_else(|| "none".into(), |label| label.to_string());
@@ -56,7 +55,7 @@ fn picking(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, picked: O
     });
 }
 
-/// The labels that a layer shows without one of them; `None` if they are too many to be named.
+/// A layer's visible labels without one; `None` if too many to list.
 fn without(layer: &SceneLayer, volume: &VolumeSource, hidden: i64) -> Option<Vec<i64>> {
     let is_other = |label: &i64| *label != hidden && *label != BACKGROUND;
     if let Some(shown) = &layer.show_labels {
@@ -69,7 +68,7 @@ fn without(layer: &SceneLayer, volume: &VolumeSource, hidden: i64) -> Option<Vec
     is_few.then(|| all.filter(is_other).filter(has).collect())
 }
 
-/// The colours of the labels that are named: those of the list, and the one under the pointer.
+/// Shows the colours of listed labels, and of the one under the pointer.
 fn colors(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, picked: Option<i64>) {
     let Ok(function) = volume.function(layer) else { return };
     let mut named: Vec<i64> = layer.show_labels.iter().flatten().copied().take(SWATCHES).collect();
@@ -90,13 +89,13 @@ fn colors(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, picked: Op
     }
 }
 
-/// Gives a label a colour. The layer's function is written out for that; which labels are shown stays with the layer.
+/// Sets a label's colour. This writes out the layer's function; the choice of visible labels stays with the layer.
 fn set_color(layer: &mut SceneLayer, volume: &VolumeSource, label: i64, color: [f64; 3]) {
     let bare = SceneLayer { show_labels: None, ..layer.clone() };
     let Ok(mut function) = volume.function(&bare) else { return };
     let colors = function.labels.get_or_insert_default().colors.get_or_insert_default();
     match colors.binary_search_by_key(&label, |entry| entry.label) {
-        // What is hashed is left out again: it needs no entry.
+        // A hashed colour needs no entry.
         Ok(place) if color == hashed_color(color_index(label)) => drop(colors.remove(place)),
         Ok(place) => colors[place].color = color,
         Err(place) => colors.insert(place, LabelColor { label, color }),
@@ -104,7 +103,7 @@ fn set_color(layer: &mut SceneLayer, volume: &VolumeSource, label: i64, color: [
     layer.transfer = Some(function.into());
 }
 
-/// A list of labels as it is typed: neighbours are a range.
+/// A list of labels as text, with ranges for neighbours.
 fn listed(labels: &[i64]) -> String {
     let mut sorted = labels.to_vec();
     sorted.sort_unstable();
@@ -117,7 +116,7 @@ fn listed(labels: &[i64]) -> String {
     words.collect::<Vec<_>>().join(",")
 }
 
-/// A list of labels that was typed, such as `3,7,10-12`.
+/// Parses a list of labels such as `3,7,10-12`.
 fn parsed(text: &str) -> Result<Vec<i64>, String> {
     let mut labels = Vec::new();
     for word in text.split([',', ' ', ';']).filter(|word| !word.is_empty()) {
@@ -136,7 +135,7 @@ fn parsed(text: &str) -> Result<Vec<i64>, String> {
     Ok(labels)
 }
 
-/// The labels of one word of a list.
+/// Parses one word of a list.
 fn between(word: &str) -> Option<RangeInclusive<i64>> {
     // The first sign may be a minus.
     let dash = word.char_indices().skip(1).find(|(_, letter)| *letter == '-');
@@ -181,7 +180,6 @@ mod tests {
         }
     }
 
-    /// The scene's layer of labels after something was clicked.
     fn clicked(layer: SceneLayer, name: &str) -> SceneLayer {
         let volumes = fixture::volumes();
         let volume = volumes[1].clone();

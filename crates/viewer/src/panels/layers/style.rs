@@ -1,4 +1,4 @@
-//! How a layer's values look: its window over the histogram, colours and gamma.
+//! The look of a layer's values: its window over the histogram, colours and gamma.
 
 use crate::panels::widgets::{log_slider, menu, number, own_color, problem_color, row, slider};
 use crate::panels::{color_map, histogram};
@@ -8,14 +8,14 @@ use brickyard::volume::transfer::{GAMMAS, shown_window};
 use brickyard::volume::{Blend, SceneLayer, TransferChoice};
 use eframe::egui::{RichText, Ui};
 
-/// Shows window, colours and gamma of a layer that shows measurements.
+/// Shows window, colours and gamma of a layer of measurements.
 pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     window(ui, layer, volume);
     match volume.function(layer) {
         Ok(function) => {
             row(ui, "colours", "the colour map, and the opacities that come with it", |ui, label| {
                 if let Some(chosen) = color_map::menu(ui, layer.transfer.as_ref(), &function, label) {
-                    // A tint would hide what has just been chosen.
+                    // A tint would hide the new choice.
                     (layer.transfer, layer.color) = (chosen, None);
                 }
             });
@@ -35,7 +35,6 @@ pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     log_slider(ui, "gamma", hint, &mut layer.gamma, (GAMMAS, ""));
 }
 
-/// How much there is of a layer, and how it joins the others.
 pub(super) fn opacity_and_blend(ui: &mut Ui, layer: &mut SceneLayer) {
     let hint = "factor of all opacities of the layer, 0 to 1";
     slider(ui, "opacity", hint, &mut layer.opacity, (0.0..=1.0, ""));
@@ -51,7 +50,7 @@ pub(super) fn opacity_and_blend(ui: &mut Ui, layer: &mut SceneLayer) {
     }
 }
 
-/// The window that is shown: the layer's own, or where its function has values of its own, those that they span.
+/// The effective window: the layer's own, or the span of a function with values of its own.
 pub(crate) fn shown(layer: &SceneLayer, volume: &VolumeSource) -> [f64; 2] {
     let subject = volume.subject(layer.channel);
     let own = layer.transfer.as_ref().filter(|choice| !choice.spans_window());
@@ -59,7 +58,7 @@ pub(crate) fn shown(layer: &SceneLayer, volume: &VolumeSource) -> [f64; 2] {
     layer.window.unwrap_or_else(|| span.unwrap_or(subject.window).into())
 }
 
-/// The histogram, and the window's two values. They stay in order, and apart.
+/// Shows the histogram, and the window's two values, which stay in order and apart.
 fn window(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     let shown = shown(layer, volume);
     let [low, high] = shown;
@@ -88,7 +87,7 @@ fn window(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
         .on_disabled_hover_text("all points of the transfer function have one value: there is nothing to move");
 }
 
-/// Windows by a click.
+/// Shows buttons for common windows.
 fn presets(ui: &mut Ui, layer: &mut SceneLayer, statistics: Option<&ChannelStatistics>, range: (f64, f64)) {
     row(ui, "", "", |ui, _| {
         ui.spacing_mut().item_spacing.x = 4.0;

@@ -19,7 +19,7 @@ fn harness<'a>(scene: Scene) -> Harness<'a, Scene> {
     Harness::builder().with_size(vec2(276.0, 2400.0)).build_ui_state(show, scene)
 }
 
-/// The scene of the fixture after its second layer was opened and something was clicked.
+/// The fixture's scene after opening its second layer and some clicks.
 fn clicked(scene: Scene, names: &[&str]) -> Scene {
     let mut harness = harness(scene);
     harness.get_by_label("open layer 1").click();
@@ -31,7 +31,6 @@ fn clicked(scene: Scene, names: &[&str]) -> Scene {
     harness.state().clone()
 }
 
-/// Types a number into a field of the second layer, which has been opened.
 fn typed(harness: &mut Harness<'_, Scene>, (label, place): (&str, usize), text: &str) {
     let field = |harness: &Harness<'_, Scene>| {
         harness.get_all_by_role_and_label(Kind::SpinButton, label).nth(place).expect("a number").focus();
@@ -217,7 +216,7 @@ fn an_expression_has_the_layers_as_they_are() {
     assert!(harness.query_by_label("gamma").is_none());
 }
 
-/// Thirty-two layers have a line each, and as many are the most.
+/// A scene has at most thirty-two layers, each a short line.
 #[test]
 fn many_layers_stay_short() {
     let scene = Scene { layers: vec![SceneLayer { source: Some(0), ..SceneLayer::default() }; 32], ..Scene::default() };

@@ -1,4 +1,4 @@
-//! The curve of opacities over the histogram, and what the pointer does to its points.
+//! The curve of opacities over the histogram, and its editing by the pointer.
 
 use super::{FEWEST, Point, add_point, keys, least, move_point, remove_point};
 use crate::panels::histogram::{self, Axis};
@@ -9,7 +9,7 @@ use eframe::egui::{Color32, Mesh, Pos2, Rect, Response, Role, Sense, Shape, Stro
 
 const HEIGHT: f32 = 116.0;
 
-/// How near to a point the pointer must be to take hold of it, in points of the screen.
+/// Grasping radius of a point, in points of the screen.
 const REACH: f32 = 8.0;
 
 /// Points of the screen between the plot's edge and its curve, so that no point is cut off.
@@ -18,11 +18,11 @@ const MARGIN: f32 = 6.0;
 const HINT: &str = "drag a point; double click, or click on the curve, to add one; right click to remove it\n\
                     arrow keys move the point that was clicked, Delete removes it";
 
-/// The point that is dragged, and how far from the pointer it is.
+/// The dragged point, and its offset from the pointer.
 #[derive(Clone, Copy)]
 struct Held(usize, Vec2);
 
-/// Shows the opacities of a function between two values, and lets them be edited.
+/// Shows and edits the opacities of a function between two values.
 pub(super) fn show(
     ui: &mut Ui,
     function: &mut TransferFunction,
@@ -75,7 +75,7 @@ impl Plot {
         (nearest.1 <= REACH).then_some(nearest.0)
     }
 
-    /// Moves a point, as far as it may go.
+    /// Moves a point, as far as possible.
     fn put(&self, function: &mut TransferFunction, index: usize, [value, alpha]: [f64; 2]) {
         move_point(&mut function.opacity, index, value, (self.ends, least(self.ends)));
         function.opacity[index][1] = alpha.clamp(0.0, 1.0);
@@ -153,7 +153,7 @@ impl Plot {
         }
         painter.add(self.fill(area, function));
         let edge = |x: f32| pos2(x, self.place([0.0, function.alpha(self.axis.value(x))]).y);
-        // A curve that is dragged past an edge leaves the picture there.
+        // A curve dragged past an edge leaves the picture there.
         let inside = function.opacity.iter().map(|point| self.place(*point));
         let inside = inside.filter(|place| area.x_range().contains(place.x));
         let line: Vec<_> = [edge(area.left())].into_iter().chain(inside.clone()).chain([edge(area.right())]).collect();
@@ -171,7 +171,7 @@ impl Plot {
         }
     }
 
-    /// What is below the curve, in the function's colours.
+    /// The area below the curve, in the function's colours.
     fn fill(&self, area: Rect, function: &TransferFunction) -> Shape {
         let columns = (area.width() / 2.0).ceil() as u32;
         let mut mesh = Mesh::default();

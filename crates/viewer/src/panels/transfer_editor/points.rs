@@ -1,7 +1,7 @@
-//! The points of a transfer function's lists as a hand changes them: moved, added and removed. Whatever is done, they stay in order, and what is moved or
-//! added keeps its distance from its neighbours.
+//! Edits a transfer function's lists of points: moving, adding and removing. The lists stay sorted, and a moved or added point keeps its distance
+//! from its neighbours.
 
-/// Moves a point to a value, as far as its neighbours and the ends of `within` let it, and `least` apart from them. A point that has no room stays.
+/// Moves a point to a value, between its neighbours at a distance of `least` and the ends of `within`. A point without room stays.
 pub(crate) fn move_point<const N: usize>(
     points: &mut [[f64; N]],
     index: usize,
@@ -38,7 +38,7 @@ pub(crate) fn remove_point<const N: usize>(points: &mut Vec<[f64; N]>, index: us
     can
 }
 
-/// As few of the points as give the same straight lines but for `tolerance` (Douglas and Peucker, along the value's axis). Steps stay.
+/// The fewest points with the same straight lines up to `tolerance` (Douglas and Peucker, along the value's axis). Steps stay.
 pub(crate) fn simplified<const N: usize>(points: &[[f64; N]], tolerance: f64) -> Vec<[f64; N]> {
     let Some((first, last)) = points.first().zip(points.last()) else { return Vec::new() };
     let off = |point: &[f64; N]| {
@@ -100,7 +100,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever is done, and in whatever order: the lists are valid, and points that were apart stay apart.
+        /// After any edits in any order the lists are valid, and points that were apart stay apart.
         #[test]
         fn lists_stay_valid(
             preset in 0..TransferFunction::PRESETS.len(),

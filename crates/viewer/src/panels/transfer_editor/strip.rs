@@ -1,4 +1,4 @@
-//! The strip of colours, with a handle for each colour point below, and what the pointer does to them.
+//! The strip of colours, with a handle for each colour point below, and its editing by the pointer.
 
 use super::{Point, add_point, keys, least, move_point, remove_point};
 use crate::panels::color_map;
@@ -11,16 +11,16 @@ use eframe::egui::{
 
 const HEIGHT: f32 = 30.0;
 
-/// How near to a handle the pointer must be to take hold of it, in points of the screen.
+/// Grasping radius of a handle, in points of the screen.
 const REACH: f32 = 7.0;
 
-/// As the curve's above, so that values stand below each other.
+/// As for the curve above, so that values are aligned.
 const MARGIN: f32 = 6.0;
 
 const HINT: &str =
     "click a handle to edit its colour, drag it to move it; double click to add one; right click to remove it";
 
-/// Shows the colours of a function between two values, and lets `points`, which are its colour points, be edited.
+/// Shows a function's colours between two values, and edits its colour points `points`.
 pub(super) fn show(
     ui: &mut Ui,
     function: &TransferFunction,
@@ -57,7 +57,7 @@ pub(super) fn show(
     }
 }
 
-/// A pointed handle below its place in the strip.
+/// Draws a pointed handle below its place in the strip.
 fn handle(ui: &Ui, tip: Pos2, area: Rect, [_, r, g, b]: [f64; 4], is_selected: bool) {
     let visuals = ui.visuals();
     let corners = [(0.0, 0.0), (5.0, 5.0), (5.0, 11.0), (-5.0, 11.0), (-5.0, 5.0)];

@@ -10,7 +10,7 @@ type Edited = (SceneLayer, Vec<SavedFunction>);
 fn harness<'a>(layer: SceneLayer) -> Harness<'a, Edited> {
     let (volume, histogram) = (fixture::volumes().swap_remove(0), fixture::histogram());
     let show = move |ui: &mut Ui, (layer, saved): &mut Edited| edit(ui, layer, &volume, Some(&histogram), saved);
-    // Fine steps of time, so that two clicks can follow each other at once.
+    // Fine time steps, so that two clicks can follow each other at once.
     let builder = Harness::builder().with_size(vec2(276.0, 360.0)).with_step_dt(0.02).with_max_steps(200);
     builder.build_ui_state(show, (layer, Vec::new()))
 }
@@ -32,7 +32,6 @@ fn function(harness: &Harness<'_, Edited>) -> TransferFunction {
     volumes[0].function(&layer).expect("a valid function")
 }
 
-/// Where a value and an opacity are in the plot.
 fn place(harness: &Harness<'_, Edited>, value: f64, alpha: f64) -> Pos2 {
     let inner = harness.get_by_label("opacity curve").rect().shrink(6.0);
     pos2(inner.left() + inner.width() * (value / 255.0) as f32, inner.bottom() - inner.height() * alpha as f32)
@@ -58,7 +57,7 @@ fn click(harness: &mut Harness<'_, Edited>, at: Pos2, button: PointerButton) {
 }
 
 fn double_click(harness: &mut Harness<'_, Edited>, at: Pos2) {
-    // What was clicked before is long ago.
+    // Earlier clicks are long past.
     harness.run_steps(50);
     harness.hover_at(at);
     for pressed in [true, false, true, false] {
@@ -94,7 +93,7 @@ fn a_point_goes_where_it_is_dragged_and_no_farther_than_its_neighbours() {
 #[test]
 fn points_are_added_and_removed() {
     let mut harness = harness(ramp());
-    // On the curve a click will do.
+    // On the curve a single click will do.
     let on_curve = place(&harness, 50.0, 0.25);
     click(&mut harness, on_curve, PointerButton::Primary);
     let added = function(&harness).opacity;
@@ -166,7 +165,7 @@ fn a_colour_point_is_added_where_the_strip_has_that_colour() {
     assert!(moved[1][0] > color[1][0] + 30.0 && moved[1][1..] == color[1][1..], "{moved:?}");
 }
 
-/// Whatever a hand does, the scene can be shown.
+/// After any input the scene can be shown.
 #[test]
 fn a_wild_hand_leaves_a_valid_function() {
     // Numbers of a fixed sequence, in 0..1.

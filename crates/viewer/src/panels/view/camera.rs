@@ -1,11 +1,10 @@
-//! Where the camera is, in numbers.
+//! The camera in numbers.
 
 use super::World;
 use crate::panels::widgets::{group, number, row, vector};
 use brickyard::volume::{Projection, Scene};
 use eframe::egui::Ui;
 
-/// Shows the camera's place and opening.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
     group(ui, "camera", "where the camera is, in numbers", |ui| {
         let Some(before) = scene.camera else {
@@ -29,7 +28,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
                 });
             }
         }
-        // A camera in its own target, or one that looks along its up direction, has no picture.
+        // A camera in its own target, or looking along its up direction, has no picture.
         if camera.rays(1, 1).is_ok() {
             scene.camera = Some(camera);
         }

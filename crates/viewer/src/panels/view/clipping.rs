@@ -1,4 +1,4 @@
-//! What is cut away of all volumes: everything outside of a box, and outside of planes; and whether that opens isosurfaces.
+//! Clipping of all volumes: by a box, by planes, and the caps on isosurfaces they open.
 
 use super::World;
 use crate::panels::widgets::{group, range, row, slider, switch, vector};
@@ -6,10 +6,8 @@ use brickyard::volume::{ClipPlane, MAX_CLIP_PLANES, Scene};
 use eframe::egui::{Button, Ui};
 use glam::DVec3;
 
-/// Why no plane can be added.
 const FULL: &str = "a scene has at most 6 clip planes";
 
-/// Shows clip box and clip planes of a scene.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
     group(ui, "clip box", "shows, and reads, the inside of a box alone", |ui| clip_box(ui, &mut scene.clip, world));
     group(ui, "clip planes", "cuts away what is on the outer side of planes", |ui| {
@@ -72,7 +70,7 @@ fn planes(ui: &mut Ui, planes: &mut Vec<ClipPlane>, world: &World<'_>) {
     }
 }
 
-/// The planes that can be added, by the side that stays. They are above those that there are, and stay where they are.
+/// Shows the planes to add, by the side that stays. These buttons are above the present planes, and keep their place.
 fn adding(ui: &mut Ui, planes: &mut Vec<ClipPlane>, world: &World<'_>) {
     let can_add = planes.len() < MAX_CLIP_PLANES;
     ui.horizontal_wrapped(|ui| {
@@ -87,7 +85,7 @@ fn adding(ui: &mut Ui, planes: &mut Vec<ClipPlane>, world: &World<'_>) {
     });
 }
 
-/// How far a plane is along its normal.
+/// Shows a plane's position along its normal.
 fn position(ui: &mut Ui, plane: &mut ClipPlane, world: &World<'_>) {
     let along = plane.normal.normalize_or_zero();
     let (least, greatest) = world.extent_along(along);

@@ -1,4 +1,4 @@
-//! An expression over the layers' values, which is shown in their place.
+//! An expression over the layers' values, shown in their place.
 
 use crate::panels::color_map;
 use crate::panels::mending::set_expression;
@@ -10,7 +10,6 @@ use eframe::egui::{RichText, Ui};
 
 const HINT: &str = "one value made of all layers' values, such as b - a or max(a, b), shown in their place";
 
-/// Shows the expression of a scene of these volumes.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
     group(ui, "expression", HINT, |ui| {
         let layers = scene.layers.len();
@@ -38,7 +37,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
     });
 }
 
-/// Which letter is which layer.
+/// Shows the letters of the layers.
 fn names(ui: &mut Ui, scene: &Scene, volumes: &[VolumeSource]) {
     let letter = |layer: usize| match u8::try_from(layer) {
         Ok(layer) if layer < 26 => char::from(b'a' + layer).to_string(),
@@ -54,7 +53,6 @@ fn names(ui: &mut Ui, scene: &Scene, volumes: &[VolumeSource]) {
     ui.label(RichText::new(shown).weak()).on_hover_text(known.join("\n"));
 }
 
-/// The colours of the expression's values.
 fn transfer(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
     let subjects = (0..scene.layers.len()).map(|layer| {
         let volume = volumes.get(scene.store(layer))?;

@@ -1,4 +1,4 @@
-//! How fog and surfaces are lit.
+//! The lighting of fog and surfaces.
 
 use super::World;
 use crate::panels::mending::set_light;
@@ -22,7 +22,6 @@ const GRADIENTS: [(Gradient, &str, &str); 3] = [
     (Gradient::Stored, "stored", "one gradient for every eight voxels, kept beside the bricks: fast, but softer"),
 ];
 
-/// Shows how a scene is lit.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], world: &World<'_>) {
     group(ui, "light", "how fog and surfaces are lit, with the direction in which values change as the normal", |ui| {
         let barred = |model| reason(scene, volumes, |scene| set_light(scene, model));

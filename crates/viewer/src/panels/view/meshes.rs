@@ -5,7 +5,6 @@ use brickyard::volume::mesh::PLAIN_COLOR;
 use brickyard::volume::{MeshLook, Scene};
 use eframe::egui::{RichText, Ui};
 
-/// Shows the meshes of a scene.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene) {
     group(ui, "meshes", "surfaces of triangles from files, in the scene's world", |ui| {
         if scene.meshes.is_empty() {
@@ -26,7 +25,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene) {
     });
 }
 
-/// A mesh. Returns whether it is to be removed.
+/// Shows a mesh. Returns whether to remove it.
 fn one(ui: &mut Ui, mesh: &mut MeshLook, is_projection: bool) -> bool {
     let name = mesh.path.file_name().unwrap_or(mesh.path.as_os_str()).to_string_lossy().into_owned();
     let mut is_visible = mesh.opacity > 0.0;

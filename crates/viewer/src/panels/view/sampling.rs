@@ -1,4 +1,4 @@
-//! How rays are sampled, and how fine the bricks are that they sample.
+//! The sampling of rays, and the fineness of their bricks.
 
 use crate::panels::reason;
 use crate::panels::widgets::{count, group, log_slider, menu};
@@ -41,7 +41,6 @@ const JITTERS: [(u8, &str, &str); 3] = [
     (2, "blue noise", "neighbouring rays begin far apart: noise that the eye averages"),
 ];
 
-/// Shows how the rays of a scene of these volumes are sampled.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
     group(ui, "sampling", "how rays are sampled, and how fine the data are: quality against speed", |ui| {
         let barred = |method| reason(scene, volumes, |scene| scene.sampling.method = method);
@@ -91,7 +90,6 @@ fn jitter(ui: &mut Ui, jitter: &mut Jitter) {
     }
 }
 
-/// The level that is shown.
 fn level(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
     let levels = volumes.iter().map(|volume| volume.source.pyramid().levels().len()).max().unwrap_or(1);
     let locked = (0..levels).map(|level| match level {

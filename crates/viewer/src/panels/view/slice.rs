@@ -9,7 +9,7 @@ use brickyard::volume::{Mode, Scene, Slice};
 use eframe::egui::Ui;
 use glam::DVec3;
 
-/// How a slice lies.
+/// The orientation of a slice.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Cut {
     Off,
@@ -40,7 +40,6 @@ const PROJECTIONS: [(Mode, &str, &str); 3] = [
     (Mode::MinIp, "least", "the least value across the slab (MinIP)"),
 ];
 
-/// Shows the slice of a scene of these volumes.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], world: &World<'_>) {
     group(ui, "slice", "a plane through everything, or a slab about it", |ui| {
         let cuts = if world.is_anatomical { &PATIENT_CUTS } else { &WORLD_CUTS };
@@ -72,20 +71,19 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], wor
     });
 }
 
-/// How a slice lies.
 fn cut(slice: Option<&Slice>) -> Cut {
     let Some(slice) = slice else { return Cut::Off };
     let normal = slice.normal.normalize_or_zero().abs();
     (0..3).find(|&axis| normal[axis] > 1.0 - 1e-12).map_or(Cut::Oblique, Cut::Across)
 }
 
-/// Lays the slice of a scene as is asked for: through where it is, or else through the middle. A slice is a projection, and is looked at straight.
+/// Sets the orientation of a scene's slice, through its present place or the middle. A slice is a projection, and is looked at straight.
 fn choose(scene: &mut Scene, volumes: &[VolumeSource], world: &World<'_>, cut: Cut) {
     let (point, thickness) = scene.slice.map_or((world.middle(), 0.0), |slice| (slice.point, slice.thickness));
     let slice = match cut {
         Cut::Off => {
             scene.slice = None;
-            // The mean of whole volumes is what nobody asked for.
+            // Nobody wants the mean of whole volumes.
             if scene.mode == Mode::Average {
                 set_mode(scene, volumes, Mode::Dvr);
             }
@@ -106,17 +104,16 @@ fn choose(scene: &mut Scene, volumes: &[VolumeSource], world: &World<'_>, cut: C
     look_at(scene, volumes, slice);
 }
 
-/// Looks straight at a slice.
 fn look_at(scene: &mut Scene, volumes: &[VolumeSource], slice: Slice) {
     let places: Vec<VolumePlace> = volumes.iter().map(VolumeSource::place).collect();
     let straight = Scene { camera: None, slice: Some(slice), ..scene.clone() };
-    // Of a square picture, all is seen in any that is wider.
+    // A camera for a square picture sees everything in any wider one, too.
     if let Ok(camera) = straight.camera_for(&places, (1, 1)) {
         scene.camera = Some(camera);
     }
 }
 
-/// Where the slice is: in the world, and for a slice along voxels of the first layer that is shown, which of them it shows.
+/// Shows the slice's position in the world and, along voxels of the first visible layer, their index.
 fn position(ui: &mut Ui, slice: &mut Slice, scene: &Scene, volumes: &[VolumeSource], world: &World<'_>) {
     let along = match cut(Some(slice)) {
         Cut::Across(axis) => DVec3::AXES[axis],
@@ -140,14 +137,14 @@ fn position(ui: &mut Ui, slice: &mut Slice, scene: &Scene, volumes: &[VolumeSour
 /// A line of voxels across a slice.
 struct Voxels {
     count: u32,
-    /// Where the slice crosses it, in voxels.
+    /// Its crossing with the slice, in voxels.
     place: f64,
-    /// Voxels per world distance; negative where they count the other way.
+    /// Voxels per world distance; negative for opposite directions.
     per_length: f64,
 }
 
 impl Voxels {
-    /// The voxels of the first layer that is shown; `None` if the slice lies askew to them.
+    /// The voxels of the first visible layer; `None` if the slice is askew to them.
     fn new(scene: &Scene, volumes: &[VolumeSource], point: DVec3, along: DVec3) -> Option<Self> {
         let layer = scene.layers.iter().position(|layer| layer.visible)?;
         let volume = volumes.get(scene.store(layer))?;

@@ -1,4 +1,4 @@
-//! Two eyes in the place of one.
+//! Stereo views, with two eyes in the place of one.
 
 use super::World;
 use crate::panels::widgets::{auto, group, menu};
@@ -13,7 +13,6 @@ const LAYOUTS: [(Option<StereoLayout>, &str, &str); 5] = [
     (Some(StereoLayout::Interlaced), "interlaced", "every other row: for screens with polarised rows"),
 ];
 
-/// Shows the eyes of a scene.
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
     group(ui, "stereo", "two eyes, whose pictures are shown together", |ui| {
         let shown = scene.stereo.map(|stereo| stereo.layout);

@@ -26,7 +26,6 @@ fn harness<'a>(scene: Scene) -> Harness<'a, Edited> {
     Harness::builder().with_size(vec2(276.0, 1600.0)).build_ui_state(show, (scene, Vec::new()))
 }
 
-/// A harness in which these were clicked, one after the other.
 fn clicked<'a>(scene: Scene, names: &[&str]) -> Harness<'a, Edited> {
     let mut harness = harness(scene);
     for name in names {
@@ -54,7 +53,7 @@ fn choose(harness: &mut Harness<'_, Edited>, menu: &str, choice: &str) {
     harness.run();
 }
 
-/// Types into the only field of this kind and name.
+/// Types into the only field of this role and name.
 fn typed(harness: &mut Harness<'_, Edited>, (role, name): (Role, &str), text: &str) {
     harness.get_by_role_and_label(role, name).focus();
     harness.run();
@@ -185,7 +184,7 @@ fn a_clip_box_begins_around_everything() {
 #[test]
 fn planes_are_added_moved_turned_and_removed() {
     let mut scene = seen();
-    // Only the group's own buttons are named so then.
+    // Then only the group's own buttons have such names.
     scene.camera = None;
     let mut harness = clicked(scene, &["clip planes"]);
     harness.get_all_by_label("-y").last().expect("a button of the group").click();
