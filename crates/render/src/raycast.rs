@@ -1,11 +1,11 @@
-//! The `raycast` and `compute` compositors: one ray per pixel, front to back through an octree over each draw list, ending where nothing
-//! behind can be seen and skipping what shows nothing: leaves without a brick, bricks, and macro-cells inside bricks.
+//! The `raycast` and `compute` compositors: one ray per pixel, front to back through an octree over each draw list,
+//! with early ray termination, skipping emptiness: leaves without a brick, bricks, and macro-cells inside bricks.
 //!
-//! In direct volume rendering rays leave marks: how much light was left when they entered a brick, the most of all rays. They
-//! come back with the picture, and say which bricks nobody could see.
+//! In direct volume rendering rays leave marks: how much light was left when they entered a brick, the most of all
+//! rays. The marks come back with the picture and reveal which bricks nobody could see.
 //!
-//! Macro-cells' ranges of codes go to the GPU when their brick does. What a range means under the frame's table is found by
-//! two look-ups in a table of counts, so that an edit of the transfer function sends 4 bytes per entry and no brick.
+//! Macro-cells' code ranges go to the GPU with their brick. Two look-ups in a table of counts tell whether a range is
+//! visible under the frame's table, so that an edit of the transfer function sends 4 bytes per entry and no brick.
 
 use crate::buffer_parts::{Ends, Part};
 use crate::buffers::{RayBuffers, SharedBuffers, buffer, entry};
@@ -24,7 +24,7 @@ use wgpu::BufferUsages;
 #[derive(Debug)]
 pub(crate) struct Raycast {
     pub(crate) buffers: RayBuffers,
-    /// The bind group of each layer by itself.
+    /// The bind group of each single layer.
     pub(crate) bindings: Vec<wgpu::BindGroup>,
     /// The bind group of all layers together.
     pub(crate) joint: wgpu::BindGroup,
@@ -62,10 +62,10 @@ impl Raycast {
         Ok(Self { buffers, bindings: own, joint })
     }
 
-    /// Sends octrees over draw lists to the GPU, one behind the other, and writes where each one begins into its frame.
+    /// Sends octrees over draw lists to the GPU, one behind the other, and writes each one's start into its frame.
     ///
     /// # Errors
-    /// If the draw lists or octrees are larger than the renderer has room for.
+    /// If the draw lists or octrees exceed the renderer's room.
     pub(crate) fn set_trees(&self, gpu: &Gpu, shared: &SharedBuffers, trees: &[(Part, Tree)]) -> Result<(), GpuError> {
         let (mut nodes, mut bricks): (Vec<u32>, Vec<RayBrick>) = Default::default();
         for (frame, tree) in trees {
@@ -106,7 +106,7 @@ impl Raycast {
 }
 
 impl RayBuffers {
-    /// What rays see of a layer, or of all of them.
+    /// The bind group entries of rays through a layer, or through all layers.
     fn entries<'a>(
         &'a self,
         gpu: &Gpu,
@@ -133,13 +133,14 @@ impl RayBuffers {
 }
 
 impl RaycastPlan {
-    /// Groups of nodes for this many slots: at worst each cell that a cut wants has a way of its own down from its layer's root.
+    /// Groups of nodes for this many slots: at worst each wanted cell of a cut has a path of its own down from its
+    /// layer's root.
     fn groups(&self, slots: u32) -> u64 {
         self.layers as u64 + slots as u64 * (self.levels as u64).saturating_sub(1)
     }
 
-    /// Entries that draw lists can have. A cut wants fewer cells than there are slots; but the siblings that its splits leave
-    /// over are drawn too when the camera has turned towards them and the next cut is not there yet.
+    /// Most entries of draw lists. A cut wants fewer cells than there are slots; but the siblings left over by its
+    /// splits are drawn too, when the camera has turned towards them and the next cut is not there yet.
     fn entries(&self, slots: u32) -> u64 {
         self.groups(slots) * GROUP as u64
     }
@@ -149,12 +150,12 @@ impl RaycastPlan {
         self.entries(slots) * size_of::<u32>() as u64
     }
 
-    /// Returns the bytes of the nodes of octrees, for a number of slots.
+    /// Returns the bytes of octree nodes, for a number of slots.
     pub(crate) fn nodes_bytes(&self, slots: u32) -> u64 {
         self.groups(slots) * (GROUP * size_of::<u32>()) as u64
     }
 
-    /// Returns the bytes of the bricks in octrees' leaves, for a number of slots.
+    /// Returns the bytes of the bricks in octree leaves, for a number of slots.
     pub(crate) fn bricks_bytes(&self, slots: u32) -> u64 {
         self.entries(slots) * size_of::<RayBrick>() as u64
     }
