@@ -32,7 +32,7 @@ impl<'a> Entries<'a> {
     /// The interpolated entry at a position in entries: the twin of [`brickyard_volume::TransferTable::lookup`].
     #[inline(always)]
     pub(crate) fn lookup(&self, position: f32) -> Vec4 {
-        // Written so that NaN, too, ends up inside.
+        // Written so that NaN ends up inside, too.
         let position = if position > 0.0 { position } else { 0.0 };
         let position = if position < self.limit { position } else { self.limit };
         // SAFETY: 0 <= position <= limit < 2^24.
