@@ -36,8 +36,8 @@ pub struct GpuFormats {
 impl GpuFormats {
     /// Chooses the formats. llvmpipe filters 8-bit textures in 8-bit fixed point, so software rasterisers hold 8-bit
     /// codes in 16 bits. Without 16-bit norm formats, 16-bit codes become half floats of 11 significant bits. Blending
-    /// in 32-bit floats costs little beside the march and keeps dozens of layers exact; without it, targets are half
-    /// floats, with an error of about 1/2048 per layer.
+    /// in 32-bit floats costs little beside the march and keeps dozens of layers exact; half floats are off by about
+    /// 1/2048 per layer.
     fn new(adapter: &wgpu::Adapter, enabled: Features) -> Self {
         let filters = |format| {
             let wanted = TextureFormatFeatureFlags::FILTERABLE;
@@ -56,8 +56,7 @@ impl GpuFormats {
         }
     }
 
-    /// Whether an atlas keeps codes distinct as far as needed: the 11 bits of half floats do for measurements, not for
-    /// labels.
+    /// Whether an atlas keeps codes distinct as needed: the 11 bits of half floats do for measurements, not for labels.
     pub(crate) fn tells_apart(&self, encoding: &SlotEncoding) -> bool {
         let is_rounded = encoding.format == SlotFormat::U16 && self.atlas_u16 == TextureFormat::R16Float;
         !(is_rounded && encoding.is_labels)
@@ -74,7 +73,6 @@ impl GpuFormats {
     }
 }
 
-/// The optional features that a format needs.
 fn format_features(format: TextureFormat) -> Features {
     if format == TextureFormat::R16Unorm { Features::TEXTURE_FORMAT_16BIT_NORM } else { Features::empty() }
 }
@@ -117,7 +115,7 @@ impl AdapterReport {
         Self::new(adapter, adapter.features(), &adapter.limits())
     }
 
-    /// Reports on an adapter whose device has these features and limits.
+    /// Reports on an adapter with the features and limits of its device.
     pub(crate) fn new(adapter: &wgpu::Adapter, enabled: Features, limits: &Limits) -> Self {
         let info = adapter.get_info();
         Self {
@@ -149,24 +147,24 @@ fn is_software(adapter: &wgpu::Adapter) -> bool {
     adapter.get_info().device_type == DeviceType::Cpu
 }
 
-/// Lists all adapters, [`GpuPreference::Any`]'s choice first. A process's first call costs about 40 ms for loading the
-/// drivers, later ones 4 (lavapipe).
+/// Lists all adapters, [`GpuPreference::Any`]'s choice first. The first call costs about 40 ms for loading the drivers,
+/// later ones 4 (lavapipe).
 pub fn adapters() -> Vec<AdapterReport> {
     ranked_adapters().iter().map(AdapterReport::of).collect()
 }
 
-/// An instance that is never dropped: it keeps drivers loaded, whose threads may outlive the last device.
+/// Never dropped: it keeps drivers loaded, whose threads may outlive the last device.
 static DRIVERS: LazyLock<wgpu::Instance> = LazyLock::new(instance);
 
 fn instance() -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
-    // Otherwise drivers that page instead of failing would take more memory than the GPU has.
+    // Without a budget, drivers that page instead of failing take more memory than the GPU has.
     descriptor.memory_budget_thresholds.for_resource_creation.get_or_insert(90);
     wgpu::Instance::new(descriptor)
 }
 
-/// All adapters, best first, from an instance of their own: devices of one instance share Mesa's software rasteriser,
-/// which inspects what each of them is drawing (`llvmpipe_flush_resource`) without waiting for its thread.
+/// All adapters, best first, from a new instance: devices of one instance share Mesa's software rasteriser, which
+/// inspects their drawing (`llvmpipe_flush_resource`) without waiting for its thread.
 fn ranked_adapters() -> Vec<wgpu::Adapter> {
     LazyLock::force(&DRIVERS);
     let mut found = pollster::block_on(instance().enumerate_adapters(Backends::all()));

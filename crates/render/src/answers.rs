@@ -1,5 +1,5 @@
 //! Feedback from the GPU about pictures: visibility of bricks, layers of meshes, and time taken. Nobody waits for it: a
-//! few answers may be in flight, each on a sheet (a buffer) of its own and labelled with its picture.
+//! few answers may be in flight, each on its own sheet (a buffer), labelled with its picture.
 
 use crate::buffers::buffer;
 use crate::error::GpuError;
@@ -14,8 +14,8 @@ use wgpu::BufferUsages;
 pub struct Answer {
     /// The picture's number, as given to [`GpuRenderer::show`](crate::GpuRenderer::show).
     pub picture: u64,
-    /// For each of the renderer's layers and each entry of its draw list, the greatest transmittance with which a ray
-    /// entered the entry's cell: see [`GpuRenderer::visibility`](crate::GpuRenderer::visibility). `None` if unknown.
+    /// For each of the renderer's layers and draw list entries, the greatest transmittance with which a ray entered the
+    /// cell: see [`GpuRenderer::visibility`](crate::GpuRenderer::visibility). `None` if unknown.
     pub visibility: Option<Vec<Vec<f32>>>,
     /// GPU time of the picture, milliseconds; `None` if the device has no timestamps.
     pub gpu_ms: Option<f64>,
@@ -24,19 +24,19 @@ pub struct Answer {
 /// A request for feedback about a picture.
 #[derive(Clone, Debug)]
 pub(crate) struct Question {
-    /// The picture's number; `u64::MAX` for a picture whose caller waits.
+    /// `u64::MAX` for a picture whose caller waits.
     pub(crate) picture: u64,
-    /// The drawn layers, with the number of marked cells of each; `None` if cells are not marked.
+    /// The drawn layers and the number of marked cells of each; `None` if cells are not marked.
     pub(crate) marked: Option<Vec<(usize, usize)>>,
-    /// Number of mesh layers peeled without waiting for their counts.
+    /// Mesh layers peeled without waiting for their counts.
     pub(crate) peeled: u32,
-    /// Whether the picture was drawn in one go, so that its time is meaningful.
+    /// Whether the picture was drawn in one go, which makes its time meaningful.
     pub(crate) is_timed: bool,
 }
 
-/// Byte at which the counts of mesh layers begin on a sheet, after two timestamps.
+/// Start of the mesh layers' counts on a sheet, after two timestamps, bytes.
 pub(crate) const COUNTS_AT: u64 = TIMESTAMP_BYTES;
-/// Byte at which the marks of cells begin on a sheet, after the counts.
+/// Start of the cells' marks on a sheet, after the counts, bytes.
 pub(crate) const MARKS_AT: u64 = COUNTS_AT + COUNTS_BYTES;
 
 /// The contents of a sheet: the answer to a question.
@@ -66,7 +66,7 @@ impl Answers {
         })
     }
 
-    /// Takes a free sheet for a picture; `None` while all are in flight.
+    /// Takes a free sheet; `None` while all are in flight.
     pub(crate) fn take_sheet(&mut self) -> Option<wgpu::Buffer> {
         self.free.pop()
     }

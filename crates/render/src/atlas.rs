@@ -1,5 +1,5 @@
-//! The atlas: one 3D texture of slots, each a padded brick of `(edge + 2 * apron)^3` texels, allocated once. With
-//! stored gradients, a second texture has a slot of nodes for each of them, in the same order.
+//! The atlas: one 3D texture of slots, each a padded brick of `(edge + 2 * apron)^3` texels, allocated once. Stored
+//! gradients have a second texture, with a slot of nodes for each brick in the same order.
 //!
 //! [`AtlasPlan`] computes how many slots fit a budget and where each lies. The whole texture is written before anything
 //! samples it: otherwise wgpu 30 zero-fills it at the first upload and can deadlock doing so.
@@ -37,7 +37,7 @@ impl AtlasPlan {
     /// axis. A slot has `slot_edge`^3 texels and takes `slot_bytes` with its gradients. `None` if not even one slot
     /// fits.
     ///
-    /// Among plans with equally many slots the narrowest wins: it puts neighbouring rows and slices of a brick closer
+    /// Among plans with equally many slots the narrowest wins: it puts a brick's neighbouring rows and slices closer
     /// together in memory.
     pub fn new(slot_edge: u32, slot_bytes: u64, budget_bytes: u64, max_edge: u32, max_slots: u32) -> Option<Self> {
         let most = (budget_bytes / slot_bytes).min(max_slots as u64);
@@ -70,22 +70,18 @@ impl AtlasPlan {
         self.place(slot).map(|i| i * self.slot_edge)
     }
 
-    /// The slot's position in the grid.
     fn place(&self, Slot(slot): Slot) -> [u32; 3] {
         let [nx, ny, _] = self.grid;
         [slot % nx, slot / nx % ny, slot / (nx * ny)]
     }
 }
 
-/// The format of stored gradients.
 const GRADIENT_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
-/// Returns the bytes of a slot: a padded brick's texels and its stored gradients.
 pub(crate) fn slot_bytes(slot_edge: u32, format: TextureFormat, gradients: GradientNodes) -> u64 {
     (slot_edge as u64).pow(3) * texel_bytes(format) + gradients.bytes() as u64
 }
 
-/// The atlas texture, with a texture of stored gradients if needed.
 #[derive(Debug)]
 pub(crate) struct Atlas {
     pub(crate) plan: AtlasPlan,
@@ -96,8 +92,7 @@ pub(crate) struct Atlas {
 }
 
 impl Atlas {
-    /// Creates and zero-fills the atlas and its gradient texture, if any. Takes about a second per GiB on a software
-    /// rasteriser.
+    /// Creates and zero-fills the textures. Takes about a second per GiB on a software rasteriser.
     pub(crate) fn new(
         gpu: &Gpu,
         plan: AtlasPlan,
@@ -148,7 +143,6 @@ fn texture(
     gpu.allocate(label, texels * texel_bytes(format), |device| device.create_texture(&descriptor))
 }
 
-/// Queues a cube of texels.
 fn write(gpu: &Gpu, texture: &wgpu::Texture, [x, y, z]: [u32; 3], edge: u32, texels: &[u8]) {
     let destination = wgpu::TexelCopyTextureInfo {
         texture,
@@ -165,8 +159,8 @@ fn write(gpu: &Gpu, texture: &wgpu::Texture, [x, y, z]: [u32; 3], edge: u32, tex
     gpu.queue.write_texture(destination, texels, layout, size);
 }
 
-/// Returns the scale and offset from level-0 voxels to atlas texels, for a cell's brick. Exact in f32 for volumes of up
-/// to 2^24 voxels along an axis.
+/// Returns the scale and offset from level-0 voxels to a cell's atlas texels. Exact in f32 for volumes of up to 2^24
+/// voxels along an axis.
 pub(crate) fn texel_placement(
     cell: &DrawCell,
     pyramid: &Pyramid,

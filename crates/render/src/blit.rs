@@ -1,5 +1,5 @@
-//! The blit of a finished picture onto an application's texture: one pass, recorded in the application's encoder,
-//! reading only the renderer's own picture.
+//! The blit of a finished picture onto an application's texture: one pass in the application's encoder, reading only
+//! the renderer's own picture.
 
 use crate::buffers::entry;
 use crate::error::GpuError;
@@ -12,20 +12,19 @@ use brickyard_volume::StereoLayout;
 use std::collections::HashMap;
 use wgpu::{BindingResource, BindingType, FilterMode, SamplerBindingType, ShaderStages, TextureFormat};
 
-/// The texture of an application, or part of one, to receive a picture.
+/// An application's texture, or a part of it, to receive a picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Target<'a> {
     /// A view of a renderable colour texture without multisampling.
     pub view: &'a wgpu::TextureView,
-    /// The view's format. The picture's colours are sRGB codes; the texture receives these codes whether or not its
-    /// format is an sRGB format.
+    /// The view's format. The texture receives the picture's sRGB codes unchanged, whether or not its format is an sRGB
+    /// format.
     pub format: TextureFormat,
-    /// The area to stretch the picture over, in pixels from the texture's upper left corner: x, y, width, height. The
-    /// rest of the texture stays unchanged. `None` is the whole texture.
+    /// The area to stretch the picture over, in pixels from the upper left corner: x, y, width, height. The rest stays
+    /// unchanged. `None` is the whole texture.
     pub area_px: Option<[u32; 4]>,
 }
 
-/// Blit pipelines and the left eye's picture.
 #[derive(Debug)]
 pub(crate) struct Blit {
     layout: wgpu::BindGroupLayout,
@@ -91,7 +90,7 @@ impl Blit {
         Ok(())
     }
 
-    /// Creates the pipeline for a target unless it exists.
+    /// Creates a target's pipeline unless it exists.
     fn make_ready(&mut self, gpu: &Gpu, wanted: (TextureFormat, Eyes)) -> Result<(), GpuError> {
         if !self.pipelines.contains_key(&wanted) {
             let (format, eyes) = wanted;

@@ -5,7 +5,7 @@ use crate::transfer_table::{COMBINED, TableCapacity};
 use brickyard_pager::VolumeNeeds;
 use brickyard_shaders::FrameUniform;
 
-/// A part of a shared buffer: first byte and length.
+/// First byte and length of a part of a shared buffer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Part {
     pub(crate) at: u64,
@@ -20,19 +20,17 @@ impl Part {
         Self { at, bytes }
     }
 
-    /// Returns this part of a buffer as a binding.
     pub(crate) fn of<'a>(&self, buffer: &'a wgpu::Buffer) -> wgpu::BindingResource<'a> {
         let size = std::num::NonZeroU64::new(self.bytes);
         wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: self.at, size })
     }
 
-    /// Returns the index of the part's first item in the buffer, for items of `size` bytes.
+    /// The index of the part's first item, for items of `size` bytes.
     pub(crate) fn first(&self, size: usize) -> u32 {
         (self.at / size as u64) as u32
     }
 }
 
-/// A layer's parts of the buffers shared by all layers.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Parts {
     pub(crate) frame: Part,
@@ -50,7 +48,6 @@ pub(crate) struct Ends {
 }
 
 impl Ends {
-    /// Takes the parts of the next layer.
     pub(crate) fn layer(&mut self, needs: &VolumeNeeds) -> Parts {
         let codes = needs.encoding.format;
         Parts {
@@ -60,7 +57,7 @@ impl Ends {
         }
     }
 
-    /// Takes the next pool's part for the code ranges of its macro-cells.
+    /// Takes the next pool's part, for its macro-cells' code ranges.
     pub(crate) fn ranges(&mut self, plan: &PoolPlan) -> Part {
         let bytes = plan.raycast.map_or(0, |raycast| raycast.ranges_bytes(plan.atlas.slots()));
         Part::next(&mut self.ranges, bytes)
@@ -73,7 +70,7 @@ impl Ends {
         Part { at, bytes }
     }
 
-    /// Takes the part for an expression's transfer table, behind the tables of all layers.
+    /// Takes an expression's part of the tables, behind those of all layers.
     pub(crate) fn combined(&mut self) -> Part {
         Part::next(&mut self.table, TableCapacity::of_places(COMBINED).bytes())
     }

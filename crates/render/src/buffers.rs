@@ -10,14 +10,13 @@ use wgpu::{BindingResource, BufferUsages};
 pub(crate) struct SharedBuffers {
     pub(crate) frame: wgpu::Buffer,
     pub(crate) table: wgpu::Buffer,
-    /// The timestamp query set and its resolve buffer; `None` if the adapter has no timestamps.
+    /// The timestamp query set and its resolve buffer; `None` without timestamps.
     pub(crate) timestamps: Option<(wgpu::QuerySet, wgpu::Buffer)>,
     /// Whether marches see stored gradients.
     pub(crate) has_gradients: bool,
 }
 
 impl SharedBuffers {
-    /// Allocates the buffers, sized for all frames and all transfer tables.
     pub(crate) fn new(
         gpu: &Gpu,
         (frame_bytes, table_bytes): (u64, u64),

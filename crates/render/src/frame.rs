@@ -27,31 +27,30 @@ pub(crate) struct TableInUse {
     pub(crate) grid_at: u32,
 }
 
-/// A layer in a frame: its number, settings and levels.
+/// A layer in a frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Framed<'a> {
-    /// The layer's number among those of the renderer.
+    /// Index among the renderer's layers.
     pub(crate) number: usize,
     pub(crate) settings: &'a FrameSettings,
     pub(crate) pyramid: &'a Pyramid,
     pub(crate) blend: Blend,
     /// The layer's opacity in projections.
     pub(crate) opacity: f64,
-    /// The number of the cut behind the layer's draw list; layers with the same number share a cut.
+    /// Number of the draw list's cut; layers with the same number share a cut.
     pub(crate) cut: u32,
-    /// Whether the layer's draw lists may have bricks of coarse levels.
+    /// Whether draw lists may have bricks of coarse levels.
     pub(crate) has_coarse: bool,
 }
 
 impl<'a> Framed<'a> {
-    /// Frames a layer of a picture.
     pub(crate) fn of(layer: &Layer<'a>) -> Self {
         let Layer { volume: number, frame, pyramid, draw, cut, .. } = *layer;
         let has_coarse = draw.cells.iter().any(|cell| cell.brick.level > Level(0));
         Self { number, settings: &frame.settings, pyramid, blend: frame.blend, opacity: frame.opacity, cut, has_coarse }
     }
 
-    /// Whether this layer and another have the same cells in the same order.
+    /// Whether both layers have the same cells in the same order.
     pub(crate) fn shares_cells_with(&self, other: &Self) -> bool {
         let place = |framed: &Self| (framed.cut, framed.settings.placement);
         place(self) == place(other)
@@ -59,7 +58,7 @@ impl<'a> Framed<'a> {
             && self.pyramid == other.pyramid
     }
 
-    /// Upper bound of a ray's texture reads in the layer: samples, by the edges of its box, times reads per sample.
+    /// Upper bound of a ray's texture reads: samples, by the edges of the layer's box, times reads per sample.
     pub(crate) fn most_reads(&self) -> f64 {
         self.most_samples() * self.reads_per_sample()
     }
@@ -88,14 +87,14 @@ impl<'a> Framed<'a> {
         (length(edges.x_axis) + length(edges.y_axis) + length(edges.z_axis)) / lattice.step
     }
 
-    /// Whether the layer's colours are lit. Additive layers are not.
+    /// Whether colours are lit; never those of additive layers.
     pub(crate) fn is_lit(&self) -> bool {
         self.blend != Blend::Add && self.settings.lighting.model != LightingModel::None
     }
 }
 
-/// Builds the uniform of a layer's frame, for bricks in `atlas` with aprons of `apron` voxels. `most_depth` limits the
-/// optical depth of a projection's opacity.
+/// Builds a layer's frame uniform, for bricks in `atlas` with aprons of `apron` voxels. `most_depth` limits the optical
+/// depth of a projection's opacity.
 pub(crate) fn frame_uniform(
     framed: &Framed<'_>,
     (atlas, apron): (&Atlas, u32),
@@ -257,7 +256,6 @@ fn planes(frame: &FrameSettings) -> [[f32; 4]; MAX_PLANES] {
     planes
 }
 
-/// Builds the box instance of a cell, drawn in a share of the pixels.
 pub(crate) fn cell_instance(region: &VoxelBox, pixels: PixelShare) -> CellInstance {
     CellInstance {
         region_min: region.min.to_array().map(|v| v as f32),
@@ -267,7 +265,6 @@ pub(crate) fn cell_instance(region: &VoxelBox, pixels: PixelShare) -> CellInstan
     }
 }
 
-/// Describes a cell's brick.
 pub(crate) fn cell_brick(cell: &DrawCell, pyramid: &Pyramid, atlas: &AtlasPlan, apron: u32) -> CellBrick {
     let (texel_scale, texel_offset) = texel_placement(cell, pyramid, atlas, apron);
     CellBrick { texel_scale, is_there: 1, texel_offset, spare: 0.0 }

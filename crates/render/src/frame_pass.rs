@@ -29,13 +29,12 @@ pub struct Passes<'a> {
     renderer: &'a mut GpuRenderer,
     framed: Vec<Framed<'a>>,
     course: Course,
-    /// The rows to draw.
     rows: Range<u32>,
     start: Instant,
-    /// Lists of the slab drawn so far, and the cells in each layer's last list.
+    /// Number of the slab's lists drawn so far, and of the cells in each layer's last list.
     lists: u32,
     cells: Vec<usize>,
-    /// Finished slabs, and the step after the current one.
+    /// Number of finished slabs, and the step after the current one.
     slabs: u32,
     next: Next,
     /// Whether to wait for the device where the picture depends on it.
@@ -56,8 +55,8 @@ enum Next {
 }
 
 impl GpuRenderer {
-    /// Draws a picture of layers, or of an expression over them, and waits for it. Layers not given here are left out
-    /// of the picture.
+    /// Draws a picture of layers, or of an expression over them, and waits for it. Other layers of the renderer are
+    /// left out.
     ///
     /// # Errors
     /// If the picture is too large, layers or lists do not fit this renderer, the compositor is `sorted` and the layers
@@ -67,8 +66,8 @@ impl GpuRenderer {
         self.gpu.clone().scoped(|| self.all_drawn(layers, combination, (None, true))?.finish())
     }
 
-    /// Begins a picture and draws all its lists, slab by slab; without meshes, `rows` may limit it to some rows.
-    /// `waits`: whether the caller waits for the picture.
+    /// Begins a picture and draws all its lists, slab by slab; without meshes, `rows` may limit it. `waits`: whether
+    /// the caller waits for the picture.
     pub(crate) fn all_drawn<'a>(
         &'a mut self,
         layers: &[Layer<'a>],
@@ -86,8 +85,8 @@ impl GpuRenderer {
         }
     }
 
-    /// Compiles the pipelines needed to [`GpuRenderer::render`] these layers, on another thread. Compiling may take
-    /// long; other pictures can be drawn meanwhile. Pipelines requested earlier but not begun are dropped.
+    /// Compiles the pipelines needed to [`GpuRenderer::render`] these layers, on another thread, which may take long;
+    /// other pictures can be drawn meanwhile. Requests not begun yet are dropped.
     pub fn prepare(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) {
         // Impossible pictures report their error when drawn.
         if let Ok(course) = self.course(&layers.iter().map(Framed::of).collect::<Vec<_>>(), combination) {
@@ -95,8 +94,8 @@ impl GpuRenderer {
         }
     }
 
-    /// Whether all pipelines needed to [`GpuRenderer::render`] these layers are compiled. Until then, drawing compiles
-    /// them or waits for the compiling thread.
+    /// Whether all pipelines needed to [`GpuRenderer::render`] these layers are compiled. If not, drawing compiles them
+    /// or waits for the compiling thread.
     pub fn is_prepared(&self, layers: &[Layer<'_>], combination: Option<&Combination>) -> bool {
         let course = self.course(&layers.iter().map(Framed::of).collect::<Vec<_>>(), combination);
         course.map_or(true, |course| self.pipelines.are_made(&course.wanted()))
@@ -146,7 +145,6 @@ impl GpuRenderer {
         Ok(Passes { renderer: self, framed, course, rows, start, lists: 0, cells, slabs: 0, next, waits })
     }
 
-    /// Plans how these frames are gathered.
     fn course(&self, framed: &[Framed<'_>], combination: Option<&Combination>) -> Result<Course, GpuError> {
         let is_sorted = framed.is_sorted_by(|a, b| a.number < b.number);
         if framed.is_empty() || !is_sorted || framed.iter().any(|framed| framed.number >= self.layers.len()) {
@@ -162,7 +160,6 @@ impl GpuRenderer {
         Course::new((&self.layers, &self.pools), framed, (combination, first_place), self.compositor())
     }
 
-    /// Prepares pipelines, meshes and targets for this picture.
     fn make_ready(&mut self, course: &Course, frame: &FrameSettings) -> Result<(), GpuError> {
         let compositor = self.compositor();
         let Self { gpu, shared, pipelines, meshes, peeled, targets, .. } = self;
@@ -218,7 +215,7 @@ impl GpuRenderer {
         }
     }
 
-    /// Peels the frame's first mesh layer and returns the next step.
+    /// Peels the first mesh layer and returns the next step.
     fn first_peeled(&mut self, frame: &FrameSettings, waits: bool) -> Result<Next, GpuError> {
         match (&mut self.meshes, &mut self.peeled) {
             (Some(meshes), Some(peeled)) if !frame.meshes.is_empty() => {
@@ -231,7 +228,7 @@ impl GpuRenderer {
     }
 }
 
-/// The buffer part with a layer's frame: layers drawn together have theirs one behind the other, from the first.
+/// A layer's frame in the buffer: those of layers drawn together follow one another from the first.
 fn frame_part(layers: &[GpuLayer], framed: &[Framed<'_>], course: &Course, i: usize) -> Part {
     let at = if course.is_joint() { i } else { framed[i].number };
     layers[at].parts.frame
@@ -255,7 +252,6 @@ impl Passes<'_> {
         self.draw_all(&[draw])
     }
 
-    /// Draws each layer's list.
     fn draw_all(&mut self, draws: &[&DrawList]) -> Result<(), GpuError> {
         for (i, draw) in draws.iter().enumerate() {
             self.pool(i).check_list(draw)?;
@@ -275,7 +271,6 @@ impl Passes<'_> {
         Ok(())
     }
 
-    /// Gathers a single layer.
     fn march(&self, i: usize, shader: &Shader, draw: &DrawList) -> Result<(), GpuError> {
         let GpuRenderer { gpu, shared, march, .. } = &*self.renderer;
         let is_first = self.lists == 0;
@@ -294,7 +289,6 @@ impl Passes<'_> {
         Ok(())
     }
 
-    /// Gathers all layers together.
     fn march_joint(&self, shader: &Shader, draws: &[&DrawList]) -> Result<(), GpuError> {
         let GpuRenderer { gpu, shared, march, .. } = &*self.renderer;
         let (gathering, pipeline) = (self.gathering(0)?, self.pipeline(shader)?);
@@ -313,17 +307,15 @@ impl Passes<'_> {
         Ok(())
     }
 
-    /// A layer's list in the form for `sorted`.
     fn drawn<'a>(&'a self, i: usize, draw: &'a DrawList) -> Drawn<'a> {
         (draw, self.framed[i].pyramid, self.pool(i))
     }
 
-    /// The octree over a layer's list, and the layer's part of the frames' buffer.
+    /// A layer's octree, and its part of the frames' buffer.
     fn tree(&self, i: usize, draw: &DrawList) -> (Part, Tree) {
         (self.frame_part(i), self.pool(i).tree(&self.framed[i], draw, &self.layer(i).opaque))
     }
 
-    /// The pool with a layer's bricks.
     fn pool(&self, i: usize) -> &Pool {
         &self.renderer.pools[self.layer(i).pool]
     }
@@ -332,7 +324,6 @@ impl Passes<'_> {
         &self.renderer.layers[self.framed[i].number]
     }
 
-    /// The buffer part with a layer's frame.
     fn frame_part(&self, i: usize) -> Part {
         frame_part(&self.renderer.layers, &self.framed, &self.course, i)
     }
@@ -502,7 +493,7 @@ impl Passes<'_> {
         if self.waits || settings.meshes.is_empty() || !is_counted(settings) { 0 } else { self.slabs + 1 }
     }
 
-    /// Draws empty lists if nothing has been drawn yet.
+    /// Draws empty lists if nothing has been drawn.
     fn draw_nothing(&mut self) -> Result<(), GpuError> {
         let none = DrawList::default();
         let nothing = vec![&none; self.framed.len()];
@@ -531,7 +522,6 @@ impl Passes<'_> {
         }
     }
 
-    /// The bind group for resolving the gathered samples or the sums.
     fn resolve_bindings(&self) -> Result<wgpu::BindGroup, GpuError> {
         let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
         let (targets, parts) = (self.targets()?, &Parts { frame: self.frame_part(0), ..self.layer(0).parts });
@@ -542,7 +532,6 @@ impl Passes<'_> {
     }
 }
 
-/// A submitted picture.
 pub(crate) struct End {
     submission: wgpu::SubmissionIndex,
     reading: Option<Reading>,

@@ -1,8 +1,8 @@
-//! The plan for gathering a picture, with the shaders for it.
+//! The plan for gathering a picture, with its shaders.
 //!
-//! A single layer has shaders of its own, specialised to one layer. So have projections of several: each layer is
-//! gathered separately, and the pictures are joined. Fog and surfaces of several layers, or of an additive or placed
-//! one, are gathered together: by one ray through all of them, or cell by cell where they share their cells.
+//! A single layer has specialised shaders. So have projections of several: each layer is gathered separately, and the
+//! pictures are joined. Fog and surfaces of several layers, or of an additive or placed one, are gathered together: by
+//! one ray through all of them, or cell by cell where they share their cells.
 
 use crate::compositor::Compositor;
 use crate::error::GpuError;
@@ -18,18 +18,17 @@ use brickyard_volume::{Blend, Combination, Method, Mode};
 /// How a picture's layers are gathered.
 #[derive(Clone, Debug)]
 pub(crate) enum Course {
-    /// The only layer, gathered by a shader for one layer.
+    /// The only layer, by a shader for one layer.
     Single(Shader),
-    /// Projections of several layers: each is gathered separately into the same target and added to the sums.
+    /// Projections of several layers, gathered one by one into the same target and added to the sums.
     Each(Vec<Projected>),
-    /// All layers, gathered together by one shader.
+    /// All layers, by one shader.
     Joint(Shader),
 }
 
-/// How one of several projections is gathered and joined.
 #[derive(Clone, Debug)]
 pub(crate) struct Projected {
-    /// The layer's number among those of the picture.
+    /// Index among the picture's layers.
     pub(crate) layer: usize,
     pub(crate) shader: Shader,
     gather: Gather,
@@ -93,7 +92,6 @@ impl Course {
         }
     }
 
-    /// The way samples are gathered into the target.
     pub(crate) fn gather(&self) -> Gather {
         match self {
             Self::Single(Shader::Single(Variant { gather, .. })) => *gather,
@@ -103,7 +101,6 @@ impl Course {
         }
     }
 
-    /// The shaders of the marches.
     fn shaders(&self) -> Vec<&Shader> {
         match self {
             Self::Single(shader) | Self::Joint(shader) => vec![shader],
@@ -111,17 +108,14 @@ impl Course {
         }
     }
 
-    /// Whether all layers are gathered together by one shader.
     pub(crate) fn is_joint(&self) -> bool {
         matches!(self, Self::Joint(_))
     }
 
-    /// Whether layers are gathered one by one and their pictures joined.
     pub(crate) fn is_joined(&self) -> bool {
         matches!(self, Self::Each(..))
     }
 
-    /// Lists all pipelines needed for the picture.
     pub(crate) fn wanted(&self) -> Vec<Wanted> {
         let shaders = self.shaders();
         let has_meshes = shaders.iter().any(|shader| shader.has_meshes());
@@ -166,7 +160,6 @@ fn expression(
     })
 }
 
-/// The shader variant of a ray through all layers.
 fn joint(
     (layers, pools): (&[GpuLayer], &[Pool]),
     framed: &[Framed<'_>],

@@ -1,8 +1,8 @@
 //! A device and its queue, ours or an application's: creation, refusals, waits and loss.
 //!
 //! Our own device gets the adapter's limits for textures and buffers, and the optional features for our formats.
-//! Uncaught errors and the loss of the device are recorded and returned as typed errors by the next call. An
-//! application's device keeps its own handlers: there, every call runs in error scopes of its own.
+//! Uncaught errors and the device's loss are recorded and returned as typed errors by the next call. An application's
+//! device keeps its own handlers: there, every call runs in its own error scopes.
 
 use crate::adapter::{self, AdapterReport, GpuPreference};
 use crate::error::GpuError;
@@ -90,8 +90,8 @@ impl Gpu {
         }
     }
 
-    /// Wraps an application's device, which the application goes on using. The device's handlers for errors and for its
-    /// loss stay the application's. The renderer's calls return their own errors, and a lost device is not recreated.
+    /// Wraps an application's device, which remains in the application's use, with its handlers for errors and loss.
+    /// The renderer's calls return their own errors, and a lost device is not recreated.
     ///
     /// # Errors
     /// If the device has lower limits than the renderer's shaders need: see [`Gpu::required`].
@@ -150,7 +150,7 @@ impl Gpu {
         &self.report
     }
 
-    /// Returns the longest wait for the device in one call since this method was last called.
+    /// Returns the longest wait for the device in one call since the last query.
     pub fn take_longest_wait(&self) -> Duration {
         Duration::from_micros(self.longest_wait_us.swap(0, Ordering::Relaxed))
     }
@@ -189,7 +189,7 @@ impl Gpu {
     }
 
     /// Creates something of negligible memory, such as a pipeline, on any thread. Device errors meanwhile are returned
-    /// here and reach no handler.
+    /// and reach no handler.
     pub(crate) fn guarded<T>(&self, make: impl FnOnce() -> T) -> Result<T, GpuError> {
         let filters = [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::OutOfMemory];
         let scopes = filters.map(|filter| self.device.push_error_scope(filter));
@@ -202,8 +202,7 @@ impl Gpu {
         }
     }
 
-    /// Runs calls on the device. On an application's device, errors meanwhile are returned here and do not reach the
-    /// application's handler.
+    /// Runs calls on the device. Errors meanwhile are returned and do not reach an application's handler.
     pub(crate) fn scoped<T>(&self, calls: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
         if !self.is_lent {
             return calls();
@@ -243,8 +242,8 @@ impl Gpu {
         self.check()
     }
 
-    /// Returns the loss of the device, indicated by `sign`. The message is the device's own if it has reported its
-    /// loss; an application's device reports it to the application alone.
+    /// Returns the loss of the device, indicated by `sign`. The message is the device's own if reported; an
+    /// application's device reports only to the application.
     pub(crate) fn lost(&self, sign: &dyn std::fmt::Display) -> GpuError {
         self.reason(GpuError::DeviceLost(sign.to_string()))
     }

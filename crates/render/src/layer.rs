@@ -16,11 +16,10 @@ use brickyard_volume::{Blend, OpaqueCodes, SlotEncoding, SlotFormat, TransferTab
 use std::sync::Arc;
 use wgpu::TextureFormat;
 
-/// A layer of a renderer: its needs, its pool and its parts of the shared buffers.
 #[derive(Debug)]
 pub(crate) struct GpuLayer {
     pub(crate) needs: VolumeNeeds,
-    /// Index of the pool with the layer's bricks.
+    /// Index of the layer's pool.
     pub(crate) pool: usize,
     pub(crate) parts: Parts,
     /// Contents of the table part, the unit of its integrals, and the codes with opacity.
@@ -35,7 +34,6 @@ impl GpuLayer {
         Self { needs, pool, parts, table: None, sum_unit: 0.0, opaque }
     }
 
-    /// Checks that a frame suits this layer.
     pub(crate) fn check(&self, framed: &Framed<'_>) -> Result<(), GpuError> {
         let (frame, needs) = (framed.settings, &self.needs);
         if frame.encoding.of_slots() != needs.encoding.of_slots() || framed.pyramid.edge() != needs.edge {
@@ -86,7 +84,6 @@ impl GpuLayer {
         TableCapacity::new(self.needs.encoding.format, &self.needs.bricks)
     }
 
-    /// Builds the uniform of a frame of this layer, with its bricks in `pool`.
     pub(crate) fn uniform(&self, framed: &Framed<'_>, pool: &Pool, composite: TextureFormat) -> FrameUniform {
         let room = self.room();
         let (mask_at, grid_at) = (room.mask_at(), room.grid_at());
@@ -97,8 +94,8 @@ impl GpuLayer {
         frame_uniform(framed, (&pool.atlas, pool.apron()), table, most_depth)
     }
 
-    /// Describes this layer in a frame for a shader of several layers, with or without an expression over them.
-    /// `ranges` is the part with the macro-cells of the layer's pool.
+    /// Describes this layer for a shader of several layers, with or without an expression over them. `ranges` is the
+    /// part with the pool's macro-cells.
     pub(crate) fn shader(&self, framed: &Framed<'_>, ranges: Part, has_expression: bool) -> LayerShader {
         let Parts { table, counts, .. } = self.parts;
         LayerShader {

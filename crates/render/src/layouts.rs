@@ -62,7 +62,6 @@ pub(crate) fn bind_group_layout(
 }
 
 impl Layouts {
-    /// Creates the layouts for layers in these pools, with or without stored gradients.
     pub(crate) fn new(gpu: &Gpu, compositor: Compositor, pools: &[Pool], has_gradients: bool) -> Self {
         let are_floats: Vec<bool> = pools.iter().map(Pool::is_float).collect();
         let fragment = ShaderStages::FRAGMENT;
@@ -79,7 +78,6 @@ impl Layouts {
         }
     }
 
-    /// The layout of a march through one layer, of 32-bit floats or of codes.
     pub(crate) fn march(&self, is_float: bool) -> &wgpu::BindGroupLayout {
         &self.march[is_float as usize]
     }

@@ -2,8 +2,8 @@
 //!
 //! A page table of all bricks would grow with the volume; this grows with the cut. It holds one word per node in groups
 //! of eight children, 32 bytes for each split node, and is rebuilt for every frame: about 50 ns per cell and level. In
-//! projections, invisible bricks get no leaf, judged by the code range of the whole brick. In direct volume rendering
-//! they keep theirs, so that rays can mark them as reached.
+//! projections, bricks with an invisible code range get no leaf. In direct volume rendering they keep theirs, so that
+//! rays can mark them as reached.
 
 use crate::atlas::{AtlasPlan, texel_placement};
 use brickyard_pager::{DrawCell, DrawList, Slot};
@@ -50,7 +50,7 @@ impl Visibility<'_> {
 pub(crate) struct Slots<'a> {
     pub(crate) atlas: &'a AtlasPlan,
     pub(crate) apron: u32,
-    /// Number of macro-cells per brick.
+    /// Macro-cells per brick.
     pub(crate) macro_cells: u32,
     /// The code range of each slot's brick.
     pub(crate) ranges: &'a [[u16; 2]],

@@ -5,7 +5,6 @@ use crate::gpu::Gpu;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use wgpu::{BufferAsyncError, MapMode};
 
-/// A buffer being mapped.
 #[derive(Debug)]
 pub(crate) struct Mapping {
     buffer: wgpu::Buffer,
@@ -40,7 +39,7 @@ impl Mapping {
         Ok(self.is_there)
     }
 
-    /// Reads a mapped buffer with `read`, and returns the result and the unmapped buffer.
+    /// Reads a mapped buffer, and returns the result and the unmapped buffer.
     ///
     /// # Errors
     /// If the buffer is not mapped yet, or the device is lost.

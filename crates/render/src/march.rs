@@ -35,7 +35,6 @@ impl SharedBuffers {
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("march"), layout, entries: &entries })
     }
 
-    /// Creates the bind group for resolving a layer's gathered samples to colours.
     pub(crate) fn resolve_bindings(
         &self,
         gpu: &Gpu,
@@ -54,7 +53,6 @@ impl SharedBuffers {
         })
     }
 
-    /// Creates the bind group for resolving joined projections to colours.
     pub(crate) fn joined_bindings(
         &self,
         gpu: &Gpu,
@@ -121,7 +119,6 @@ pub(crate) fn draw_over_all(
     pass.draw(0..3, 0..1);
 }
 
-/// The sampler of atlases.
 fn sampler(gpu: &Gpu) -> wgpu::Sampler {
     gpu.device.create_sampler(&wgpu::SamplerDescriptor {
         label: Some("atlas"),
@@ -147,7 +144,6 @@ pub(crate) struct Gathering<'a> {
     pub(crate) shared: &'a SharedBuffers,
     pub(crate) target: &'a wgpu::TextureView,
     pub(crate) size_px: (u32, u32),
-    /// The rows to draw.
     pub(crate) rows: Range<u32>,
     /// The bind group that limits the march to a slab between meshes; `None` without meshes.
     pub(crate) limits: Option<&'a wgpu::BindGroup>,
@@ -216,7 +212,6 @@ impl Gathering<'_> {
         Ok(())
     }
 
-    /// Submits a compute shader for a band of rows.
     fn dispatch(
         &self,
         gpu: &Gpu,

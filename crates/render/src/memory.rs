@@ -11,8 +11,8 @@ use brickyard_shaders::{CellBrick, CellInstance, FrameUniform, MeshLook, MeshVer
 use brickyard_volume::{MeshCapacity, OpaqueCodes, SlotFormat};
 use wgpu::TextureFormat;
 
-/// Most bricks of cells, of all layers together, per submission of `sorted`. Longer draw lists take several
-/// submissions, so that no watchdog sees a hang.
+/// Most bricks of cells, of all layers, per submission of `sorted`. Longer draw lists take several, so that no watchdog
+/// sees a hang.
 pub(crate) const CELLS_PER_SUBMISSION: usize = 1024;
 /// Bytes of a picture's two timestamps.
 pub(crate) const TIMESTAMP_BYTES: u64 = 16;
@@ -28,9 +28,8 @@ pub(crate) const MIN_SLOTS: u32 = 2;
 /// The split of the GPU memory budget.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MemoryPlan {
-    /// The plan of each pool.
     pub(crate) pools: Vec<PoolPlan>,
-    /// For each layer the index of its pool.
+    /// Index of each layer's pool.
     pub(crate) pool_of: Vec<usize>,
     /// Bricks of a pool per upload submission.
     pub(crate) batch: u64,
@@ -55,7 +54,7 @@ pub(crate) struct PoolPlan {
 /// The sizes behind a pool's share of the buffers for rays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct RaycastPlan {
-    /// Voxels along a brick's core edge.
+    /// Voxels along a core's edge.
     pub(crate) edge: u32,
     /// Most octree levels of any layer.
     pub(crate) levels: u32,
@@ -84,12 +83,10 @@ impl RaycastPlan {
     }
 }
 
-/// Returns the bytes of a layer's counts of opaque table entries.
 pub(crate) fn opaque_bytes(codes: SlotFormat) -> u64 {
     OpaqueCodes::most(codes) as u64 * 4
 }
 
-/// The inputs of a memory plan.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MemoryNeeds<'a> {
     pub(crate) formats: GpuFormats,
@@ -107,7 +104,6 @@ pub(crate) struct MemoryNeeds<'a> {
     pub(crate) has_expressions: bool,
     /// Whether to reserve the left eye's picture, as on an application's device.
     pub(crate) has_two_eyes: bool,
-    /// Number of upload batches with staging memory at once.
     pub(crate) batches: u64,
 }
 
@@ -167,9 +163,9 @@ pub(crate) fn geometry_bytes(room: MeshCapacity) -> [u64; 3] {
     std::array::from_fn(|i| each[i] as u64 * counts[i] as u64)
 }
 
-/// Returns the total bytes of meshes: vertices and triangles on the GPU and in staging, the counts of layers, and for
-/// each pixel two distances, two numbers, a layer's colour and the colour in front. 0 without meshes. `front` is the
-/// format of the colour in front.
+/// Returns the total bytes of meshes: vertices, triangles and looks on the GPU and in staging, the counts of layers,
+/// and per pixel two distances, two numbers, a layer's colour and the colour in front, of format `front`. 0 without
+/// meshes.
 pub(crate) fn mesh_bytes(room: MeshCapacity, pixels: u64, front: TextureFormat) -> u64 {
     if room.is_none() {
         return 0;
@@ -354,7 +350,6 @@ mod tests {
         }
     }
 
-    /// For either compositor.
     fn both(needs: MemoryNeeds<'_>) -> [MemoryNeeds<'_>; 2] {
         let needs = MemoryNeeds { has_expressions: needs.layers.len() > 1, ..needs };
         [needs, MemoryNeeds { casts_rays: Some(true), ..needs }]

@@ -3,13 +3,12 @@
 //!
 //! To find a layer, all triangles are rasterised: those not behind the previous layer are discarded, and the nearest of
 //! the others wins the depth test. Then the compositor gathers the volume in between, and slab and layer are blended
-//! behind the picture in front of them. If all meshes are opaque the first layer is the last one. Otherwise a query
-//! counts a layer's fragments, and an empty layer ends the picture: each layer costs one pass over the triangles and
-//! one wait. Without waiting, a picture draws as many layers as recent answers suggest; if it lacked some, it is drawn
-//! again.
+//! behind the picture in front of them. If all meshes are opaque the first layer is the last. Otherwise a query counts
+//! a layer's fragments, and an empty layer ends the picture: each layer costs one pass over the triangles and one wait.
+//! Without waiting, a picture draws as many layers as recent answers suggest, and is drawn again if it lacked some.
 //!
-//! Triangles are sent when the meshes change, colours and opacities with every frame. All buffers and pipelines are
-//! created at the start, if pictures will have meshes at all, and recreated with the device.
+//! Triangles are sent when the meshes change, colours and opacities with every frame. Buffers and pipelines are created
+//! at the start if pictures will have meshes, and recreated with the device.
 
 use crate::buffer_parts::Part;
 use crate::buffers::{SharedBuffers, buffer, entry};
@@ -62,7 +61,7 @@ pub(crate) struct Meshes {
     /// The view of `is_short`: its rays, and the meshes' opacities.
     view: Option<(ViewRays, Vec<f64>)>,
     room: MeshCapacity,
-    /// The part of the frames' buffer with the meshes' frame.
+    /// The meshes' frame in the frames' buffer.
     pub(crate) frame: Part,
     /// Contents of the buffers, and the volume's geometry at that time.
     held: Vec<Held>,
@@ -80,8 +79,7 @@ struct Held {
 }
 
 impl Meshes {
-    /// Creates the buffers and pipelines for meshes within `room`. `frame` is the part of the frames' buffer for their
-    /// frame, in the scene's world.
+    /// Creates the buffers and pipelines for meshes within `room`. `frame` is their frame, in the scene's world.
     pub(crate) fn new(gpu: &Gpu, shared: &SharedBuffers, frame: Part, room: MeshCapacity) -> Result<Self, GpuError> {
         let fragment = ShaderStages::FRAGMENT;
         let depth = texture_of(wgpu::TextureSampleType::Depth);
@@ -187,7 +185,6 @@ impl Meshes {
         })
     }
 
-    /// The layouts for pipelines that draw slabs.
     pub(crate) fn layouts(&self) -> MeshLayouts {
         MeshLayouts { limits: self.limits.clone(), layer: self.layer.clone() }
     }
@@ -453,7 +450,6 @@ impl Peeled {
         Ok(Self { size_px, depths, numbers, far: 0, color, front, before, limits, layer, all })
     }
 
-    /// Whether these targets suit pictures of this size.
     pub(crate) fn suit(&self, size_px: (u32, u32)) -> bool {
         self.size_px == size_px
     }
@@ -479,7 +475,6 @@ impl Peeled {
         self.far = 1 - self.far;
     }
 
-    /// The bind group that limits a march to the current slab.
     pub(crate) fn limits(&self) -> &wgpu::BindGroup {
         &self.limits[self.far]
     }

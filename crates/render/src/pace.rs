@@ -2,9 +2,9 @@
 //! reported in time.
 //!
 //! A march queries [`Pace::pixels`] before each submission and reports it to [`Pace::submitted`], which waits for the
-//! submission before. So the device always has one to go on with, and the wait costs it nothing; only the very first is
-//! waited for itself, as its speed is unknown. The slowest pixels so far set the pace; reads are bounded as well, since
-//! later pixels may be slower.
+//! submission before. So the device always has one to go on with, and the wait costs it nothing; only the very first,
+//! of unknown speed, is waited for itself. The slowest pixels so far set the pace; later ones may be slower, so reads
+//! are bounded as well.
 
 use crate::error::GpuError;
 use crate::gpu::Gpu;
@@ -62,7 +62,6 @@ impl Pace {
         *self = Self { until, pixels: self.pixels.clone(), is_known: self.is_known.clone(), ..Self::new() };
     }
 
-    /// The picture's deadline.
     pub(crate) fn until(&self) -> Option<Instant> {
         self.until
     }

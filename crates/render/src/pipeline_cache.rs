@@ -2,7 +2,7 @@
 //! for a compiler.
 //!
 //! Each is compiled once, by whichever side comes first; a picture waits for the thread if it is compiling the needed
-//! pipeline. A failure is an error of the picture that needs the pipeline, and the next picture tries again.
+//! pipeline. A failure is an error of the picture that needs the pipeline; the next picture tries again.
 
 use crate::error::GpuError;
 use crate::pipelines::{Maker, Pipeline, Wanted};
@@ -22,7 +22,6 @@ pub(crate) struct Pipelines {
     thread: Option<JoinHandle<()>>,
 }
 
-/// The thread's requests.
 #[derive(Debug, Default)]
 struct Requests {
     list: Mutex<List>,
@@ -77,7 +76,7 @@ impl Pipelines {
         }
     }
 
-    /// Returns a pipeline; `None` if it has not been compiled.
+    /// Returns a pipeline; `None` if not compiled.
     pub(crate) fn get(&self, wanted: &Wanted) -> Option<&Pipeline> {
         self.all.get(wanted)?.get()?.as_ref().ok()
     }
@@ -111,7 +110,7 @@ impl Pipelines {
         self.requests.set(List { wanted, is_over: false });
     }
 
-    /// Whether these pipelines have all been compiled, or have failed.
+    /// Whether these pipelines have all been compiled or have failed.
     pub(crate) fn are_made(&self, wanted: &[Wanted]) -> bool {
         wanted.iter().all(|wanted| self.all.get(wanted).is_some_and(|making| making.get().is_some()))
     }

@@ -1,5 +1,5 @@
-//! The creation of pipelines: the compositor's march for each way of gathering, and the resolve passes. Creating them
-//! needs nothing of a frame, and works on any thread (`pipeline_cache`).
+//! The creation of pipelines: the compositor's march for each way of gathering, and the resolve passes. It is
+//! independent of frames, and works on any thread (`pipeline_cache`).
 
 use crate::adapter::GpuFormats;
 use crate::compositor::Compositor;
@@ -37,7 +37,6 @@ fn texel_format(format: TextureFormat) -> &'static str {
 /// The bind group with the texture written by compute shaders.
 pub(crate) const TEXELS_GROUP: u32 = 2;
 
-/// A pipeline needed by a picture.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Wanted {
     /// A march, which gathers samples.
@@ -46,7 +45,6 @@ pub(crate) enum Wanted {
     Resolve(Seen, Shown),
 }
 
-/// A finished pipeline: render or compute.
 #[derive(Debug)]
 pub(crate) enum Pipeline {
     Render(wgpu::RenderPipeline),

@@ -16,7 +16,6 @@ use brickyard_pager::{DrawList, Slot, VolumeNeeds};
 use brickyard_volume::macrocells::{self, per_axis};
 use brickyard_volume::{MacroCells, OpaqueCodes, SlotFormat};
 
-/// A pool of slots of one size and format on the GPU, for bricks of several layers.
 #[derive(Debug)]
 pub(crate) struct Pool {
     /// The needs of one of its layers: all have such bricks.
@@ -55,7 +54,6 @@ impl Pool {
         self.plan.atlas.slots()
     }
 
-    /// Whether slots hold 32-bit floats instead of codes.
     pub(crate) fn is_float(&self) -> bool {
         self.needs.encoding.format == SlotFormat::F32
     }
@@ -99,7 +97,6 @@ impl Pool {
         self.uploader.room_bytes(&self.atlas)
     }
 
-    /// Checks that all cells of a draw list use slots of this pool.
     pub(crate) fn check_list(&self, draw: &DrawList) -> Result<(), GpuError> {
         match draw.cells.iter().find(|cell| cell.slot.0 >= self.slots()) {
             None => Ok(()),

@@ -20,11 +20,10 @@ use brickyard_shaders::{FrameUniform, RayBrick, bindings};
 use brickyard_volume::macrocells;
 use wgpu::BufferUsages;
 
-/// The buffers and bindings of the `raycast` and `compute` compositors.
 #[derive(Debug)]
 pub(crate) struct Raycast {
     pub(crate) buffers: RayBuffers,
-    /// The bind group of each single layer.
+    /// Each layer's own bind group.
     pub(crate) bindings: Vec<wgpu::BindGroup>,
     /// The bind group of all layers together.
     pub(crate) joint: wgpu::BindGroup,
@@ -106,7 +105,7 @@ impl Raycast {
 }
 
 impl RayBuffers {
-    /// The bind group entries of rays through a layer, or through all layers.
+    /// The bind group entries of rays through one layer, or through all.
     fn entries<'a>(
         &'a self,
         gpu: &Gpu,
@@ -145,22 +144,18 @@ impl RaycastPlan {
         self.groups(slots) * GROUP as u64
     }
 
-    /// Returns the bytes of the marks of draw lists, for a number of slots.
     pub(crate) fn marks_bytes(&self, slots: u32) -> u64 {
         self.entries(slots) * size_of::<u32>() as u64
     }
 
-    /// Returns the bytes of octree nodes, for a number of slots.
     pub(crate) fn nodes_bytes(&self, slots: u32) -> u64 {
         self.groups(slots) * (GROUP * size_of::<u32>()) as u64
     }
 
-    /// Returns the bytes of the bricks in octree leaves, for a number of slots.
     pub(crate) fn bricks_bytes(&self, slots: u32) -> u64 {
         self.entries(slots) * size_of::<RayBrick>() as u64
     }
 
-    /// Returns the bytes of the macro-cells of a number of slots.
     pub(crate) fn ranges_bytes(&self, slots: u32) -> u64 {
         (slots as usize * macrocells::bytes(self.edge as usize)) as u64
     }

@@ -1,10 +1,10 @@
-//! The GPU renderer: pools of slots on the GPU, layers drawn from them, a compositor gathering their samples, and
-//! picture read-back.
+//! The GPU renderer: pools of slots, layers drawn from them, a compositor gathering their samples, and picture
+//! read-back.
 //!
-//! A frame (see `frame_pass`) writes each layer's settings, its cells in the compositor's form and, when it changed,
-//! its transfer table; gathers; resolves to display colours; waits, and copies the picture out. Slots, targets and
-//! buffers all stay within the budget given at the start. Everything runs on the calling thread, except for compiling
-//! pipelines ahead.
+//! A frame (see `frame_pass`) writes each layer's settings, its cells in the compositor's form and, when changed, its
+//! transfer table; gathers; resolves to display colours; waits, and copies the picture out. Slots, targets and buffers
+//! all stay within the budget given at the start. Everything runs on the calling thread, except for compiling pipelines
+//! ahead.
 
 use crate::adapter::{AdapterReport, GpuPreference};
 use crate::answers::{Answer, Answers};
@@ -71,9 +71,9 @@ pub struct GpuRenderer {
     /// Whether the targets came from another renderer, with its last shown picture.
     keeps_picture: bool,
     pub(crate) pace: Pace,
-    /// The meshes' buffers and pipelines; `None` if pictures never have meshes.
+    /// The meshes' buffers and pipelines; `None` without meshes.
     pub(crate) meshes: Option<Meshes>,
-    /// The additional targets of pictures with meshes; `None` if pictures never have meshes.
+    /// The additional targets of pictures with meshes; `None` without.
     pub(crate) peeled: Option<Peeled>,
     pub(crate) blit: Blit,
     pub(crate) answers: Answers,
@@ -81,16 +81,16 @@ pub struct GpuRenderer {
     pub(crate) heard: Vec<Answer>,
     /// The requested picture on its way to the CPU.
     pub(crate) reading: Option<Reading>,
-    /// The part of the tables' buffer with an expression's transfer table; `None` without room for expressions.
+    /// The expression's part of the tables' buffer; `None` without room for expressions.
     pub(crate) combined_part: Option<Part>,
-    /// The expression's transfer table on the GPU; `None` before the first one.
+    /// The expression's transfer table on the GPU, if any yet.
     pub(crate) combined: Option<TransferTable>,
     /// For each layer the greatest transmittance with which rays entered the last frame's cells; `None` if unknown.
     pub(crate) visibility: Option<Vec<Vec<f32>>>,
     pub(crate) last_frame_ms: f64,
 }
 
-/// A device with the pipelines a renderer has compiled for it, to spare the next renderer compiling them.
+/// A device with its compiled pipelines, for reuse by the next renderer.
 #[derive(Debug)]
 pub struct Compiled {
     gpu: Gpu,
@@ -128,7 +128,7 @@ impl Recipe {
         Ok(Self { options: *options, layers: layers.to_vec(), budget_bytes, max_size_px })
     }
 
-    /// Plans the budget on this device. `most_slots` limits the slots of each pool; empty sets no limit.
+    /// Plans the budget on this device. `most_slots` limits each pool's slots; empty sets no limit.
     fn plan(&self, gpu: &Gpu, most_slots: &[u32]) -> Result<MemoryPlan, GpuError> {
         let limit = gpu.report.max_texture_2d;
         check_size(self.max_size_px, (limit, limit))?;
@@ -177,12 +177,12 @@ pub(crate) enum March {
 }
 
 impl GpuRenderer {
-    /// Creates a renderer for `layers` and pictures of up to `max_size_px` (width, height) that allocates at most
-    /// `gpu_memory_bytes`. Slots get the memory left over by targets and tables. Layers whose bricks fit each other's
-    /// slots share a [pool](brickyard_pager::pools) of slots; several pools share the memory.
+    /// Creates a renderer for `layers` and pictures of up to `max_size_px` (width, height) within `gpu_memory_bytes`.
+    /// Slots get the memory left over by targets and tables. Layers whose bricks fit each other's slots share a
+    /// [pool](brickyard_pager::pools) of slots; several pools share the memory.
     ///
-    /// The device may have less memory than the budget. If it refuses an allocation, the number of slots is halved
-    /// until all fits, down to the least that works: see [`GpuRenderer::asked_bytes`].
+    /// If the device has less memory and refuses an allocation, the number of slots is halved until all fits, down to
+    /// the least that works: see [`GpuRenderer::asked_bytes`].
     ///
     /// # Errors
     /// If there is no such adapter, its shaders see too few textures, there are no layers, too many or layers for
@@ -266,7 +266,7 @@ impl GpuRenderer {
             Compositor::Sorted => March::Sorted(Sorted::new(&gpu, &layouts, &shared, slots)?),
             _ => March::Raycast(Raycast::new(&gpu, &layouts, &shared, slots, (&ends, &memory))?),
         };
-        // The largest ones ever needed: a frame is too late to find out that there is no room for them.
+        // The largest ones ever needed: a frame is too late to find out that they do not fit.
         let [_, _, marks_bytes] = memory.list_bytes();
         let largest = (Gather::Composite, layers.len() > 1);
         let last = picture.filter(|last| last.targets.fit(recipe.max_size_px));
@@ -318,8 +318,8 @@ impl GpuRenderer {
         })
     }
 
-    /// Recreates the renderer after the loss of its device, starting from the choice of adapter. All slots are empty
-    /// then, and there may be fewer.
+    /// Recreates the renderer after the loss of its device, starting with the choice of adapter. All slots are then
+    /// empty, possibly fewer.
     ///
     /// # Errors
     /// As [`GpuRenderer::new`], and if the device is an application's. The renderer stays lost then.
@@ -333,9 +333,9 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Frees the renderer's memory on the device, and returns the device with its compiled pipelines for another
-    /// renderer. Waits until the device is done. If `keeps_picture`, the last shown picture is not freed, and the other
-    /// renderer shows it until it draws one of its own, unless it is made for smaller pictures.
+    /// Frees the renderer's memory on the device, waits for it, and returns it with its compiled pipelines for another
+    /// renderer. With `keeps_picture`, the other renderer shows the last picture until it draws one of its own, unless
+    /// it is made for smaller pictures.
     ///
     /// # Errors
     /// If the device is lost.
@@ -351,7 +351,7 @@ impl GpuRenderer {
         Ok(Compiled { gpu, pipelines: Some(pipelines), picture })
     }
 
-    /// Sets a deadline: from now on, unfinished pictures are given up at this time, with [`GpuError::TooLong`]; `None`
+    /// Sets a deadline: from now on, pictures unfinished at this time are given up with [`GpuError::TooLong`]; `None`
     /// gives none up. Submissions are then only as large as the device draws in a moment.
     pub fn draw_until(&mut self, until: Option<Instant>) {
         if self.pace.until() != until {
@@ -359,8 +359,7 @@ impl GpuRenderer {
         }
     }
 
-    /// Whether the renderer has taken over the last shown picture of its predecessor on the device, to show it until it
-    /// draws one of its own.
+    /// Whether the renderer shows the last picture of its predecessor on the device until it draws one of its own.
     pub fn keeps_picture(&self) -> bool {
         self.keeps_picture
     }
@@ -389,12 +388,12 @@ impl GpuRenderer {
         self.pools[self.layers[layer].pool].slots()
     }
 
-    /// Most bytes that this renderer may hold on the GPU at once: atlases, targets, tables, staging, read-back.
+    /// Most bytes of this renderer on the GPU at once: atlases, targets, tables, staging, read-back.
     pub fn gpu_bytes(&self) -> u64 {
         self.memory.bytes()
     }
 
-    /// The value of [`GpuRenderer::gpu_bytes`] had the device refused nothing.
+    /// The value of [`GpuRenderer::gpu_bytes`], had the device refused nothing.
     pub fn asked_bytes(&self) -> u64 {
         self.asked_bytes
     }
@@ -421,7 +420,7 @@ impl GpuRenderer {
     }
 
     /// Puts a padded brick into a slot of a layer's pool: its codes (little-endian, x fastest), then its gradients. Any
-    /// layer of the pool may be drawn from the slot. Returns before the brick is on the GPU; frames drawn later see it.
+    /// layer of the pool may be drawn from the slot. Returns before the brick is on the GPU; later frames see it.
     ///
     /// # Errors
     /// If the codes are not a padded brick of the layer, there is no such slot, or the device fails.

@@ -12,8 +12,8 @@ use brickyard_volume::{Combination, Picture, StereoLayout};
 use std::ops::Range;
 
 impl GpuRenderer {
-    /// Draws a picture like [`GpuRenderer::render`], but into a texture of the renderer's own and without waiting.
-    /// Returns whether an [`Answer`] with the number `picture` will follow; none does while too many are in flight.
+    /// Draws a picture like [`GpuRenderer::render`], but into the renderer's own texture and without waiting. Returns
+    /// whether an [`Answer`] with the number `picture` will follow; none does while too many are in flight.
     ///
     /// # Errors
     /// As [`GpuRenderer::render`].
@@ -28,9 +28,8 @@ impl GpuRenderer {
             .scoped(|| Ok(self.all_drawn(layers, combination, (None, false))?.end(picture, false)?.is_asked))
     }
 
-    /// Draws some rows of a picture without meshes. Row 0 begins the picture and the last row ends it, returning the
-    /// result of [`GpuRenderer::show`] for the same picture; `None` before. Layers, lists and slots must stay unchanged
-    /// meanwhile.
+    /// Draws some rows of a picture without meshes, beginning with row 0. The last row ends it and returns the result
+    /// of [`GpuRenderer::show`]; earlier ones return `None`. Layers, lists and slots must stay unchanged meanwhile.
     ///
     /// # Errors
     /// As [`GpuRenderer::render`].
@@ -70,9 +69,8 @@ impl GpuRenderer {
         gpu.scoped(|| blit.keep_left(gpu, targets))
     }
 
-    /// Records a pass in an application's encoder that puts the last shown picture, or with `stereo` the pictures of
-    /// two eyes, on the application's texture. The pass reads the picture when submitted: a picture shown meanwhile
-    /// takes its place.
+    /// Records a pass in an application's encoder that puts the last shown picture, or with `stereo` those of two eyes,
+    /// on the application's texture. The pass reads the picture when submitted, which may be one shown meanwhile.
     ///
     /// # Errors
     /// If nothing has been drawn, or the target's format cannot be drawn into.
@@ -87,8 +85,8 @@ impl GpuRenderer {
         gpu.scoped(|| blit.record(gpu, (targets, stereo), target, encoder))
     }
 
-    /// Requests the pixels of the last drawn picture; [`GpuRenderer::picture`] returns them when ready. Returns false,
-    /// and does nothing, while the pixels of an earlier picture are on their way or if nothing has been drawn.
+    /// Requests the pixels of the last drawn picture for [`GpuRenderer::picture`]. Returns false, and does nothing,
+    /// while those of an earlier picture are on their way or if nothing has been drawn.
     ///
     /// # Errors
     /// If the device fails.
@@ -104,8 +102,7 @@ impl GpuRenderer {
         })
     }
 
-    /// Returns the picture requested by [`GpuRenderer::read_back`]; `None` while it is on its way, or without a
-    /// request.
+    /// Returns the picture requested by [`GpuRenderer::read_back`]; `None` while on its way, or without a request.
     ///
     /// # Errors
     /// If the device is lost.
@@ -121,8 +118,8 @@ impl GpuRenderer {
         })
     }
 
-    /// Ensures a sheet and a read-back buffer for a picture with a waiting caller: if there is none, waits for
-    /// everything in flight. A picture requested earlier is dropped.
+    /// Ensures a free sheet and read-back buffer for a picture with a waiting caller: if necessary, waits for
+    /// everything in flight and drops a picture requested earlier.
     pub(crate) fn make_room(&mut self) -> Result<(), GpuError> {
         if self.answers.is_full() || self.reading.is_some() {
             self.gpu.wait_for_all()?;
@@ -136,7 +133,7 @@ impl GpuRenderer {
         Ok(())
     }
 
-    /// Takes the answers about pictures received so far. Does not poll the device.
+    /// Takes the answers received so far. Does not poll the device.
     pub(crate) fn hear(&mut self) -> Result<Vec<Answer>, GpuError> {
         let Self { gpu, answers, meshes, layers, .. } = self;
         let said = answers.take_said(gpu)?;

@@ -18,7 +18,7 @@ use brickyard_shaders::{CellBrick, CellInstance, bindings};
 use brickyard_volume::Pyramid;
 use wgpu::BufferUsages;
 
-/// The buffers and bindings of the `sorted` compositor. Cells and their bricks are rewritten for every submission.
+/// The buffers and bindings, with cells and bricks rewritten for every submission.
 #[derive(Debug)]
 pub(crate) struct Sorted {
     cells: wgpu::Buffer,
@@ -27,7 +27,6 @@ pub(crate) struct Sorted {
     pub(crate) joint: wgpu::BindGroup,
 }
 
-/// A layer's draw list, its pyramid, and the pool of its bricks.
 pub(crate) type Drawn<'a> = (&'a DrawList, &'a Pyramid, &'a Pool);
 
 /// The boxes to draw, back to front, and for each box the bricks of the layers in it.

@@ -11,7 +11,6 @@ use brickyard_shaders::Gather;
 use brickyard_volume::Picture;
 use wgpu::{Extent3d, TextureFormat, TextureUsages};
 
-/// The targets of pictures of one size: gathered samples, the display picture, and its read-back buffer.
 #[derive(Debug)]
 pub(crate) struct Targets {
     pub(crate) gather: Gather,
@@ -27,7 +26,6 @@ pub(crate) struct Targets {
     read_back: Option<wgpu::Buffer>,
 }
 
-/// A picture on its way to the CPU.
 #[derive(Debug)]
 pub(crate) struct Reading {
     mapping: Mapping,
@@ -81,23 +79,21 @@ impl Targets {
         })
     }
 
-    /// Whether these targets suit such pictures.
     pub(crate) fn suit(&self, (gather, has_sums): (Gather, bool), size_px: (u32, u32)) -> bool {
         (self.gather, self.sums.is_some(), self.width_px, self.height_px) == (gather, has_sums, size_px.0, size_px.1)
     }
 
-    /// Drops the sums, keeping the display picture.
     pub(crate) fn without_sums(self) -> Self {
         Self { sums: None, ..self }
     }
 
-    /// Whether these targets are no larger than pictures of this size.
+    /// Whether these targets are no larger than this size.
     pub(crate) fn fit(&self, (width_px, height_px): (u32, u32)) -> bool {
         self.width_px <= width_px && self.height_px <= height_px
     }
 
     /// Queues the copy of the display picture to a CPU-readable buffer, and returns the buffer. `None` while an earlier
-    /// picture is on its way to the CPU.
+    /// picture is on its way.
     pub(crate) fn copy_back(&mut self, encoder: &mut wgpu::CommandEncoder) -> Option<wgpu::Buffer> {
         let buffer = self.read_back.take()?;
         let layout = wgpu::TexelCopyBufferLayout {
@@ -116,7 +112,7 @@ impl Targets {
         Reading { mapping: Mapping::begin(buffer), width_px: self.width_px, height_px: self.height_px }
     }
 
-    /// Takes a picture from the CPU's buffer, and keeps the buffer for the next one.
+    /// Takes a picture that has reached the CPU, and keeps its buffer for the next one.
     ///
     /// # Errors
     /// If the picture has not arrived yet, or the device is lost.
@@ -135,7 +131,7 @@ impl Targets {
 }
 
 impl Reading {
-    /// Whether the picture has arrived on the CPU. Does not poll the device.
+    /// Whether the picture has reached the CPU. Does not poll the device.
     ///
     /// # Errors
     /// If the device is lost.

@@ -1,6 +1,6 @@
-//! The transfer table on the GPU: places so dense that the nearest one suffices, where the volume crate's table has
-//! entries and is interpolated. A sample then costs one load of 8 bytes and one power less: opacity is stored as the
-//! argument of an exponential.
+//! The transfer table on the GPU: places so dense that the nearest one suffices, instead of the volume crate's
+//! interpolated entries. A sample then costs one load of 8 bytes and one power less: opacity is stored as the argument
+//! of an exponential.
 
 use brickyard_volume::compositing::OPAQUE;
 use brickyard_volume::jitter::{self, BLUE_EDGE};
@@ -17,13 +17,11 @@ pub(crate) enum Places {
 }
 
 impl Places {
-    /// The contents read by pictures of this mode.
     pub(crate) fn of(mode: Mode) -> Self {
         if mode.is_projection() { Self::Colors } else { Self::Media }
     }
 }
 
-/// Bytes of a place.
 const PLACE_BYTES: u64 = size_of::<[u32; 2]>() as u64;
 
 /// Code format of an expression's transfer table.
@@ -65,23 +63,21 @@ pub(crate) struct TableCapacity {
 }
 
 impl TableCapacity {
-    /// Returns the capacity needed by pictures with these needs.
     pub(crate) fn new(codes: SlotFormat, needs: &Needs) -> Self {
         Self { codes, has_integrals: needs.is_pre_integrated, has_grid: needs.has_grid }
     }
 
-    /// Returns the capacity without integrals and without entries over gradients.
+    /// The capacity without integrals and without entries over gradients.
     pub(crate) fn of_places(codes: SlotFormat) -> Self {
         Self { codes, has_integrals: false, has_grid: false }
     }
 
-    /// Returns the bytes of the buffer.
     pub(crate) fn bytes(&self) -> u64 {
         let entries = if self.has_grid { TransferGrid::MOST_ROWS * TransferGrid::COLUMNS } else { 0 };
         (self.grid_at() as u64 + entries as u64) * PLACE_BYTES
     }
 
-    /// Returns the bytes of the buffer and of the staging memory for its upload.
+    /// The bytes of the buffer and of the staging memory for its upload.
     pub(crate) fn bytes_staged(&self) -> u64 {
         2 * self.bytes()
     }
@@ -98,7 +94,6 @@ impl TableCapacity {
     }
 }
 
-/// The contents of a transfer table's buffer.
 #[derive(Debug)]
 pub(crate) struct Words {
     /// The words of the buffer in pairs: places; for each entry the low and high word of each running integral; unused
@@ -108,7 +103,6 @@ pub(crate) struct Words {
     pub(crate) sum_unit: f32,
 }
 
-/// Builds the contents of the buffer from a transfer table.
 pub(crate) fn words(table: &TransferTable, room: TableCapacity, holds: Places) -> Words {
     let mut words = places(table, room.codes, holds);
     let mut sum_unit = 0.0;
@@ -136,7 +130,6 @@ fn mask() -> impl Iterator<Item = [u32; 2]> {
     jitter::blue_mask().chunks(8).map(move |chunk| [word(&chunk[..4]), word(&chunk[4..])])
 }
 
-/// Builds the places of a transfer table.
 pub(crate) fn places(table: &TransferTable, codes: SlotFormat, holds: Places) -> Vec<[u32; 2]> {
     let last = last_place(table, codes);
     let medium = |[r, g, b, alpha]: [f32; 4]| {

@@ -24,7 +24,6 @@ pub(crate) fn staging_bytes(slot_edge: u32, format: TextureFormat, gradients: Gr
     cube(slot_edge as u64, texel_bytes(format)) + cube(gradients.along() as u64, NODE_BYTES as u64)
 }
 
-/// Bricks submitted together.
 #[derive(Debug)]
 struct Batch {
     bricks: u64,
@@ -32,7 +31,6 @@ struct Batch {
     is_done: Arc<AtomicBool>,
 }
 
-/// Batched uploads of bricks into an atlas.
 #[derive(Debug)]
 pub(crate) struct Uploader {
     codes: SlotFormat,
@@ -43,7 +41,7 @@ pub(crate) struct Uploader {
     pending: u64,
     /// Batches possibly still in flight, oldest first.
     under_way: VecDeque<Batch>,
-    /// Texels of a brick converted to the atlas's format.
+    /// Scratch for a brick's texels, if the atlas's format differs from the codes'.
     converted: Vec<u16>,
     /// Bytes of codes and gradients uploaded so far.
     pub(crate) bytes: u64,
@@ -100,7 +98,6 @@ impl Uploader {
         if self.pending < self.batch { Ok(()) } else { self.submit(gpu) }
     }
 
-    /// Submits the bricks written since the last submission.
     pub(crate) fn submit(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
         let bricks = std::mem::take(&mut self.pending);
         if bricks > 0 {

@@ -23,7 +23,6 @@ impl Shader {
     }
 }
 
-/// Returns how the samples of a frame are gathered.
 pub(crate) fn gather_of(frame: &FrameSettings) -> Gather {
     match frame.mode {
         Mode::Mip | Mode::MinIp => Gather::Project,
@@ -79,7 +78,6 @@ fn gradient_of(lighting: &Lighting, is_lit: bool) -> brickyard_shaders::Gradient
     }
 }
 
-/// Returns the interpolation of voxels.
 pub(crate) fn filter_of(sampling: Sampling) -> brickyard_shaders::Filter {
     match sampling.filter {
         Filter::Nearest => brickyard_shaders::Filter::Nearest,
@@ -88,7 +86,6 @@ pub(crate) fn filter_of(sampling: Sampling) -> brickyard_shaders::Filter {
     }
 }
 
-/// Returns the shader variant of a march through a single layer.
 pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
     let frame = framed.settings;
     let (gather, sampling) = (gather_of(frame), Sampling { method: frame.method(), ..frame.sampling });

@@ -1,13 +1,12 @@
 //! Box reads of a padded brick ([`brickyard_volume::extremes`]): the extreme of all voxels touched by each segment's
 //! box.
 //!
-//! Where no box touches more than two voxels along an axis, its corners cover them all; eight boxes are then read at
-//! once, neighbours along x together. As in `sample`, everything is inlined and free of closures.
+//! Where no box touches more than two voxels along an axis, only its corners are read, eight boxes at once, neighbours
+//! along x together. As in `sample`, everything is inlined and free of closures.
 
 use crate::packet::{LANES, PACKETS, Packet};
 use crate::sample::{Brick, Code, SampleChunk, Unit};
 
-/// The extreme shown by a projection.
 #[derive(Clone, Copy)]
 pub(crate) enum Extreme {
     Greatest,
@@ -15,7 +14,6 @@ pub(crate) enum Extreme {
 }
 
 impl Extreme {
-    /// The factor that turns the extreme into the greatest number.
     const fn sign(self) -> f32 {
         match self {
             Self::Greatest => 1.0,
@@ -24,8 +22,8 @@ impl Extreme {
     }
 }
 
-/// The segments of a chunk in a brick: their middles have the slot coordinates `origin + along * step`, and a whole one
-/// weighs `whole`. The boxes extend `reach` beyond their segments.
+/// A chunk's segments in a brick: middles at the slot coordinates `origin + along * step`, `whole` as the weight of a
+/// whole one, and `reach` as the extent of the boxes beyond their segments.
 #[derive(Clone, Copy)]
 pub(crate) struct Segments {
     pub(crate) origin: [f32; 3],
@@ -34,8 +32,8 @@ pub(crate) struct Segments {
     pub(crate) reach: [f32; 3],
 }
 
-/// The voxels touched by eight boxes: the first of each, and the count of further ones along each axis. Along x the
-/// first always has a voxel above it; 1 in `skipped` marks boxes touching only that upper one.
+/// The voxels touched by eight boxes: the first of each, and the number of further ones along each axis. Along x the
+/// first always has a voxel above it; 1 in `skipped` marks boxes touching only that one.
 struct Touched {
     first: [i32; LANES],
     skipped: [i32; LANES],
@@ -43,7 +41,7 @@ struct Touched {
 }
 
 impl Brick<'_> {
-    /// Fills in the extreme code of each of a chunk's segments. Segments touching no voxel with a value weigh nothing.
+    /// Fills in the extreme code of each of a chunk's segments, with weight 0 if no touched voxel has a value.
     #[inline(always)]
     pub(crate) fn read_boxes<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -115,7 +113,7 @@ impl Brick<'_> {
         }
     }
 
-    /// The brick's voxels touched by the boxes of eight segments. Beyond the brick, its outermost voxels stand in.
+    /// The voxels touched by the boxes of eight segments. Outside the brick, its outermost voxels stand in.
     #[inline(always)]
     fn touched(&self, segments: &Segments, along: &Packet, weight: &Packet) -> Touched {
         let Segments { origin, step, whole, reach } = *segments;
@@ -217,7 +215,6 @@ impl Brick<'_> {
     }
 }
 
-/// The whole part of a coordinate, from 0 to `last`.
 #[inline(always)]
 fn clamped(v: f32, last: f32) -> i32 {
     // Written so that NaN ends up inside, too.

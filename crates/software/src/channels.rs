@@ -1,9 +1,8 @@
-//! Fog of layers with a common cut, such as the channels of an image: all of a cell's bricks are sampled at the same
-//! places.
+//! Fog of layers with a common cut, such as an image's channels: all of a cell's bricks are sampled at the same places.
 //!
 //! Some rays go through a cell side by side. For each, the next segments possibly visible in any layer are located
-//! once; then each layer takes its samples there, for all these rays before the next layer's turn, so that its voxels
-//! stay in the first-level cache; finally light passes through the media of all layers.
+//! once; then each layer takes its samples there, for all these rays before the next layer, to find its voxels in the
+//! first-level cache; finally light passes through the media of all layers.
 
 use crate::frame::{Cell, Frame};
 use crate::gather::{self, add_fog};
@@ -23,25 +22,21 @@ use brickyard_volume::{Filter, SlotFormat};
 use glam::Vec4;
 use std::ops::Range;
 
-/// Rays that go side by side: enough for all but one to find its voxels in the cache, and few enough for their own
+/// Rays that go side by side: enough for all but one to find their voxels in the cache, and few enough for their own
 /// state to stay there.
 const SIDE_BY_SIDE: usize = 4;
 
-/// Bytes per thread for the rays that go side by side.
 pub(crate) const BYTES_PER_THREAD: usize = SIDE_BY_SIDE * size_of::<Walk>();
-/// Bytes per thread and layer for the rays that go side by side.
 pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize = SIDE_BY_SIDE * size_of::<u64>() + size_of::<Part<'_, '_>>();
 
-/// How several layers of plain fog with a common cut are drawn.
+/// The march of several layers of plain fog with a common cut.
 pub(crate) struct Channels {
     takes: Vec<Take>,
     march: March,
 }
 
-/// Adds a layer's media for some packets of a chunk.
 type Take = fn(&Part<'_, '_>, u32, &mut SampleChunk, &mut Media);
 
-/// Takes rays to the ends of their runs through a cell.
 type March = fn(&[Part<'_, '_>], &mut [Walk], &mut [Ray; PIXELS]);
 
 /// A layer's part of a cell of the shared cut.
@@ -54,13 +49,11 @@ pub(crate) struct Part<'a, 'f> {
     share: f32,
 }
 
-/// The rays collected to go side by side through a cell.
 pub(crate) struct Walks {
     walks: Vec<Walk>,
     count: usize,
 }
 
-/// A ray's way through a cell.
 struct Walk {
     /// The ray's place in its tile, its pixel, and one past the last tick.
     place: usize,
@@ -79,8 +72,8 @@ struct Walk {
 }
 
 impl Channels {
-    /// How to draw these layers, which share a cut and have no surfaces, side by side. `None` for a single layer, or if
-    /// one is more than fog sampled trilinearly in the middle of each segment and classified by its value alone.
+    /// Prepares side-by-side drawing of layers with a common cut and no surfaces. `None` for a single layer, or if one
+    /// is more than fog sampled trilinearly in the middle of each segment and classified by its value alone.
     pub(crate) fn new(frames: &[Frame<'_>]) -> Option<Self> {
         let is_fog =
             |frame: &Frame<'_>| gather::is_plain(frame) && frame.reading == Reading::Filtered(Filter::Trilinear);
@@ -88,8 +81,8 @@ impl Channels {
             .then(|| Self { takes: frames.iter().map(take_of).collect(), march: march_of() })
     }
 
-    /// The layers' parts of a cell. `None` if the layers' bricks do not lie alike under the cell, as bricks of one
-    /// level do.
+    /// The layers' parts of a cell. `None` if the layers' bricks lie differently under the cell, unlike bricks of one
+    /// level.
     pub(crate) fn parts<'a, 'f>(
         &self,
         frames: &'a [Frame<'f>],
@@ -127,7 +120,7 @@ impl Channels {
 }
 
 impl Walks {
-    /// Creates room for rays that go side by side; none if `channels` is `None`.
+    /// Makes room for the rays, if there are `channels`.
     pub(crate) fn new(channels: Option<&Channels>) -> Self {
         let walk = |_| Walk {
             place: 0,
@@ -145,8 +138,8 @@ impl Walks {
         Self { walks: (0..if channels.is_some() { SIDE_BY_SIDE } else { 0 }).map(walk).collect(), count: 0 }
     }
 
-    /// Adds a pixel's ray, which has the segments from tick `first` up to tick `last` in the cell. `place` is the ray's
-    /// place in its tile. Returns whether the room is now full.
+    /// Adds a pixel's ray with the segments from tick `first` up to tick `last` in the cell. `place` is the ray's place
+    /// in its tile. Returns whether the room is now full.
     pub(crate) fn enter(
         &mut self,
         parts: &[Part<'_, '_>],
@@ -214,7 +207,6 @@ impl Walk {
         true
     }
 
-    /// The packets of the chunk possibly visible in a layer.
     #[inline(always)]
     fn packets(&self, layer: usize) -> u32 {
         let mut packets = 0;

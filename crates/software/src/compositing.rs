@@ -1,13 +1,13 @@
 //! Joint direct volume rendering of several layers, fog and surfaces, by the rules of
 //! [`brickyard_volume::compositing`]; or of an expression over them.
 //!
-//! Every ray meets layers with a common cut alike: a tile's rays are taken cell by cell, as through one layer, and find
-//! their segments in a cell once for all layers; through plain fog they go side by side (`channels`). Otherwise rays
-//! are taken one by one: in each layer, a ray finds the runs of its segments belonging to the cells over the tile.
-//! Either way a ray then follows the lattice in chunks of 32 segments. One layer after the other adds its own media to
-//! the chunk (`gather`: sampled only in possibly visible macro-cells), and then light passes through segment by
-//! segment. So no layer is sampled much behind the end of the light, and costs add up. If layers have surfaces, those
-//! of a chunk are kept, with all pieces of media between them: light passes a segment with surfaces piece by piece.
+//! Every ray meets layers with a common cut alike: a tile's rays are taken cell by cell, and find their segments in a
+//! cell once for all layers; through plain fog they go side by side (`channels`). Otherwise rays are taken one by one:
+//! in each layer, a ray finds the runs of its segments in the cells over the tile. Either way a ray then follows the
+//! lattice in chunks of 32 segments. Layer by layer, media are added to the chunk (`gather`: sampled only in possibly
+//! visible macro-cells), and then light passes through segment by segment. So no layer is sampled much behind the end
+//! of the light, and costs add up. If layers have surfaces, those of a chunk are kept, with all pieces of media between
+//! them: light passes a segment with surfaces piece by piece.
 
 use crate::channels::{self, Channels, Walks};
 use crate::frame::{Cell, Frame};
@@ -23,7 +23,6 @@ use crate::tiles::{PIXELS, Tile, place, places};
 use brickyard_volume::{Combination, CutFace};
 use glam::{DVec3, Vec4};
 
-/// How a frame's layers are drawn together.
 pub(crate) struct JointMarch<'a> {
     gathers: Vec<Gather>,
     see: See,
@@ -37,7 +36,6 @@ pub(crate) struct JointMarch<'a> {
 
 /// A layer's entry of a cell of the shared cut.
 struct Shared {
-    /// The cell's place in the order of the cut.
     rank: u32,
     layer: u32,
     cell: u32,
@@ -48,13 +46,11 @@ impl Shared {
         &frames[self.layer as usize].cells[self.cell as usize]
     }
 
-    /// Whether the cell is invisible and has already been entered with this much light.
     fn is_done(&self, frames: &[Frame<'_>], light: f32) -> bool {
         is_done(&frames[self.layer as usize], self.cell(frames), light)
     }
 }
 
-/// A run of neighbouring segments of a ray in one cell.
 #[derive(Clone, Copy)]
 pub(crate) struct Run {
     cell: u32,
@@ -73,14 +69,12 @@ const _: () = assert!(size_of::<Shared>() <= BYTES_PER_CELL_AND_THREAD);
 pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize =
     size_of::<Way>() + size_of::<[Past; PIXELS]>() + channels::BYTES_PER_LAYER_AND_THREAD;
 
-/// A cell entered by a ray in a chunk: its layer, its index, and the chunk's segment.
 struct Entry {
     layer: usize,
     cell: u32,
     segment: usize,
 }
 
-/// A thread's working state.
 struct Work {
     /// Where any layer is shown along the ray, from and to.
     stretch: [f64; 2],
@@ -234,7 +228,7 @@ impl Work {
         }
     }
 
-    /// Starts a pixel's ray through a cell, with these segments, in all layers with an entry of the cell.
+    /// Starts a pixel's ray through a cell, with these segments, in all layers that draw the cell there.
     fn enter(
         &mut self,
         frames: &[Frame<'_>],
@@ -262,7 +256,6 @@ impl Work {
         }
     }
 
-    /// Finds the runs of a pixel's ray in all layers.
     fn follow(&mut self, frames: &[Frame<'_>], cells: &[Vec<u32>], [x, y]: [u32; 2], limits: [f64; 2]) {
         self.runs.clear();
         self.ways.clear();
@@ -307,7 +300,6 @@ impl Work {
 
     /// Follows the runs front to back. Returns premultiplied colour and the remaining light.
     fn march(&mut self, together: &JointMarch<'_>, frames: &[Frame<'_>], mut light: Vec4) -> Vec4 {
-        // The same for all.
         let ticks = &frames[0].ticks;
         let mut next = self.ways.iter().filter_map(|way| Some(self.runs.get(way.runs.clone())?.first()?.first)).min();
         while let Some(tick) = next.filter(|_| light.w >= FAINTEST) {
@@ -374,8 +366,8 @@ impl Work {
     }
 }
 
-/// Returns the lighting of a chunk's segment colours from a tick on, along a layer's ray, at the middle of each
-/// segment's part shown of any layer.
+/// Returns a function that lights the colours of a chunk's segments from a tick on, along a layer's ray, at the middle
+/// of each segment's part shown of any layer.
 fn shade<'a>(
     frame: &'a Frame<'_>,
     ray: &Ray,

@@ -5,7 +5,7 @@ use crate::packet::{LANES, Packet};
 use crate::sample::{Brick, Code};
 use glam::{BVec4A, Vec4};
 
-/// Weighted sums of the codes around a place. Equal codes give exactly that code, which an expression may compare.
+/// Weighted sums of the codes around a place, exact for equal codes, as an expression may compare them.
 struct Sums {
     /// The code of the voxel before the place along each axis, 0 if it has no value.
     middle: f32,
@@ -35,7 +35,6 @@ impl Brick<'_> {
         code
     }
 
-    /// The weighted sums of the 64 codes around a place.
     #[inline(always)]
     fn cubic<C: Code, const INVALID: bool>(&self, point: [f32; 3]) -> Sums {
         let n = self.padded();
@@ -66,7 +65,7 @@ impl Brick<'_> {
         Sums { middle: middle.x, sum: sum.dot(wx), valid: valid.dot(wx) }
     }
 
-    /// Four neighbouring codes, or differences that become codes, and which of the voxels have a value.
+    /// Four neighbouring codes, or differences to become codes, and which of the voxels have a value.
     #[inline(always)]
     fn row<C: Code, const INVALID: bool>(&self, first: usize) -> (Vec4, BVec4A) {
         let codes = &self.codes()[first * C::BYTES..][..4 * C::BYTES];

@@ -1,10 +1,10 @@
 //! The table of a layer's medium, by code, for joint media of several layers. Per unit distance: colour times depth,
 //! and depth; or an additive layer's colour.
 //!
-//! Media scale with a segment's length, so one table serves segments of any length. It is interpolated linearly where
-//! its values are nearly linear; elsewhere samples are computed one by one. 256 entries of the transfer table get two
-//! entries each, and of 65,536 entries each 15 get one: tables of several layers then fit into the second-level cache,
-//! unlike tables of every code. A frame's table takes a few microseconds, or a third of a millisecond for 16-bit codes.
+//! Media scale with a segment's length, so one table serves all lengths. It is interpolated linearly where its values
+//! are nearly linear; elsewhere samples are computed one by one. 256 entries of the transfer table get two entries
+//! each, and of 65,536 entries each 15 get one: tables of several layers then fit into the second-level cache, unlike
+//! tables of every code. A frame's table takes a few microseconds, or a third of a millisecond for 16-bit codes.
 
 use crate::mixture::{Mixed, OPAQUE};
 use crate::packet::{LANES, Packet};
@@ -18,7 +18,6 @@ use glam::Vec4;
 const SHARE: f32 = 1.0 / 1024.0;
 const LEAST: f32 = 1e-6;
 
-/// The table of a layer's medium by code, for layers drawn together.
 pub(crate) struct DepthTable {
     blend: Blend,
     entries: Box<[Vec4]>,
@@ -28,7 +27,6 @@ pub(crate) struct DepthTable {
     has_bends: bool,
     /// The first and the last visible entry; the first is greater if none is.
     visible: [i32; 2],
-    /// Entries from one code to the next.
     per_code: f32,
     /// The greatest position: short of the last entry, so that there is one to its right.
     limit: f32,
@@ -37,7 +35,7 @@ pub(crate) struct DepthTable {
 /// The most pieces of a table: 15 codes are one of 65,535.
 const MOST: usize = 0xffff / 15;
 
-/// The ratio of a table's pieces to those of a transfer table with this last entry.
+/// A table's pieces per pieces of a transfer table with this last entry, as a ratio.
 const fn pieces(last: usize) -> (usize, usize) {
     if 2 * last <= MOST { (2, 1) } else { (1, last.div_ceil(MOST)) }
 }
@@ -50,7 +48,6 @@ pub(crate) const fn bytes(format: SlotFormat) -> usize {
 }
 
 impl DepthTable {
-    /// Builds the table of a layer with this blend.
     pub(crate) fn new(table: &TransferTable, blend: Blend) -> Self {
         let (codes, last) = (&table.entries, table.last_entry());
         let (own, theirs) = pieces(last);
@@ -154,7 +151,7 @@ impl DepthTable {
     }
 }
 
-/// A unit distance of a medium of this straight colour and opacity, as part of the joint medium of all layers.
+/// A unit distance of a medium of this straight colour and opacity, as part of the joint medium.
 fn unit(blend: Blend, entry: Vec4) -> Vec4 {
     match blend {
         Blend::Mix | Blend::Over => entry.with_w(1.0) * (-(-entry.w).ln_1p()).min(OPAQUE),

@@ -54,7 +54,7 @@ impl Brick<'_> {
     }
 
     /// [`Brick::central_differences`] at the given voxels and fractions towards their upper neighbours. With `INVALID`,
-    /// returns the number of voxels read that are no codes; unless it is 0, the differences are useless.
+    /// returns how many of the voxels read are no codes; if any are, the differences are useless.
     ///
     /// # Safety
     /// Every index is that of a voxel with a lower neighbour and two upper ones along each axis.
@@ -118,7 +118,6 @@ impl Brick<'_> {
         sum
     }
 
-    /// Converts differences of numbers to differences of codes.
     #[inline(always)]
     pub(crate) fn scale_to_codes<C: Code>(&self, differences: &mut [Packet; 3]) {
         if C::IS_FLOAT {
@@ -298,7 +297,6 @@ mod tests {
 
     const PADDED: usize = 7;
 
-    /// An operator's differences from shared voxels and from samples, at eight places.
     fn both_ways<C: Code, const INVALID: bool>(
         brick: &Brick<'_>,
         is_sobel: bool,
@@ -315,7 +313,7 @@ mod tests {
         [found, expected]
     }
 
-    /// Compares differences from shared voxels and from samples, of noise, at places all over a brick.
+    /// Compares differences from shared voxels and from samples, of noise, all over a brick.
     fn both<C: Code>() {
         let map = CodeMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
         let mut state = 7u32;
@@ -375,7 +373,7 @@ mod tests {
                 let [found, expected] = both_ways::<Float32, true>(&brick, is_sobel, (&points, &[100.0; LANES]));
                 *different += (found != expected) as u32;
                 for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
-                    // Numbers of up to 800 are interpolated to within 2^-14, and are 64 codes each.
+                    // Numbers of up to 800 are interpolated to within 2^-14 of one, and are 64 codes each.
                     assert!(
                         (found - expected).abs() < 64.0 * 8.0 * 800.0 * f32::EPSILON,
                         "{share}: {found} {expected}"

@@ -1,5 +1,5 @@
-//! The state of one layer's frame shared by all tiles: the cells, front to back, in picture and slot coordinates, the
-//! lattice, and the visible part of the transfer table.
+//! One layer's frame, shared by all tiles: the cells, front to back, in picture and slot coordinates, the lattice, and
+//! the visible part of the transfer table.
 
 use crate::depths::DepthTable;
 use crate::macrocells::{Mask, over_boxes};
@@ -29,7 +29,6 @@ pub(crate) const INSIDE: f32 = 1.0;
 /// The side of a surface with codes below the threshold.
 pub(crate) const OUTSIDE: f32 = -1.0;
 
-/// A layer's frame being drawn, shared by all tiles.
 pub(crate) struct Frame<'a> {
     pub(crate) settings: &'a FrameSettings,
     pub(crate) ticks: Ticks,
@@ -41,14 +40,11 @@ pub(crate) struct Frame<'a> {
     pub(crate) light: Box<[AtomicU32]>,
     /// The cells, front to back. In a maximum or minimum projection, the likely decisive cells come first.
     pub(crate) cells: Vec<Cell<'a>>,
-    /// How bricks are read at a place.
     pub(crate) reading: Reading,
-    /// The volume's extent.
     pub(crate) extent: Extent,
     /// Voxels along the edge of a brick's core; `apron` is the number of voxels on each side of it.
     pub(crate) edge: u32,
     pub(crate) apron: u32,
-    /// The layout of the gradients stored with each brick.
     pub(crate) gradients: GradientNodes,
     /// Maps slot numbers to codes counted from the transfer table's first.
     pub(crate) map: CodeMap,
@@ -68,11 +64,10 @@ pub(crate) struct Frame<'a> {
     pub(crate) integrals: Option<&'a Integrals>,
     /// The table by value and gradient for classifying fog; `None` if fog is classified by value alone.
     pub(crate) grid: Option<&'a TransferGrid>,
-    /// The effects of whole steps through the layer's fog. Without tables if the layer is drawn together with others,
-    /// has no fog, or has codes wider than 8 bits.
+    /// The effects of whole steps through the layer's fog. No tables for a layer drawn together with others, without
+    /// fog, or with codes wider than 8 bits.
     pub(crate) steps: StepTables,
-    /// The layer's medium, as part of a joint medium of several layers; `None` if the layer is drawn alone or has no
-    /// fog.
+    /// The layer's medium, as part of a joint medium; `None` if the layer is drawn alone or has no fog.
     pub(crate) depths: Option<DepthTable>,
     /// The two positions in the transfer table outside of which opacity is zero.
     pub(crate) visible: [f32; 2],
@@ -80,17 +75,16 @@ pub(crate) struct Frame<'a> {
     pub(crate) thresholds: [f32; MAX_SURFACES],
     /// The lighting of surfaces: that of fog, or from the eye if fog is not lit.
     pub(crate) surface_lighting: Lighting,
-    /// How the layer joins others in the same place; `opacity` is that of the layer's projection.
+    /// How the layer joins others in the same place; `opacity` is that of its projection.
     pub(crate) blend: Blend,
     pub(crate) opacity: f32,
-    /// Whether the layer's fog is lit.
     pub(crate) is_lit: bool,
     /// Whether the layer is drawn alone as one opaque surface, lit from the eye, with the identity as its placement:
     /// such pictures have loops of their own.
     pub(crate) is_one_opaque_surface: bool,
-    /// The deadline for drawing; `None` if there is none.
+    /// The deadline, if any.
     pub(crate) until: Option<Instant>,
-    /// The painting whose viewer may abandon the picture.
+    /// The painting, whose viewer may abandon the picture.
     pub(crate) painting: Option<&'a Painting>,
 }
 
@@ -109,18 +103,16 @@ pub(crate) struct Cell<'a> {
     pub(crate) offset: [f64; 3],
     /// Maps differences of codes across two of the brick's voxels to the scene's gradient, of any length.
     pub(crate) world_from_differences: Mat3,
-    /// The padded brick to draw.
     pub(crate) brick: &'a Resident,
     /// The macro-cells in which the brick may have opacity or a surface; all of them in projections.
     pub(crate) mask: Mask,
-    /// The brick's side of the one opaque surface; 0 if it is on both, or there is no such surface.
+    /// The brick's side of the one opaque surface; 0 if on both, or without such a surface.
     pub(crate) side: f32,
     /// The number of surfaces the whole brick is past; negative if it varies, or is not needed.
     pub(crate) rank: i32,
-    /// The least and the greatest code of the brick.
     pub(crate) whole: [f32; 2],
     /// How far the boxes of segments extend beyond them, in the brick's voxels, if the brick is read by
-    /// [boxes](brickyard_volume::extremes); else `None`.
+    /// [boxes](brickyard_volume::extremes).
     pub(crate) box_reach: Option<[f32; 3]>,
     /// The greatest code in each box of macro-cells in a maximum projection, the least code in a minimum projection;
     /// else empty.
@@ -131,7 +123,6 @@ pub(crate) struct Cell<'a> {
 }
 
 impl Cell<'_> {
-    /// Whether this entry draws the pixel.
     #[inline(always)]
     pub(crate) fn draws(&self, x: u32, y: u32) -> bool {
         self.pixels.is_none_or(|pixels| pixels.hold(x, y))
@@ -148,23 +139,21 @@ pub(crate) struct Resident {
 }
 
 impl Resident {
-    /// A padded brick with its macro-cells; the first `voxel_bytes` bytes are voxels, the others gradients.
+    /// The first `voxel_bytes` bytes of `codes` are voxels, the others gradients.
     pub(crate) fn new(codes: Arc<[u8]>, voxel_bytes: usize, cells: MacroCells) -> Self {
         assert!(voxel_bytes <= codes.len(), "not a padded brick");
         Self { codes, voxel_bytes, cells }
     }
 
-    /// The padded brick: voxels, and gradients behind them.
     pub(crate) fn into_codes(self) -> Arc<[u8]> {
         self.codes
     }
 
-    /// The codes of the padded brick's voxels.
     pub(crate) fn voxels(&self) -> &[u8] {
         &self.codes[..self.voxel_bytes]
     }
 
-    /// The nodes of the brick's stored gradients; empty if it has none.
+    /// The nodes of the stored gradients; empty if there are none.
     pub(crate) fn gradients(&self) -> &[u8] {
         &self.codes[self.voxel_bytes..]
     }
@@ -394,7 +383,6 @@ impl Shows {
     }
 }
 
-/// The macro-cells' extremes for a projection.
 fn extremes(settings: &FrameSettings, cells: &MacroCells, edge: usize) -> Box<[f32]> {
     let ranges = cells.ranges().iter().map(|range| counted(settings, *range));
     match settings.mode {

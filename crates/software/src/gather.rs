@@ -24,7 +24,6 @@ use brickyard_volume::{Method, Mode, SlotFormat};
 use glam::{DVec3, Vec4};
 use std::ops::Range;
 
-/// A ray's way through one layer's cells.
 pub(crate) struct Way {
     pub(crate) layer: usize,
     pub(crate) ray: Ray,
@@ -99,8 +98,8 @@ impl Way {
     }
 }
 
-/// A function that adds a layer's media of a cell in a run of segments. The number is the place in the chunk of the
-/// run's first segment.
+/// Adds a layer's media of a cell in a run of segments. The number is the place in the chunk of the run's first
+/// segment.
 pub(crate) type Gather = fn(&Frame<'_>, &Cell<'_>, &mut Way, Range<u32>, usize, &mut SampleChunk, &mut Media);
 
 /// How samples are used.
@@ -119,8 +118,8 @@ trait Look {
     );
 }
 
-/// Returns the function that gathers a layer on this machine, in a picture with or without surfaces, or for an
-/// expression reading the layer's values.
+/// Returns this machine's function for gathering a layer, in a picture with or without surfaces, or for an expression
+/// reading the layer's values.
 pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
     fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
         let method = frame.settings.method();
@@ -350,7 +349,6 @@ impl Look for Read {
     }
 }
 
-/// Samples segments in their middles, up to a chunk.
 #[inline(always)]
 fn sample<C: Code, U: Unit, const INVALID: bool>(
     march: &March<'_>,

@@ -9,7 +9,6 @@ use brickyard_volume::GradientNodes;
 use brickyard_volume::gradients::{NODE_BYTES, decode, from_half};
 use glam::Vec3;
 
-/// The gradient nodes of one brick, for interpolation.
 #[derive(Clone, Copy)]
 pub(crate) struct Gradients<'a> {
     nodes: &'a [[u8; NODE_BYTES]],
@@ -29,8 +28,8 @@ impl<'a> Gradients<'a> {
         Self { nodes: bytes.as_chunks().0, along: nodes.along() as usize, first: nodes.first() + apron as f32 - 0.5 }
     }
 
-    /// Returns the gradient at a slot coordinate: differences across two voxels along each axis, as shares of the
-    /// greatest code, or of the unit of f32 slots.
+    /// The gradient at a slot coordinate: differences across two voxels along each axis, as shares of the greatest
+    /// code, or of the unit of f32 slots.
     #[inline(always)]
     pub(crate) fn at(&self, place: [f32; 3]) -> Vec3 {
         let (mut first, mut t) = (0, [0.0; 3]);
@@ -104,7 +103,6 @@ impl<'a> Gradients<'a> {
     }
 }
 
-/// Interpolates each of the neighbouring pairs.
 #[inline(always)]
 fn mix<const N: usize, const HALF: usize>(all: &[[f32; 4]; N], t: f32) -> [[f32; 4]; HALF] {
     let mut mixed = [[0.0; 4]; HALF];

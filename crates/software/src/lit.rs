@@ -19,7 +19,6 @@ use std::ops::Range;
 /// The mode of emission and absorption, lit: a ray's sum is premultiplied colour and transmittance.
 pub(crate) struct LitDvr;
 
-/// Whether a frame's pictures are of this kind.
 pub(crate) fn is_lit_plainly(frame: &Frame<'_>) -> bool {
     let settings = frame.settings;
     let is_plain = settings.mode == Mode::Dvr && settings.method() == Method::Udvr && settings.surfaces.is_empty();
@@ -124,7 +123,6 @@ fn see_on<C: Code, U: Unit, const INVALID: bool>(
     color.with_w(light)
 }
 
-/// Computes the lighting of a packet of samples.
 #[inline(always)]
 fn light_packet<C: Code, U: Unit, const INVALID: bool>(
     march: &March<'_>,

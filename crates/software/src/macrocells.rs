@@ -44,20 +44,18 @@ pub(crate) fn over_boxes<T: Copy>(
     from.into()
 }
 
-/// How much of a brick is visible: nothing, some or all.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Coverage {
     None,
-    /// Some macro-cells are visible: they are to be tested box by box.
+    /// Some macro-cells are visible: boxes must be tested.
     Some,
     All,
 }
 
-/// The visible macro-cells of a brick.
 pub(crate) enum Mask {
     None,
     All,
-    /// Some macro-cells are visible: for each box, whether any of its cells is.
+    /// For each box, whether any of its cells is visible.
     Some(Box<[bool]>),
 }
 
@@ -90,7 +88,6 @@ impl Mask {
         bits
     }
 
-    /// Builds the mask of the macro-cells whose ranges of codes satisfy `is_visible`.
     pub(crate) fn new(cells: &MacroCells, edge: usize, is_visible: impl Fn([u16; 2]) -> bool) -> Self {
         let visible: Vec<bool> = cells.ranges().iter().map(|&range| is_visible(range)).collect();
         match visible.iter().filter(|&&v| v).count() {
@@ -108,7 +105,7 @@ pub(crate) enum Reach {
     Middles,
     /// All of its segments, from end to end.
     Ends,
-    /// All of its segments, from end to end; and a cell also takes segments of other cells reaching into it.
+    /// Like `Ends`; and a cell also takes segments of other cells reaching into it.
     Beyond,
 }
 
@@ -163,7 +160,7 @@ impl Blocks {
         Self { middle, stride, half, spans: spans_per_axis(edge as usize) as i32, limit: cells.next_down() }
     }
 
-    /// Finds the indices of the boxes of the blocks from `first` on, each less than [`boxes`] of the brick's edge.
+    /// The boxes of the blocks from `first` on: indices less than [`boxes`] of the brick's edge.
     #[inline(always)]
     pub(crate) fn boxes(&self, first: i32, found: &mut [i32; LANES]) {
         const LANE: Packet = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];

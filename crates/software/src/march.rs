@@ -24,7 +24,6 @@ use std::ops::Range;
 /// The result of a tile's rays: premultiplied colour and transmitted light.
 pub(crate) type Seen = [Vec4; PIXELS];
 
-/// Takes a tile's rays through one volume's layer, between the layers of meshes if any.
 type MarchRays = fn(Sampler, &Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, &mut Seen);
 
 /// The sampling of a cell's brick: two functions of one code width.
@@ -32,18 +31,15 @@ type MarchRays = fn(Sampler, &Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, 
 struct Sampler {
     /// The cell and its brick, checked against the code width.
     through: for<'a> fn(&'a Frame<'a>, &'a Cell<'a>) -> March<'a>,
-    /// Adds some segments of a stretch through such a cell to the ray's sum.
     take: fn(&March<'_>, &Stretch, &mut Ray, &mut SampleChunk, Range<i32>),
 }
 
-/// The path of a tile's rays through one volume's layer.
 pub(crate) struct MarchTile {
     march: MarchRays,
     sampler: Sampler,
 }
 
 impl MarchTile {
-    /// Takes a tile's rays through the layer of the frame given to [`for_frame`].
     pub(crate) fn march(
         &self,
         frame: &Frame<'_>,
@@ -154,7 +150,6 @@ fn march<B: Accumulate>(
     }
 }
 
-/// A thread's scratch space for a tile.
 pub(crate) struct Work {
     pub(crate) rays: [Ray; PIXELS],
     chunk: SampleChunk,
@@ -170,7 +165,6 @@ impl Work {
         Box::new(Self { rays: [Ray::EMPTY; PIXELS], chunk: SampleChunk::EMPTY, queue })
     }
 
-    /// Takes the tile's rays through all cells, between the layers of meshes if any.
     #[inline(always)]
     fn march<B: Accumulate>(&mut self, sampler: Sampler, frame: &Frame<'_>, tile: &Tile, layers: Option<&MeshLayers>) {
         let Self { rays, chunk, queue } = self;
@@ -236,21 +230,18 @@ impl Work {
 /// Stretches marched together.
 const QUEUE: usize = 64;
 
-/// More segments than a stretch has unless steps are far shorter than voxels: longer ones are preceded by a check of
-/// the deadline.
+/// More segments than in a stretch with steps not far shorter than voxels: the deadline is checked before longer ones.
 const LONG: i32 = 1 << 10;
 
-/// Stretches of one cell, marched step by step: first the visible blocks of all are found, then sampled. Taken one by
-/// one, the processor would wait for the end of each long computation to know where to go on.
+/// Stretches of one cell, marched step by step: the visible blocks of all are found first, then sampled. With one
+/// stretch at a time, the processor would wait for the end of each long computation to know where to go on.
 struct Queue {
     stretches: [Stretch; QUEUE],
     len: usize,
-    /// Scratch space for eight blocks.
     boxes: [i32; LANES],
 }
 
 impl Queue {
-    /// Adds a stretch. Returns the segment behind it.
     #[inline(always)]
     fn push(&mut self, stretch: Stretch) -> u32 {
         let end = stretch.end;
@@ -303,7 +294,6 @@ impl Queue {
     }
 }
 
-/// Finds the possibly visible blocks of a stretch, and stores them in the stretch.
 #[inline(always)]
 pub(crate) fn look<B: Accumulate>(
     stretch: &mut Stretch,

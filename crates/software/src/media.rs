@@ -10,7 +10,6 @@ use std::ops::Range;
 /// Places of a chunk, and of a packet that begins with its last one.
 const PLACES: usize = CHUNK + LANES;
 
-/// The media of all layers in a chunk of segments, with scratch space.
 pub(crate) struct Media {
     /// The joint media of each segment. They transmit `exp(-depth)` of the light.
     pub(crate) mixed: [Mixed; PLACES],
@@ -20,9 +19,8 @@ pub(crate) struct Media {
     pub(crate) end: usize,
     /// The light entering each segment when light last passed through the chunk.
     pub(crate) light: [f32; PLACES],
-    /// Scratch space for the passage of light.
     passage: Passage,
-    /// The layers' values for an expression, segment by segment; NaN where a layer has none.
+    /// The values for an expression, segment by segment and layer by layer; NaN where a layer has none.
     pub(crate) values: Vec<f64>,
     /// The gradients, in the scene's world, of these values; empty if the expression is not lit.
     pub(crate) gradients: Vec<DVec3>,
@@ -41,7 +39,6 @@ pub(crate) struct Found {
     pub(crate) surfaces: Vec<Met>,
 }
 
-/// A layer's medium in a piece of a segment, between two distances.
 pub(crate) struct Piece {
     pub(crate) segment: usize,
     pub(crate) alone: LayerMedium,
@@ -86,7 +83,7 @@ impl Media {
     }
 
     /// Adds the media of an expression over the first `count` segments' values, and clears the values. `shade` lights a
-    /// segment's colour under a normal; it is called if the expression is lit.
+    /// segment's colour under a normal, if the expression is lit.
     pub(crate) fn combine(
         &mut self,
         combination: &Combination,
@@ -178,8 +175,7 @@ impl Found {
     }
 }
 
-/// A function that passes light through a number of segments of media, like [`Media::see`], using this machine's vector
-/// unit.
+/// A function like [`Media::see`] for this machine's vector unit.
 pub(crate) struct See(pub(crate) fn(&mut Media, usize, Vec4) -> Vec4);
 
 impl See {

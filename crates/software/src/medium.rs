@@ -14,7 +14,7 @@ use glam::Vec4;
 use std::ops::Range;
 
 /// The mode of emission and absorption: a ray's sum is premultiplied colour and transmittance. With `ENDS`, segments
-/// are examined from end to end, and surfaces are found in them.
+/// are examined from end to end, and searched for surfaces.
 pub(crate) struct Medium<const ENDS: bool>;
 
 impl<const ENDS: bool> Accumulate for Medium<ENDS> {

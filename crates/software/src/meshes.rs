@@ -1,6 +1,6 @@
 //! Meshes: a tree of boxes over the triangles, and the layers met by a tile's rays, one after the other.
 //!
-//! A tile descends the tree through the boxes that its rays may meet, and intersects them with each triangle. The
+//! A tile descends the tree through the boxes its rays may meet, and intersects the rays with the triangles. The
 //! nearest hit behind the previous layer is the next layer: so a tile keeps one layer per ray, however many there are,
 //! and searches the tree once for each. The tree is built when the meshes change, by all threads, in n log n.
 
@@ -28,7 +28,6 @@ pub(crate) fn bytes(room: MeshCapacity) -> u64 {
 /// Bytes per thread for the layers of meshes in its tile.
 pub(crate) const BYTES_PER_THREAD: u64 = size_of::<MeshLayers>() as u64;
 
-/// A tree of boxes over the triangles of a frame's meshes.
 #[derive(Debug, Default)]
 pub(crate) struct MeshTree {
     held: Vec<Held>,
@@ -55,19 +54,16 @@ struct Node {
     at: u32,
 }
 
-/// Number of nodes of a tree over `triangles` triangles.
 fn nodes(triangles: usize) -> usize {
     if triangles <= LEAF { 1 } else { 1 + nodes(triangles / 2) + nodes(triangles - triangles / 2) }
 }
 
 impl MeshTree {
-    /// Whether this is the tree over these meshes.
     pub(crate) fn is_of(&self, meshes: &[ShownMesh]) -> bool {
         let is_same = |(held, shown): (&Held, &ShownMesh)| Arc::ptr_eq(&held.mesh, &shown.mesh);
         self.held.len() == meshes.len() && self.held.iter().zip(meshes).all(is_same)
     }
 
-    /// Builds the tree over a frame's meshes.
     pub(crate) fn new(meshes: &[ShownMesh]) -> Self {
         let mut count = 0;
         let mut held = Vec::new();
@@ -116,7 +112,6 @@ impl MeshTree {
     }
 }
 
-/// The construction of a tree.
 struct Build<'a> {
     held: &'a [Held],
 }
@@ -197,7 +192,6 @@ impl Beam {
     }
 }
 
-/// A ray's next layer; none without a number.
 #[derive(Clone, Copy, Debug)]
 struct Found {
     t: f64,

@@ -92,7 +92,6 @@ impl LayerMedium {
     }
 }
 
-/// One layer's own media in the segments of a chunk.
 pub(crate) struct LayerMediumChunk {
     pub(crate) blend: Blend,
     /// The place in the chunk of the stretch's first segment.
@@ -106,7 +105,6 @@ impl LayerMediumChunk {
         Self { blend: Blend::Mix, first: 0, segments: [nothing; CHUNK] }
     };
 
-    /// The place in the chunk of a segment of the stretch.
     pub(crate) fn place(&self, segment: i32) -> usize {
         (self.first + segment) as usize
     }
@@ -163,7 +161,6 @@ impl Projections {
 /// Shallower media transmit light by the first four terms of the series: the next one is 1e-7.
 const THIN: f32 = 1.0 / 16.0;
 
-/// Scratch space for passing light through the media of a chunk, front to back.
 pub(crate) struct Passage {
     media: [Vec4; CHUNK],
     depth: [f32; CHUNK],
@@ -179,7 +176,7 @@ impl Passage {
     };
 
     /// Passes light through the media of a chunk's segments or of a part of them. Returns premultiplied colour and the
-    /// remaining light, and writes to `visibility` the light entering each segment.
+    /// remaining light, and writes the light entering each segment to `visibility`.
     #[inline(always)]
     pub(crate) fn pass(&mut self, mixed: &[Mixed], mut light: Vec4, visibility: &mut [f32]) -> Vec4 {
         for ((media, depth), mixed) in self.media.iter_mut().zip(&mut self.depth).zip(mixed) {

@@ -63,12 +63,10 @@ pub(crate) trait Accumulate {
     fn seen(frame: &Frame<'_>, sum: Vec4) -> Vec4;
 }
 
-/// A mode that samples segments in their middles.
 pub(crate) trait Sum: Accumulate {
     /// The projected extreme; `None` if the mode projects none.
     const EXTREME: Option<Extreme> = None;
 
-    /// Adds a chunk of samples to a ray's sum, and returns the new sum.
     fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut SampleChunk) -> Vec4;
 }
 
@@ -167,8 +165,8 @@ impl Dvr {
         shows
     }
 
-    /// Looks up into `entry` the straight colour and opacity at each of a chunk's samples, and into `passed` the light
-    /// transmitted over its own length. Returns the visible packets, a bit for each; the others are left unset.
+    /// Looks up into `entry` the straight colour and opacity of each of a chunk's samples, and into `passed` its
+    /// transmitted light. Returns the visible packets, a bit for each; the others are left unset.
     #[inline(always)]
     fn look_up(frame: &Frame<'_>, chunk: &mut SampleChunk) -> u32 {
         let (entries, packets, mut shows) = (Entries::of(frame), chunk.packets.min(PACKETS), 0u32);
@@ -398,8 +396,8 @@ impl Accumulate for Average {
     }
 }
 
-/// The mean of a ray's sum. A mean within rounding of a whole code becomes that code: the mean of voxels of one value
-/// is that value.
+/// The mean of a ray's sum, rounded to a whole code within rounding errors: the mean of voxels of one value is that
+/// value.
 fn mean(sum: Vec4) -> f32 {
     let mean = sum.x / sum.y;
     let whole = mean.round();
@@ -436,7 +434,6 @@ fn leave_out_hidden(frame: &Frame<'_>, chunk: &mut SampleChunk) {
     }
 }
 
-/// A packet as vectors of four.
 #[inline(always)]
 fn quarters(packet: &Packet) -> [Vec4; LANES / 4] {
     let mut out = [Vec4::ZERO; LANES / 4];

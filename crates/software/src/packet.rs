@@ -9,7 +9,7 @@ pub(crate) const PACKETS: usize = 4;
 /// Samples in a chunk.
 pub(crate) const CHUNK: usize = LANES * PACKETS;
 
-/// One number for each sample of a packet.
+/// One number per sample of a packet.
 pub(crate) type Packet = [f32; LANES];
 
 /// Adding and subtracting it rounds to a whole number, which is then also in its low bits.

@@ -14,7 +14,6 @@ pub struct Painting {
     size_px: (u32, u32),
     pictures: u32,
     done_tiles: AtomicU32,
-    /// Tiles of one picture.
     all_tiles: AtomicU32,
     is_abandoned: AtomicBool,
     kept: Mutex<Option<Arc<KeptTiles>>>,
@@ -42,8 +41,8 @@ impl KeptTiles {
 }
 
 impl Painting {
-    /// Creates a painting of a size, for this number of pictures. Nothing is visible until they are done, unless
-    /// another picture [lies under](Painting::lay_under) them.
+    /// Creates a painting of a size, for a number of pictures. Nothing is visible until they are done, unless another
+    /// picture [lies under](Painting::lay_under) them.
     pub fn new(size_px: (u32, u32), pictures: u32) -> Self {
         let so_far = Mutex::new(Picture { width: 0, height: 0, rgb: Vec::new() });
         let (done_tiles, all_tiles, is_abandoned, kept) = Default::default();
@@ -86,7 +85,6 @@ impl Painting {
         self.lock().clone()
     }
 
-    /// Begins a picture of a size and a number of tiles.
     pub(crate) fn begin(&self, size_px: (u32, u32), tiles: usize) {
         self.all_tiles.store(tiles as u32, Ordering::Relaxed);
         let mut so_far = self.lock();
@@ -110,7 +108,6 @@ impl Painting {
     }
 }
 
-/// A picture smoothly scaled to another size.
 fn scaled(picture: &Picture, (width, height): (u32, u32)) -> Picture {
     // For each pixel along an axis its two neighbours in the source, and the share of the second.
     let along = |from: u32, to: u32| -> Vec<(usize, usize, f32)> {

@@ -3,8 +3,7 @@
 //!
 //! A stretch is processed in rows of as many segments as one packet of places allows: all points on a row's curves are
 //! sampled together, and then one segment after the other is classified. A gradient takes a packet of its own (four for
-//! the Sobel operator), and only where there is opacity; where opacity depends on it, where there may be some at any
-//! gradient.
+//! the Sobel operator), and only where there is opacity or, if opacity depends on gradients, may be some.
 
 use crate::gradients::Gradients;
 use crate::packet::{LANES, Packet};
@@ -31,7 +30,7 @@ use std::ops::Range;
 pub(crate) struct Path<'a> {
     march: &'a March<'a>,
     stretch: &'a Stretch,
-    /// The first place along the path where the brick can be sampled; `high` is the last one.
+    /// The first place where the brick can be sampled; `high` is the last one.
     pub(crate) low: f32,
     pub(crate) high: f32,
     /// The ends of the ray's first and last segments, if they are the stretch's; else beyond all places.
@@ -53,7 +52,6 @@ pub(crate) struct Path<'a> {
     has_gradients: bool,
 }
 
-/// A packet of samples along a path.
 #[derive(Clone, Copy)]
 pub(crate) struct Samples {
     along: Packet,
@@ -99,13 +97,13 @@ impl<'a> Path<'a> {
         Self { first_start, last_end, ..*self }
     }
 
-    /// The places along the path where a segment begins and ends.
+    /// The places where a segment begins and ends.
     #[inline(always)]
     pub(crate) fn ends(&self, segment: i32) -> [f32; 2] {
         [(segment as f32 - 0.5).max(self.first_start), (segment as f32 + 0.5).min(self.last_end)]
     }
 
-    /// The number of whole segments from the first of these on, at most `most`; 1 if the first one is not whole.
+    /// The number of whole segments at the front of these, at most `most`; 1 if the first one is not whole.
     #[inline(always)]
     pub(crate) fn whole(&self, segments: &Range<i32>, most: i32) -> i32 {
         let is_cut = |segment: i32| {
@@ -219,14 +217,13 @@ impl<'a> Path<'a> {
         segments.start + count
     }
 
-    /// The lighting of fog.
     #[inline(always)]
     fn lighting(&self) -> &'a Lighting {
         &self.march.frame.settings.lighting
     }
 
-    /// Computes the differences of [`Path::differences`] at a packet of places with these codes; only those of visible
-    /// places need be right.
+    /// Computes [`Path::differences`] at a packet of places with these codes; only those of visible places need be
+    /// right.
     #[inline(always)]
     fn row_differences<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -289,8 +286,7 @@ impl<'a> Path<'a> {
         segments.start + count
     }
 
-    /// The places along the path of the ends of `count` segments from `first` on, with `beyond` more places on each
-    /// side.
+    /// The places of the ends of `count` segments from `first` on, with `beyond` more on each side.
     #[inline(always)]
     pub(crate) fn places(&self, first: i32, count: i32, beyond: i32) -> Packet {
         let mut along = [0.0; LANES];
@@ -377,7 +373,6 @@ impl<'a> Path<'a> {
         segments.start + count
     }
 
-    /// Adds a real sample for a share of a segment.
     #[inline(always)]
     fn add_sampled<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -414,14 +409,12 @@ impl<'a> Path<'a> {
         Shown::of(grid.lookup(code, gradient as f32).into())
     }
 
-    /// Appends a medium, lit if needed.
     #[inline(always)]
     fn add_shown(&self, media: &mut Row, segment: i32, along: f32, shown: Shown, differences: Vec3, share: f32) {
         let color = if self.is_lit { self.lit(along, shown.color, differences) } else { shown.color };
         self.push(media, segment, Shown { color, ..shown }, share);
     }
 
-    /// Appends a medium unchanged.
     #[inline(always)]
     fn push(&self, media: &mut Row, segment: i32, Shown { color, depth }: Shown, share: f32) {
         media.push(Passed { segment, color, depth, length: share.max(0.0) as f64 * self.length });
@@ -434,8 +427,7 @@ impl<'a> Path<'a> {
         Shown::of(Entries::of(frame).lookup(code * frame.positions_per_code))
     }
 
-    /// The lit straight colour of a surface crossed by the path, and the surface's opacity. Not inlined: see
-    /// [`Path::row`].
+    /// The lit straight colour of a crossed surface, and its opacity. Not inlined: see [`Path::row`].
     #[inline(always)]
     pub(crate) fn surface<C: Code, U: Unit, const INVALID: bool>(&self, crossing: Crossing) -> Vec4 {
         #[cfg(target_arch = "x86_64")]
@@ -470,7 +462,6 @@ impl<'a> Path<'a> {
         self.lit_by((&frame.surface_lighting, cut), along, Vec3::from(look.color), differences).extend(look.opacity)
     }
 
-    /// The distance along the ray of a place along the path.
     #[inline(always)]
     pub(crate) fn distance(&self, along: f32) -> f64 {
         self.stretch.middle + along as f64 * self.stretch.length
@@ -545,8 +536,8 @@ impl<'a> Path<'a> {
         if is_flat { Vec3::ZERO } else { differences }
     }
 
-    /// Differences across two voxels along each axis of the indicator of a label: as large as one code between the
-    /// label and others.
+    /// Differences across two voxels along each axis of a label's indicator: as large as one code between the label and
+    /// others.
     #[inline(never)]
     fn label_differences<C: Code>(&self, along: f32, label: f32) -> Vec3 {
         let centre = self.slot_place(along);
@@ -573,7 +564,6 @@ impl<'a> Path<'a> {
         std::array::from_fn(|a| self.stretch.origin[a] + along * self.stretch.step[a])
     }
 
-    /// Codes at offsets in voxels from a slot coordinate.
     #[inline(always)]
     fn around<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -614,7 +604,6 @@ fn known<T: Copy>([a, b]: [Option<T>; 2]) -> [Option<T>; 2] {
     [a.or(b), b.or(a)]
 }
 
-/// A visible medium.
 struct Shown {
     color: Vec3,
     depth: f64,

@@ -20,7 +20,6 @@ use std::ops::Range;
 /// Packets of ends sampled together.
 const TOGETHER: usize = 2;
 
-/// A ray's way along a stretch of a brick, piece by piece.
 pub(crate) struct Pieces<'a> {
     march: &'a March<'a>,
     stretch: &'a Stretch,
@@ -35,7 +34,6 @@ pub(crate) struct Pieces<'a> {
 pub(crate) struct Piece<'a> {
     pub(crate) path: Path<'a>,
     pub(crate) segments: Range<i32>,
-    /// The surface at the piece's end, if any.
     pub(crate) surface: Option<Crossing>,
 }
 
@@ -45,7 +43,7 @@ impl<'a> Pieces<'a> {
         Self { march, stretch, path, rest: segments, cut: None }
     }
 
-    /// Returns the next piece, if any. The ray's rank becomes the one behind the piece. Not inlined: see [`Path::row`].
+    /// Returns the next piece, if any. The ray's rank becomes the one behind it. Not inlined: see [`Path::row`].
     #[inline(always)]
     pub(crate) fn next<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
         #[cfg(target_arch = "x86_64")]

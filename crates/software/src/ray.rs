@@ -11,25 +11,22 @@ use crate::ticks::Ticks;
 use brickyard_volume::Lattice;
 use glam::Vec4;
 
-/// The share of light below which a ray ends: everything behind could add at most 1/4096 of a channel, a sixteenth of
-/// one step of an 8-bit picture.
+/// The share of light below which a ray ends: everything behind could add at most 1/4096 of a channel, a sixteenth of a
+/// step of an 8-bit picture.
 pub(crate) const FAINTEST: f32 = 1.0 / 4096.0;
 
 /// The rank of a place without a value.
 pub(crate) const NO_RANK: i32 = -1;
 
-/// A ray on its way through the cells.
 #[derive(Clone, Copy)]
 pub(crate) struct Ray {
-    /// The ray's origin in voxel space.
     pub(crate) origin: [f64; 3],
-    /// The ray's direction in voxel space: voxels per world unit.
+    /// Voxels per world unit, in voxel space.
     pub(crate) direction: [f64; 3],
     /// World units per voxel.
     inverse: [f64; 3],
     /// The distance of the eye; with a shifted lattice the ray begins behind it.
     pub(crate) eye: f64,
-    /// The shown stretch.
     t_in: f64,
     t_out: f64,
     /// The tick of the ray's first segment; `end` is one past the last.
@@ -37,10 +34,8 @@ pub(crate) struct Ray {
     pub(crate) end: u32,
     /// One past the last segment taken so far; equal to `end` once the ray is finished.
     pub(crate) cursor: u32,
-    /// The sum of the ray's samples. Each mode has its own meaning for it: see
-    /// [`Accumulate`](crate::modes::Accumulate).
+    /// The sum of the ray's samples, with a meaning for each mode: see [`Accumulate`](crate::modes::Accumulate).
     pub(crate) sum: Vec4,
-    /// The ray's state in relation to surfaces.
     pub(crate) past: Past,
 }
 
@@ -73,15 +68,15 @@ impl Ray {
         past: Past::NONE,
     };
 
-    /// Casts the ray through a pixel's centre, between these distances. If it misses the volume there, it has no
-    /// segments.
+    /// Casts the ray through a pixel's centre, between these distances. It has no segments if it misses the volume
+    /// there.
     pub(crate) fn new(frame: &Frame<'_>, x: u32, y: u32, sum: Vec4, limits: [f64; 2]) -> Self {
         let mut ray = Self { sum, ..Self::aim(frame, x, y) };
         ray.set_out(&frame.ticks, frame.shift(x, y, ray.t_in), limits);
         ray
     }
 
-    /// Returns the ray through a pixel's centre, before it [sets out](Self::set_out).
+    /// The ray through a pixel's centre, before it [sets out](Self::set_out).
     pub(crate) fn aim(frame: &Frame<'_>, x: u32, y: u32) -> Self {
         let settings = frame.settings;
         let own = settings.placement.volume_ray(&settings.rays.ray(x as f64 + 0.5, y as f64 + 0.5));
@@ -106,7 +101,7 @@ impl Ray {
         ray
     }
 
-    /// The distance of the ray's entry into the shown part of the volume; `None` if it never enters.
+    /// The distance of the ray's entry into the shown part of the volume, if any.
     pub(crate) fn entry(&self) -> Option<f64> {
         (self.t_in < self.t_out).then_some(self.t_in)
     }
@@ -116,8 +111,8 @@ impl Ray {
         [self.t_in, self.t_out]
     }
 
-    /// Finds the ray's segments between these distances, along a lattice shifted towards the eye by `shift`. The
-    /// lattice then starts that far behind the eye, and so does the ray.
+    /// Finds the ray's segments between these distances, along a lattice shifted towards the eye by `shift`. Lattice
+    /// and ray then start that far behind the eye.
     #[inline(always)]
     pub(crate) fn set_out(&mut self, ticks: &Ticks, shift: f64, limits: [f64; 2]) {
         let (t_in, t_out) = (self.t_in.max(limits[0]), self.t_out.min(limits[1]));
@@ -134,8 +129,8 @@ impl Ray {
         }
     }
 
-    /// The distances where the segment at a tick starts and ends. The first and last are cut where the ray enters and
-    /// leaves the volume.
+    /// The start and end of the segment at a tick. The first and last are cut where the ray enters and leaves the
+    /// volume.
     #[inline(always)]
     pub(crate) fn ends(&self, ticks: &Ticks, tick: u32) -> (f64, f64) {
         let (start, end) = (tick as i32 as f64 * ticks.step, ticks.next(tick) as i32 as f64 * ticks.step);
@@ -151,8 +146,8 @@ impl Ray {
         (0.5 * (start + end), end - start)
     }
 
-    /// The cell's run of segments from the cursor on: its first tick, and one past the last; `None` if there are none.
-    /// With [`Reach::Beyond`] a cell also takes other cells' segments that extend more than half a voxel into it.
+    /// The cell's run of segments from the cursor on, if any: its first tick, and one past the last. With
+    /// [`Reach::Beyond`] a cell also takes other cells' segments that extend more than half a voxel into it.
     #[inline(always)]
     pub(crate) fn run(&self, ticks: &Ticks, cell: &Cell<'_>, reach: Reach) -> Option<(u32, u32)> {
         // Midpoints in [near, far) are inside.

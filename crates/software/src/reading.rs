@@ -15,7 +15,6 @@ pub(crate) enum Reading {
 }
 
 impl Reading {
-    /// How bricks are read for a frame.
     pub(crate) fn of(settings: &FrameSettings) -> Self {
         match settings.encoding.is_labels {
             true => Self::Label,
@@ -102,7 +101,6 @@ impl Brick<'_> {
         sum
     }
 
-    /// The nearest voxel to a coordinate, along one axis.
     #[inline(always)]
     fn nearest(&self, v: f32) -> usize {
         // For NaN the cast gives 0.

@@ -68,13 +68,10 @@ pub struct SoftwareRenderer {
     pool_of: Vec<usize>,
     pools: Vec<Slots>,
     bytes: u64,
-    /// By layer; empty for projections.
     visibility: Vec<Vec<f32>>,
-    /// The tree over the last frame's meshes.
     meshes: MeshTree,
-    /// The deadline for pictures; `None` if there is none.
+    /// The deadline, if any.
     until: Option<Instant>,
-    /// Where pictures are shown while being drawn.
     painting: Option<Arc<Painting>>,
     threads: rayon::ThreadPool,
 }
@@ -148,12 +145,12 @@ impl SoftwareRenderer {
         self.pools[self.pool_of[layer]].len()
     }
 
-    /// Sets a deadline: from now on, unfinished pictures are given up at this time; `None` gives none up.
+    /// Sets a deadline: pictures unfinished at this time are given up; `None` gives none up.
     pub fn draw_until(&mut self, until: Option<Instant>) {
         self.until = until;
     }
 
-    /// Shows pictures from now on on this painting while drawing them, and stops if it is abandoned; `None` shows
+    /// Shows pictures on this painting from now on, while drawing them, and stops if it is abandoned; `None` shows
     /// nothing.
     pub fn draw_on(&mut self, painting: Option<Arc<Painting>>) {
         self.painting = painting;
@@ -165,8 +162,8 @@ impl SoftwareRenderer {
     }
 
     /// Puts a layer's padded brick into a slot of the layer's pool: `(edge + 2 * apron)^3` little-endian codes, x
-    /// fastest, followed by stored gradients if pictures need some. Nothing is copied; if empty space is skipped, the
-    /// codes are read once, for the macro-cells. Returns the slot's former codes, whose memory may serve another brick.
+    /// fastest, followed by any stored gradients. Nothing is copied; if empty space is skipped, the codes are read
+    /// once, for the macro-cells. Returns the slot's former codes, whose memory may serve another brick.
     ///
     /// # Errors
     /// If there is no such layer or slot, or the length is not a padded brick's.
@@ -180,15 +177,15 @@ impl SoftwareRenderer {
         Ok(pool.upload(slot, codes))
     }
 
-    /// Draws layers, or an expression over them. The renderer's other layers are left out. The time is proportional to
+    /// Draws layers, or an expression over them. Other layers of the renderer are left out. The time is proportional to
     /// the samples taken. For the byte account to hold, no draw list may be longer than [`SoftwareRenderer::slots`].
     ///
     /// # Errors
     /// If there are no layers, they are not in ascending order, or one is not the renderer's; if the picture exceeds
-    /// the agreed size; if a list uses a slot without an uploaded brick; if frames, pyramids and needs do not belong
-    /// together; if a layer read by an expression has surfaces, is classified by value and gradient, or is drawn by
-    /// another mode or method than the plain one; if the [deadline](SoftwareRenderer::draw_until) has passed; or if it
-    /// was [abandoned](Painting::abandon).
+    /// the agreed size; if a list uses a slot without a brick; if frames, pyramids and needs do not belong together; if
+    /// a layer read by an expression has surfaces, is classified by value and gradient, or is drawn by another mode or
+    /// method than the plain one; if the [deadline](SoftwareRenderer::draw_until) has passed; or if it was
+    /// [abandoned](Painting::abandon).
     pub fn render(
         &mut self,
         layers: &[Layer<'_>],
@@ -264,10 +261,10 @@ impl SoftwareRenderer {
         Ok(())
     }
 
-    /// The last picture's view of a layer: for each entry of the layer's draw list, in order, the greatest
-    /// transmittance with which a ray entered the cell. It is 1 with nothing in front of the cell, 0 if no ray came
-    /// because the light was used up or the cell is out of view. Empty if the picture left the layer out. `None` after
-    /// projections, where nothing hides anything, before the first picture, and if there is no such layer.
+    /// For each entry of a layer's draw list in the last picture, in order, the greatest transmittance with which a ray
+    /// entered the cell. It is 1 with nothing in front of the cell, 0 if no ray came because the light was used up or
+    /// the cell is out of view. Empty if the picture left the layer out. `None` after projections, where nothing hides
+    /// anything, before the first picture, and if there is no such layer.
     pub fn visibility(&self, layer: usize) -> Option<&[f32]> {
         self.visibility.get(layer).map(Vec::as_slice)
     }
@@ -292,7 +289,6 @@ fn is_one_cut(layers: &[Layer<'_>]) -> bool {
     layers[1..].iter().all(|layer| view(layer) == view(&layers[0]))
 }
 
-/// Checks that a frame is of a layer with these needs.
 fn check(layer: &Layer<'_>, needs: &VolumeNeeds, is_read: bool) -> Result<(), SoftwareError> {
     let settings = &layer.frame.settings;
     let edge = layer.pyramid.edge();

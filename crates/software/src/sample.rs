@@ -4,12 +4,12 @@
 //! next one, so that the processor has four independent packets to work on while it waits for memory and arithmetic.
 //!
 //! Neighbours along x are read together, so a sample costs four reads. Codes stay codes (as `f32`, counted from the
-//! transfer table's first), and numbers of f32 slots become codes after interpolation; invalid ones are 0, so they drop
+//! transfer table's first), and numbers of f32 slots become codes after interpolation; invalid ones are 0 and so drop
 //! out of the weighted sum, and only the sum of weights accounts for them. If all 8-bit codes are valid, neighbours
 //! along x are weighted as whole numbers of 15 bits, one instruction for the eight pairs of a packet: exact to 1/256 of
 //! a code.
 //!
-//! Everything here is `#[inline(always)]` and free of closures, so that it is compiled for the vector unit of its final
+//! Everything here is `#[inline(always)]` and free of closures, to be compiled for the vector unit of its final
 //! function: one for a chunk and one for a packet, for each width of codes, shared by all modes.
 
 use crate::packet::{LANES, PACKETS, Packet};
@@ -22,11 +22,9 @@ use glam::Vec4;
 /// Up to four packets of samples along a ray, near to far, and scratch space for them (kept, as clearing it takes
 /// time).
 pub(crate) struct SampleChunk {
-    /// The number of packets in use.
     pub(crate) packets: usize,
     /// The number of samples, if all of them are whole steps of one zone; else 0.
     pub(crate) whole_steps: usize,
-    /// The samples' zone of the lattice.
     pub(crate) zone: usize,
     /// Each sample's place, in segments from the middle of the stretch's first one.
     pub(crate) along: [Packet; PACKETS],
@@ -43,7 +41,6 @@ pub(crate) struct SampleChunk {
     pub(crate) alpha: [Packet; PACKETS],
     /// The share of light transmitted by each sample.
     pub(crate) passed: [Packet; PACKETS],
-    /// Scratch space for the media of a row of segments.
     pub(crate) media: Row,
 }
 
@@ -99,7 +96,7 @@ pub(crate) trait Code {
         (if is_valid { code - map.first } else { 0.0 }, is_valid)
     }
 
-    /// The interpolation of a pair with values, counted from the table's first: `t` from the first to the second.
+    /// Interpolates a pair with values, counted from the table's first: `t` from the first to the second.
     #[inline(always)]
     fn mixed(pair: Self::Pair, t: f32, map: &CodeMap) -> f32 {
         mix(Self::near(pair) - map.first, Self::far(pair) - map.first, t)
@@ -118,7 +115,6 @@ pub(crate) struct CodeMap {
 }
 
 impl CodeMap {
-    /// The map for slots of this encoding.
     pub(crate) fn of(encoding: &SlotEncoding) -> Self {
         Self {
             first: encoding.first_slot(),
@@ -136,10 +132,8 @@ impl CodeMap {
     }
 }
 
-/// 8-bit codes.
 pub(crate) struct Code8;
 
-/// 16-bit codes.
 pub(crate) struct Code16;
 
 /// Numbers of f32 slots.
@@ -252,7 +246,6 @@ impl Unit for Avx2 {
     const AVX2: bool = true;
 }
 
-/// The grid of voxels of padded bricks of one size.
 #[derive(Clone, Copy)]
 pub(crate) struct Grid {
     padded: usize,
@@ -261,15 +254,14 @@ pub(crate) struct Grid {
 }
 
 impl Grid {
-    /// The grid of padded bricks with this many voxels along their edges.
     #[inline(always)]
     pub(crate) fn new(padded: u32) -> Self {
         assert!(padded >= 2, "not a padded brick");
         Self { padded: padded as usize, limit: (padded as f32 - 1.0).next_down() }
     }
 
-    /// Finds the voxels of a chunk's samples, and the fractions towards the next voxels. The samples have the slot
-    /// coordinates `origin + along * step`.
+    /// Finds the voxels of a chunk's samples, at the slot coordinates `origin + along * step`, and the fractions
+    /// towards the next voxels.
     #[inline(always)]
     pub(crate) fn locate(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut SampleChunk) {
         for p in 0..chunk.packets.min(PACKETS) {
@@ -298,7 +290,6 @@ impl Grid {
         self.split_between::<1>(v)
     }
 
-    /// Splits a coordinate clamped to `MARGIN` voxels inside the brick.
     #[inline(always)]
     fn split_between<const MARGIN: u8>(&self, v: f32) -> (i32, f32) {
         let (low, high) = (MARGIN as f32, self.limit - MARGIN as f32);
@@ -311,7 +302,6 @@ impl Grid {
     }
 }
 
-/// A padded brick ready for sampling.
 #[derive(Clone, Copy)]
 pub(crate) struct Brick<'a> {
     codes: &'a [u8],
@@ -648,7 +638,6 @@ mod tests {
 
     const CODES: CodeMap = CodeMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
 
-    /// Samples at eight places along x, at one y and z.
     fn sample<C: Code, const INVALID: bool>(brick: &Brick<'_>, x: Packet, y: f32, z: f32) -> (Packet, Packet) {
         let packet = [x; PACKETS];
         let mut chunk =

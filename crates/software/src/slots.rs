@@ -16,7 +16,7 @@ use brickyard_volume::macrocells::{self, MacroCells};
 use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
 
-/// A pool's slots for bricks of its layers. A slot takes memory once it holds a brick.
+/// A pool's slots. A slot takes memory once it holds a brick.
 #[derive(Debug)]
 pub(crate) struct Slots {
     pub(crate) needs: VolumeNeeds,
@@ -50,7 +50,6 @@ impl Slots {
         before.map(Resident::into_codes)
     }
 
-    /// Whether `codes` has the length of a padded brick of this pool, with its gradients.
     pub(crate) fn is_padded_brick(&self, codes: &[u8]) -> bool {
         codes.len() as u64 == slot_bytes(&self.needs)
     }
@@ -59,8 +58,6 @@ impl Slots {
         matches!(self.bricks.get(slot.0 as usize), Some(Some(_)))
     }
 
-    /// The brick in a slot.
-    ///
     /// # Panics
     /// If the slot holds no brick, or there is no such slot.
     pub(crate) fn brick(&self, slot: Slot) -> &Resident {

@@ -17,10 +17,9 @@ const LAST: usize = TransferTable::most_entries(SlotFormat::U8) - 1;
 /// The entry of no sample, stored twice.
 const NOTHING: usize = LAST + 2;
 
-/// Entries of a zone.
 const ENTRIES: usize = NOTHING + 2;
 
-/// The effect of one whole step through a frame's medium, by code: a table for each zone of the lattice.
+/// A table for each zone of the lattice.
 pub(crate) struct StepTables {
     zones: Vec<Zone>,
     /// Entries per code, and the last code's.
@@ -34,7 +33,6 @@ struct Zone {
     visible: [i32; 2],
 }
 
-/// The effect of one whole step in one zone, by code.
 #[derive(Clone, Copy)]
 pub(crate) struct StepTable<'a> {
     entries: &'a [Vec4; ENTRIES],
@@ -82,7 +80,6 @@ impl StepTables {
         Self { zones, per_code: (table.entries_per_code * pieces) as f32, last: last as f32 }
     }
 
-    /// The table of a zone, if any.
     #[inline(always)]
     pub(crate) fn zone(&self, zone: usize) -> Option<StepTable<'_>> {
         let Zone { entries, visible } = self.zones.get(zone)?;

@@ -10,7 +10,7 @@ use brickyard_volume::macrocells::CELL_EDGE;
 use glam::{DVec3, Mat3};
 use std::ops::Range;
 
-/// A cell of a frame and its brick, as a march's surroundings.
+/// A frame's cell and its brick, for marching stretches.
 pub(crate) struct March<'a> {
     pub(crate) frame: &'a Frame<'a>,
     pub(crate) cell: &'a Cell<'a>,
@@ -18,7 +18,7 @@ pub(crate) struct March<'a> {
 }
 
 impl March<'_> {
-    /// The origin of a ray of this layer in the scene's world, and its unit direction there.
+    /// A ray's origin and unit direction in the scene's world.
     #[inline(always)]
     pub(crate) fn world_ray(&self, ray: &Ray) -> (DVec3, DVec3) {
         let (geometry, placement) = (&self.frame.settings.geometry, &self.frame.settings.placement);
@@ -26,8 +26,7 @@ impl March<'_> {
         (eye, placement.world_vector(DVec3::from_array(ray.direction) * geometry.spacing))
     }
 
-    /// Whether a cap may lie at the start of the segment at tick `first`: whether the ray enters there through a cut
-    /// that caps surfaces.
+    /// Whether the ray enters at the segment at tick `first`, through a cut that caps surfaces.
     #[inline(always)]
     pub(crate) fn is_capped(&self, ray: &Ray, first: u32) -> bool {
         let settings = self.frame.settings;
@@ -62,7 +61,6 @@ impl March<'_> {
 /// first and last, equally long.
 #[derive(Clone, Copy)]
 pub(crate) struct Stretch {
-    /// The ray's place in the tile.
     pub(crate) ray: usize,
     /// The tick of the first segment; `end` is one past the last.
     pub(crate) start: u32,
@@ -199,7 +197,6 @@ impl Stretch {
         [low, high]
     }
 
-    /// Unit distances of a whole segment.
     #[inline(always)]
     pub(crate) fn weight(&self, frame: &Frame<'_>) -> f32 {
         (self.length * frame.per_unit) as f32
@@ -241,7 +238,6 @@ impl Stretch {
     }
 }
 
-/// Voxels of a step along its longest axis.
 #[inline(always)]
 fn longest(step: [f32; 3]) -> f32 {
     step[0].abs().max(step[1].abs()).max(step[2].abs())

@@ -21,9 +21,7 @@ use std::ops::Range;
 /// A path's crossing of a surface.
 #[derive(Clone, Copy)]
 pub(crate) struct Crossing {
-    /// The index of the surface.
     pub(crate) surface: usize,
-    /// The place along the path.
     pub(crate) along: f32,
     /// Whether it is a cap on the cut through which the ray enters.
     pub(crate) is_cap: bool,
@@ -157,7 +155,6 @@ fn crossing(threshold: f32, side: &mut f32, code: &Packet, weight: &Packet, coun
 pub(crate) struct Line<'a> {
     pub(crate) march: &'a March<'a>,
     pub(crate) stretch: &'a Stretch,
-    /// The surface's threshold in codes.
     pub(crate) threshold: f32,
 }
 
@@ -219,7 +216,6 @@ impl Line<'_> {
         Vec3::from(self.march.frame.settings.surfaces[0].color) * own as f32 + Vec3::splat(white as f32)
     }
 
-    /// The colour of the surface at a place.
     #[inline(always)]
     fn lit<C: Code, U: Unit, const INVALID: bool>(&self, ray: &Ray, along: f32) -> Vec3 {
         let March { frame, cell, brick } = self.march;

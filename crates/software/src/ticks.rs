@@ -3,7 +3,6 @@
 use brickyard_volume::Lattice;
 use brickyard_volume::lattice::MAX_ZONES;
 
-/// A sampling lattice, prepared for work per ray.
 pub(crate) struct Ticks {
     /// The world length of a tick: the lattice's finest step.
     pub(crate) step: f64,
@@ -37,7 +36,6 @@ impl Ticks {
         zone
     }
 
-    /// The first tick past the zone.
     #[inline(always)]
     pub(crate) fn zone_end(&self, zone: usize) -> u32 {
         self.starts[zone + 1]

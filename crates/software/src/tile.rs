@@ -18,14 +18,12 @@ pub(crate) const BYTES_PER_THREAD: u64 = (size_of::<Work>()
     + size_of::<TilePixels>()
     + size_of::<SampleChunk>()) as u64;
 
-/// The state shared by all tiles of a picture.
 pub(crate) struct Scene<'a> {
     frames: Vec<Frame<'a>>,
     meshes: Option<&'a MeshTree>,
     drawn: Drawn<'a>,
 }
 
-/// How the layers are drawn.
 enum Drawn<'a> {
     Single(MarchTile),
     Projected(Vec<MarchTile>),
@@ -33,8 +31,8 @@ enum Drawn<'a> {
 }
 
 impl<'a> Scene<'a> {
-    /// The scene of these layers' frames, or of an expression over the layers, with the tree over the frames' meshes if
-    /// any. Unless the scene is mixed, it draws the first frame alone.
+    /// The scene of these layers' frames, or of an expression over the layers. Unless the scene is mixed, it draws the
+    /// first frame alone.
     pub(crate) fn new(
         frames: Vec<Frame<'a>>,
         meshes: Option<&'a MeshTree>,

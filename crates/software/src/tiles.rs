@@ -8,13 +8,11 @@ pub(crate) const TILE_PX: u32 = 16;
 
 pub(crate) const PIXELS: usize = (TILE_PX * TILE_PX) as usize;
 
-/// A tile's place on the picture.
 pub(crate) type Tile = brickyard_volume::PixelRect;
 
 /// A tile's pixels in rows of [`TILE_PX`], even where the picture ends within the tile.
 pub(crate) type TilePixels = [[u8; 3]; PIXELS];
 
-/// The picture's tiles, row by row.
 pub(crate) fn tiles(width: u32, height: u32) -> impl Iterator<Item = Tile> {
     let starts = |n: u32| (0..n).step_by(TILE_PX as usize);
     starts(height).flat_map(move |y0| {
@@ -23,14 +21,12 @@ pub(crate) fn tiles(width: u32, height: u32) -> impl Iterator<Item = Tile> {
     })
 }
 
-/// Assembles the picture from its drawn tiles.
 pub(crate) fn picture((width, height): (u32, u32), tiles: &[Tile], drawn: &[TilePixels]) -> Picture {
     let mut picture = Picture { width, height, rgb: vec![[0; 3]; width as usize * height as usize] };
     tiles.iter().zip(drawn).for_each(|(tile, pixels)| put(&mut picture, tile, pixels));
     picture
 }
 
-/// Copies a tile's pixels to their place in a picture.
 pub(crate) fn put(picture: &mut Picture, tile: &Tile, pixels: &TilePixels) {
     for (y, row) in (tile.y0..tile.y1).zip(pixels.chunks_exact(TILE_PX as usize)) {
         let start = y as usize * picture.width as usize + tile.x0 as usize;
