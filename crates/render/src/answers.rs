@@ -49,7 +49,6 @@ pub(crate) struct Said {
     pub(crate) marks: Vec<u32>,
 }
 
-/// The sheets for answers, free or in flight.
 #[derive(Debug)]
 pub(crate) struct Answers {
     free: Vec<wgpu::Buffer>,
@@ -71,7 +70,6 @@ impl Answers {
         self.free.pop()
     }
 
-    /// Whether all sheets are in flight.
     pub(crate) fn is_full(&self) -> bool {
         self.free.is_empty()
     }

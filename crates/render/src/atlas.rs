@@ -113,7 +113,6 @@ impl Atlas {
         Ok(atlas)
     }
 
-    /// Queues a slot's texels and gradients.
     pub(crate) fn write(&self, gpu: &Gpu, slot: Slot, texels: &[u8], gradients: &[u8]) {
         write(gpu, &self.texture, self.plan.origin(slot), self.plan.slot_edge, texels);
         if let Some(texture) = &self.gradients {

@@ -487,7 +487,6 @@ impl Passes<'_> {
         is_marked.then(|| self.framed.iter().map(|framed| framed.number).zip(self.cells.iter().copied()).collect())
     }
 
-    /// Number of mesh layers peeled without waiting.
     fn peeled(&self) -> u32 {
         let settings = self.framed[0].settings;
         if self.waits || settings.meshes.is_empty() || !is_counted(settings) { 0 } else { self.slabs + 1 }
@@ -504,17 +503,14 @@ impl Passes<'_> {
         !self.framed[0].settings.meshes.is_empty()
     }
 
-    /// The picture's targets, made earlier.
     fn targets(&self) -> Result<&Targets, GpuError> {
         self.renderer.targets.as_ref().ok_or_else(no_target)
     }
 
-    /// The pipeline of a march, made earlier.
     fn pipeline(&self, shader: &Shader) -> Result<&Pipeline, GpuError> {
         self.renderer.pipelines.get(&Wanted::March(shader.clone())).ok_or_else(no_target)
     }
 
-    /// The pipeline of a resolve pass, made earlier.
     fn resolve(&self, seen: Seen, shown: Shown) -> Result<&wgpu::RenderPipeline, GpuError> {
         match self.renderer.pipelines.get(&Wanted::Resolve(seen, shown)) {
             Some(Pipeline::Render(pipeline)) => Ok(pipeline),

@@ -248,7 +248,6 @@ impl Gpu {
         self.reason(GpuError::DeviceLost(sign.to_string()))
     }
 
-    /// Polls the device for completed work and for its loss.
     fn poll(&self, poll: wgpu::PollType) -> Result<(), GpuError> {
         // wgpu 30 panics, holding none of its locks, if the driver answers a wait with the loss of the device.
         let lost = match catch_unwind(AssertUnwindSafe(|| self.device.poll(poll))) {

@@ -6,14 +6,12 @@ use crate::pool::Pool;
 use brickyard_shaders::bindings;
 use wgpu::{BindingType, ShaderStages, TextureViewDimension};
 
-/// The bind group layouts that all variants share.
 #[derive(Clone, Debug)]
 pub(crate) struct Layouts {
     /// Whether each pool in a march through all layers holds 32-bit floats, and whether stored gradients are bound.
     pub(crate) of: (Vec<bool>, bool),
     /// The layouts of marches through one layer, of codes and of 32-bit floats.
     march: [wgpu::BindGroupLayout; 2],
-    /// The layout of a march through all layers.
     pub(crate) joint: wgpu::BindGroupLayout,
     pub(crate) resolve: wgpu::BindGroupLayout,
     pub(crate) joined: wgpu::BindGroupLayout,

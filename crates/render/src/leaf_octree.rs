@@ -19,7 +19,6 @@ pub(crate) struct Visibility<'a> {
     pub(crate) mode: Mode,
     pub(crate) has_invalid: bool,
     pub(crate) opaque: &'a OpaqueCodes,
-    /// Whether to skip empty macro-cells.
     pub(crate) skips_empty: bool,
 }
 
@@ -50,7 +49,6 @@ impl Visibility<'_> {
 pub(crate) struct Slots<'a> {
     pub(crate) atlas: &'a AtlasPlan,
     pub(crate) apron: u32,
-    /// Macro-cells per brick.
     pub(crate) macro_cells: u32,
     /// The code range of each slot's brick.
     pub(crate) ranges: &'a [[u16; 2]],

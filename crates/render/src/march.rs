@@ -131,7 +131,6 @@ fn sampler(gpu: &Gpu) -> wgpu::Sampler {
 /// Pixels per submission of rays: even a slow GPU then takes well under a second, and no watchdog sees a hang.
 const PIXELS_PER_SUBMISSION: u32 = 1 << 18;
 
-/// Rows of a picture drawn together.
 pub(crate) struct Band {
     pub(crate) top: u32,
     pub(crate) rows: u32,
@@ -139,7 +138,6 @@ pub(crate) struct Band {
     pub(crate) is_first: bool,
 }
 
-/// The target of a frame's march, and the part of the picture to draw.
 pub(crate) struct Gathering<'a> {
     pub(crate) shared: &'a SharedBuffers,
     pub(crate) target: &'a wgpu::TextureView,

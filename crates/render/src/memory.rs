@@ -20,12 +20,10 @@ pub(crate) const TIMESTAMP_BYTES: u64 = 16;
 pub(crate) const ANSWERS: u64 = 3;
 /// Most layers of meshes peeled without waiting for their counts.
 pub(crate) const MOST_LAYERS: u32 = 64;
-/// Bytes of the counts of all mesh layers peeled without waiting.
 pub(crate) const COUNTS_BYTES: u64 = MOST_LAYERS as u64 * 8;
 /// Fewest slots for a layer: with fewer than two, a picture cannot be refined at all.
 pub(crate) const MIN_SLOTS: u32 = 2;
 
-/// The split of the GPU memory budget.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MemoryPlan {
     pub(crate) pools: Vec<PoolPlan>,
@@ -39,7 +37,6 @@ pub(crate) struct MemoryPlan {
     pub(crate) fixed_bytes: u64,
 }
 
-/// A pool's share of the GPU memory budget.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct PoolPlan {
     pub(crate) atlas: AtlasPlan,
@@ -60,7 +57,6 @@ pub(crate) struct RaycastPlan {
     pub(crate) levels: u32,
     /// Number of layers with bricks in the pool.
     pub(crate) layers: u32,
-    /// Whether to skip empty macro-cells.
     pub(crate) skips_empty: bool,
 }
 
@@ -113,7 +109,6 @@ const GAP_BYTES: u64 = 4 * PART_BYTES;
 /// Alignment of the parts of shared buffers, bytes.
 pub(crate) const PART_BYTES: u64 = 256;
 
-/// A pool's requirements.
 struct Ask {
     slot_edge: u32,
     slot_bytes: u64,

@@ -30,12 +30,10 @@ use wgpu::{BindingResource, BufferUsages, Color, LoadOp, ShaderStages, TextureFo
 const DEPTH_FORMAT: TextureFormat = TextureFormat::Depth32Float;
 /// Vertices or triangles prepared for the GPU at once.
 const CHUNK: usize = 1 << 16;
-/// Bytes of a query's count.
 const COUNT_BYTES: u64 = 8;
 /// Expected layers of the first picture drawn without waiting.
 const FIRST_EXPECTED: u32 = 4;
 
-/// The meshes on the GPU, and the pipelines for peeling their layers.
 #[derive(Debug)]
 pub(crate) struct Meshes {
     vertices: wgpu::Buffer,
@@ -68,7 +66,6 @@ pub(crate) struct Meshes {
     geometry: Option<Geometry>,
 }
 
-/// A mesh in the buffers.
 #[derive(Debug)]
 struct Held {
     mesh: Arc<Mesh>,

@@ -76,7 +76,6 @@ impl Pipelines {
         }
     }
 
-    /// Returns a pipeline; `None` if not compiled.
     pub(crate) fn get(&self, wanted: &Wanted) -> Option<&Pipeline> {
         self.all.get(wanted)?.get()?.as_ref().ok()
     }

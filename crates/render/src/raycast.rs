@@ -25,7 +25,6 @@ pub(crate) struct Raycast {
     pub(crate) buffers: RayBuffers,
     /// Each layer's own bind group.
     pub(crate) bindings: Vec<wgpu::BindGroup>,
-    /// The bind group of all layers together.
     pub(crate) joint: wgpu::BindGroup,
 }
 

@@ -6,7 +6,6 @@ use brickyard_volume::compositing::OPAQUE;
 use brickyard_volume::jitter::{self, BLUE_EDGE};
 use brickyard_volume::{Mode, Needs, SlotFormat, TransferGrid, TransferTable};
 
-/// The contents of a table's places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Places {
     /// Media: a colour of 32 bits, and a depth for an exponential.
@@ -24,7 +23,6 @@ impl Places {
 
 const PLACE_BYTES: u64 = size_of::<[u32; 2]>() as u64;
 
-/// Code format of an expression's transfer table.
 pub(crate) const COMBINED: SlotFormat = SlotFormat::U16;
 
 /// The most places of a transfer table, after the first. 8-bit codes have 64 per code: where a table jumps from clear

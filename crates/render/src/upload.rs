@@ -78,7 +78,6 @@ impl Uploader {
         (self.most - self.staged()) * (self.voxel_bytes(atlas) + atlas.nodes.bytes()) as u64
     }
 
-    /// Bricks in staging memory.
     fn staged(&self) -> u64 {
         self.pending + self.under_way.iter().map(|batch| batch.bricks).sum::<u64>()
     }

@@ -6,7 +6,6 @@ use brickyard_volume::{
     Filter, FrameSettings, Gradient, Lighting, LightingModel, Mode, Sampling, SlotEncoding, SlotFormat, sampling,
 };
 
-/// The variant of a march's shader: for one layer, or for several layers together.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Shader {
     Single(Variant),
@@ -59,7 +58,6 @@ pub(crate) fn medium_of(frame: &FrameSettings, sampling: Sampling, has_surfaces:
     Medium { curve, parts, is_pre_integrated, light, gradient, surfaces, has_grid }
 }
 
-/// The shaders' lighting model.
 fn light_of(lighting: &Lighting) -> Light {
     match lighting.model {
         LightingModel::None => Light::Unlit,

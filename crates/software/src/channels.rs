@@ -29,7 +29,6 @@ const SIDE_BY_SIDE: usize = 4;
 pub(crate) const BYTES_PER_THREAD: usize = SIDE_BY_SIDE * size_of::<Walk>();
 pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize = SIDE_BY_SIDE * size_of::<u64>() + size_of::<Part<'_, '_>>();
 
-/// The march of several layers of plain fog with a common cut.
 pub(crate) struct Channels {
     takes: Vec<Take>,
     march: March,

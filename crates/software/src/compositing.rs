@@ -65,7 +65,6 @@ pub(crate) const BYTES_PER_CELL_AND_THREAD: usize = size_of::<u32>() + size_of::
 
 const _: () = assert!(size_of::<Shared>() <= BYTES_PER_CELL_AND_THREAD);
 
-/// Bytes per thread and layer.
 pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize =
     size_of::<Way>() + size_of::<[Past; PIXELS]>() + channels::BYTES_PER_LAYER_AND_THREAD;
 
@@ -256,6 +255,7 @@ impl Work {
         }
     }
 
+    /// Finds the runs of a pixel's ray in all layers.
     fn follow(&mut self, frames: &[Frame<'_>], cells: &[Vec<u32>], [x, y]: [u32; 2], limits: [f64; 2]) {
         self.runs.clear();
         self.ways.clear();
@@ -300,6 +300,7 @@ impl Work {
 
     /// Follows the runs front to back. Returns premultiplied colour and the remaining light.
     fn march(&mut self, together: &JointMarch<'_>, frames: &[Frame<'_>], mut light: Vec4) -> Vec4 {
+        // All layers share one lattice.
         let ticks = &frames[0].ticks;
         let mut next = self.ways.iter().filter_map(|way| Some(self.runs.get(way.runs.clone())?.first()?.first)).min();
         while let Some(tick) = next.filter(|_| light.w >= FAINTEST) {

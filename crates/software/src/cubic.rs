@@ -11,7 +11,6 @@ struct Sums {
     middle: f32,
     /// The weighted excess of the codes over `middle`.
     sum: f32,
-    /// The weight of the valid codes.
     valid: f32,
 }
 

@@ -23,7 +23,6 @@ pub(crate) struct DepthTable {
     entries: Box<[Vec4]>,
     /// Whether the values from each entry to the next are not linear.
     bends: Box<[bool]>,
-    /// Whether there are any.
     has_bends: bool,
     /// The first and the last visible entry; the first is greater if none is.
     visible: [i32; 2],
@@ -35,7 +34,7 @@ pub(crate) struct DepthTable {
 /// The most pieces of a table: 15 codes are one of 65,535.
 const MOST: usize = 0xffff / 15;
 
-/// A table's pieces per pieces of a transfer table with this last entry, as a ratio.
+/// The ratio of a table's pieces to those of a transfer table with this last entry.
 const fn pieces(last: usize) -> (usize, usize) {
     if 2 * last <= MOST { (2, 1) } else { (1, last.div_ceil(MOST)) }
 }

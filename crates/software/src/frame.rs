@@ -110,6 +110,7 @@ pub(crate) struct Cell<'a> {
     pub(crate) side: f32,
     /// The number of surfaces the whole brick is past; negative if it varies, or is not needed.
     pub(crate) rank: i32,
+    /// The least and the greatest code of the brick.
     pub(crate) whole: [f32; 2],
     /// How far the boxes of segments extend beyond them, in the brick's voxels, if the brick is read by
     /// [boxes](brickyard_volume::extremes).
@@ -129,7 +130,6 @@ impl Cell<'_> {
     }
 }
 
-/// A padded brick in a slot, with its macro-cells.
 #[derive(Debug)]
 pub(crate) struct Resident {
     /// The padded brick: voxels, and gradients behind them.

@@ -82,7 +82,6 @@ impl Way {
         (tick < self.last).then_some(tick)
     }
 
-    /// The stretch's next possibly visible segments before `end`.
     #[inline(always)]
     fn next_seen(&mut self, end: i32) -> Option<Range<i32>> {
         if self.pending.is_empty() {
@@ -102,7 +101,6 @@ impl Way {
 /// segment.
 pub(crate) type Gather = fn(&Frame<'_>, &Cell<'_>, &mut Way, Range<u32>, usize, &mut SampleChunk, &mut Media);
 
-/// How samples are used.
 trait Look {
     /// Whether segments are examined from end to end.
     const ENDS: bool;

@@ -10,7 +10,6 @@
 use crate::packet::{LANES, Packet};
 use brickyard_volume::macrocells::{CELL_EDGE, MacroCells, per_axis};
 
-/// Spans along an axis of a brick.
 const fn spans_per_axis(edge: usize) -> usize {
     2 * per_axis(edge) - 1
 }

@@ -242,6 +242,7 @@ struct Queue {
 }
 
 impl Queue {
+    /// Returns the segment behind the stretch.
     #[inline(always)]
     fn push(&mut self, stretch: Stretch) -> u32 {
         let end = stretch.end;
@@ -294,6 +295,7 @@ impl Queue {
     }
 }
 
+/// Finds the possibly visible blocks of a stretch, and stores them in it.
 #[inline(always)]
 pub(crate) fn look<B: Accumulate>(
     stretch: &mut Stretch,

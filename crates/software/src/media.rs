@@ -32,7 +32,6 @@ pub(crate) struct Media {
     pub(crate) found: Option<Found>,
 }
 
-/// The contents of a chunk's segments with surfaces.
 #[derive(Default)]
 pub(crate) struct Found {
     pub(crate) pieces: Vec<Piece>,

@@ -25,7 +25,6 @@ pub(crate) fn bytes(room: MeshCapacity) -> u64 {
     if room.is_none() { 0 } else { (each + room.meshes as usize * size_of::<Held>()) as u64 }
 }
 
-/// Bytes per thread for the layers of meshes in its tile.
 pub(crate) const BYTES_PER_THREAD: u64 = size_of::<MeshLayers>() as u64;
 
 #[derive(Debug, Default)]
@@ -37,7 +36,6 @@ pub(crate) struct MeshTree {
     nodes: Vec<Node>,
 }
 
-/// A mesh, and the number of its first triangle.
 #[derive(Debug)]
 struct Held {
     mesh: Arc<Mesh>,

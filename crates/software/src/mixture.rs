@@ -22,7 +22,6 @@ pub(crate) struct Mixed {
 impl Mixed {
     pub(crate) const NONE: Self = Self { near: Vec4::ZERO, far: Vec4::ZERO };
 
-    /// Adds media: their colour and depth.
     #[inline(always)]
     pub(crate) fn add(&mut self, media: Vec4) {
         self.near += media;

@@ -63,6 +63,7 @@ pub(crate) trait Accumulate {
     fn seen(frame: &Frame<'_>, sum: Vec4) -> Vec4;
 }
 
+/// A mode that samples segments in their middles.
 pub(crate) trait Sum: Accumulate {
     /// The projected extreme; `None` if the mode projects none.
     const EXTREME: Option<Extreme> = None;

@@ -34,6 +34,7 @@ pub(crate) struct Pieces<'a> {
 pub(crate) struct Piece<'a> {
     pub(crate) path: Path<'a>,
     pub(crate) segments: Range<i32>,
+    /// The surface at the piece's end, if any.
     pub(crate) surface: Option<Crossing>,
 }
 

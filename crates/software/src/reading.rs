@@ -5,7 +5,6 @@ use crate::packet::{LANES, PACKETS, Packet};
 use crate::sample::{Brick, Code, SampleChunk, Unit};
 use brickyard_volume::{Filter, FrameSettings};
 
-/// How a padded brick is read at a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Reading {
     /// The code of the voxel around the place: a label.

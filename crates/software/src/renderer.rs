@@ -68,6 +68,7 @@ pub struct SoftwareRenderer {
     pool_of: Vec<usize>,
     pools: Vec<Slots>,
     bytes: u64,
+    /// By layer; empty for projections.
     visibility: Vec<Vec<f32>>,
     meshes: MeshTree,
     /// The deadline, if any.

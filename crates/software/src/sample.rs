@@ -82,10 +82,8 @@ pub(crate) trait Code {
     /// `2 * BYTES` bytes can be read at `at`.
     unsafe fn pair(at: *const u8) -> Self::Pair;
 
-    /// The first of a pair.
     fn near(pair: Self::Pair) -> f32;
 
-    /// The second of a pair.
     fn far(pair: Self::Pair) -> f32;
 
     /// The voxel's number for interpolation, counted from the table's first, and whether the voxel has a value; the
@@ -136,7 +134,6 @@ pub(crate) struct Code8;
 
 pub(crate) struct Code16;
 
-/// Numbers of f32 slots.
 pub(crate) struct Float32;
 
 impl Code for Code8 {
@@ -230,10 +227,8 @@ pub(crate) trait Unit {
     const AVX2: bool;
 }
 
-/// Any machine.
 pub(crate) struct Portable;
 
-/// A machine with AVX2.
 #[cfg(target_arch = "x86_64")]
 pub(crate) struct Avx2;
 
@@ -621,7 +616,6 @@ pub(crate) fn mix(a: f32, b: f32, t: f32) -> f32 {
     a + t * (b - a)
 }
 
-/// [`mix`] for each of a packet.
 #[inline(always)]
 pub(crate) fn mix_packets(a: &Packet, b: &Packet, t: &Packet) -> Packet {
     let mut out = [0.0; LANES];

@@ -58,6 +58,8 @@ impl Slots {
         matches!(self.bricks.get(slot.0 as usize), Some(Some(_)))
     }
 
+    /// The brick in a slot.
+    ///
     /// # Panics
     /// If the slot holds no brick, or there is no such slot.
     pub(crate) fn brick(&self, slot: Slot) -> &Resident {

@@ -11,7 +11,6 @@ use crate::sample::Avx2;
 use crate::sample::{Brick, Code, Portable, Unit, mix};
 use brickyard_volume::lighting::SMOOTH;
 
-/// The places of the operator.
 const PLACES: usize = 27;
 
 /// The smoothing of four neighbours along an axis, at a place between the middle two.
@@ -36,7 +35,6 @@ impl Across {
         Self { weights, t: *t }
     }
 
-    /// Smooths four neighbours.
     #[inline(always)]
     fn smoothed(&self, four: [&Packet; 4]) -> Packet {
         let mut sum = [0.0; LANES];

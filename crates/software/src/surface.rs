@@ -155,6 +155,7 @@ fn crossing(threshold: f32, side: &mut f32, code: &Packet, weight: &Packet, coun
 pub(crate) struct Line<'a> {
     pub(crate) march: &'a March<'a>,
     pub(crate) stretch: &'a Stretch,
+    /// The surface's threshold, in codes.
     pub(crate) threshold: f32,
 }
 
