@@ -1,4 +1,4 @@
-//! The octree over a draw list, in which a ray looks up a point's brick or the extent of emptiness around it.
+//! The octree over a draw list, in which a ray looks up a point's brick or the extent of empty space around it.
 //!
 //! A page table of all bricks would grow with the volume; this grows with the cut. It holds one word per node in groups
 //! of eight children, 32 bytes for each split node, and is rebuilt for every frame: about 50 ns per cell and level. In

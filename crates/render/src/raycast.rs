@@ -1,11 +1,12 @@
 //! The `raycast` and `compute` compositors: one ray per pixel, front to back through an octree over each draw list,
-//! with early ray termination, skipping emptiness: leaves without a brick, bricks, and macro-cells inside bricks.
+//! with early ray termination and empty-space skipping: of leaves without a brick, of bricks, and of macro-cells inside
+//! bricks.
 //!
 //! In direct volume rendering rays leave marks: how much light was left when they entered a brick, the most of all
 //! rays. The marks come back with the picture and reveal which bricks nobody could see.
 //!
-//! Macro-cells' code ranges go to the GPU with their brick. Two look-ups in a table of counts tell whether a range is
-//! visible under the frame's table, so that an edit of the transfer function sends 4 bytes per entry and no brick.
+//! Macro-cells' code ranges go to the GPU with their brick. Two look-ups in a table of counts decide whether a range is
+//! visible under the frame's table, so an edit of the transfer function sends 4 bytes per entry and no brick.
 
 use crate::buffer_parts::{Ends, Part};
 use crate::buffers::{RayBuffers, SharedBuffers, buffer, entry};

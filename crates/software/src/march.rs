@@ -337,7 +337,7 @@ mod tests {
 
     fn same_when_lit<C: Code, B: Accumulate, const INVALID: bool>(mode: Mode, surfaces: &[f64], lighting: Lighting) {
         let voxel_type = [VoxelType::U8, VoxelType::U16, VoxelType::F32][C::BYTES / 2];
-        // A window below half of the codes, about the visible values, so that codes are not counted from 0.
+        // Less than half of the codes, around the visible values, so that codes are not counted from 0.
         let share = if mode == Mode::MinIp { [0.05, 0.5] } else { [0.4, 0.88] };
         let most = [255.0, 65535.0, 250.0][C::BYTES / 2];
         let window = Some(Window::of(share.map(|share| share * most)));
