@@ -1,14 +1,15 @@
-//! What becomes of thin layers when a volume is classified before interpolation, and after: one picture of both, side by side.
+//! Thin layers in a volume classified before and after interpolation: one picture of both, side by side.
 //!
-//! The volume holds distances from its centre; the transfer function shows some of them, each as a thin translucent shell. On
-//! the left it was applied to the voxels, and colour and opacity (premultiplied: the better way) were interpolated, as with an
-//! RGBA texture; on the right values were interpolated, and the function applied to samples. Half of the ball is cut away.
+//! The volume holds distances from its centre; the transfer function shows some of them, each as a thin translucent
+//! shell. On the left it was applied to the voxels, and colour and opacity (premultiplied: the better way) were
+//! interpolated, as with an RGBA texture; on the right values were interpolated, and the function applied to samples.
+//! Half of the ball is cut away.
 //!
 //! ```text
 //! cargo run --release -p brickyard-reference --example preclassified -- docs/images/classification.png
 //! ```
 //!
-//! Prints how far each is from the picture of the distances themselves, which need no interpolation.
+//! Prints how far each is from the picture of the exact distances, without interpolation.
 
 use brickyard_reference::{Array, ReferenceVolume, one_level, render};
 use brickyard_volume::{
@@ -22,10 +23,10 @@ use std::path::Path;
 const EDGE: u32 = 64;
 /// Pixels along each side of one picture.
 const SIZE_PX: u32 = 384;
-/// Step, voxels: so small that shells of half a voxel are never stepped over.
+/// Step, voxels: small enough never to step over shells of half a voxel.
 const STEP: f64 = 0.05;
 
-/// Premultiplied colour and opacity over one voxel at a place; all zero where there is nothing.
+/// Premultiplied colour and opacity over one voxel at a place; all zero for emptiness.
 type Classified = [f64; 4];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -120,7 +121,7 @@ fn classify(transfer: &TransferFunction, value: f64) -> Classified {
     [r * alpha, g * alpha, b * alpha, alpha]
 }
 
-/// Front to back along every ray, by the frame's lattice.
+/// Composites front to back along every ray, by the frame's lattice.
 fn picture(frame: &FrameSettings, classified: &dyn Fn(DVec3) -> Classified) -> Picture {
     let (low, high) = frame.shown_box(Extent::new(EDGE, EDGE, EDGE));
     let mut rgb = Vec::new();
@@ -148,7 +149,7 @@ fn picture(frame: &FrameSettings, classified: &dyn Fn(DVec3) -> Classified) -> P
     Picture { width: SIZE_PX, height: SIZE_PX, rgb }
 }
 
-/// Two pictures beside one another, with a line of gray between.
+/// Writes two pictures side by side, with a line of gray between.
 fn write(path: &Path, left: &Picture, right: &Picture) -> Result<(), Box<dyn std::error::Error>> {
     let rows = left.rgb.chunks(SIZE_PX as usize).zip(right.rgb.chunks(SIZE_PX as usize));
     let bytes: Vec<u8> =

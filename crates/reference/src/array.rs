@@ -1,4 +1,4 @@
-//! Levels as whole arrays: what is read at a point, and coarser levels as means of finer ones.
+//! Levels as whole arrays: values at points, and coarser levels as means of finer ones.
 
 use brickyard_volume::{Extent, Filter, LevelGrid, Pyramid, Voxel, VoxelType, sampling, with_voxel_type};
 use glam::DVec3;
@@ -15,7 +15,7 @@ pub struct Array {
 }
 
 impl Array {
-    /// A level whose voxels come from a function of its integer voxel coordinates.
+    /// Builds a level from a function of its integer voxel coordinates.
     pub fn from_fn(grid: &LevelGrid, value: impl Fn([u32; 3]) -> f64) -> Self {
         let e = grid.extent;
         let mut values = Vec::with_capacity(e.volume() as usize);
@@ -27,8 +27,8 @@ impl Array {
         Self { extent: e, factor: grid.factor, values }
     }
 
-    /// A level from its little-endian voxels, x fastest. Infinite values become NaN: they are invalid too; and so do voxels of the
-    /// value `nodata`.
+    /// Builds a level from its little-endian voxels, x fastest. Infinite values and voxels of the value `nodata` are
+    /// invalid too, and become NaN.
     ///
     /// # Panics
     /// If `bytes` does not hold exactly the voxels of the level.
@@ -43,7 +43,7 @@ impl Array {
         Self { extent: grid.extent, factor: grid.factor, values }
     }
 
-    /// The voxel, with indices past a face replicated.
+    /// The voxel at an index; past a face, the outermost voxel.
     fn voxel(&self, index: [i64; 3]) -> f64 {
         let n = self.extent.to_array();
         let inside = std::array::from_fn(|a| index[a].clamp(0, n[a] as i64 - 1) as u32);
@@ -64,7 +64,7 @@ impl Array {
         sum
     }
 
-    /// The differences at a node: the mean of what its eight voxels have of them, and 0 where they have none.
+    /// The differences at a node: the means of its eight voxels' known differences, and 0 where none is known.
     fn node_differences(&self, node: [i64; 3]) -> DVec3 {
         let last = self.extent.to_array().map(|n| n as i64 - 1);
         let low: [i64; 3] = std::array::from_fn(|a| (2 * node[a]).min(last[a] - 1).max(0));
@@ -83,15 +83,15 @@ impl Array {
         DVec3::new(along(0), along(1), along(2))
     }
 
-    /// The value at a point of voxel space (level-0 voxels) of the voxel which the point is in. `None` where the voxel is invalid. Past a face,
-    /// the last voxels repeat.
+    /// Returns the value of the voxel around a point of voxel space (level-0 voxels). `None` if the voxel is invalid.
+    /// Past a face, the last voxels repeat.
     pub fn nearest(&self, point: DVec3) -> Option<f64> {
         let index = std::array::from_fn(|a| (point[a] / self.factor[a] as f64).floor() as i64);
         Some(self.voxel(index)).filter(|value| value.is_finite())
     }
 
-    /// How much of the surroundings of a point of voxel space has a label: the field that is 1 in voxels of that label and 0 in all others,
-    /// filtered linearly.
+    /// Returns a label's indicator at a point of voxel space: the field that is 1 in voxels of that label and 0 in all
+    /// others, filtered linearly.
     pub fn indicator(&self, point: DVec3, label: f64) -> f64 {
         let p = DVec3::from_array(std::array::from_fn(|a| point[a] / self.factor[a] as f64 - 0.5));
         let (base, t) = (p.floor(), p - p.floor());
@@ -103,8 +103,8 @@ impl Array {
         (0..8).map(|i| share([i & 1, i >> 1 & 1, i >> 2])).sum()
     }
 
-    /// The values of the voxels that a box about a point of voxel space (level-0 voxels) touches; `half` is from the point to the box's faces, in
-    /// voxels of the level. Past a face, the last voxels repeat.
+    /// The valid values of the voxels touched by a box about a point of voxel space (level-0 voxels); `half` is from
+    /// the point to the box's faces, in voxels of the level. Past a face, the last voxels repeat.
     pub(crate) fn touched(&self, point: DVec3, half: [f64; 3]) -> impl Iterator<Item = f64> {
         let along = |a: usize| {
             let middle = point[a] / self.factor[a] as f64;
@@ -118,8 +118,8 @@ impl Array {
         places.map(|place| self.voxel(place)).filter(|value| value.is_finite())
     }
 
-    /// The filtered value at a point of voxel space (level-0 voxels). Invalid voxels are left out; `None` where they
-    /// hold more than half the weight. Past a face, the last voxels repeat.
+    /// Returns the filtered value at a point of voxel space (level-0 voxels). Invalid voxels are left out; `None` if
+    /// they hold more than half the weight. Past a face, the last voxels repeat.
     pub fn sample(&self, point: DVec3, filter: Filter) -> Option<f64> {
         if filter == Filter::Nearest {
             return self.nearest(point);
@@ -131,18 +131,18 @@ impl Array {
             t if filter == Filter::Tricubic => sampling::b_spline(t),
             t => [0.0, 1.0 - t, t, 0.0],
         });
-        // Where those are among the values; past a face the last one is replicated.
+        // Their offsets among the values; past a face the last one is replicated.
         let n = self.extent.to_array().map(|n| n as i64);
         let strides = [1, n[0], n[0] * n[1]];
         let offsets: [[i64; 4]; 3] = std::array::from_fn(|a| {
             std::array::from_fn(|i| (base[a] as i64 + i as i64 - 1).clamp(0, n[a] - 1) * strides[a])
         });
-        // Of those, the two or four with a weight.
+        // The two or four of them with a weight.
         let taps = match filter {
             Filter::Nearest | Filter::Trilinear => 1..3,
             Filter::Tricubic => 0..4,
         };
-        // Of what they are more than one of them: where all are alike the value is just theirs.
+        // Summed relative to the first value: equal values give exactly that value.
         let (mut middle, mut sum, mut weight) = (None, 0.0, 0.0);
         for (z, y) in taps.clone().flat_map(|z| taps.clone().map(move |y| (z, y))) {
             for x in taps.clone() {
@@ -158,12 +158,13 @@ impl Array {
     }
 }
 
-/// A function for [`ReferenceVolume::level_at`](crate::ReferenceVolume::level_at) that gives the same level everywhere.
+/// Returns a function for [`ReferenceVolume::level_at`](crate::ReferenceVolume::level_at) with the same level
+/// everywhere.
 pub fn one_level(level: usize) -> impl Fn(DVec3) -> usize {
     move |_| level
 }
 
-/// All levels of a volume, made from its level 0: each voxel is the mean of the valid finer voxels in its box, in f64
+/// Builds all levels of a volume from its level 0: each voxel is the mean of the valid finer voxels in its box, in f64
 /// and unrounded; NaN where there are none.
 pub fn mean_levels(pyramid: &Pyramid, finest: Array) -> Vec<Array> {
     let mut levels = vec![finest];

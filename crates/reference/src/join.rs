@@ -1,4 +1,4 @@
-//! What all layers show together of a slab of a ray, as [`brickyard_volume::compositing`] says.
+//! The joint result of all layers in a slab of a ray, by the rules of [`brickyard_volume::compositing`].
 
 use crate::layer::{Piece, Way, segments};
 use crate::surface::Crossings;
@@ -7,7 +7,7 @@ use brickyard_volume::surface::sort_met;
 use brickyard_volume::{Blend, Combination, MAX_VOLUMES, Mode, Segment};
 use glam::DVec3;
 
-/// The colour of a ray between two distances: what the layers show there, over the colour `behind`.
+/// The colour of a ray between two distances: the layers there, over the colour `behind`.
 pub(crate) fn slab(ways: &[Way<'_>], combination: Option<&Combination>, limits: [f64; 2], behind: DVec3) -> DVec3 {
     let Some(way) = ways.first() else { return behind };
     let (seen, left) = match (way.frame.settings.mode, combination) {
@@ -18,7 +18,7 @@ pub(crate) fn slab(ways: &[Way<'_>], combination: Option<&Combination>, limits: 
     seen + behind * left
 }
 
-/// Every layer projected by itself.
+/// Projects every layer separately, and joins the colours.
 fn projections(ways: &[Way<'_>], limits: [f64; 2]) -> (DVec3, f64) {
     let mut together = JointMedium::default();
     for way in ways {
@@ -33,7 +33,7 @@ fn projections(ways: &[Way<'_>], limits: [f64; 2]) -> (DVec3, f64) {
     together.flat()
 }
 
-/// A ray's light on its way from the eye: premultiplied colour, and what is left of it.
+/// A ray's light on its way from the eye: premultiplied colour, and the remaining light.
 struct Light {
     color: DVec3,
     left: f64,
@@ -42,7 +42,7 @@ struct Light {
 impl Light {
     const WHOLE: Self = Self { color: DVec3::ZERO, left: 1.0 };
 
-    /// Passes an interval or a surface that shows a premultiplied colour.
+    /// Passes an interval or a surface with a premultiplied colour and a transmittance.
     fn see(&mut self, (seen, left): (DVec3, f64)) {
         self.color += seen * self.left;
         self.left *= left;
@@ -70,7 +70,7 @@ fn media(ways: &[Way<'_>], limits: [f64; 2]) -> (DVec3, f64) {
     (light.color, light.left)
 }
 
-/// What pieces show between two distances.
+/// The joint result of pieces between two distances.
 fn between(pieces: &[Piece], start: f64, end: f64) -> (DVec3, f64) {
     let mut together = JointMedium::default();
     for Piece { ends, alone } in pieces {
@@ -124,7 +124,7 @@ mod tests {
         }
     }
 
-    /// Length of a ray inside a box `low..high`.
+    /// The distances at which a ray enters and leaves a box `low..high`.
     fn chord(ray: &Ray, low: DVec3, high: DVec3) -> Option<(f64, f64)> {
         let (a, b) = ((low - ray.origin) / ray.direction, (high - ray.origin) / ray.direction);
         let (from, to) = (a.min(b).max_element().max(0.0), a.max(b).min_element());
@@ -166,8 +166,8 @@ mod tests {
             };
             let parts = [segment([true, false], 5.0), segment([true, true], 3.0), segment([false, true], 5.0)];
             let expected = parts.iter().rev().fold(background, |behind, (seen, left)| *seen + behind * *left);
-            // What the ends' segments, which hold a part of each stretch, get wrong where steps are long: what is there is taken
-            // to be spread evenly. Those of a seventh of a unit have a hundredth of each of them.
+            // The error of the end segments, which hold a part of each stretch: with long steps their contents are
+            // taken to be spread evenly. Those of a seventh of a unit have a hundredth of each of them.
             let allowed = if step > 0.5 { 0.05 } else { 2e-4 };
             let off = (DVec3::from_array(found) - expected).abs().max_element();
             assert!(off < allowed, "step {step} {blend:?}: {found:?} {expected}");
@@ -213,8 +213,8 @@ mod tests {
         assert!(met > 600, "{met}");
     }
 
-    /// Two ramps of value that look the same everywhere, one of them turned, leaning and stretched, seen in parallel: the light on each is
-    /// one colour, which its exact gradient in the scene's world gives, whatever the other does.
+    /// Two ramps of value that look the same everywhere, one of them turned, leaning and stretched, in parallel view:
+    /// each is lit in one colour, given by its exact gradient in the scene's world, independently of the other.
     #[test]
     fn each_volume_is_lit_by_its_own_gradient_where_it_stands() {
         let slope = DVec3::new(3.0, 1.0, 2.0);
@@ -227,11 +227,11 @@ mod tests {
         let volumes =
             [0, 1].map(|i| ReferenceVolume { levels: &levels[i], level_at: &level_at, transfer: &transfers[i] });
         let target = DVec3::splat(11.5);
-        // Within the clip box: a ray that enters by a side of it is lit by that side's normal first.
+        // Within the clip box: a ray entering through a side of it is first lit by that side's normal.
         let eye = target + 2.0 * (DVec3::new(-40.0, 3.0, 25.0) - target).normalize();
         let view = Camera { projection: Projection::Orthographic { height: 2.0 }, ..camera(eye, target) };
         let light = DVec3::new(1e9, -2e9, 3e9);
-        // Gradients by the definition of one: how much a value changes from a place to others beside it.
+        // Gradients by definition: a value's changes from a place to its neighbours.
         let gradient = |i: usize| {
             let value = |place: DVec3| [slope, DVec3::X][i].dot(placements[i].volume_from_world(place));
             DVec3::from_array(DVec3::AXES.map(|axis| value(target + axis) - value(target))).normalize()
@@ -246,7 +246,7 @@ mod tests {
                 let frame = |i: usize| {
                     let (placement, lighting) = (placements[i], lighting.clone());
                     let plain = settings(Mode::Dvr, Geometry::default(), view, &transfers[i], step);
-                    // What all of the ramps' middles are in.
+                    // A box around all of the ramps' middles.
                     let clip = Clip::new(Some([target - 3.0, target + 3.0]), &[]).unwrap();
                     let clip = Clip::in_volume(Some(&clip), &placement, None).unwrap();
                     let settings = FrameSettings { placement, lighting, clip, ..plain };
@@ -274,8 +274,9 @@ mod tests {
         }
     }
 
-    /// Planes of two ramps on unlike grids, one of them turned, leaning and stretched, both in fog: they are where their values say, in the
-    /// order of their distances, several of them in one segment where steps are long, and each stretch between them is two fogs.
+    /// Planes of two ramps on unlike grids, one of them turned, leaning and stretched, both in fog: they lie at their
+    /// values, in the order of their distances, several of them in one segment with long steps, and each stretch
+    /// between them is two fogs.
     #[test]
     fn surfaces_of_all_volumes_stand_in_the_fog_of_all() {
         let slope = DVec3::new(3.0, 1.0, 2.0);
@@ -355,8 +356,9 @@ mod tests {
         }
     }
 
-    /// A wave, by every method, jittered, with surfaces in it or alone, projected, with a mesh before and behind: a layer beside it that shows
-    /// nothing changes nothing. That is not so of the segments that the other layer's stretch makes longer, so both are of one size.
+    /// A wave, by every method, jittered, with surfaces in it or alone, projected, with a mesh before and behind: an
+    /// empty layer beside it changes nothing. Segments lengthened by the other layer's stretch would change, so both
+    /// have one size.
     #[test]
     fn a_layer_that_shows_nothing_changes_nothing() {
         let wave =
@@ -396,7 +398,8 @@ mod tests {
         assert!((0..pictures.len()).all(differs), "pictures that are alike prove nothing");
     }
 
-    /// Two constant media of one box by every method, at steps longer and shorter than a voxel: one medium of both depths.
+    /// Two constant media of one box by every method, at steps longer and shorter than a voxel: one medium of both
+    /// depths.
     #[test]
     fn media_of_one_place_are_one_medium_by_every_method() {
         let levels = [[cube(16, |_| 100.0)], [cube(16, |_| 50.0)]];
@@ -427,7 +430,7 @@ mod tests {
                         colors[0] * hidden + colors[1] * (0.15 * hidden / (depths[0] * 2f64.ln()))
                     }
                 };
-                // Running integrals are of the table, which has opacities in f32.
+                // Running integrals are of the table, with opacities in f32.
                 assert!(
                     (found - expected).abs().max_element() < 1e-6,
                     "{method:?} {step} {blend:?}: {found} {expected}"
@@ -436,7 +439,8 @@ mod tests {
         }
     }
 
-    /// Boxes beside and behind one another, each of one value, projected: where both are, the mean of their colours, or their sum.
+    /// Boxes beside and behind one another, each of one value, projected: where both are, the mean of their colours, or
+    /// their sum.
     #[test]
     fn projections_are_joined_by_their_opacities() {
         let level = [cube(8, |_| 1.0)];
@@ -467,7 +471,8 @@ mod tests {
         }
     }
 
-    /// Two ramps, one of them turned, leaning and stretched: a sum of them is a ramp again, lit on one side as its own gradient says.
+    /// Two ramps, one of them turned, leaning and stretched: their sum is a ramp again, lit on one side by its own
+    /// gradient.
     #[test]
     fn an_expression_is_lit_by_its_own_gradient() {
         let slope = DVec3::new(3.0, 1.0, 2.0);
@@ -479,7 +484,7 @@ mod tests {
         let placements = placements.map(|text| Placement::from_text(text).unwrap());
         let volumes = [0, 1].map(|i| ReferenceVolume { levels: &levels[i], level_at: &level_at, transfer: &transfer });
         let target = DVec3::splat(11.5);
-        // Within the clip box: a ray that enters by a side of it is lit by that side's normal first.
+        // Within the clip box: a ray entering through a side of it is first lit by that side's normal.
         let eye = target + 2.0 * (DVec3::new(-40.0, 3.0, 25.0) - target).normalize();
         let view = Camera { projection: Projection::Orthographic { height: 2.0 }, ..camera(eye, target) };
         let lighting = Lighting { model: LightingModel::BlinnPhong, lights: vec![], ..Lighting::default() };
@@ -513,7 +518,7 @@ mod tests {
         assert!((0..4).all(|i| (0..i).all(|j| (seen[i] - seen[j]).length() > 0.01)), "{seen:?}");
     }
 
-    /// Two cubes that overlap by 3 of their 8 voxels, and what an expression makes of their values where it has one.
+    /// Two cubes that overlap by 3 of their 8 voxels, under an expression of their values, where it has one.
     #[test]
     fn an_expression_is_a_medium_where_it_has_a_value() {
         let levels = [[cube(8, |_| 1.0)], [cube(8, |_| 3.0)]];
@@ -540,7 +545,8 @@ mod tests {
                 light *= left;
             }
             let expected = color + DVec3::new(0.25, 0.0, 1.0) * light;
-            // A step that divides what is met evenly, so that no segment is in two cubes with parts of two lengths.
+            // Steps that divide the crossed lengths evenly, so that no segment is in two cubes with parts of two
+            // lengths.
             for step in [0.5, 0.25] {
                 let frame = |i: usize| {
                     let settings = settings(Mode::Dvr, Geometry::default(), view, &transfer, step);

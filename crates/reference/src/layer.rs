@@ -1,4 +1,4 @@
-//! One layer along a ray: the part of each segment that is its own, what it shows of that by itself, and its projection.
+//! One layer along a ray: its part of each segment, its own medium there, and its projection.
 
 use crate::ReferenceVolume;
 use crate::medium::{Field, turned};
@@ -16,30 +16,30 @@ pub(crate) struct Way<'a> {
     pub(crate) frame: &'a VolumeFrame,
     pub(crate) volume: &'a ReferenceVolume<'a>,
     path: Path,
-    /// From where to where the ray is inside of what is shown.
+    /// The distances between which the ray is in the shown part.
     stretch: (f64, f64),
-    /// How far the lattice of this pixel is moved, in segments.
+    /// The shift of this pixel's lattice, in segments.
     jitter: f64,
-    /// How its fog is lit, and its surfaces.
+    /// The lighting of its fog, and of its surfaces.
     fog_lighting: Lighting,
     surface_lighting: Lighting,
 }
 
-/// A piece of a segment between two surfaces of one layer, and what the layer shows there by itself.
+/// A piece of a segment between two surfaces of one layer, and the layer's own medium there.
 pub(crate) struct Piece {
     pub(crate) ends: Segment,
     pub(crate) alone: LayerMedium,
 }
 
-/// A surface that a ray meets: where, and its lit colour and opacity.
+/// A surface met by a ray: where, and its lit colour and opacity.
 pub(crate) struct Met {
     pub(crate) at: Meeting,
     pub(crate) color: DVec3,
     pub(crate) opacity: f64,
 }
 
-/// The segments of a ray between two distances, near to far, from where it enters the first of these layers to where it
-/// leaves the last.
+/// The segments of a ray between two distances, near to far, from its entry into the first of these layers to its exit
+/// from the last.
 pub(crate) fn segments(ways: &[Way<'_>], [near, far]: [f64; 2]) -> impl Iterator<Item = Segment> {
     let t_in = ways.iter().map(|way| way.stretch.0).fold(f64::INFINITY, f64::min);
     let t_out = ways.iter().map(|way| way.stretch.1).fold(0.0, f64::max);
@@ -52,7 +52,7 @@ pub(crate) fn segments(ways: &[Way<'_>], [near, far]: [f64; 2]) -> impl Iterator
 }
 
 impl<'a> Way<'a> {
-    /// The way of a pixel's ray through a layer; `None` if the ray misses what is shown of it.
+    /// The way of a pixel's ray through a layer; `None` if the ray misses its shown part.
     pub(crate) fn new(
         index: usize,
         frame: &'a VolumeFrame,
@@ -88,8 +88,7 @@ impl<'a> Way<'a> {
         Some((part, field.value(part.middle())?))
     }
 
-    /// The colour of fog as it is lit at distance `t`; `gradient` is in the scene's world, and `None` where the field
-    /// is flat.
+    /// The lit colour of fog at distance `t`; `gradient` is in the scene's world, and `None` where the field is flat.
     pub(crate) fn lit(&self, color: DVec3, gradient: Option<DVec3>, t: f64) -> DVec3 {
         let Ray { origin, direction } = self.path.world;
         let normal = turned(&self.path, self.path.cut, DVec3::ONE, gradient.map(DVec3::normalize), t);
@@ -99,7 +98,7 @@ impl<'a> Way<'a> {
     /// The gradient in the scene's world in the middle of the layer's part of a segment, where the field has this
     /// value. Zero where the field is flat, or where nothing depends on gradients.
     pub(crate) fn gradient(&self, segment: Segment, value: f64) -> DVec3 {
-        // Between their borders labels are even.
+        // Labels are flat between their borders.
         if self.frame.settings.encoding.is_labels {
             return DVec3::ZERO;
         }
@@ -107,7 +106,7 @@ impl<'a> Way<'a> {
         self.part(segment).and_then(gradient).unwrap_or(DVec3::ZERO)
     }
 
-    /// Adds what the layer shows of a segment: the pieces of its fog to `pieces`, and the surfaces between them, lit,
+    /// Adds the layer's contents of a segment: the pieces of its fog to `pieces`, and the surfaces between them, lit,
     /// to `surfaces`.
     pub(crate) fn take(
         &self,
@@ -139,8 +138,8 @@ impl<'a> Way<'a> {
         has_fog.then(|| Piece { ends, alone: field.alone(ends, self.frame.blend, self.volume.transfer) })
     }
 
-    /// The layer's part of a segment, and the value that it adds to a projection: that in the middle of the part, or the extreme of the part's box, as the
-    /// level says. `None` if there is no part or no value.
+    /// The layer's part of a segment, and its value for a projection: the one in the middle of the part or, depending
+    /// on the level, the extreme of the part's box. `None` if there is no part or no value.
     fn projected(&self, segment: Segment) -> Option<(Segment, f64)> {
         let (part, field) = self.part(segment)?;
         let Some(reach) = field.frame.box_reach(field.level.factor) else { return self.middle(segment) };
@@ -150,10 +149,10 @@ impl<'a> Way<'a> {
         Some((part, touched.reduce(if is_least { f64::min } else { f64::max })?))
     }
 
-    /// The greatest, the least or the mean value between two distances, as the mode says; `None` where there is no value.
+    /// The greatest, the least or the mean value between two distances, depending on the mode; `None` without values.
     pub(crate) fn projection(&self, limits: [f64; 2]) -> Option<f64> {
         let samples = segments(std::slice::from_ref(self), limits).filter_map(|segment| self.projected(segment));
-        // Labels that are not shown hide nothing.
+        // Hidden labels hide nothing.
         let is_shown = |value: f64| !self.frame.settings.encoding.is_labels || self.volume.transfer.alpha(value) > 0.0;
         let samples: Vec<(Segment, f64)> = samples.filter(|(_, value)| is_shown(*value)).collect();
         let values = || samples.iter().map(|(_, value)| *value);

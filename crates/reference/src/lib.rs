@@ -1,11 +1,13 @@
 //! The oracle: renders whole arrays in f64, one pixel after the other, with no bricks, no caches and no tricks.
 //!
-//! It states the sampling rule of [`brickyard_volume::lattice`], and what layers show together ([`brickyard_volume::compositing`]), as plainly
-//! as possible, so that every fast renderer can be tested against it. A volume is a list of levels held whole in memory; which level
-//! a place is drawn at is the caller's function, so pictures of mixed levels have an oracle too. Costs about a microsecond a sample.
+//! It states the sampling rule of [`brickyard_volume::lattice`], and the joining of layers
+//! ([`brickyard_volume::compositing`]), as plainly as possible, as a standard for testing every fast renderer. A volume
+//! is a list of levels held whole in memory; the level at each place is the caller's function, so pictures of mixed
+//! levels have an oracle too. Costs about a microsecond a sample.
 //!
-//! A pixel passes through in this order: `mesh` finds the layers of triangles that cut its ray into slabs; in each slab `layer` takes every
-//! layer's way through its volume (`path`), as `medium` and `surface` say of one segment, or as a projection; `join` makes one colour of them.
+//! The stages of a pixel, in order: `mesh` finds the layers of triangles that cut its ray into slabs; in each slab
+//! `layer` takes every layer's way through its volume (`path`), by the rules of `medium` and `surface` for one segment,
+//! or as a projection; `join` combines them into one colour.
 
 mod array;
 mod join;
@@ -22,14 +24,14 @@ use brickyard_volume::{Combination, Picture, TransferFunction, ViewRays, VolumeF
 use glam::DVec3;
 use layer::Way;
 
-/// One volume as the oracle sees it: its levels, the level at each place, and its transfer function.
+/// One volume for the oracle: its levels, the level at each place, and its transfer function.
 pub struct ReferenceVolume<'a> {
     /// All levels of the volume, finest first.
     pub levels: &'a [Array],
-    /// The index of the level that is sampled at a point of voxel space (level-0 voxels).
+    /// The index of the sampled level at a point of voxel space (level-0 voxels).
     pub level_at: &'a dyn Fn(DVec3) -> usize,
-    /// The exact transfer function. Of `FrameSettings::table` only the running integrals and the adaptive step are
-    /// used, and whether there is a grid.
+    /// The exact transfer function. Of `FrameSettings::table` only the running integrals, the adaptive step and the
+    /// presence of a grid are used.
     pub transfer: &'a TransferFunction,
 }
 
@@ -37,16 +39,16 @@ pub struct ReferenceVolume<'a> {
 /// all of them (`combination`).
 ///
 /// # Panics
-/// If there is no frame, there are not as many volumes as frames, or a volume has no level.
+/// If there is no frame, the numbers of volumes and frames differ, or a volume has no level.
 pub fn render(frames: &[VolumeFrame], volumes: &[ReferenceVolume<'_>], combination: Option<&Combination>) -> Picture {
     let ViewRays { width, height, .. } = frames[0].settings.rays;
     Picture { width, height, rgb: pixels(frames, volumes, combination).collect() }
 }
 
-/// Renders a picture as [`render`] does, as long as `goes_on`, which is asked at each pixel; `None` if it does not.
+/// Renders a picture like [`render`] while `goes_on`, called at each pixel, returns true; `None` once it returns false.
 ///
 /// # Panics
-/// As [`render`] does.
+/// As [`render`].
 pub fn render_while(
     frames: &[VolumeFrame],
     volumes: &[ReferenceVolume<'_>],
@@ -58,7 +60,7 @@ pub fn render_while(
     Some(Picture { width, height, rgb })
 }
 
-/// The picture's pixels, row by row, each rendered when it is asked for.
+/// The picture's pixels, row by row, rendered lazily.
 fn pixels<'a>(
     frames: &'a [VolumeFrame],
     volumes: &'a [ReferenceVolume<'_>],
@@ -69,11 +71,11 @@ fn pixels<'a>(
     places.map(move |(x, y)| Picture::quantise(pixel(frames, volumes, combination, x, y).map(|channel| channel as f32)))
 }
 
-/// The display-referred RGB colour of the pixel in column `x` and row `y`: from back to front, slabs of the volumes and
-/// the meshes between them.
+/// Returns the display-referred RGB colour of the pixel in column `x` and row `y`: from back to front, slabs of the
+/// volumes and the meshes between them.
 ///
 /// # Panics
-/// As [`render`] does.
+/// As [`render`].
 pub fn pixel(
     frames: &[VolumeFrame],
     volumes: &[ReferenceVolume<'_>],
@@ -132,7 +134,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// The pixel of a layer that stands alone.
+    /// The pixel of a single layer.
     pub(crate) fn alone(frame: &FrameSettings, volume: &ReferenceVolume<'_>, x: u32, y: u32) -> [f64; 3] {
         pixel(&[VolumeFrame::alone(frame.clone())], std::slice::from_ref(volume), None, x, y)
     }
@@ -188,7 +190,7 @@ pub(crate) mod tests {
         for (mode, expected) in [(Mode::Mip, 1.0), (Mode::MinIp, 0.0), (Mode::Average, 0.5)] {
             let frame = settings(mode, Geometry::default(), view, &transfer, 0.05);
             let found = alone(&frame, &volume, 16, 16)[0];
-            // Samples stand half a step inside; the outermost half voxel is constant.
+            // Samples are half a step inside; the outermost half voxel is constant.
             assert!((found - expected).abs() < 1e-3, "{mode:?}: {found}");
         }
         let frame = settings(Mode::Mip, Geometry::default(), view, &transfer, 0.5);
@@ -208,7 +210,7 @@ pub(crate) mod tests {
         let transfer = fog(0.2);
         let volume = ReferenceVolume { levels: &levels, level_at: &one_level(0), transfer: &transfer };
         let view = camera(DVec3::new(-40.0, 7.5, 7.5), DVec3::new(7.5, 7.5, 7.5));
-        // The volume is from -0.5 to 15.5; what is behind 10.3 is not seen.
+        // The volume is from -0.5 to 15.5; everything behind 10.3 is hidden.
         let (fog, blue) = (DVec3::new(1.0, 0.5, 0.0), DVec3::Z);
         let over = |length: f64, behind: DVec3| fog.lerp(behind, 0.8f64.powf(length / 2.0));
         let expected = over(4.5 + 0.2, over(10.3 - 4.2, blue).lerp(blue, 0.3));
@@ -218,7 +220,7 @@ pub(crate) mod tests {
             let frame = FrameSettings { meshes, ..frame };
             let ray = frame.rays.ray(16.5, 16.5);
             assert_eq!(layers(&frame, &ray).len(), 2);
-            // The walls' places are single numbers: 1e-7 of themselves off.
+            // The walls' places are in single precision: off by 1e-7 of themselves.
             let found = DVec3::from_array(alone(&frame, &volume, 16, 16));
             assert!((found - expected).length() < 1e-6, "step {step}: {found} {expected}");
         }
@@ -240,7 +242,7 @@ pub(crate) mod tests {
             let frame = FrameSettings { meshes: vec![wall(x, 1.0)], ..frame };
             alone(&frame, &volume, 16, 16)
         };
-        // A step's half is not seen.
+        // Half a step is not seen.
         assert!((seen(9.0)[0] - 9.0 / 15.0).abs() < 1e-3);
         assert_eq!(seen(-2.0), [0.0, 0.0, 1.0], "in front of the volume");
     }

@@ -17,7 +17,7 @@ struct Part {
     length: f64,
     /// The value in its middle.
     value: f64,
-    /// The values at its ends, where they count.
+    /// The values at its ends, if the method uses them.
     ends: Option<[f64; 2]>,
     /// See [`Field::differences`].
     differences: DVec3,
@@ -42,7 +42,7 @@ impl Field<'_> {
         self.level.sample(self.path.at(t), self.frame.sampling.filter)
     }
 
-    /// What the layer shows by itself in a piece of a segment.
+    /// The layer's own medium in a piece of a segment.
     pub(crate) fn alone(&self, piece: Segment, blend: Blend, transfer: &TransferFunction) -> LayerMedium {
         let integrals = self.frame.method().is_pre_integrated().then(|| self.frame.table.integrals());
         let mut alone = LayerMedium::default();
@@ -60,7 +60,7 @@ impl Field<'_> {
         alone
     }
 
-    /// A colour as it is lit at distance `t`, where the field has these differences.
+    /// The lit colour at distance `t`, where the field has these differences.
     pub(crate) fn shade(&self, color: DVec3, differences: DVec3, t: f64) -> DVec3 {
         let Ray { origin, direction } = self.path.world;
         let factor = DVec3::from_array(self.level.factor.map(f64::from));
@@ -68,19 +68,19 @@ impl Field<'_> {
         self.lighting.shade(color, normal, direction, origin + direction * t)
     }
 
-    /// Where in the transfer table a value is, in entries.
+    /// A value's position in the transfer table, in entries.
     fn entry(&self, value: f64) -> f64 {
         self.frame.encoding.place(value) * self.frame.table.last_entry() as f64
     }
 
-    /// The parts of a segment; none where there is no value.
+    /// The parts of a segment; none without values.
     fn parts(&self, segment: Segment) -> Vec<Part> {
         let method = self.frame.method();
         let (a, length) = (segment.start, segment.length());
         if method.curve() == Curve::Middle {
             return self.value(segment.middle()).map(|value| self.sampled(segment, value)).into_iter().collect();
         }
-        // Where only one end has a value, it stands for the other.
+        // A value at one end only stands for both.
         let ends = [self.value(a), self.value(segment.end)];
         let [Some(from), Some(to)] = [ends[0].or(ends[1]), ends[1].or(ends[0])] else { return Vec::new() };
         let difference = (self.frame.encoding.place(to) - self.frame.encoding.place(from)).abs();
@@ -127,21 +127,21 @@ impl Field<'_> {
         Part { middle, length, value, ends: None, differences: self.differences(middle, value) }
     }
 
-    /// Differences of the field across two voxels along each axis, at distance `t`, where it has this value. The value
-    /// also stands for places without one. Zero where nothing depends on differences. Of labels, differences are those of the label's
-    /// [indicator](crate::Array::indicator), by central differences; of a field of steps, those of the linear field.
+    /// Differences of the field across two voxels along each axis, at distance `t`, where it has this value, which also
+    /// replaces missing values. Zero where nothing depends on differences. Labels have central differences of the
+    /// label's [indicator](crate::Array::indicator); a field of steps has those of the linear field.
     pub(crate) fn differences(&self, t: f64, value: f64) -> DVec3 {
         if self.lighting.model == LightingModel::None && self.frame.grid().is_none() {
             return DVec3::ZERO;
         }
         let (first, differences) = (self.frame.encoding.table_values()[0], self.all_differences(t, value));
-        // Indicators of labels are not rounded so, and neither are stored gradients.
+        // Indicators of labels are not rounded like this, and neither are stored gradients.
         let is_exact = self.frame.encoding.is_labels || self.lighting.gradient == Gradient::Stored;
         let is_flat = !is_exact && differences.length() < FLAT_SHARE * (value - first).abs();
         if is_flat { DVec3::ZERO } else { differences }
     }
 
-    /// The same, whatever they are of the value.
+    /// The same, without zeroing mere rounding.
     fn all_differences(&self, t: f64, value: f64) -> DVec3 {
         let voxel = DVec3::from_array(self.level.factor.map(f64::from));
         let is_labels = self.frame.encoding.is_labels;
@@ -178,7 +178,8 @@ impl Field<'_> {
         (!is_flat).then(|| self.frame.placement.world_gradient(self.own_gradient(differences)))
     }
 
-    /// The gradient in the volume's own world, data units per world unit: transfer functions know nothing of where a volume is placed.
+    /// The gradient in the volume's own world, data units per world unit: transfer functions are independent of a
+    /// volume's placement.
     fn own_gradient(&self, differences: DVec3) -> DVec3 {
         let across =
             DVec3::from_array(self.level.factor.map(|factor| 2.0 * factor as f64)) * self.frame.geometry.spacing;
@@ -186,7 +187,8 @@ impl Field<'_> {
     }
 }
 
-/// The normal of a place at distance `t`, whose own is given, in voxels of so many level-0 voxels: behind a cut, mixed with the cut's.
+/// The normal of a place at distance `t` with the normal `own`, in voxels of `factor` level-0 voxels: behind a cut,
+/// mixed with the cut's.
 pub(crate) fn turned(path: &Path, cut: Option<CutFace>, factor: DVec3, own: Option<DVec3>, t: f64) -> Option<DVec3> {
     let Some(cut) = cut else { return own };
     let depth = (t - cut.entry) * cut.voxels_per_distance(path.direction, factor);
@@ -232,7 +234,7 @@ mod tests {
                 for step in [0.13, 1.0, 3.0] {
                     let found = middle(&levels, &transfer, Sampling { method, filter, ..Sampling::default() }, step);
                     for (found, color) in found.into_iter().zip([1.0, 0.5, 0.25]) {
-                        // Running integrals are of the table, which has opacities in f32.
+                        // Running integrals are of the table, with opacities in f32.
                         assert!((found - alpha * color).abs() < 1e-7, "{method:?} {filter:?} {step}: {found}");
                     }
                 }
@@ -240,8 +242,8 @@ mod tests {
         }
     }
 
-    /// All methods are of second order: with a step of half the length a quarter of the difference is left, of colour and opacity, lit
-    /// or not, where field and transfer function are smooth. (Steps are long enough that what is left is not a matter of rounding.)
+    /// All methods are of second order: half the step leaves a quarter of the difference, of colour and opacity, lit or
+    /// not, for a smooth field and transfer function. (Steps are long enough for rounding not to matter.)
     #[test]
     fn halving_the_step_leaves_a_quarter_of_the_error_of_every_method() {
         let wave = |[x, y, z]: [u32; 3]| {
@@ -270,7 +272,7 @@ mod tests {
                 let limit = picture(method, &lighting, 0.01);
                 let plain = picture(Method::Udvr, &lighting, 0.01);
                 let off = limit.iter().zip(&plain).map(|(a, b)| (*a - *b).abs().max_element()).fold(0.0, f64::max);
-                // Pre-integrated ones have the table's entries, of f32.
+                // Pre-integrated methods use the table's entries, in f32.
                 assert!(off < 1e-5, "{method:?} {:?}: another limit, by {off}", lighting.model);
                 let error = |step| {
                     let found = picture(method, &lighting, step);
@@ -284,7 +286,7 @@ mod tests {
         }
     }
 
-    /// A field that rises evenly has one gradient everywhere, so what a function makes of that is a homogeneous medium.
+    /// A field that rises evenly has one gradient everywhere, so a function of that makes a homogeneous medium.
     #[test]
     fn an_even_slope_is_beer_lambert_by_its_gradient_at_any_step_spacing_and_level() {
         let spacing = DVec3::new(1.0, 0.5, 2.0);
@@ -345,8 +347,8 @@ mod tests {
         }
     }
 
-    /// Of a ball with a thin rim a region shows the rim alone; its inside and what is around are flat, though they have colours of
-    /// their own.
+    /// A region shows only the rim of a ball with a thin rim; its inside and surroundings are flat, though they have
+    /// colours of their own.
     #[test]
     fn a_steep_shell_is_shown_and_flat_insides_are_not() {
         let centre = DVec3::splat(15.5);
@@ -382,14 +384,14 @@ mod tests {
         }
     }
 
-    /// A ramp of 16 codes a voxel, of which one code is opaque: between two plain samples there are 15 that are not seen.
+    /// A ramp of 16 codes a voxel with one opaque code: between two plain samples there are 15 unseen codes.
     #[test]
     fn pre_integration_is_the_limit_of_fine_sampling_where_plain_sampling_sees_nothing() {
         let levels = [cube(16, |[x, ..]| 16.0 * x as f64)];
         let spike = transfer(vec![[124.0, 0.0], [125.0, 0.9], [126.0, 0.0]]);
         let at = |method, step| middle(&levels, &spike, Sampling { method, ..Sampling::default() }, step)[0];
-        // Over two codes, an eighth of a voxel, opacity goes from 0 to 0.9 and back: with u = 1 - opacity the mean extinction is the
-        // integral of -log2(u) from 0.1 to 1, over 0.9.
+        // Over two codes, an eighth of a voxel, opacity goes from 0 to 0.9 and back: with u = 1 - opacity the mean
+        // extinction is the integral of -log2(u) from 0.1 to 1, over 0.9.
         let depth = (0.9 + 0.1 * 0.1f64.ln()) / 0.9 / std::f64::consts::LN_2 * 2.0 / 16.0;
         let exact = 1.0 - (-depth).exp2();
         for method in [Method::Pdvr, Method::Plvs, Method::Pcvs] {
@@ -403,13 +405,13 @@ mod tests {
         assert!((fine - exact).abs() < 1e-3 * exact, "{fine} {exact}");
     }
 
-    /// Where the field is a line between samples, lines are right, and where it is a parabola, cubic curves are.
+    /// Lines are right for a field linear between samples, and cubic curves for a parabolic one.
     #[test]
     fn virtual_samples_follow_the_field() {
         let peak = transfer(vec![[100.0, 0.0], [115.0, 0.5], [130.0, 0.0]]);
         let line = [cube(16, |[x, ..]| 15.0 * x as f64)];
         let parabola = [cube(16, |[x, ..]| x as f64 * x as f64)];
-        // Of several steps, as where samples fall decides much.
+        // The mean of several steps, as the positions of samples matter much.
         let error = |levels: &[Array], method: Method| {
             let at = |method, step| {
                 middle(levels, &peak, Sampling { method, filter: Filter::Tricubic, ..Sampling::default() }, step)[0]
@@ -418,19 +420,20 @@ mod tests {
             [1.7, 2.1, 2.6, 3.1].map(|step| (at(method, step) - exact).abs()).into_iter().sum::<f64>() / 4.0
         };
         assert!(error(&line, Method::Lvs) < 0.2 * error(&line, Method::Udvr));
-        // What is left are the table's opacities, in f32.
+        // The rest is due to the table's opacities, in f32.
         assert!(error(&line, Method::Pdvr) < 1e-6);
-        // Pre-integrated, for only then it is the curves that tell, and not where virtual samples fall.
+        // Pre-integrated, as only then the curves decide, and not the positions of virtual samples.
         assert!(error(&parabola, Method::Pcvs) < 0.5 * error(&parabola, Method::Plvs));
     }
 
     /// A field by its values at places.
     type Values = dyn Fn(DVec3) -> f64;
 
-    /// Voxels along an edge of the fields whose gradients are looked at.
+    /// Voxels along an edge of the fields for testing gradients.
     const EDGE: u32 = 64;
 
-    /// Mean angle in degrees between a field's normals, zero where there is none, and its exact gradients, at many places inside.
+    /// Mean angle in degrees between a field's normals, zero where there is none, and its exact gradients, at many
+    /// places inside.
     fn mean_error_deg(field: &impl Fn(DVec3) -> f64, normal: impl Fn(DVec3) -> DVec3) -> f64 {
         let (mut sum, mut count) = (0.0, 0);
         for i in 0..4000u32 {
@@ -449,7 +452,7 @@ mod tests {
         sum / count as f64
     }
 
-    /// Lends the differences that a field's voxels have at places, by the engine's operators.
+    /// Calls `look` with the differences of a field's voxels at places, by the engine's operators.
     fn with_differences<R>(
         field: &impl Fn(DVec3) -> f64,
         (gradient, filter): (Gradient, Filter),
@@ -465,13 +468,13 @@ mod tests {
             let path = Path { origin: place + 0.5, direction: DVec3::X, world, own: world, cut: None };
             let found = Field { frame: &frame, level: &level, path: &path, lighting: &frame.lighting, cut: None };
             let differences = found.differences(0.0, field(place));
-            // Voxels are cubes: differences point where gradients do.
+            // Voxels are cubes: differences point along the gradients.
             found.gradient(differences).map_or(DVec3::ZERO, |_| differences)
         })
     }
 
-    /// Gradients kept at nodes so many voxels apart, the first so far from the first voxel's middle, mixed between the eight around a place; made unit vectors before
-    /// that, as the third paper's contemporaries did, or not.
+    /// Gradients kept at nodes `apart` voxels apart, the first at `first` from the first voxel's middle, interpolated
+    /// between the eight around a place; optionally normalised before that, like the third paper's contemporaries did.
     fn between_nodes(
         at: &dyn Fn(DVec3) -> DVec3,
         (apart, first): (f64, f64),
@@ -501,7 +504,7 @@ mod tests {
         }
     }
 
-    /// What the documentation quotes. Upper bounds are what was measured, rounded up.
+    /// The figures quoted in the documentation. Upper bounds are measurements, rounded up.
     #[test]
     fn gradients_point_where_they_should() {
         let centre = DVec3::new(30.2, 31.7, 29.9);
@@ -521,7 +524,7 @@ mod tests {
             println!("{gradient:?} {filter:?}: sphere {sphere:.3}, Marschner-Lobb {signal:.2} degrees");
             assert!(sphere < of_sphere && signal < of_signal, "{gradient:?} {filter:?}: {sphere} {signal}");
         }
-        // Kept at each voxel, by central differences, and in the middle of each eight, as bricks keep them.
+        // Kept at each voxel, by central differences, and in the middle of each eight, as in bricks.
         let mut normalised = Vec::new();
         for (name, gradient, nodes) in
             [("each voxel", Gradient::Central, (1.0, 0.0)), ("each eighth", Gradient::Stored, (2.0, 0.5))]

@@ -2,7 +2,7 @@
 
 use brickyard_volume::{FrameSettings, Layer, Ray, mesh};
 
-/// The layers of meshes that a ray meets, near to far, up to and including the first opaque one.
+/// Returns the layers of meshes met by a ray, near to far, up to and including the first opaque one.
 pub fn layers(frame: &FrameSettings, ray: &Ray) -> Vec<Layer> {
     let mut layers = Vec::new();
     let mut number = 0;

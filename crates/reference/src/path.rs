@@ -1,4 +1,4 @@
-//! A pixel's ray in the voxel space of a volume, and the stretch of it that is shown.
+//! A pixel's ray in the voxel space of a volume, and its shown stretch.
 
 use crate::Array;
 use brickyard_volume::{Clip, CutFace, FrameSettings, Ray};
@@ -12,7 +12,7 @@ pub(crate) struct Path {
     pub(crate) own: Ray,
     pub(crate) origin: DVec3,
     pub(crate) direction: DVec3,
-    /// Where it enters what is shown, if that is through a cut.
+    /// The cut through which it enters the shown part, if any.
     pub(crate) cut: Option<CutFace>,
 }
 
@@ -32,7 +32,7 @@ impl Path {
         self.origin + self.direction * t
     }
 
-    /// The distances at which the ray enters and leaves what is shown of a volume with this finest level; `None` if it
+    /// The distances where the ray enters and leaves the shown part of a volume with this finest level; `None` if it
     /// misses that.
     pub(crate) fn stretch(&self, frame: &FrameSettings, finest: &Array) -> Option<(f64, f64)> {
         let inside = clip(self.origin, self.direction, frame.shown_box(finest.extent))?;
@@ -40,7 +40,7 @@ impl Path {
     }
 }
 
-/// What of the stretch is on the inner sides of all clip planes.
+/// The part of the stretch on the inner sides of all clip planes.
 fn clip_by_planes(ray: &Ray, frame: &FrameSettings, (mut t_in, mut t_out): (f64, f64)) -> Option<(f64, f64)> {
     for plane in frame.clip.iter().flat_map(Clip::planes) {
         // The height above the plane is `height + slope * t`.
@@ -55,7 +55,7 @@ fn clip_by_planes(ray: &Ray, frame: &FrameSettings, (mut t_in, mut t_out): (f64,
     (t_in < t_out).then_some((t_in, t_out))
 }
 
-/// Where the ray is inside the half-open box, `t >= 0`.
+/// The ray's stretch inside the half-open box, `t >= 0`.
 fn clip(origin: DVec3, direction: DVec3, (low, high): (DVec3, DVec3)) -> Option<(f64, f64)> {
     let (mut t_in, mut t_out) = (0.0f64, f64::INFINITY);
     for a in 0..3 {

@@ -1,16 +1,16 @@
-//! Isosurfaces: where a ray passes them, as [`brickyard_volume::surface`] says.
+//! Isosurfaces: a ray's crossings, by the rules of [`brickyard_volume::surface`].
 
 use brickyard_volume::surface::{PARTS, ROUNDS, Surface, rank};
 use brickyard_volume::{FrameSettings, Segment};
 
-/// Finds where a ray passes surfaces, segment by segment from near to far.
+/// Finds a ray's crossings of surfaces, segment by segment from near to far.
 pub(crate) struct Crossings<'a> {
     surfaces: &'a [Surface],
-    /// How many surfaces the last segment's end is past, if it has a value.
+    /// The number of surfaces the last segment's end is past, if it has a value.
     before: Option<usize>,
 }
 
-/// A surface that a ray passes at a distance. Where it is a cap, it stands on the cut by which the ray enters.
+/// A surface crossed by a ray at a distance. A cap lies on the cut through which the ray enters.
 pub(crate) struct Crossing<'a> {
     pub(crate) t: f64,
     pub(crate) surface: &'a Surface,
@@ -22,8 +22,8 @@ impl<'a> Crossings<'a> {
         Self { surfaces: &frame.surfaces, before: None }
     }
 
-    /// The surfaces that the ray passes in the next segment, near to far. `field` gives the value at a distance; `is_capped` says whether the
-    /// segment begins on a cut that surfaces are capped by.
+    /// The ray's crossings in the next segment, near to far. `field` returns the value at a distance; `is_capped`:
+    /// whether the segment begins on a cut that caps surfaces.
     pub(crate) fn within(
         &mut self,
         segment: Segment,
@@ -49,7 +49,7 @@ impl<'a> Crossings<'a> {
     }
 }
 
-/// Where the field passes the isovalue between `a` and `b`, at the latest of which it is inside or not.
+/// Locates the crossing of the isovalue between `a` and `b`; `is_inside` is the side of `b`.
 fn locate(mut a: f64, mut b: f64, is_inside: bool, isovalue: f64, field: impl Fn(f64) -> Option<f64>) -> f64 {
     for _ in 0..ROUNDS {
         let part = (b - a) / PARTS as f64;
@@ -57,7 +57,7 @@ fn locate(mut a: f64, mut b: f64, is_inside: bool, isovalue: f64, field: impl Fn
         let is_past = |k: &usize| field(start + part * *k as f64).is_some_and(|v| (v >= isovalue) == is_inside);
         let first = (0..PARTS).find(is_past).unwrap_or(PARTS);
         if first == 0 {
-            // The brick before saw it on the other side here.
+            // The previous brick saw it on the other side here.
             return a;
         }
         (a, b) = (start + part * (first - 1) as f64, start + part * first as f64);
@@ -112,8 +112,8 @@ mod tests {
         let spacing = DVec3::new(1.0, 0.5, 1.5);
         let centre = DVec3::new(63.0, 31.0, 95.0);
         let geometry = Geometry { spacing, ..Geometry::default() };
-        // The distance from the centre in the world. Between voxels trilinear values are off by h^2 / 8 times the second
-        // derivatives, together 2 / radius and less where voxels are smaller.
+        // The distance from the centre in the world. Between voxels trilinear values are off by h^2 / 8 times the
+        // second derivatives, together 2 / radius, and less for smaller voxels.
         let levels = [cube(n, |v| (DVec3::from_array(v.map(f64::from)) * spacing - centre).length())];
         let (transfer, level_at) = (transfer(), one_level(0));
         let volume = ReferenceVolume { levels: &levels, level_at: &level_at, transfer: &transfer };
@@ -131,7 +131,7 @@ mod tests {
                 } else if half > 4.0 {
                     met += 1;
                     let point = ray.origin + ray.direction * found.expect("a ray through the sphere meets it");
-                    // A hundredth of the finest voxel, and what the trilinear field is off.
+                    // A hundredth of the finest voxel, plus the trilinear field's error.
                     let off = ((point - centre).length() - radius).abs();
                     let slack = 0.01 * 0.5 + 1.5f64.powi(2) / 8.0 * 2.0 / radius;
                     assert!(off < slack, "{x} {y}: {off} of {slack}");
@@ -202,9 +202,9 @@ mod tests {
         let view = camera(middle - DVec3::X * 60.0, middle);
         let lit = |cosine: f64, color: f64| (AMBIENT + DIFFUSE * cosine) * color + SPECULAR * cosine.powi(10);
         for (at, expected) in [
-            // Past both, at 124: the second one's, and then what is behind.
+            // Past both, at 124: the second one's cap, and then the background behind.
             (15.5, [0.25 * lit(0.6, 0.0) + 0.75 * 0.25, 0.25 * lit(0.6, 1.0), 0.25 * lit(0.6, 0.0) + 0.75]),
-            // Past none, at 16: the surfaces themselves, which the ray meets head-on.
+            // Past none, at 16: the surfaces themselves, met head-on by the ray.
             (2.0, {
                 let behind = |color: f64, background: f64| 0.25 * lit(1.0, color) + 0.75 * background;
                 let seen = |red: f64, green: f64, back: f64| 0.9 * lit(1.0, red) + 0.1 * behind(green, back);
@@ -226,7 +226,7 @@ mod tests {
             let open = FrameSettings { caps: false, ..frame };
             assert_eq!(hit(&open, &volume, 16, 16).is_some(), at < 8.0);
         }
-        // By the volume's own face a ray enters without one.
+        // Through the volume's own face a ray enters without a cap.
         let whole = FrameSettings { surfaces, caps: true, ..at_plain(camera(middle + DVec3::X * 60.0, middle)) };
         assert!((hit(&whole, &volume, 16, 16).expect("the way out") - (60.0 + 15.5 - 12.5)).abs() < 1e-9);
     }
@@ -249,8 +249,8 @@ mod tests {
         }
     }
 
-    /// Three surfaces across a ramp, in fog of one colour: a closed form, whatever the step and the method, for between surfaces there is
-    /// nothing but fog.
+    /// Three surfaces across a ramp, in fog of one colour: a closed form, for any step and method, as there is nothing
+    /// but fog between surfaces.
     #[test]
     fn surfaces_stand_in_the_fog_where_they_are() {
         let levels = [cube(32, |[x, ..]| 8.0 * x as f64)];
@@ -292,7 +292,7 @@ mod tests {
                     let sampling = Sampling { method, ..Sampling::default() };
                     let frame = FrameSettings { surfaces: surfaces.clone(), sampling, ..frame };
                     let found = DVec3::from_array(alone(&frame, &volume, 16, 16));
-                    // Opacities and running integrals are of f32.
+                    // Opacities and running integrals are in f32.
                     assert!((found - color).abs().max_element() < 1e-6, "{method:?} {step}: {found} {color}");
                 }
             }
@@ -307,7 +307,7 @@ mod tests {
         let middle = DVec3::splat(15.5);
         let mut frame = at(124.0, Geometry::default(), camera(middle - DVec3::X * 60.0, middle), 0.7);
         let model = brickyard_volume::LightingModel::Phong;
-        // A light that the surface faces.
+        // A light faced by the surface.
         let lights = vec![middle - DVec3::new(1.0, 1.0, 0.0) * 1e6];
         frame.lighting = Lighting { model, lights, ..Lighting::default() };
         let found = alone(&frame, &volume, 16, 16);
@@ -319,7 +319,8 @@ mod tests {
         }
     }
 
-    /// Rays that meet a sphere at most 60 degrees from head-on find it to a hundredth of a voxel, at any step of up to a voxel.
+    /// Rays that meet a sphere at most 60 degrees from head-on find it to a hundredth of a voxel, at any step of up to
+    /// a voxel.
     #[test]
     fn a_sphere_is_met_to_a_hundredth_of_a_voxel() {
         let (centre, radius) = (DVec3::new(61.3, 60.7, 62.1), 55.0);
@@ -341,7 +342,8 @@ mod tests {
                 }
             }
             println!("step {step}: at most {worst:.5} voxels off");
-            // Between voxels the trilinear field itself is up to 0.25 / radius off: 0.0045, twice that along a ray at 60 degrees.
+            // Between voxels the trilinear field itself is up to 0.25 / radius off: 0.0045, twice that along a ray at
+            // 60 degrees.
             assert!(met > 300 && worst < 0.01, "{met} {worst}");
         }
     }

@@ -1,8 +1,9 @@
-//! CPU milliseconds of a 512x512 picture of 256^3 voxels in bricks of 64^3 by each compositor, for several modes, on a software
-//! rasteriser (Linux), and the GPU's own count (timestamps) where it has one; of one layer, and of three channels alike beside three times
-//! that: `cargo run -p brickyard-render --example gpu_speed -- [ONLY]`, `ONLY` being part of a case's name.
+//! CPU milliseconds of a 512x512 picture of 256^3 voxels in bricks of 64^3 by each compositor, for several modes, on a
+//! software rasteriser (Linux), and the GPU's own time (timestamps) if available; of one layer, and of three equal
+//! channels relative to three times one: `cargo run -p brickyard-render --example gpu_speed -- [ONLY]`, where `ONLY` is
+//! part of a case's name.
 //!
-//! Frames of all renderers take turns, so that other load meets all alike; the best of each counts.
+//! Frames of all renderers take turns, so that other load affects all alike; the best of each counts.
 
 #[path = "../../../tests/conformance/list.rs"]
 #[allow(dead_code, reason = "tests draw in more ways with it")]
@@ -111,7 +112,7 @@ fn measure(volume: &Volume, name: &str, mode: Mode, opacity: Vec<[f64; 2]>) {
     println!("{name}: pictures within {}/255", sorted.difference(raycast).max);
 }
 
-/// A renderer of layers that all are the same volume, and how fast it was so far.
+/// A renderer of equal layers of one volume, and its best times so far.
 struct Stage {
     renderer: GpuRenderer,
     layers: usize,
@@ -146,7 +147,7 @@ impl Stage {
     }
 }
 
-/// Leaves out what the cut would: bricks in which nothing has opacity.
+/// Leaves out the same bricks as the cut: those without opacity.
 fn cull(volume: &Volume, table: &TransferTable, list: &mut DrawList) {
     let level = &volume.levels[0];
     list.cells.retain(|cell| {

@@ -1,6 +1,6 @@
-//! Adapters: which there are, which one is used, and what the renderer makes of it.
+//! Adapters: enumeration, ranking, and the texture formats used on each.
 //!
-//! `WGPU_BACKEND` and `WGPU_ADAPTER_NAME` narrow the choice as wgpu's users expect.
+//! `WGPU_BACKEND` and `WGPU_ADAPTER_NAME` narrow the choice, as usual with wgpu.
 
 use crate::error::GpuError;
 use brickyard_volume::{SlotEncoding, SlotFormat};
@@ -11,7 +11,7 @@ use wgpu::{Backends, DeviceType, DownlevelFlags, Features, Limits, TextureFormat
 /// Which adapters may be used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum GpuPreference {
-    /// The fastest kind of adapter; a software rasteriser only if there is nothing else.
+    /// The fastest kind of adapter; a software rasteriser only as a last resort.
     #[default]
     Any,
     /// The fastest kind of adapter, but no software rasteriser.
@@ -20,7 +20,7 @@ pub enum GpuPreference {
     Software,
 }
 
-/// The texture formats that the renderer uses on an adapter.
+/// The texture formats used on an adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuFormats {
     /// Format of an atlas of 8-bit codes.
@@ -34,9 +34,10 @@ pub struct GpuFormats {
 }
 
 impl GpuFormats {
-    /// llvmpipe filters 8-bit textures in 8-bit fixed point, so software rasterisers hold 8-bit codes in 16 bits. Without
-    /// 16-bit norm formats 16-bit codes become half floats of 11 significant bits. Blending in 32-bit floats costs little
-    /// beside the march and keeps dozens of layers exact; without it targets are half floats: about 1/2048 a layer.
+    /// Chooses the formats. llvmpipe filters 8-bit textures in 8-bit fixed point, so software rasterisers hold 8-bit
+    /// codes in 16 bits. Without 16-bit norm formats, 16-bit codes become half floats of 11 significant bits. Blending
+    /// in 32-bit floats costs little beside the march and keeps dozens of layers exact; half floats are off by about
+    /// 1/2048 per layer.
     fn new(adapter: &wgpu::Adapter, enabled: Features) -> Self {
         let filters = |format| {
             let wanted = TextureFormatFeatureFlags::FILTERABLE;
@@ -55,13 +56,14 @@ impl GpuFormats {
         }
     }
 
-    /// Whether an atlas tells apart all codes that have to be: half floats have 11 bits, which do for measurements, but not for labels.
+    /// Whether an atlas keeps codes distinct as needed: the 11 bits of half floats do for measurements, not for labels.
     pub(crate) fn tells_apart(&self, encoding: &SlotEncoding) -> bool {
         let is_rounded = encoding.format == SlotFormat::U16 && self.atlas_u16 == TextureFormat::R16Float;
         !(is_rounded && encoding.is_labels)
     }
 
-    /// Returns the format of an atlas for slots of this format. Shaders filter 32-bit floats themselves, so every adapter has them.
+    /// Returns the atlas format for slots of this format. Shaders filter 32-bit floats themselves, so every adapter
+    /// supports them.
     pub fn atlas(&self, codes: SlotFormat) -> TextureFormat {
         match codes {
             SlotFormat::U8 => self.atlas_u8,
@@ -71,12 +73,11 @@ impl GpuFormats {
     }
 }
 
-/// The optional features that a format needs.
 fn format_features(format: TextureFormat) -> Features {
     if format == TextureFormat::R16Unorm { Features::TEXTURE_FORMAT_16BIT_NORM } else { Features::empty() }
 }
 
-/// A report on a graphics adapter: what it is and what it can do.
+/// A graphics adapter's identity and capabilities.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AdapterReport {
     /// The adapter's name.
@@ -95,10 +96,10 @@ pub struct AdapterReport {
     pub max_buffer_bytes: u64,
     /// Whether GPU time can be measured.
     pub timestamps: bool,
-    /// Whether fragment shaders can write to buffers, and so say how much light entered each brick (visibility
+    /// Whether fragment shaders can write to buffers, and so report how much light entered each brick (visibility
     /// feedback).
     pub feedback: bool,
-    /// The texture formats that the renderer uses on the adapter.
+    /// The texture formats used on the adapter.
     pub formats: GpuFormats,
 }
 
@@ -109,12 +110,12 @@ impl fmt::Display for AdapterReport {
 }
 
 impl AdapterReport {
-    /// What is known of an adapter by itself.
+    /// Reports on an adapter without a device.
     fn of(adapter: &wgpu::Adapter) -> Self {
         Self::new(adapter, adapter.features(), &adapter.limits())
     }
 
-    /// Makes a report on an adapter whose device has these features and limits.
+    /// Reports on an adapter with the features and limits of its device.
     pub(crate) fn new(adapter: &wgpu::Adapter, enabled: Features, limits: &Limits) -> Self {
         let info = adapter.get_info();
         Self {
@@ -146,23 +147,24 @@ fn is_software(adapter: &wgpu::Adapter) -> bool {
     adapter.get_info().device_type == DeviceType::Cpu
 }
 
-/// All adapters, the one that [`GpuPreference::Any`] takes first. The first call of a process costs about 40 ms, which loads the drivers, and another one 4 (lavapipe).
+/// Lists all adapters, [`GpuPreference::Any`]'s choice first. The first call costs about 40 ms for loading the drivers,
+/// later ones 4 (lavapipe).
 pub fn adapters() -> Vec<AdapterReport> {
     ranked_adapters().iter().map(AdapterReport::of).collect()
 }
 
-/// An instance that is never dropped: while it is there, drivers stay loaded whose threads may outlive the last device.
+/// Never dropped: it keeps drivers loaded, whose threads may outlive the last device.
 static DRIVERS: LazyLock<wgpu::Instance> = LazyLock::new(instance);
 
 fn instance() -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
-    // Drivers that page instead of failing would otherwise take more than there is.
+    // Without a budget, drivers that page instead of failing take more memory than the GPU has.
     descriptor.memory_budget_thresholds.for_resource_creation.get_or_insert(90);
     wgpu::Instance::new(descriptor)
 }
 
-/// All adapters, of an instance of their own: devices of one instance share Mesa's software rasteriser, which looks at what each of them is
-/// drawing (`llvmpipe_flush_resource`) without waiting until its thread is done.
+/// All adapters, best first, from a new instance: devices of one instance share Mesa's software rasteriser, which
+/// inspects their drawing (`llvmpipe_flush_resource`) without waiting for its thread.
 fn ranked_adapters() -> Vec<wgpu::Adapter> {
     LazyLock::force(&DRIVERS);
     let mut found = pollster::block_on(instance().enumerate_adapters(Backends::all()));
@@ -179,7 +181,7 @@ fn ranked_adapters() -> Vec<wgpu::Adapter> {
     found
 }
 
-/// The best adapter of those that may be used.
+/// Returns the best permitted adapter.
 ///
 /// # Errors
 /// If there is none.

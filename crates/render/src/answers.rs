@@ -1,5 +1,5 @@
-//! What the GPU says of pictures: how bricks were entered, how many layers of meshes there are, and how long it took. Nobody waits for it: a
-//! few answers may be under way, each on a sheet (a buffer) of its own, and each says which picture it is about.
+//! Feedback from the GPU about pictures: visibility of bricks, layers of meshes, and time taken. Nobody waits for it: a
+//! few answers may be in flight, each on its own sheet (a buffer), labelled with its picture.
 
 use crate::buffers::buffer;
 use crate::error::GpuError;
@@ -9,48 +9,46 @@ use crate::memory::{ANSWERS, COUNTS_BYTES, TIMESTAMP_BYTES};
 use std::collections::VecDeque;
 use wgpu::BufferUsages;
 
-/// What the GPU says about a picture that was shown, some frames later.
+/// The GPU's feedback about a shown picture, some frames later.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
-    /// The picture's number, as the caller of [`GpuRenderer::show`](crate::GpuRenderer::show) gave it.
+    /// The picture's number, as given to [`GpuRenderer::show`](crate::GpuRenderer::show).
     pub picture: u64,
-    /// For each layer that the renderer was made for, and each entry of its draw list, the greatest transmittance with
-    /// which a ray entered the entry's cell: see [`GpuRenderer::visibility`](crate::GpuRenderer::visibility). `None` if
-    /// that is not known.
+    /// For each of the renderer's layers and draw list entries, the greatest transmittance with which a ray entered the
+    /// cell: see [`GpuRenderer::visibility`](crate::GpuRenderer::visibility). `None` if unknown.
     pub visibility: Option<Vec<Vec<f32>>>,
-    /// Milliseconds that the picture took on the GPU; `None` if the device has no timestamps.
+    /// GPU time of the picture, milliseconds; `None` if the device has no timestamps.
     pub gpu_ms: Option<f64>,
 }
 
-/// What is asked about a picture.
+/// A request for feedback about a picture.
 #[derive(Clone, Debug)]
 pub(crate) struct Question {
-    /// The picture's number; `u64::MAX` for a picture that is waited for.
+    /// `u64::MAX` for a picture whose caller waits.
     pub(crate) picture: u64,
-    /// The layers drawn, and how many cells of each are marked; `None` if cells are not marked.
+    /// The drawn layers and the number of marked cells of each; `None` if cells are not marked.
     pub(crate) marked: Option<Vec<(usize, usize)>>,
-    /// Number of mesh layers that were peeled without waiting for what each had.
+    /// Mesh layers peeled without waiting for their counts.
     pub(crate) peeled: u32,
-    /// Whether it was drawn at a time.
+    /// Whether the picture was drawn in one go, which makes its time meaningful.
     pub(crate) is_timed: bool,
 }
 
-/// Byte at which the counts of mesh layers begin on a sheet, after two timestamps.
+/// Start of the mesh layers' counts on a sheet, after two timestamps, bytes.
 pub(crate) const COUNTS_AT: u64 = TIMESTAMP_BYTES;
-/// Byte at which the marks of cells begin on a sheet, after the counts.
+/// Start of the cells' marks on a sheet, after the counts, bytes.
 pub(crate) const MARKS_AT: u64 = COUNTS_AT + COUNTS_BYTES;
 
-/// What has been read from a sheet: the answer to a question.
+/// The contents of a sheet: the answer to a question.
 pub(crate) struct Said {
     pub(crate) question: Question,
     pub(crate) ticks: [u64; 2],
-    /// Fragments of each mesh layer that was peeled, from the nearest on.
+    /// Fragments of each peeled mesh layer, nearest first.
     pub(crate) counts: Vec<u64>,
-    /// For each marked cell the greatest transmittance with which a ray entered it, in steps of 1/255.
+    /// For each marked cell the greatest transmittance of entering rays, in steps of 1/255.
     pub(crate) marks: Vec<u32>,
 }
 
-/// The sheets on which answers come back: those that are free, and those under way.
 #[derive(Debug)]
 pub(crate) struct Answers {
     free: Vec<wgpu::Buffer>,
@@ -67,22 +65,21 @@ impl Answers {
         })
     }
 
-    /// Takes a free sheet for a picture; `None` while all sheets are under way.
+    /// Takes a free sheet; `None` while all are in flight.
     pub(crate) fn take_sheet(&mut self) -> Option<wgpu::Buffer> {
         self.free.pop()
     }
 
-    /// Whether all sheets are under way.
     pub(crate) fn is_full(&self) -> bool {
         self.free.is_empty()
     }
 
-    /// Begins to bring the answer to a question to the CPU. The last submission must be the one that writes the sheet.
+    /// Starts bringing an answer to the CPU. The last submission must be the one that writes the sheet.
     pub(crate) fn ask(&mut self, question: Question, sheet: wgpu::Buffer) {
         self.under_way.push_back((question, Mapping::begin(sheet)));
     }
 
-    /// Takes the answers that have come, the oldest first. Does not poll the device.
+    /// Takes the answers received so far, oldest first. Does not poll the device.
     ///
     /// # Errors
     /// If the device is lost.

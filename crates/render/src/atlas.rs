@@ -1,8 +1,8 @@
-//! The atlas: one 3D texture of slots, each a padded brick of `(edge + 2 * apron)^3` texels, made once. Where there are stored
-//! gradients, a second one has a slot of nodes for each of them, in the same order.
+//! The atlas: one 3D texture of slots, each a padded brick of `(edge + 2 * apron)^3` texels, allocated once. Stored
+//! gradients have a second texture, with a slot of nodes for each brick in the same order.
 //!
-//! [`AtlasPlan`] is the arithmetic: how many slots fit a budget and where each lies. The whole texture is written before
-//! anything samples it, because wgpu 30 otherwise zero-fills it at the first upload, and can deadlock on it.
+//! [`AtlasPlan`] computes how many slots fit a budget and where each lies. The whole texture is written before anything
+//! samples it: otherwise wgpu 30 zero-fills it at the first upload and can deadlock doing so.
 
 use crate::error::GpuError;
 use crate::gpu::Gpu;
@@ -11,7 +11,7 @@ use brickyard_volume::gradients::NODE_BYTES;
 use brickyard_volume::{GradientNodes, Pyramid};
 use wgpu::{Extent3d, TextureFormat};
 
-/// Returns the bytes of a texel in a format that an atlas or its gradients can have.
+/// Returns the bytes per texel of an atlas or gradient format.
 pub(crate) fn texel_bytes(format: TextureFormat) -> u64 {
     match format {
         TextureFormat::R8Unorm => 1,
@@ -21,23 +21,23 @@ pub(crate) fn texel_bytes(format: TextureFormat) -> u64 {
     }
 }
 
-/// How slots are laid out in the atlas texture.
+/// The layout of slots in the atlas texture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AtlasPlan {
     /// Texels along a slot's edge.
     pub slot_edge: u32,
     /// Slots along x, y, z.
     pub grid: [u32; 3],
-    /// Bytes of the atlas, with the texture of gradients if there is one.
+    /// Bytes of the atlas, including its gradient texture, if any.
     pub bytes: u64,
 }
 
 impl AtlasPlan {
-    /// Plans the atlas with the most slots, at most `max_slots`, that fits `budget_bytes` and has at most `max_edge`
-    /// texels along an axis. A slot has `slot_edge`^3 texels and takes `slot_bytes` with its gradients. `None` if not
-    /// one slot fits.
+    /// Plans the atlas with the most slots, up to `max_slots`, within `budget_bytes` and `max_edge` texels along an
+    /// axis. A slot has `slot_edge`^3 texels and takes `slot_bytes` with its gradients. `None` if not even one slot
+    /// fits.
     ///
-    /// Among plans with equally many slots the narrowest wins: neighbouring rows and slices of a brick then lie closer
+    /// Among plans with equally many slots the narrowest wins: it puts a brick's neighbouring rows and slices closer
     /// together in memory.
     pub fn new(slot_edge: u32, slot_bytes: u64, budget_bytes: u64, max_edge: u32, max_slots: u32) -> Option<Self> {
         let most = (budget_bytes / slot_bytes).min(max_slots as u64);
@@ -60,7 +60,7 @@ impl AtlasPlan {
         self.grid.iter().product()
     }
 
-    /// The texture's size in texels.
+    /// Size of the texture, texels.
     pub fn size(&self) -> [u32; 3] {
         self.grid.map(|n| n * self.slot_edge)
     }
@@ -70,22 +70,18 @@ impl AtlasPlan {
         self.place(slot).map(|i| i * self.slot_edge)
     }
 
-    /// Where the slot is in the grid.
     fn place(&self, Slot(slot): Slot) -> [u32; 3] {
         let [nx, ny, _] = self.grid;
         [slot % nx, slot / nx % ny, slot / (nx * ny)]
     }
 }
 
-/// The format of stored gradients.
 const GRADIENT_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
-/// Returns the bytes of a slot: the texels of a padded brick and its stored gradients.
 pub(crate) fn slot_bytes(slot_edge: u32, format: TextureFormat, gradients: GradientNodes) -> u64 {
     (slot_edge as u64).pow(3) * texel_bytes(format) + gradients.bytes() as u64
 }
 
-/// The atlas texture, and the texture of stored gradients if there is one.
 #[derive(Debug)]
 pub(crate) struct Atlas {
     pub(crate) plan: AtlasPlan,
@@ -96,8 +92,7 @@ pub(crate) struct Atlas {
 }
 
 impl Atlas {
-    /// Makes and zero-fills the atlas and its texture of gradients, if there is one. Takes about a second per GiB on a
-    /// software rasteriser.
+    /// Creates and zero-fills the textures. Takes about a second per GiB on a software rasteriser.
     pub(crate) fn new(
         gpu: &Gpu,
         plan: AtlasPlan,
@@ -108,7 +103,7 @@ impl Atlas {
         let size = plan.grid.map(|n| n * nodes.along());
         let gradients = (nodes.layers > 0).then(|| self::texture(gpu, "the gradients", size, GRADIENT_FORMAT));
         let atlas = Self { plan, format, nodes, texture, gradients: gradients.transpose()? };
-        // A partial write makes wgpu fill all the rest with zeros.
+        // After a partial write wgpu fills the rest with zeros.
         let zero = [0; NODE_BYTES];
         write(gpu, &atlas.texture, [0; 3], 1, &zero[..texel_bytes(format) as usize]);
         if let Some(gradients) = &atlas.gradients {
@@ -118,7 +113,6 @@ impl Atlas {
         Ok(atlas)
     }
 
-    /// Queues a slot's texels and gradients.
     pub(crate) fn write(&self, gpu: &Gpu, slot: Slot, texels: &[u8], gradients: &[u8]) {
         write(gpu, &self.texture, self.plan.origin(slot), self.plan.slot_edge, texels);
         if let Some(texture) = &self.gradients {
@@ -148,7 +142,6 @@ fn texture(
     gpu.allocate(label, texels * texel_bytes(format), |device| device.create_texture(&descriptor))
 }
 
-/// Queues a cube of texels.
 fn write(gpu: &Gpu, texture: &wgpu::Texture, [x, y, z]: [u32; 3], edge: u32, texels: &[u8]) {
     let destination = wgpu::TexelCopyTextureInfo {
         texture,
@@ -165,8 +158,8 @@ fn write(gpu: &Gpu, texture: &wgpu::Texture, [x, y, z]: [u32; 3], edge: u32, tex
     gpu.queue.write_texture(destination, texels, layout, size);
 }
 
-/// Returns the scale and offset from level-0 voxels to texels of the atlas, for the brick that a cell is drawn from.
-/// Exact in f32 for volumes of up to 2^24 voxels along an axis.
+/// Returns the scale and offset from level-0 voxels to a cell's atlas texels. Exact in f32 for volumes of up to 2^24
+/// voxels along an axis.
 pub(crate) fn texel_placement(
     cell: &DrawCell,
     pyramid: &Pyramid,

@@ -1,5 +1,5 @@
-//! The way of a finished picture onto an application's texture: one pass, recorded in the application's encoder, that reads nothing but the
-//! renderer's own picture.
+//! The blit of a finished picture onto an application's texture: one pass in the application's encoder, reading only
+//! the renderer's own picture.
 
 use crate::buffers::entry;
 use crate::error::GpuError;
@@ -12,30 +12,29 @@ use brickyard_volume::StereoLayout;
 use std::collections::HashMap;
 use wgpu::{BindingResource, BindingType, FilterMode, SamplerBindingType, ShaderStages, TextureFormat};
 
-/// An application's texture, or a part of it, on which a picture is put.
+/// An application's texture, or a part of it, to receive a picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Target<'a> {
-    /// A view of a colour texture that can be rendered to, without multisampling.
+    /// A view of a renderable colour texture without multisampling.
     pub view: &'a wgpu::TextureView,
-    /// The view's format. The picture's colours are sRGB codes, and the texture holds these codes whether or not its
-    /// format is an sRGB format.
+    /// The view's format. The texture receives the picture's sRGB codes unchanged, whether or not its format is an sRGB
+    /// format.
     pub format: TextureFormat,
-    /// The area over which the picture is stretched, in pixels from the texture's upper left corner: x, y, width,
-    /// height. The rest of the texture stays as it was. `None` is the whole texture.
+    /// The area to stretch the picture over, in pixels from the upper left corner: x, y, width, height. The rest stays
+    /// unchanged. `None` is the whole texture.
     pub area_px: Option<[u32; 4]>,
 }
 
-/// Puts pictures on an application's textures: pipelines, and the left eye's picture.
 #[derive(Debug)]
 pub(crate) struct Blit {
     layout: wgpu::BindGroupLayout,
     sampler: wgpu::Sampler,
     pipelines: HashMap<(TextureFormat, Eyes), wgpu::RenderPipeline>,
-    /// The left eye's picture, while the right eye's is drawn and afterwards.
+    /// The left eye's picture, kept while the right eye's is drawn and afterwards.
     left: Option<wgpu::Texture>,
 }
 
-/// The picture that a renderer has shown last, on its way to another renderer.
+/// A renderer's last shown picture, on its way to another renderer.
 #[derive(Debug)]
 pub(crate) struct LastPicture {
     pub(crate) targets: Targets,
@@ -62,7 +61,7 @@ impl Blit {
         Self { layout, sampler, pipelines: HashMap::new(), left: None }
     }
 
-    /// Keeps the picture that was drawn last as the left eye's.
+    /// Keeps the last drawn picture as the left eye's.
     ///
     /// # Errors
     /// If the device has no room for it.
@@ -91,7 +90,7 @@ impl Blit {
         Ok(())
     }
 
-    /// Makes the pipeline for a target, if there is none.
+    /// Creates a target's pipeline unless it exists.
     fn make_ready(&mut self, gpu: &Gpu, wanted: (TextureFormat, Eyes)) -> Result<(), GpuError> {
         if !self.pipelines.contains_key(&wanted) {
             let (format, eyes) = wanted;
@@ -103,10 +102,10 @@ impl Blit {
         Ok(())
     }
 
-    /// Records the pass that puts the picture drawn last, or the pictures of two eyes, on a target.
+    /// Records the pass that puts the last drawn picture, or those of two eyes, on a target.
     ///
     /// # Errors
-    /// If nothing can be drawn in the target's format.
+    /// If the target's format cannot be drawn into.
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,

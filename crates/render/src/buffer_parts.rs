@@ -1,11 +1,11 @@
-//! The parts that layers have of the buffers that they share.
+//! Each layer's parts of the shared buffers.
 
 use crate::memory::{PART_BYTES, PoolPlan, opaque_bytes};
 use crate::transfer_table::{COMBINED, TableCapacity};
 use brickyard_pager::VolumeNeeds;
 use brickyard_shaders::FrameUniform;
 
-/// A part of a shared buffer: its first byte and its length.
+/// First byte and length of a part of a shared buffer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Part {
     pub(crate) at: u64,
@@ -13,26 +13,24 @@ pub(crate) struct Part {
 }
 
 impl Part {
-    /// Takes the next `bytes` bytes after `end`, from where a part may begin, and moves `end` behind them.
+    /// Takes the next `bytes` bytes after `end`, aligned for binding, and moves `end` behind them.
     fn next(end: &mut u64, bytes: u64) -> Self {
         let at = end.next_multiple_of(PART_BYTES);
         *end = at + bytes;
         Self { at, bytes }
     }
 
-    /// Returns this part of a buffer as a binding.
     pub(crate) fn of<'a>(&self, buffer: &'a wgpu::Buffer) -> wgpu::BindingResource<'a> {
         let size = std::num::NonZeroU64::new(self.bytes);
         wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: self.at, size })
     }
 
-    /// Returns the index of the part's first item in the buffer, for items of `size` bytes.
+    /// The index of the part's first item, for items of `size` bytes.
     pub(crate) fn first(&self, size: usize) -> u32 {
         (self.at / size as u64) as u32
     }
 }
 
-/// A layer's parts of the buffers that all layers share.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Parts {
     pub(crate) frame: Part,
@@ -40,7 +38,7 @@ pub(crate) struct Parts {
     pub(crate) counts: Part,
 }
 
-/// The ends of the shared buffers so far, in bytes; parts are taken behind them.
+/// Ends of the shared buffers so far, in bytes; new parts are taken behind them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Ends {
     pub(crate) frames: u64,
@@ -50,7 +48,6 @@ pub(crate) struct Ends {
 }
 
 impl Ends {
-    /// Takes the parts of the next layer.
     pub(crate) fn layer(&mut self, needs: &VolumeNeeds) -> Parts {
         let codes = needs.encoding.format;
         Parts {
@@ -60,20 +57,20 @@ impl Ends {
         }
     }
 
-    /// Takes the next pool's part with the ranges of codes of its macro-cells.
+    /// Takes the next pool's part, for its macro-cells' code ranges.
     pub(crate) fn ranges(&mut self, plan: &PoolPlan) -> Part {
         let bytes = plan.raycast.map_or(0, |raycast| raycast.ranges_bytes(plan.atlas.slots()));
         Part::next(&mut self.ranges, bytes)
     }
 
-    /// Takes the part for the next frame. Frames follow each other without gaps, for shaders that see all of them.
+    /// Takes the next frame's part. Frames follow each other without gaps, for shaders that see all of them.
     pub(crate) fn frame(&mut self) -> Part {
         let (at, bytes) = (self.frames, size_of::<FrameUniform>() as u64);
         self.frames += bytes;
         Part { at, bytes }
     }
 
-    /// Takes the part for the transfer table of an expression, behind the tables of all layers.
+    /// Takes an expression's part of the tables, behind those of all layers.
     pub(crate) fn combined(&mut self) -> Part {
         Part::next(&mut self.table, TableCapacity::of_places(COMBINED).bytes())
     }

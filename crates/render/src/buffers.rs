@@ -1,23 +1,22 @@
-//! The buffers that all layers share: what every march reads, and what rays read besides.
+//! The buffers shared by all layers: those read by every march, and those only for rays.
 
 use crate::error::GpuError;
 use crate::gpu::Gpu;
 use crate::memory::TIMESTAMP_BYTES;
 use wgpu::{BindingResource, BufferUsages};
 
-/// The buffers that every march reads: frames, transfer tables and timestamps.
+/// The buffers of every march: frames, transfer tables and timestamps.
 #[derive(Debug)]
 pub(crate) struct SharedBuffers {
     pub(crate) frame: wgpu::Buffer,
     pub(crate) table: wgpu::Buffer,
-    /// The timestamp query set and the buffer it resolves to; `None` if the adapter has no timestamps.
+    /// The timestamp query set and its resolve buffer; `None` without timestamps.
     pub(crate) timestamps: Option<(wgpu::QuerySet, wgpu::Buffer)>,
     /// Whether marches see stored gradients.
     pub(crate) has_gradients: bool,
 }
 
 impl SharedBuffers {
-    /// Makes the buffers, with the bytes that all frames and all transfer tables take.
     pub(crate) fn new(
         gpu: &Gpu,
         (frame_bytes, table_bytes): (u64, u64),
@@ -40,14 +39,14 @@ impl SharedBuffers {
     }
 }
 
-/// The buffers that rays read and write besides: octrees, bricks, macro-cells and marks.
+/// The additional buffers for rays: octrees, bricks, macro-cells and marks.
 #[derive(Debug)]
 pub(crate) struct RayBuffers {
     pub(crate) nodes: wgpu::Buffer,
     pub(crate) bricks: wgpu::Buffer,
     pub(crate) ranges: wgpu::Buffer,
     pub(crate) opaque_before: wgpu::Buffer,
-    /// The marks of cells: how much light was left when rays entered them. All zero between frames.
+    /// The cells' marks: the light left when rays entered them. All zero between frames.
     pub(crate) marks: wgpu::Buffer,
 }
 

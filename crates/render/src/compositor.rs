@@ -1,6 +1,6 @@
-//! The ways to gather samples.
+//! The available compositors.
 
-/// How the samples of a frame are gathered. All compositors take the same samples and make the same picture.
+/// How the samples of a frame are gathered. All compositors take the same samples and produce the same picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Compositor {
     /// Draws cells as boxes, back to front, and blends them.

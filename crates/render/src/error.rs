@@ -1,23 +1,23 @@
-//! What can go wrong on the GPU, by what the caller can do about it.
+//! Errors on the GPU, by the caller's remedy.
 use brickyard_volume::numbers::mebibytes;
 
 /// An error of the GPU backend.
 #[derive(Clone, Debug, thiserror::Error, PartialEq)]
 pub enum GpuError {
-    /// No adapter of the kind asked for: use the CPU backend.
+    /// No adapter of the requested kind: use the CPU backend.
     #[error("no {wanted} found{seen}: install a Vulkan driver (mesa-vulkan-drivers for a software one)")]
     NoAdapter {
-        /// The kind of adapter asked for.
+        /// The requested kind of adapter.
         wanted: &'static str,
-        /// The adapters there are, for the message; empty if none.
+        /// The available adapters, for the message; empty if none.
         seen: String,
     },
-    /// The adapter gives no device, or a device whose limits are too low.
+    /// The adapter provides no device, or one with too low limits.
     #[error("{adapter} gives no device: {reason}")]
     Device {
         /// The adapter's name.
         adapter: String,
-        /// The driver's message, or the limits that are too low.
+        /// The driver's message, or the insufficient limits.
         reason: String,
     },
     /// The budget cannot hold the picture and a few bricks.
@@ -26,9 +26,9 @@ pub enum GpuError {
         mebibytes(*given_bytes), mebibytes(*least_bytes)
     )]
     Budget {
-        /// The budget that was given, bytes.
+        /// The given budget, bytes.
         given_bytes: u64,
-        /// The least budget that works, bytes.
+        /// The least sufficient budget, bytes.
         least_bytes: u64,
         /// Width of the picture, pixels.
         width_px: u32,
@@ -37,17 +37,17 @@ pub enum GpuError {
         /// Texels along the edge of a padded brick.
         slot_edge: u32,
     },
-    /// The meshes take a larger buffer than a shader can see.
+    /// The meshes take a larger buffer than shaders can see.
     #[error(
         "the meshes take {bytes} bytes, and a shader sees {limit_bytes} here: leave out some of their vertices, or draw on the CPU"
     )]
     Meshes {
-        /// The largest buffer that the meshes take, of vertices or of triangles, bytes.
+        /// The largest buffer of the meshes, of vertices or of triangles, bytes.
         bytes: u64,
-        /// The largest buffer that a shader can see, bytes.
+        /// The largest buffer visible to a shader, bytes.
         limit_bytes: u64,
     },
-    /// The volumes of the picture need more textures than a shader can see.
+    /// The picture's volumes need more textures than a shader can see.
     #[error(
         "the {volumes} volumes of one picture need {needed} textures, and this GPU's shaders see {limit}: show fewer, or draw on the CPU"
     )]
@@ -57,20 +57,20 @@ pub enum GpuError {
         /// Number of textures needed: one for each pool of slots, two with stored gradients, and three more with
         /// meshes.
         needed: usize,
-        /// Number of textures that a shader can see.
+        /// Number of textures visible to a shader.
         limit: u32,
     },
-    /// Some volume has labels of 16 bits, and the device's textures that shaders can filter have fewer.
+    /// A volume has 16-bit labels, and the device's filterable textures have fewer bits.
     #[error(
         "this GPU has no textures of 16 bits, without which labels of more than 8 bits are not told apart: draw on the CPU"
     )]
     Labels,
-    /// The picture is larger than the adapter's textures, or than this renderer was made for.
+    /// The picture exceeds the adapter's textures or this renderer's maximum size.
     #[error("a picture of {width_px}x{height_px} pixels is too large: at most {limit_width_px}x{limit_height_px} here")]
     PictureTooLarge {
-        /// Width asked for, pixels.
+        /// Requested width, pixels.
         width_px: u32,
-        /// Height asked for, pixels.
+        /// Requested height, pixels.
         height_px: u32,
         /// Largest width, pixels.
         limit_width_px: u32,
@@ -80,7 +80,7 @@ pub enum GpuError {
     /// The driver ran out of memory below the budget: lower the budget.
     #[error("the GPU has no room for {label} ({})", mebibytes(*requested_bytes))]
     OutOfMemory {
-        /// What was being allocated.
+        /// The failed allocation.
         label: String,
         /// Size of the allocation, bytes.
         requested_bytes: u64,
@@ -88,13 +88,13 @@ pub enum GpuError {
     /// The device was lost, with everything on it: see [`GpuRenderer::renew`](crate::GpuRenderer::renew).
     #[error("the GPU device was lost: {0}")]
     DeviceLost(String),
-    /// A picture was not finished in the time allowed: see [`GpuRenderer::draw_until`](crate::GpuRenderer::draw_until).
+    /// A picture was not finished in the allowed time: see [`GpuRenderer::draw_until`](crate::GpuRenderer::draw_until).
     #[error("the picture was not drawn in the time allowed")]
     TooLong,
     /// The GPU or its driver refused a command.
     #[error("the GPU reported an error: {0}")]
     Refused(String),
-    /// A frame, brick, list or setting does not fit what this renderer was made for.
+    /// A frame, brick, list or setting does not suit this renderer.
     #[error("{0}")]
     Mismatch(String),
 }

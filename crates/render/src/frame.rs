@@ -1,4 +1,4 @@
-//! Frame settings and draw cells as the shaders take them: the f64 work is done here, once per frame or cell.
+//! Frame settings and draw cells in shader form. All f64 work is done here, once per frame or cell.
 
 use crate::atlas::{Atlas, AtlasPlan, texel_placement};
 use crate::leaf_octree::{root_size, splits};
@@ -14,44 +14,42 @@ use brickyard_volume::{
 };
 use glam::{DMat3, DVec2, DVec3};
 
-/// What a frame has to know of its transfer table in the buffer.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct TableInUse {
-    /// The value of a running integral that a one in its low word stands for.
+    /// The value of 1 in the low word of a running integral.
     pub(crate) sum_unit: f32,
-    /// Counts of opaque places from a code to the next.
+    /// Number of opacity counts from one code to the next.
     pub(crate) counts_per_code: u32,
-    /// Where the jitter mask begins, in places of 8 bytes.
+    /// Start of the jitter mask, in places of 8 bytes.
     pub(crate) mask_at: u32,
-    /// Where the entries over values and gradients begin, in places of 8 bytes.
+    /// Start of the entries over values and gradients, in places of 8 bytes.
     pub(crate) grid_at: u32,
 }
 
-/// A layer in a frame: its number, settings and levels.
+/// A layer in a frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Framed<'a> {
-    /// The layer's number among those that the renderer was made for.
+    /// Index among the renderer's layers.
     pub(crate) number: usize,
     pub(crate) settings: &'a FrameSettings,
     pub(crate) pyramid: &'a Pyramid,
     pub(crate) blend: Blend,
-    /// The opacity of the layer, if the mode is a projection.
+    /// The layer's opacity in projections.
     pub(crate) opacity: f64,
-    /// The number of the cut that the layer's draw list is from; layers with the same number share a cut.
+    /// Number of the draw list's cut; layers with the same number share a cut.
     pub(crate) cut: u32,
-    /// Whether draw lists of the layer may have bricks of coarse levels.
+    /// Whether draw lists may have bricks of coarse levels.
     pub(crate) has_coarse: bool,
 }
 
 impl<'a> Framed<'a> {
-    /// Takes over a layer of a picture.
     pub(crate) fn of(layer: &Layer<'a>) -> Self {
         let Layer { volume: number, frame, pyramid, draw, cut, .. } = *layer;
         let has_coarse = draw.cells.iter().any(|cell| cell.brick.level > Level(0));
         Self { number, settings: &frame.settings, pyramid, blend: frame.blend, opacity: frame.opacity, cut, has_coarse }
     }
 
-    /// Whether the layer and another one have the same cells in the same order.
+    /// Whether both layers have the same cells in the same order.
     pub(crate) fn shares_cells_with(&self, other: &Self) -> bool {
         let place = |framed: &Self| (framed.cut, framed.settings.placement);
         place(self) == place(other)
@@ -59,7 +57,7 @@ impl<'a> Framed<'a> {
             && self.pyramid == other.pyramid
     }
 
-    /// Reads of a texture by a ray in the layer at most: samples, by the edges of its box, times the reads of each.
+    /// Upper bound of a ray's texture reads: samples, by the edges of the layer's box, times reads per sample.
     pub(crate) fn most_reads(&self) -> f64 {
         self.most_samples() * self.reads_per_sample()
     }
@@ -88,14 +86,14 @@ impl<'a> Framed<'a> {
         (length(edges.x_axis) + length(edges.y_axis) + length(edges.z_axis)) / lattice.step
     }
 
-    /// Whether the layer's colours are lit. Layers that add to others are not.
+    /// Whether colours are lit; never those of additive layers.
     pub(crate) fn is_lit(&self) -> bool {
         self.blend != Blend::Add && self.settings.lighting.model != LightingModel::None
     }
 }
 
-/// Makes the uniform of a layer's frame, for bricks in `atlas` with aprons of `apron` voxels. `most_depth` limits the
-/// optical depth of a projection's opacity.
+/// Builds a layer's frame uniform, for bricks in `atlas` with aprons of `apron` voxels. `most_depth` limits the optical
+/// depth of a projection's opacity.
 pub(crate) fn frame_uniform(
     framed: &Framed<'_>,
     (atlas, apron): (&Atlas, u32),
@@ -106,13 +104,13 @@ pub(crate) fn frame_uniform(
     let rays = &frame.rays;
     let spacing = frame.geometry.spacing;
     let extent = DVec3::from_array(pyramid.levels()[0].extent.to_array().map(f64::from));
-    // The map from the world to voxels is affine: of a step along a ray it does the same wherever the step is.
+    // The map from the world to voxels is affine: it maps a step along a ray the same way everywhere.
     let own_eye = frame.placement.volume_from_world(rays.eye);
     let eye = frame.geometry.voxel_from_world(own_eye);
     let voxels = |vector: DVec3| frame.placement.volume_vector(vector) / spacing;
     let (shown_low, shown_high) = frame.shown_box(pyramid.levels()[0].extent);
     let single = |v: DVec3| v.as_vec3().to_array();
-    // Along parallel rays; in perspective the shader adds the lean to its rays, which all differ.
+    // For parallel rays; in perspective, the shader adds the lean to each of its different rays.
     let (forward, lean) = if rays.orthographic { (rays.middle(), DVec2::ZERO) } else { (rays.forward, rays.lean) };
     let (thresholds, surfaces) = surfaces(frame);
     let axes = [DVec3::X, DVec3::Y, DVec3::Z];
@@ -198,14 +196,14 @@ pub(crate) fn frame_uniform(
     }
 }
 
-/// The code of a value, also between codes.
+/// The code of a value, including fractional codes.
 fn code_of(value: f64, frame: &FrameSettings) -> f32 {
     (frame.encoding.code(value) + frame.encoding.first_code()) as f32
 }
 
-/// Where in the table each surface begins, and each one's colour and opacity.
+/// Each surface's threshold as a place in the table, and its colour and opacity.
 fn surfaces(frame: &FrameSettings) -> ([[f32; 4]; 2], [[f32; 4]; MAX_SURFACES]) {
-    // No code is past what there is not.
+    // Unused thresholds lie beyond every code.
     let (mut thresholds, mut looks) = ([[1e30; 4]; 2], [[0.0; 4]; MAX_SURFACES]);
     for (i, surface) in frame.surfaces.iter().enumerate().take(MAX_SURFACES) {
         let [r, g, b] = surface.color;
@@ -215,16 +213,16 @@ fn surfaces(frame: &FrameSettings) -> ([[f32; 4]; 2], [[f32; 4]; MAX_SURFACES]) 
     (thresholds, looks)
 }
 
-/// Where values and gradients are in the table of both.
+/// Maps values and gradients to the table over both.
 fn grid(frame: &FrameSettings) -> [f32; 4] {
     let Some(grid) = frame.grid() else { return [0.0; 4] };
-    // Differences are across two voxels, and 1 is the whole table.
+    // Differences span two voxels; 1 is the whole table.
     let gradient = 0.5 * frame.encoding.code_width() * frame.encoding.span_codes();
     let columns = (grid.columns_per_gradient as f64 * gradient) as f32;
     [grid.first_code, grid.rows_per_code, columns, (grid.rows() - 1) as f32]
 }
 
-/// Whether shaders take values from the other end of their range, so that the least is the greatest: 1 if so.
+/// 1 if shaders flip values within their range, so that the least becomes the greatest; else 0.
 fn least_is_greatest(mode: Mode) -> f32 {
     match mode {
         Mode::MinIp => 1.0,
@@ -232,7 +230,7 @@ fn least_is_greatest(mode: Mode) -> f32 {
     }
 }
 
-/// Where the lights are from the volume's corner, in the scene's world.
+/// The lights' positions relative to the volume's corner, in the scene's world.
 fn light_places(frame: &FrameSettings) -> [[f32; 4]; MAX_LIGHTS] {
     let mut places = [[0.0; 4]; MAX_LIGHTS];
     for (place, &light) in places.iter_mut().zip(&frame.lighting.lights) {
@@ -247,7 +245,7 @@ fn clip_planes(frame: &FrameSettings) -> &[ClipPlane] {
     frame.clip.as_ref().map_or(&[], Clip::planes)
 }
 
-/// The clip planes as seen from the eye: there f64 takes the differences of great numbers.
+/// The clip planes relative to the eye: f64 takes the differences of large numbers here.
 fn planes(frame: &FrameSettings) -> [[f32; 4]; MAX_PLANES] {
     let mut planes = [[0.0; 4]; MAX_PLANES];
     for (plane, ClipPlane { normal, point }) in planes.iter_mut().zip(clip_planes(frame)) {
@@ -257,7 +255,6 @@ fn planes(frame: &FrameSettings) -> [[f32; 4]; MAX_PLANES] {
     planes
 }
 
-/// Makes the instance of a cell's box, drawn in a share of the pixels.
 pub(crate) fn cell_instance(region: &VoxelBox, pixels: PixelShare) -> CellInstance {
     CellInstance {
         region_min: region.min.to_array().map(|v| v as f32),
@@ -267,7 +264,6 @@ pub(crate) fn cell_instance(region: &VoxelBox, pixels: PixelShare) -> CellInstan
     }
 }
 
-/// Makes the description of the brick that a cell is drawn from.
 pub(crate) fn cell_brick(cell: &DrawCell, pyramid: &Pyramid, atlas: &AtlasPlan, apron: u32) -> CellBrick {
     let (texel_scale, texel_offset) = texel_placement(cell, pyramid, atlas, apron);
     CellBrick { texel_scale, is_there: 1, texel_offset, spare: 0.0 }

@@ -1,5 +1,5 @@
-//! One picture in the making: layers' lists of cells gathered into a target, then display colours of it, and the way back to the CPU.
-//! Where there are meshes, all of that but the way back once for each slab.
+//! One picture in the making: the layers' cell lists gathered into a target, resolved to display colours, and read back
+//! to the CPU. With meshes, gathering and resolving are repeated for each slab.
 
 use crate::answers::{COUNTS_AT, MARKS_AT, Question};
 use crate::buffer_parts::{Part, Parts};
@@ -23,31 +23,30 @@ use brickyard_volume::{Blend, Combination, FrameSettings, Picture, Placement, Py
 use std::ops::Range;
 use std::time::Instant;
 
-/// A picture that is being drawn from several draw lists: see [`GpuRenderer::passes`].
+/// A picture being drawn from several draw lists: see [`GpuRenderer::passes`].
 #[derive(Debug)]
 pub struct Passes<'a> {
     renderer: &'a mut GpuRenderer,
     framed: Vec<Framed<'a>>,
     course: Course,
-    /// The rows that are drawn.
     rows: Range<u32>,
     start: Instant,
-    /// Lists of the slab drawn so far, and the cells of the last of each layer.
+    /// Number of the slab's lists drawn so far, and of the cells in each layer's last list.
     lists: u32,
     cells: Vec<usize>,
-    /// Slabs that are in the picture, and what follows the one being drawn.
+    /// Number of finished slabs, and the step after the current one.
     slabs: u32,
     next: Next,
-    /// Whether the device is waited for where that makes the picture sure.
+    /// Whether to wait for the device where the picture depends on it.
     waits: bool,
 }
 
-/// What follows when all lists have been drawn.
+/// The step after all lists have been drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Next {
     /// The picture: there are no meshes.
     Picture,
-    /// Perhaps another slab.
+    /// Possibly another slab.
     Slab,
     /// The end of the last slab.
     End,
@@ -56,8 +55,8 @@ enum Next {
 }
 
 impl GpuRenderer {
-    /// Draws a picture of layers, or of an expression over them, and waits for it. Layers of the renderer that are not
-    /// given are not in the picture.
+    /// Draws a picture of layers, or of an expression over them, and waits for it. Other layers of the renderer are
+    /// left out.
     ///
     /// # Errors
     /// If the picture is too large, layers or lists do not fit this renderer, the compositor is `sorted` and the layers
@@ -67,8 +66,8 @@ impl GpuRenderer {
         self.gpu.clone().scoped(|| self.all_drawn(layers, combination, (None, true))?.finish())
     }
 
-    /// Begins a picture and draws all its lists, slab by slab, or of a picture without meshes some `rows`. `waits` says whether the caller
-    /// waits for the picture.
+    /// Begins a picture and draws all its lists, slab by slab; without meshes, `rows` may limit it. `waits`: whether
+    /// the caller waits for the picture.
     pub(crate) fn all_drawn<'a>(
         &'a mut self,
         layers: &[Layer<'a>],
@@ -86,25 +85,25 @@ impl GpuRenderer {
         }
     }
 
-    /// Compiles the pipelines that [`GpuRenderer::render`] of these layers needs on another thread. Compiling may take
-    /// long, and other pictures can be drawn meanwhile. Pipelines that were asked for before and not begun are dropped.
+    /// Compiles the pipelines needed to [`GpuRenderer::render`] these layers, on another thread, which may take long;
+    /// other pictures can be drawn meanwhile. Requests not begun yet are dropped.
     pub fn prepare(&mut self, layers: &[Layer<'_>], combination: Option<&Combination>) {
-        // What cannot be drawn says so when it is.
+        // Impossible pictures report their error when drawn.
         if let Ok(course) = self.course(&layers.iter().map(Framed::of).collect::<Vec<_>>(), combination) {
             self.pipelines.prepare(course.wanted());
         }
     }
 
-    /// Whether all pipelines that [`GpuRenderer::render`] of these layers needs are compiled. A picture that is drawn
-    /// sooner compiles them, or waits for the thread that does.
+    /// Whether all pipelines needed to [`GpuRenderer::render`] these layers are compiled. If not, drawing compiles them
+    /// or waits for the compiling thread.
     pub fn is_prepared(&self, layers: &[Layer<'_>], combination: Option<&Combination>) -> bool {
         let course = self.course(&layers.iter().map(Framed::of).collect::<Vec<_>>(), combination);
         course.map_or(true, |course| self.pipelines.are_made(&course.wanted()))
     }
 
     /// Begins a picture of the renderer's only layer, in its own world, from several draw lists, back to front. Slots
-    /// may be filled anew between lists, so a picture can show any number of bricks. With meshes, all lists are drawn
-    /// once for each [slab](Passes::next_slab).
+    /// may be refilled between lists, so a picture can show any number of bricks. With meshes, all lists are drawn once
+    /// for each [slab](Passes::next_slab).
     ///
     /// # Errors
     /// If the picture is too large, the settings do not fit this renderer, or the device fails.
@@ -146,7 +145,6 @@ impl GpuRenderer {
         Ok(Passes { renderer: self, framed, course, rows, start, lists: 0, cells, slabs: 0, next, waits })
     }
 
-    /// How a picture of such frames is gathered.
     fn course(&self, framed: &[Framed<'_>], combination: Option<&Combination>) -> Result<Course, GpuError> {
         let is_sorted = framed.is_sorted_by(|a, b| a.number < b.number);
         if framed.is_empty() || !is_sorted || framed.iter().any(|framed| framed.number >= self.layers.len()) {
@@ -162,7 +160,6 @@ impl GpuRenderer {
         Course::new((&self.layers, &self.pools), framed, (combination, first_place), self.compositor())
     }
 
-    /// Pipelines and targets for this picture.
     fn make_ready(&mut self, course: &Course, frame: &FrameSettings) -> Result<(), GpuError> {
         let compositor = self.compositor();
         let Self { gpu, shared, pipelines, meshes, peeled, targets, .. } = self;
@@ -179,14 +176,14 @@ impl GpuRenderer {
         course.wanted().iter().try_for_each(|wanted| pipelines.need(wanted)).map_err(|error| gpu.reason(error))?;
         let wanted = (course.gather(), course.is_joined());
         if !targets.as_ref().is_some_and(|targets| targets.suit(wanted, size_px)) {
-            // The old ones go first: both together would pass the budget.
+            // The old targets go first: both together would exceed the budget.
             *targets = None;
             *targets = Some(Targets::new(gpu, wanted, compositor, size_px)?);
         }
         Ok(())
     }
 
-    /// Sends tables and frames, and the frame of the meshes: the first layer's, but in the scene's world.
+    /// Sends tables and frames, including the meshes' frame: the first layer's, but in the scene's world.
     fn send(&mut self, framed: &[Framed<'_>], course: &Course, combination: Option<&Combination>) {
         let parts: Vec<Part> = (0..framed.len()).map(|i| frame_part(&self.layers, framed, course, i)).collect();
         let Self { gpu, shared, march, meshes, layers, pools, combined, combined_part, .. } = self;
@@ -218,7 +215,7 @@ impl GpuRenderer {
         }
     }
 
-    /// The first layer of the frame's meshes, and what comes after it.
+    /// Peels the first mesh layer and returns the next step.
     fn first_peeled(&mut self, frame: &FrameSettings, waits: bool) -> Result<Next, GpuError> {
         match (&mut self.meshes, &mut self.peeled) {
             (Some(meshes), Some(peeled)) if !frame.meshes.is_empty() => {
@@ -231,14 +228,14 @@ impl GpuRenderer {
     }
 }
 
-/// Where the frame of one of the layers in a picture is: those that are drawn together have theirs one behind the other, from the first.
+/// A layer's frame in the buffer: those of layers drawn together follow one another from the first.
 fn frame_part(layers: &[GpuLayer], framed: &[Framed<'_>], course: &Course, i: usize) -> Part {
     let at = if course.is_joint() { i } else { framed[i].number };
     layers[at].parts.frame
 }
 
 impl Passes<'_> {
-    /// Fills a slot, as [`GpuRenderer::upload`]. Lists that were drawn before still show what the slot held then.
+    /// Fills a slot, like [`GpuRenderer::upload`]. Lists already drawn keep the slot's former contents.
     ///
     /// # Errors
     /// If the codes are not a padded brick, there is no such slot, or the device fails.
@@ -255,7 +252,6 @@ impl Passes<'_> {
         self.draw_all(&[draw])
     }
 
-    /// Draws each layer's list.
     fn draw_all(&mut self, draws: &[&DrawList]) -> Result<(), GpuError> {
         for (i, draw) in draws.iter().enumerate() {
             self.pool(i).check_list(draw)?;
@@ -275,7 +271,6 @@ impl Passes<'_> {
         Ok(())
     }
 
-    /// Gathers a layer by itself.
     fn march(&self, i: usize, shader: &Shader, draw: &DrawList) -> Result<(), GpuError> {
         let GpuRenderer { gpu, shared, march, .. } = &*self.renderer;
         let is_first = self.lists == 0;
@@ -294,7 +289,6 @@ impl Passes<'_> {
         Ok(())
     }
 
-    /// Gathers all layers together.
     fn march_joint(&self, shader: &Shader, draws: &[&DrawList]) -> Result<(), GpuError> {
         let GpuRenderer { gpu, shared, march, .. } = &*self.renderer;
         let (gathering, pipeline) = (self.gathering(0)?, self.pipeline(shader)?);
@@ -313,17 +307,15 @@ impl Passes<'_> {
         Ok(())
     }
 
-    /// A layer's list as `sorted` draws it.
     fn drawn<'a>(&'a self, i: usize, draw: &'a DrawList) -> Drawn<'a> {
         (draw, self.framed[i].pyramid, self.pool(i))
     }
 
-    /// The octree over a layer's list, and the part of the frames' buffer with the layer's.
+    /// A layer's octree, and its part of the frames' buffer.
     fn tree(&self, i: usize, draw: &DrawList) -> (Part, Tree) {
         (self.frame_part(i), self.pool(i).tree(&self.framed[i], draw, &self.layer(i).opaque))
     }
 
-    /// Where a layer's bricks are.
     fn pool(&self, i: usize) -> &Pool {
         &self.renderer.pools[self.layer(i).pool]
     }
@@ -332,12 +324,11 @@ impl Passes<'_> {
         &self.renderer.layers[self.framed[i].number]
     }
 
-    /// Where a layer's frame is.
     fn frame_part(&self, i: usize) -> Part {
         frame_part(&self.renderer.layers, &self.framed, &self.course, i)
     }
 
-    /// Adds what has been gathered of a layer to the sums, or puts it over them; the first layer begins them.
+    /// Adds a gathered layer to the sums, or puts it over them; the first layer begins them.
     fn join(&self, projected: &Projected, is_first: bool) -> Result<(), GpuError> {
         let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
         let targets = self.targets()?;
@@ -362,7 +353,7 @@ impl Passes<'_> {
         Ok(())
     }
 
-    /// What a march of a layer, or of all from the first on, draws into.
+    /// The target and limits for a march of a layer, or of all from the first on.
     fn gathering(&self, i: usize) -> Result<Gathering<'_>, GpuError> {
         let GpuRenderer { shared, peeled, .. } = &*self.renderer;
         let targets = self.targets()?;
@@ -380,7 +371,7 @@ impl Passes<'_> {
     }
 
     /// Ends a slab: the part of the volume between two layers of meshes, or between the eye and the first layer.
-    /// Returns whether another slab follows, for which all lists have to be drawn again. Without meshes there is none.
+    /// Returns whether another slab follows, for which all lists must be drawn again; never without meshes.
     ///
     /// # Errors
     /// If the device fails.
@@ -402,17 +393,17 @@ impl Passes<'_> {
             return Err(no_target());
         };
         peeled.turn();
-        // Where no ray has met anything more, the volume behind the layers found is still to come.
+        // Where rays met nothing more, the volume behind the found layers is still to come.
         let number = (self.slabs + 1, self.waits);
         self.next = if meshes.peel(gpu, self.framed[0].settings, peeled, number)? { Next::Slab } else { Next::End };
         (self.lists, self.slabs) = (0, self.slabs + 1);
         Ok(true)
     }
 
-    /// Finishes the picture, and waits for it. If no list was drawn it shows the background and the meshes.
+    /// Finishes the picture and waits for it. If no list was drawn, it shows the background and the meshes.
     ///
     /// # Errors
-    /// If the device fails, or there are slabs that have not been drawn.
+    /// If the device fails, or slabs have not been drawn.
     pub fn finish(mut self) -> Result<Picture, GpuError> {
         let start = self.start;
         self.renderer.make_room()?;
@@ -429,11 +420,11 @@ impl Passes<'_> {
         Ok(picture)
     }
 
-    /// Queues the pass to display colours, the copy of the picture to the CPU if `wants_pixels`, and the question about
-    /// the picture if a sheet is free.
+    /// Queues the resolve pass, the copy of the picture to the CPU if `wants_pixels`, and the question about the
+    /// picture if a sheet is free.
     ///
     /// # Errors
-    /// If the device fails, or there are slabs that have not been drawn.
+    /// If the device fails, or slabs have not been drawn.
     pub(crate) fn end(&mut self, picture: u64, wants_pixels: bool) -> Result<End, GpuError> {
         if self.next_slab()? {
             return Err(GpuError::Mismatch("the picture has slabs that were not drawn".into()));
@@ -464,14 +455,14 @@ impl Passes<'_> {
             meshes.ask(is_asked.then_some(picture), self.framed[0].settings);
         }
         if let Some(sheet) = sheet {
-            // Between rows that are drawn one after the other there is time that is not theirs.
+            // The time between separately drawn rows is not theirs.
             let is_timed = self.rows.start == 0;
             answers.ask(Question { picture, marked, peeled, is_timed }, sheet);
         }
         Ok(End { submission, reading: pixels.map(|buffer| targets.reading(buffer)), is_asked })
     }
 
-    /// Queues the pass from what has been gathered, or from all slabs, to display colours.
+    /// Queues the pass from the gathered samples, or from all slabs, to display colours.
     fn resolve_all(&self, encoder: &mut wgpu::CommandEncoder) -> Result<(), GpuError> {
         let GpuRenderer { shared, meshes, peeled, .. } = &*self.renderer;
         let targets = self.targets()?;
@@ -488,7 +479,7 @@ impl Passes<'_> {
         Ok(())
     }
 
-    /// The layers in the picture and how many cells of each are marked, where they are.
+    /// The picture's layers and the number of marked cells of each, if cells are marked.
     fn marked_cells(&self) -> Option<Vec<(usize, usize)>> {
         let renderer = &*self.renderer;
         let marks = self.course.gather().occludes() && renderer.gpu.report.feedback;
@@ -496,13 +487,12 @@ impl Passes<'_> {
         is_marked.then(|| self.framed.iter().map(|framed| framed.number).zip(self.cells.iter().copied()).collect())
     }
 
-    /// Layers of meshes that were looked for without waiting.
     fn peeled(&self) -> u32 {
         let settings = self.framed[0].settings;
         if self.waits || settings.meshes.is_empty() || !is_counted(settings) { 0 } else { self.slabs + 1 }
     }
 
-    /// Draws no cells, if nothing has been drawn.
+    /// Draws empty lists if nothing has been drawn.
     fn draw_nothing(&mut self) -> Result<(), GpuError> {
         let none = DrawList::default();
         let nothing = vec![&none; self.framed.len()];
@@ -513,17 +503,14 @@ impl Passes<'_> {
         !self.framed[0].settings.meshes.is_empty()
     }
 
-    /// What the picture is drawn into; made before.
     fn targets(&self) -> Result<&Targets, GpuError> {
         self.renderer.targets.as_ref().ok_or_else(no_target)
     }
 
-    /// The pipeline of a march, made before.
     fn pipeline(&self, shader: &Shader) -> Result<&Pipeline, GpuError> {
         self.renderer.pipelines.get(&Wanted::March(shader.clone())).ok_or_else(no_target)
     }
 
-    /// The pipeline that makes colours, made before.
     fn resolve(&self, seen: Seen, shown: Shown) -> Result<&wgpu::RenderPipeline, GpuError> {
         match self.renderer.pipelines.get(&Wanted::Resolve(seen, shown)) {
             Some(Pipeline::Render(pipeline)) => Ok(pipeline),
@@ -531,7 +518,6 @@ impl Passes<'_> {
         }
     }
 
-    /// What makes colours of what has been gathered, or joined.
     fn resolve_bindings(&self) -> Result<wgpu::BindGroup, GpuError> {
         let GpuRenderer { gpu, shared, layouts, .. } = &*self.renderer;
         let (targets, parts) = (self.targets()?, &Parts { frame: self.frame_part(0), ..self.layer(0).parts });
@@ -542,14 +528,13 @@ impl Passes<'_> {
     }
 }
 
-/// A picture that is submitted.
 pub(crate) struct End {
     submission: wgpu::SubmissionIndex,
     reading: Option<Reading>,
     pub(crate) is_asked: bool,
 }
 
-/// The number of pictures that are waited for.
+/// The picture number used when the caller waits.
 const AWAITED: u64 = u64::MAX;
 
 pub(crate) fn no_target() -> GpuError {

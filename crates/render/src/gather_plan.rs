@@ -1,8 +1,8 @@
-//! What is gathered for a picture, and by which shaders.
+//! The plan for gathering a picture, with its shaders.
 //!
-//! One layer by itself has shaders of its own, which know that they are alone. So have projections of several: each layer is gathered by
-//! itself, and the pictures are joined. Fog and surfaces of several layers, and of one that adds or is placed, are gathered together: by one
-//! ray through all of them, or cell by cell where they share their cells.
+//! A single layer has specialised shaders. So have projections of several: each layer is gathered separately, and the
+//! pictures are joined. Fog and surfaces of several layers, or of an additive or placed one, are gathered together: by
+//! one ray through all of them, or cell by cell where they share their cells.
 
 use crate::compositor::Compositor;
 use crate::error::GpuError;
@@ -18,18 +18,17 @@ use brickyard_volume::{Blend, Combination, Method, Mode};
 /// How a picture's layers are gathered.
 #[derive(Clone, Debug)]
 pub(crate) enum Course {
-    /// The only layer is gathered by a shader for one layer.
+    /// The only layer, by a shader for one layer.
     Single(Shader),
-    /// Projections of several layers: each layer is gathered by itself into the same target, and added to the sums.
+    /// Projections of several layers, gathered one by one into the same target and added to the sums.
     Each(Vec<Projected>),
-    /// All layers are gathered together by one shader.
+    /// All layers, by one shader.
     Joint(Shader),
 }
 
-/// How one of several projections is gathered and joined.
 #[derive(Clone, Debug)]
 pub(crate) struct Projected {
-    /// The layer's number among those of the picture.
+    /// Index among the picture's layers.
     pub(crate) layer: usize,
     pub(crate) shader: Shader,
     gather: Gather,
@@ -38,15 +37,15 @@ pub(crate) struct Projected {
 }
 
 impl Projected {
-    /// What the pass that joins the layer to the others makes colours of, and what it draws.
+    /// The source and the output of the pass that joins the layer to the others.
     pub(crate) fn resolved(&self) -> (Seen, Shown) {
         (Seen::Gathered(self.gather), if self.is_over { Shown::Over } else { Shown::Sums })
     }
 }
 
 impl Course {
-    /// Decides how frames, or an expression over them, are gathered by a compositor. `first_place` is the first place
-    /// of the expression's transfer table; `None` if the renderer has no room for expressions.
+    /// Plans how a compositor gathers frames, or an expression over them. `first_place` is the first place of the
+    /// expression's transfer table; `None` if the renderer has no room for expressions.
     ///
     /// # Errors
     /// If the compositor cannot gather these layers together, there is no room for expressions, or an expression is
@@ -70,7 +69,7 @@ impl Course {
                     is_over: framed.blend == Blend::Over,
                 };
                 let mut all: Vec<_> = several.iter().enumerate().map(projected).collect();
-                // What is put on top comes when all else is there.
+                // Layers on top come last.
                 all.sort_by_key(|projected| projected.is_over);
                 Ok(Self::Each(all))
             }
@@ -93,7 +92,6 @@ impl Course {
         }
     }
 
-    /// How the target gathers samples.
     pub(crate) fn gather(&self) -> Gather {
         match self {
             Self::Single(Shader::Single(Variant { gather, .. })) => *gather,
@@ -103,7 +101,6 @@ impl Course {
         }
     }
 
-    /// The marches.
     fn shaders(&self) -> Vec<&Shader> {
         match self {
             Self::Single(shader) | Self::Joint(shader) => vec![shader],
@@ -111,17 +108,14 @@ impl Course {
         }
     }
 
-    /// Whether all layers are gathered together by one shader.
     pub(crate) fn is_joint(&self) -> bool {
         matches!(self, Self::Joint(_))
     }
 
-    /// Whether layers are gathered one by one and their pictures joined.
     pub(crate) fn is_joined(&self) -> bool {
         matches!(self, Self::Each(..))
     }
 
-    /// Lists all pipelines that the picture is drawn with.
     pub(crate) fn wanted(&self) -> Vec<Wanted> {
         let shaders = self.shaders();
         let has_meshes = shaders.iter().any(|shader| shader.has_meshes());
@@ -131,18 +125,18 @@ impl Course {
         shaders.into_iter().cloned().map(Wanted::March).chain([last]).chain(joins).collect()
     }
 
-    /// Returns what the resolve pass makes colours of: the gathered samples, or the sums of joined layers.
+    /// Returns the source of the resolve pass: the gathered samples, or the sums of joined layers.
     pub(crate) fn seen(&self) -> Seen {
         if self.is_joined() { Seen::Joined } else { Seen::Gathered(self.gather()) }
     }
 }
 
-/// Whether a layer is what shaders of one layer take it for.
+/// Whether the shaders for one layer suit this layer.
 fn is_plain(framed: &Framed<'_>) -> bool {
     framed.blend != Blend::Add && framed.settings.placement.is_identity()
 }
 
-/// An expression in place of the layers' media.
+/// The expression that replaces the layers' media.
 fn expression(
     framed: &[Framed<'_>],
     combination: &Combination,
@@ -166,7 +160,6 @@ fn expression(
     })
 }
 
-/// The ray through all layers.
 fn joint(
     (layers, pools): (&[GpuLayer], &[Pool]),
     framed: &[Framed<'_>],

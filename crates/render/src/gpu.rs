@@ -1,8 +1,8 @@
-//! A device and its queue, ours or an application's: how it is made, what it refuses, what it is waited for, and its loss.
+//! A device and its queue, ours or an application's: creation, refusals, waits and loss.
 //!
-//! A device of ours gets the adapter's own limits for textures and buffers, and those optional features that formats need. Errors that no
-//! scope catches and the loss of the device are remembered and turned into typed errors by the next call. An application's device keeps the
-//! handlers that it has: every call is in error scopes of its own there.
+//! Our own device gets the adapter's limits for textures and buffers, and the optional features for our formats.
+//! Uncaught errors and the device's loss are recorded and returned as typed errors by the next call. An application's
+//! device keeps its own handlers: there, every call runs in its own error scopes.
 
 use crate::adapter::{self, AdapterReport, GpuPreference};
 use crate::error::GpuError;
@@ -12,10 +12,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use wgpu::Features;
 
-/// How long a device that has refused something may take to say whether it is lost.
+/// How long a device may take to report its loss after refusing something.
 const LAST_WORDS: Duration = Duration::from_secs(2);
 
-/// The error that no scope caught, or the loss of the device, kept for the next call.
+/// The last uncaught error, or the loss of the device, kept for the next call.
 #[derive(Debug, Default)]
 struct Fault(Mutex<Option<GpuError>>);
 
@@ -32,10 +32,10 @@ impl Fault {
     }
 }
 
-/// A GPU device and its queue, on which a renderer draws: one that the renderer has opened, or an application's own.
+/// A GPU device and its queue to draw on: opened by the renderer, or an application's own.
 ///
-/// The renderer sends its work to the queue from the thread that calls, in submissions of its own. Pipelines can be
-/// compiled on another thread. A clone is the same device.
+/// The renderer submits work to the queue from the calling thread, in submissions of its own. Pipelines can be compiled
+/// on another thread. A clone is the same device.
 ///
 /// ```no_run
 /// use brickyard_render::{Gpu, wgpu};
@@ -54,21 +54,21 @@ pub struct Gpu {
     pub(crate) queue: wgpu::Queue,
     pub(crate) report: AdapterReport,
     fault: Arc<Fault>,
-    /// Whether the device is an application's: its error handlers are not told of the renderer's errors, and
+    /// Whether the device is an application's: its error handlers receive none of the renderer's errors, and
     /// [`GpuRenderer::show`](crate::GpuRenderer::show) does not wait for it.
     pub(crate) is_lent: bool,
     pub(crate) refuse_above_bytes: u64,
     longest_wait_us: Arc<AtomicU64>,
 }
 
-/// Storage buffers that a shader sees at most: rays see the most of them.
+/// Most storage buffers seen by a shader; rays see the most.
 const STORAGE_BUFFERS: u32 = 7;
 
 impl Gpu {
-    /// Returns the descriptor of a device for the renderer: the limits, and those features of the adapter that the
-    /// renderer can use. An application adds what it needs itself. Without `TEXTURE_FORMAT_16BIT_NORM` 16-bit codes
-    /// become half floats of 11 significant bits. Without `FLOAT32_BLENDABLE` layers blend in half floats. Without
-    /// `TIMESTAMP_QUERY` the time that a picture takes on the GPU is not known.
+    /// Returns a device descriptor for the renderer: its limits, and the adapter's features useful to it. An
+    /// application adds its own needs. Without `TEXTURE_FORMAT_16BIT_NORM`, 16-bit codes become half floats of 11
+    /// significant bits. Without `FLOAT32_BLENDABLE`, layers blend in half floats. Without `TIMESTAMP_QUERY`, the GPU
+    /// time of a picture is unknown.
     pub fn required(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
         let useful = Features::TEXTURE_FORMAT_16BIT_NORM | Features::FLOAT32_BLENDABLE | Features::TIMESTAMP_QUERY;
         let most = adapter.limits();
@@ -90,9 +90,8 @@ impl Gpu {
         }
     }
 
-    /// Takes an application's device, which the application goes on using. The device's handlers for errors and for its
-    /// loss stay the application's. Errors of the renderer's calls are returned by those calls, and a lost device is
-    /// not made anew.
+    /// Wraps an application's device, which remains in the application's use, with its handlers for errors and loss.
+    /// The renderer's calls return their own errors, and a lost device is not recreated.
     ///
     /// # Errors
     /// If the device has lower limits than the renderer's shaders need: see [`Gpu::required`].
@@ -113,11 +112,10 @@ impl Gpu {
         Ok(Self::of(device, queue, report, true, u64::MAX))
     }
 
-    /// Opens a device of the best adapter that may be used. Allocations of more than `refuse_above_bytes` are refused,
-    /// for tests.
+    /// Opens a device on the best permitted adapter. Allocations above `refuse_above_bytes` are refused, for tests.
     ///
     /// # Errors
-    /// If there is no such adapter, or it gives no device.
+    /// If there is no such adapter, or it provides no device.
     pub(crate) fn open(preference: GpuPreference, refuse_above_bytes: u64) -> Result<Self, GpuError> {
         let adapter = adapter::best(preference)?;
         let wanted = Self::required(&adapter);
@@ -152,15 +150,15 @@ impl Gpu {
         &self.report
     }
 
-    /// Returns the longest time that a call has waited for the device since this method was last called.
+    /// Returns the longest wait for the device in one call since the last query.
     pub fn take_longest_wait(&self) -> Duration {
         Duration::from_micros(self.longest_wait_us.swap(0, Ordering::Relaxed))
     }
 
-    /// Returns the error that has come up since the last check, if any. A lost device is an error at every check.
+    /// Returns the error since the last check, if any. A lost device is an error at every check.
     pub(crate) fn check(&self) -> Result<(), GpuError> {
         if matches!(*self.fault.lock(), Some(GpuError::Refused(_))) {
-            // A lost device refuses all kinds of things before it says why. Its answer is asked for here, and kept.
+            // A lost device refuses various things before reporting its loss. Its report is fetched here and kept.
             let all = wgpu::PollType::Wait { submission_index: None, timeout: Some(LAST_WORDS) };
             let _ = self.poll(all);
         }
@@ -190,12 +188,12 @@ impl Gpu {
         }
     }
 
-    /// Makes something that takes no memory to speak of, such as a pipeline, on any thread. Errors of the device
-    /// meanwhile are returned here, and do not reach any handler.
+    /// Creates something of negligible memory, such as a pipeline, on any thread. Device errors meanwhile are returned
+    /// and reach no handler.
     pub(crate) fn guarded<T>(&self, make: impl FnOnce() -> T) -> Result<T, GpuError> {
         let filters = [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::OutOfMemory];
         let scopes = filters.map(|filter| self.device.push_error_scope(filter));
-        // A thread that ends here would leave those who wait for it without a word.
+        // If this thread died, others would wait for it in vain.
         let made = catch_unwind(AssertUnwindSafe(make)).map_err(|_| "the driver gave it up".to_string());
         let errors: Vec<_> = scopes.into_iter().rev().filter_map(|scope| pollster::block_on(scope.pop())).collect();
         match errors.first() {
@@ -204,8 +202,7 @@ impl Gpu {
         }
     }
 
-    /// Makes calls on the device. If it is an application's, errors of the device meanwhile are returned here, and do
-    /// not reach the application's handler.
+    /// Runs calls on the device. Errors meanwhile are returned and do not reach an application's handler.
     pub(crate) fn scoped<T>(&self, calls: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
         if !self.is_lent {
             return calls();
@@ -213,8 +210,7 @@ impl Gpu {
         self.guarded(calls)?
     }
 
-    /// Returns the loss of the device if that is the reason of an error that [`Gpu::guarded`] returned, else the error
-    /// itself.
+    /// Returns the loss of the device if it caused this error of [`Gpu::guarded`], else the error itself.
     pub(crate) fn reason(&self, error: GpuError) -> GpuError {
         self.fault.set(error.clone());
         self.check().err().unwrap_or(error)
@@ -228,7 +224,7 @@ impl Gpu {
         self.wait_for(Some(submission))
     }
 
-    /// Waits until everything that was submitted is done, and its resources are freed.
+    /// Waits until all submitted work is done and its resources are freed.
     pub(crate) fn wait_for_all(&self) -> Result<(), GpuError> {
         self.wait_for(None)
     }
@@ -240,23 +236,22 @@ impl Gpu {
         self.check()
     }
 
-    /// Polls the device, without waiting, so that it reports what is done.
+    /// Polls the device for completed work, without waiting.
     pub(crate) fn look(&self) -> Result<(), GpuError> {
         self.poll(wgpu::PollType::Poll)?;
         self.check()
     }
 
-    /// Returns the loss of the device, of which `sign` is an indication. The message is the device's own if it has
-    /// reported its loss; an application's device reports it to the application alone.
+    /// Returns the loss of the device, indicated by `sign`. The message is the device's own if reported; an
+    /// application's device reports only to the application.
     pub(crate) fn lost(&self, sign: &dyn std::fmt::Display) -> GpuError {
         self.reason(GpuError::DeviceLost(sign.to_string()))
     }
 
-    /// Lets the device report what is done, and its loss.
     fn poll(&self, poll: wgpu::PollType) -> Result<(), GpuError> {
-        // wgpu 30 panics, with none of its locks held, where the driver's answer to a wait is that the device is gone.
+        // wgpu 30 panics, holding none of its locks, if the driver answers a wait with the loss of the device.
         let lost = match catch_unwind(AssertUnwindSafe(|| self.device.poll(poll))) {
-            // A device that is still at work is not lost.
+            // A busy device is not lost.
             Ok(Ok(_) | Err(wgpu::PollError::Timeout)) => return Ok(()),
             Ok(Err(error)) => error.to_string(),
             Err(_) => "the driver gave it up".to_string(),
@@ -266,7 +261,7 @@ impl Gpu {
         Err(lost)
     }
 
-    /// Destroys the device, which frees what it holds. Queued work is finished first; from then on the device is lost.
+    /// Destroys the device, freeing its memory. Queued work is finished first; from then on the device is lost.
     pub(crate) fn destroy(&self) {
         self.device.destroy();
         let all = wgpu::PollType::Wait { submission_index: None, timeout: Some(LAST_WORDS) };

@@ -1,7 +1,7 @@
-//! A layer of a renderer: its pool of slots, its transfer table, and its parts of the buffers that all layers share.
+//! A layer of a renderer: its pool of slots, its transfer table, and its parts of the shared buffers.
 //!
-//! In its parts everything counts from the part's beginning, so that a layer's bind group shows the shaders of one layer what they know;
-//! the shaders of several add where the parts begin.
+//! Indices within a part count from the part's beginning, as the shaders for one layer expect; the shaders for several
+//! layers add the parts' offsets.
 
 use crate::buffer_parts::{Part, Parts};
 use crate::buffers::{RayBuffers, SharedBuffers};
@@ -16,14 +16,13 @@ use brickyard_volume::{Blend, OpaqueCodes, SlotEncoding, SlotFormat, TransferTab
 use std::sync::Arc;
 use wgpu::TextureFormat;
 
-/// A layer of a renderer: its needs, its pool and its parts of the shared buffers.
 #[derive(Debug)]
 pub(crate) struct GpuLayer {
     pub(crate) needs: VolumeNeeds,
-    /// Index of the pool that the layer's bricks are in.
+    /// Index of the layer's pool.
     pub(crate) pool: usize,
     pub(crate) parts: Parts,
-    /// What its part of the table buffer holds, the unit of its integrals, and its codes with opacity.
+    /// Contents of the table part, the unit of its integrals, and the codes with opacity.
     table: Option<(Arc<TransferTable>, Places)>,
     sum_unit: f32,
     pub(crate) opaque: OpaqueCodes,
@@ -35,7 +34,6 @@ impl GpuLayer {
         Self { needs, pool, parts, table: None, sum_unit: 0.0, opaque }
     }
 
-    /// Checks that a frame fits what this layer was made for.
     pub(crate) fn check(&self, framed: &Framed<'_>) -> Result<(), GpuError> {
         let (frame, needs) = (framed.settings, &self.needs);
         if frame.encoding.of_slots() != needs.encoding.of_slots() || framed.pyramid.edge() != needs.edge {
@@ -59,7 +57,7 @@ impl GpuLayer {
         Ok(())
     }
 
-    /// Sends a frame's transfer table to the GPU, unless it is there already.
+    /// Sends a frame's transfer table to the GPU unless it is already there.
     pub(crate) fn set_table(
         &mut self,
         gpu: &Gpu,
@@ -86,19 +84,18 @@ impl GpuLayer {
         TableCapacity::new(self.needs.encoding.format, &self.needs.bricks)
     }
 
-    /// Makes the uniform of a frame of this layer, whose bricks are in `pool`.
     pub(crate) fn uniform(&self, framed: &Framed<'_>, pool: &Pool, composite: TextureFormat) -> FrameUniform {
         let room = self.room();
         let (mask_at, grid_at) = (room.mask_at(), room.grid_at());
         let counts_per_code = self.opaque.places_per_code().into();
         let table = TableInUse { sum_unit: self.sum_unit, counts_per_code, mask_at, grid_at };
-        // Sums of half floats have to stay finite.
+        // Sums of half floats must stay finite.
         let most_depth = if composite == TextureFormat::Rgba32Float { 1e30 } else { 1024.0 };
         frame_uniform(framed, (&pool.atlas, pool.apron()), table, most_depth)
     }
 
-    /// Describes this layer in a frame for a shader of several layers, with or without an expression over them. `ranges` is the part with the
-    /// macro-cells of the layer's pool.
+    /// Describes this layer for a shader of several layers, with or without an expression over them. `ranges` is the
+    /// part with the pool's macro-cells.
     pub(crate) fn shader(&self, framed: &Framed<'_>, ranges: Part, has_expression: bool) -> LayerShader {
         let Parts { table, counts, .. } = self.parts;
         LayerShader {
@@ -121,7 +118,7 @@ impl GpuLayer {
     }
 }
 
-/// Returns the bits, as f32, of the value of the transfer table's first entry and of the difference from it to the value of the last.
+/// Returns the value of the transfer table's first entry, and the difference from it to the last entry's, as f32 bits.
 pub(crate) fn value_bits(encoding: &SlotEncoding) -> [u32; 2] {
     let [low, high] = encoding.table_values();
     [low, high - low].map(|value| (value as f32).to_bits())

@@ -1,4 +1,4 @@
-//! Layouts of what is bound: one for each kind of pass, shared by all pipelines of that kind.
+//! Bind group layouts: one for each kind of pass, shared by all its pipelines.
 
 use crate::compositor::Compositor;
 use crate::gpu::Gpu;
@@ -6,20 +6,18 @@ use crate::pool::Pool;
 use brickyard_shaders::bindings;
 use wgpu::{BindingType, ShaderStages, TextureViewDimension};
 
-/// The bind group layouts that all variants share.
 #[derive(Clone, Debug)]
 pub(crate) struct Layouts {
-    /// Whether each pool that a march through all layers sees holds 32-bit floats, and whether it sees stored gradients.
+    /// Whether each pool in a march through all layers holds 32-bit floats, and whether stored gradients are bound.
     pub(crate) of: (Vec<bool>, bool),
-    /// The layouts of marches through one layer: of codes, and of 32-bit floats.
+    /// The layouts of marches through one layer, of codes and of 32-bit floats.
     march: [wgpu::BindGroupLayout; 2],
-    /// The layout of a march through all layers.
     pub(crate) joint: wgpu::BindGroupLayout,
     pub(crate) resolve: wgpu::BindGroupLayout,
     pub(crate) joined: wgpu::BindGroupLayout,
 }
 
-/// The bind group layouts that meshes add to those of marches and of resolve passes.
+/// The layouts added by meshes to those of marches and of resolve passes.
 #[derive(Clone, Debug)]
 pub(crate) struct MeshLayouts {
     pub(crate) limits: wgpu::BindGroupLayout,
@@ -30,7 +28,7 @@ fn buffer(ty: wgpu::BufferBindingType) -> BindingType {
     BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None }
 }
 
-/// The binding type of a storage buffer that shaders only read.
+/// The binding type of a read-only storage buffer.
 pub(crate) fn storage() -> BindingType {
     buffer(wgpu::BufferBindingType::Storage { read_only: true })
 }
@@ -40,7 +38,7 @@ pub(crate) fn texture(view_dimension: TextureViewDimension, filterable: bool) ->
     BindingType::Texture { sample_type, view_dimension, multisampled: false }
 }
 
-/// The binding type of a 2D texture of another sample type than colours, such as depth.
+/// The binding type of a 2D texture with another sample type than colour, such as depth.
 pub(crate) fn texture_of(sample_type: wgpu::TextureSampleType) -> BindingType {
     BindingType::Texture { sample_type, view_dimension: TextureViewDimension::D2, multisampled: false }
 }
@@ -62,7 +60,6 @@ pub(crate) fn bind_group_layout(
 }
 
 impl Layouts {
-    /// Makes the layouts for layers in these pools, with or without stored gradients.
     pub(crate) fn new(gpu: &Gpu, compositor: Compositor, pools: &[Pool], has_gradients: bool) -> Self {
         let are_floats: Vec<bool> = pools.iter().map(Pool::is_float).collect();
         let fragment = ShaderStages::FRAGMENT;
@@ -79,13 +76,12 @@ impl Layouts {
         }
     }
 
-    /// The layout of a march through one layer, of 32-bit floats or of codes.
     pub(crate) fn march(&self, is_float: bool) -> &wgpu::BindGroupLayout {
         &self.march[is_float as usize]
     }
 }
 
-/// The layout of a march through layers in pools, each of which holds 32-bit floats or codes. Only codes are filtered by the hardware.
+/// The layout of a march through layers in pools of 32-bit floats or codes. The hardware filters codes only.
 fn march_layout(gpu: &Gpu, compositor: Compositor, are_floats: &[bool], has_gradients: bool) -> wgpu::BindGroupLayout {
     let stage = match compositor {
         Compositor::Sorted | Compositor::Raycast => ShaderStages::FRAGMENT,

@@ -1,9 +1,9 @@
-//! The octree over a draw list: what a ray asks which brick stands for a point, or how far nothing does.
+//! The octree over a draw list, in which a ray looks up a point's brick or the extent of empty space around it.
 //!
-//! A page table of all bricks would grow with the volume; this grows with the cut. It holds one word per node in groups of
-//! eight children, 32 bytes for each node that is split, and is built anew for every frame: about 50 ns per cell and level.
-//! In projections, cells whose brick can show nothing are left out here, by the range of codes of the whole brick. In direct
-//! volume rendering they stay in, so that rays can say that they came by.
+//! A page table of all bricks would grow with the volume; this grows with the cut. It holds one word per node in groups
+//! of eight children, 32 bytes for each split node, and is rebuilt for every frame: about 50 ns per cell and level. In
+//! projections, bricks with an invisible code range get no leaf. In direct volume rendering they keep theirs, so that
+//! rays can mark them as reached.
 
 use crate::atlas::{AtlasPlan, texel_placement};
 use brickyard_pager::{DrawCell, DrawList, Slot};
@@ -13,18 +13,17 @@ use brickyard_volume::{Mode, OpaqueCodes, Pyramid};
 /// Children of a node, whether it halves three axes or fewer.
 pub(crate) const GROUP: usize = 8;
 
-/// What decides whether a brick gets a leaf, and whether its macro-cells are asked.
+/// Criteria for a brick's leaf and for the use of its macro-cells.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Visibility<'a> {
     pub(crate) mode: Mode,
     pub(crate) has_invalid: bool,
     pub(crate) opaque: &'a OpaqueCodes,
-    /// Whether macro-cells are to be skipped.
     pub(crate) skips_empty: bool,
 }
 
 impl Visibility<'_> {
-    /// Whether the brick is worth a leaf.
+    /// Whether the brick deserves a leaf.
     fn any(&self, [low, high]: [u16; 2]) -> bool {
         match self.mode {
             Mode::Dvr | Mode::Isosurface => true,
@@ -35,7 +34,7 @@ impl Visibility<'_> {
     /// Whether no macro-cell of a brick with these codes is worth skipping.
     fn all(&self, range: [u16; 2]) -> bool {
         match self.mode {
-            // A surface's rays ask every macro-cell.
+            // Isosurface rays check every macro-cell.
             Mode::Isosurface => false,
             _ if !self.skips_empty => true,
             Mode::Dvr => self.opaque.all(range),
@@ -45,18 +44,17 @@ impl Visibility<'_> {
     }
 }
 
-/// Where bricks lie in the atlas and in the buffer of macro-cells.
+/// Locations of bricks in the atlas and in the buffer of macro-cells.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Slots<'a> {
     pub(crate) atlas: &'a AtlasPlan,
     pub(crate) apron: u32,
-    /// Number of macro-cells of a brick.
     pub(crate) macro_cells: u32,
-    /// The range of codes of each slot's brick.
+    /// The code range of each slot's brick.
     pub(crate) ranges: &'a [[u16; 2]],
 }
 
-/// The octree over a draw list: its nodes, the root first, and the bricks that its leaves name.
+/// The octree over a draw list: its nodes, root first, and the bricks of its leaves.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Tree {
     pub(crate) nodes: Vec<u32>,
@@ -68,14 +66,14 @@ impl Tree {
         let splits = splits(pyramid);
         let mut tree = Self { nodes: vec![LEAF; GROUP], bricks: Vec::with_capacity(draw.cells.len()) };
         let range = |entry: &DrawCell| slots.ranges[entry.slot.0 as usize];
-        // Front to back, so that bricks that rays meet one after the other are neighbours in memory.
+        // Front to back, so that bricks met in succession by rays are neighbours in memory.
         for entries in draw.cells.chunk_by(|a, b| a.cell == b.cell).rev() {
             if entries.iter().any(|entry| visibility.any(range(entry))) {
                 let cell = entries[0].cell;
                 let depth = splits.len() - cell.level.index();
                 let leaf = tree.leaf(&splits[..depth], cell.index.to_array());
                 tree.nodes[leaf] = LEAF | (tree.bricks.len() + 1) as u32;
-                // Where one fades in, it is the first, and what it takes the place of follows.
+                // While a brick fades in, it comes first, followed by the one it replaces.
                 let bricks = entries.iter().rev().map(|e| ray_brick(e, pyramid, slots, visibility.all(range(e))));
                 tree.bricks.extend(bricks);
             }
@@ -83,7 +81,7 @@ impl Tree {
         tree
     }
 
-    /// The node of the cell with this index at the end of these splits; makes what is missing on the way.
+    /// The node of the cell with this index after these splits; creates missing nodes on the way.
     fn leaf(&mut self, splits: &[[bool; 3]], index: [u32; 3]) -> usize {
         let mut left: [u32; 3] = std::array::from_fn(|a| splits.iter().filter(|halves| halves[a]).count() as u32);
         let mut at = 0;
@@ -105,8 +103,8 @@ impl Tree {
     }
 }
 
-/// Returns which axes each level of the octree halves, from the root down to level 0. A pyramid whose coarsest level
-/// has several bricks gets further octree levels above it.
+/// Returns which axes each level of the octree halves, from the root down to level 0. A pyramid with several bricks in
+/// its coarsest level gets further octree levels above it.
 pub(crate) fn splits(pyramid: &Pyramid) -> Vec<[bool; 3]> {
     let levels = pyramid.levels();
     let grid = levels[levels.len() - 1].bricks.to_array();
@@ -174,7 +172,7 @@ mod tests {
         (low, size, word & !LEAF)
     }
 
-    /// All cells of a level, but for some that are split once more and some that are not there.
+    /// All cells of a level, except for some split once more and some left out.
     fn list(pyramid: &Pyramid, level: Level) -> DrawList {
         let grid = pyramid.level(level).bricks;
         let mut cells = Vec::new();
@@ -199,7 +197,7 @@ mod tests {
     fn every_voxel_finds_its_cell_and_no_other() {
         let own = Pyramid::new(Extent::new(83, 61, 30), [1.0, 1.0, 2.0], 8);
         let levels: Vec<_> = own.levels()[..3].iter().map(|l| (l.extent, l.factor)).collect();
-        // The second one's coarsest level has several bricks.
+        // The coarsest level of the second pyramid has several bricks.
         for (pyramid, level) in [(own, Level(2)), (Pyramid::from_levels(&levels, 8), Level(2))] {
             let list = list(&pyramid, level);
             let ranges = vec![[1, 9]; list.cells.len()];
@@ -291,7 +289,7 @@ mod tests {
             let region = pyramid.brick_box_voxel(cell.level, cell.index);
             DrawCell { cell, region, pixels: PixelShare { from, to }, brick, slot: Slot(slot), rank: slot }
         };
-        // Far away the one fades in, nearer the other is whole.
+        // Far away the one fades in; nearer, the other is whole.
         let list = DrawList { cells: vec![entry(1, 1, 0, 20, 64), entry(1, 0, 1, 0, 20), entry(0, 0, 2, 0, 64)] };
         let atlas = AtlasPlan::new(10, 1000, 1 << 30, 2048, 3).unwrap();
         let opaque = table(|_| 1.0);

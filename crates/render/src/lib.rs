@@ -1,14 +1,16 @@
-//! The wgpu renderer: pools of brick slots for layers, uploads into them, the `sorted` and `raycast` compositors, and the picture read back.
-//! Headless.
+//! The wgpu renderer: pools of brick slots for layers, uploads into them, the `sorted` and `raycast` compositors, and
+//! picture read-back. Headless.
 //!
 //! ```text
 //! codes -> upload -> atlas --.
 //! draw list, settings --------> march -> resolve -> read-back -> Picture
 //! ```
-//! The march is instanced boxes, back to front (`sorted`), or a ray per pixel, front to back (`raycast`): same samples, same
-//! picture. Where there are meshes, march and resolve go through the picture slab by slab: see `meshes`. What of several layers is
-//! gathered one by one, and what together, is said in `gather_plan`.
-//! Pipelines can be made ahead by a thread (`pipeline_cache`). All else of one [`GpuRenderer`] is done on one thread: wgpu 30 can deadlock when one thread writes a texture while another submits.
+//! The march is instanced boxes, back to front (`sorted`), or a ray per pixel, front to back (`raycast`): same samples,
+//! same picture. With meshes, march and resolve go through the picture slab by slab: see `meshes`. `gather_plan`
+//! decides which layers are gathered one by one and which together.
+//!
+//! A thread can compile pipelines ahead (`pipeline_cache`). All other work of a [`GpuRenderer`] runs on one thread:
+//! wgpu 30 can deadlock when one thread writes a texture while another submits.
 
 mod adapter;
 mod answers;

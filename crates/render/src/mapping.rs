@@ -1,11 +1,10 @@
-//! A buffer on its way to the CPU: mapped when the submissions before are done, read once, and used again.
+//! A buffer on its way to the CPU: mapped after the submissions before it, read once, and reused.
 
 use crate::error::GpuError;
 use crate::gpu::Gpu;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use wgpu::{BufferAsyncError, MapMode};
 
-/// A buffer that is being mapped.
 #[derive(Debug)]
 pub(crate) struct Mapping {
     buffer: wgpu::Buffer,
@@ -14,11 +13,11 @@ pub(crate) struct Mapping {
 }
 
 impl Mapping {
-    /// Begins to map a buffer that the last submission has written.
+    /// Begins to map a buffer written by the last submission.
     pub(crate) fn begin(buffer: wgpu::Buffer) -> Self {
         let (send, mapped) = channel();
         buffer.map_async(MapMode::Read, .., move |result| {
-            // If nobody waits for the answer any more, the receiver is gone.
+            // The receiver is gone if nobody waits for the answer any more.
             let _ = send.send(result);
         });
         Self { buffer, mapped, is_there: false }
@@ -27,7 +26,7 @@ impl Mapping {
     /// Whether the buffer is mapped. Does not poll the device.
     ///
     /// # Errors
-    /// If the device is lost, so that the buffer will never be mapped.
+    /// If the device is lost, and the buffer will never be mapped.
     pub(crate) fn is_there(&mut self, gpu: &Gpu) -> Result<bool, GpuError> {
         if !self.is_there {
             match self.mapped.try_recv() {
@@ -40,7 +39,7 @@ impl Mapping {
         Ok(self.is_there)
     }
 
-    /// Reads a mapped buffer with `read`, and returns the result and the buffer, unmapped.
+    /// Reads a mapped buffer, and returns the result and the unmapped buffer.
     ///
     /// # Errors
     /// If the buffer is not mapped yet, or the device is lost.

@@ -1,4 +1,4 @@
-//! What all compositors share: the bindings of every march, and the pass that it draws into.
+//! The parts common to all compositors: the bindings of every march, and the passes that it submits.
 
 use crate::buffer_parts::{Part, Parts};
 use crate::buffers::{SharedBuffers, entry};
@@ -14,8 +14,8 @@ use std::ops::Range;
 use wgpu::BindingResource;
 
 impl SharedBuffers {
-    /// Makes the bind group of a march through layers of some pools. `own` are the entries for frames, tables and the
-    /// compositor; the pools' textures are added.
+    /// Creates the bind group of a march through layers of some pools. `own` holds the entries for frames, tables and
+    /// the compositor; the pools' textures are added.
     pub(crate) fn bindings(
         &self,
         gpu: &Gpu,
@@ -35,7 +35,6 @@ impl SharedBuffers {
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("march"), layout, entries: &entries })
     }
 
-    /// Makes the bind group of the pass that resolves what has been gathered of a layer to colours.
     pub(crate) fn resolve_bindings(
         &self,
         gpu: &Gpu,
@@ -54,7 +53,6 @@ impl SharedBuffers {
         })
     }
 
-    /// Makes the bind group of the pass that resolves joined projections to colours.
     pub(crate) fn joined_bindings(
         &self,
         gpu: &Gpu,
@@ -73,7 +71,7 @@ impl SharedBuffers {
         })
     }
 
-    /// Queues the last pass of a picture, which makes its display colours.
+    /// Queues the last pass of a picture, which produces its display colours.
     pub(crate) fn resolve(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -88,7 +86,7 @@ impl SharedBuffers {
         }));
     }
 
-    /// Queues the copy of the picture's timestamps, if there are any, to a buffer.
+    /// Queues the copy of the picture's timestamps, if any, to a buffer.
     pub(crate) fn take_timestamps(&self, encoder: &mut wgpu::CommandEncoder, to: &wgpu::Buffer) {
         if let Some((queries, ticks)) = &self.timestamps {
             encoder.resolve_query_set(queries, 0..2, ticks, 0);
@@ -110,7 +108,7 @@ impl SharedBuffers {
     }
 }
 
-/// Draws one triangle that covers the whole picture.
+/// Draws one triangle over the whole picture.
 pub(crate) fn draw_over_all(
     pass: &mut wgpu::RenderPass<'_>,
     pipeline: &wgpu::RenderPipeline,
@@ -121,7 +119,6 @@ pub(crate) fn draw_over_all(
     pass.draw(0..3, 0..1);
 }
 
-/// How an atlas is sampled.
 fn sampler(gpu: &Gpu) -> wgpu::Sampler {
     gpu.device.create_sampler(&wgpu::SamplerDescriptor {
         label: Some("atlas"),
@@ -131,32 +128,29 @@ fn sampler(gpu: &Gpu) -> wgpu::Sampler {
     })
 }
 
-/// Pixels whose rays are cast per submission: a slow GPU then takes well under a second, and no watchdog sees a hang.
+/// Pixels per submission of rays: even a slow GPU then takes well under a second, and no watchdog sees a hang.
 const PIXELS_PER_SUBMISSION: u32 = 1 << 18;
 
-/// Rows of a picture that are drawn together.
 pub(crate) struct Band {
     pub(crate) top: u32,
     pub(crate) rows: u32,
-    /// Whether the march begins with them.
+    /// Whether the march begins with these rows.
     pub(crate) is_first: bool,
 }
 
-/// What a frame's march draws into, and which part of the picture it draws.
 pub(crate) struct Gathering<'a> {
     pub(crate) shared: &'a SharedBuffers,
     pub(crate) target: &'a wgpu::TextureView,
     pub(crate) size_px: (u32, u32),
-    /// The rows of the picture that are drawn.
     pub(crate) rows: Range<u32>,
     /// The bind group that limits the march to a slab between meshes; `None` without meshes.
     pub(crate) limits: Option<&'a wgpu::BindGroup>,
-    /// Whether this is the first march of the picture, at which its time on the GPU begins.
+    /// Whether this is the picture's first march, where its GPU time begins.
     pub(crate) is_begin: bool,
-    /// The part of the frames' buffer that the march uses: the layer's frame, or the first of all layers.
+    /// The march's part of the frames' buffer: the layer's frame, or the first of all layers.
     pub(crate) frame: Part,
     pub(crate) pace: &'a Pace,
-    /// The most reads of a texture that a ray takes.
+    /// Upper bound of a ray's texture reads.
     pub(crate) reads: f64,
 }
 
@@ -188,8 +182,8 @@ impl Gathering<'_> {
         }
     }
 
-    /// Submits all of the rows, at most `most` of them at a time, and a multiple of `unit`. What is not drawn at once is begun in its middle,
-    /// where rays are long: the pace that these take is enough for others.
+    /// Submits all rows, in bands of at most `most` and a multiple of `unit`. Unless one submission suffices, begins in
+    /// the middle, where rays are long: their pace is safe for all others.
     ///
     /// # Errors
     /// If the picture is given up, or the device fails.
@@ -207,7 +201,7 @@ impl Gathering<'_> {
             let is_below = below < end;
             let rows = (self.pace.pixels(self.reads) / width).min(most) / unit;
             let rows = (rows.max(1) * unit).min(if is_below { end - below } else { above - start });
-            // Rows further down go on with a picture that is begun.
+            // Rows further down continue a picture already begun.
             let is_first = start == 0 && (above, below) == (middle, middle);
             let top = if is_below { below } else { above - rows };
             self.pace.submitted(gpu, submit(Band { top, rows, is_first }), rows * width)?;
@@ -216,7 +210,6 @@ impl Gathering<'_> {
         Ok(())
     }
 
-    /// One submission of a compute shader, for some rows from the first on.
     fn dispatch(
         &self,
         gpu: &Gpu,
@@ -253,7 +246,7 @@ impl Gathering<'_> {
         gpu.queue.submit([encoder.finish()])
     }
 
-    /// Submits one pass of a fragment shader into the target. `is_first` clears the target before.
+    /// Submits one pass of a fragment shader into the target. `is_first` clears the target first.
     pub(crate) fn draw(
         &self,
         gpu: &Gpu,

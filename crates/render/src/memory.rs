@@ -1,5 +1,5 @@
-//! What the GPU budget pays for: the picture's targets, tables, staging and read-back come first; the rest goes
-//! to pools of slots, each slot with what the compositor keeps beside it.
+//! The GPU budget: the picture's targets, tables, staging and read-back come first; pools of slots get the rest, each
+//! slot with the compositor's data for it.
 
 use crate::adapter::GpuFormats;
 use crate::atlas::{AtlasPlan, slot_bytes};
@@ -11,115 +11,104 @@ use brickyard_shaders::{CellBrick, CellInstance, FrameUniform, MeshLook, MeshVer
 use brickyard_volume::{MeshCapacity, OpaqueCodes, SlotFormat};
 use wgpu::TextureFormat;
 
-/// Most bricks of cells, of all layers together, that `sorted` draws per submission. Longer draw lists take several
-/// submissions, so that no watchdog sees one as a hang.
+/// Most bricks of cells, of all layers, per submission of `sorted`. Longer draw lists take several, so that no watchdog
+/// sees a hang.
 pub(crate) const CELLS_PER_SUBMISSION: usize = 1024;
 /// Bytes of a picture's two timestamps.
 pub(crate) const TIMESTAMP_BYTES: u64 = 16;
-/// Most answers about pictures that may be under way at once: as many as the frames that a swap chain lets a program be
-/// ahead.
+/// Most answers about pictures in flight: as many as a swap chain lets a program be frames ahead.
 pub(crate) const ANSWERS: u64 = 3;
-/// Most layers of meshes that are peeled without waiting for what each has.
+/// Most layers of meshes peeled without waiting for their counts.
 pub(crate) const MOST_LAYERS: u32 = 64;
-/// Bytes of the counts of all mesh layers that are peeled without waiting.
 pub(crate) const COUNTS_BYTES: u64 = MOST_LAYERS as u64 * 8;
 /// Fewest slots for a layer: with fewer than two, a picture cannot be refined at all.
 pub(crate) const MIN_SLOTS: u32 = 2;
 
-/// How the GPU memory budget is spent.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MemoryPlan {
-    /// The plan of each pool.
     pub(crate) pools: Vec<PoolPlan>,
-    /// For each layer the index of its pool.
+    /// Index of each layer's pool.
     pub(crate) pool_of: Vec<usize>,
-    /// Bricks of a pool that are uploaded per submission.
+    /// Bricks of a pool per upload submission.
     pub(crate) batch: u64,
-    /// Number of upload batches that have staging memory at once.
+    /// Number of upload batches with staging memory at once.
     pub(crate) batches: u64,
-    /// Bytes of everything that does not depend on the number of slots.
+    /// Bytes independent of the number of slots.
     pub(crate) fixed_bytes: u64,
 }
 
-/// What a pool of slots gets of the GPU memory budget.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct PoolPlan {
     pub(crate) atlas: AtlasPlan,
-    /// Number of slots without which nothing can be drawn.
+    /// Least number of slots for drawing anything.
     pub(crate) least: u64,
-    /// What sizes the buffers for rays; `None` if the compositor casts none.
+    /// The sizes behind the buffers for rays; `None` if the compositor casts none.
     pub(crate) raycast: Option<RaycastPlan>,
-    /// Bytes that the compositor keeps beside each slot.
+    /// Bytes kept by the compositor beside each slot.
     pub(crate) beside_bytes: u64,
 }
 
-/// What sizes a pool's share of the buffers for rays.
+/// The sizes behind a pool's share of the buffers for rays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct RaycastPlan {
-    /// Voxels along a brick's core edge.
+    /// Voxels along a core's edge.
     pub(crate) edge: u32,
-    /// Number of octree levels of the layer that has the most.
+    /// Most octree levels of any layer.
     pub(crate) levels: u32,
-    /// Number of layers whose bricks are in the pool.
+    /// Number of layers with bricks in the pool.
     pub(crate) layers: u32,
-    /// Whether macro-cells are to be skipped.
     pub(crate) skips_empty: bool,
 }
 
 impl RaycastPlan {
-    /// Returns the bytes that a slot takes beside the atlas: macro-cells, the range of codes on the host, its share of
-    /// the octrees (twice, for staging), and its share of the marks (in answers and on the host too).
+    /// Returns the bytes per slot beside the atlas: macro-cells, the code range on the host, its share of the octrees
+    /// (twice, for staging), and its share of the marks (in answers and on the host too).
     pub(crate) fn bytes_per_slot(&self) -> u64 {
         self.list_bytes(1) - self.list_bytes(0) + self.ranges_bytes(1) + size_of::<[u16; 2]>() as u64
     }
 
-    /// Returns the bytes of all that grows with draw lists: octrees, their bricks and marks. With 0 slots these are the
-    /// octrees' roots.
+    /// Returns the bytes that grow with draw lists: octrees, their bricks and marks. 0 slots give the octrees' roots.
     pub(crate) fn list_bytes(&self, slots: u32) -> u64 {
         2 * (self.nodes_bytes(slots) + self.bricks_bytes(slots)) + (2 + ANSWERS) * self.marks_bytes(slots)
     }
 
-    /// Returns the most slots whose buffers fit bindings of `max_binding_bytes`.
+    /// Returns the most slots with buffers within `max_binding_bytes`.
     pub(crate) fn max_slots(&self, max_binding_bytes: u64) -> u64 {
         let each = self.ranges_bytes(1).max(self.bricks_bytes(1) - self.bricks_bytes(0));
         max_binding_bytes.saturating_sub(self.bricks_bytes(0)) / each
     }
 }
 
-/// Returns the bytes of a layer's counts of opaque table entries.
 pub(crate) fn opaque_bytes(codes: SlotFormat) -> u64 {
     OpaqueCodes::most(codes) as u64 * 4
 }
 
-/// What a plan is made for.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MemoryNeeds<'a> {
     pub(crate) formats: GpuFormats,
     pub(crate) layers: &'a [VolumeNeeds],
-    /// The most slots that each pool may have; empty unless the device has refused more.
+    /// The most slots for each pool; empty unless the device has refused more.
     pub(crate) most_slots: &'a [u32],
     pub(crate) budget_bytes: u64,
     pub(crate) max_size_px: (u32, u32),
     pub(crate) max_texture_3d: u32,
-    /// The largest buffer that a shader can see, bytes.
+    /// The largest buffer visible to a shader, bytes.
     pub(crate) max_binding_bytes: u64,
     /// Whether rays skip empty space; `None` if the compositor casts none.
     pub(crate) casts_rays: Option<bool>,
-    /// Whether there is room for the transfer table of an expression over layers.
+    /// Whether to reserve the transfer table of an expression over layers.
     pub(crate) has_expressions: bool,
-    /// Whether the left eye's picture is kept, as on an application's device.
+    /// Whether to reserve the left eye's picture, as on an application's device.
     pub(crate) has_two_eyes: bool,
-    /// Number of upload batches that have staging memory at once.
     pub(crate) batches: u64,
 }
 
-/// Bytes of one layer's parts of shared buffers that lie between it and the next: parts begin where any device can bind them.
+/// Alignment gaps in shared buffers per layer, bytes: parts begin where any device can bind them.
 const GAP_BYTES: u64 = 4 * PART_BYTES;
 
-/// Parts of shared buffers begin at multiples of this number of bytes.
+/// Alignment of the parts of shared buffers, bytes.
 pub(crate) const PART_BYTES: u64 = 256;
 
-/// What a pool asks of a plan.
 struct Ask {
     slot_edge: u32,
     slot_bytes: u64,
@@ -144,8 +133,8 @@ pub(crate) fn target_bytes(format: TextureFormat) -> u64 {
     }
 }
 
-/// Returns the bytes of a picture's targets, read-back buffer and answers. `is_joined` adds the two sums in which
-/// projections of several layers are joined.
+/// Returns the bytes of a picture's targets, read-back buffer and answers. `is_joined` adds the two sums of joined
+/// projections.
 pub(crate) fn picture_bytes(formats: &GpuFormats, (width_px, height_px): (u32, u32), is_joined: bool) -> u64 {
     let pixels = width_px as u64 * height_px as u64;
     let gather = target_bytes(formats.composite).max(target_bytes(formats.project));
@@ -159,19 +148,19 @@ pub(crate) fn picture_bytes(formats: &GpuFormats, (width_px, height_px): (u32, u
 /// Format of the colours of a layer of meshes, finer than a picture's.
 pub(crate) const COLOR_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
-/// Format of the numbers that say which triangle a pixel of a layer of meshes shows.
+/// Format of the triangle number in each pixel of a layer of meshes.
 pub(crate) const NUMBER_FORMAT: TextureFormat = TextureFormat::R32Uint;
 
-/// Returns the bytes of the meshes on the GPU: vertices, triangles, and the meshes' looks.
+/// Returns the bytes of the meshes on the GPU: vertices, triangles, and looks.
 pub(crate) fn geometry_bytes(room: MeshCapacity) -> [u64; 3] {
     let each = [size_of::<MeshVertex>(), 3 * size_of::<u32>(), size_of::<MeshLook>()];
     let counts = [room.vertices, room.triangles, room.meshes];
     std::array::from_fn(|i| each[i] as u64 * counts[i] as u64)
 }
 
-/// Returns the bytes that meshes take in all: vertices and triangles on the GPU and in staging, the counts of layers,
-/// and for each pixel two distances, two numbers, a layer's colour and the colour in front. 0 without meshes. `front`
-/// is the format of the colour in front.
+/// Returns the total bytes of meshes: vertices, triangles and looks on the GPU and in staging, the counts of layers,
+/// and per pixel two distances, two numbers, a layer's colour and the colour in front, of format `front`. 0 without
+/// meshes.
 pub(crate) fn mesh_bytes(room: MeshCapacity, pixels: u64, front: TextureFormat) -> u64 {
     if room.is_none() {
         return 0;
@@ -180,13 +169,13 @@ pub(crate) fn mesh_bytes(room: MeshCapacity, pixels: u64, front: TextureFormat) 
     2 * geometry_bytes(room).iter().sum::<u64>() + 2 * COUNTS_BYTES + pixels * per_pixel
 }
 
-/// Returns the bytes of the largest buffer of meshes that a shader has to see.
+/// Returns the bytes of the largest mesh buffer visible to shaders.
 pub(crate) fn largest_mesh_bytes(room: MeshCapacity) -> u64 {
     geometry_bytes(room).into_iter().max().unwrap_or(0)
 }
 
 impl MemoryNeeds<'_> {
-    /// Returns what one of `pools` pools asks for, which has these layers and at most `most_slots` slots.
+    /// Returns the requirements of one of `pools` pools, with these layers and at most `most_slots` slots.
     fn ask(&self, layers: &[&VolumeNeeds], most_slots: u32, pools: usize) -> Ask {
         // All of them have such bricks.
         let VolumeNeeds { encoding, edge, bricks, .. } = *layers[0];
@@ -196,7 +185,7 @@ impl MemoryNeeds<'_> {
         let raycast =
             self.casts_rays.map(|skips_empty| RaycastPlan { edge, levels, layers: layers.len() as u32, skips_empty });
         let bindable = raycast.map_or(u64::MAX, |plan| plan.max_slots(self.max_binding_bytes / pools as u64));
-        // One layer can be drawn in passes, with as few slots as there are.
+        // A single layer can be drawn in passes, with any number of slots.
         let is_alone = self.layers.len() == 1;
         let least = |layer: &VolumeNeeds| {
             let least = if is_alone { MIN_SLOTS } else { layer.least_slots.max(MIN_SLOTS) };
@@ -214,14 +203,15 @@ impl MemoryNeeds<'_> {
         }
     }
 
-    /// What a layer needs whatever slots there are: tables, counts of opaque entries on the GPU, on the host and in staging, its frame.
+    /// A layer's bytes independent of slots: tables, counts of opaque entries on the GPU, on the host and in staging,
+    /// its frame.
     fn layer_bytes(&self, layer: &VolumeNeeds) -> u64 {
         let codes = layer.encoding.format;
         let counts = if self.casts_rays.is_some() { 3 * opaque_bytes(codes) } else { 0 };
         TableCapacity::new(codes, &layer.bricks).bytes_staged() + counts + GAP_BYTES + size_of::<FrameUniform>() as u64
     }
 
-    /// Everything that depends neither on slots nor on batches.
+    /// All bytes independent of slots and batches.
     fn small_bytes(&self, asks: &[Ask]) -> Result<u64, GpuError> {
         let (width_px, height_px) = self.max_size_px;
         let room = self.layers[0].bricks.meshes;
@@ -287,13 +277,13 @@ impl MemoryPlan {
         Ok(Self { pools, pool_of, batch, batches, fixed_bytes })
     }
 
-    /// Returns the bytes of everything that the renderer may hold at once.
+    /// Returns the most bytes the renderer may hold at once.
     pub(crate) fn bytes(&self) -> u64 {
         let of = |plan: &PoolPlan| plan.atlas.bytes + plan.atlas.slots() as u64 * plan.beside_bytes;
         self.fixed_bytes + self.pools.iter().map(of).sum::<u64>()
     }
 
-    /// Returns the bytes of the octrees of all pools, of the bricks of their leaves, and of the marks of those.
+    /// Returns the bytes of all pools' octrees, of the bricks in their leaves, and of the marks.
     pub(crate) fn list_bytes(&self) -> [u64; 3] {
         let mut sums = [0; 3];
         for PoolPlan { atlas, raycast, .. } in &self.pools {
@@ -355,7 +345,6 @@ mod tests {
         }
     }
 
-    /// For either compositor.
     fn both(needs: MemoryNeeds<'_>) -> [MemoryNeeds<'_>; 2] {
         let needs = MemoryNeeds { has_expressions: needs.layers.len() > 1, ..needs };
         [needs, MemoryNeeds { casts_rays: Some(true), ..needs }]

@@ -1,13 +1,14 @@
-//! Meshes on the GPU: the picture is drawn slab by slab, from the eye, between layers of triangles that are peeled off one by one.
+//! Meshes on the GPU: the picture is drawn slab by slab, from the eye, between layers of triangles peeled off one by
+//! one.
 //!
-//! A layer is found by rasterising all triangles, of which those that are not behind the layer before are discarded and the nearest
-//! of the others wins the depth test. Then the compositor gathers the volume in between, and slab and layer are blended behind what
-//! is in front of them. Where all meshes are opaque the first layer is the last one; else a query counts what a layer has, and the
-//! one that has nothing ends the picture: one pass over the triangles, and one answer waited for, per layer of the most. A picture that
-//! nobody waits for has as many layers as the last ones had, by what was answered about them; one that had more is drawn again.
+//! To find a layer, all triangles are rasterised: those not behind the previous layer are discarded, and the nearest of
+//! the others wins the depth test. Then the compositor gathers the volume in between, and slab and layer are blended
+//! behind the picture in front of them. If all meshes are opaque the first layer is the last. Otherwise a query counts
+//! a layer's fragments, and an empty layer ends the picture: each layer costs one pass over the triangles and one wait.
+//! Without waiting, a picture draws as many layers as recent answers suggest, and is drawn again if it lacked some.
 //!
-//! Triangles are sent when the meshes change, colours and opacities with every frame. Everything is made at the start, if the
-//! pictures will have meshes at all, and made anew with the device.
+//! Triangles are sent when the meshes change, colours and opacities with every frame. Buffers and pipelines are created
+//! at the start if pictures will have meshes, and recreated with the device.
 
 use crate::buffer_parts::Part;
 use crate::buffers::{SharedBuffers, buffer, entry};
@@ -25,16 +26,14 @@ use std::ops::Range;
 use std::sync::Arc;
 use wgpu::{BindingResource, BufferUsages, Color, LoadOp, ShaderStages, TextureFormat, TextureUsages};
 
-/// Distances, as shares of [`Meshes::far`].
+/// Format of distances, as shares of [`Meshes::far`].
 const DEPTH_FORMAT: TextureFormat = TextureFormat::Depth32Float;
-/// Vertices or triangles that are made ready for the GPU at once.
+/// Vertices or triangles prepared for the GPU at once.
 const CHUNK: usize = 1 << 16;
-/// Bytes of what a query counts.
 const COUNT_BYTES: u64 = 8;
-/// Layers that the first picture is taken to have which nobody waits for.
+/// Expected layers of the first picture drawn without waiting.
 const FIRST_EXPECTED: u32 = 4;
 
-/// The meshes on the GPU, and the pipelines that peel their layers.
 #[derive(Debug)]
 pub(crate) struct Meshes {
     vertices: wgpu::Buffer,
@@ -47,27 +46,26 @@ pub(crate) struct Meshes {
     limits: wgpu::BindGroupLayout,
     layer: wgpu::BindGroupLayout,
     gathered: wgpu::BindGroupLayout,
-    /// A query for each layer that is counted, and their results.
+    /// A query for each counted layer, and their results.
     query: wgpu::QuerySet,
     counted: wgpu::Buffer,
-    /// One result on its way to the CPU, where it is waited for.
+    /// The read-back buffer for one count; taken while a caller waits for it.
     answer: Option<wgpu::Buffer>,
-    /// Layers that a picture is expected to have, with the one that has nothing.
+    /// Expected layers of a picture, including the empty last one.
     expected: u32,
-    /// Whether the last picture had more layers, as far as is known, and its number while that is asked.
+    /// Whether the last picture lacked layers, as far as known, and its number while its answer is pending.
     is_short: bool,
     asked: Option<u64>,
-    /// The view that this is known of: its rays, and the meshes' opacities.
+    /// The view of `is_short`: its rays, and the meshes' opacities.
     view: Option<(ViewRays, Vec<f64>)>,
     room: MeshCapacity,
-    /// The part of the frames' buffer with the frame of the meshes.
+    /// The meshes' frame in the frames' buffer.
     pub(crate) frame: Part,
-    /// What the buffers hold, and where the volume was then.
+    /// Contents of the buffers, and the volume's geometry at that time.
     held: Vec<Held>,
     geometry: Option<Geometry>,
 }
 
-/// A mesh in the buffers.
 #[derive(Debug)]
 struct Held {
     mesh: Arc<Mesh>,
@@ -78,8 +76,7 @@ struct Held {
 }
 
 impl Meshes {
-    /// Makes the buffers and pipelines for meshes that `room` holds. `frame` is the part of the frames' buffer for
-    /// their frame, which is in the scene's world.
+    /// Creates the buffers and pipelines for meshes within `room`. `frame` is their frame, in the scene's world.
     pub(crate) fn new(gpu: &Gpu, shared: &SharedBuffers, frame: Part, room: MeshCapacity) -> Result<Self, GpuError> {
         let fragment = ShaderStages::FRAGMENT;
         let depth = texture_of(wgpu::TextureSampleType::Depth);
@@ -185,7 +182,6 @@ impl Meshes {
         })
     }
 
-    /// The layouts for pipelines that draw slabs.
     pub(crate) fn layouts(&self) -> MeshLayouts {
         MeshLayouts { limits: self.limits.clone(), layer: self.layer.clone() }
     }
@@ -193,7 +189,7 @@ impl Meshes {
     /// Sends a frame's meshes to the GPU if they have changed, and their colours and opacities.
     ///
     /// # Errors
-    /// If the meshes are larger than there is room for.
+    /// If the meshes exceed their room.
     pub(crate) fn set(&mut self, gpu: &Gpu, frame: &FrameSettings) -> Result<(), GpuError> {
         let (asked, room) = (frame.needs().meshes, self.room);
         if !room.holds(&asked) {
@@ -234,7 +230,7 @@ impl Meshes {
         }
     }
 
-    /// Returns a distance from the eye that is beyond every mesh of the frame.
+    /// Returns a distance from the eye beyond every mesh of the frame.
     pub(crate) fn far(&self, frame: &FrameSettings) -> f64 {
         let rays = &frame.rays;
         let corner = |held: &Held, i: usize| {
@@ -246,9 +242,8 @@ impl Meshes {
         (distances.fold(0.0, f64::max) + aside).max(f32::MIN_POSITIVE as f64) * 1.001
     }
 
-    /// Finds the layer of meshes behind those found so far. `number` counts layers from 0. Returns whether there may be
-    /// another one behind it: if `waits`, by waiting for what this layer has, else by the number of layers that is
-    /// expected.
+    /// Peels the next layer of meshes behind those found so far. `number` counts layers from 0. Returns whether another
+    /// may lie behind it: if `waits`, by waiting for this layer's count, else by the expected number of layers.
     ///
     /// # Errors
     /// If the device fails.
@@ -302,7 +297,7 @@ impl Meshes {
         Ok(found)
     }
 
-    /// Queues the copy of the counts of the first `layers` layers to a buffer, from a byte on.
+    /// Queues the copy of the first `layers` counts to a buffer, from a byte on.
     pub(crate) fn take_counts(&self, encoder: &mut wgpu::CommandEncoder, layers: u32, to: (&wgpu::Buffer, u64)) {
         if layers > 0 {
             encoder.resolve_query_set(&self.query, 0..layers, &self.counted, 0);
@@ -310,9 +305,8 @@ impl Meshes {
         }
     }
 
-    /// Takes note that a picture of a frame was drawn with the number of layers that is expected. `picture` is its
-    /// number if its counts will be answered. What is known of earlier pictures of the same view stays valid unless
-    /// they lacked layers.
+    /// Records that a picture was drawn with the expected number of layers. `picture` is its number if its counts will
+    /// be answered. Results of earlier pictures of the same view stay valid unless they lacked layers.
     pub(crate) fn ask(&mut self, picture: Option<u64>, frame: &FrameSettings) {
         let view = Some((frame.rays, frame.meshes.iter().map(|shown| shown.opacity).collect()));
         if self.is_short || self.view != view {
@@ -320,13 +314,12 @@ impl Meshes {
         }
     }
 
-    /// Whether the last picture that nobody waited for had more layers than were drawn, and has to be drawn again.
-    /// `None` while that is not known.
+    /// Whether the last picture drawn without waiting lacked layers and must be drawn again. `None` while unknown.
     pub(crate) fn is_short(&self) -> Option<bool> {
         self.asked.is_none().then_some(self.is_short)
     }
 
-    /// Learns from the counts of a picture how many layers the next one is expected to have.
+    /// Updates the expected number of layers from a picture's counts.
     pub(crate) fn learn(&mut self, picture: u64, counts: &[u64]) {
         if self.asked.is_some_and(|asked| picture < asked) {
             return;
@@ -338,7 +331,7 @@ impl Meshes {
         self.expected = expected.clamp(1, MOST_LAYERS);
     }
 
-    /// Draws the picture that has been composed of all slabs, as display colours.
+    /// Draws the picture composed of all slabs, as display colours.
     pub(crate) fn show<'a>(&'a self, pass: &mut wgpu::RenderPass<'_>, layers: &'a Peeled) {
         pass.set_pipeline(&self.show);
         pass.set_bind_group(0, &layers.all, &[]);
@@ -346,7 +339,7 @@ impl Meshes {
     }
 }
 
-/// Whether a frame has translucent meshes, so that layers behind the first have to be looked for.
+/// Whether a frame has translucent meshes, so that there may be layers behind the first.
 pub(crate) fn is_counted(frame: &FrameSettings) -> bool {
     frame.meshes.iter().any(|shown| shown.opacity < 1.0)
 }
@@ -386,20 +379,20 @@ fn depth_attachment(view: &wgpu::TextureView, clear: f32) -> wgpu::RenderPassDep
     wgpu::RenderPassDepthStencilAttachment { view, depth_ops, stencil_ops: None }
 }
 
-/// The further targets of pictures with meshes, of one size: two layers, and what is in front of them.
+/// The additional targets of pictures with meshes, of one size: two layers, and the picture in front of them.
 #[derive(Debug)]
 pub(crate) struct Peeled {
     size_px: (u32, u32),
     /// Distances of the layers before and behind the slab, in turns.
     depths: [wgpu::TextureView; 2],
     numbers: [wgpu::TextureView; 2],
-    /// Which of the two is behind.
+    /// Index of the layer behind the slab.
     far: usize,
     /// The layer's colour, premultiplied.
     color: wgpu::TextureView,
-    /// What is in front of the slab, premultiplied.
+    /// The picture in front of the slab, premultiplied.
     front: wgpu::TextureView,
-    /// Bind groups for peeling and for marching, by which of the two layers is behind.
+    /// Bind groups for peeling and for marching, by the index of the layer behind.
     before: [wgpu::BindGroup; 2],
     limits: [wgpu::BindGroup; 2],
     layer: wgpu::BindGroup,
@@ -454,12 +447,11 @@ impl Peeled {
         Ok(Self { size_px, depths, numbers, far: 0, color, front, before, limits, layer, all })
     }
 
-    /// Whether these targets are for pictures of this size.
     pub(crate) fn suit(&self, size_px: (u32, u32)) -> bool {
         self.size_px == size_px
     }
 
-    /// Begins a picture: clears what is in front, and the layer before.
+    /// Begins a picture: clears the picture in front, and the layer before.
     pub(crate) fn clear(&mut self, gpu: &Gpu) {
         self.far = 0;
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
@@ -475,17 +467,16 @@ impl Peeled {
         gpu.queue.submit([encoder.finish()]);
     }
 
-    /// Goes on to the next slab: the layer behind the last one becomes the layer before it.
+    /// Advances to the next slab: the layer behind the last one becomes the layer before it.
     pub(crate) fn turn(&mut self) {
         self.far = 1 - self.far;
     }
 
-    /// The bind group that limits a march to the present slab.
     pub(crate) fn limits(&self) -> &wgpu::BindGroup {
         &self.limits[self.far]
     }
 
-    /// Blends the slab and the layer behind it behind what is in front.
+    /// Blends the slab and the layer behind it behind the picture in front.
     pub(crate) fn compose(&self, gpu: &Gpu, pipeline: &wgpu::RenderPipeline, resolve: &wgpu::BindGroup) {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         {

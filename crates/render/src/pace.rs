@@ -1,36 +1,38 @@
-//! Pixels per submission of a picture that may be given up: as many as the device draws in a moment, so that giving up is told in time.
+//! Pixels per submission of a picture with a deadline: as many as the device draws in a moment, so that giving up is
+//! reported in time.
 //!
-//! A march asks for [`Pace::pixels`] before each submission and tells of it in [`Pace::submitted`], which waits for the submission before. So the
-//! device always has one to go on with, and the wait costs it nothing; but the very first is waited for, as nothing is known of it. The slowest pixels
-//! seen so far set the pace; since nothing is known of those to come, reads are bounded, too.
+//! A march queries [`Pace::pixels`] before each submission and reports it to [`Pace::submitted`], which waits for the
+//! submission before. So the device always has one to go on with, and the wait costs it nothing; only the very first,
+//! of unknown speed, is waited for itself. The slowest pixels so far set the pace; later ones may be slower, so reads
+//! are bounded as well.
 
 use crate::error::GpuError;
 use crate::gpu::Gpu;
 use std::cell::{Cell, RefCell};
 use std::time::{Duration, Instant};
 
-/// How long a submission may take: at least this, or this part of the time that is left.
+/// Longest time of a submission: at least this, or this part of the remaining time.
 const LEAST_TIME: Duration = Duration::from_millis(50);
 const PART_OF_REST: u32 = 64;
 
-/// The pixels of a picture's first submissions, of which nothing is known.
+/// Pixels of a picture's first submissions, whose speed is unknown.
 const FIRST_PIXELS: u32 = 1 << 10;
 
-/// How many times more pixels a submission has than a known one at most.
+/// Most growth of a submission's pixels over the last measured one, a factor.
 const MOST_GROWTH: u32 = 4;
 
-/// Reads of textures in a submission at most, however fast the ones before were: where rays meet nothing, they tell nothing. A rasteriser in software
-/// takes a second for them.
+/// Most texture reads of a submission, however fast the ones before: rays through emptiness are no measure. A software
+/// rasteriser takes a second for them.
 const MOST_READS: f64 = (1 << 27) as f64;
 
-/// The pace at which one picture is drawn. All submissions of a picture that is never given up are as large as they can be.
+/// The pace of one picture. Without a deadline, all submissions are as large as possible.
 #[derive(Debug)]
 pub(crate) struct Pace {
     until: Option<Instant>,
     pixels: Cell<u32>,
-    /// Seconds that a pixel of the slowest submission took.
+    /// Seconds per pixel in the slowest submission.
     slowest_s: Cell<f64>,
-    /// Whether a submission of this picture or one before has been waited for.
+    /// Whether a submission of this picture or an earlier one has been waited for.
     is_known: Cell<bool>,
     in_flight: RefCell<Option<InFlight>>,
 }
@@ -39,12 +41,12 @@ pub(crate) struct Pace {
 struct InFlight {
     submission: wgpu::SubmissionIndex,
     pixels: u32,
-    /// When the device began with it, at the earliest.
+    /// The earliest time at which the device may have begun it.
     begun: Instant,
 }
 
 impl Pace {
-    /// For a first picture, which is never given up.
+    /// Starts a first picture, without a deadline.
     pub(crate) fn new() -> Self {
         Self {
             until: None,
@@ -55,23 +57,22 @@ impl Pace {
         }
     }
 
-    /// For the next picture, which is given up at some time; `None` never. It begins as the one before ended.
+    /// Starts the next picture, which is given up at `until`; `None` never. It begins at the last picture's pace.
     pub(crate) fn restart(&mut self, until: Option<Instant>) {
         *self = Self { until, pixels: self.pixels.clone(), is_known: self.is_known.clone(), ..Self::new() };
     }
 
-    /// When the picture is given up.
     pub(crate) fn until(&self) -> Option<Instant> {
         self.until
     }
 
-    /// How many pixels the next submission should have at most, whose rays read textures so many times at most.
+    /// The most pixels for the next submission, with at most `reads` texture reads per ray.
     pub(crate) fn pixels(&self, reads: f64) -> u32 {
         let bound = (MOST_READS / reads.max(1.0)) as u32;
         if self.until.is_some() { self.pixels.get().min(bound) } else { u32::MAX }
     }
 
-    /// Tells of a submission with so many pixels.
+    /// Reports a submission and its number of pixels.
     ///
     /// # Errors
     /// [`GpuError::TooLong`] if the picture is given up, or if the device fails.
@@ -88,7 +89,7 @@ impl Pace {
         Ok(())
     }
 
-    /// Waits for a submission, and sets the pace by it. Returns when it was done.
+    /// Waits for a submission, and sets the pace by it. Returns its end.
     fn wait(&self, gpu: &Gpu, before: InFlight, until: Instant) -> Result<Instant, GpuError> {
         gpu.wait(before.submission)?;
         let done = Instant::now();
@@ -114,7 +115,7 @@ mod tests {
         assert_eq!(pace.pixels(1e9), u32::MAX, "a picture that is never given up");
         pace.restart(Some(Instant::now()));
         assert_eq!(pace.pixels(1.0), FIRST_PIXELS);
-        // As after rows in which nothing is seen.
+        // As after empty rows.
         pace.pixels.set(u32::MAX);
         pace.restart(Some(Instant::now()));
         for reads in [1.0, 1e3, 1e9] {

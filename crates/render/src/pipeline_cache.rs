@@ -1,8 +1,8 @@
-//! The pipelines of a renderer: made when something is first drawn with them, or ahead of that by a thread, so that what is drawn
-//! meanwhile does not wait for a compiler.
+//! The pipelines of a renderer, compiled at first use or ahead of it on a thread, so that other pictures need not wait
+//! for a compiler.
 //!
-//! Each is made once, by whoever comes first; a picture that needs one that the thread is at waits for it. What could not be made is an
-//! error of the picture that needs it, and tried again by the next.
+//! Each is compiled once, by whichever side comes first; a picture waits for the thread if it is compiling the needed
+//! pipeline. A failure is an error of the picture that needs the pipeline; the next picture tries again.
 
 use crate::error::GpuError;
 use crate::pipelines::{Maker, Pipeline, Wanted};
@@ -10,10 +10,10 @@ use std::collections::HashMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 
-/// A pipeline, or why there is none, once somebody has made it.
+/// A pipeline, or its error, once compiled.
 type Making = Arc<OnceLock<Result<Pipeline, GpuError>>>;
 
-/// All pipelines of a renderer that have been made so far, and the thread that makes some ahead once that is asked for.
+/// All pipelines compiled so far, and the thread that compiles some ahead on request.
 #[derive(Debug)]
 pub(crate) struct Pipelines {
     maker: Arc<Maker>,
@@ -22,7 +22,6 @@ pub(crate) struct Pipelines {
     thread: Option<JoinHandle<()>>,
 }
 
-/// What the thread is to make.
 #[derive(Debug, Default)]
 struct Requests {
     list: Mutex<List>,
@@ -45,7 +44,7 @@ impl Requests {
         self.changed.notify_all();
     }
 
-    /// Waits for the next; `None` when all is over.
+    /// Waits for the next request; `None` at the end.
     fn next(&self) -> Option<(Wanted, Making)> {
         let is_idle = |list: &mut List| list.wanted.is_empty() && !list.is_over;
         let mut list = self.changed.wait_while(self.lock(), is_idle).unwrap_or_else(PoisonError::into_inner);
@@ -54,17 +53,17 @@ impl Requests {
 }
 
 impl Pipelines {
-    /// Returns the pipelines that another renderer has left (`kept`) if `maker` would make the same ones, else an empty
+    /// Returns the pipelines left by another renderer (`kept`) if `maker` would produce the same ones, else an empty
     /// set.
     pub(crate) fn kept_or_new(kept: Option<Self>, maker: Maker) -> Self {
         let of_maker = |maker| Self { maker, all: HashMap::new(), requests: Default::default(), thread: None };
         kept.filter(|kept| kept.maker.makes_the_same(&maker)).unwrap_or_else(|| of_maker(Arc::new(maker)))
     }
 
-    /// Makes a pipeline unless it is there, or waits for the thread that is making it.
+    /// Compiles a pipeline unless it exists, or waits for the thread compiling it.
     ///
     /// # Errors
-    /// If the pipeline cannot be made.
+    /// If the pipeline cannot be compiled.
     pub(crate) fn need(&mut self, wanted: &Wanted) -> Result<(), GpuError> {
         let making = self.all.entry(wanted.clone()).or_default();
         match making.get_or_init(|| self.maker.make(wanted)) {
@@ -77,13 +76,11 @@ impl Pipelines {
         }
     }
 
-    /// Returns a pipeline; `None` if it has not been made.
     pub(crate) fn get(&self, wanted: &Wanted) -> Option<&Pipeline> {
         self.all.get(wanted)?.get()?.as_ref().ok()
     }
 
-    /// Has a thread make the pipelines that a picture needs. What the thread was asked for before and has not begun is
-    /// dropped.
+    /// Requests a picture's pipelines from the thread. Earlier requests not begun yet are dropped.
     pub(crate) fn prepare(&mut self, wanted: Vec<Wanted>) {
         let mut with_making = |wanted: Wanted| (wanted.clone(), self.all.entry(wanted).or_default().clone());
         let wanted: Vec<_> =
@@ -112,18 +109,18 @@ impl Pipelines {
         self.requests.set(List { wanted, is_over: false });
     }
 
-    /// Whether these pipelines have all been made, or could not be made.
+    /// Whether these pipelines have all been compiled or have failed.
     pub(crate) fn are_made(&self, wanted: &[Wanted]) -> bool {
         wanted.iter().all(|wanted| self.all.get(wanted).is_some_and(|making| making.get().is_some()))
     }
 }
 
 impl Drop for Pipelines {
-    /// Waits for what the thread is at: drivers do not survive the end of a process in the middle of it.
+    /// Waits for the thread's current pipeline: drivers do not survive the end of a process in the middle of it.
     fn drop(&mut self) {
         self.requests.set(List { wanted: Vec::new(), is_over: true });
         if let Some(thread) = self.thread.take() {
-            // What it makes is guarded; had it died all the same, there is nobody left to tell.
+            // Its work is guarded; had it died all the same, there is nobody left to notify.
             let _ = thread.join();
         }
     }

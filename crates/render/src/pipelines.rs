@@ -1,5 +1,5 @@
-//! How pipelines are made: for each way to gather samples the compositor's march, and the passes that make colours of it. What makes them
-//! needs nothing of a frame, and can be on any thread (`pipeline_cache`).
+//! The creation of pipelines: the compositor's march for each way of gathering, and the resolve passes. It is
+//! independent of frames, and works on any thread (`pipeline_cache`).
 
 use crate::adapter::GpuFormats;
 use crate::compositor::Compositor;
@@ -12,20 +12,20 @@ use wgpu::{
     BindingType, BlendComponent, BlendFactor, BlendOperation, ShaderStages, TextureFormat, TextureViewDimension,
 };
 
-/// Format of the finished picture. Colours are display-referred as they are: no sRGB conversion.
+/// Format of the finished picture. Colours are display-referred already: no sRGB conversion.
 pub(crate) const DISPLAY_FORMAT: TextureFormat = TextureFormat::Rgba8Unorm;
 
-/// Returns the format of the target into which samples are gathered.
+/// Returns the format of the target of gathered samples.
 pub(crate) fn gather_format(gather: Gather, compositor: Compositor, formats: &GpuFormats) -> TextureFormat {
     match (gather, compositor) {
         (Gather::Composite | Gather::Isosurface, _) => formats.composite,
-        // What no compute shader need be able to write.
+        // A format that compute shaders need not be able to write.
         (_, Compositor::Compute) if formats.project == TextureFormat::Rg16Float => TextureFormat::Rgba16Float,
         (Gather::Project | Gather::Average, _) => formats.project,
     }
 }
 
-/// What WGSL calls a format that is gathered into.
+/// The WGSL name of a gathered format.
 fn texel_format(format: TextureFormat) -> &'static str {
     match format {
         TextureFormat::Rgba32Float => "rgba32float",
@@ -34,26 +34,24 @@ fn texel_format(format: TextureFormat) -> &'static str {
     }
 }
 
-/// The bind group in which compute shaders find the texture that they write.
+/// The bind group with the texture written by compute shaders.
 pub(crate) const TEXELS_GROUP: u32 = 2;
 
-/// A pipeline that a picture needs.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Wanted {
-    /// A pipeline that gathers samples.
+    /// A march, which gathers samples.
     March(Shader),
-    /// A pipeline that resolves gathered samples to colours.
+    /// A pass that resolves gathered samples to colours.
     Resolve(Seen, Shown),
 }
 
-/// A pipeline that has been made: render or compute.
 #[derive(Debug)]
 pub(crate) enum Pipeline {
     Render(wgpu::RenderPipeline),
     Compute(wgpu::ComputePipeline),
 }
 
-/// How cells meet: *over* from back to front, the greater, or the sum.
+/// The blending of cells: *over* from back to front, the greater, or the sum.
 fn blend(gather: Gather) -> wgpu::BlendState {
     let (dst_factor, operation) = match gather {
         Gather::Composite | Gather::Isosurface => (BlendFactor::OneMinusSrcAlpha, BlendOperation::Add),
@@ -64,7 +62,7 @@ fn blend(gather: Gather) -> wgpu::BlendState {
     wgpu::BlendState { color: component, alpha: component }
 }
 
-/// What is behind what is there, premultiplied.
+/// Blends behind the target, premultiplied.
 const BEHIND: wgpu::BlendState = {
     let component = BlendComponent {
         src_factor: BlendFactor::OneMinusDstAlpha,
@@ -81,21 +79,21 @@ pub(crate) struct Shape {
     pub(crate) depth_stencil: Option<wgpu::DepthStencilState>,
 }
 
-/// The sum of what is there and what comes.
+/// Adds to the target.
 const SUM: wgpu::BlendState = {
     let component =
         BlendComponent { src_factor: BlendFactor::One, dst_factor: BlendFactor::One, operation: BlendOperation::Add };
     wgpu::BlendState { color: component, alpha: component }
 };
 
-/// What comes over what is there, premultiplied.
+/// Blends over the target, premultiplied.
 const OVER: wgpu::BlendState = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
 
 fn write(format: TextureFormat, blend: Option<wgpu::BlendState>) -> wgpu::ColorTargetState {
     wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL }
 }
 
-/// Makes a renderer's pipelines, on any thread.
+/// A factory for a renderer's pipelines, usable on any thread.
 #[derive(Debug)]
 pub(crate) struct Maker {
     pub(crate) gpu: Gpu,
@@ -106,8 +104,7 @@ pub(crate) struct Maker {
 }
 
 impl Maker {
-    /// Whether this maker's pipelines can be used in place of another's. wgpu takes layouts with equal entries for the
-    /// same.
+    /// Whether this maker's pipelines can replace another's. wgpu treats layouts with equal entries as the same.
     pub(crate) fn makes_the_same(&self, other: &Self) -> bool {
         self.gpu.device == other.gpu.device
             && self.compositor == other.compositor
@@ -115,10 +112,11 @@ impl Maker {
             && self.meshes.is_some() == other.meshes.is_some()
     }
 
-    /// Makes a pipeline. On a GPU this compiles its shader; some software rasterisers leave most of that to the first draw.
+    /// Creates a pipeline. On a GPU this compiles its shader; some software rasterisers leave most of that to the first
+    /// draw.
     ///
     /// # Errors
-    /// If the device cannot make it.
+    /// If the device cannot create it.
     pub(crate) fn make(&self, wanted: &Wanted) -> Result<Pipeline, GpuError> {
         self.gpu.guarded(|| match wanted {
             Wanted::March(shader) => self.march(shader),
@@ -173,7 +171,7 @@ impl Maker {
         let targets = match shown {
             Shown::Picture => vec![DISPLAY_FORMAT.into()],
             Shown::Slab => vec![write(composite, Some(BEHIND))],
-            // What adds has no opacity.
+            // Additive layers have no opacity.
             Shown::Sums | Shown::Over => vec![write(composite, Some(SUM)), write(composite, Some(OVER))],
         };
         let (source, entries) = (resolve(seen, shown), ["fullscreen", "resolve"]);
@@ -181,7 +179,7 @@ impl Maker {
     }
 }
 
-/// A compute shader that writes texels of a format; with what limits it, where there are meshes.
+/// A compute pipeline that writes texels of a format, limited to slabs if there are meshes.
 fn compute_pipeline(
     gpu: &Gpu,
     source: &str,

@@ -1,7 +1,7 @@
-//! A pool: slots of one size and format, in which bricks of several layers lie side by side, and the uploads into them.
+//! A pool: slots of one size and format, holding bricks of several layers side by side, and the uploads into them.
 //!
-//! Whose brick a slot holds is the pager's business: any layer of a pool may be drawn from any of its slots. Beside each slot is what rays
-//! ask of its brick: the ranges of codes in its macro-cells on the GPU, and the range of all of them here.
+//! Assigning slots to bricks is the pager's business: any layer of a pool may be drawn from any of its slots. Each slot
+//! comes with its brick's code ranges for rays: those of its macro-cells on the GPU, and their union here.
 
 use crate::atlas::Atlas;
 use crate::buffer_parts::Part;
@@ -16,7 +16,6 @@ use brickyard_pager::{DrawList, Slot, VolumeNeeds};
 use brickyard_volume::macrocells::{self, per_axis};
 use brickyard_volume::{MacroCells, OpaqueCodes, SlotFormat};
 
-/// A pool of slots of one size and format on the GPU, in which bricks of several layers lie.
 #[derive(Debug)]
 pub(crate) struct Pool {
     /// The needs of one of its layers: all have such bricks.
@@ -24,9 +23,9 @@ pub(crate) struct Pool {
     plan: PoolPlan,
     pub(crate) atlas: Atlas,
     pub(crate) uploader: Uploader,
-    /// The part of the macro-cells' buffer with the macro-cells of this pool's slots.
+    /// The part of the macro-cells' buffer for this pool's slots.
     pub(crate) ranges: Part,
-    /// The range of codes of each slot's brick.
+    /// The code range of each slot's brick.
     slot_ranges: Vec<[u16; 2]>,
 }
 
@@ -50,12 +49,11 @@ impl Pool {
         })
     }
 
-    /// Number of slots, which is how many bricks fit.
+    /// Number of slots, and so of bricks that fit.
     pub(crate) fn slots(&self) -> u32 {
         self.plan.atlas.slots()
     }
 
-    /// Whether slots hold 32-bit floats instead of codes.
     pub(crate) fn is_float(&self) -> bool {
         self.needs.encoding.format == SlotFormat::F32
     }
@@ -65,8 +63,8 @@ impl Pool {
         self.needs.bricks.apron
     }
 
-    /// The texture that is bound as stored gradients. A pool without gradients binds its atlas instead, which nothing
-    /// reads as gradients.
+    /// The texture bound as stored gradients. A pool without gradients binds its atlas instead, which is never read as
+    /// gradients.
     pub(crate) fn gradients(&self) -> &wgpu::Texture {
         self.atlas.gradients.as_ref().unwrap_or(&self.atlas.texture)
     }
@@ -94,12 +92,11 @@ impl Pool {
         self.uploader.upload(gpu, &self.atlas, slot, codes)
     }
 
-    /// Returns the bytes of codes that can be uploaded without waiting for the device.
+    /// Returns the bytes of codes that fit without waiting for the device.
     pub(crate) fn upload_room_bytes(&mut self) -> u64 {
         self.uploader.room_bytes(&self.atlas)
     }
 
-    /// Checks that all cells of a draw list name slots of this pool.
     pub(crate) fn check_list(&self, draw: &DrawList) -> Result<(), GpuError> {
         match draw.cells.iter().find(|cell| cell.slot.0 >= self.slots()) {
             None => Ok(()),
@@ -110,11 +107,11 @@ impl Pool {
         }
     }
 
-    /// Builds the octree over a layer's draw list. `opaque` says which codes have opacity.
+    /// Builds the octree over a layer's draw list. `opaque` lists the codes with opacity.
     pub(crate) fn tree(&self, framed: &Framed<'_>, draw: &DrawList, opaque: &OpaqueCodes) -> Tree {
         let macro_cells = per_axis(self.needs.edge as usize).pow(3) as u32;
         let slots = Slots { atlas: &self.plan.atlas, apron: self.apron(), macro_cells, ranges: &self.slot_ranges };
-        // Nothing is known of the macro-cells of floats.
+        // The macro-cells of floats are unknown.
         let skips_empty = self.plan.raycast.is_some_and(|plan| plan.skips_empty) && !self.is_float();
         let (mode, has_invalid) = (framed.settings.mode, self.needs.encoding.has_invalid);
         Tree::new(framed.pyramid, draw, &Visibility { mode, has_invalid, opaque, skips_empty }, &slots)

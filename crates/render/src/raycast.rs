@@ -1,11 +1,12 @@
-//! The `raycast` and `compute` compositors: one ray per pixel, front to back through an octree over each draw list, ending where nothing
-//! behind can be seen and skipping what shows nothing: leaves without a brick, bricks, and macro-cells inside bricks.
+//! The `raycast` and `compute` compositors: one ray per pixel, front to back through an octree over each draw list,
+//! with early ray termination and empty-space skipping: of leaves without a brick, of bricks, and of macro-cells inside
+//! bricks.
 //!
-//! In direct volume rendering rays leave marks: how much light was left when they entered a brick, the most of all rays. They
-//! come back with the picture, and say which bricks nobody could see.
+//! In direct volume rendering rays leave marks: how much light was left when they entered a brick, the most of all
+//! rays. The marks come back with the picture and reveal which bricks nobody could see.
 //!
-//! Macro-cells' ranges of codes go to the GPU when their brick does. What a range means under the frame's table is found by
-//! two look-ups in a table of counts, so that an edit of the transfer function sends 4 bytes per entry and no brick.
+//! Macro-cells' code ranges go to the GPU with their brick. Two look-ups in a table of counts decide whether a range is
+//! visible under the frame's table, so an edit of the transfer function sends 4 bytes per entry and no brick.
 
 use crate::buffer_parts::{Ends, Part};
 use crate::buffers::{RayBuffers, SharedBuffers, buffer, entry};
@@ -20,13 +21,11 @@ use brickyard_shaders::{FrameUniform, RayBrick, bindings};
 use brickyard_volume::macrocells;
 use wgpu::BufferUsages;
 
-/// The buffers and bindings of the `raycast` and `compute` compositors.
 #[derive(Debug)]
 pub(crate) struct Raycast {
     pub(crate) buffers: RayBuffers,
-    /// The bind group of each layer by itself.
+    /// Each layer's own bind group.
     pub(crate) bindings: Vec<wgpu::BindGroup>,
-    /// The bind group of all layers together.
     pub(crate) joint: wgpu::BindGroup,
 }
 
@@ -62,10 +61,10 @@ impl Raycast {
         Ok(Self { buffers, bindings: own, joint })
     }
 
-    /// Sends octrees over draw lists to the GPU, one behind the other, and writes where each one begins into its frame.
+    /// Sends octrees over draw lists to the GPU, one behind the other, and writes each one's start into its frame.
     ///
     /// # Errors
-    /// If the draw lists or octrees are larger than the renderer has room for.
+    /// If the draw lists or octrees exceed the renderer's room.
     pub(crate) fn set_trees(&self, gpu: &Gpu, shared: &SharedBuffers, trees: &[(Part, Tree)]) -> Result<(), GpuError> {
         let (mut nodes, mut bricks): (Vec<u32>, Vec<RayBrick>) = Default::default();
         for (frame, tree) in trees {
@@ -106,7 +105,7 @@ impl Raycast {
 }
 
 impl RayBuffers {
-    /// What rays see of a layer, or of all of them.
+    /// The bind group entries of rays through one layer, or through all.
     fn entries<'a>(
         &'a self,
         gpu: &Gpu,
@@ -133,33 +132,30 @@ impl RayBuffers {
 }
 
 impl RaycastPlan {
-    /// Groups of nodes for this many slots: at worst each cell that a cut wants has a way of its own down from its layer's root.
+    /// Groups of nodes for this many slots: at worst each wanted cell of a cut has a path of its own down from its
+    /// layer's root.
     fn groups(&self, slots: u32) -> u64 {
         self.layers as u64 + slots as u64 * (self.levels as u64).saturating_sub(1)
     }
 
-    /// Entries that draw lists can have. A cut wants fewer cells than there are slots; but the siblings that its splits leave
-    /// over are drawn too when the camera has turned towards them and the next cut is not there yet.
+    /// Most entries of draw lists. A cut wants fewer cells than there are slots; but the siblings left over by its
+    /// splits are drawn too, when the camera has turned towards them and the next cut is not there yet.
     fn entries(&self, slots: u32) -> u64 {
         self.groups(slots) * GROUP as u64
     }
 
-    /// Returns the bytes of the marks of draw lists, for a number of slots.
     pub(crate) fn marks_bytes(&self, slots: u32) -> u64 {
         self.entries(slots) * size_of::<u32>() as u64
     }
 
-    /// Returns the bytes of the nodes of octrees, for a number of slots.
     pub(crate) fn nodes_bytes(&self, slots: u32) -> u64 {
         self.groups(slots) * (GROUP * size_of::<u32>()) as u64
     }
 
-    /// Returns the bytes of the bricks in octrees' leaves, for a number of slots.
     pub(crate) fn bricks_bytes(&self, slots: u32) -> u64 {
         self.entries(slots) * size_of::<RayBrick>() as u64
     }
 
-    /// Returns the bytes of the macro-cells of a number of slots.
     pub(crate) fn ranges_bytes(&self, slots: u32) -> u64 {
         (slots as usize * macrocells::bytes(self.edge as usize)) as u64
     }

@@ -1,8 +1,10 @@
-//! The GPU renderer: pools of slots on the GPU, layers drawn from them, a compositor that gathers their samples, and the picture read back.
+//! The GPU renderer: pools of slots, layers drawn from them, a compositor gathering their samples, and picture
+//! read-back.
 //!
-//! A frame (see `frame_pass`) writes each layer's settings, what the compositor needs to know of its cells and, when it changed, its
-//! transfer table; gathers; resolves to display colours; waits, and copies the picture out. Slots, targets and buffers all live inside
-//! the budget given at the start. Everything happens on the thread that calls, but pipelines that are made ahead.
+//! A frame (see `frame_pass`) writes each layer's settings, its cells in the compositor's form and, when changed, its
+//! transfer table; gathers; resolves to display colours; waits, and copies the picture out. Slots, targets and buffers
+//! all stay within the budget given at the start. Everything runs on the calling thread, except for compiling pipelines
+//! ahead.
 
 use crate::adapter::{AdapterReport, GpuPreference};
 use crate::answers::{Answer, Answers};
@@ -29,18 +31,18 @@ use brickyard_shaders::Gather;
 use brickyard_volume::{MAX_VOLUMES, TransferTable};
 use std::time::Instant;
 
-/// How the GPU backend is set up.
+/// Set-up of the GPU backend.
 #[derive(Clone, Copy, Debug)]
 pub struct GpuOptions {
     /// Which adapters may be used.
     pub preference: GpuPreference,
     /// The compositor, which gathers the samples of frames.
     pub compositor: Compositor,
-    /// Whether rays skip empty space. Without that pictures are the same and take longer.
+    /// Whether rays skip empty space. Without skipping, pictures are the same but take longer.
     pub skips_empty: bool,
-    /// Whether there may be expressions over the layers: their table takes a mebibyte.
+    /// Whether to allow expressions over the layers: their table takes a mebibyte.
     pub expressions: bool,
-    /// Allocations of more bytes than this are refused as if by the device: for tests.
+    /// Allocations above this many bytes are refused as if by the device: for tests.
     #[doc(hidden)]
     pub refuse_above_bytes: u64,
 }
@@ -52,7 +54,7 @@ impl Default for GpuOptions {
     }
 }
 
-/// A GPU renderer: atlases with the bricks of layers, and a compositor that draws from them.
+/// A GPU renderer: atlases with the bricks of layers, and a compositor drawing from them.
 #[derive(Debug)]
 pub struct GpuRenderer {
     pub(crate) gpu: Gpu,
@@ -66,30 +68,29 @@ pub struct GpuRenderer {
     pub(crate) march: March,
     pub(crate) pipelines: Pipelines,
     pub(crate) targets: Option<Targets>,
-    /// Whether they came from another renderer, with the picture that it had shown last.
+    /// Whether the targets came from another renderer, with its last shown picture.
     keeps_picture: bool,
     pub(crate) pace: Pace,
-    /// The meshes' buffers and pipelines; `None` if pictures never have meshes.
+    /// The meshes' buffers and pipelines; `None` without meshes.
     pub(crate) meshes: Option<Meshes>,
-    /// The further targets of pictures with meshes; `None` if pictures never have meshes.
+    /// The additional targets of pictures with meshes; `None` without.
     pub(crate) peeled: Option<Peeled>,
     pub(crate) blit: Blit,
     pub(crate) answers: Answers,
-    /// Answers about shown pictures that came while another picture was waited for.
+    /// Answers about shown pictures, received while waiting for another picture.
     pub(crate) heard: Vec<Answer>,
-    /// The picture whose pixels have been asked for and are on their way to the CPU.
+    /// The requested picture on its way to the CPU.
     pub(crate) reading: Option<Reading>,
-    /// The part of the tables' buffer with an expression's transfer table; `None` without room for expressions.
+    /// The expression's part of the tables' buffer; `None` without room for expressions.
     pub(crate) combined_part: Option<Part>,
-    /// The expression's transfer table that the GPU holds; `None` before the first one.
+    /// The expression's transfer table on the GPU, if any yet.
     pub(crate) combined: Option<TransferTable>,
-    /// For each layer the greatest transmittance with which rays entered the last frame's cells; `None` if that is not
-    /// known.
+    /// For each layer the greatest transmittance with which rays entered the last frame's cells; `None` if unknown.
     pub(crate) visibility: Option<Vec<Vec<f32>>>,
     pub(crate) last_frame_ms: f64,
 }
 
-/// A device, and the pipelines that a renderer has compiled for it, which the next renderer need not compile again.
+/// A device with its compiled pipelines, for reuse by the next renderer.
 #[derive(Debug)]
 pub struct Compiled {
     gpu: Gpu,
@@ -103,7 +104,7 @@ impl From<Gpu> for Compiled {
     }
 }
 
-/// What a renderer is made from, at first and again after the loss of its device.
+/// A renderer's parameters, used again after the loss of its device.
 #[derive(Clone, Debug)]
 pub(crate) struct Recipe {
     options: GpuOptions,
@@ -127,7 +128,7 @@ impl Recipe {
         Ok(Self { options: *options, layers: layers.to_vec(), budget_bytes, max_size_px })
     }
 
-    /// Plans how the budget is spent on this device. `most_slots` limits the slots of each pool; empty sets no limit.
+    /// Plans the budget on this device. `most_slots` limits each pool's slots; empty sets no limit.
     fn plan(&self, gpu: &Gpu, most_slots: &[u32]) -> Result<MemoryPlan, GpuError> {
         let limit = gpu.report.max_texture_2d;
         check_size(self.max_size_px, (limit, limit))?;
@@ -146,12 +147,12 @@ impl Recipe {
             casts_rays: (self.options.compositor != Compositor::Sorted).then_some(self.options.skips_empty),
             has_expressions: self.options.expressions,
             has_two_eyes: gpu.is_lent,
-            // Who never waits has more under way.
+            // Without waiting, more is in flight.
             batches: if gpu.is_lent { 4 } else { 2 },
         })
     }
 
-    /// Whether a shader sees enough textures: atlases and gradients of all pools, and what cuts a picture into slabs.
+    /// Checks that a shader sees enough textures: atlases and gradients of all pools, and those that limit slabs.
     fn check_textures(&self, gpu: &Gpu) -> Result<(), GpuError> {
         let limit = gpu.device.limits().max_sampled_textures_per_shader_stage;
         let each = if self.has_gradients() { 2 } else { 1 };
@@ -176,12 +177,12 @@ pub(crate) enum March {
 }
 
 impl GpuRenderer {
-    /// Makes a renderer for `layers` and pictures of up to `max_size_px` (width, height) that allocates at most
-    /// `gpu_memory_bytes`. What targets and tables leave of these is for slots. Layers whose bricks fit each other's
-    /// slots share a [pool](brickyard_pager::pools) of slots; several pools share the memory.
+    /// Creates a renderer for `layers` and pictures of up to `max_size_px` (width, height) within `gpu_memory_bytes`.
+    /// Slots get the memory left over by targets and tables. Layers whose bricks fit each other's slots share a
+    /// [pool](brickyard_pager::pools) of slots; several pools share the memory.
     ///
-    /// The device may have less memory than the budget. If it refuses an allocation, the number of slots is halved
-    /// until all fits, down to the least that works: see [`GpuRenderer::asked_bytes`].
+    /// If the device has less memory and refuses an allocation, the number of slots is halved until all fits, down to
+    /// the least that works: see [`GpuRenderer::asked_bytes`].
     ///
     /// # Errors
     /// If there is no such adapter, its shaders see too few textures, there are no layers, too many or layers for
@@ -196,8 +197,7 @@ impl GpuRenderer {
         Self::make(Recipe::new(options, layers, gpu_memory_bytes, max_size_px)?, None)
     }
 
-    /// Makes a renderer on a device, as [`GpuRenderer::new`], with the pipelines that have been compiled for the
-    /// device.
+    /// Creates a renderer on a device, like [`GpuRenderer::new`], reusing the pipelines compiled for the device.
     ///
     /// # Errors
     /// As [`GpuRenderer::new`].
@@ -228,9 +228,9 @@ impl GpuRenderer {
             let halved = |plan: &PoolPlan| (plan.atlas.slots() / 2).max(plan.least as u32);
             let fewer: Vec<u32> = memory.pools.iter().map(halved).collect();
             match Self::allocate(compiled, recipe.clone(), memory, asked_bytes) {
-                // An application's device that is lost is the application's to make anew.
+                // A lost application's device is the application's to recreate.
                 Err(error @ GpuError::DeviceLost(_)) if lent.is_some() => return Err(error),
-                // Some drivers lose the device over what they cannot give.
+                // Some drivers lose the device over impossible requests.
                 Err(error @ (GpuError::OutOfMemory { .. } | GpuError::DeviceLost(_))) if fewer != slots => {
                     most = fewer;
                     tracing::warn!("{error}: trying with {most:?} bricks instead of {slots:?}");
@@ -266,7 +266,7 @@ impl GpuRenderer {
             Compositor::Sorted => March::Sorted(Sorted::new(&gpu, &layouts, &shared, slots)?),
             _ => March::Raycast(Raycast::new(&gpu, &layouts, &shared, slots, (&ends, &memory))?),
         };
-        // The largest there will be: a frame is no time to find out that there is no room for them.
+        // The largest ones ever needed: a frame is too late to find out that they do not fit.
         let [_, _, marks_bytes] = memory.list_bytes();
         let largest = (Gather::Composite, layers.len() > 1);
         let last = picture.filter(|last| last.targets.fit(recipe.max_size_px));
@@ -318,8 +318,8 @@ impl GpuRenderer {
         })
     }
 
-    /// Makes the renderer anew after its device was lost, from the choice of the adapter on. All slots are empty then,
-    /// and there may be fewer.
+    /// Recreates the renderer after the loss of its device, starting with the choice of adapter. All slots are then
+    /// empty, possibly fewer.
     ///
     /// # Errors
     /// As [`GpuRenderer::new`], and if the device is an application's. The renderer stays lost then.
@@ -327,20 +327,20 @@ impl GpuRenderer {
         if self.gpu.is_lent {
             return Err(self.gpu.lost(&"it is the application's to make anew"));
         }
-        // What the old device still holds must not stand beside the new one's.
+        // The old device's memory must be freed before the new one's is allocated.
         self.gpu.destroy();
         *self = Self::make(self.recipe.clone(), None)?;
         Ok(())
     }
 
-    /// Frees all memory that the renderer holds on the device, and returns the device with its compiled pipelines for
-    /// another renderer. Waits until the device is done. If `keeps_picture`, the memory of the picture that was shown last is not freed, and
-    /// the other renderer shows it until it draws one of its own, unless it is made for smaller pictures.
+    /// Frees the renderer's memory on the device, waits for it, and returns it with its compiled pipelines for another
+    /// renderer. With `keeps_picture`, the other renderer shows the last picture until it draws one of its own, unless
+    /// it is made for smaller pictures.
     ///
     /// # Errors
     /// If the device is lost.
     pub fn into_compiled(self, keeps_picture: bool) -> Result<Compiled, GpuError> {
-        // All else is dropped here.
+        // All other parts are dropped here.
         let kept = |Self { gpu, pipelines, targets, blit, reading, .. }: Self| {
             // The next renderer may have no room for sums.
             let targets = targets.filter(|_| keeps_picture).map(Targets::without_sums);
@@ -351,16 +351,15 @@ impl GpuRenderer {
         Ok(Compiled { gpu, pipelines: Some(pipelines), picture })
     }
 
-    /// Gives up from now on pictures that are not finished at this time, with [`GpuError::TooLong`]; `None` gives none up. Submissions are then only as
-    /// large as the device draws in a moment.
+    /// Sets a deadline: from now on, pictures unfinished at this time are given up with [`GpuError::TooLong`]; `None`
+    /// gives none up. Submissions are then only as large as the device draws in a moment.
     pub fn draw_until(&mut self, until: Option<Instant>) {
         if self.pace.until() != until {
             self.pace.restart(until);
         }
     }
 
-    /// Whether the renderer has taken over the picture that the one before it on the device had shown last. It shows that until it draws one of
-    /// its own.
+    /// Whether the renderer shows the last picture of its predecessor on the device until it draws one of its own.
     pub fn keeps_picture(&self) -> bool {
         self.keeps_picture
     }
@@ -371,18 +370,17 @@ impl GpuRenderer {
         self.gpu.device.destroy();
     }
 
-    /// Whether the renderer's device is an application's. Pictures that are [shown](GpuRenderer::show) then never wait
-    /// for it.
+    /// Whether the renderer's device is an application's. [Shown](GpuRenderer::show) pictures then never wait for it.
     pub fn never_waits(&self) -> bool {
         self.gpu.is_lent
     }
 
-    /// The device that the renderer draws on.
+    /// The device to draw on.
     pub fn gpu(&self) -> &Gpu {
         &self.gpu
     }
 
-    /// Number of slots in the pool of a layer, which is how many bricks fit.
+    /// Number of slots in a layer's pool, and so of bricks that fit.
     ///
     /// # Panics
     /// If there is no such layer.
@@ -390,13 +388,12 @@ impl GpuRenderer {
         self.pools[self.layers[layer].pool].slots()
     }
 
-    /// Bytes of everything that this renderer may hold on the GPU at once: atlases, targets, tables, staging,
-    /// read-back.
+    /// Most bytes of this renderer on the GPU at once: atlases, targets, tables, staging, read-back.
     pub fn gpu_bytes(&self) -> u64 {
         self.memory.bytes()
     }
 
-    /// Bytes that [`GpuRenderer::gpu_bytes`] would be if the device had not refused some of them.
+    /// The value of [`GpuRenderer::gpu_bytes`], had the device refused nothing.
     pub fn asked_bytes(&self) -> u64 {
         self.asked_bytes
     }
@@ -406,7 +403,7 @@ impl GpuRenderer {
         self.pools.iter().map(|pool| pool.uploader.bytes).sum()
     }
 
-    /// Milliseconds that the last rendered frame took: on the GPU if the device has timestamps, else from call to
+    /// Duration of the last rendered frame, milliseconds: on the GPU if the device has timestamps, else from call to
     /// picture.
     pub fn last_frame_ms(&self) -> f64 {
         self.last_frame_ms
@@ -423,8 +420,7 @@ impl GpuRenderer {
     }
 
     /// Puts a padded brick into a slot of a layer's pool: its codes (little-endian, x fastest), then its gradients. Any
-    /// layer of the pool may be drawn from the slot. Returns before the brick is on the GPU; frames that are drawn
-    /// later see it.
+    /// layer of the pool may be drawn from the slot. Returns before the brick is on the GPU; later frames see it.
     ///
     /// # Errors
     /// If the codes are not a padded brick of the layer, there is no such slot, or the device fails.
@@ -436,7 +432,7 @@ impl GpuRenderer {
         gpu.scoped(|| pools[layers[layer].pool].upload(gpu, march.rays(), slot, codes))
     }
 
-    /// Submits what has been uploaded, so that no drawing that is submitted from now on reads what a slot held before.
+    /// Submits pending uploads, so that drawing submitted from now on never reads a slot's former contents.
     ///
     /// # Errors
     /// If the device fails.
@@ -445,8 +441,8 @@ impl GpuRenderer {
         gpu.scoped(|| pools.iter_mut().try_for_each(|pool| pool.uploader.submit(gpu)))
     }
 
-    /// Returns the bytes of codes that can be uploaded into a layer's pool without waiting for the device, as of when
-    /// it was last [polled](GpuRenderer::answers).
+    /// Returns the bytes of codes that fit into a layer's pool without waiting for the device, as of its last
+    /// [poll](GpuRenderer::answers).
     ///
     /// # Panics
     /// If there is no such layer.
@@ -456,8 +452,8 @@ impl GpuRenderer {
 
     /// For each entry of a layer's draw list in the last rendered frame, in order, the greatest transmittance with
     /// which a ray entered the cell, rounded up to a multiple of 1/255. It is 0 if no ray did, because rays ended
-    /// before or have no sample there. `None` for projections, in which nothing hides anything, for `sorted`, and if
-    /// the device's shaders cannot say.
+    /// before or have no sample there. `None` for projections, where nothing hides anything, for `sorted`, and if the
+    /// device's shaders cannot report it.
     pub fn visibility(&self, layer: usize) -> Option<&[f32]> {
         Some(self.visibility.as_ref()?.get(layer)?)
     }

@@ -1,5 +1,5 @@
-//! Pictures that nobody waits for: shown on a texture of the renderer's own, put on those of an application, answered about later, and read
-//! back when somebody asks for their pixels.
+//! Pictures drawn without waiting: shown on a texture of the renderer's own, put on an application's textures, answered
+//! later, and read back on request.
 
 use crate::answers::{Answer, Question, Said};
 use crate::blit::Target;
@@ -12,9 +12,8 @@ use brickyard_volume::{Combination, Picture, StereoLayout};
 use std::ops::Range;
 
 impl GpuRenderer {
-    /// Draws a picture as [`GpuRenderer::render`] does, but into a texture of the renderer's own and without waiting.
-    /// Returns whether there will be an [`Answer`] about it, with the number `picture`; there is none while too many
-    /// are under way.
+    /// Draws a picture like [`GpuRenderer::render`], but into the renderer's own texture and without waiting. Returns
+    /// whether an [`Answer`] with the number `picture` will follow; none does while too many are in flight.
     ///
     /// # Errors
     /// As [`GpuRenderer::render`].
@@ -29,8 +28,8 @@ impl GpuRenderer {
             .scoped(|| Ok(self.all_drawn(layers, combination, (None, false))?.end(picture, false)?.is_asked))
     }
 
-    /// Draws some rows of a picture without meshes, which row 0 begins and the last row ends: then it is as one by [`GpuRenderer::show`], and what
-    /// that returns is returned. `None` before. Layers, lists and slots must stay meanwhile.
+    /// Draws some rows of a picture without meshes, beginning with row 0. The last row ends it and returns the result
+    /// of [`GpuRenderer::show`]; earlier ones return `None`. Layers, lists and slots must stay unchanged meanwhile.
     ///
     /// # Errors
     /// As [`GpuRenderer::render`].
@@ -47,8 +46,7 @@ impl GpuRenderer {
         })
     }
 
-    /// Polls the device and takes the answers about pictures that have come, the oldest first. Cheap enough for every
-    /// frame.
+    /// Polls the device and takes the answers received so far, oldest first. Cheap enough for every frame.
     ///
     /// # Errors
     /// If the device is lost.
@@ -61,7 +59,7 @@ impl GpuRenderer {
         })
     }
 
-    /// Keeps the picture that was shown last as the left eye's: the next one is the right eye's.
+    /// Keeps the last shown picture as the left eye's: the next one is the right eye's.
     ///
     /// # Errors
     /// If nothing has been drawn, or the device has no memory for the picture.
@@ -71,12 +69,11 @@ impl GpuRenderer {
         gpu.scoped(|| blit.keep_left(gpu, targets))
     }
 
-    /// Records a pass in an application's encoder that puts the picture shown last, or with `stereo` the pictures of
-    /// two eyes, on the application's texture. The pass reads the picture when it is submitted: if another one has been
-    /// shown since, that one is put there.
+    /// Records a pass in an application's encoder that puts the last shown picture, or with `stereo` those of two eyes,
+    /// on the application's texture. The pass reads the picture when submitted, which may be one shown meanwhile.
     ///
     /// # Errors
-    /// If nothing has been drawn, or nothing can be drawn in the target's format.
+    /// If nothing has been drawn, or the target's format cannot be drawn into.
     pub fn draw_to(
         &mut self,
         stereo: Option<StereoLayout>,
@@ -88,9 +85,8 @@ impl GpuRenderer {
         gpu.scoped(|| blit.record(gpu, (targets, stereo), target, encoder))
     }
 
-    /// Asks for the pixels of the picture that was drawn last; [`GpuRenderer::picture`] returns them once they are
-    /// there. Returns false, and does nothing, while the pixels of an earlier picture are on their way or if nothing
-    /// has been drawn.
+    /// Requests the pixels of the last drawn picture for [`GpuRenderer::picture`]. Returns false, and does nothing,
+    /// while those of an earlier picture are on their way or if nothing has been drawn.
     ///
     /// # Errors
     /// If the device fails.
@@ -106,8 +102,7 @@ impl GpuRenderer {
         })
     }
 
-    /// Returns the picture whose pixels [`GpuRenderer::read_back`] has asked for; `None` while they are on their way,
-    /// or if none was asked for.
+    /// Returns the picture requested by [`GpuRenderer::read_back`]; `None` while on its way, or without a request.
     ///
     /// # Errors
     /// If the device is lost.
@@ -123,8 +118,8 @@ impl GpuRenderer {
         })
     }
 
-    /// Makes sure that a picture that is waited for gets a sheet and a read-back buffer: if there is none, waits for
-    /// everything under way. A picture whose pixels were asked for is dropped.
+    /// Ensures a free sheet and read-back buffer for a picture with a waiting caller: if necessary, waits for
+    /// everything in flight and drops a picture requested earlier.
     pub(crate) fn make_room(&mut self) -> Result<(), GpuError> {
         if self.answers.is_full() || self.reading.is_some() {
             self.gpu.wait_for_all()?;
@@ -132,13 +127,13 @@ impl GpuRenderer {
             self.heard.append(&mut heard);
         }
         if let (Some(targets), Some(reading)) = (&mut self.targets, self.reading.take()) {
-            // Of two pictures that are asked for the later one counts.
+            // Of two requested pictures the later one counts.
             targets.take(&self.gpu, reading)?;
         }
         Ok(())
     }
 
-    /// Takes the answers about pictures that have come. Does not poll the device.
+    /// Takes the answers received so far. Does not poll the device.
     pub(crate) fn hear(&mut self) -> Result<Vec<Answer>, GpuError> {
         let Self { gpu, answers, meshes, layers, .. } = self;
         let said = answers.take_said(gpu)?;
@@ -165,8 +160,8 @@ impl GpuRenderer {
         Ok(said.into_iter().map(answer).collect())
     }
 
-    /// Whether the picture shown last lacks layers of translucent meshes. Then it has to be drawn again, and gets more
-    /// layers. `None` while that is not known.
+    /// Whether the last shown picture lacks layers of translucent meshes. Drawn again, it gets more. `None` while
+    /// unknown.
     pub fn lacks_layers(&self) -> Option<bool> {
         self.meshes.as_ref().map_or(Some(false), |meshes| meshes.is_short())
     }

@@ -1,7 +1,8 @@
 //! The `sorted` compositor: cells of draw lists as instanced boxes, back to front, blended one over the other.
 //!
-//! Layers of one grid are drawn together: their lists are merged by rank into one of cells, and a cell has a brick of each layer. Where
-//! bricks fade in, a cell becomes as many boxes as there are shares of the pixels with other bricks.
+//! Layers of one grid are drawn together: their lists are merged by rank into one list of cells, each with a brick of
+//! every layer. Where bricks fade in, a cell becomes several boxes, one for each share of the pixels with different
+//! bricks.
 
 use crate::buffers::{SharedBuffers, buffer, entry};
 use crate::error::GpuError;
@@ -17,7 +18,7 @@ use brickyard_shaders::{CellBrick, CellInstance, bindings};
 use brickyard_volume::Pyramid;
 use wgpu::BufferUsages;
 
-/// The buffers and bindings of the `sorted` compositor. Cells and their bricks are written anew for every submission.
+/// The buffers and bindings, with cells and bricks rewritten for every submission.
 #[derive(Debug)]
 pub(crate) struct Sorted {
     cells: wgpu::Buffer,
@@ -26,10 +27,9 @@ pub(crate) struct Sorted {
     pub(crate) joint: wgpu::BindGroup,
 }
 
-/// A layer's draw list, its pyramid, and the pool that its bricks are in.
 pub(crate) type Drawn<'a> = (&'a DrawList, &'a Pyramid, &'a Pool);
 
-/// The boxes that `sorted` draws, back to front, and for each box the bricks that stand for the layers in it.
+/// The boxes to draw, back to front, and for each box the bricks of the layers in it.
 #[derive(Debug, Default)]
 pub(crate) struct Boxes {
     cells: Vec<CellInstance>,
@@ -37,7 +37,7 @@ pub(crate) struct Boxes {
 }
 
 impl Boxes {
-    /// Makes the boxes of one layer, or of several that are drawn together.
+    /// Builds the boxes of one layer, or of several layers drawn together.
     ///
     /// # Errors
     /// If the layers' cells are not those of one cut.
@@ -47,9 +47,9 @@ impl Boxes {
             entries.extend(draw.cells.iter().map(|entry| (i, entry)));
         }
         if layers.len() > 1 {
-            // Entries of one layer keep their order.
+            // The sort is stable: entries of one layer keep their order.
             entries.sort_by_key(|(_, entry)| entry.rank);
-            // Layers are of times and channels of their own.
+            // Layers have times and channels of their own.
             let is_torn =
                 |(_, a): &(usize, &DrawCell), (_, b): &(usize, &DrawCell)| (a.rank == b.rank) != (a.region == b.region);
             if let Some([(_, a), (_, b)]) = entries.array_windows().find(|[a, b]| is_torn(a, b)) {
@@ -115,8 +115,8 @@ impl Sorted {
         Ok(Self { cells, bricks, bindings: each, joint })
     }
 
-    /// Draws boxes in chunks, one submission each, so that no watchdog sees one as a hang. `is_first` clears the
-    /// target; otherwise the boxes come in front of what is there.
+    /// Draws boxes in chunks, one submission each, so that no watchdog sees a hang. `is_first` clears the target;
+    /// otherwise the boxes come in front of its contents.
     ///
     /// # Errors
     /// If the picture is given up, or the device fails.

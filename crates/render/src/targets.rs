@@ -1,4 +1,4 @@
-//! What a picture of one size is drawn into and read back from.
+//! The targets of pictures of one size, and their read-back.
 
 use crate::buffers::buffer;
 use crate::compositor::Compositor;
@@ -11,24 +11,21 @@ use brickyard_shaders::Gather;
 use brickyard_volume::Picture;
 use wgpu::{Extent3d, TextureFormat, TextureUsages};
 
-/// The targets of pictures of one size: gathered samples, the display picture, and the buffer that brings it to the
-/// CPU.
 #[derive(Debug)]
 pub(crate) struct Targets {
     pub(crate) gather: Gather,
     pub(crate) width_px: u32,
     pub(crate) height_px: u32,
     pub(crate) gathered: wgpu::TextureView,
-    /// The sums of joined projections: for layers that mix, colour times depth, and depth; and the light of layers that
-    /// add. `None` if layers are not joined.
+    /// The sums of joined projections: for layers that mix, colour times depth, and depth; and the light of additive
+    /// layers. `None` if layers are not joined.
     pub(crate) sums: Option<[wgpu::TextureView; 2]>,
     pub(crate) display_view: wgpu::TextureView,
     pub(crate) display: wgpu::Texture,
-    /// Padded rows of RGBA; none while it is under way.
+    /// Padded rows of RGBA; `None` while in flight.
     read_back: Option<wgpu::Buffer>,
 }
 
-/// A picture on its way to the CPU.
 #[derive(Debug)]
 pub(crate) struct Reading {
     mapping: Mapping,
@@ -37,7 +34,7 @@ pub(crate) struct Reading {
 }
 
 impl Targets {
-    /// Makes targets for pictures of a size. `has_sums` says whether projections of several layers are joined.
+    /// Creates targets for pictures of a size. `has_sums`: whether projections of several layers are joined.
     pub(crate) fn new(
         gpu: &Gpu,
         (gather, has_sums): (Gather, bool),
@@ -82,23 +79,21 @@ impl Targets {
         })
     }
 
-    /// Whether these targets are for such pictures.
     pub(crate) fn suit(&self, (gather, has_sums): (Gather, bool), size_px: (u32, u32)) -> bool {
         (self.gather, self.sums.is_some(), self.width_px, self.height_px) == (gather, has_sums, size_px.0, size_px.1)
     }
 
-    /// These targets without the sums, with the display picture.
     pub(crate) fn without_sums(self) -> Self {
         Self { sums: None, ..self }
     }
 
-    /// Whether these targets are no larger than pictures of this size.
+    /// Whether these targets are no larger than this size.
     pub(crate) fn fit(&self, (width_px, height_px): (u32, u32)) -> bool {
         self.width_px <= width_px && self.height_px <= height_px
     }
 
-    /// Queues the copy of the display picture to a buffer that the CPU can read, and returns the buffer. `None` while
-    /// an earlier picture is on its way to the CPU.
+    /// Queues the copy of the display picture to a CPU-readable buffer, and returns the buffer. `None` while an earlier
+    /// picture is on its way.
     pub(crate) fn copy_back(&mut self, encoder: &mut wgpu::CommandEncoder) -> Option<wgpu::Buffer> {
         let buffer = self.read_back.take()?;
         let layout = wgpu::TexelCopyBufferLayout {
@@ -112,15 +107,15 @@ impl Targets {
         Some(buffer)
     }
 
-    /// Begins to bring a picture to the CPU. The last submission must be the one that copies the picture into `buffer`.
+    /// Starts bringing a picture to the CPU. The last submission must be the one that copies the picture into `buffer`.
     pub(crate) fn reading(&self, buffer: wgpu::Buffer) -> Reading {
         Reading { mapping: Mapping::begin(buffer), width_px: self.width_px, height_px: self.height_px }
     }
 
-    /// Takes a picture that has come to the CPU, and keeps its buffer for the next one.
+    /// Takes a picture that has reached the CPU, and keeps its buffer for the next one.
     ///
     /// # Errors
-    /// If the picture has not come yet, or the device is lost.
+    /// If the picture has not arrived yet, or the device is lost.
     pub(crate) fn take(&mut self, gpu: &Gpu, reading: Reading) -> Result<Picture, GpuError> {
         let Reading { mapping, width_px, height_px } = reading;
         let (rgb, buffer) = mapping.read(gpu, |rows| {
@@ -136,7 +131,7 @@ impl Targets {
 }
 
 impl Reading {
-    /// Whether the picture has come to the CPU. Does not poll the device.
+    /// Whether the picture has reached the CPU. Does not poll the device.
     ///
     /// # Errors
     /// If the device is lost.

@@ -1,35 +1,33 @@
-//! The transfer table as the GPU has it: places so close that the nearest one will do, where the volume crate's table has
-//! entries and is interpolated. A sample then costs one load of 8 bytes, and one power less: opacity is stored as
-//! the depth that an exponential takes.
+//! The transfer table on the GPU: places so dense that the nearest one suffices, instead of the volume crate's
+//! interpolated entries. A sample then costs one load of 8 bytes and one power less: opacity is stored as the argument
+//! of an exponential.
 
 use brickyard_volume::compositing::OPAQUE;
 use brickyard_volume::jitter::{self, BLUE_EDGE};
 use brickyard_volume::{Mode, Needs, SlotFormat, TransferGrid, TransferTable};
 
-/// What the places of a table hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Places {
-    /// Media: a colour of 32 bits, and the depth that an exponential takes.
+    /// Media: a colour of 32 bits, and a depth for an exponential.
     Media,
-    /// A projection's colours, of 63 bits, so that what a pixel shows of a value is not off by rounding; and whether there is any opacity.
+    /// A projection's colours, of 63 bits, so that rounding never shows in a value's colour; and one bit for any
+    /// opacity.
     Colors,
 }
 
 impl Places {
-    /// What a picture of this mode reads.
     pub(crate) fn of(mode: Mode) -> Self {
         if mode.is_projection() { Self::Colors } else { Self::Media }
     }
 }
 
-/// Bytes of a place.
 const PLACE_BYTES: u64 = size_of::<[u32; 2]>() as u64;
 
-/// The format of the codes of an expression's transfer table.
 pub(crate) const COMBINED: SlotFormat = SlotFormat::U16;
 
-/// The most places of a transfer table behind the first. Of all 8-bit codes there are 64 from one to the next: where a table jumps from clear to
-/// opaque within a code, the nearest is off by less than 2/255 in one sample; 16-bit codes are as close as that already.
+/// The most places of a transfer table, after the first. 8-bit codes have 64 per code: where a table jumps from clear
+/// to opaque within a code, the nearest place is off by less than 2/255 in one sample; 16-bit codes are as dense
+/// already.
 fn most_places(codes: SlotFormat) -> u32 {
     match codes {
         SlotFormat::U8 => 255 * 64,
@@ -37,7 +35,7 @@ fn most_places(codes: SlotFormat) -> u32 {
     }
 }
 
-/// Returns the index of the last place of a transfer table: a whole number of places for each of its entries.
+/// Returns the index of the last place of a transfer table; each entry has a whole number of places.
 pub(crate) fn last_place(table: &TransferTable, codes: SlotFormat) -> u32 {
     let last = table.last_entry() as u32;
     last * places_per_entry(last, codes)
@@ -50,10 +48,10 @@ fn places_per_entry(last_entry: u32, codes: SlotFormat) -> u32 {
 /// Channels of running integrals: three of colour, and depth.
 const CHANNELS: u64 = 4;
 
-/// Words of the mask, in places.
+/// Size of the mask, in places.
 const MASK_PLACES: u32 = (BLUE_EDGE * BLUE_EDGE) as u32 / PLACE_BYTES as u32;
 
-/// What the buffer of a transfer table has room for: places, running integrals if wanted, the mask of
+/// The capacity of a transfer table's buffer: places, running integrals if wanted, the mask of
 /// [jitter](brickyard_volume::jitter), and entries over values and gradients if wanted, in this order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct TableCapacity {
@@ -63,57 +61,53 @@ pub(crate) struct TableCapacity {
 }
 
 impl TableCapacity {
-    /// Returns the capacity that pictures with these needs take.
     pub(crate) fn new(codes: SlotFormat, needs: &Needs) -> Self {
         Self { codes, has_integrals: needs.is_pre_integrated, has_grid: needs.has_grid }
     }
 
-    /// Returns the capacity without integrals and without entries over gradients.
+    /// The capacity without integrals and without entries over gradients.
     pub(crate) fn of_places(codes: SlotFormat) -> Self {
         Self { codes, has_integrals: false, has_grid: false }
     }
 
-    /// Returns the bytes of the buffer.
     pub(crate) fn bytes(&self) -> u64 {
         let entries = if self.has_grid { TransferGrid::MOST_ROWS * TransferGrid::COLUMNS } else { 0 };
         (self.grid_at() as u64 + entries as u64) * PLACE_BYTES
     }
 
-    /// Returns the bytes of the buffer and of the staging memory for its upload.
+    /// The bytes of the buffer and of the staging memory for its upload.
     pub(crate) fn bytes_staged(&self) -> u64 {
         2 * self.bytes()
     }
 
-    /// Returns where the jitter mask begins, in places of 8 bytes.
+    /// Returns the start of the jitter mask, in places of 8 bytes.
     pub(crate) fn mask_at(&self) -> u32 {
         let sums = if self.has_integrals { TransferTable::most_entries(self.codes) as u64 * CHANNELS } else { 0 };
         most_places(self.codes) + 1 + sums as u32
     }
 
-    /// Returns where the entries over values and gradients begin, in places of 8 bytes.
+    /// Returns the start of the entries over values and gradients, in places of 8 bytes.
     pub(crate) fn grid_at(&self) -> u32 {
         self.mask_at() + MASK_PLACES
     }
 }
 
-/// The contents of the buffer of a transfer table.
 #[derive(Debug)]
 pub(crate) struct Words {
-    /// The words of the buffer in pairs: places; for each entry the low and high word of each running integral; room that is left; the
-    /// jitter mask, one byte per threshold; entries over values and gradients, colour and opacity.
+    /// The words of the buffer in pairs: places; for each entry the low and high word of each running integral; unused
+    /// room; the jitter mask, one byte per threshold; entries over values and gradients, colour and opacity.
     pub(crate) words: Vec<[u32; 2]>,
-    /// The value of a running integral that a one in its low word stands for.
+    /// The value of 1 in the low word of a running integral.
     pub(crate) sum_unit: f32,
 }
 
-/// Makes the contents of the buffer from a transfer table.
 pub(crate) fn words(table: &TransferTable, room: TableCapacity, holds: Places) -> Words {
     let mut words = places(table, room.codes, holds);
     let mut sum_unit = 0.0;
     if room.has_integrals {
         let integrals = table.integrals();
         let total = integrals.sums().last().map_or(0.0, |sums| sums[3]);
-        // Differences of 64 bits are exact, wherever along the table they are taken.
+        // Differences of 64-bit integers are exact anywhere along the table.
         sum_unit = (total / (1u64 << 62) as f64).max(f32::MIN_POSITIVE as f64) as f32;
         for sum in integrals.sums().iter().flatten() {
             let count = (sum / sum_unit as f64) as u64;
@@ -134,7 +128,6 @@ fn mask() -> impl Iterator<Item = [u32; 2]> {
     jitter::blue_mask().chunks(8).map(move |chunk| [word(&chunk[..4]), word(&chunk[4..])])
 }
 
-/// Makes the places of a transfer table.
 pub(crate) fn places(table: &TransferTable, codes: SlotFormat, holds: Places) -> Vec<[u32; 2]> {
     let last = last_place(table, codes);
     let medium = |[r, g, b, alpha]: [f32; 4]| {
@@ -144,14 +137,14 @@ pub(crate) fn places(table: &TransferTable, codes: SlotFormat, holds: Places) ->
     let per_entry = places_per_entry(table.last_entry() as u32, codes);
     let place = |i: u32| match holds {
         Places::Media => medium(table.lookup(i as f32 / last as f32)),
-        // An entry as it is.
+        // An unchanged entry.
         Places::Colors if i.is_multiple_of(per_entry) => pack_exactly(table.entries[(i / per_entry) as usize]),
         Places::Colors => pack_exactly(table.lookup(i as f32 / last as f32)),
     };
     (0..=last).map(place).collect()
 }
 
-/// 21 bits for each part of the colour, from the lowest, and one for whether there is any opacity.
+/// 21 bits for each colour channel, from the lowest, and one for any opacity.
 fn pack_exactly([r, g, b, alpha]: [f32; 4]) -> [u32; 2] {
     let part = |part: f32| (f64::from(part.clamp(0.0, 1.0)) * 2_097_151.0).round() as u64;
     let word = part(r) | part(g) << 21 | part(b) << 42 | u64::from(alpha > 0.0) << 63;
@@ -192,7 +185,7 @@ mod tests {
                     assert!(((exact >> (21 * k) & 0x1f_ffff) as f64 / 2_097_151.0 - f64::from(part)).abs() < 3e-7);
                 }
                 assert_eq!(exact >> 63 == 1, alpha > 0.0);
-                // The depth is rounded to f32 once; near 1 what is left of the light is the rest of a difference.
+                // The depth is rounded to f32 once; near 1 the remaining light is a small difference.
                 assert!(((-f32::from_bits(*depth)).exp2() - (1.0 - alpha)).abs() < 1e-6, "{i}: {alpha}");
             }
             assert_eq!(f32::from_bits(places[0][1]), 0.0, "clear stays clear");
@@ -213,7 +206,7 @@ mod tests {
             let room = TableCapacity { codes: encoding.format, has_integrals: true, has_grid: true };
             let words = words(&table, room, Places::Media).words;
             let (entries, grid) = (&words[room.grid_at() as usize..], table.grid.unwrap());
-            // A row for each code, and room for as many as there may be.
+            // A row for each code, and room for the most rows.
             let left = (TransferGrid::MOST_ROWS - grid.rows()) * TransferGrid::COLUMNS;
             assert_eq!((words.len() + left) as u64 * 8, room.bytes(), "values of all codes fill it");
             assert_eq!(grid.rows(), [256, TransferGrid::MOST_ROWS][usize::from(voxel_type == VoxelType::U16)]);

@@ -1,8 +1,8 @@
-//! Uploads: slot codes into the atlas, in batches, with a bound on the staging memory in flight.
+//! Uploads of slot codes into the atlas, in batches, with a bound on the staging memory in flight.
 //!
-//! `write_texture` copies each brick into staging memory of its own, which comes back only when its submission is done. So
-//! bricks are submitted in small batches (which is also fastest on a software rasteriser), and only so many are under way: who uploads more
-//! than there is [room](Uploader::room_bytes) for waits for the oldest.
+//! `write_texture` copies each brick into staging memory of its own, freed only when its submission is done. So bricks
+//! are submitted in small batches (also fastest on a software rasteriser), with a limit on those in flight: uploads
+//! beyond the [room](Uploader::room_bytes) wait for the oldest.
 
 use crate::atlas::{Atlas, texel_bytes};
 use crate::error::GpuError;
@@ -18,13 +18,12 @@ use wgpu::TextureFormat;
 /// Most bricks per upload submission. Measured best on lavapipe; 64 is half as fast.
 pub(crate) const MAX_BATCH: u64 = 8;
 
-/// Returns the bytes of staging memory of a brick and its gradients, with rows padded to 256 bytes as drivers may do.
+/// Returns the staging bytes of a brick and its gradients, with rows padded to 256 bytes as drivers may do.
 pub(crate) fn staging_bytes(slot_edge: u32, format: TextureFormat, gradients: GradientNodes) -> u64 {
     let cube = |edge: u64, bytes: u64| (edge * bytes).next_multiple_of(256) * edge * edge;
     cube(slot_edge as u64, texel_bytes(format)) + cube(gradients.along() as u64, NODE_BYTES as u64)
 }
 
-/// Bricks submitted together.
 #[derive(Debug)]
 struct Batch {
     bricks: u64,
@@ -32,31 +31,30 @@ struct Batch {
     is_done: Arc<AtomicBool>,
 }
 
-/// Uploads bricks into an atlas, in batches.
 #[derive(Debug)]
 pub(crate) struct Uploader {
     codes: SlotFormat,
     batch: u64,
-    /// Bricks that may have staging memory at once.
+    /// Most bricks with staging memory at once.
     most: u64,
     /// Bricks written since the last submission.
     pending: u64,
-    /// Batches that may still be under way, the oldest first.
+    /// Batches possibly still in flight, oldest first.
     under_way: VecDeque<Batch>,
-    /// Texels of a brick whose codes the atlas does not hold as they are.
+    /// Scratch for a brick's texels, if the atlas's format differs from the codes'.
     converted: Vec<u16>,
     /// Bytes of codes and gradients uploaded so far.
     pub(crate) bytes: u64,
 }
 
 impl Uploader {
-    /// Makes an uploader that submits `batch` bricks at a time and has staging memory for `batches` batches.
+    /// Creates an uploader that submits `batch` bricks at a time and has staging memory for `batches` batches.
     pub(crate) fn new(codes: SlotFormat, batch: u64, batches: u64) -> Self {
         let (most, under_way, converted) = (batch * batches, VecDeque::new(), Vec::new());
         Self { codes, batch, most, pending: 0, under_way, converted, bytes: 0 }
     }
 
-    /// Checks that `codes` has the size of a padded brick with its gradients, and that there is such a slot.
+    /// Checks that `codes` has the size of a padded brick with its gradients, and that the slot exists.
     pub(crate) fn check(&self, atlas: &Atlas, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
         let expected = self.voxel_bytes(atlas) + atlas.nodes.bytes();
         if codes.len() == expected && slot.0 < atlas.plan.slots() {
@@ -74,19 +72,17 @@ impl Uploader {
         (atlas.plan.slot_edge as usize).pow(3) * self.codes.bytes()
     }
 
-    /// Returns the bytes of codes that can be uploaded without waiting, as of when the device was last polled.
+    /// Returns the bytes of codes that fit without waiting, as of the device's last poll.
     pub(crate) fn room_bytes(&mut self, atlas: &Atlas) -> u64 {
         while self.under_way.pop_front_if(|batch| batch.is_done.load(Ordering::Acquire)).is_some() {}
         (self.most - self.staged()) * (self.voxel_bytes(atlas) + atlas.nodes.bytes()) as u64
     }
 
-    /// Bricks that have staging memory.
     fn staged(&self) -> u64 {
         self.pending + self.under_way.iter().map(|batch| batch.bricks).sum::<u64>()
     }
 
-    /// Uploads a brick that [`Uploader::check`] has passed. Waits for the oldest batch if there is no staging memory
-    /// left.
+    /// Uploads a brick accepted by [`Uploader::check`]. Waits for the oldest batch if no staging memory is left.
     pub(crate) fn upload(&mut self, gpu: &Gpu, atlas: &Atlas, slot: Slot, codes: &[u8]) -> Result<(), GpuError> {
         while self.staged() >= self.most
             && let Some(batch) = self.under_way.pop_front()
@@ -101,7 +97,6 @@ impl Uploader {
         if self.pending < self.batch { Ok(()) } else { self.submit(gpu) }
     }
 
-    /// Submits the bricks that have been written since the last submission.
     pub(crate) fn submit(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
         let bricks = std::mem::take(&mut self.pending);
         if bricks > 0 {
@@ -114,7 +109,7 @@ impl Uploader {
     }
 }
 
-/// The codes as the atlas's texels: themselves, 8 bits widened to 16, or as half floats.
+/// Converts codes to the atlas's texels: unchanged, 8 bits widened to 16, or as half floats.
 fn convert<'a>(codes: &'a [u8], from: SlotFormat, to: TextureFormat, scratch: &'a mut Vec<u16>) -> &'a [u8] {
     scratch.clear();
     match (from, to) {

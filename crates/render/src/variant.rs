@@ -1,4 +1,4 @@
-//! Which shaders a frame needs: what is decided of it when a pipeline is made.
+//! The shaders needed for a frame: the settings fixed when a pipeline is made.
 
 use crate::frame::Framed;
 use brickyard_shaders::{Curve, Gather, JointVariant, Light, Medium, Surfaces, Variant};
@@ -6,7 +6,6 @@ use brickyard_volume::{
     Filter, FrameSettings, Gradient, Lighting, LightingModel, Mode, Sampling, SlotEncoding, SlotFormat, sampling,
 };
 
-/// The variant of a march's shader: for one layer, or for several layers together.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Shader {
     Single(Variant),
@@ -14,7 +13,7 @@ pub(crate) enum Shader {
 }
 
 impl Shader {
-    /// Whether the shader draws a slab between meshes only.
+    /// Whether the shader draws only a slab between meshes.
     pub(crate) fn has_meshes(&self) -> bool {
         match self {
             Self::Single(variant) => variant.has_meshes,
@@ -23,7 +22,6 @@ impl Shader {
     }
 }
 
-/// Returns how the samples of a frame are gathered.
 pub(crate) fn gather_of(frame: &FrameSettings) -> Gather {
     match frame.mode {
         Mode::Mip | Mode::MinIp => Gather::Project,
@@ -33,8 +31,8 @@ pub(crate) fn gather_of(frame: &FrameSettings) -> Gather {
     }
 }
 
-/// Returns how ray segments become media in a composite, sampled in this way. `has_surfaces` says whether there are isosurfaces, `has_grid`
-/// whether transfer functions depend on gradients.
+/// Returns how ray segments become media in a composite with this sampling. `has_surfaces`: whether there are
+/// isosurfaces; `has_grid`: whether transfer functions depend on gradients.
 pub(crate) fn medium_of(frame: &FrameSettings, sampling: Sampling, has_surfaces: bool, has_grid: bool) -> Medium {
     let method = sampling.method;
     let curve = match method.curve() {
@@ -49,18 +47,17 @@ pub(crate) fn medium_of(frame: &FrameSettings, sampling: Sampling, has_surfaces:
         _ if has_surfaces => Surfaces::InFog,
         _ => Surfaces::None,
     };
-    // Where a gradient is asked for by nothing there is no variant of its own for each.
+    // Without a use for gradients, all kinds of gradient share one variant.
     let has_gradients = light != Light::Unlit || surfaces != Surfaces::None || has_grid;
     let gradient = gradient_of(&frame.lighting, has_gradients);
     if surfaces == Surfaces::Alone {
-        // Nor a method without fog.
+        // Without fog, methods share one too.
         return Medium { light, gradient, surfaces, ..Medium::PLAIN };
     }
     let (parts, is_pre_integrated) = (sampling.parts(0.0) as u32, method.is_pre_integrated());
     Medium { curve, parts, is_pre_integrated, light, gradient, surfaces, has_grid }
 }
 
-/// How colours become lit ones.
 fn light_of(lighting: &Lighting) -> Light {
     match lighting.model {
         LightingModel::None => Light::Unlit,
@@ -70,7 +67,7 @@ fn light_of(lighting: &Lighting) -> Light {
     }
 }
 
-/// How gradients are found; the same where none is asked for.
+/// The gradient method; the same for all if unused.
 fn gradient_of(lighting: &Lighting, is_lit: bool) -> brickyard_shaders::Gradient {
     match lighting.gradient {
         Gradient::Sobel if is_lit => brickyard_shaders::Gradient::Sobel,
@@ -79,7 +76,6 @@ fn gradient_of(lighting: &Lighting, is_lit: bool) -> brickyard_shaders::Gradient
     }
 }
 
-/// How the field is made of voxels.
 pub(crate) fn filter_of(sampling: Sampling) -> brickyard_shaders::Filter {
     match sampling.filter {
         Filter::Nearest => brickyard_shaders::Filter::Nearest,
@@ -88,7 +84,6 @@ pub(crate) fn filter_of(sampling: Sampling) -> brickyard_shaders::Filter {
     }
 }
 
-/// Returns the shader variant of a march through one layer by itself.
 pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
     let frame = framed.settings;
     let (gather, sampling) = (gather_of(frame), Sampling { method: frame.method(), ..frame.sampling });

@@ -1,4 +1,4 @@
-//! Pipelines that are made ahead: what is drawn meanwhile, and what becomes of them when the device or the renderer goes.
+//! Pipelines compiled ahead: drawing meanwhile, and the end of the device or the renderer.
 
 mod bricks;
 
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 const LAYERS: usize = 3;
 
-/// Three times the same volume, all its bricks, and a renderer.
+/// Three layers of the same volume, all its bricks, and a renderer.
 struct Stage {
     bricks: Bricks,
     renderer: GpuRenderer,
@@ -18,7 +18,7 @@ struct Stage {
 }
 
 impl Stage {
-    /// `None`, said loudly, where there is no adapter at all.
+    /// `None`, with a loud message, without any adapter.
     fn new(compositor: Compositor) -> Option<Self> {
         let bricks = Bricks::new();
         let mut renderer = bricks.renderer(compositor, LAYERS)?;
@@ -64,7 +64,7 @@ fn the_old_look_is_drawn_until_the_new_one_is_made() {
         ];
         let first = stage.render(&old).expect("a picture");
         assert!(stage.is_prepared(&old) && !stage.is_prepared(&new));
-        // Of two that are asked for at once the thread makes the newer one.
+        // Of two requests at once the thread serves the newer one.
         stage.prepare(&other);
         stage.prepare(&new);
         let (begun, mut frames) = (Instant::now(), Vec::new());
@@ -106,7 +106,7 @@ fn a_device_may_go_while_a_thread_makes_something_for_it() {
     stage.draw = stage.bricks.upload(&mut stage.renderer);
     assert!(!stage.is_prepared(&new), "what was made for the old device is gone");
     assert_eq!(stage.render(&old).expect("a picture"), first);
-    // Drawn before it is made ahead.
+    // Drawn before it is compiled ahead.
     stage.prepare(&new);
     assert_ne!(stage.render(&new).expect("a picture"), first);
     assert!(stage.is_prepared(&new));
@@ -115,7 +115,8 @@ fn a_device_may_go_while_a_thread_makes_something_for_it() {
     stage.prepare(&last);
 }
 
-/// A renderer of larger pictures on the same device has what was compiled for the one before, and one of stored gradients has not.
+/// A renderer of larger pictures on the same device inherits the compiled pipelines, and one of stored gradients does
+/// not.
 #[test]
 fn what_is_compiled_serves_the_next_renderer_of_the_device() {
     for compositor in COMPOSITORS {

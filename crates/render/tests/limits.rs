@@ -1,4 +1,4 @@
-//! What a GPU renderer refuses, what it does when the device refuses memory, and what it counts.
+//! Limits of a GPU renderer: refusals, behaviour when the device refuses memory, and byte counts.
 
 mod bricks;
 
@@ -74,7 +74,7 @@ fn budgets_are_shared_and_hard() {
     assert!((0..3).all(|volume| ample.slots(volume) == 9) && ample.gpu_bytes() <= MEMORY_BYTES);
 }
 
-/// Until it fits there are half as many slots, again and again; what is left makes the same picture.
+/// The number of slots is halved until all fits; the rest draws the same picture.
 #[test]
 fn refused_memory_ends_in_fewer_slots() {
     let bricks = Bricks::new();

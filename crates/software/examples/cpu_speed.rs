@@ -1,8 +1,7 @@
-//! CPU milliseconds and samples a CPU-second of a 512x512 picture of 256^3 voxels in bricks of 64^3, for several modes, and
-//! the best wall time of a frame with one and with two threads; and of three channels, drawn in turns with their single pictures. The
-//! pictures go into a folder (Linux):
-//! `cargo run --release -p brickyard-software --example cpu_speed -- FOLDER
-//! [ONLY]`, `ONLY` being part of a case's name.
+//! CPU milliseconds and samples per CPU-second of a 512x512 picture of 256^3 voxels in bricks of 64^3, for several
+//! modes, and the best wall time of a frame with one and with two threads; and of three channels, alternating with
+//! their single pictures. The pictures go into a folder (Linux): `cargo run --release -p brickyard-software --example
+//! cpu_speed -- FOLDER [ONLY]`, where `ONLY` is part of a case's name.
 
 #[path = "../../../tests/conformance/list.rs"]
 #[allow(dead_code, reason = "tests draw in more ways with it")]
@@ -100,7 +99,7 @@ fn frame(volume: &Volume, mode: Mode, opacity: Vec<[f64; 2]>) -> FrameSettings {
     FrameSettings { mode, surfaces, background: [0.0; 3], ..volume.frame(rays, &transfer, Lattice::uniform(1.0, 0)) }
 }
 
-/// Layers that are drawn together.
+/// Layers drawn together.
 struct Scene<'a> {
     renderer: SoftwareRenderer,
     volumes: Vec<&'a Volume>,
@@ -116,7 +115,7 @@ impl<'a> Scene<'a> {
         let mut drawn = Vec::new();
         for (layer, (volume, frame)) in layers.iter().enumerate() {
             let mut list = finest(volume, frame);
-            // The bricks of all lie in turns: they share slots.
+            // The layers' bricks alternate: they share slots.
             for cell in &mut list.cells {
                 cell.slot = Slot(cell.slot.0 * layers.len() as u32 + layer as u32);
                 renderer.upload(layer, cell.slot, volume.padded(cell.brick, &frame.needs())).expect("a slot");
@@ -133,7 +132,7 @@ impl<'a> Scene<'a> {
         self.renderer.render(&layers, None).expect("a picture")
     }
 
-    /// Draws it, and says the wall time and the CPU time in milliseconds.
+    /// Draws the scene; returns wall and CPU time in milliseconds.
     fn measure(&mut self) -> (f64, f64) {
         let (start, cpu_start) = (Instant::now(), cpu_ms());
         self.draw();
@@ -156,7 +155,7 @@ fn cpu_ms() -> f64 {
     run_ns.sum::<u64>() as f64 / 1e6
 }
 
-/// The samples that a frame takes: all of a ray's, up to where early termination ends it.
+/// The samples of a frame: all of a ray's, up to early termination.
 fn samples(volume: &Volume, frame: &FrameSettings) -> u64 {
     let mut count = 0;
     for (x, y) in (0..SIZE_PX).flat_map(|y| (0..SIZE_PX).map(move |x| (x, y))) {

@@ -1,12 +1,12 @@
-//! How a padded brick is read by the boxes of segments ([`brickyard_volume::extremes`]): of the voxels that each box touches, the extreme.
+//! Box reads of a padded brick ([`brickyard_volume::extremes`]): the extreme of all voxels touched by each segment's
+//! box.
 //!
-//! Where no box touches more than two voxels along an axis, its corners touch all of them, and eight boxes are read at once, neighbours along x together. As in
-//! `sample`, everything is inlined and free of closures.
+//! Where no box touches more than two voxels along an axis, only its corners are read, eight boxes at once, neighbours
+//! along x together. As in `sample`, everything is inlined and free of closures.
 
 use crate::packet::{LANES, PACKETS, Packet};
 use crate::sample::{Brick, Code, SampleChunk, Unit};
 
-/// The extreme that a projection shows.
 #[derive(Clone, Copy)]
 pub(crate) enum Extreme {
     Greatest,
@@ -14,7 +14,6 @@ pub(crate) enum Extreme {
 }
 
 impl Extreme {
-    /// What numbers are multiplied by, so that the extreme becomes the greatest.
     const fn sign(self) -> f32 {
         match self {
             Self::Greatest => 1.0,
@@ -23,8 +22,8 @@ impl Extreme {
     }
 }
 
-/// The segments of a chunk in a brick: the slot coordinates of their middles are `origin + along * step`, and a whole one weighs `whole`. `reach` is how far
-/// their boxes reach beyond them.
+/// A chunk's segments in a brick: middles at the slot coordinates `origin + along * step`, `whole` as the weight of a
+/// whole one, and `reach` as the extent of the boxes beyond their segments.
 #[derive(Clone, Copy)]
 pub(crate) struct Segments {
     pub(crate) origin: [f32; 3],
@@ -33,8 +32,8 @@ pub(crate) struct Segments {
     pub(crate) reach: [f32; 3],
 }
 
-/// The voxels that eight boxes touch: the first of each, and how many more there are along each axis. Along x the first is a voxel with one above it; 1 in `skipped` says
-/// that only this is touched.
+/// The voxels touched by eight boxes: the first of each, and the number of further ones along each axis. Along x the
+/// first always has a voxel above it; 1 in `skipped` marks boxes touching only that one.
 struct Touched {
     first: [i32; LANES],
     skipped: [i32; LANES],
@@ -42,7 +41,7 @@ struct Touched {
 }
 
 impl Brick<'_> {
-    /// Fills in the extreme code of each of a chunk's segments. Those that touch no voxel with a value weigh nothing.
+    /// Fills in the extreme code of each of a chunk's segments, with weight 0 if no touched voxel has a value.
     #[inline(always)]
     pub(crate) fn read_boxes<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -114,7 +113,7 @@ impl Brick<'_> {
         }
     }
 
-    /// The voxels of the brick that the boxes of eight segments touch. What a box would touch outside of it, its outermost voxels stand for.
+    /// The voxels touched by the boxes of eight segments. Outside the brick, its outermost voxels stand in.
     #[inline(always)]
     fn touched(&self, segments: &Segments, along: &Packet, weight: &Packet) -> Touched {
         let Segments { origin, step, whole, reach } = *segments;
@@ -122,7 +121,7 @@ impl Brick<'_> {
         for a in 0..3 {
             longest = if step[a].abs() > longest { step[a].abs() } else { longest };
         }
-        // Half of what is looked at of each segment, as a share of a whole one.
+        // Half of each segment's examined part, as a share of a whole segment.
         let mut half = [0.0; LANES];
         for i in 0..LANES {
             let share = weight[i] / whole;
@@ -133,7 +132,7 @@ impl Brick<'_> {
         let mut touched = Touched { first: [0; LANES], skipped: [0; LANES], more: [[0; LANES]; 3] };
         for a in [2, 1, 0] {
             for i in 0..LANES {
-                // Voxel 0 is from -1/2 to 1/2.
+                // Voxel 0 spans -1/2 to 1/2.
                 let middle = origin[a] + along[i] * step[a] + 0.5;
                 let to_face = half[i] * step[a].abs() + reach[a];
                 let low = clamped(middle - to_face, last);
@@ -216,10 +215,9 @@ impl Brick<'_> {
     }
 }
 
-/// The whole part of a coordinate, from 0 to `last`.
 #[inline(always)]
 fn clamped(v: f32, last: f32) -> i32 {
-    // Written so that NaN, too, ends up inside.
+    // Written so that NaN ends up inside, too.
     let v = if v > 0.0 { v } else { 0.0 };
     let v = if v < last { v } else { last };
     // SAFETY: 0 <= v <= last < 2^31.
@@ -237,7 +235,7 @@ mod tests {
     const CODES: CodeMap = CodeMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
     const PADDED: usize = 7;
 
-    /// What boxes of segments at these places, of this share of a step each, are found to have: codes and weights.
+    /// The codes found by boxes of segments at these places, each a share of a step; `None` without weight.
     fn read<C: Code, const INVALID: bool>(
         bytes: &[u8],
         extreme: Extreme,
@@ -256,7 +254,7 @@ mod tests {
     }
 
     proptest! {
-        /// Against a plain loop over all voxels, in f64, of codes and numbers of every width.
+        /// Compares with a plain loop over all voxels, in f64, for codes and numbers of every width.
         #[test]
         fn the_extreme_of_what_is_touched_is_found(
             voxels in prop::collection::vec(prop::sample::select(vec![0u8, 1, 7, 200, 255]), PADDED.pow(3)),
@@ -281,7 +279,7 @@ mod tests {
                     let middle = f64::from(origin[a] + i as f32 * step[a]) + 0.5;
                     [middle - half[a], middle + half[a]]
                 };
-                // Whether a face that rounding moves touches the next voxel is left open.
+                // A face near a voxel boundary may round either way: left open.
                 let is_open = (0..3).flat_map(faces).any(|face| (face - face.round()).abs() < 1e-4);
                 let range = |a: usize| {
                     let [low, high] = faces(a).map(|face| face.clamp(0.0, (PADDED - 1) as f64) as usize);

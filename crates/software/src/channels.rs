@@ -1,8 +1,8 @@
-//! Fog of layers that share a cut, as the channels of an image do: all of a cell's bricks are sampled at the same places.
+//! Fog of layers with a common cut, such as an image's channels: all of a cell's bricks are sampled at the same places.
 //!
-//! Some rays go through a cell side by side. The next segments of each that any layer may show are located once; each layer then takes
-//! its samples there, of all these rays before the next layer's, which so are found in the first-level cache; and light goes through what
-//! all layers have.
+//! Some rays go through a cell side by side. For each, the next segments possibly visible in any layer are located
+//! once; then each layer takes its samples there, for all these rays before the next layer, to find its voxels in the
+//! first-level cache; finally light passes through the media of all layers.
 
 use crate::frame::{Cell, Frame};
 use crate::gather::{self, add_fog};
@@ -22,54 +22,48 @@ use brickyard_volume::{Filter, SlotFormat};
 use glam::Vec4;
 use std::ops::Range;
 
-/// Rays that go side by side: enough for all but one to find its voxels in the cache, and so few that all that they carry stays there.
+/// Rays that go side by side: enough for all but one to find their voxels in the cache, and few enough for their own
+/// state to stay there.
 const SIDE_BY_SIDE: usize = 4;
 
-/// Bytes that a thread keeps for the rays that go side by side.
 pub(crate) const BYTES_PER_THREAD: usize = SIDE_BY_SIDE * size_of::<Walk>();
-/// Bytes that a thread keeps for each layer that the rays go through side by side.
 pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize = SIDE_BY_SIDE * size_of::<u64>() + size_of::<Part<'_, '_>>();
 
-/// How several layers of plain fog that share a cut are drawn.
 pub(crate) struct Channels {
     takes: Vec<Take>,
     march: March,
 }
 
-/// Adds what a layer has of some packets of a chunk.
 type Take = fn(&Part<'_, '_>, u32, &mut SampleChunk, &mut Media);
 
-/// Takes rays to the ends of their runs through a cell.
 type March = fn(&[Part<'_, '_>], &mut [Walk], &mut [Ray; PIXELS]);
 
-/// A layer's part of a cell of the cut that layers share.
+/// A layer's part of a cell of the shared cut.
 #[derive(Clone, Copy)]
 pub(crate) struct Part<'a, 'f> {
     frame: &'a Frame<'f>,
     cell: &'a Cell<'f>,
     take: Take,
-    /// How many of this layer's unit distances are one of the first part's.
+    /// This layer's unit distances per unit distance of the first part.
     share: f32,
 }
 
-/// The rays that go side by side through a cell, as far as they have been collected.
 pub(crate) struct Walks {
     walks: Vec<Walk>,
     count: usize,
 }
 
-/// A ray's way through a cell.
 struct Walk {
     /// The ray's place in its tile, its pixel, and one past the last tick.
     place: usize,
     pixel: [u32; 2],
     last: u32,
-    /// The stretch that it has come to, the blocks of it that each layer may show, and of what any may what has not been taken.
+    /// The current stretch, its blocks visible in each layer and in any, and the segments located next.
     stretch: Stretch,
     shown: Vec<u64>,
     seen: u64,
     pending: Range<i32>,
-    /// Whether there are such segments, and the blocks that each packet of the chunk is of.
+    /// Whether there are such segments, and each packet's blocks.
     is_on: bool,
     blocks: [u64; PACKETS],
     chunk: SampleChunk,
@@ -77,8 +71,8 @@ struct Walk {
 }
 
 impl Channels {
-    /// How these layers, which share a cut and have no surfaces, are drawn side by side. `None` if there is only one layer, or if one of them is
-    /// more than fog that is sampled trilinearly in the middle of each segment and classified by its value alone.
+    /// Prepares side-by-side drawing of layers with a common cut and no surfaces. `None` for a single layer, or if one
+    /// is more than fog sampled trilinearly in the middle of each segment and classified by its value alone.
     pub(crate) fn new(frames: &[Frame<'_>]) -> Option<Self> {
         let is_fog =
             |frame: &Frame<'_>| gather::is_plain(frame) && frame.reading == Reading::Filtered(Filter::Trilinear);
@@ -86,7 +80,8 @@ impl Channels {
             .then(|| Self { takes: frames.iter().map(take_of).collect(), march: march_of() })
     }
 
-    /// The parts that layers have of a cell. `None` if the layers' bricks do not lie alike under the cell, as bricks of one level do.
+    /// The layers' parts of a cell. `None` if the layers' bricks lie differently under the cell, unlike bricks of one
+    /// level.
     pub(crate) fn parts<'a, 'f>(
         &self,
         frames: &'a [Frame<'f>],
@@ -106,8 +101,8 @@ impl Channels {
         Some(parts)
     }
 
-    /// Takes the collected rays to the ends of their runs through the cell, and empties `walks`. Returns how many of the rays have come to
-    /// their own ends.
+    /// Takes the collected rays to the ends of their runs through the cell, and empties `walks`. Returns how many rays
+    /// have ended.
     pub(crate) fn march(&self, parts: &[Part<'_, '_>], walks: &mut Walks, rays: &mut [Ray; PIXELS]) -> usize {
         let walks = &mut walks.walks[..std::mem::take(&mut walks.count)];
         (self.march)(parts, walks, rays);
@@ -124,7 +119,7 @@ impl Channels {
 }
 
 impl Walks {
-    /// Room for rays that go side by side; no room if `channels` is `None`.
+    /// Makes room for the rays, if there are `channels`.
     pub(crate) fn new(channels: Option<&Channels>) -> Self {
         let walk = |_| Walk {
             place: 0,
@@ -142,8 +137,8 @@ impl Walks {
         Self { walks: (0..if channels.is_some() { SIDE_BY_SIDE } else { 0 }).map(walk).collect(), count: 0 }
     }
 
-    /// Adds a pixel's ray, which enters the cell and has the segments from the tick `first` up to the tick `last` there. `place` is the ray's
-    /// place in its tile. Returns whether there is no room for another ray.
+    /// Adds a pixel's ray with the segments from tick `first` up to tick `last` in the cell. `place` is the ray's place
+    /// in its tile. Returns whether the room is now full.
     pub(crate) fn enter(
         &mut self,
         parts: &[Part<'_, '_>],
@@ -164,7 +159,7 @@ impl Walks {
 }
 
 impl Walk {
-    /// Goes on to the stretch that begins at a tick.
+    /// Starts the stretch at tick `start`.
     #[inline(always)]
     fn begin(&mut self, parts: &[Part<'_, '_>], ray: &Ray, start: u32) {
         let Part { frame, cell, .. } = parts[0];
@@ -187,7 +182,7 @@ impl Walk {
         }
     }
 
-    /// Locates the samples of the next segments that any layer may show, as many as a chunk holds. Returns whether there are any.
+    /// Locates the samples of the next possibly visible segments, up to a chunk. Returns whether there are any.
     #[inline(always)]
     fn locate(&mut self, parts: &[Part<'_, '_>], ray: &Ray, grid: &Grid) -> bool {
         while self.pending.is_empty() {
@@ -211,7 +206,6 @@ impl Walk {
         true
     }
 
-    /// The packets of the chunk that a layer may show.
     #[inline(always)]
     fn packets(&self, layer: usize) -> u32 {
         let mut packets = 0;
@@ -273,7 +267,7 @@ fn take_of(frame: &Frame<'_>) -> Take {
         (SlotFormat::U8, true) => for_machine::<Code8, true>(),
         (SlotFormat::U16, false) => for_machine::<Code16, false>(),
         (SlotFormat::U16, true) => for_machine::<Code16, true>(),
-        // One function for both: whether a voxel has a value costs little beside the fetch.
+        // One function for both: testing a voxel for a value costs little beside the fetch.
         (SlotFormat::F32, _) => for_machine::<Float32, true>(),
     }
 }
@@ -307,7 +301,7 @@ fn take<C: Code, U: Unit, const INVALID: bool>(
 ) {
     let brick = Brick::new::<C>(cell.brick.voxels(), frame.edge + 2 * frame.apron, frame.map);
     let weight = chunk.weight;
-    // SAFETY: the samples have been located in a brick as large.
+    // SAFETY: the samples have been located in a brick of the same size.
     unsafe { brick.sample_located::<C, U, INVALID>(packets, chunk) };
     add_fog::<U>(frame, *share, packets, chunk, &mut media.mixed, &mut media.is_any);
     if INVALID {

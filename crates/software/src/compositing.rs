@@ -1,13 +1,13 @@
-//! Layers that are drawn together in direct volume rendering, fog and surfaces, as [`brickyard_volume::compositing`] says; or an expression over
-//! them.
+//! Joint direct volume rendering of several layers, fog and surfaces, by the rules of
+//! [`brickyard_volume::compositing`]; or of an expression over them.
 //!
-//! Layers that share a cut are met alike by every ray: a tile's rays are taken cell by cell, as through one layer, and find their segments
-//! in a cell once for all layers; plain fog they go through side by side (`channels`). Through other layers they are taken one by one: of
-//! each layer a ray finds the runs of its segments that belong to the cells over the tile. Either way a ray then goes along the lattice in
-//! chunks of 32 segments, in which one layer after the other leaves what it shows by itself (`gather`: sampled only where macro-cells may
-//! show something), and then one segment after the other is seen through. So no layer is sampled much behind where light ends, and costs
-//! add up. Where layers have surfaces, those of a chunk are kept, and all pieces of media between them: a segment with surfaces in it is
-//! seen through piece by piece.
+//! Every ray meets layers with a common cut alike: a tile's rays are taken cell by cell, and find their segments in a
+//! cell once for all layers; through plain fog they go side by side (`channels`). Otherwise rays are taken one by one:
+//! in each layer, a ray finds the runs of its segments in the cells over the tile. Either way a ray then follows the
+//! lattice in chunks of 32 segments. Layer by layer, media are added to the chunk (`gather`: sampled only in possibly
+//! visible macro-cells), and then light passes through segment by segment. So no layer is sampled much behind the end
+//! of the light, and costs add up. If layers have surfaces, those of a chunk are kept, with all pieces of media between
+//! them: light passes a segment with surfaces piece by piece.
 
 use crate::channels::{self, Channels, Walks};
 use crate::frame::{Cell, Frame};
@@ -23,21 +23,19 @@ use crate::tiles::{PIXELS, Tile, place, places};
 use brickyard_volume::{Combination, CutFace};
 use glam::{DVec3, Vec4};
 
-/// How a frame's layers are drawn together.
 pub(crate) struct JointMarch<'a> {
     gathers: Vec<Gather>,
     see: See,
     has_surfaces: bool,
     combination: Option<&'a Combination>,
-    /// The cells of all layers, front to back, where they are of one cut.
+    /// The cells of all layers, front to back, if they are of one cut.
     cells: Option<Vec<Shared>>,
-    /// How layers that share a cut are drawn if all of them are plain fog.
+    /// The side-by-side drawing of layers with a common cut, if all are plain fog.
     channels: Option<Channels>,
 }
 
-/// A layer's entry of a cell of the cut that all layers share.
+/// A layer's entry of a cell of the shared cut.
 struct Shared {
-    /// The cell's place in the order of the cut.
     rank: u32,
     layer: u32,
     cell: u32,
@@ -48,13 +46,11 @@ impl Shared {
         &frames[self.layer as usize].cells[self.cell as usize]
     }
 
-    /// Whether the cell shows nothing, and has been entered with so much light.
     fn is_done(&self, frames: &[Frame<'_>], light: f32) -> bool {
         is_done(&frames[self.layer as usize], self.cell(frames), light)
     }
 }
 
-/// Some neighbouring segments of a ray that belong to one cell.
 #[derive(Clone, Copy)]
 pub(crate) struct Run {
     cell: u32,
@@ -63,26 +59,23 @@ pub(crate) struct Run {
     end: u32,
 }
 
-/// Bytes that a thread keeps for a cell of a draw list: that the cell is over the tile, and which segments of a ray belong to it. Layers
-/// that share a cut take no more than that once for all threads.
+/// Bytes per thread and draw list cell: its index among the cells over the tile, and a ray's run in it. Layers with a
+/// common cut take at most that once for all threads.
 pub(crate) const BYTES_PER_CELL_AND_THREAD: usize = size_of::<u32>() + size_of::<Run>();
 
 const _: () = assert!(size_of::<Shared>() <= BYTES_PER_CELL_AND_THREAD);
 
-/// Bytes that a thread keeps for a layer.
 pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize =
     size_of::<Way>() + size_of::<[Past; PIXELS]>() + channels::BYTES_PER_LAYER_AND_THREAD;
 
-/// A cell that rays enter in a chunk: its layer, its place, and the chunk's segment.
 struct Entry {
     layer: usize,
     cell: u32,
     segment: usize,
 }
 
-/// What a thread works with.
 struct Work {
-    /// From where to where any layer is shown along the ray.
+    /// Where any layer is shown along the ray, from and to.
     stretch: [f64; 2],
     runs: Vec<Run>,
     ways: Vec<Way>,
@@ -90,7 +83,7 @@ struct Work {
     chunk: SampleChunk,
     media: Media,
     walks: Walks,
-    /// What rays that go cell by cell know of surfaces, layer by layer.
+    /// Each layer's surface state of rays that go cell by cell.
     pasts: Vec<[Past; PIXELS]>,
 }
 
@@ -131,7 +124,7 @@ impl<'a> JointMarch<'a> {
         }
     }
 
-    /// Takes a tile's rays through all layers, between the layers of meshes where there are some; `rays` is room to work in.
+    /// Takes a tile's rays through all layers, between the layers of meshes if any; `rays` is scratch space.
     pub(crate) fn march(
         &self,
         frames: &[Frame<'_>],
@@ -164,7 +157,7 @@ impl<'a> JointMarch<'a> {
     }
 }
 
-/// The places of a tile's pixels, and where these are on the picture.
+/// The places of a tile's pixels, with their picture coordinates.
 fn pixels(tile: &Tile) -> impl Iterator<Item = (usize, [u32; 2])> {
     let Tile { x0, x1, y0, y1 } = *tile;
     places(tile).zip((y0..y1).flat_map(move |y| (x0..x1).map(move |x| [x, y])))
@@ -176,8 +169,8 @@ fn meets(cell: &Cell<'_>, tile: &Tile) -> bool {
 }
 
 impl Work {
-    /// Takes a tile's rays, which have set out, cell by cell through layers that share a cut; their sums become premultiplied colour and
-    /// the light that is left.
+    /// Takes a tile's started rays cell by cell through layers with a common cut; their sums become premultiplied
+    /// colour and remaining light.
     fn march_cells(
         &mut self,
         together: &JointMarch<'_>,
@@ -234,7 +227,7 @@ impl Work {
         }
     }
 
-    /// A pixel's ray enters a cell, in which these segments are its, in all layers that have an entry of it.
+    /// Starts a pixel's ray through a cell, with these segments, in all layers that draw the cell there.
     fn enter(
         &mut self,
         frames: &[Frame<'_>],
@@ -274,7 +267,7 @@ impl Work {
                 self.ways.push(Way::new(layer, ray));
             }
         }
-        // One lattice for all, moved by where the first of them is entered.
+        // One lattice for all, shifted by the entry into the nearest layer.
         let shift = frames[0].shift(x, y, entry);
         self.stretch = [f64::INFINITY, 0.0];
         for way in &mut self.ways {
@@ -305,9 +298,9 @@ impl Work {
         self.ways.retain(|way| !way.runs.is_empty());
     }
 
-    /// Goes along them, front to back. Returns premultiplied colour and the light that is left.
+    /// Follows the runs front to back. Returns premultiplied colour and the remaining light.
     fn march(&mut self, together: &JointMarch<'_>, frames: &[Frame<'_>], mut light: Vec4) -> Vec4 {
-        // The same for all.
+        // All layers share one lattice.
         let ticks = &frames[0].ticks;
         let mut next = self.ways.iter().filter_map(|way| Some(self.runs.get(way.runs.clone())?.first()?.first)).min();
         while let Some(tick) = next.filter(|_| light.w >= FAINTEST) {
@@ -334,7 +327,7 @@ impl Work {
         light
     }
 
-    /// Leaves in the media what all layers have in a chunk of segments. Returns where something may follow.
+    /// Adds the media of all layers in a chunk of segments. Returns the tick of the next possible content.
     fn gather(
         &mut self,
         together: &JointMarch<'_>,
@@ -345,7 +338,7 @@ impl Work {
         let mut next: Option<u32> = None;
         for way in &mut self.ways {
             let frame = &frames[way.layer];
-            // Nothing is seen behind an opaque surface that a layer before this one has met.
+            // Nothing is visible behind an opaque surface met by an earlier layer.
             let ticks = ticks.start..ticks.end.min(ticks.start + ((self.media.end as u32) << zone));
             while let Some(&run) = self.runs[way.runs.clone()].first() {
                 let cell = &frame.cells[run.cell as usize];
@@ -374,7 +367,8 @@ impl Work {
     }
 }
 
-/// What lights the colours of a chunk's segments from a tick on, along a layer's ray, in the middles of what of them is shown of any layer.
+/// Returns a function that lights the colours of a chunk's segments from a tick on, along a layer's ray, at the middle
+/// of each segment's part shown of any layer.
 fn shade<'a>(
     frame: &'a Frame<'_>,
     ray: &Ray,
@@ -402,7 +396,7 @@ fn shade<'a>(
     }
 }
 
-/// Whether a cell shows nothing, and has been entered with so much light.
+/// Whether a cell is invisible and has already been entered with this much light.
 fn is_done(frame: &Frame<'_>, cell: &Cell<'_>, light: f32) -> bool {
     let is_clear = frame.settings.surfaces.is_empty() && cell.mask.coverage() == Coverage::None;
     is_clear && frame.visibility(cell) >= light

@@ -1,22 +1,21 @@
-//! Tricubic B-spline samples of a padded brick: 64 voxels each, in rows of four. As in `sample`, codes stay codes, and invalid ones
-//! are left out of the sum and of the weight.
+//! Tricubic B-spline samples of a padded brick: 64 voxels each, in rows of four. As in `sample`, codes stay codes, and
+//! invalid ones are left out of the sum and of the weight.
 
 use crate::packet::{LANES, Packet};
 use crate::sample::{Brick, Code};
 use glam::{BVec4A, Vec4};
 
-/// Weighted sums of the codes around a place. Where all are alike the place's code is just theirs: an expression may compare it.
+/// Weighted sums of the codes around a place, exact for equal codes, as an expression may compare them.
 struct Sums {
     /// The code of the voxel before the place along each axis, 0 if it has no value.
     middle: f32,
-    /// How much more than it the codes are.
+    /// The weighted excess of the codes over `middle`.
     sum: f32,
-    /// The weight of the valid codes.
     valid: f32,
 }
 
 impl Brick<'_> {
-    /// The codes at eight slot coordinates through the spline. The weights of those without a value become 0.
+    /// Returns the codes at eight slot coordinates through the spline. The weights of those without a value become 0.
     #[inline(never)]
     pub(crate) fn cubic_points<C: Code, const INVALID: bool>(
         &self,
@@ -35,12 +34,11 @@ impl Brick<'_> {
         code
     }
 
-    /// The weighted sums of the 64 codes around a place.
     #[inline(always)]
     fn cubic<C: Code, const INVALID: bool>(&self, point: [f32; 3]) -> Sums {
         let n = self.padded();
         let split = |v: f32| {
-            // One voxel to the left and two to the right are inside of the brick.
+            // Keeps one voxel to the left and two to the right inside the brick.
             let v = v.clamp(1.0, ((n - 2) as f32).next_down());
             (v as usize, v.fract())
         };
@@ -66,7 +64,7 @@ impl Brick<'_> {
         Sums { middle: middle.x, sum: sum.dot(wx), valid: valid.dot(wx) }
     }
 
-    /// Four neighbouring codes, or differences that become codes, and which of the voxels have a value.
+    /// Four neighbouring codes, or differences to become codes, and which of the voxels have a value.
     #[inline(always)]
     fn row<C: Code, const INVALID: bool>(&self, first: usize) -> (Vec4, BVec4A) {
         let codes = &self.codes()[first * C::BYTES..][..4 * C::BYTES];

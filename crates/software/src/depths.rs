@@ -1,10 +1,10 @@
-//! The table of a layer's medium, by code, where several layers are one medium: of a unit distance colour times depth, and depth; or the
-//! colour that it adds.
+//! The table of a layer's medium, by code, for joint media of several layers. Per unit distance: colour times depth,
+//! and depth; or an additive layer's colour.
 //!
-//! A segment has as much more as it is longer, so one table is for segments of any length. Between its entries it is linear, where what
-//! it stands for is nearly so; the samples of other places are computed one by one. For 256 entries of the transfer table there are two each, and
-//! for 65,536 one for 15: tables of several layers then fit into the second-level cache, which tables of every code do not. A frame's
-//! table is made in some microseconds, and in a third of a millisecond for 16-bit codes.
+//! Media scale with a segment's length, so one table serves all lengths. It is interpolated linearly where its values
+//! are nearly linear; elsewhere samples are computed one by one. 256 entries of the transfer table get two entries
+//! each, and of 65,536 entries each 15 get one: tables of several layers then fit into the second-level cache, unlike
+//! tables of every code. A frame's table takes a few microseconds, or a third of a millisecond for 16-bit codes.
 
 use crate::mixture::{Mixed, OPAQUE};
 use crate::packet::{LANES, Packet};
@@ -13,31 +13,28 @@ use crate::steps::Places;
 use brickyard_volume::{Blend, SlotFormat, TransferTable};
 use glam::Vec4;
 
-/// The share of itself, and the number, by which what is looked up may be wrong: all samples of a ray together then stay a quarter of a
-/// picture's step from what they should be.
+/// Permitted errors of look-ups, relative and absolute: all samples of a ray together then stay within a quarter of a
+/// picture's step.
 const SHARE: f32 = 1.0 / 1024.0;
 const LEAST: f32 = 1e-6;
 
-/// The table of a layer's medium by code, for layers that are drawn together.
 pub(crate) struct DepthTable {
     blend: Blend,
     entries: Box<[Vec4]>,
-    /// From which entries to the next what they stand for is not linear.
+    /// Whether the values from each entry to the next are not linear.
     bends: Box<[bool]>,
-    /// Whether there are any.
     has_bends: bool,
-    /// The first and the last entry that show anything; the first is greater if none does.
+    /// The first and the last visible entry; the first is greater if none is.
     visible: [i32; 2],
-    /// Entries from one code to the next.
     per_code: f32,
     /// The greatest position: short of the last entry, so that there is one to its right.
     limit: f32,
 }
 
-/// The most pieces that a table is cut into: 15 codes are one of 65,535.
+/// The most pieces of a table: 15 codes are one of 65,535.
 const MOST: usize = 0xffff / 15;
 
-/// How many pieces of a table are how many of a transfer table whose last entry this is.
+/// The ratio of a table's pieces to those of a transfer table with this last entry.
 const fn pieces(last: usize) -> (usize, usize) {
     if 2 * last <= MOST { (2, 1) } else { (1, last.div_ceil(MOST)) }
 }
@@ -50,7 +47,6 @@ pub(crate) const fn bytes(format: SlotFormat) -> usize {
 }
 
 impl DepthTable {
-    /// The table of a layer that joins others by this blend.
     pub(crate) fn new(table: &TransferTable, blend: Blend) -> Self {
         let (codes, last) = (&table.entries, table.last_entry());
         let (own, theirs) = pieces(last);
@@ -89,13 +85,13 @@ impl DepthTable {
         }
     }
 
-    /// Finds the places in the table of a packet of codes. Returns whether any of them shows anything.
+    /// Finds the places in the table of a packet of codes. Returns whether any is visible.
     #[inline(always)]
     pub(crate) fn find(&self, codes: &Packet, places: &mut Places) -> bool {
         let mut shows = 0;
         for i in 0..LANES {
             let position = codes[i] * self.per_code;
-            // Written so that NaN, too, ends up inside.
+            // Written so that NaN ends up inside, too.
             let position = if position > 0.0 { position } else { 0.0 };
             let position = if position < self.limit { position } else { self.limit };
             // SAFETY: 0 <= position <= limit < 2^16.
@@ -107,7 +103,7 @@ impl DepthTable {
         shows != 0
     }
 
-    /// Whether the table is not exact enough at any of the places that [`DepthTable::find`] has found, so that they have to be
+    /// Whether the table is too inexact at any place found by [`DepthTable::find`], which must then be
     /// [computed](DepthTable::computed).
     #[inline(always)]
     pub(crate) fn bends(&self, places: &Places) -> bool {
@@ -120,8 +116,8 @@ impl DepthTable {
         bends
     }
 
-    /// Adds the layer's medium at the places that [`DepthTable::find`] has found for a packet of samples. The samples' lengths times `share`
-    /// are unit distances.
+    /// Adds the layer's medium at the places found by [`DepthTable::find`] for a packet of samples. The samples'
+    /// lengths times `share` are unit distances.
     ///
     /// # Safety
     /// The places have been found in this table.
@@ -146,14 +142,15 @@ impl DepthTable {
         }
     }
 
-    /// Computes a unit distance of the medium with this straight colour and opacity, where [`DepthTable::add`] is not exact enough.
+    /// Computes a unit distance of the medium with this straight colour and opacity, where [`DepthTable::add`] is too
+    /// inexact.
     #[cold]
     pub(crate) fn computed(&self, entry: Vec4) -> Vec4 {
         unit(self.blend, entry)
     }
 }
 
-/// A unit distance of a medium of this straight colour and opacity: its part of the medium that all layers are together.
+/// A unit distance of a medium of this straight colour and opacity, as part of the joint medium.
 fn unit(blend: Blend, entry: Vec4) -> Vec4 {
     match blend {
         Blend::Mix | Blend::Over => entry.with_w(1.0) * (-(-entry.w).ln_1p()).min(OPAQUE),
@@ -167,7 +164,7 @@ mod tests {
     use crate::sample::Portable;
     use brickyard_volume::{SlotEncoding, TransferFunction, VoxelType};
 
-    /// Of codes between and at the entries, what is looked up is what is computed, or known to bend; and few are.
+    /// At codes between and at the entries, looked-up values equal computed ones or are marked as bent; few are.
     #[test]
     fn entries_are_what_a_unit_distance_has() {
         for (voxel_type, blend) in [VoxelType::U8, VoxelType::U16].map(|t| [(t, Blend::Mix), (t, Blend::Add)]).concat()
@@ -201,7 +198,7 @@ mod tests {
                 };
                 bent += bends as usize;
                 for (found, expected) in looked_up.to_array().into_iter().zip(expected).filter(|_| !bends) {
-                    // Each part to a share of the greatest, where the samples of a picture are summed.
+                    // Each part relative to the greatest, as samples of a picture are summed.
                     let most = 2e-3 * alpha.max(-(-alpha).ln_1p()) + 2e-6;
                     assert!(
                         (found as f64 - expected).abs() <= most,

@@ -1,9 +1,10 @@
-//! Differences of a padded brick's codes, linearly filtered, at eight places at a time: central ones here, those of other operators by their modules.
+//! Differences of a padded brick's codes, linearly filtered, at eight places at a time: central ones here, those of
+//! other operators in their modules.
 //!
-//! The six places a voxel away from a place lie in the 32 voxels around it, and many of these are shared: they are read once, two
-//! neighbours along x at a time, and the differences are mixed as values are. So a gradient costs 16 reads where its six samples, taken
-//! one by one, would cost 24, and needs no lane that goes to waste. Where one of a packet's voxels has no value, or a number is too far
-//! off to be a code, six samples are taken all the same.
+//! The six places a voxel away from a place lie in the 32 voxels around it, many of them shared: they are read once,
+//! two neighbours along x at a time, and the differences are interpolated like values. So a gradient costs 16 reads
+//! instead of the 24 of six separate samples, and wastes no lane. If one of a packet's voxels has no value, or a number
+//! too far off to be a code, six samples are taken after all.
 
 use crate::gradients::Gradients;
 use crate::packet::{LANES, Packet};
@@ -13,12 +14,13 @@ use crate::sample::{Brick, Code, Portable, Unit, mix, mix_packets};
 use crate::stretch::March;
 use brickyard_volume::Gradient;
 
-/// Voxels along the edge of the smallest brick that has two voxels on each side of a place.
+/// Voxels along the edge of the smallest brick with two voxels on each side of a place.
 const LEAST_PADDED: usize = 4;
 
 impl Brick<'_> {
-    /// Puts into `differences` the differences of codes across two voxels along each axis, at eight slot coordinates, given axis by axis.
-    /// Places less than a voxel from the padded brick's faces are moved inwards. What has no value is as good as the middle's code.
+    /// Computes differences of codes across two voxels along each axis, at eight slot coordinates, given axis by axis.
+    /// Places less than a voxel from the padded brick's faces are moved inwards. The middle's code replaces missing
+    /// values.
     #[inline(always)]
     pub(crate) fn central_differences<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -27,14 +29,15 @@ impl Brick<'_> {
         differences: &mut [Packet; 3],
     ) {
         let (voxel, t) = self.voxels_around(points);
-        // SAFETY: such are the voxels that are returned.
+        // SAFETY: such are the returned voxels.
         let odd = unsafe { self.shared_differences::<C, INVALID>(&voxel, &t, differences) };
         if INVALID && odd > 0.0 {
             self.six_samples::<C, U, INVALID>(points, middle, differences);
         }
     }
 
-    /// The voxels below eight places, each with a lower neighbour and two upper ones along each axis, and the places' fractions towards the next.
+    /// The voxels below eight places, each with a lower neighbour and two upper ones along each axis, and the places'
+    /// fractions towards the next.
     #[inline(always)]
     pub(crate) fn voxels_around(&self, points: &[Packet; 3]) -> ([i32; LANES], [Packet; 3]) {
         assert!(self.padded() >= LEAST_PADDED, "no voxels to take differences of");
@@ -50,8 +53,8 @@ impl Brick<'_> {
         (voxel, t)
     }
 
-    /// [`Brick::central_differences`] at the given voxels and fractions towards their upper neighbours. With `INVALID`, returns how many of the
-    /// voxels read are no codes; if there are such, the differences are of no use.
+    /// [`Brick::central_differences`] at the given voxels and fractions towards their upper neighbours. With `INVALID`,
+    /// returns how many of the voxels read are no codes; if any are, the differences are useless.
     ///
     /// # Safety
     /// Every index is that of a voxel with a lower neighbour and two upper ones along each axis.
@@ -115,7 +118,6 @@ impl Brick<'_> {
         sum
     }
 
-    /// Makes differences of codes of those of numbers.
     #[inline(always)]
     pub(crate) fn scale_to_codes<C: Code>(&self, differences: &mut [Packet; 3]) {
         if C::IS_FLOAT {
@@ -127,7 +129,7 @@ impl Brick<'_> {
         }
     }
 
-    /// The numbers, mixed along x, on the line so many voxels from the given ones.
+    /// The numbers, interpolated along x, on the line `at` voxels from the given ones.
     ///
     /// # Safety
     /// The voxels there and their upper neighbours are inside the brick.
@@ -147,7 +149,7 @@ impl Brick<'_> {
         }
     }
 
-    /// The numbers on a line, as [`Brick::line`] has them, and their differences along x.
+    /// The numbers of [`Brick::line`], and their differences along x.
     ///
     /// # Safety
     /// The voxels there have a lower neighbour and two upper ones inside the brick.
@@ -171,8 +173,8 @@ impl Brick<'_> {
         }
     }
 
-    /// The numbers that are mixed, of the voxels so many voxels from the given ones, and of their upper neighbours. With `INVALID`, `odd` counts
-    /// those that are no codes.
+    /// The numbers of the voxels at offset `at` from the given ones, and of their upper neighbours. With `INVALID`,
+    /// `odd` counts those that are no codes.
     ///
     /// # Safety
     /// All these voxels are inside the brick.
@@ -186,7 +188,7 @@ impl Brick<'_> {
         let (first, map) = (self.codes().as_ptr(), self.map());
         let mut pair = [C::Pair::default(); LANES];
         for i in 0..LANES {
-            // SAFETY: the caller's promise; the brick's length was checked when it was made.
+            // SAFETY: the caller's promise; the brick's length was checked on creation.
             pair[i] = unsafe { C::pair(first.offset((voxel[i] as isize + at) * C::BYTES as isize)) };
         }
         for i in 0..LANES {
@@ -200,7 +202,7 @@ impl Brick<'_> {
         }
     }
 
-    /// [`Brick::central_differences`] by six samples. The work is not inlined: it is large and rarely needed.
+    /// [`Brick::central_differences`] by six samples. Not inlined: it is large and rarely needed.
     #[inline(always)]
     fn six_samples<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -265,8 +267,8 @@ impl Brick<'_> {
 }
 
 impl March<'_> {
-    /// Puts into `differences` those of the frame's operator, across two voxels along each axis, at eight slot coordinates that have these codes. Returns the codes
-    /// whose rounding is in them: none if the gradients are stored.
+    /// Computes the differences of the frame's operator across two voxels along each axis, at eight slot coordinates
+    /// with these codes. Returns the codes whose rounding affects them: none for stored gradients.
     #[inline(always)]
     pub(crate) fn differences<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -295,7 +297,6 @@ mod tests {
 
     const PADDED: usize = 7;
 
-    /// Differences of an operator from shared voxels and from samples, at eight places.
     fn both_ways<C: Code, const INVALID: bool>(
         brick: &Brick<'_>,
         is_sobel: bool,
@@ -312,7 +313,7 @@ mod tests {
         [found, expected]
     }
 
-    /// Differences from shared voxels and from samples, of noise, at places all over a brick.
+    /// Compares differences from shared voxels and from samples, of noise, all over a brick.
     fn both<C: Code>() {
         let map = CodeMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
         let mut state = 7u32;
@@ -320,7 +321,7 @@ mod tests {
             state = state.wrapping_mul(1664525).wrapping_add(1013904223);
             state >> 16
         };
-        // No code is 0, which would be one without a value.
+        // No code is 0, which would mean no value.
         let codes: Vec<u8> = (0..PADDED.pow(3) * C::BYTES).map(|_| 1 + (noise() % 255) as u8).collect();
         let brick = Brick::new::<C>(&codes, PADDED as u32, map);
         let mut worst = 0.0f32;
@@ -338,7 +339,7 @@ mod tests {
                 }
             }
         }
-        // Samples of bytes have weights of 15 bits: each is off by 2^-8 of a code at most.
+        // Samples of bytes have weights of 15 bits: each is off by at most 2^-8 of a code.
         let rounding = if C::BYTES == 1 { 2.0 / 256.0 } else { 1e-7 * 65535.0 * 8.0 };
         assert!(worst < rounding, "{worst}");
     }
@@ -372,7 +373,7 @@ mod tests {
                 let [found, expected] = both_ways::<Float32, true>(&brick, is_sobel, (&points, &[100.0; LANES]));
                 *different += (found != expected) as u32;
                 for (found, expected) in found.as_flattened().iter().zip(expected.as_flattened()) {
-                    // Numbers of up to 800 are mixed to 2^-14 of one, and are 64 codes each.
+                    // Numbers of up to 800 are interpolated to within 2^-14 of one, and are 64 codes each.
                     assert!(
                         (found - expected).abs() < 64.0 * 8.0 * 800.0 * f32::EPSILON,
                         "{share}: {found} {expected}"

@@ -1,5 +1,5 @@
-//! What all tiles of one layer's frame share: the cells front to back with their place on the picture and in slot space, the
-//! lattice, and what the transfer table can show.
+//! One layer's frame, shared by all tiles: the cells, front to back, in picture and slot coordinates, the lattice, and
+//! the visible part of the transfer table.
 
 use crate::depths::DepthTable;
 use crate::macrocells::{Mask, over_boxes};
@@ -24,72 +24,67 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Instant;
 
-/// The side of a surface on which codes are at least the threshold. A side of 0 is not known.
+/// The side of a surface with codes of at least the threshold. A side of 0 is unknown.
 pub(crate) const INSIDE: f32 = 1.0;
-/// The side of a surface on which codes are less than the threshold.
+/// The side of a surface with codes below the threshold.
 pub(crate) const OUTSIDE: f32 = -1.0;
 
-/// A layer's frame while it is drawn: what all tiles share.
 pub(crate) struct Frame<'a> {
     pub(crate) settings: &'a FrameSettings,
     pub(crate) ticks: Ticks,
-    /// The low corner of the box that is shown, in level-0 voxels; `shown_high` is the opposite one.
+    /// The low corner of the shown box, in level-0 voxels; `shown_high` is the opposite one.
     pub(crate) shown_low: DVec3,
     pub(crate) shown_high: DVec3,
-    /// For each entry of the draw list, the most light with which a ray has entered its cell so far, as the bits of an `f32`, whose
-    /// order is the order of the numbers. Empty in modes without occlusion.
+    /// For each entry of the draw list, the most light of any ray that entered its cell so far, as the bits of an
+    /// `f32`, which sort like the numbers. Empty in modes without occlusion.
     pub(crate) light: Box<[AtomicU32]>,
-    /// The cells, front to back. In a maximum or minimum projection, the cells that will likely decide come first.
+    /// The cells, front to back. In a maximum or minimum projection, the likely decisive cells come first.
     pub(crate) cells: Vec<Cell<'a>>,
-    /// How bricks are read at a place.
     pub(crate) reading: Reading,
-    /// The volume's extent.
     pub(crate) extent: Extent,
     /// Voxels along the edge of a brick's core; `apron` is the number of voxels on each side of it.
     pub(crate) edge: u32,
     pub(crate) apron: u32,
-    /// The nodes of the gradients that are stored with each brick.
     pub(crate) gradients: GradientNodes,
-    /// How the numbers in slots become codes, which are counted from the transfer table's first.
+    /// Maps slot numbers to codes counted from the transfer table's first.
     pub(crate) map: CodeMap,
-    /// What stored gradients have to be multiplied by to be differences of codes.
+    /// The factor from stored gradients to differences of codes.
     pub(crate) gradient_scale: f32,
     /// The difference of codes below which the field is flat.
     pub(crate) flat_codes: f32,
     /// The transfer table's last code; samples may have greater ones.
     pub(crate) last_code: f32,
-    /// Positions in the transfer table, in entries, from one code to the next.
+    /// Positions in the transfer table, in entries, per code.
     pub(crate) positions_per_code: f32,
-    /// Unit distances of the transfer function in a world unit.
+    /// Unit distances of the transfer function per world unit.
     pub(crate) per_unit: f64,
     /// Adaptive sampling: the largest difference between the codes at a part's two ends before the part is split.
     pub(crate) adaptive_step: f64,
     /// The transfer function's running integrals; `None` if the method does not use them.
     pub(crate) integrals: Option<&'a Integrals>,
-    /// The table by value and gradient that fog is classified by; `None` if fog is classified by value alone.
+    /// The table by value and gradient for classifying fog; `None` if fog is classified by value alone.
     pub(crate) grid: Option<&'a TransferGrid>,
-    /// What whole steps through the layer's fog do. There are no tables where the layer is drawn together with others, has no fog, or has codes
-    /// wider than 8 bits.
+    /// The effects of whole steps through the layer's fog. No tables for a layer drawn together with others, without
+    /// fog, or with codes wider than 8 bits.
     pub(crate) steps: StepTables,
-    /// The layer's medium, as a part of the medium that several layers are together; `None` if the layer is drawn by itself, or has no fog.
+    /// The layer's medium, as part of a joint medium; `None` if the layer is drawn alone or has no fog.
     pub(crate) depths: Option<DepthTable>,
     /// The two positions in the transfer table outside of which opacity is zero.
     pub(crate) visible: [f32; 2],
-    /// For each surface, the code from which on a place is past it, ascending; infinite where there is no surface.
+    /// For each surface, the first code past it, ascending; infinite without a surface.
     pub(crate) thresholds: [f32; MAX_SURFACES],
-    /// How surfaces are lit: as the fog is, or from the eye if fog is not lit.
+    /// The lighting of surfaces: that of fog, or from the eye if fog is not lit.
     pub(crate) surface_lighting: Lighting,
-    /// What the layer does to others in the same place; `opacity` is that of the layer's projection.
+    /// How the layer joins others in the same place; `opacity` is that of its projection.
     pub(crate) blend: Blend,
     pub(crate) opacity: f32,
-    /// Whether the layer's fog is lit.
     pub(crate) is_lit: bool,
-    /// Whether the layer is drawn by itself as one opaque surface, lit from the eye, with the identity as its placement: such pictures
-    /// have loops of their own.
+    /// Whether the layer is drawn alone as one opaque surface, lit from the eye, with the identity as its placement:
+    /// such pictures have loops of their own.
     pub(crate) is_one_opaque_surface: bool,
-    /// When drawing is given up; `None` never.
+    /// The deadline, if any.
     pub(crate) until: Option<Instant>,
-    /// Where who looks on may abandon it.
+    /// The painting, whose viewer may abandon the picture.
     pub(crate) painting: Option<&'a Painting>,
 }
 
@@ -98,43 +93,43 @@ pub(crate) struct Cell<'a> {
     /// The entry's index in the draw list; `order` is the cell's rank in the order of the cut.
     index: usize,
     pub(crate) order: u32,
-    /// The low corner of the cell's half-open box in voxel space; `high` is the opposite one. The box has no bound where it ends at the
-    /// volume's faces: rays are clipped there already, and a sample that rounding has put a hair outside still belongs to a cell.
+    /// The low corner of the cell's half-open box in voxel space; `high` is the opposite one. The box is unbounded at
+    /// the volume's faces: rays are already clipped there, and a sample rounded a hair outside still belongs to a cell.
     pub(crate) low: [f64; 3],
     pub(crate) high: [f64; 3],
-    /// Slot coordinates per level-0 voxel: a slot coordinate (voxel centres at whole numbers) is `offset + voxel * scale`.
+    /// Slot coordinates per level-0 voxel: a slot coordinate (voxel centres at whole numbers) is `offset + voxel *
+    /// scale`.
     pub(crate) scale: [f64; 3],
     pub(crate) offset: [f64; 3],
-    /// The scene's gradient, of whatever length, from differences of codes across two of the brick's voxels.
+    /// Maps differences of codes across two of the brick's voxels to the scene's gradient, of any length.
     pub(crate) world_from_differences: Mat3,
-    /// The padded brick that is drawn.
     pub(crate) brick: &'a Resident,
     /// The macro-cells in which the brick may have opacity or a surface; all of them in projections.
     pub(crate) mask: Mask,
-    /// The side of the one opaque surface on which the brick is; 0 if it is on both, or there is no such surface.
+    /// The brick's side of the one opaque surface; 0 if on both, or without such a surface.
     pub(crate) side: f32,
-    /// The number of surfaces that the whole brick is past; negative if that is not one number, or is not needed.
+    /// The number of surfaces the whole brick is past; negative if it varies, or is not needed.
     pub(crate) rank: i32,
     /// The least and the greatest code of the brick.
     pub(crate) whole: [f32; 2],
-    /// How far the boxes of segments reach beyond them, in the brick's voxels, where the brick is read by [boxes](brickyard_volume::extremes); else `None`.
+    /// How far the boxes of segments extend beyond them, in the brick's voxels, if the brick is read by
+    /// [boxes](brickyard_volume::extremes).
     pub(crate) box_reach: Option<[f32; 3]>,
-    /// The greatest code in each box of macro-cells in a maximum projection, the least code in a minimum projection; else empty.
+    /// The greatest code in each box of macro-cells in a maximum projection, the least code in a minimum projection;
+    /// else empty.
     pub(crate) extremes: Box<[f32]>,
-    /// The pixels that may see the cell; `pixels` are those among them that draw this entry, `None` for all.
+    /// The pixels that may see the cell; `pixels` is the share of them drawing this entry, `None` for all.
     pub(crate) rect: PixelRect,
     pub(crate) pixels: Option<PixelShare>,
 }
 
 impl Cell<'_> {
-    /// Whether this entry draws the pixel.
     #[inline(always)]
     pub(crate) fn draws(&self, x: u32, y: u32) -> bool {
         self.pixels.is_none_or(|pixels| pixels.hold(x, y))
     }
 }
 
-/// A padded brick in a slot, with its macro-cells.
 #[derive(Debug)]
 pub(crate) struct Resident {
     /// The padded brick: voxels, and gradients behind them.
@@ -144,30 +139,29 @@ pub(crate) struct Resident {
 }
 
 impl Resident {
-    /// A padded brick, of which the first `voxel_bytes` bytes are voxels and the others gradients, with its macro-cells.
+    /// The first `voxel_bytes` bytes of `codes` are voxels, the others gradients.
     pub(crate) fn new(codes: Arc<[u8]>, voxel_bytes: usize, cells: MacroCells) -> Self {
         assert!(voxel_bytes <= codes.len(), "not a padded brick");
         Self { codes, voxel_bytes, cells }
     }
 
-    /// The padded brick: voxels, and gradients behind them.
     pub(crate) fn into_codes(self) -> Arc<[u8]> {
         self.codes
     }
 
-    /// The codes of the padded brick's voxels.
     pub(crate) fn voxels(&self) -> &[u8] {
         &self.codes[..self.voxel_bytes]
     }
 
-    /// The nodes of the brick's stored gradients; empty if it has none.
+    /// The nodes of the stored gradients; empty if there are none.
     pub(crate) fn gradients(&self) -> &[u8] {
         &self.codes[self.voxel_bytes..]
     }
 }
 
 impl<'a> Frame<'a> {
-    /// The frame of a layer, which is drawn by itself or together with others. `brick` gives the brick in a slot.
+    /// Prepares the frame of a layer drawn alone (`by_itself`) or together with others. `brick` returns the brick in a
+    /// slot.
     pub(crate) fn new(
         layer: &'a VolumeFrame,
         pyramid: &Pyramid,
@@ -195,7 +189,7 @@ impl<'a> Frame<'a> {
         let last = entries.iter().rposition(|e| e[3] > 0.0);
         let visible = match (first, last) {
             (Some(first), Some(last)) => [
-                // Past its ends the table goes on as there.
+                // Beyond its ends the table continues with its end values.
                 if first == 0 { f32::MIN } else { first as f32 - 1.0 },
                 if last + 1 == entries.len() { f32::MAX } else { last as f32 + 1.0 },
             ],
@@ -242,7 +236,7 @@ impl<'a> Frame<'a> {
     }
 }
 
-/// The codes at which surfaces begin; the table's first one counts as `first`.
+/// The first codes past each surface; the table's first code counts as `first`.
 fn thresholds(settings: &FrameSettings, first: f64) -> [f32; MAX_SURFACES] {
     let mut thresholds = [f32::INFINITY; MAX_SURFACES];
     for (threshold, surface) in thresholds.iter_mut().zip(&settings.surfaces) {
@@ -251,7 +245,7 @@ fn thresholds(settings: &FrameSettings, first: f64) -> [f32; MAX_SURFACES] {
     thresholds
 }
 
-/// The number of surfaces that a code is past, given their thresholds.
+/// The number of surfaces a code is past, given their thresholds.
 #[inline(always)]
 pub(crate) fn rank_of(thresholds: &[f32; MAX_SURFACES], code: f32) -> i32 {
     let mut rank = 0;
@@ -262,28 +256,29 @@ pub(crate) fn rank_of(thresholds: &[f32; MAX_SURFACES], code: f32) -> i32 {
 }
 
 impl Frame<'_> {
-    /// Whether drawing is given up. Asked once a cell, or a ray: a clock costs some 50 ns.
+    /// Whether drawing is given up. Checked once per cell or ray: reading a clock costs some 50 ns.
     pub(crate) fn is_given_up(&self) -> bool {
         self.painting.is_some_and(Painting::is_abandoned) || self.until.is_some_and(|until| Instant::now() >= until)
     }
 
-    /// How far the lattice of a pixel's ray is moved towards the eye, where the ray enters what is shown at the distance `t_in`.
+    /// How far to shift the lattice of a pixel's ray towards the eye; `t_in` is the distance of the ray's entry.
     pub(crate) fn shift(&self, x: u32, y: u32, t_in: f64) -> f64 {
         self.settings.lattice.shift(self.settings.sampling.jitter.share(x, y), t_in)
     }
 
-    /// The most light with which a ray has entered a cell so far, 0 to 1.
+    /// The most light of any ray that entered a cell so far, 0 to 1.
     #[inline(always)]
     pub(crate) fn visibility(&self, cell: &Cell<'_>) -> f32 {
         f32::from_bits(self.light[cell.index].load(Ordering::Relaxed))
     }
 
-    /// Takes note that a ray enters a cell with this much light, which is at least 0.
+    /// Records that a ray enters a cell with this much light, which is at least 0.
     pub(crate) fn enter(&self, cell: &Cell<'_>, light: f32) {
         self.light[cell.index].fetch_max(light.to_bits(), Ordering::Relaxed);
     }
 
-    /// The codes from which on, and before which, a place is past `rank` surfaces; infinite where there is no such bound.
+    /// The codes from which on, and before which, a place is past exactly `rank` surfaces; infinite without such a
+    /// bound.
     #[inline(always)]
     pub(crate) fn band(&self, rank: i32) -> (f32, f32) {
         let threshold = |i: i32| self.thresholds.get(i as usize).copied();
@@ -310,7 +305,7 @@ impl Frame<'_> {
     }
 }
 
-/// Which ranges of slots' codes can be seen, where that does not depend on the ray.
+/// The visible ranges of slot codes, where independent of the ray.
 enum Shows {
     All,
     Opaque(OpaqueCodes),
@@ -353,7 +348,7 @@ impl Shows {
         }
     }
 
-    /// Where in a brick something can be seen. With caps that is also what is past a surface: rays may enter there.
+    /// The visible parts of a brick. With caps this includes places past a surface: rays may enter there.
     fn mask(&self, cells: &MacroCells, edge: usize, has_caps: bool) -> Mask {
         let any = |range| self.any(range) || has_caps && self.is_inside(range);
         match self {
@@ -363,7 +358,7 @@ impl Shows {
         }
     }
 
-    /// How many surfaces all of a range is past; negative if that is not one number.
+    /// The number of surfaces all of a range is past; negative if it varies.
     fn rank(&self, range: [u16; 2]) -> i32 {
         let [low, high] = range;
         match self {
@@ -376,7 +371,7 @@ impl Shows {
         }
     }
 
-    /// On which side of the surface a range is; 0 if on both, or if there is none.
+    /// The range's side of the surface; 0 if on both, or if there is none.
     fn side(&self, range: [u16; 2]) -> f32 {
         let [low, high] = range;
         match self {
@@ -388,7 +383,6 @@ impl Shows {
     }
 }
 
-/// What a projection needs to know of a brick's macro-cells.
 fn extremes(settings: &FrameSettings, cells: &MacroCells, edge: usize) -> Box<[f32]> {
     let ranges = cells.ranges().iter().map(|range| counted(settings, *range));
     match settings.mode {
@@ -398,7 +392,7 @@ fn extremes(settings: &FrameSettings, cells: &MacroCells, edge: usize) -> Box<[f
     }
 }
 
-/// A range of slots' codes, counted from the transfer table's first. Past its ends they are as good as those.
+/// A range of slot codes, counted from the transfer table's first and clamped to the table.
 fn counted(settings: &FrameSettings, range: [u16; 2]) -> [f32; 2] {
     let [first, last] = settings.encoding.table_codes;
     match range[0] <= range[1] {
@@ -462,7 +456,7 @@ fn world_from_differences(placement: &Placement, voxel: DVec3) -> Mat3 {
     Mat3::from_cols(axis(DVec3::X), axis(DVec3::Y), axis(DVec3::Z))
 }
 
-/// The pixels whose rays may meet the box, a pixel to spare on each side; `None` if there are none.
+/// The pixels whose rays may meet the box, with a pixel to spare on each side; `None` if there are none.
 fn pixel_rect(rays: &ViewRays, geometry: &Geometry, placement: &Placement, region: VoxelBox) -> Option<PixelRect> {
     if region.is_empty() {
         return None;
@@ -478,7 +472,7 @@ fn pixel_rect(rays: &ViewRays, geometry: &Geometry, placement: &Placement, regio
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for corner in corners {
         let Some(px) = rays.pixel(corner) else {
-            // Partly behind the eye: its outline has no bounds.
+            // Partly behind the eye: the outline is unbounded.
             return Some(rays.whole());
         };
         for k in 0..2 {

@@ -1,4 +1,5 @@
-//! What one layer has in a chunk of a ray's segments, for [`compositing`](crate::compositing): compiled for every code width and vector unit.
+//! One layer's media in a chunk of a ray's segments, for [`compositing`](crate::compositing): compiled for every code
+//! width and vector unit.
 
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Reach};
@@ -23,17 +24,16 @@ use brickyard_volume::{Method, Mode, SlotFormat};
 use glam::{DVec3, Vec4};
 use std::ops::Range;
 
-/// A ray's way through one layer's cells.
 pub(crate) struct Way {
     pub(crate) layer: usize,
     pub(crate) ray: Ray,
-    /// The ray's runs in this layer that are not done, by their indices among all runs.
+    /// The ray's unfinished runs in this layer, by their indices among all runs.
     pub(crate) runs: Range<usize>,
-    /// The stretch that it has come to, and of what may be seen in it what has not been taken.
+    /// The current stretch, its untaken visible blocks, and the segments to take next.
     stretch: Stretch,
     seen: u64,
     pending: Range<i32>,
-    /// How much can be seen of the cell that the ray is in, and one past the last tick there.
+    /// How much of the current cell is visible, and one past the last tick there.
     coverage: Coverage,
     last: u32,
 }
@@ -44,7 +44,7 @@ impl Way {
         Self { layer, ray, runs: 0..0, stretch, seen: 0, pending: 0..0, coverage, last: 0 }
     }
 
-    /// Enters a cell in which the ray's segments end at the tick `last`. Returns whether the cell may show anything.
+    /// Enters a cell; the ray's segments there end at the tick `last`. Returns whether the cell may show anything.
     #[inline(always)]
     pub(crate) fn enter(&mut self, frame: &Frame<'_>, cell: &Cell<'_>, last: u32) -> bool {
         (self.stretch.end, self.last) = (0, last);
@@ -55,7 +55,7 @@ impl Way {
         self.coverage != Coverage::None
     }
 
-    /// Goes on to the stretch of the cell that begins at a tick; with `ends`, segments are looked at from end to end.
+    /// Starts the stretch at tick `start`; with `ends`, segments are examined from end to end.
     #[inline(always)]
     fn begin(&mut self, frame: &Frame<'_>, cell: &Cell<'_>, start: u32, ends: bool) {
         let reach = if ends { Reach::Ends } else { Reach::Middles };
@@ -69,7 +69,7 @@ impl Way {
         (self.seen, self.pending) = (self.stretch.seen, 0..0);
     }
 
-    /// The next tick of the cell from which on something may be seen; `None` if nothing more may be seen of the cell.
+    /// The next tick of the cell with possible content; `None` if there is none left.
     #[inline(always)]
     pub(crate) fn next(&self) -> Option<u32> {
         let Stretch { start, end, zone, count, block, .. } = self.stretch;
@@ -82,7 +82,6 @@ impl Way {
         (tick < self.last).then_some(tick)
     }
 
-    /// The next segments before `end` that may be seen, of the stretch.
     #[inline(always)]
     fn next_seen(&mut self, end: i32) -> Option<Range<i32>> {
         if self.pending.is_empty() {
@@ -98,16 +97,15 @@ impl Way {
     }
 }
 
-/// A function that adds to the media what a layer shows of a cell in a run of segments. The number is the place in the chunk of the run's
-/// first segment.
+/// Adds a layer's media of a cell in a run of segments. The number is the place in the chunk of the run's first
+/// segment.
 pub(crate) type Gather = fn(&Frame<'_>, &Cell<'_>, &mut Way, Range<u32>, usize, &mut SampleChunk, &mut Media);
 
-/// What is done with samples.
 trait Look {
-    /// Whether segments are looked at from end to end.
+    /// Whether segments are examined from end to end.
     const ENDS: bool;
 
-    /// Takes some segments of a way's stretch; `at` is the place of the stretch's first in the chunk.
+    /// Takes some segments of a way's stretch; `at` is the place in the chunk of the stretch's first.
     fn take<C: Code, U: Unit, const INVALID: bool>(
         march: &March<'_>,
         way: &mut Way,
@@ -118,8 +116,8 @@ trait Look {
     );
 }
 
-/// The function that gathers a layer on this machine, in a picture with or without surfaces, or for an expression that reads the layer's
-/// values.
+/// Returns this machine's function for gathering a layer, in a picture with or without surfaces, or for an expression
+/// reading the layer's values.
 pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
     fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) -> Gather {
         let method = frame.settings.method();
@@ -140,7 +138,7 @@ pub(crate) fn gather_of(frame: &Frame<'_>, has_surfaces: bool, is_read: bool) ->
         (SlotFormat::U8, true) => with_code::<Code8, true>(frame, has_surfaces, is_read),
         (SlotFormat::U16, false) => with_code::<Code16, false>(frame, has_surfaces, is_read),
         (SlotFormat::U16, true) => with_code::<Code16, true>(frame, has_surfaces, is_read),
-        // One function for both: whether a voxel has a value costs little beside the fetch.
+        // One function for both: testing a voxel for a value costs little beside the fetch.
         (SlotFormat::F32, _) => with_code::<Float32, true>(frame, has_surfaces, is_read),
     }
 }
@@ -208,7 +206,7 @@ fn gather<C: Code, U: Unit, L: Look, const INVALID: bool>(
     }
 }
 
-/// One sample in the middle of each segment, classified by its value alone, where there are no surfaces.
+/// One sample in the middle of each segment, classified by its value alone, without surfaces.
 struct Plain;
 
 impl Look for Plain {
@@ -229,7 +227,7 @@ impl Look for Plain {
     }
 }
 
-/// Adds a layer's medium at the samples of some packets of a chunk, which has been sampled. The chunk's weights times `share` are unit
+/// Adds a layer's medium at the samples of some packets of a sampled chunk. The chunk's weights times `share` are unit
 /// distances; `is_any` becomes true if a sample shows anything.
 #[inline(always)]
 pub(crate) fn add_fog<U: Unit>(
@@ -332,13 +330,13 @@ impl Look for Read {
             if weight > 0.0 {
                 let place = (at + segment) as usize;
                 let value = march.frame.settings.encoding.value_of_code(code as f64);
-                // Whole numbers are compared by expressions.
+                // Expressions compare whole numbers.
                 let value = if march.frame.settings.has_whole_values() { value.round() } else { value };
                 media.values[place * read + way.layer] = value;
                 media.longest[place] = media.longest[place].max(weight);
                 if let Some(path) = &path {
                     let gradient = match march.frame.reading {
-                        // Between their borders labels are even.
+                        // Labels are flat between their borders.
                         Reading::Label => DVec3::ZERO,
                         Reading::Filtered(_) => path.gradient::<C, U, INVALID>(segment, code),
                     };
@@ -349,7 +347,6 @@ impl Look for Read {
     }
 }
 
-/// Samples segments, as many as a chunk holds, in their middles.
 #[inline(always)]
 fn sample<C: Code, U: Unit, const INVALID: bool>(
     march: &March<'_>,

@@ -1,5 +1,5 @@
-//! A brick's stored gradients, interpolated between their nodes, at one place or at eight: 24 half floats for a place, where a central difference takes 48
-//! voxels.
+//! A brick's stored gradients, interpolated between their nodes, at one place or at eight: 24 half floats per place,
+//! where a central difference takes 48 voxels.
 
 use crate::packet::{LANES, Packet};
 #[cfg(target_arch = "x86_64")]
@@ -9,7 +9,6 @@ use brickyard_volume::GradientNodes;
 use brickyard_volume::gradients::{NODE_BYTES, decode, from_half};
 use glam::Vec3;
 
-/// The gradient nodes of one brick, to be interpolated.
 #[derive(Clone, Copy)]
 pub(crate) struct Gradients<'a> {
     nodes: &'a [[u8; NODE_BYTES]],
@@ -19,18 +18,18 @@ pub(crate) struct Gradients<'a> {
 }
 
 impl<'a> Gradients<'a> {
-    /// The gradients that lie, as `bytes`, behind the voxels of a brick with this apron.
+    /// Wraps the gradients stored, as `bytes`, behind the voxels of a brick with this apron.
     ///
     /// # Panics
-    /// If `bytes` is not as long as such nodes are.
+    /// If `bytes` does not have the length of such nodes.
     #[inline(always)]
     pub(crate) fn new(bytes: &'a [u8], nodes: GradientNodes, apron: u32) -> Self {
         assert_eq!(bytes.len(), nodes.bytes(), "not a brick's gradients");
         Self { nodes: bytes.as_chunks().0, along: nodes.along() as usize, first: nodes.first() + apron as f32 - 0.5 }
     }
 
-    /// The gradient at a slot coordinate: differences across two voxels along each axis, as shares of the greatest code, or of the unit of f32
-    /// slots.
+    /// The gradient at a slot coordinate: differences across two voxels along each axis, as shares of the greatest
+    /// code, or of the unit of f32 slots.
     #[inline(always)]
     pub(crate) fn at(&self, place: [f32; 3]) -> Vec3 {
         let (mut first, mut t) = (0, [0.0; 3]);
@@ -51,7 +50,7 @@ impl<'a> Gradients<'a> {
         Vec3::from_slice(&mix::<2, 1>(&planes, t[2])[0])
     }
 
-    /// [`Gradients::at`] at eight slot coordinates, given axis by axis, times `scale`. The work is not inlined: it is large.
+    /// [`Gradients::at`] at eight slot coordinates, given axis by axis, times `scale`. Not inlined: it is large.
     #[inline(always)]
     pub(crate) fn packet<U: Unit>(&self, points: &[Packet; 3], scale: f32, differences: &mut [Packet; 3]) {
         #[cfg(target_arch = "x86_64")]
@@ -104,7 +103,6 @@ impl<'a> Gradients<'a> {
     }
 }
 
-/// Each of neighbouring pairs mixed.
 #[inline(always)]
 fn mix<const N: usize, const HALF: usize>(all: &[[f32; 4]; N], t: f32) -> [[f32; 4]; HALF] {
     let mut mixed = [[0.0; 4]; HALF];
@@ -135,7 +133,7 @@ mod tests {
         let gradients = Gradients::new(&bytes, nodes, 2);
         for _ in 0..200 {
             let mut points = [[0.0; LANES]; 3];
-            // A little outside of all nodes, too.
+            // Including places a little outside of all nodes.
             points.as_flattened_mut().iter_mut().for_each(|v| *v = noise() as f32 / 65535.0 * 14.0 - 1.0);
             let mut found = [[0.0; LANES]; 3];
             gradients.packet::<Portable>(&points, 3.0, &mut found);

@@ -1,24 +1,26 @@
 //! The CPU renderer: draw lists of layers over slots in RAM, on all cores.
 //!
-//! It does what the `raycast` compositor of the GPU does, by the same sampling rule ([`brickyard_volume::lattice`]), and is
-//! the default where there is no GPU. A frame passes through in this order:
-//! 1. `frame`: each layer's draw list, reversed to front to back, becomes cells with their place on the picture and in slot space.
-//! 2. `tile`: the picture's tiles go to the threads. Where there are meshes (`meshes`), a tile does all that follows for each slab between
-//!    two layers of triangles.
-//! 3. `march`: a layer that is drawn alone, or projected, takes the tile's rays through its cells one by one, so that neighbouring rays
-//!    find a brick's voxels in the first-level cache. `compositing`: each of several layers that are mixed leaves what it shows of some of a
-//!    ray's segments (`gather`), and all of them are then seen through together (`media`, `mixture`), cell by cell where the layers share a
-//!    cut, else ray by ray. Where the layers share a cut and are plain fog (`channels`), some rays go side by side and are located once for
-//!    all layers.
-//! 4. `ray` and `stretch`: which of a ray's segments belong to a cell. All cells together have each segment exactly once.
-//! 5. `macrocells`: which of these segments may show something.
-//! 6. `sample` (or `cubic`) and `modes`: the samples of a run, in packets of eight, are interpolated, classified and blended in loops that
-//!    compile to vector code (AVX2 where the machine has it, chosen at run time). Where light falls on samples of the
-//!    plain method, `lit` finds the gradients (`differences`, `sobel`, `gradients`) and what light makes of colours (`shade`) by packets, too. For all other methods,
-//!    and for surfaces in fog, `path` and `pieces` turn segments into media (`medium`). `surface` finds one opaque surface.
+//! The counterpart of the GPU's `raycast` compositor, by the same sampling rule ([`brickyard_volume::lattice`]), and
+//! the default without a GPU. The stages of a frame, in order:
+//! 1. `frame`: each layer's draw list, reversed to front to back, becomes cells in picture and slot coordinates.
+//! 2. `tile`: the picture's tiles go to the threads. With meshes (`meshes`), a tile repeats all further stages for each
+//!    slab between two layers of triangles.
+//! 3. `march`: a layer drawn alone, or projected, takes the tile's rays through its cells one by one, so that
+//!    neighbouring rays find a brick's voxels in the first-level cache. `compositing`: each of several mixed layers
+//!    adds its media to some of a ray's segments (`gather`), and light then passes through all of them together
+//!    (`media`, `mixture`), cell by cell if the layers share a cut, else ray by ray. If the layers share a cut and are
+//!    plain fog (`channels`), some rays go side by side and are located once for all layers.
+//! 4. `ray` and `stretch`: the segments of a ray belonging to a cell. All cells together have each segment exactly
+//!    once.
+//! 5. `macrocells`: the possibly visible ones of these segments.
+//! 6. `sample` (or `cubic`) and `modes`: the samples of a run, in packets of eight, are interpolated, classified and
+//!    blended in loops that compile to vector code (AVX2 if available, chosen at run time). For lit samples of the
+//!    plain method, `lit` finds the gradients (`differences`, `sobel`, `gradients`) and lights the colours (`shade`) by
+//!    packets, too. For all other methods, and for surfaces in fog, `path` and `pieces` turn segments into media
+//!    (`medium`). `surface` finds one opaque surface.
 //!
-//! A pixel depends on the frame alone, not on the number of threads nor on AVX2: sums are always taken in the same order,
-//! and no fused multiply-add is used.
+//! A pixel depends on the frame alone, not on the number of threads nor on AVX2: sums are always taken in the same
+//! order, and no fused multiply-add is used.
 
 mod boxes;
 mod channels;

@@ -1,7 +1,7 @@
-//! Direct volume rendering of the plain method, lit: what a window draws most.
+//! Lit direct volume rendering by the plain method, the most frequent picture in a window.
 //!
-//! A chunk's samples are classified as unlit ones are. Then light goes through its packets, and only those are lit that show something and
-//! that light comes to.
+//! A chunk's samples are classified like unlit ones. Then light goes through its packets, and only visible packets
+//! reached by light are lit.
 
 use crate::frame::Frame;
 use crate::modes::{Accumulate, Dvr};
@@ -19,7 +19,6 @@ use std::ops::Range;
 /// The mode of emission and absorption, lit: a ray's sum is premultiplied colour and transmittance.
 pub(crate) struct LitDvr;
 
-/// Whether a frame's pictures are of this kind.
 pub(crate) fn is_lit_plainly(frame: &Frame<'_>) -> bool {
     let settings = frame.settings;
     let is_plain = settings.mode == Mode::Dvr && settings.method() == Method::Udvr && settings.surfaces.is_empty();
@@ -63,7 +62,7 @@ impl Accumulate for LitDvr {
     }
 }
 
-/// Passes light through the packets of a chunk that show something. The work is not inlined: it is large.
+/// Passes light through the visible packets of a chunk. Not inlined: it is large.
 #[inline(always)]
 fn see<C: Code, U: Unit, const INVALID: bool>(
     march: &March<'_>,
@@ -124,7 +123,6 @@ fn see_on<C: Code, U: Unit, const INVALID: bool>(
     color.with_w(light)
 }
 
-/// Finds what light makes of the colours of a packet of samples.
 #[inline(always)]
 fn light_packet<C: Code, U: Unit, const INVALID: bool>(
     march: &March<'_>,

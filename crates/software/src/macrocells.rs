@@ -1,17 +1,15 @@
-//! What a ray meets of a brick's macro-cells ([`brickyard_volume::macrocells`]): which of them can be seen, asked for blocks
-//! of samples.
+//! The visibility of a brick's macro-cells ([`brickyard_volume::macrocells`]) along a ray, looked up for blocks of
+//! samples.
 //!
-//! A block is as many neighbouring samples of a ray, or whole segments where ends count, as reach no farther than a cell's edge
-//! along each axis. So along an axis
-//! they are in one cell or in two: *span* `2 i` is cell `i`, span `2 i + 1` is cells `i` and `i + 1`. What the cells of each
-//! box of spans have together is computed once for a frame, and one look-up tells whether a block can be seen. (To walk from
-//! cell to cell along the ray asks more exactly, but three times as often, and which plane comes next is not for a
-//! processor to guess: it took a quarter of a picture's time.)
+//! A block is a number of neighbouring samples of a ray, or whole segments where ends count, spanning at most a cell's
+//! edge along each axis. So along an axis they are in one cell or in two: *span* `2 i` is cell `i`, span `2 i + 1` is
+//! cells `i` and `i + 1`. The cells of each box of spans are joined once per frame, and one look-up then decides a
+//! block's visibility. (Walking from cell to cell along the ray is more exact, but takes three times as many look-ups,
+//! and the next plane is unpredictable for a processor: it took a quarter of a picture's time.)
 
 use crate::packet::{LANES, Packet};
 use brickyard_volume::macrocells::{CELL_EDGE, MacroCells, per_axis};
 
-/// Spans along an axis of a brick.
 const fn spans_per_axis(edge: usize) -> usize {
     2 * per_axis(edge) - 1
 }
@@ -21,7 +19,7 @@ pub(crate) const fn boxes(edge: usize) -> usize {
     spans_per_axis(edge).pow(3)
 }
 
-/// What the macro-cells of each box of a brick have together, by `join`; x fastest.
+/// Joins the macro-cells of each box of a brick by `join`; x fastest.
 pub(crate) fn over_boxes<T: Copy>(
     cells: impl Iterator<Item = T>,
     edge: usize,
@@ -45,25 +43,22 @@ pub(crate) fn over_boxes<T: Copy>(
     from.into()
 }
 
-/// How much of a brick can be seen: nothing, some or all.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Coverage {
     None,
-    /// Some macro-cells can be seen: they are to be asked box by box.
+    /// Some macro-cells are visible: boxes must be tested.
     Some,
     All,
 }
 
-/// Which macro-cells of a brick can be seen.
 pub(crate) enum Mask {
     None,
     All,
-    /// Some macro-cells can be seen: for each box, whether any of its cells can.
+    /// For each box, whether any of its cells is visible.
     Some(Box<[bool]>),
 }
 
 impl Mask {
-    /// How much of the brick can be seen.
     #[inline(always)]
     pub(crate) fn coverage(&self) -> Coverage {
         match self {
@@ -73,7 +68,7 @@ impl Mask {
         }
     }
 
-    /// Which of these boxes can be seen, a bit for each.
+    /// Returns which of these boxes are visible, a bit for each.
     ///
     /// # Safety
     /// The brick has these boxes.
@@ -92,7 +87,6 @@ impl Mask {
         bits
     }
 
-    /// The mask of the macro-cells whose ranges of codes satisfy `is_visible`.
     pub(crate) fn new(cells: &MacroCells, edge: usize, is_visible: impl Fn([u16; 2]) -> bool) -> Self {
         let visible: Vec<bool> = cells.ranges().iter().map(|&range| is_visible(range)).collect();
         match visible.iter().filter(|&&v| v).count() {
@@ -103,22 +97,22 @@ impl Mask {
     }
 }
 
-/// How much of its segments a block of samples is made of.
+/// The part of its segments covered by a block of samples.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Reach {
     /// From the first segment's middle to the last segment's middle.
     Middles,
     /// All of its segments, from end to end.
     Ends,
-    /// All of its segments, from end to end; and a cell also takes segments of other cells that reach into it.
+    /// Like `Ends`; and a cell also takes segments of other cells reaching into it.
     Beyond,
 }
 
-/// The number of segments in a block, where a segment is `step` voxels long along each axis: at least one, and whole packets if more than
-/// one packet.
+/// The number of segments in a block, for segments of `step` voxels along each axis: at least one, and whole packets if
+/// more than one packet.
 #[inline(always)]
 pub(crate) fn block_length(step: [f32; 3], reach: Reach) -> i32 {
-    /// Short of all that is ever counted.
+    /// Upper bound, within the range of every counter.
     const MOST: f32 = (1 << 24) as f32;
     let mut longest = 0.0f32;
     for a in 0..3 {
@@ -136,7 +130,8 @@ pub(crate) fn block_length(step: [f32; 3], reach: Reach) -> i32 {
 /// A ray's way through a brick's macro-cells, block by block.
 #[derive(Clone, Copy)]
 pub(crate) struct Blocks {
-    /// The middle of the first block, from one block to the next, and half of a block, in cells from the core's low corner.
+    /// The middle of the first block, the distance between blocks, and half a block, in cells from the core's low
+    /// corner.
     middle: [f32; 3],
     stride: [f32; 3],
     half: [f32; 3],
@@ -164,7 +159,7 @@ impl Blocks {
         Self { middle, stride, half, spans: spans_per_axis(edge as usize) as i32, limit: cells.next_down() }
     }
 
-    /// The indices of the boxes in which the blocks from `first` on are, each less than [`boxes`] of the brick's edge.
+    /// The boxes of the blocks from `first` on: indices less than [`boxes`] of the brick's edge.
     #[inline(always)]
     pub(crate) fn boxes(&self, first: i32, found: &mut [i32; LANES]) {
         const LANE: Packet = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
@@ -174,7 +169,7 @@ impl Blocks {
             for i in 0..LANES {
                 let middle = self.middle[a] + (before + LANE[i]) * self.stride[a];
                 let (low, high) = (middle - self.half[a], middle + self.half[a]);
-                // Written so that NaN, too, ends up inside. The last block may be outside.
+                // Written so that NaN ends up inside, too. The last block may be outside.
                 let low = if low > 0.0 { low } else { 0.0 };
                 let low = if low < self.limit { low } else { self.limit };
                 let high = if high > 0.0 { high } else { 0.0 };
@@ -196,7 +191,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Whatever samples a block has, their eight voxels are in its box's range.
+        /// For all samples of a block, their eight voxels are in its box's range.
         #[test]
         fn a_samples_voxels_are_in_its_blocks_range(
             codes in prop::collection::vec(prop::sample::select(vec![0u8, 1, 7, 200, 255]), 20 * 20 * 20),
@@ -215,7 +210,7 @@ mod tests {
             }
             let length = block_length(step, reach);
             let blocks = Blocks::new(origin, step, length, reach, edge as u32, apron);
-            // Where a segment is looked at, from its middle.
+            // The examined offsets of a segment, from its middle.
             let offsets: &[f32] = if by_ends && step.iter().all(|s| s.abs() <= 8.0) { &[-0.5, 0.0, 0.5] } else { &[0.0] };
             for (i, offset) in (0..count).flat_map(|i| offsets.iter().map(move |&offset| (i, offset))) {
                 let block = i / length;
@@ -224,7 +219,7 @@ mod tests {
                 let place = boxes[(block % 3) as usize] as usize;
                 let [low, high] = ranges[place];
                 let at: [usize; 3] = std::array::from_fn(|a| {
-                    // What is outside of the core belongs to the outermost cells as far as half a voxel away.
+                    // Places outside the core belong to the outermost cells, up to half a voxel away.
                     (origin[a] + (i as f32 + offset) * step[a]).clamp(0.5, 17.5) as usize
                 });
                 for neighbour in 0..8 {
@@ -248,7 +243,7 @@ mod tests {
 
     #[test]
     fn boxes_have_what_their_cells_have() {
-        // Three cells along each axis, one of which can be seen.
+        // Three cells along each axis, one of them visible.
         let n = 3;
         for seen in 0..n * n * n {
             let at = [seen % n, seen / n % n, seen / n / n];

@@ -1,5 +1,5 @@
-//! A tile's rays through one layer, cell by cell: the hot loop. The way through the cells is compiled once a mode and vector unit; the
-//! sampling ([`Sampler`]) once a code width as well.
+//! A tile's rays through one layer, cell by cell: the hot loop. Traversal is compiled once per mode and vector unit;
+//! sampling ([`Sampler`]) per code width as well.
 
 use crate::frame::{Cell, Frame};
 use crate::lit::{LitDvr, is_lit_plainly};
@@ -21,29 +21,25 @@ use brickyard_volume::{Filter, Method, Mode, SlotFormat};
 use glam::Vec4;
 use std::ops::Range;
 
-/// What is seen by a tile's rays: premultiplied colour, and how much light passes.
+/// The result of a tile's rays: premultiplied colour and transmitted light.
 pub(crate) type Seen = [Vec4; PIXELS];
 
-/// Takes a tile's rays through one volume's layer, between the layers of meshes where there are some.
 type MarchRays = fn(Sampler, &Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, &mut Seen);
 
-/// How a cell's brick is sampled: two functions of one code width.
+/// The sampling of a cell's brick: two functions of one code width.
 #[derive(Clone, Copy)]
 struct Sampler {
-    /// The cell and its brick, checked to be of the code width.
+    /// The cell and its brick, checked against the code width.
     through: for<'a> fn(&'a Frame<'a>, &'a Cell<'a>) -> March<'a>,
-    /// Adds some segments of a stretch through such a cell to the ray's sum.
     take: fn(&March<'_>, &Stretch, &mut Ray, &mut SampleChunk, Range<i32>),
 }
 
-/// How a tile's rays go through one volume's layer.
 pub(crate) struct MarchTile {
     march: MarchRays,
     sampler: Sampler,
 }
 
 impl MarchTile {
-    /// Takes a tile's rays through the layer of the frame given to [`for_frame`].
     pub(crate) fn march(
         &self,
         frame: &Frame<'_>,
@@ -56,7 +52,7 @@ impl MarchTile {
     }
 }
 
-/// How rays go through this frame's layer on this machine.
+/// Chooses the march for this frame's layer on this machine.
 pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
     fn with_code<C: Code, const INVALID: bool>(frame: &Frame<'_>) -> MarchTile {
         let method = frame.settings.method();
@@ -81,7 +77,7 @@ pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
         (SlotFormat::U8, true) => with_code::<Code8, true>(frame),
         (SlotFormat::U16, false) => with_code::<Code16, false>(frame),
         (SlotFormat::U16, true) => with_code::<Code16, true>(frame),
-        // One function for both: whether a voxel has a value costs little beside the fetch.
+        // One function for both: testing a voxel for a value costs little beside the fetch.
         (SlotFormat::F32, _) => with_code::<Float32, true>(frame),
     }
 }
@@ -154,7 +150,6 @@ fn march<B: Accumulate>(
     }
 }
 
-/// A thread's room to work on a tile.
 pub(crate) struct Work {
     pub(crate) rays: [Ray; PIXELS],
     chunk: SampleChunk,
@@ -162,15 +157,14 @@ pub(crate) struct Work {
 }
 
 impl Work {
-    /// On the heap, and made by a call of its own: Rayon's splits of a picture pile up on a thread's stack, dozens with many threads, and
-    /// each has room for everything made in it.
+    /// On the heap, and created by a call of its own: Rayon's splits of a picture pile up on a thread's stack, dozens
+    /// with many threads, and each has room for everything created in it.
     #[inline(never)]
     pub(crate) fn new() -> Box<Self> {
         let queue = Queue { stretches: [Stretch::EMPTY; QUEUE], len: 0, boxes: [0; LANES] };
         Box::new(Self { rays: [Ray::EMPTY; PIXELS], chunk: SampleChunk::EMPTY, queue })
     }
 
-    /// Takes the tile's rays through all cells, between the layers where there are meshes.
     #[inline(always)]
     fn march<B: Accumulate>(&mut self, sampler: Sampler, frame: &Frame<'_>, tile: &Tile, layers: Option<&MeshLayers>) {
         let Self { rays, chunk, queue } = self;
@@ -233,18 +227,17 @@ impl Work {
     }
 }
 
-/// Stretches that are marched together.
+/// Stretches marched together.
 const QUEUE: usize = 64;
 
-/// More segments than a stretch has where steps are not far shorter than voxels: before those it is asked whether drawing is given up.
+/// More segments than in a stretch with steps not far shorter than voxels: the deadline is checked before longer ones.
 const LONG: i32 = 1 << 10;
 
-/// Stretches of one cell, to be marched step by step: first it is found out what can be seen of all of them, then that is
-/// sampled. Taken one by one, the processor would wait for the end of each long computation to know where to go on.
+/// Stretches of one cell, marched step by step: the visible blocks of all are found first, then sampled. With one
+/// stretch at a time, the processor would wait for the end of each long computation to know where to go on.
 struct Queue {
     stretches: [Stretch; QUEUE],
     len: usize,
-    /// Room to work on eight blocks.
     boxes: [i32; LANES],
 }
 
@@ -258,7 +251,7 @@ impl Queue {
         end
     }
 
-    /// Adds all samples that can be seen and clears the queue. Returns how many rays have come to their end by that.
+    /// Adds all visible samples and clears the queue. Returns how many rays ended meanwhile.
     #[inline(always)]
     fn march<B: Accumulate>(
         &mut self,
@@ -302,7 +295,7 @@ impl Queue {
     }
 }
 
-/// Finds the blocks of a stretch that may be seen, and puts them into the stretch.
+/// Finds the possibly visible blocks of a stretch, and stores them in it.
 #[inline(always)]
 pub(crate) fn look<B: Accumulate>(
     stretch: &mut Stretch,
@@ -337,14 +330,14 @@ mod tests {
     use brickyard_volume::*;
     use glam::DVec3;
 
-    /// The vector unit must not show in the picture.
+    /// Checks that all vector units draw the same picture.
     fn same_on_all_units<C: Code, B: Accumulate, const INVALID: bool>(mode: Mode, surfaces: &[f64]) {
         same_when_lit::<C, B, INVALID>(mode, surfaces, Lighting::default());
     }
 
     fn same_when_lit<C: Code, B: Accumulate, const INVALID: bool>(mode: Mode, surfaces: &[f64], lighting: Lighting) {
         let voxel_type = [VoxelType::U8, VoxelType::U16, VoxelType::F32][C::BYTES / 2];
-        // Of codes less than half, about the values that are seen, so that they are counted from another one than 0.
+        // Less than half of the codes, around the visible values, so that codes are not counted from 0.
         let share = if mode == Mode::MinIp { [0.05, 0.5] } else { [0.4, 0.88] };
         let most = [255.0, 65535.0, 250.0][C::BYTES / 2];
         let window = Some(Window::of(share.map(|share| share * most)));

@@ -1,4 +1,4 @@
-//! The media of a chunk of segments, of all layers, and how a ray's light goes through them.
+//! The media of all layers in a chunk of segments, and the passage of a ray's light through them.
 
 use crate::mixture::{LayerMedium, LayerMediumChunk, Mixed, OPAQUE, Passage};
 use crate::packet::{CHUNK, LANES};
@@ -10,45 +10,41 @@ use std::ops::Range;
 /// Places of a chunk, and of a packet that begins with its last one.
 const PLACES: usize = CHUNK + LANES;
 
-/// The media of a chunk of segments, of all layers, with room to work on them.
 pub(crate) struct Media {
-    /// The media of each segment, of all layers together. The light that they let through is `exp(-depth)`.
+    /// The joint media of each segment. They transmit `exp(-depth)` of the light.
     pub(crate) mixed: [Mixed; PLACES],
     /// Whether any segment of the chunk may have a medium.
     pub(crate) is_any: bool,
-    /// One past the last segment that can be seen, because an opaque surface was met in it; [`CHUNK`] if none was met.
+    /// One past the last visible segment, if an opaque surface was met in it; else [`CHUNK`].
     pub(crate) end: usize,
-    /// The light with which each segment was entered when light last passed through the chunk.
+    /// The light entering each segment when light last passed through the chunk.
     pub(crate) light: [f32; PLACES],
-    /// Room to work out how light passes them.
     passage: Passage,
-    /// The values of the layers that an expression reads, segment by segment; NaN where a layer has none.
+    /// The values for an expression, segment by segment and layer by layer; NaN where a layer has none.
     pub(crate) values: Vec<f64>,
-    /// The gradients, in the scene's world, of the layers' values that an expression reads; empty if the expression is not lit.
+    /// The gradients, in the scene's world, of these values; empty if the expression is not lit.
     pub(crate) gradients: Vec<DVec3>,
-    /// The greatest length, in unit distances, that a segment has in a layer that an expression reads.
+    /// The greatest length, in unit distances, of a segment in any layer read by an expression.
     pub(crate) longest: [f32; PLACES],
-    /// What the layer that is gathered now shows by itself.
+    /// The medium of the layer being gathered.
     pub(crate) alone: LayerMediumChunk,
     /// The pieces of media, one by one, and the surfaces met in the chunk; `None` if no layer has surfaces.
     pub(crate) found: Option<Found>,
 }
 
-/// What a chunk's segments with surfaces in them are made of.
 #[derive(Default)]
 pub(crate) struct Found {
     pub(crate) pieces: Vec<Piece>,
     pub(crate) surfaces: Vec<Met>,
 }
 
-/// What a layer shows by itself of a piece of a segment, between two distances.
 pub(crate) struct Piece {
     pub(crate) segment: usize,
     pub(crate) alone: LayerMedium,
     pub(crate) ends: [f64; 2],
 }
 
-/// A surface that a ray meets: where, and its straight colour and opacity.
+/// A surface met by a ray: where, and its straight colour and opacity.
 pub(crate) struct Met {
     pub(crate) segment: usize,
     pub(crate) at: Meeting,
@@ -56,7 +52,8 @@ pub(crate) struct Met {
 }
 
 impl Media {
-    /// Empty media, for an expression that reads `read` layers and may be lit, or for layers that may have surfaces.
+    /// Creates empty media, for an expression that reads `read` layers and may be lit, or for layers with possible
+    /// surfaces.
     pub(crate) fn new(read: usize, is_lit: bool, has_surfaces: bool) -> Self {
         Self {
             mixed: [Mixed::NONE; PLACES],
@@ -72,7 +69,7 @@ impl Media {
         }
     }
 
-    /// Adds what the layer shows by itself of a segment of the stretch, between these distances, to the media of all layers.
+    /// Adds the layer's own medium in a segment of the stretch, between these distances, to the joint media.
     #[inline(always)]
     pub(crate) fn take_alone(&mut self, segment: i32, ends: [f64; 2]) {
         let place = self.alone.place(segment);
@@ -84,8 +81,8 @@ impl Media {
         }
     }
 
-    /// Adds the media that an expression makes of the first `count` segments' values, and clears the values. `shade` lights a segment's
-    /// colour under a normal; it is called if the expression is lit.
+    /// Adds the media of an expression over the first `count` segments' values, and clears the values. `shade` lights a
+    /// segment's colour under a normal, if the expression is lit.
     pub(crate) fn combine(
         &mut self,
         combination: &Combination,
@@ -113,7 +110,8 @@ impl Media {
         }
     }
 
-    /// Passes light through the first `count` segments, and empties them. Returns premultiplied colour and the light that is left.
+    /// Passes light through the first `count` segments, and empties them. Returns premultiplied colour and the
+    /// remaining light.
     #[inline(always)]
     pub(crate) fn see(&mut self, count: usize, mut light: Vec4) -> Vec4 {
         let count = count.min(CHUNK);
@@ -154,7 +152,7 @@ impl Media {
 }
 
 impl Found {
-    /// Passes light through a segment, between the surfaces that were met there.
+    /// Passes light through a segment, between the surfaces met there.
     fn see(&self, segment: usize, surfaces: &[Met], mut light: Vec4, passage: &mut Passage) -> Vec4 {
         let mut start = f64::NEG_INFINITY;
         for Met { at, shown, .. } in surfaces {
@@ -165,7 +163,7 @@ impl Found {
         self.between(segment, [start, f64::INFINITY], light, passage)
     }
 
-    /// Passes light through what lies between two distances.
+    /// Passes light through the media between two distances.
     fn between(&self, segment: usize, [start, end]: [f64; 2], light: Vec4, passage: &mut Passage) -> Vec4 {
         let mut mixed = Mixed::NONE;
         for Piece { alone, ends, .. } in self.pieces.iter().filter(|piece| piece.segment == segment) {
@@ -176,7 +174,7 @@ impl Found {
     }
 }
 
-/// The function that passes light through a number of segments of media, as [`Media::see`] does, by the vector unit of this machine.
+/// A function like [`Media::see`] for this machine's vector unit.
 pub(crate) struct See(pub(crate) fn(&mut Media, usize, Vec4) -> Vec4);
 
 impl See {

@@ -1,4 +1,4 @@
-//! Direct volume rendering by every method but the plain one, with isosurfaces between fog or them alone.
+//! Direct volume rendering by every method but the plain one, with isosurfaces in fog or alone.
 
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Coverage, Mask, Reach};
@@ -13,8 +13,8 @@ use brickyard_volume::Mode;
 use glam::Vec4;
 use std::ops::Range;
 
-/// The mode of emission and absorption: a ray's sum is premultiplied colour and transmittance. With `ENDS`, segments are looked at from end
-/// to end, and surfaces are found in them.
+/// The mode of emission and absorption: a ray's sum is premultiplied colour and transmittance. With `ENDS`, segments
+/// are examined from end to end, and searched for surfaces.
 pub(crate) struct Medium<const ENDS: bool>;
 
 impl<const ENDS: bool> Accumulate for Medium<ENDS> {
@@ -26,7 +26,7 @@ impl<const ENDS: bool> Accumulate for Medium<ENDS> {
     #[inline(always)]
     fn coverage(cell: &Cell<'_>, ray: &Ray) -> Coverage {
         match cell.mask {
-            // Past other surfaces than the brick before: they are where both meet.
+            // Past other surfaces than the previous brick: they lie on the common face.
             Mask::None if ray.past.rank != NO_RANK && cell.rank != NO_RANK && ray.past.rank != cell.rank => {
                 Coverage::All
             }
@@ -74,7 +74,7 @@ impl<const ENDS: bool> Accumulate for Medium<ENDS> {
     }
 }
 
-/// Takes segments until nothing behind them is seen.
+/// Takes segments until nothing behind them is visible.
 #[inline(always)]
 fn take<C: Code, U: Unit, const INVALID: bool>(path: &Path<'_>, ray: &mut Ray, segments: Range<i32>, media: &mut Row) {
     let mut next = segments.start;

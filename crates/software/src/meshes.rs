@@ -1,8 +1,8 @@
-//! Meshes: a tree of boxes over the triangles, and the layers that a tile's rays meet, one after the other.
+//! Meshes: a tree of boxes over the triangles, and the layers met by a tile's rays, one after the other.
 //!
-//! A tile goes down the tree with the boxes that its rays may meet, and each triangle's rays look where they meet it. Of what lies
-//! behind the layer before, the nearest is the next one: so a tile keeps one layer per ray, however many there are, and asks the tree
-//! once for each. The tree is built when the meshes change, by all threads, in n log n.
+//! A tile descends the tree through the boxes its rays may meet, and intersects the rays with the triangles. The
+//! nearest hit behind the previous layer is the next layer: so a tile keeps one layer per ray, however many there are,
+//! and searches the tree once for each. The tree is built when the meshes change, by all threads, in n log n.
 
 use crate::ray::FAINTEST;
 use crate::tiles::{PIXELS, TILE_PX, Tile};
@@ -10,41 +10,39 @@ use brickyard_volume::{FrameSettings, Mesh, MeshCapacity, Ray, ShownMesh, ViewRa
 use glam::{DVec3, Vec4};
 use std::sync::Arc;
 
-/// Triangles of a leaf, at most: fewer cost more for boxes than for rays.
+/// Most triangles of a leaf: fewer cost more for boxes than for rays.
 const LEAF: usize = 8;
 
 /// Triangles below which a thread builds a subtree alone.
 const ALONE: usize = 1 << 14;
 
-/// The most bytes that the tree over meshes takes, beside the meshes themselves; 0 if there is room for no meshes. Every triangle takes its
-/// place in the order of leaves, a leaf has at least half of [`LEAF`] triangles, and there are fewer inner nodes than leaves.
+/// The most bytes of the tree over meshes, beside the meshes themselves; 0 without room for meshes. Every triangle
+/// takes its place in the order of leaves, a leaf has at least half of [`LEAF`] triangles, and there are fewer inner
+/// nodes than leaves.
 pub(crate) fn bytes(room: MeshCapacity) -> u64 {
     let nodes = room.triangles as usize * 2 / (LEAF / 2) + 1;
     let each = room.triangles as usize * size_of::<u32>() + nodes * size_of::<Node>();
     if room.is_none() { 0 } else { (each + room.meshes as usize * size_of::<Held>()) as u64 }
 }
 
-/// Bytes that a thread takes for the layers of meshes in its tile.
 pub(crate) const BYTES_PER_THREAD: u64 = size_of::<MeshLayers>() as u64;
 
-/// A tree of boxes over the triangles of a frame's meshes.
 #[derive(Debug, Default)]
 pub(crate) struct MeshTree {
     held: Vec<Held>,
     /// The triangles' numbers, in the order of leaves.
     order: Vec<u32>,
-    /// The root first; behind an inner node its first child.
+    /// The nodes, root first; behind an inner node its first child.
     nodes: Vec<Node>,
 }
 
-/// A mesh, and the number of its first triangle.
 #[derive(Debug)]
 struct Held {
     mesh: Arc<Mesh>,
     first: u32,
 }
 
-/// A box and what is in it: of a leaf so many triangles, of another node where its second child is.
+/// A box and its contents: a leaf's triangles, or the children of an inner node, whose `count` is 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Node {
     low: [f32; 3],
@@ -54,19 +52,16 @@ struct Node {
     at: u32,
 }
 
-/// Nodes of a tree over so many triangles.
 fn nodes(triangles: usize) -> usize {
     if triangles <= LEAF { 1 } else { 1 + nodes(triangles / 2) + nodes(triangles - triangles / 2) }
 }
 
 impl MeshTree {
-    /// Whether this is the tree over these meshes.
     pub(crate) fn is_of(&self, meshes: &[ShownMesh]) -> bool {
         let is_same = |(held, shown): (&Held, &ShownMesh)| Arc::ptr_eq(&held.mesh, &shown.mesh);
         self.held.len() == meshes.len() && self.held.iter().zip(meshes).all(is_same)
     }
 
-    /// The tree over a frame's meshes.
     pub(crate) fn new(meshes: &[ShownMesh]) -> Self {
         let mut count = 0;
         let mut held = Vec::new();
@@ -81,7 +76,7 @@ impl MeshTree {
         Self { held, order, nodes: tree }
     }
 
-    /// Finds, for each of a tile's rays, the next layer of meshes behind the one that the ray has come to.
+    /// Finds, for each of a tile's rays, the next layer of meshes behind the current one.
     pub(crate) fn peel(&self, settings: &FrameSettings, tile: &Tile, layers: &mut MeshLayers) {
         let rays = &settings.rays;
         let beam = Beam::new(rays, tile);
@@ -108,14 +103,13 @@ impl MeshTree {
         }
     }
 
-    /// The mesh with this triangle, and its place in it.
+    /// The mesh of this triangle, and the triangle's index in it.
     fn triangle(&self, number: u32) -> (usize, usize) {
         let held = self.held.partition_point(|held| held.first <= number) - 1;
         (held, (number - self.held[held].first) as usize)
     }
 }
 
-/// The making of a tree.
 struct Build<'a> {
     held: &'a [Held],
 }
@@ -126,13 +120,13 @@ impl Build<'_> {
         held.mesh.triangles()[(number - held.first) as usize].map(|i| held.mesh.positions()[i as usize])
     }
 
-    /// Three times the triangle's middle.
+    /// Three quarters of the triangle's middle: halves do not overflow.
     fn middle(&self, number: u32, axis: usize) -> f32 {
-        // Halves do not overflow.
         self.corners(number).iter().map(|corner| corner[axis] * 0.25).sum()
     }
 
-    /// Builds the node at the front of `tree`, `place` in the whole tree, over these triangles, `first` of all.
+    /// Builds the node at the front of `tree`, at index `place` of the whole tree, over these triangles; `first` is
+    /// their start in the order.
     fn node(&self, order: &mut [u32], tree: &mut [Node], place: usize, first: usize) {
         let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         for corner in order.iter().flat_map(|&number| self.corners(number)) {
@@ -169,7 +163,7 @@ impl Build<'_> {
 
 /// Four planes around a tile's rays.
 struct Beam {
-    /// Across each, to the inside, and how high the world's origin is below it.
+    /// Each plane's inward normal, and its height above the world's origin.
     planes: [(DVec3, f64); 4],
 }
 
@@ -196,13 +190,12 @@ impl Beam {
     }
 }
 
-/// The next layer of a ray; without a number there is none.
 #[derive(Clone, Copy, Debug)]
 struct Found {
     t: f64,
     number: Option<u32>,
     weights: [f64; 3],
-    /// Premultiplied, and how much light passes.
+    /// Premultiplied, and the transmitted light.
     color: Vec4,
 }
 
@@ -210,19 +203,19 @@ impl Found {
     const NONE: Self = Self { t: f64::INFINITY, number: None, weights: [0.0; 3], color: Vec4::W };
 }
 
-/// How far a tile's rays have come through the layers of meshes, and what they have seen.
+/// The progress of a tile's rays through the layers of meshes, and the colours so far.
 pub(crate) struct MeshLayers {
     rays: [Ray; PIXELS],
-    /// What is in front: premultiplied colour, and how much light passes.
+    /// The picture in front: premultiplied colour and transmitted light.
     front: [Vec4; PIXELS],
-    /// The layer before; the next one is behind it.
+    /// The previous layer; the next one is behind it.
     before: [(f64, u32); PIXELS],
     next: [Found; PIXELS],
 }
 
 impl MeshLayers {
     pub(crate) fn new(rays: &ViewRays, tile: &Tile) -> Box<Self> {
-        // On the heap: threads' stacks have enough to hold. Places without a pixel have rays, too.
+        // On the heap, to spare the threads' stacks. Places without a pixel have rays, too.
         let ray = |i: u32| rays.ray((tile.x0 + i % TILE_PX) as f64 + 0.5, (tile.y0 + i / TILE_PX) as f64 + 0.5);
         Box::new(Self {
             rays: std::array::from_fn(|i| ray(i as u32)),
@@ -232,7 +225,7 @@ impl MeshLayers {
         })
     }
 
-    /// Lets the rays that may meet a triangle look where.
+    /// Intersects a triangle with the rays that may meet it.
     fn meet(&mut self, view: &ViewRays, tile: &Tile, corners: [DVec3; 3], number: u32) {
         let Some([x0, x1, y0, y1]) = pixels(view, tile, corners) else { return };
         for y in y0..y1 {
@@ -252,13 +245,14 @@ impl MeshLayers {
         }
     }
 
-    /// The distances between which a ray's next slab lies: from the layer before to the next one. Both are 0 if nearly no light is left.
+    /// The distances bounding a ray's next slab: from the previous layer to the next one. Both are 0 if nearly no light
+    /// is left.
     pub(crate) fn limits(&self, place: usize) -> [f64; 2] {
         if self.front[place].w < FAINTEST { [0.0; 2] } else { [self.before[place].0, self.next[place].t] }
     }
 
-    /// Puts what is seen of a ray's slab, and then the layer of meshes behind the slab, behind what is in front. Returns whether there is
-    /// more to see behind.
+    /// Puts a ray's slab, and then the layer of meshes behind it, behind the picture in front. Returns whether more may
+    /// be visible behind.
     pub(crate) fn compose(&mut self, place: usize, seen: Vec4) -> bool {
         let (front, next) = (&mut self.front[place], self.next[place]);
         for color in [seen, next.color] {
@@ -272,13 +266,13 @@ impl MeshLayers {
         next.number.is_some() && front.w >= FAINTEST
     }
 
-    /// What a ray shows: premultiplied colour, and how much light passes.
+    /// A ray's result: premultiplied colour and transmitted light.
     pub(crate) fn color(&self, place: usize) -> Vec4 {
         self.front[place]
     }
 }
 
-/// The tile's pixels whose rays may meet a triangle, a pixel to spare on each side.
+/// The tile's pixels whose rays may meet a triangle, with a pixel to spare on each side.
 fn pixels(rays: &ViewRays, tile: &Tile, corners: [DVec3; 3]) -> Option<[u32; 4]> {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for corner in corners {

@@ -1,4 +1,5 @@
-//! What layers show together in one interval of a ray, in single precision: twins of [`brickyard_volume::compositing`]'s `LayerMedium` and `JointMedium`.
+//! The joint media of layers in one interval of a ray, in single precision: twins of
+//! [`brickyard_volume::compositing`]'s `LayerMedium` and `JointMedium`.
 
 use crate::packet::{CHUNK, exp2};
 use crate::row::Passed;
@@ -6,11 +7,11 @@ use crate::sample::Unit;
 use brickyard_volume::Blend;
 use glam::{Vec3, Vec4, Vec4Swizzles};
 
-/// The depth of what lets no light through: finite, so that sums and shares of it are numbers.
+/// The depth of an opaque medium: finite, so that sums and shares of it are numbers.
 pub(crate) const OPAQUE: f32 = 1e30;
 
-/// The media of a segment: the colour that they give where no light is lost on the way, and their depth. They are kept as two vectors,
-/// whose sum they are, so that two neighbouring entries of a table can be added at once.
+/// The joint media of a segment: their colour without absorption, and their depth. Kept as two vectors to be summed, so
+/// that two neighbouring entries of a table can be added at once.
 #[derive(Clone, Copy)]
 #[repr(C)]
 pub(crate) struct Mixed {
@@ -21,7 +22,6 @@ pub(crate) struct Mixed {
 impl Mixed {
     pub(crate) const NONE: Self = Self { near: Vec4::ZERO, far: Vec4::ZERO };
 
-    /// Adds media: their colour and depth.
     #[inline(always)]
     pub(crate) fn add(&mut self, media: Vec4) {
         self.near += media;
@@ -39,7 +39,7 @@ impl Mixed {
         self.far += entries[1] * far;
     }
 
-    /// [`Mixed::add_shares`], inlined into a function that has AVX2.
+    /// [`Mixed::add_shares`], inlined into a function with AVX2.
     ///
     /// # Safety
     /// The machine has AVX2.
@@ -65,20 +65,20 @@ impl Mixed {
     }
 }
 
-/// What one layer shows of a piece of a segment by itself.
+/// One layer's own medium in a piece of a segment.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct LayerMedium {
-    /// Premultiplied colour of a layer that mixes, and how much light it hides.
+    /// Premultiplied colour of a mixing layer, and its opacity.
     color: Vec3,
     hidden: f32,
     /// Halvings of the light on the way through.
     depth: f32,
-    /// What a layer that adds gives.
+    /// Light emitted by an additive layer.
     emission: Vec3,
 }
 
 impl LayerMedium {
-    /// The media of a share of the piece: the colour that they give where no light is lost on the way, and their depth.
+    /// The media of a share of the piece: their colour without absorption, and their depth.
     #[inline(always)]
     pub(crate) fn media(&self, share: f32) -> Vec4 {
         let emission = self.emission * share;
@@ -91,7 +91,6 @@ impl LayerMedium {
     }
 }
 
-/// The segments of a chunk as one layer shows them by itself.
 pub(crate) struct LayerMediumChunk {
     pub(crate) blend: Blend,
     /// The place in the chunk of the stretch's first segment.
@@ -105,12 +104,11 @@ impl LayerMediumChunk {
         Self { blend: Blend::Mix, first: 0, segments: [nothing; CHUNK] }
     };
 
-    /// The place in the chunk of a segment of the stretch.
     pub(crate) fn place(&self, segment: i32) -> usize {
         (self.first + segment) as usize
     }
 
-    /// Adds a medium to its segment, behind the media that the segment has.
+    /// Adds a medium to its segment, behind those already there.
     #[inline(always)]
     pub(crate) fn pass(&mut self, Passed { segment, color, depth, length }: Passed) {
         let place = self.place(segment);
@@ -128,14 +126,14 @@ impl LayerMediumChunk {
     }
 }
 
-/// What several projections show together.
+/// The joint result of several projections.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Projections {
-    /// Colour times depth, and depth, of the layers that mix.
+    /// Colour times depth, and depth, of mixing layers.
     mixed: Vec4,
-    /// The colour of the layers that add.
+    /// The colour of additive layers.
     pub(crate) emission: Vec4,
-    /// Premultiplied colour and opacity of the layers that lie over the others.
+    /// Premultiplied colour and opacity of the layers on top.
     over: Vec4,
 }
 
@@ -150,8 +148,8 @@ impl Projections {
         self.over = self.over * (1.0 - opacity) + color.with_w(1.0) * opacity;
     }
 
-    /// The premultiplied colour that the projections show together, and the light that passes. The colour of layers that add is dimmed by those
-    /// alone that lie over them.
+    /// Returns the premultiplied joint colour and the transmitted light. Additive colours are dimmed only by layers on
+    /// top of them.
     pub(crate) fn seen(&self) -> Vec4 {
         let left = (-self.mixed.w).exp2();
         let mixed = if self.mixed.w > 0.0 { self.mixed.xyz() * ((1.0 - left) / self.mixed.w) } else { Vec3::ZERO };
@@ -159,14 +157,13 @@ impl Projections {
     }
 }
 
-/// Media that are less deep pass light as the first four terms of the series say: the next one is 1e-7.
+/// Shallower media transmit light by the first four terms of the series: the next one is 1e-7.
 const THIN: f32 = 1.0 / 16.0;
 
-/// Room to work out how light passes the media of a chunk, front to back.
 pub(crate) struct Passage {
     media: [Vec4; CHUNK],
     depth: [f32; CHUNK],
-    /// The mean, from front to back of each medium, of the light that is dimmed so far, and what is left behind all of it.
+    /// Each medium's mean, from front to back, of the light dimmed so far, and the light left behind it.
     dimmed: [f32; CHUNK],
     left: [f32; CHUNK],
 }
@@ -177,15 +174,15 @@ impl Passage {
         Self { media: [Vec4::ZERO; CHUNK], depth: none, dimmed: none, left: none }
     };
 
-    /// Passes light through the media of a chunk's segments or of a part of them. Returns premultiplied colour and the light that is left, and
-    /// writes to `visibility` with how much light each segment was entered.
+    /// Passes light through the media of a chunk's segments or of a part of them. Returns premultiplied colour and the
+    /// remaining light, and writes the light entering each segment to `visibility`.
     #[inline(always)]
     pub(crate) fn pass(&mut self, mixed: &[Mixed], mut light: Vec4, visibility: &mut [f32]) -> Vec4 {
         for ((media, depth), mixed) in self.media.iter_mut().zip(&mut self.depth).zip(mixed) {
             *media = mixed.sum();
             *depth = media.w;
         }
-        // Four by four, so that none need wait for those before it; nothing is behind the last one.
+        // Four by four, so that none waits for those before it; nothing is behind the last one.
         let count = mixed.len().min(CHUNK);
         let full = count.next_multiple_of(4);
         self.media[count..full].fill(Vec4::ZERO);
@@ -211,8 +208,8 @@ impl Passage {
     }
 }
 
-/// Finds how light passes media of so many depths: the mean, from front to back, of the light that is dimmed so far, and what is left
-/// behind all of it.
+/// Computes the passage of light through media of these depths: the mean, from front to back, of the light dimmed so
+/// far, and the light left behind each.
 #[inline(always)]
 fn passages(depth: &[f32], dimmed: &mut [f32], left: &mut [f32]) {
     let mut is_thick = 0;
@@ -244,7 +241,7 @@ mod tests {
             for (i, &depth) in depth.iter().enumerate() {
                 let (depth, power) = (depth as f64, (-depth as f64).exp());
                 let mean = if depth > 0.0 { -(-depth).exp_m1() / depth } else { 1.0 };
-                // Single precision, and of 1 - power at THIN no more than 2^-20 of it.
+                // Single precision, and at most 2^-20 of 1 - power at THIN.
                 assert!((left[i] as f64 - power).abs() < 4e-7, "{depth}: {} {power}", left[i]);
                 assert!((dimmed[i] as f64 - mean).abs() < 2e-6 * mean + 1e-30, "{depth}: {} {mean}", dimmed[i]);
             }

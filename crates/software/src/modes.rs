@@ -1,6 +1,6 @@
-//! How a ray's samples become a pixel: one type per mode.
+//! The modes, which turn a ray's samples into a pixel: one type each.
 //!
-//! A sample's weight is its segment's length in unit distances; samples that do not exist have weight 0. As in `sample`,
+//! A sample's weight is its segment's length in unit distances; missing samples have weight 0. As in `sample`,
 //! everything is inlined and free of closures.
 
 use crate::boxes::{Extreme, Segments};
@@ -21,23 +21,23 @@ pub(crate) trait Accumulate {
     /// A ray's sum before its first sample.
     const START: Vec4;
 
-    /// Whether cells are taken front to back, and each segment once. If not, the order does not matter, and the most promising bricks
-    /// come first.
+    /// Whether cells are taken front to back, and each segment once. If not, the order does not matter, and the most
+    /// promising bricks come first.
     const FRONT_TO_BACK: bool;
 
-    /// Whether segments are looked at in their middles or from end to end.
+    /// Whether segments are examined in their middles or from end to end.
     const REACH: Reach = Reach::Middles;
 
-    /// Whether what is in front takes light from what is behind. If so, the sum's last component is the light that is left.
+    /// Whether nearer samples take light from farther ones. If so, the sum's last component is the remaining light.
     const OCCLUDES: bool = false;
 
-    /// How much of a cell's brick can change a ray's sum. By default this is what the cell's mask says, whatever the ray.
+    /// How much of a cell's brick can change a ray's sum. By default the coverage of the cell's mask, for all rays.
     #[inline(always)]
     fn coverage(cell: &Cell<'_>, _: &Ray) -> Coverage {
         cell.mask.coverage()
     }
 
-    /// The boxes of macro-cells in which samples can change the sum: a bit for each.
+    /// Returns the boxes of macro-cells whose samples can change the sum: a bit for each.
     ///
     /// # Safety
     /// The brick has these boxes.
@@ -47,7 +47,7 @@ pub(crate) trait Accumulate {
         unsafe { cell.mask.seen(boxes) }
     }
 
-    /// Adds some segments of a stretch to the ray's sum, or fewer if nothing behind those can be seen.
+    /// Adds some segments of a stretch to the ray's sum, or fewer if nothing behind those is visible.
     fn take<C: Code, U: Unit, const INVALID: bool>(
         march: &March<'_>,
         stretch: &Stretch,
@@ -56,23 +56,22 @@ pub(crate) trait Accumulate {
         segments: Range<i32>,
     );
 
-    /// Whether no further sample can change what is seen of this sum.
+    /// Whether no further sample can change the result of this sum.
     fn is_final(frame: &Frame<'_>, sum: Vec4) -> bool;
 
-    /// What is seen of a ray with this sum: premultiplied colour, and how much light passes.
+    /// The result of a ray with this sum: premultiplied colour and transmitted light.
     fn seen(frame: &Frame<'_>, sum: Vec4) -> Vec4;
 }
 
 /// A mode that samples segments in their middles.
 pub(crate) trait Sum: Accumulate {
-    /// The extreme that the mode projects; `None` if it is no projection of one.
+    /// The projected extreme; `None` if the mode projects none.
     const EXTREME: Option<Extreme> = None;
 
-    /// Adds a chunk of samples to a ray's sum, and returns the new sum.
     fn add<C: Code>(frame: &Frame<'_>, sum: Vec4, chunk: &mut SampleChunk) -> Vec4;
 }
 
-/// Adds the samples of some segments of a stretch, or fewer if nothing behind those can be seen.
+/// Adds the samples of some segments of a stretch, or fewer if nothing behind those is visible.
 #[inline(always)]
 fn add<C: Code, B: Sum, U: Unit, const INVALID: bool>(
     March { frame, cell, brick }: &March<'_>,
@@ -134,8 +133,8 @@ impl Dvr {
         (near + far).with_w(light.x)
     }
 
-    /// Puts into `entry` what each of a chunk's samples does: colour gained and light passed. Returns which packets show something, a bit for
-    /// each.
+    /// Computes into `entry` the colour gained and light passed by each of a chunk's samples. Returns the visible
+    /// packets, a bit for each.
     #[inline(always)]
     pub(crate) fn classify<C: Code>(frame: &Frame<'_>, chunk: &mut SampleChunk) -> u32 {
         let (packets, mut shows) = (chunk.packets.min(PACKETS), 0);
@@ -167,8 +166,8 @@ impl Dvr {
         shows
     }
 
-    /// Puts into `entry` the straight colour and opacity at each of a chunk's samples, and into `passed` the light that each lets through, by its
-    /// own length. Returns which packets show something, a bit for each; of the others nothing is put in.
+    /// Looks up into `entry` the straight colour and opacity of each of a chunk's samples, and into `passed` its
+    /// transmitted light. Returns the visible packets, a bit for each; the others are left unset.
     #[inline(always)]
     fn look_up(frame: &Frame<'_>, chunk: &mut SampleChunk) -> u32 {
         let (entries, packets, mut shows) = (Entries::of(frame), chunk.packets.min(PACKETS), 0u32);
@@ -398,7 +397,8 @@ impl Accumulate for Average {
     }
 }
 
-/// The mean of a ray's sum. What rounding leaves of a whole code is that code: the mean of voxels of one value is that value.
+/// The mean of a ray's sum, rounded to a whole code within rounding errors: the mean of voxels of one value is that
+/// value.
 fn mean(sum: Vec4) -> f32 {
     let mean = sum.x / sum.y;
     let whole = mean.round();
@@ -422,7 +422,7 @@ impl Sum for Average {
     }
 }
 
-/// Takes the weight of samples of labels that are not shown: they hide nothing.
+/// Zeroes the weight of samples of hidden labels: they hide nothing.
 #[inline(never)]
 fn leave_out_hidden(frame: &Frame<'_>, chunk: &mut SampleChunk) {
     let entries = Entries::of(frame);
@@ -435,7 +435,6 @@ fn leave_out_hidden(frame: &Frame<'_>, chunk: &mut SampleChunk) {
     }
 }
 
-/// A packet as vectors of four.
 #[inline(always)]
 fn quarters(packet: &Packet) -> [Vec4; LANES / 4] {
     let mut out = [Vec4::ZERO; LANES / 4];
@@ -445,13 +444,13 @@ fn quarters(packet: &Packet) -> [Vec4; LANES / 4] {
     out
 }
 
-/// Codes of which an extreme is shown: what is past the ends of the table is as good as those.
+/// Clamps codes to the table before an extreme is taken: beyond its ends, its end values apply.
 #[inline(always)]
 fn shown(frame: &Frame<'_>, codes: Vec4) -> Vec4 {
     codes.max(Vec4::ZERO).min(Vec4::splat(frame.last_code))
 }
 
-/// The table's colour at a code, opaque; nothing where there is none.
+/// The table's colour at a code, opaque; nothing for `None`.
 fn opaque(frame: &Frame<'_>, code: Option<f32>) -> Vec4 {
     match code {
         Some(code) => Vec4::from_array(frame.settings.table.lookup(code / frame.last_code)).with_w(0.0),
@@ -501,7 +500,7 @@ mod tests {
                     worst = worst.max((found[i] as f64 - exact).abs());
                 }
             }
-            // Thousands of samples in a row then stay a tenth of a picture's step from the exact product.
+            // Thousands of samples in a row then stay within a tenth of a picture's step of the exact product.
             assert!(worst < 4e-7, "{weight}: {worst}");
         }
         let (alpha, weight) = ([0.0, 1.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0], [3.0, 1e-3, 0.0, 0.0, 0.0, 1.0, 9.0, 0.1]);

@@ -1,4 +1,4 @@
-//! How many samples are taken at a time, and what is worked out for as many.
+//! The numbers of samples taken at a time, and arithmetic on as many.
 
 /// Samples in a packet.
 pub(crate) const LANES: usize = 8;
@@ -9,13 +9,13 @@ pub(crate) const PACKETS: usize = 4;
 /// Samples in a chunk.
 pub(crate) const CHUNK: usize = LANES * PACKETS;
 
-/// One number for each sample of a packet.
+/// One number per sample of a packet.
 pub(crate) type Packet = [f32; LANES];
 
 /// Adding and subtracting it rounds to a whole number, which is then also in its low bits.
 const ROUND: f32 = 12_582_912.0;
 
-/// The logarithms to base 2 of positive numbers. Results for other numbers are of no use. The next term of the series would be 2e-8.
+/// Logarithms to base 2 of positive numbers; useless for others. The next term of the series would be 2e-8.
 #[inline(always)]
 pub(crate) fn log2<const N: usize>(x: &[f32; N]) -> [f32; N] {
     use std::f32::consts::{LOG2_E, SQRT_2};
@@ -34,8 +34,8 @@ pub(crate) fn log2<const N: usize>(x: &[f32; N]) -> [f32; N] {
     log2
 }
 
-/// 2 to the power of each number, as long as the powers are finite; exactly 1 for 0, and 2^-126 for numbers below -126. The next term of the
-/// series would be 1e-7.
+/// 2 to the power of each number, for finite powers; exactly 1 for 0, and 2^-126 for numbers below -126. The next term
+/// of the series would be 1e-7.
 #[inline(always)]
 pub(crate) fn exp2<const N: usize>(y: &[f32; N]) -> [f32; N] {
     let mut powers = [0.0; N];

@@ -1,5 +1,5 @@
-//! A picture while it is drawn, shared by who draws it and who looks at it: what is there so far, how much that is, and whether it is to be
-//! abandoned. Costs a lock and a copy for each tile.
+//! A picture being drawn, shared by its renderer and its viewer: the pixels so far, the progress, and a flag for
+//! abandoning it. Costs a lock and a copy per tile.
 
 use crate::tiles::{Tile, TilePixels, put, tiles};
 use brickyard_volume::Picture;
@@ -7,25 +7,25 @@ use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A picture that is being drawn, tile by tile; or several, one after the other, such as two eyes' or the samples of pixels.
+/// A picture being drawn, tile by tile; or several, one after the other, such as two eyes' or the samples of pixels.
 #[derive(Debug)]
 pub struct Painting {
     so_far: Mutex<Picture>,
     size_px: (u32, u32),
     pictures: u32,
     done_tiles: AtomicU32,
-    /// Tiles of one picture.
     all_tiles: AtomicU32,
     is_abandoned: AtomicBool,
     kept: Mutex<Option<Arc<KeptTiles>>>,
 }
 
-/// Tiles of a picture that outlive a painting that is abandoned: the next one goes on with them. They are of one frame, and of one eye.
+/// Tiles of a picture that outlive an abandoned painting, for the next one to continue with. They are of one frame and
+/// one eye.
 #[derive(Debug, Default)]
 pub struct KeptTiles(Mutex<HashMap<(u32, u32), TilePixels>>);
 
 impl KeptTiles {
-    /// The share of a picture of this size that they are.
+    /// The tiles' share of a picture of this size.
     pub fn share(&self, (width, height): (u32, u32)) -> f64 {
         let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner).len();
         kept as f64 / tiles(width, height).count().max(1) as f64
@@ -41,19 +41,21 @@ impl KeptTiles {
 }
 
 impl Painting {
-    /// A painting of a size, of so many pictures. Nothing is seen of them until they are done, unless another picture [lies under](Painting::lay_under) them.
+    /// Creates a painting of a size, for a number of pictures. Nothing is visible until they are done, unless another
+    /// picture [lies under](Painting::lay_under) them.
     pub fn new(size_px: (u32, u32), pictures: u32) -> Self {
         let so_far = Mutex::new(Picture { width: 0, height: 0, rgb: Vec::new() });
         let (done_tiles, all_tiles, is_abandoned, kept) = Default::default();
         Self { so_far, size_px, pictures, done_tiles, all_tiles, is_abandoned, kept }
     }
 
-    /// Lays a picture under those that have not been begun: it is seen where nothing is drawn yet, smoothly, in the painting's size.
+    /// Lays a picture under those not yet begun: it is visible where nothing is drawn yet, smoothly scaled to the
+    /// painting's size.
     pub fn lay_under(&self, picture: Picture) {
         *self.lock() = picture;
     }
 
-    /// Goes on with tiles in the pictures to come: those that are kept are not drawn again, and others are kept once they are drawn.
+    /// Continues with tiles in the pictures to come: kept tiles are not drawn again, and newly drawn ones are kept.
     pub fn go_on_with(&self, tiles: Option<Arc<KeptTiles>>) {
         *self.kept.lock().unwrap_or_else(PoisonError::into_inner) = tiles;
     }
@@ -62,7 +64,7 @@ impl Painting {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Tells who draws to stop: within milliseconds, with [`SoftwareError::Abandoned`](crate::SoftwareError::Abandoned).
+    /// Stops the drawing, within milliseconds, with [`SoftwareError::Abandoned`](crate::SoftwareError::Abandoned).
     pub fn abandon(&self) {
         self.is_abandoned.store(true, Ordering::Relaxed);
     }
@@ -72,18 +74,17 @@ impl Painting {
         self.is_abandoned.load(Ordering::Relaxed)
     }
 
-    /// The share of all pictures that is drawn, 0 to 1.
+    /// The drawn share of all pictures, 0 to 1.
     pub fn progress(&self) -> f64 {
         let all = f64::from(self.all_tiles.load(Ordering::Relaxed)) * f64::from(self.pictures);
         (f64::from(self.done_tiles.load(Ordering::Relaxed)) / all.max(1.0)).min(1.0)
     }
 
-    /// The picture as it is so far; one without pixels if none lies under it.
+    /// The picture so far; one without pixels if none lies under it.
     pub fn so_far(&self) -> Picture {
         self.lock().clone()
     }
 
-    /// Begins a picture of a size and so many tiles.
     pub(crate) fn begin(&self, size_px: (u32, u32), tiles: usize) {
         self.all_tiles.store(tiles as u32, Ordering::Relaxed);
         let mut so_far = self.lock();
@@ -92,7 +93,7 @@ impl Painting {
         }
     }
 
-    /// Puts a tile of a picture in its place. A picture of another size, such as one eye's, is counted alone.
+    /// Puts a tile of a picture in its place. A picture of another size, such as one eye's, is only counted.
     pub(crate) fn put(&self, size_px: (u32, u32), tile: &Tile, pixels: &TilePixels) {
         let mut so_far = self.lock();
         if (so_far.width, so_far.height) == size_px {
@@ -107,9 +108,8 @@ impl Painting {
     }
 }
 
-/// A picture in another size, smoothly.
 fn scaled(picture: &Picture, (width, height): (u32, u32)) -> Picture {
-    // For each pixel along an axis the two that it lies between, and how near it is to the second.
+    // For each pixel along an axis its two neighbours in the source, and the share of the second.
     let along = |from: u32, to: u32| -> Vec<(usize, usize, f32)> {
         let place = |i: u32| ((i as f32 + 0.5) * from as f32 / to as f32 - 0.5).clamp(0.0, (from - 1) as f32);
         let split = |at: f32| (at as usize, (at as usize + 1).min(from as usize - 1), at.fract());

@@ -1,9 +1,9 @@
-//! A ray's way along a stretch of a brick by every method: segments become media as [`brickyard_volume::sampling`] says, lit as
-//! [`brickyard_volume::lighting`] says.
+//! A ray's path along a stretch of a brick, for every method: segments become media by the rules of
+//! [`brickyard_volume::sampling`], lit by those of [`brickyard_volume::lighting`].
 //!
-//! A stretch goes through in rows of as many segments as one packet of places allows: all that a row's curves pass through is
-//! sampled together, and then one segment after the other is classified. A gradient is a packet of its own (four for the Sobel
-//! operator), and taken only of what has opacity; where opacity depends on it, of what has some at any gradient.
+//! A stretch is processed in rows of as many segments as one packet of places allows: all points on a row's curves are
+//! sampled together, and then one segment after the other is classified. A gradient takes a packet of its own (four for
+//! the Sobel operator), and only where there is opacity or, if opacity depends on gradients, may be some.
 
 use crate::gradients::Gradients;
 use crate::packet::{LANES, Packet};
@@ -24,34 +24,34 @@ use brickyard_volume::{CutFace, Filter, Gradient, Lighting, Medium as Mean, Tran
 use glam::{DVec3, Vec3, Vec4};
 use std::ops::Range;
 
-/// A ray's way along a stretch of a brick. Places along it are counted in segments from the middle of the stretch's first.
+/// A ray's path along a stretch of a brick. Places along it are counted in segments from the middle of the stretch's
+/// first.
 #[derive(Clone, Copy)]
 pub(crate) struct Path<'a> {
     march: &'a March<'a>,
     stretch: &'a Stretch,
-    /// The first place along the path at which the brick can be sampled; `high` is the last one.
+    /// The first place where the brick can be sampled; `high` is the last one.
     pub(crate) low: f32,
     pub(crate) high: f32,
-    /// The ends of the ray's first and last segments, where they are the stretch's; else past all.
+    /// The ends of the ray's first and last segments, if they are the stretch's; else beyond all places.
     first_start: f32,
     last_end: f32,
     /// Unit distances of a whole segment.
     length: f64,
     /// Units of the volume's own world per voxel of the brick's level.
     voxel: DVec3,
-    /// Half of what one code is in data units: differences are across two voxels.
+    /// Half of one code in data units: differences are across two voxels.
     half_code: f64,
     /// The ray in the scene's world.
     eye: DVec3,
     direction: DVec3,
-    /// Where it enters what is shown, if through a cut, and voxels below that by distance.
+    /// The cut through which it enters the shown part, if any, and the voxels below it per distance.
     cut: Option<(CutFace, f64)>,
     is_lit: bool,
-    /// Whether anything depends on gradients: light, or what is seen.
+    /// Whether anything depends on gradients: light, or opacity.
     has_gradients: bool,
 }
 
-/// A packet of samples along a path.
 #[derive(Clone, Copy)]
 pub(crate) struct Samples {
     along: Packet,
@@ -97,13 +97,13 @@ impl<'a> Path<'a> {
         Self { first_start, last_end, ..*self }
     }
 
-    /// The places along the path at which a segment begins and ends.
+    /// The places where a segment begins and ends.
     #[inline(always)]
     pub(crate) fn ends(&self, segment: i32) -> [f32; 2] {
         [(segment as f32 - 0.5).max(self.first_start), (segment as f32 + 0.5).min(self.last_end)]
     }
 
-    /// The number of whole segments from the first of these on, at most `most`; 1 if the first one is not whole.
+    /// The number of whole segments at the front of these, at most `most`; 1 if the first one is not whole.
     #[inline(always)]
     pub(crate) fn whole(&self, segments: &Range<i32>, most: i32) -> i32 {
         let is_cut = |segment: i32| {
@@ -134,8 +134,8 @@ impl<'a> Path<'a> {
         Samples { along, code, weight }
     }
 
-    /// Appends the media of a row of segments, from the first of `segments` on. Returns the first segment that was not taken. The work is not
-    /// inlined: it is large, and several callers share it.
+    /// Appends the media of a row of segments, from the first of `segments` on. Returns the first segment not taken.
+    /// Not inlined: it is large, and several callers share it.
     #[inline(always)]
     pub(crate) fn row<C: Code, U: Unit, const INVALID: bool>(&self, segments: Range<i32>, media: &mut Row) -> i32 {
         #[cfg(target_arch = "x86_64")]
@@ -198,7 +198,7 @@ impl<'a> Path<'a> {
             for i in 0..LANES {
                 distance[i] = self.distance(along[i]) as f32;
             }
-            // What rounding leaves is gone from these differences; those of labels have none.
+            // These differences are already free of rounding; those of labels have none.
             shade.packet(&differences, (&distance, &[0.0; LANES]), &mut shaded);
         }
         for i in 0..count as usize {
@@ -217,14 +217,13 @@ impl<'a> Path<'a> {
         segments.start + count
     }
 
-    /// How fog is lit.
     #[inline(always)]
     fn lighting(&self) -> &'a Lighting {
         &self.march.frame.settings.lighting
     }
 
-    /// Puts into `differences` those at a packet of places that have these codes, as [`Path::differences`] has them; only those of what is shown
-    /// need be right.
+    /// Computes [`Path::differences`] at a packet of places with these codes; only those of visible places need be
+    /// right.
     #[inline(always)]
     fn row_differences<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -287,7 +286,7 @@ impl<'a> Path<'a> {
         segments.start + count
     }
 
-    /// The places along the path of the ends of `count` segments from `first` on, with `beyond` more places on each side.
+    /// The places of the ends of `count` segments from `first` on, with `beyond` more on each side.
     #[inline(always)]
     pub(crate) fn places(&self, first: i32, count: i32, beyond: i32) -> Packet {
         let mut along = [0.0; LANES];
@@ -340,7 +339,7 @@ impl<'a> Path<'a> {
                 let mut differences = Vec3::ZERO;
                 if self.has_gradients {
                     for i in near - beyond..=near + 1 + beyond {
-                        // Not by a closure, which would not be compiled for this vector unit.
+                        // Not a closure, which would not be compiled for this vector unit.
                         if gradients[i].is_none() {
                             let known = at(i).unwrap_or(values[i + 1 - near]) as f32;
                             gradients[i] = Some(self.differences::<C, U, INVALID>(row.along[i], known));
@@ -374,7 +373,6 @@ impl<'a> Path<'a> {
         segments.start + count
     }
 
-    /// A real sample, and so much of a segment that it stands for.
     #[inline(always)]
     fn add_sampled<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -394,7 +392,7 @@ impl<'a> Path<'a> {
         self.add_shown(media, segment, along, shown, differences, share);
     }
 
-    /// What is seen of what may be, at a code and a gradient.
+    /// Classifies a possibly visible medium by code and gradient.
     #[inline(always)]
     fn by_gradient(&self, shown: Shown, code: f32, differences: Vec3) -> Option<Shown> {
         match self.march.frame.grid {
@@ -403,35 +401,33 @@ impl<'a> Path<'a> {
         }
     }
 
-    /// Out of line: with this in it, lit virtual samples without a grid took 1.13 times as long as before there were grids, now
-    /// 1.05 (medians of three, 256^3).
+    /// Out of line: with this in it, lit virtual samples without a grid took 1.13 times as long as before there were
+    /// grids, now 1.05 (medians of three, 256^3).
     #[inline(never)]
     fn in_grid(&self, grid: &TransferGrid, code: f32, differences: Vec3) -> Option<Shown> {
         let gradient = (differences.as_dvec3() / self.voxel).length() * self.half_code;
         Shown::of(grid.lookup(code, gradient as f32).into())
     }
 
-    /// A medium, lit if it is to be.
     #[inline(always)]
     fn add_shown(&self, media: &mut Row, segment: i32, along: f32, shown: Shown, differences: Vec3, share: f32) {
         let color = if self.is_lit { self.lit(along, shown.color, differences) } else { shown.color };
         self.push(media, segment, Shown { color, ..shown }, share);
     }
 
-    /// Appends a medium as it is.
     #[inline(always)]
     fn push(&self, media: &mut Row, segment: i32, Shown { color, depth }: Shown, share: f32) {
         media.push(Passed { segment, color, depth, length: share.max(0.0) as f64 * self.length });
     }
 
-    /// What is shown at a code, if anything.
+    /// The medium at a code, if visible.
     #[inline(always)]
     fn at<C: Code>(&self, code: f32) -> Option<Shown> {
         let frame = self.march.frame;
         Shown::of(Entries::of(frame).lookup(code * frame.positions_per_code))
     }
 
-    /// The lit straight colour of a surface where the path passes it, and the surface's opacity. The work is not inlined: see [`Path::row`].
+    /// The lit straight colour of a crossed surface, and its opacity. Not inlined: see [`Path::row`].
     #[inline(always)]
     pub(crate) fn surface<C: Code, U: Unit, const INVALID: bool>(&self, crossing: Crossing) -> Vec4 {
         #[cfg(target_arch = "x86_64")]
@@ -466,7 +462,6 @@ impl<'a> Path<'a> {
         self.lit_by((&frame.surface_lighting, cut), along, Vec3::from(look.color), differences).extend(look.opacity)
     }
 
-    /// The distance along the ray of a place along the path.
     #[inline(always)]
     pub(crate) fn distance(&self, along: f32) -> f64 {
         self.stretch.middle + along as f64 * self.stretch.length
@@ -476,7 +471,7 @@ impl<'a> Path<'a> {
         self.lit_by((self.lighting(), self.cut), along, color, differences)
     }
 
-    /// A colour lit at a place, behind a cut if its normal is to light what is next to it.
+    /// A colour lit at a place; behind a cut, the cut's normal lights its surroundings.
     fn lit_by(
         &self,
         (lighting, cut): (&Lighting, Option<(CutFace, f64)>),
@@ -493,7 +488,7 @@ impl<'a> Path<'a> {
         lighting.shade(color.as_dvec3(), normal, self.direction, place).as_vec3()
     }
 
-    /// The gradient in the scene's world, in half codes by the unit; `None` where the field is flat.
+    /// The gradient in the scene's world, in half codes per unit; `None` where the field is flat.
     fn in_world(&self, differences: Vec3) -> Option<DVec3> {
         let March { frame, .. } = self.march;
         let is_flat = differences.length() < frame.flat_codes;
@@ -501,8 +496,8 @@ impl<'a> Path<'a> {
         (!is_flat).then(|| placement.world_gradient(differences.as_dvec3() / self.voxel))
     }
 
-    /// The gradient in the middle of a segment, which has this code: in the scene's world, in data units per world unit; zero where the field
-    /// is flat.
+    /// The gradient in the middle of a segment with this code: in the scene's world, in data units per world unit; zero
+    /// where the field is flat.
     #[inline(never)]
     pub(crate) fn gradient<C: Code, U: Unit, const INVALID: bool>(&self, segment: i32, code: f32) -> DVec3 {
         let [start, end] = self.ends(segment);
@@ -510,15 +505,15 @@ impl<'a> Path<'a> {
         self.in_world(differences).map_or(DVec3::ZERO, |gradient| gradient * self.half_code)
     }
 
-    /// Differences of codes across two voxels along each axis; what has no value is as good as the middle's code. Of labels, differences
-    /// of the label's indicator.
+    /// Differences of codes across two voxels along each axis; the middle's code replaces missing values. For labels,
+    /// differences of the label's indicator.
     #[inline(always)]
     fn differences<C: Code, U: Unit, const INVALID: bool>(&self, along: f32, middle: f32) -> Vec3 {
         if self.march.frame.reading == Reading::Label {
             return self.label_differences::<C>(along, middle);
         }
         let (is_sobel, places) = match self.march.frame.settings.lighting.gradient {
-            // The six nearest places in one packet; or the 27 about the centre, the centre itself among them, in four.
+            // The six nearest places in one packet; or the 27 about the centre, including it, in four.
             Gradient::Central => (false, 6),
             Gradient::Sobel => (true, 27),
             Gradient::Stored => {
@@ -541,7 +536,8 @@ impl<'a> Path<'a> {
         if is_flat { Vec3::ZERO } else { differences }
     }
 
-    /// Differences across two voxels along each axis of the indicator of a label: as large as one code between the label and others.
+    /// Differences across two voxels along each axis of a label's indicator: as large as one code between the label and
+    /// others.
     #[inline(never)]
     fn label_differences<C: Code>(&self, along: f32, label: f32) -> Vec3 {
         let centre = self.slot_place(along);
@@ -553,21 +549,21 @@ impl<'a> Path<'a> {
         Vec3::from_array([0, 1, 2].map(|axis| at(axis, 1.0) - at(axis, -1.0)))
     }
 
-    /// The stored differences, as shares of the greatest code, or of the unit of f32 slots. Out of line for the same reason.
+    /// The stored differences, as shares of the greatest code, or of the unit of f32 slots. Out of line for the same
+    /// reason.
     #[inline(never)]
     fn stored_differences(&self, along: f32) -> Vec3 {
         let March { frame, cell, .. } = self.march;
         Gradients::new(cell.brick.gradients(), frame.gradients, frame.apron).at(self.slot_place(along))
     }
 
-    /// Where a place, or the nearest one that can be sampled, is in its slot.
+    /// The slot coordinate of a place, or of the nearest one that can be sampled.
     #[inline(always)]
     fn slot_place(&self, along: f32) -> [f32; 3] {
         let along = along.max(self.low).min(self.high);
         std::array::from_fn(|a| self.stretch.origin[a] + along * self.stretch.step[a])
     }
 
-    /// Codes at offsets in voxels from a slot coordinate.
     #[inline(always)]
     fn around<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -602,20 +598,19 @@ fn axis_offset(i: usize) -> [f32; 3] {
     std::array::from_fn(|a| if a == i / 2 { 1.0 - 2.0 * (i % 2) as f32 } else { 0.0 })
 }
 
-/// Where only one of two has a value, it stands for the other.
+/// A single value stands for both.
 #[inline(always)]
 fn known<T: Copy>([a, b]: [Option<T>; 2]) -> [Option<T>; 2] {
     [a.or(b), b.or(a)]
 }
 
-/// A medium that is seen.
 struct Shown {
     color: Vec3,
     depth: f64,
 }
 
 impl Shown {
-    /// What an entry says, straight colour and opacity, if that is anything.
+    /// The medium of an entry, straight colour and opacity, if visible.
     #[inline(always)]
     fn of(entry: Vec4) -> Option<Self> {
         (entry.w > 0.0).then(|| Self { color: entry.truncate(), depth: -(1.0 - entry.w as f64).log2() })
@@ -625,7 +620,7 @@ impl Shown {
         (depth > 0.0).then(|| Self { color: DVec3::from_array(rgb).as_vec3(), depth })
     }
 }
-/// Leaves nothing of differences at places of these codes that are no more than rounding ([`FLAT_SHARE`]).
+/// Zeroes differences at places of these codes if they are no more than rounding ([`FLAT_SHARE`]).
 #[inline(always)]
 fn without_rounding(code: &Packet, differences: &mut [Packet; 3]) {
     for i in 0..LANES {

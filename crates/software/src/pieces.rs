@@ -1,8 +1,9 @@
-//! Isosurfaces, translucent or not, in fog or alone: where a ray's way through a brick is cut by them. The rule is
-//! [`brickyard_volume::surface`]'s.
+//! Isosurfaces, translucent or not, in fog or alone: the pieces of a ray's way through a brick between them. The rule
+//! is [`brickyard_volume::surface`]'s.
 //!
-//! The ends of many segments are sampled together. As long as all are past as many surfaces as the ray is, they are one piece for
-//! [`Path`], or skipped where there is no fog; a segment that passes surfaces is cut at each, found as one alone is.
+//! The ends of many segments are sampled together. While all are past the same number of surfaces as the ray, they form
+//! one piece for [`Path`], or are skipped without fog; a segment that passes surfaces is cut at each, located like a
+//! single one.
 
 use crate::frame::rank_of;
 use crate::packet::LANES;
@@ -16,17 +17,16 @@ use crate::surface::{Crossing, Line};
 use brickyard_volume::Mode;
 use std::ops::Range;
 
-/// Packets of ends that are sampled together.
+/// Packets of ends sampled together.
 const TOGETHER: usize = 2;
 
-/// A ray's way along a stretch of a brick, piece by piece.
 pub(crate) struct Pieces<'a> {
     march: &'a March<'a>,
     stretch: &'a Stretch,
     path: Path<'a>,
     /// Segments not taken.
     rest: Range<i32>,
-    /// Where in the first of them the last piece ended, if it was cut.
+    /// The last piece's end in the first of them, if it was cut.
     cut: Option<f32>,
 }
 
@@ -34,7 +34,7 @@ pub(crate) struct Pieces<'a> {
 pub(crate) struct Piece<'a> {
     pub(crate) path: Path<'a>,
     pub(crate) segments: Range<i32>,
-    /// The surface at the piece's end, if there is one.
+    /// The surface at the piece's end, if any.
     pub(crate) surface: Option<Crossing>,
 }
 
@@ -44,7 +44,7 @@ impl<'a> Pieces<'a> {
         Self { march, stretch, path, rest: segments, cut: None }
     }
 
-    /// The next piece; `None` if there is none. The ray's rank becomes the one behind the piece. The work is not inlined: see [`Path::row`].
+    /// Returns the next piece, if any. The ray's rank becomes the one behind it. Not inlined: see [`Path::row`].
     #[inline(always)]
     pub(crate) fn next<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray) -> Option<Piece<'a>> {
         #[cfg(target_arch = "x86_64")]
@@ -110,7 +110,7 @@ impl<'a> Pieces<'a> {
         })
     }
 
-    /// The cap where the ray enters, if there is one. The ray's rank becomes that behind it.
+    /// The cap where the ray enters, if any. The ray's rank becomes the one behind it.
     #[inline(always)]
     fn cap<C: Code, U: Unit, const INVALID: bool>(&self, ray: &mut Ray) -> Option<Crossing> {
         let is_new = ray.past.rank == NO_RANK && self.cut.is_none() && self.rest.start == 0;
@@ -122,7 +122,8 @@ impl<'a> Pieces<'a> {
         (ray.past.rank > 0).then(|| Crossing { surface: ray.past.rank as usize - 1, along, is_cap: true })
     }
 
-    /// Skips segments at whose ends the ray is past as many surfaces as it is: all of them, or as many as are looked at together.
+    /// Skips segments whose ends are past the same number of surfaces as the ray: all of them, or one batch if
+    /// `is_short`.
     #[inline(always)]
     fn skip<C: Code, U: Unit, const INVALID: bool>(&mut self, ray: &mut Ray, is_short: bool) {
         while self.cut.is_none() && !self.rest.is_empty() {
@@ -153,7 +154,7 @@ impl<'a> Pieces<'a> {
         }
     }
 
-    /// How many surfaces a place is past, and its code.
+    /// The number of surfaces a place is past, and its code.
     #[inline(always)]
     fn rank<C: Code, U: Unit, const INVALID: bool>(&self, along: f32) -> (i32, f32) {
         let place = self.path.sample::<C, U, INVALID>([along; LANES]);

@@ -1,8 +1,9 @@
-//! Rays in voxel space, and which of their segments belong to a cell.
+//! Rays in voxel space, and the assignment of their segments to cells.
 //!
-//! A segment belongs to the cell whose half-open box holds its midpoint. That is decided along the ray: the distance at which
-//! it crosses a plane is computed in one way for all cells, and grows with the plane, so on each axis the cells' stretches
-//! follow one another without gap or overlap, and cells have every segment exactly once between them, whatever is rounded.
+//! A segment belongs to the cell whose half-open box holds its midpoint. This is decided along the ray: the distance to
+//! a plane is computed the same way for all cells, and grows with the plane. So on each axis the cells' stretches
+//! follow one another without gap or overlap, and each segment belongs to exactly one cell, however numbers are
+//! rounded.
 
 use crate::frame::{Cell, Frame};
 use crate::macrocells::Reach;
@@ -10,44 +11,40 @@ use crate::ticks::Ticks;
 use brickyard_volume::Lattice;
 use glam::Vec4;
 
-/// The share of light below which a ray ends: all that is behind could add at most 1/4096 of a channel, a sixteenth of one
+/// The share of light below which a ray ends: everything behind could add at most 1/4096 of a channel, a sixteenth of a
 /// step of an 8-bit picture.
 pub(crate) const FAINTEST: f32 = 1.0 / 4096.0;
 
 /// The rank of a place without a value.
 pub(crate) const NO_RANK: i32 = -1;
 
-/// A ray on its way through the cells.
 #[derive(Clone, Copy)]
 pub(crate) struct Ray {
-    /// The ray's origin in voxel space.
     pub(crate) origin: [f64; 3],
-    /// The ray's direction in voxel space: voxels per world unit.
+    /// Voxels per world unit, in voxel space.
     pub(crate) direction: [f64; 3],
     /// World units per voxel.
     inverse: [f64; 3],
-    /// The distance of the eye, behind which the ray begins where its lattice is moved.
+    /// The distance of the eye; with a shifted lattice the ray begins behind it.
     pub(crate) eye: f64,
-    /// The stretch that is shown.
     t_in: f64,
     t_out: f64,
     /// The tick of the ray's first segment; `end` is one past the last.
     pub(crate) first: u32,
     pub(crate) end: u32,
-    /// One past the last segment taken so far; equal to `end` when nothing more is wanted.
+    /// One past the last segment taken so far; equal to `end` once the ray is finished.
     pub(crate) cursor: u32,
-    /// What the ray's samples add up to. Each mode has its own meaning for it: see [`Accumulate`](crate::modes::Accumulate).
+    /// The sum of the ray's samples, with a meaning for each mode: see [`Accumulate`](crate::modes::Accumulate).
     pub(crate) sum: Vec4,
-    /// What the ray knows of surfaces.
     pub(crate) past: Past,
 }
 
-/// What a ray knows of a layer's surfaces.
+/// A ray's state in relation to a layer's surfaces.
 #[derive(Clone, Copy)]
 pub(crate) struct Past {
-    /// The tick of the segment behind the last one that was searched for a surface.
+    /// The tick of the segment behind the last one searched for a surface.
     pub(crate) reached: u32,
-    /// The number of surfaces that the ray is past; [`NO_RANK`] if this is not known.
+    /// The number of surfaces the ray is past; [`NO_RANK`] if unknown.
     pub(crate) rank: i32,
 }
 
@@ -71,7 +68,8 @@ impl Ray {
         past: Past::NONE,
     };
 
-    /// The ray through a pixel's centre, between these distances. If it misses the volume there, it has no segments.
+    /// Casts the ray through a pixel's centre, between these distances. It has no segments if it misses the volume
+    /// there.
     pub(crate) fn new(frame: &Frame<'_>, x: u32, y: u32, sum: Vec4, limits: [f64; 2]) -> Self {
         let mut ray = Self { sum, ..Self::aim(frame, x, y) };
         ray.set_out(&frame.ticks, frame.shift(x, y, ray.t_in), limits);
@@ -103,18 +101,18 @@ impl Ray {
         ray
     }
 
-    /// The distance at which the ray enters what is shown of the volume; `None` if it never does.
+    /// The distance of the ray's entry into the shown part of the volume, if any.
     pub(crate) fn entry(&self) -> Option<f64> {
         (self.t_in < self.t_out).then_some(self.t_in)
     }
 
-    /// From where to where the ray is shown; empty if it never is.
+    /// The ray's shown stretch, from and to; empty if it never is.
     pub(crate) fn stretch(&self) -> [f64; 2] {
         [self.t_in, self.t_out]
     }
 
-    /// Finds the ray's segments between these distances, along a lattice that is moved towards the eye by `shift`. The lattice then starts
-    /// that far behind the eye, and so does the ray.
+    /// Finds the ray's segments between these distances, along a lattice shifted towards the eye by `shift`. Lattice
+    /// and ray then start that far behind the eye.
     #[inline(always)]
     pub(crate) fn set_out(&mut self, ticks: &Ticks, shift: f64, limits: [f64; 2]) {
         let (t_in, t_out) = (self.t_in.max(limits[0]), self.t_out.min(limits[1]));
@@ -131,7 +129,8 @@ impl Ray {
         }
     }
 
-    /// The distances at which the segment at a tick starts and ends. The first and last are cut where the ray enters and leaves the volume.
+    /// The start and end of the segment at a tick. The first and last are cut where the ray enters and leaves the
+    /// volume.
     #[inline(always)]
     pub(crate) fn ends(&self, ticks: &Ticks, tick: u32) -> (f64, f64) {
         let (start, end) = (tick as i32 as f64 * ticks.step, ticks.next(tick) as i32 as f64 * ticks.step);
@@ -147,8 +146,8 @@ impl Ray {
         (0.5 * (start + end), end - start)
     }
 
-    /// The run of segments from the cursor on that belong to a cell: its first tick, and one past the last; `None` if there are none. With
-    /// [`Reach::Beyond`] a cell also takes segments of other cells of which more than half a voxel is in it.
+    /// The cell's run of segments from the cursor on, if any: its first tick, and one past the last. With
+    /// [`Reach::Beyond`] a cell also takes other cells' segments that extend more than half a voxel into it.
     #[inline(always)]
     pub(crate) fn run(&self, ticks: &Ticks, cell: &Cell<'_>, reach: Reach) -> Option<(u32, u32)> {
         // Midpoints in [near, far) are inside.
@@ -182,8 +181,8 @@ impl Ray {
         (first < last).then_some((first, last))
     }
 
-    /// How far a segment that belongs to a neighbour may reach into the cell, less half a voxel, about distance `t`. Where
-    /// voxels are no shorter than segments that is nothing: a brick's ranges of codes hold for half a voxel around it.
+    /// How far a neighbour's segment may reach into the cell, less half a voxel, about distance `t`. 0 if voxels are no
+    /// shorter than segments: a brick's ranges of codes hold for half a voxel around it.
     #[inline(always)]
     fn overhang(&self, ticks: &Ticks, cell: &Cell<'_>, t: f64) -> f64 {
         let mut voxels = 0.0f64;
@@ -198,9 +197,9 @@ impl Ray {
         (half(ticks.zone(ticks.about(t))) - 0.5 / voxels).max(0.0)
     }
 
-    /// The least distance at which the ray has passed the plane. Boxes hold their lower planes but not their upper ones, so
-    /// downwards that is the next number after the crossing (for infinite planes NaN, which no comparison picks, and for
-    /// crossings behind the eye no matter).
+    /// The least distance at which the ray has passed the plane. Boxes hold their lower planes but not their upper
+    /// ones, so downwards it is the next number after the crossing (NaN for infinite planes, never picked by a
+    /// comparison; irrelevant for crossings behind the eye).
     #[inline(always)]
     fn crossing(&self, axis: usize, plane: f64, down: bool) -> f64 {
         let t = (plane - self.origin[axis]) * self.inverse[axis];
@@ -208,7 +207,7 @@ impl Ray {
     }
 }
 
-/// `1 / d`, or where that has no use a number so large that a plane is crossed either at once or never; finite, so that no
+/// `1 / d`, or where useless a number so large that a plane is crossed either at once or never; finite, so that no
 /// product with a distance of zero is NaN.
 fn inverse_or_huge(d: f64) -> f64 {
     const HUGE: f64 = 1e300;

@@ -1,21 +1,19 @@
-//! How a padded brick is read at a place: through a filter, or, where it holds labels, as the label of the voxel that the place is in, whatever
-//! the filter.
+//! The reading of a padded brick at a place: through a filter or, for labels, as the label of the surrounding voxel,
+//! whatever the filter.
 
 use crate::packet::{LANES, PACKETS, Packet};
 use crate::sample::{Brick, Code, SampleChunk, Unit};
 use brickyard_volume::{Filter, FrameSettings};
 
-/// How a padded brick is read at a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Reading {
-    /// The code of the voxel that the place is in: a label.
+    /// The code of the voxel around the place: a label.
     Label,
-    /// The codes around the place, filtered.
+    /// The filtered codes around the place.
     Filtered(Filter),
 }
 
 impl Reading {
-    /// How bricks are read for a frame.
     pub(crate) fn of(settings: &FrameSettings) -> Self {
         match settings.encoding.is_labels {
             true => Self::Label,
@@ -23,7 +21,7 @@ impl Reading {
         }
     }
 
-    /// How bricks are read for gradients; those of labels are taken in another way.
+    /// How bricks are read for gradients; those of labels are computed differently.
     pub(crate) fn of_gradients(self) -> Self {
         match self {
             Self::Label => Self::Label,
@@ -33,7 +31,7 @@ impl Reading {
 }
 
 impl Brick<'_> {
-    /// Samples as [`Brick::sample`] does, but reading in a given way.
+    /// Samples like [`Brick::sample`], with a given reading.
     #[inline(always)]
     pub(crate) fn read<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -56,7 +54,7 @@ impl Brick<'_> {
         }
     }
 
-    /// Samples as [`Brick::sample_points`] does, but reading in a given way.
+    /// Samples like [`Brick::sample_points`], with a given reading.
     #[inline(always)]
     pub(crate) fn read_points<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -71,7 +69,7 @@ impl Brick<'_> {
         }
     }
 
-    /// The codes of the voxels that eight slot coordinates are in. The weights of those without a value become 0.
+    /// Returns the codes of the voxels around eight slot coordinates. The weights of those without a value become 0.
     #[inline(never)]
     fn nearest_points<C: Code, const INVALID: bool>(&self, points: &[Packet; 3], weight: &mut Packet) -> Packet {
         let mut code = [0.0; LANES];
@@ -86,8 +84,8 @@ impl Brick<'_> {
         code
     }
 
-    /// How much of the surroundings of a slot coordinate has a code: the field that is 1 in voxels of that code and 0 in others, filtered
-    /// linearly.
+    /// The indicator of a code at a slot coordinate: the field that is 1 in voxels of that code and 0 in others,
+    /// filtered linearly.
     #[inline(never)]
     pub(crate) fn indicator<C: Code>(&self, point: [f32; 3], code: f32) -> f32 {
         let low = point.map(|v| v.clamp(0.0, (self.padded() - 1) as f32).floor());
@@ -102,10 +100,9 @@ impl Brick<'_> {
         sum
     }
 
-    /// The nearest voxel to a coordinate, along one axis.
     #[inline(always)]
     fn nearest(&self, v: f32) -> usize {
-        // Where it is NaN, the cast gives 0.
+        // For NaN the cast gives 0.
         (v + 0.5).clamp(0.0, (self.padded() - 1) as f32) as usize
     }
 
@@ -130,7 +127,7 @@ mod tests {
     use brickyard_volume::slot_encoding::INVALID_SLOT;
     use brickyard_volume::{KeptSlots, SlotEncoding, VoxelType, Window};
 
-    /// How slots of codes are mapped: not at all.
+    /// The identity map of slots of codes.
     fn codes_alone() -> CodeMap {
         CodeMap::of(&SlotEncoding::new(VoxelType::U8, (0.0, 1.0), false))
     }

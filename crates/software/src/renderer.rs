@@ -1,4 +1,4 @@
-//! The renderer itself: slots in RAM inside a byte budget, and the picture of layers' draw lists over them.
+//! The renderer itself: slots in RAM within a byte budget, and pictures of layers' draw lists over them.
 
 use crate::frame::Frame;
 use crate::march::Work;
@@ -16,50 +16,50 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-/// Why a renderer cannot be made, or cannot do what it was asked to do.
+/// An error of creating or using a renderer.
 #[derive(Debug, thiserror::Error)]
 pub enum SoftwareError {
-    /// The budget does not hold one slot, or not the least number of slots that the layers need.
+    /// The budget does not hold one slot, or the layers' least number of slots.
     #[error(
         "{} of memory for slots hold no brick: the CPU needs at least {} here", mebibytes(*given_bytes), mebibytes(*least_bytes)
     )]
     Budget {
-        /// The budget given, in bytes.
+        /// The given budget, in bytes.
         given_bytes: u64,
-        /// The least budget that works, in bytes.
+        /// The least sufficient budget, in bytes.
         least_bytes: u64,
     },
     /// The bricks' cores have no voxels, or more than can be indexed.
     #[error("bricks of {edge} voxels an edge cannot be drawn: expected 1 to {}", SoftwareRenderer::MAX_EDGE)]
     Edge {
-        /// The edge that was asked for, in voxels.
+        /// The requested edge, in voxels.
         edge: u32,
     },
-    /// The operating system gives no threads.
+    /// The operating system provides no threads.
     #[error("cannot start {threads} drawing threads: {source}")]
     Threads {
-        /// The number of threads that were asked for.
+        /// The requested number of threads.
         threads: usize,
         /// The system's error.
         source: rayon::ThreadPoolBuildError,
     },
-    /// A picture was abandoned while it was drawn: see [`Painting::abandon`].
+    /// A picture was abandoned while being drawn: see [`Painting::abandon`].
     #[error("the picture was abandoned")]
     Abandoned,
-    /// A picture was not finished in the time allowed: see [`SoftwareRenderer::draw_until`].
+    /// A picture was not finished in the allowed time: see [`SoftwareRenderer::draw_until`].
     #[error("the picture was not drawn in the time allowed")]
     TooLong,
-    /// The renderer was given layers, frames, lists or bricks that do not belong to it: a programming error of the caller's.
+    /// The caller passed layers, frames, lists or bricks that do not belong to the renderer: a programming error.
     #[error("the CPU renderer was given {0}")]
     Mismatch(String),
 }
 
-/// Nothing, or what is wrong.
+/// Returns the problem unless `is_right`.
 fn expect(is_right: bool, what: impl FnOnce() -> String) -> Result<(), SoftwareError> {
     if is_right { Ok(()) } else { Err(SoftwareError::Mismatch(what())) }
 }
 
-/// The renderer on the CPU: pools of slots in RAM, and threads that draw layers from them.
+/// The CPU renderer: pools of slots in RAM, and threads that draw layers from them.
 #[derive(Debug)]
 pub struct SoftwareRenderer {
     options: SoftwareOptions,
@@ -68,13 +68,11 @@ pub struct SoftwareRenderer {
     pool_of: Vec<usize>,
     pools: Vec<Slots>,
     bytes: u64,
-    /// Layer by layer; none of projections.
+    /// By layer; empty for projections.
     visibility: Vec<Vec<f32>>,
-    /// Over the last frame's meshes.
     meshes: MeshTree,
-    /// When pictures are given up; `None` never.
+    /// The deadline, if any.
     until: Option<Instant>,
-    /// Where pictures are seen while they are drawn.
     painting: Option<Arc<Painting>>,
     threads: rayon::ThreadPool,
 }
@@ -83,12 +81,13 @@ impl SoftwareRenderer {
     /// The longest edge of a brick's core, in voxels. Padded bricks then stay below 2^31 voxels.
     pub const MAX_EDGE: u32 = 1024;
 
-    /// Makes a renderer for these layers, and shares its budget out among the layers' pools of slots (see [`pools`]). A slot takes memory once
-    /// it holds a brick.
+    /// Creates a renderer for these layers, and divides its budget among the layers' pools of slots (see [`pools`]). A
+    /// slot takes memory once it holds a brick.
     ///
     /// # Errors
-    /// If the budget does not hold the least that each layer needs (one slot, where there is one layer), the bricks' edge is out of range, or
-    /// the threads do not start. Also if there is no layer, or the bricks' apron is too narrow for the samples, so that seams would show.
+    /// If the budget does not hold the least that each layer needs (one slot for a single layer), the bricks' edge is
+    /// out of range, or the threads do not start. Also if there is no layer, or the bricks' apron is too narrow for the
+    /// samples, which would show seams.
     pub fn new(layers: &[VolumeNeeds], options: &SoftwareOptions) -> Result<Self, SoftwareError> {
         expect(!layers.is_empty(), || "no layer".into())?;
         for VolumeNeeds { edge, bricks, .. } in layers {
@@ -139,7 +138,7 @@ impl SoftwareRenderer {
         })
     }
 
-    /// The number of slots in a layer's pool, which all layers of the pool share.
+    /// The number of slots in a layer's pool, shared by all layers of the pool.
     ///
     /// # Panics
     /// If there is no such layer.
@@ -147,24 +146,25 @@ impl SoftwareRenderer {
         self.pools[self.pool_of[layer]].len()
     }
 
-    /// Gives up from now on pictures that are not finished at this time; `None` gives none up.
+    /// Sets a deadline: pictures unfinished at this time are given up; `None` gives none up.
     pub fn draw_until(&mut self, until: Option<Instant>) {
         self.until = until;
     }
 
-    /// Shows from now on on this painting what of a picture is drawn, and stops if it is abandoned; `None` shows nothing.
+    /// Shows pictures on this painting from now on, while drawing them, and stops if it is abandoned; `None` shows
+    /// nothing.
     pub fn draw_on(&mut self, painting: Option<Arc<Painting>>) {
         self.painting = painting;
     }
 
-    /// The bytes that the renderer takes when every slot is full, drawing included; at most the budget.
+    /// The renderer's bytes with every slot full, drawing included; at most the budget.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
 
-    /// Puts a layer's padded brick into a slot of the layer's pool: `(edge + 2 * apron)^3` little-endian codes, x fastest, and stored gradients
-    /// behind them if pictures need some. Nothing is copied; if empty space is skipped, the codes are read once, for the macro-cells. Returns the
-    /// codes that the slot held before, whose memory may serve another brick.
+    /// Puts a layer's padded brick into a slot of the layer's pool: `(edge + 2 * apron)^3` little-endian codes, x
+    /// fastest, followed by any stored gradients. Nothing is copied; if empty space is skipped, the codes are read
+    /// once, for the macro-cells. Returns the slot's former codes, whose memory may serve another brick.
     ///
     /// # Errors
     /// If there is no such layer or slot, or the length is not a padded brick's.
@@ -178,14 +178,15 @@ impl SoftwareRenderer {
         Ok(pool.upload(slot, codes))
     }
 
-    /// Draws layers, or an expression over them. The renderer's other layers are left out. The time is in proportion to the samples
-    /// taken. For the byte account to hold, no draw list may be longer than [`SoftwareRenderer::slots`].
+    /// Draws layers, or an expression over them. Other layers of the renderer are left out. The time is proportional to
+    /// the samples taken. For the byte account to hold, no draw list may be longer than [`SoftwareRenderer::slots`].
     ///
     /// # Errors
-    /// If there are no layers, they are not in ascending order, or one is not the renderer's; if the picture is larger than was agreed; if a
-    /// list names a slot to which no brick was uploaded; if frames, pyramids and needs do not belong together; if a layer that an expression
-    /// reads has surfaces, is classified by value and gradient, or is drawn by another mode or method than the plain one; if the time is over
-    /// that was [allowed](SoftwareRenderer::draw_until); or if it was [abandoned](Painting::abandon).
+    /// If there are no layers, they are not in ascending order, or one is not the renderer's; if the picture exceeds
+    /// the agreed size; if a list uses a slot without a brick; if frames, pyramids and needs do not belong together; if
+    /// a layer read by an expression has surfaces, is classified by value and gradient, or is drawn by another mode or
+    /// method than the plain one; if the [deadline](SoftwareRenderer::draw_until) has passed; or if it was
+    /// [abandoned](Painting::abandon).
     pub fn render(
         &mut self,
         layers: &[Layer<'_>],
@@ -195,7 +196,7 @@ impl SoftwareRenderer {
         let settings = &layers[0].frame.settings;
         let size = (settings.rays.width, settings.rays.height);
         if !self.meshes.is_of(&settings.meshes) {
-            // The old one goes first: both together would pass the budget.
+            // The old one goes first: both together would exceed the budget.
             self.meshes = MeshTree::default();
             self.meshes = self.threads.install(|| MeshTree::new(&settings.meshes));
         }
@@ -214,7 +215,7 @@ impl SoftwareRenderer {
             let draw = |work: &mut Box<Work>, tile: &Tile| {
                 let before = kept.as_ref().and_then(|kept| kept.get(tile));
                 let drawn = before.unwrap_or_else(|| scene.draw(tile, work));
-                // What was given up meanwhile is not whole.
+                // A picture given up meanwhile is incomplete.
                 match painting {
                     Some(painting) if painting.is_abandoned() => return Err(SoftwareError::Abandoned),
                     _ if scene.frames()[0].is_given_up() => return Err(SoftwareError::TooLong),
@@ -238,7 +239,7 @@ impl SoftwareRenderer {
         Ok(tiles::picture(size, &tiles, &drawn))
     }
 
-    /// Whether layers can be drawn, as an expression's operands or by themselves.
+    /// Checks that layers can be drawn, as an expression's operands (`are_read`) or themselves.
     fn check(&self, layers: &[Layer<'_>], are_read: bool) -> Result<(), SoftwareError> {
         let is_ordered = !layers.is_empty() && layers.is_sorted_by(|a, b| a.volume < b.volume);
         expect(is_ordered && layers.iter().all(|layer| layer.volume < self.layers.len()), || {
@@ -261,10 +262,10 @@ impl SoftwareRenderer {
         Ok(())
     }
 
-    /// What the last picture saw of a layer: for each entry of the layer's draw list, in the list's order, the greatest transmittance with which
-    /// a ray entered the cell. It is 1 where nothing is in front of the cell, 0 where no ray came because the light had been used up, or the
-    /// cell is out of view. Empty if the picture left the layer out. `None` after projections, in which nothing hides anything, before the
-    /// first picture, and if there is no such layer.
+    /// For each entry of a layer's draw list in the last picture, in order, the greatest transmittance with which a ray
+    /// entered the cell. It is 1 with nothing in front of the cell, 0 if no ray came because the light was used up or
+    /// the cell is out of view. Empty if the picture left the layer out. `None` after projections, where nothing hides
+    /// anything, before the first picture, and if there is no such layer.
     pub fn visibility(&self, layer: usize) -> Option<&[f32]> {
         self.visibility.get(layer).map(Vec::as_slice)
     }
@@ -275,7 +276,7 @@ fn frame<'a>(layer: &Layer<'a>, slots: &'a Slots, by_itself: bool) -> Frame<'a> 
     Frame::new(layer.frame, layer.pyramid, layer.draw, &slots.needs.bricks, by_itself, brick)
 }
 
-/// Whether the layers need more than the loops of one.
+/// Whether the layers need more than the loops for a single layer.
 fn is_mixed(layers: &[Layer<'_>], combination: Option<&Combination>) -> bool {
     combination.is_some() || !matches!(layers, [layer] if layer.frame.is_plain())
 }
@@ -289,7 +290,6 @@ fn is_one_cut(layers: &[Layer<'_>]) -> bool {
     layers[1..].iter().all(|layer| view(layer) == view(&layers[0]))
 }
 
-/// Whether a frame is of a layer with these needs.
 fn check(layer: &Layer<'_>, needs: &VolumeNeeds, is_read: bool) -> Result<(), SoftwareError> {
     let settings = &layer.frame.settings;
     let edge = layer.pyramid.edge();

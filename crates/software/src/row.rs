@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-/// A medium of one of a stretch's segments, or of a part of the segment.
+/// A medium of a segment, or of a part of one.
 pub(crate) struct Passed {
     pub(crate) segment: i32,
     pub(crate) color: Vec3,
@@ -12,5 +12,5 @@ pub(crate) struct Passed {
     pub(crate) length: f64,
 }
 
-/// The media of a row of segments, front to back.
+/// Media in order, front to back.
 pub(crate) type Row = Vec<Passed>;

@@ -1,16 +1,16 @@
 //! Trilinear samples of a padded brick, many at a time.
 //!
-//! Samples go in packets of 8, one vector, and packets in chunks of 4: each step is done for the whole chunk before the next
-//! one, so that the processor has four independent packets to work on while it waits for memory and arithmetic.
+//! Samples go in packets of 8, one vector, and packets in chunks of 4: each step is done for the whole chunk before the
+//! next one, so that the processor has four independent packets to work on while it waits for memory and arithmetic.
 //!
-//! Neighbours along x are read together, so a sample costs four reads. Codes stay codes (as `f32`, counted from the transfer table's first),
-//! and numbers of f32 slots become codes once they are interpolated; invalid ones are 0, so they drop out of the weighted sum by themselves and
-//! only the sum of weights has to know of them. Where all 8-bit codes are
-//! valid, neighbours along x are weighted as whole numbers of 15 bits, one instruction for the eight pairs of a packet: that
-//! is exact to 1/256 of a code.
+//! Neighbours along x are read together, so a sample costs four reads. Codes stay codes (as `f32`, counted from the
+//! transfer table's first), and numbers of f32 slots become codes after interpolation; invalid ones are 0 and so drop
+//! out of the weighted sum, and only the sum of weights accounts for them. If all 8-bit codes are valid, neighbours
+//! along x are weighted as whole numbers of 15 bits, one instruction for the eight pairs of a packet: exact to 1/256 of
+//! a code.
 //!
-//! Everything here is `#[inline(always)]` and free of closures, so that it is compiled for the vector unit of the function that it ends up in:
-//! one for a chunk and one for a packet, for each width of codes, which all modes share.
+//! Everything here is `#[inline(always)]` and free of closures, to be compiled for the vector unit of its final
+//! function: one for a chunk and one for a packet, for each width of codes, shared by all modes.
 
 use crate::packet::{LANES, PACKETS, Packet};
 use crate::row::Row;
@@ -19,31 +19,28 @@ use brickyard_volume::SlotEncoding;
 use brickyard_volume::slot_encoding::LEAST_SLOT;
 use glam::Vec4;
 
-/// Up to four packets of samples along a ray, near to far, and the room to work on them (kept, as clearing it takes time).
+/// Up to four packets of samples along a ray, near to far, and scratch space for them (kept, as clearing it takes
+/// time).
 pub(crate) struct SampleChunk {
-    /// The number of packets in use.
     pub(crate) packets: usize,
     /// The number of samples, if all of them are whole steps of one zone; else 0.
     pub(crate) whole_steps: usize,
-    /// The zone of the lattice that the samples are in.
     pub(crate) zone: usize,
-    /// Where each sample is, in segments from the middle of the stretch's first one.
+    /// Each sample's place, in segments from the middle of the stretch's first one.
     pub(crate) along: [Packet; PACKETS],
-    /// What each sample weighs: its segment's length in unit distances; 0 if there is no sample.
+    /// Each sample's weight: its segment's length in unit distances; 0 if there is no sample.
     pub(crate) weight: [Packet; PACKETS],
-    /// The code at each sample.
     pub(crate) code: [Packet; PACKETS],
     /// The voxel below each sample, and the fractions towards the next along each axis.
     voxel: [[i32; LANES]; PACKETS],
     fraction: [[Packet; 3]; PACKETS],
-    /// Where the samples are in the table of whole steps, or of depths.
+    /// The samples' places in the table of whole steps, or of depths.
     pub(crate) places: [Places; PACKETS],
     /// The transfer table's colour and opacity for each sample.
     pub(crate) entry: [[Vec4; LANES]; PACKETS],
     pub(crate) alpha: [Packet; PACKETS],
-    /// The share of light that passes each sample.
+    /// The share of light transmitted by each sample.
     pub(crate) passed: [Packet; PACKETS],
-    /// Room for the media of a row of segments.
     pub(crate) media: Row,
 }
 
@@ -68,58 +65,54 @@ impl SampleChunk {
 /// All packets of a chunk, a bit for each.
 pub(crate) const ALL_PACKETS: u32 = (1 << PACKETS) - 1;
 
-/// How a code, or the number in an f32 slot, lies in memory.
+/// The memory layout of a code, or of the number in an f32 slot.
 pub(crate) trait Code {
-    /// The number of bytes of a code.
     const BYTES: usize;
     /// The greatest code; samples of f32 slots may have any.
     const MAX: u32;
     /// Whether slots hold numbers that are not codes yet.
     const IS_FLOAT: bool = false;
-    /// Two neighbouring codes, the first in the low bits: no wider than they are, so that vectors of them are put together
+    /// Two neighbouring codes, the first in the low bits: no wider than they are, so that vectors of them are assembled
     /// straight from memory.
     type Pair: Copy + Default;
 
-    /// The codes at `at` and next to it.
+    /// Reads the codes at `at` and next to it.
     ///
     /// # Safety
     /// `2 * BYTES` bytes can be read at `at`.
     unsafe fn pair(at: *const u8) -> Self::Pair;
 
-    /// The first of a pair.
     fn near(pair: Self::Pair) -> f32;
 
-    /// The second of a pair.
     fn far(pair: Self::Pair) -> f32;
 
-    /// The number of a voxel that is interpolated, counted from the table's first, and whether the voxel has a value; 0 if it has none and
-    /// `INVALID` says that this may be.
+    /// The voxel's number for interpolation, counted from the table's first, and whether the voxel has a value; the
+    /// number is 0 if it has none and `INVALID` allows that.
     #[inline(always)]
     fn part<const INVALID: bool>(code: f32, map: &CodeMap) -> (f32, bool) {
         let is_valid = !INVALID || code != 0.0;
         (if is_valid { code - map.first } else { 0.0 }, is_valid)
     }
 
-    /// The mixture of a pair that has values, counted from the table's first: `t` from the first to the second.
+    /// Interpolates a pair with values, counted from the table's first: `t` from the first to the second.
     #[inline(always)]
     fn mixed(pair: Self::Pair, t: f32, map: &CodeMap) -> f32 {
         mix(Self::near(pair) - map.first, Self::far(pair) - map.first, t)
     }
 }
 
-/// How the numbers in slots become codes, counted from the transfer table's first.
+/// The map from numbers in slots to codes counted from the transfer table's first.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CodeMap {
     /// The number of the table's first code.
     pub(crate) first: f32,
-    /// Codes from a number to the next; 1 where slots hold codes.
+    /// Codes per number; 1 if slots hold codes.
     pub(crate) per_number: f32,
-    /// The greatest difference from the first number that is told from greater ones.
+    /// The greatest distinguished difference from the first number.
     pub(crate) farthest: f32,
 }
 
 impl CodeMap {
-    /// How the slots of this encoding are mapped.
     pub(crate) fn of(encoding: &SlotEncoding) -> Self {
         Self {
             first: encoding.first_slot(),
@@ -137,13 +130,10 @@ impl CodeMap {
     }
 }
 
-/// 8-bit codes.
 pub(crate) struct Code8;
 
-/// 16-bit codes.
 pub(crate) struct Code16;
 
-/// Numbers of f32 slots.
 pub(crate) struct Float32;
 
 impl Code for Code8 {
@@ -189,8 +179,8 @@ impl Code for Code16 {
         (pair >> 16) as i32 as f32
     }
 
-    /// As exact, and as fast as if codes were counted from 0: the subtraction takes the place of a conversion. The float whose last bits are a
-    /// code is that code and 2^23.
+    /// As exact and fast as if codes were counted from 0: the subtraction replaces a conversion. The float with a code
+    /// as its last bits is that code plus 2^23.
     #[inline(always)]
     fn mixed(pair: u32, t: f32, map: &CodeMap) -> f32 {
         const SHIFT: f32 = (1 << 23) as f32;
@@ -222,7 +212,7 @@ impl Code for Float32 {
         f32::from_bits((pair >> 32) as u32)
     }
 
-    /// Differences of near numbers are exact, so what is far from zero is interpolated as exactly as what is near.
+    /// Differences of near numbers are exact, so numbers far from zero are interpolated as exactly as near ones.
     #[inline(always)]
     fn part<const INVALID: bool>(number: f32, map: &CodeMap) -> (f32, bool) {
         let is_valid = number > LEAST_SLOT;
@@ -230,17 +220,15 @@ impl Code for Float32 {
     }
 }
 
-/// The kind of machine that a function is compiled for.
+/// The kind of machine a function is compiled for.
 pub(crate) trait Unit {
     /// Whether the machine is known to have AVX2.
     #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "nobody asks where no machine can have it"))]
     const AVX2: bool;
 }
 
-/// Any machine.
 pub(crate) struct Portable;
 
-/// A machine with AVX2.
 #[cfg(target_arch = "x86_64")]
 pub(crate) struct Avx2;
 
@@ -253,7 +241,6 @@ impl Unit for Avx2 {
     const AVX2: bool = true;
 }
 
-/// The grid of voxels of padded bricks of one size.
 #[derive(Clone, Copy)]
 pub(crate) struct Grid {
     padded: usize,
@@ -262,15 +249,14 @@ pub(crate) struct Grid {
 }
 
 impl Grid {
-    /// The grid of padded bricks with this many voxels along their edges.
     #[inline(always)]
     pub(crate) fn new(padded: u32) -> Self {
         assert!(padded >= 2, "not a padded brick");
         Self { padded: padded as usize, limit: (padded as f32 - 1.0).next_down() }
     }
 
-    /// Finds the voxels of a chunk's samples, and the fractions towards the next voxels. The samples are at the slot coordinates
-    /// `origin + along * step`.
+    /// Finds the voxels of a chunk's samples, at the slot coordinates `origin + along * step`, and the fractions
+    /// towards the next voxels.
     #[inline(always)]
     pub(crate) fn locate(&self, origin: [f32; 3], step: [f32; 3], chunk: &mut SampleChunk) {
         for p in 0..chunk.packets.min(PACKETS) {
@@ -292,18 +278,17 @@ impl Grid {
         self.split_between::<0>(v)
     }
 
-    /// Splits a coordinate as [`Grid::split`] does, but at least a voxel inside of the brick, which has four voxels along an edge or more: the
-    /// whole part is from 1 to padded - 3.
+    /// Splits a coordinate like [`Grid::split`], but at least a voxel inside the brick, which has four voxels along an
+    /// edge or more: the whole part is from 1 to padded - 3.
     #[inline(always)]
     pub(crate) fn split_inside(&self, v: f32) -> (i32, f32) {
         self.split_between::<1>(v)
     }
 
-    /// Splits a coordinate that is clamped to be `MARGIN` voxels inside of the brick.
     #[inline(always)]
     fn split_between<const MARGIN: u8>(&self, v: f32) -> (i32, f32) {
         let (low, high) = (MARGIN as f32, self.limit - MARGIN as f32);
-        // Written so that NaN, too, ends up inside.
+        // Written so that NaN ends up inside, too.
         let v = if v > low { v } else { low };
         let v = if v < high { v } else { high };
         // SAFETY: 0 <= v <= limit < 2^31.
@@ -312,7 +297,6 @@ impl Grid {
     }
 }
 
-/// A padded brick ready to be sampled.
 #[derive(Clone, Copy)]
 pub(crate) struct Brick<'a> {
     codes: &'a [u8],
@@ -328,7 +312,6 @@ impl<'a> Brick<'a> {
         Self { codes, grid, map }
     }
 
-    /// How the brick's numbers become codes.
     #[inline(always)]
     pub(crate) fn map(&self) -> &CodeMap {
         &self.map
@@ -340,20 +323,19 @@ impl<'a> Brick<'a> {
         self.grid.padded
     }
 
-    /// The padded brick's voxels.
     #[inline(always)]
     pub(crate) fn grid(&self) -> &Grid {
         &self.grid
     }
 
-    /// The padded brick's codes.
     #[inline(always)]
     pub(crate) fn codes(&self) -> &'a [u8] {
         self.codes
     }
 
-    /// Fills in the codes of a chunk's samples, which are at the slot coordinates `origin + along * step` (voxel centres at whole numbers).
-    /// With `INVALID`, code 0 is left out, and a sample of whose voxels less than half of the weight is valid weighs nothing.
+    /// Fills in the codes of a chunk's samples, at the slot coordinates `origin + along * step` (voxel centres at whole
+    /// numbers). With `INVALID`, code 0 is left out, and a sample weighs nothing if less than half of its voxels'
+    /// weight is valid.
     #[inline(always)]
     pub(crate) fn sample<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -398,7 +380,7 @@ impl<'a> Brick<'a> {
         unsafe { self.sample_located::<C, U, INVALID>(ALL_PACKETS, chunk) };
     }
 
-    /// Samples as [`Brick::sample`] does, but only these packets (a bit for each), whose samples have been located already.
+    /// Samples like [`Brick::sample`], but only these packets (a bit for each), already located.
     ///
     /// # Safety
     /// [`Grid::locate`] has located the samples in a brick as large as this one.
@@ -418,7 +400,7 @@ impl<'a> Brick<'a> {
         }
     }
 
-    /// The codes at eight slot coordinates, given axis by axis. The weights of those without a value become 0.
+    /// Returns the codes at eight slot coordinates, given axis by axis. The weights of those without a value become 0.
     #[inline(always)]
     pub(crate) fn sample_points<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -488,7 +470,7 @@ impl<'a> Brick<'a> {
         }
     }
 
-    /// [`Brick::interpolated`] for valid 8-bit ones.
+    /// [`Brick::interpolated`] for valid 8-bit codes.
     ///
     /// # Safety
     /// Every index is that of a voxel with an upper neighbour along each axis, in a brick of 8-bit codes.
@@ -504,8 +486,8 @@ impl<'a> Brick<'a> {
         }
         let (row, slice) = (self.grid.padded, self.grid.padded * self.grid.padded);
         let at = self.codes.as_ptr();
-        // SAFETY: by the caller's promise these voxels and their neighbours along x are inside the brick, whose length was
-        // checked when it was made.
+        // SAFETY: by the caller's promise these voxels and their neighbours along x are inside the brick, whose length
+        // was checked on creation.
         let line = unsafe {
             [
                 weighted_pairs::<U>(at, voxel, &weights),
@@ -543,8 +525,8 @@ impl<'a> Brick<'a> {
                 let mut pair = [C::Pair::default(); LANES];
                 for i in 0..LANES {
                     let voxel = index[i] as usize + (z * row + y) * row;
-                    // SAFETY: by the caller's promise voxel and its neighbour along x are inside the brick, whose length
-                    // was checked when it was made.
+                    // SAFETY: by the caller's promise voxel and its neighbour along x are inside the brick, whose
+                    // length was checked on creation.
                     pair[i] = unsafe { C::pair(self.codes.as_ptr().add(voxel * C::BYTES)) };
                 }
                 for i in 0..LANES {
@@ -607,7 +589,7 @@ unsafe fn weighted_pairs<U: Unit>(at: *const u8, places: &[i32; LANES], weights:
     sums
 }
 
-/// The arithmetic of [`weighted_pairs`]; inlined into a function that has AVX2.
+/// The arithmetic of [`weighted_pairs`]; inlined into a function with AVX2.
 ///
 /// # Safety
 /// The machine has AVX2.
@@ -628,13 +610,12 @@ unsafe fn weighted_pairs_avx2(pairs: &[u16; LANES], weights: &[i32; LANES]) -> P
     sums
 }
 
-/// The mixture of two numbers, `t` from the first to the second.
+/// Interpolates between two numbers, `t` from the first to the second.
 #[inline(always)]
 pub(crate) fn mix(a: f32, b: f32, t: f32) -> f32 {
     a + t * (b - a)
 }
 
-/// [`mix`] for each of a packet.
 #[inline(always)]
 pub(crate) fn mix_packets(a: &Packet, b: &Packet, t: &Packet) -> Packet {
     let mut out = [0.0; LANES];
@@ -651,7 +632,6 @@ mod tests {
 
     const CODES: CodeMap = CodeMap { first: 0.0, per_number: 1.0, farthest: f32::MAX };
 
-    /// Samples at eight places along x, at one y and z.
     fn sample<C: Code, const INVALID: bool>(brick: &Brick<'_>, x: Packet, y: f32, z: f32) -> (Packet, Packet) {
         let packet = [x; PACKETS];
         let mut chunk =
@@ -673,7 +653,7 @@ mod tests {
             let (code, weight) = sample::<Code16, false>(&brick, x, y, z);
             assert_eq!(weight, [2.0; LANES]);
             for i in 0..LANES {
-                // A distance that is not a number spoils all three coordinates, but reads no memory outside.
+                // A NaN distance spoils all three coordinates, but reads no memory outside.
                 let inside = clamp(x[i]) * 100.0 + clamp(y) * 1000.0 + clamp(z) * 7000.0;
                 let expected = if x[i].is_nan() { 0.0 } else { inside };
                 // The limit is short of the far corner by 2^-22.
@@ -710,7 +690,7 @@ mod tests {
         assert!(code[3..].iter().all(|c| (c - 200.0).abs() < 1e-3), "{code:?}");
     }
 
-    /// In f32 a code of 16 bits has 8 bits behind the point, and few codes less one of them have 20.
+    /// In f32 a 16-bit code has 8 fractional bits; few codes less one of them have 20.
     #[test]
     fn codes_are_counted_from_the_table_s_first() {
         let map = CodeMap { first: 40_000.0, ..CODES };

@@ -1,7 +1,7 @@
-//! How eight places along a ray show their colours: the twin, in vectors, of [`brickyard_volume::Lighting::shade`].
+//! The lighting of colours at eight places along a ray: the vector twin of [`brickyard_volume::Lighting::shade`].
 //!
-//! What light makes of a colour is linear in it, whatever the model: a factor, and amounts of two tints. So premultiplied colours are
-//! lit as well as straight ones, and a table of whole steps serves lit pictures, too.
+//! In every model, lighting is linear in the colour: a factor, and amounts of two tints. So premultiplied colours can
+//! be lit like straight ones, and a table of whole steps serves lit pictures, too.
 
 use crate::packet::{LANES, Packet};
 use brickyard_volume::lighting::{AMBIENT, COOL, DIFFUSE, SIDEWAYS, SPECULAR, TONE_KEPT, WARM};
@@ -9,30 +9,30 @@ use brickyard_volume::surface::FLAT_SHARE;
 use brickyard_volume::{CutFace, Lighting, LightingModel};
 use glam::{DVec3, Mat3, Vec3, Vec4};
 
-/// How a layer's places along one ray are lit.
 pub(crate) struct Shade<'a> {
     lighting: &'a Lighting,
-    /// The scene's gradient, of whatever length, from differences of codes across two voxels.
+    /// Maps differences of codes across two voxels to the scene's gradient, of any length.
     world_from_differences: Mat3,
     /// The difference of codes below which the field is flat.
     flat_codes: f32,
     /// The ray in the scene's world.
     eye: DVec3,
     view: Vec3,
-    /// What `added` is amounts of.
+    /// The tints measured by `added`.
     tints: [Vec4; 2],
     cut: Option<Cut>,
 }
 
-/// The cut through which a ray enters what is shown: see [`CutFace`].
+/// The cut through which a ray enters the shown part: see [`CutFace`].
 struct Cut {
     entry: f32,
-    /// Voxels below the cut, for each unit of distance behind the entry.
+    /// Voxels below the cut, per unit of distance behind the entry.
     voxels_per_distance: f32,
     normal: Vec3,
 }
 
-/// What light makes of the colours of eight places: a colour becomes `color * kept + added[0] * tints[0] + added[1] * tints[1]`.
+/// The lighting of colours at eight places: a colour becomes `color * kept + added[0] * tints[0] + added[1] *
+/// tints[1]`.
 pub(crate) struct Shaded {
     kept: Packet,
     added: [Packet; 2],
@@ -42,8 +42,8 @@ impl Shaded {
     pub(crate) const EMPTY: Self = Self { kept: [0.0; LANES], added: [[0.0; LANES]; 2] };
 }
 
-/// The square of the differences at the packet's place `i` less that of the least that are not flat there, in codes: below 0 where they are flat, or what
-/// rounding leaves ([`FLAT_SHARE`]).
+/// The squared differences at the packet's place `i` less the least square that is not flat there, in codes: negative
+/// where they are flat, or mere rounding ([`FLAT_SHARE`]).
 #[inline(always)]
 fn slope_of(differences: &[Packet; 3], (code, flat_codes): (&Packet, f32), i: usize) -> f32 {
     let [x, y, z] = [differences[0][i], differences[1][i], differences[2][i]];
@@ -53,9 +53,9 @@ fn slope_of(differences: &[Packet; 3], (code, flat_codes): (&Packet, f32), i: us
 }
 
 impl<'a> Shade<'a> {
-    /// How places along a ray from `eye` with the unit direction `view` are lit, given the scene's gradient of differences of codes and the least of
-    /// these that is not flat; behind a cut and its
-    /// [voxels by distance](CutFace::voxels_per_distance).
+    /// Prepares the lighting of places along a ray from `eye` with the unit direction `view`, given the scene's
+    /// gradient of differences of codes and the least difference that is not flat; behind a cut and its [voxels by
+    /// distance](CutFace::voxels_per_distance).
     #[inline(always)]
     pub(crate) fn new(
         lighting: &'a Lighting,
@@ -77,15 +77,15 @@ impl<'a> Shade<'a> {
         Self { lighting, world_from_differences, flat_codes, eye, view: view.as_vec3(), tints, cut }
     }
 
-    /// What light makes of a colour at the packet's place `i`. The colour's last component, and that of the result, is of no use.
-    /// A colour that is `share` of a straight one becomes as much of the lit one.
+    /// Lights a colour at the packet's place `i`. The last component of the colour, and of the result, is unused. A
+    /// colour that is `share` of a straight one becomes the same share of the lit one.
     #[inline(always)]
     pub(crate) fn lit(&self, shaded: &Shaded, i: usize, color: Vec4, share: f32) -> Vec4 {
         let added = self.tints[0] * shaded.added[0][i] + self.tints[1] * shaded.added[1][i];
         color * shaded.kept[i] + added * share
     }
 
-    /// Finds what light makes of colours where codes differ so, at these distances along the ray.
+    /// Computes the lighting of places with these differences of codes, at these distances along the ray.
     #[inline(always)]
     pub(crate) fn packet(&self, differences: &[Packet; 3], (distance, code): (&Packet, &Packet), shaded: &mut Shaded) {
         let (mut normal, mut to_eye) = ([[0.0; LANES]; 3], [0.0; LANES]);
@@ -140,7 +140,8 @@ impl<'a> Shade<'a> {
         }
     }
 
-    /// Unit normals that are turned to the eye, and the cosines of their angles with the direction to it; both are zero where nothing differs.
+    /// Unit normals turned to the eye, and the cosines of their angles with the direction to it; both are zero where
+    /// nothing differs.
     #[inline(always)]
     fn normals(&self, differences: &[Packet; 3], normal: &mut [Packet; 3], to_eye: &mut Packet) {
         let (map, view) = (self.world_from_differences.to_cols_array_2d(), self.view);
@@ -180,7 +181,7 @@ impl<'a> Shade<'a> {
         }
     }
 
-    /// Adds the light of a lamp at a place, which is given from the eye.
+    /// Adds the light of a lamp, whose position is relative to the eye.
     #[inline(always)]
     fn add_light(
         &self,
@@ -194,7 +195,7 @@ impl<'a> Shade<'a> {
             let [x, y, z] =
                 [light.x - view.x * distance[i], light.y - view.y * distance[i], light.z - view.z * distance[i]];
             let squared = x * x + y * y + z * z;
-            // Where the light is the place itself it shines from the eye.
+            // A light at the place itself shines from the eye.
             let is_apart = squared > 0.0;
             let scale = if is_apart { 1.0 / squared.sqrt() } else { 1.0 };
             let x = if is_apart { x * scale } else { -view.x };

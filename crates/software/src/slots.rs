@@ -1,4 +1,4 @@
-//! A pool of slots in RAM, and what they and all that is beside them take.
+//! A pool of slots in RAM, and the byte account of a renderer.
 
 use crate::channels;
 use crate::compositing::{BYTES_PER_CELL_AND_THREAD, BYTES_PER_LAYER_AND_THREAD};
@@ -16,7 +16,7 @@ use brickyard_volume::macrocells::{self, MacroCells};
 use std::sync::Arc;
 use std::sync::atomic::AtomicU32;
 
-/// A pool's slots, which hold bricks of the pool's layers. A slot takes memory once it holds a brick.
+/// A pool's slots. A slot takes memory once it holds a brick.
 #[derive(Debug)]
 pub(crate) struct Slots {
     pub(crate) needs: VolumeNeeds,
@@ -35,8 +35,8 @@ impl Slots {
         self.bricks.len() as u32
     }
 
-    /// Puts a padded brick into a slot. The codes are read once, for the macro-cells, if empty space is to be skipped. Returns the codes that were in
-    /// the slot before.
+    /// Puts a padded brick into a slot. If empty space is skipped, the codes are read once, for the macro-cells.
+    /// Returns the slot's former codes.
     pub(crate) fn upload(&mut self, slot: Slot, codes: Arc<[u8]>) -> Option<Arc<[u8]>> {
         debug_assert!(self.is_padded_brick(&codes));
         let VolumeNeeds { encoding, edge, bricks, .. } = self.needs;
@@ -50,7 +50,6 @@ impl Slots {
         before.map(Resident::into_codes)
     }
 
-    /// Whether `codes` is as long as a padded brick of this pool, with its gradients.
     pub(crate) fn is_padded_brick(&self, codes: &[u8]) -> bool {
         codes.len() as u64 == slot_bytes(&self.needs)
     }
@@ -76,8 +75,8 @@ fn slot_bytes(needs: &VolumeNeeds) -> u64 {
     voxel_bytes(needs) + needs.bricks.gradients(needs.edge).bytes() as u64
 }
 
-/// Bytes of one slot: its voxels, gradients and macro-cells, the handle to them, and the cell that draws them with its mask or extremes and
-/// its light; where layers are drawn together, also what each thread keeps for the cell.
+/// Bytes of one slot: its voxels, gradients and macro-cells, the handle to them, and the cell drawing them with its
+/// mask or extremes and its light; for layers drawn together, also each thread's data for the cell.
 pub(crate) fn bytes_per_slot(needs: &VolumeNeeds, options: &SoftwareOptions, are_several: bool) -> u64 {
     let edge = needs.edge as usize;
     let cells = macrocells::bytes(edge);
@@ -88,8 +87,8 @@ pub(crate) fn bytes_per_slot(needs: &VolumeNeeds, options: &SoftwareOptions, are
     slot_bytes(needs) + beside as u64
 }
 
-/// Bytes that a renderer takes besides its slots: the picture as tiles and as rows, the meshes' tree, every thread's rays, and each layer's
-/// tables.
+/// Bytes of a renderer besides its slots: the picture as tiles and as rows, the meshes' tree, every thread's rays, and
+/// each layer's tables.
 pub(crate) fn fixed_bytes(layers: &[VolumeNeeds], options: &SoftwareOptions) -> u64 {
     let tiles: u64 = options.max_picture_px.iter().map(|&n| n.div_ceil(TILE_PX) as u64).product();
     let tile = (size_of::<TilePixels>() + size_of::<Tile>()) as u64;
@@ -104,7 +103,7 @@ pub(crate) fn fixed_bytes(layers: &[VolumeNeeds], options: &SoftwareOptions) -> 
     tiles * tile + picture + meshes::bytes(room) + of_threads + tables
 }
 
-/// What steps do, and the table of values and gradients.
+/// The bytes of the tables of steps, of depths, and of values and gradients.
 fn table_bytes(needs: &VolumeNeeds) -> u64 {
     let format = needs.encoding.format;
     let steps = steps::bytes(format, MAX_ZONES) as u64;

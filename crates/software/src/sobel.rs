@@ -1,8 +1,9 @@
 //! Sobel gradients of a padded brick's codes, linearly filtered, at eight places at a time.
 //!
-//! The operator takes differences along an axis and smooths them across it, so it goes axis by axis: the sixteen lines around a place are mixed along x,
-//! four of them at a time along y, and what is left along z. A gradient costs 32 reads of two neighbours, where its 27 samples, taken one by one, cost 108.
-//! Where one of a packet's voxels has no value, or a number is too far off to be a code, the samples are taken all the same.
+//! The operator takes differences along an axis and smooths them across it, so it goes axis by axis: the sixteen lines
+//! around a place are mixed along x, four of them at a time along y, and the results along z. A gradient costs 32 reads
+//! of two neighbours, against 108 for its 27 separate samples. If one of a packet's voxels has no value, or a number
+//! too far off to be a code, separate samples are taken after all.
 
 use crate::packet::{LANES, Packet};
 #[cfg(target_arch = "x86_64")]
@@ -10,10 +11,9 @@ use crate::sample::Avx2;
 use crate::sample::{Brick, Code, Portable, Unit, mix};
 use brickyard_volume::lighting::SMOOTH;
 
-/// The places of the operator.
 const PLACES: usize = 27;
 
-/// How four neighbours along an axis are smoothed at a place between the middle two.
+/// The smoothing of four neighbours along an axis, at a place between the middle two.
 struct Across {
     weights: [Packet; 4],
     /// Fractions towards the third.
@@ -35,7 +35,6 @@ impl Across {
         Self { weights, t: *t }
     }
 
-    /// Four neighbours, smoothed.
     #[inline(always)]
     fn smoothed(&self, four: [&Packet; 4]) -> Packet {
         let mut sum = [0.0; LANES];
@@ -59,7 +58,7 @@ impl Across {
 }
 
 impl Brick<'_> {
-    /// Puts into `differences` those of the Sobel operator, as [`Brick::central_differences`] has its own.
+    /// Computes the differences of the Sobel operator, otherwise like [`Brick::central_differences`].
     #[inline(always)]
     pub(crate) fn sobel_differences<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -95,15 +94,15 @@ impl Brick<'_> {
         differences: &mut [Packet; 3],
     ) {
         let (voxel, t) = self.voxels_around(points);
-        // SAFETY: such are the voxels that are returned.
+        // SAFETY: such are the returned voxels.
         let odd = unsafe { self.shared_sobel::<C, INVALID>(&voxel, &t, differences) };
         if INVALID && odd > 0.0 {
             self.sobel_samples::<C, U, INVALID>(points, middle, differences);
         }
     }
 
-    /// [`Brick::sobel_differences`] at the given voxels and fractions towards their upper neighbours. With `INVALID`, returns how many of the
-    /// voxels read are no codes; if there are such, the differences are of no use.
+    /// [`Brick::sobel_differences`] at the given voxels and fractions towards their upper neighbours. With `INVALID`,
+    /// returns the number of voxels read that are no codes; unless it is 0, the differences are useless.
     ///
     /// # Safety
     /// Every index is that of a voxel with a lower neighbour and two upper ones along each axis.
@@ -116,7 +115,7 @@ impl Brick<'_> {
     ) -> f32 {
         let (row, slice) = (self.padded() as isize, (self.padded() * self.padded()) as isize);
         let [x, y, z] = [0, 1, 2].map(|a| Across::new(&t[a]));
-        // Of each slice: the difference along x, that along y, and the sum without any.
+        // Of each slice: the difference along x, that along y, and the smoothed sum.
         let (mut along_x, mut along_y, mut smooth) = ([[0.0; LANES]; 4], [[0.0; LANES]; 4], [[0.0; LANES]; 4]);
         let mut odd = [0.0; LANES];
         for k in 0..4 {

@@ -1,39 +1,38 @@
-//! What one whole step through a medium does: colour gained and light passed, by code, for each zone of the lattice.
+//! The effect of one whole step through a medium: colour gained and light passed, by code, for each zone of the
+//! lattice.
 //!
-//! Nearly all samples of a zone weigh the same, so their opacity correction is a look-up instead of a power. There are as many entries
-//! as fit, a whole number for each of the transfer table's: where that jumps from one code to the next, opacity is not linear in between, and
-//! 16 pieces keep the error of a sample below a tenth of a picture's step. One more entry is that of no sample at all. For 8-bit
-//! codes only: 64 KiB a zone, made for
-//! every frame in a third of a millisecond; for 16 bits it would be 1 MiB a zone, and slower than the power.
+//! Nearly all samples of a zone weigh the same, so their opacity correction is a look-up instead of a power. The table
+//! has as many entries as fit, a whole number for each of the transfer table's: where that jumps from one code to the
+//! next, opacity is not linear in between, and 16 pieces keep the error of a sample below a tenth of a picture's step.
+//! One more entry stands for no sample at all. For 8-bit codes only: 64 KiB a zone, computed for every frame in a third
+//! of a millisecond; for 16 bits it would be 1 MiB a zone, and slower than the power.
 
 use crate::packet::{LANES, Packet};
 use brickyard_volume::{Lattice, SlotFormat, TransferTable};
 use glam::Vec4;
 
-/// The last entry that a code may have; one more follows to interpolate towards.
+/// The last entry of a code; one more follows to interpolate towards.
 const LAST: usize = TransferTable::most_entries(SlotFormat::U8) - 1;
 
-/// The entry of no sample, twice.
+/// The entry of no sample, stored twice.
 const NOTHING: usize = LAST + 2;
 
-/// Entries of a zone.
 const ENTRIES: usize = NOTHING + 2;
 
-/// What one whole step through a frame's medium does, by code: a table for each zone of the lattice.
+/// A table for each zone of the lattice.
 pub(crate) struct StepTables {
     zones: Vec<Zone>,
-    /// Entries from one code to the next, and the last code's.
+    /// Entries per code, and the last code's.
     per_code: f32,
     last: f32,
 }
 
 struct Zone {
     entries: Box<[Vec4]>,
-    /// The first and the last place that shows anything; the first is greater if none does.
+    /// The first and the last visible place; the first is greater if none is.
     visible: [i32; 2],
 }
 
-/// What one whole step through the medium does in one zone, by code.
 #[derive(Clone, Copy)]
 pub(crate) struct StepTable<'a> {
     entries: &'a [Vec4; ENTRIES],
@@ -42,8 +41,8 @@ pub(crate) struct StepTable<'a> {
     last: f32,
 }
 
-/// Where a packet's samples are in a table: the entries' distances from the first entry, in bytes for a [`StepTable`], and the fractions
-/// towards the next entries.
+/// The places of a packet's samples in a table: distances of the entries from the first one, in bytes for a
+/// [`StepTable`], and the fractions towards the next entries.
 #[derive(Clone, Copy)]
 pub(crate) struct Places {
     pub(crate) at: [i32; LANES],
@@ -54,7 +53,7 @@ impl Places {
     pub(crate) const EMPTY: Self = Self { at: [0; LANES], fraction: [0.0; LANES] };
 }
 
-/// The most bytes that the tables of `zones` zones take; 0 for codes wider than 8 bits.
+/// The most bytes of the tables of `zones` zones; 0 for codes wider than 8 bits.
 pub(crate) const fn bytes(format: SlotFormat, zones: usize) -> usize {
     match format {
         SlotFormat::U8 => zones * ENTRIES * size_of::<Vec4>(),
@@ -63,7 +62,7 @@ pub(crate) const fn bytes(format: SlotFormat, zones: usize) -> usize {
 }
 
 impl StepTables {
-    /// The tables of the lattice's first `zones` zones; none for codes wider than 8 bits.
+    /// Builds the tables of the lattice's first `zones` zones; none for codes wider than 8 bits.
     pub(crate) fn new(table: &TransferTable, lattice: &Lattice, format: SlotFormat, zones: usize) -> Self {
         let pieces = (LAST / table.last_entry()).max(1);
         let last = table.last_entry() * pieces;
@@ -81,7 +80,6 @@ impl StepTables {
         Self { zones, per_code: (table.entries_per_code * pieces) as f32, last: last as f32 }
     }
 
-    /// The table of a zone; `None` if there is none.
     #[inline(always)]
     pub(crate) fn zone(&self, zone: usize) -> Option<StepTable<'_>> {
         let Zone { entries, visible } = self.zones.get(zone)?;
@@ -100,15 +98,15 @@ impl Zone {
 }
 
 impl StepTable<'_> {
-    /// Finds the places in the table of the first `count` codes of a packet. The other codes get the place of
-    /// no sample. Returns whether any code shows anything.
+    /// Finds the places in the table of the first `count` codes of a packet. The other codes get the place of no
+    /// sample. Returns whether any code is visible.
     #[inline(always)]
     pub(crate) fn find(&self, codes: &Packet, count: i32, places: &mut Places) -> bool {
         const LANE: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7];
         let mut shows = 0;
         for i in 0..LANES {
             let position = codes[i] * self.per_code;
-            // Written so that NaN, too, ends up inside.
+            // Written so that NaN ends up inside, too.
             let position = if position > 0.0 { position } else { 0.0 };
             let position = if position < self.last { position } else { self.last };
             // SAFETY: 0 <= position <= last <= LAST.
@@ -121,13 +119,13 @@ impl StepTable<'_> {
         shows != 0
     }
 
-    /// What the step of the packet's sample `i` does: colour gained and light passed.
+    /// The effect of the step of the packet's sample `i`: colour gained and light passed.
     ///
     /// # Safety
     /// [`StepTable::find`] has found the places.
     #[inline(always)]
     pub(crate) unsafe fn step(&self, places: &Places, i: usize) -> Vec4 {
-        // SAFETY: the place is at most that of NOTHING, and after that there is another entry.
+        // SAFETY: the place is at most that of NOTHING, followed by another entry.
         let (a, b) = unsafe {
             let at = self.entries.as_ptr().byte_add(places.at[i] as usize);
             (*at, *at.add(1))

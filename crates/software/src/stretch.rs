@@ -1,4 +1,4 @@
-//! A part of a ray's way through one cell, inside of one zone: its samples are equally spaced.
+//! A part of a ray's way through one cell, inside one zone: its samples are equally spaced.
 
 use crate::frame::{Cell, Frame};
 use crate::macrocells::{Blocks, Reach, block_length};
@@ -10,7 +10,7 @@ use brickyard_volume::macrocells::CELL_EDGE;
 use glam::{DVec3, Mat3};
 use std::ops::Range;
 
-/// A cell of a frame and its brick, through which stretches are marched.
+/// A frame's cell and its brick, for marching stretches.
 pub(crate) struct March<'a> {
     pub(crate) frame: &'a Frame<'a>,
     pub(crate) cell: &'a Cell<'a>,
@@ -18,7 +18,7 @@ pub(crate) struct March<'a> {
 }
 
 impl March<'_> {
-    /// Where a ray of this layer begins in the scene's world, and its unit direction there.
+    /// A ray's origin and unit direction in the scene's world.
     #[inline(always)]
     pub(crate) fn world_ray(&self, ray: &Ray) -> (DVec3, DVec3) {
         let (geometry, placement) = (&self.frame.settings.geometry, &self.frame.settings.placement);
@@ -26,7 +26,7 @@ impl March<'_> {
         (eye, placement.world_vector(DVec3::from_array(ray.direction) * geometry.spacing))
     }
 
-    /// Whether a cap may stand where the segment at the tick `first` begins: whether the ray enters there by a cut that caps surfaces.
+    /// Whether the ray enters at the segment at tick `first`, through a cut that caps surfaces.
     #[inline(always)]
     pub(crate) fn is_capped(&self, ray: &Ray, first: u32) -> bool {
         let settings = self.frame.settings;
@@ -38,14 +38,15 @@ impl March<'_> {
         settings.cap(self.frame.extent, (origin, direction), ray.eye, start).is_some()
     }
 
-    /// The scene's gradient, of whatever length, from differences of codes across two voxels; and the least of these that is not flat.
+    /// The map from differences of codes across two voxels to the scene's gradient, of any length; and the least
+    /// difference that is not flat.
     #[inline(always)]
     pub(crate) fn slopes(&self) -> (Mat3, f32) {
         (self.cell.world_from_differences, self.frame.flat_codes)
     }
 
-    /// The cut through which a ray enters what is shown, and how many voxels of the cell's level it goes below the cut for each unit of
-    /// distance; `None` if it enters by none.
+    /// The cut through which a ray enters the shown part, and the voxels of the cell's level it descends below the cut
+    /// per unit of distance; `None` without a cut.
     #[inline(always)]
     pub(crate) fn cut(&self, ray: &Ray) -> Option<(CutFace, f64)> {
         self.frame.settings.clip.as_ref()?;
@@ -56,10 +57,10 @@ impl March<'_> {
     }
 }
 
-/// A part of a ray's run through a cell, inside one zone: its samples are equally spaced and, but for the ray's first and last, equally long.
+/// A part of a ray's run through a cell, inside one zone: its samples are equally spaced and, except for the ray's
+/// first and last, equally long.
 #[derive(Clone, Copy)]
 pub(crate) struct Stretch {
-    /// The ray's place in the tile.
     pub(crate) ray: usize,
     /// The tick of the first segment; `end` is one past the last.
     pub(crate) start: u32,
@@ -68,13 +69,13 @@ pub(crate) struct Stretch {
     pub(crate) count: i32,
     /// The number of samples in a block.
     pub(crate) block: i32,
-    /// A bit for each block: whether it may be seen.
+    /// Whether each block may be visible, a bit for each.
     pub(crate) seen: u64,
     /// The world length of a whole segment.
     pub(crate) length: f64,
-    /// The distance along the ray of the first segment's middle, were the segment not cut.
+    /// The distance along the ray of the first segment's middle, as if uncut.
     pub(crate) middle: f64,
-    /// The slot coordinates of the first sample. Counted from there, f32 is fine to a ten-thousandth of a voxel.
+    /// The slot coordinates of the first sample. Counted from there, f32 is accurate to a ten-thousandth of a voxel.
     pub(crate) origin: [f32; 3],
     /// The step in slot coordinates from one sample to the next.
     pub(crate) step: [f32; 3],
@@ -95,8 +96,8 @@ impl Stretch {
         step: [0.0; 3],
     };
 
-    /// The stretch of the segments from the tick `start` on, up to `last`, or the end of the zone, or as many blocks as there are bits in
-    /// `seen`. All blocks count as seen. `place` is the ray's place in the tile.
+    /// The stretch of the segments from the tick `start` on, up to `last`, or the end of the zone, or as many blocks as
+    /// there are bits in `seen`. All blocks count as seen. `place` is the ray's place in the tile.
     #[inline(always)]
     pub(crate) fn new(
         frame: &Frame<'_>,
@@ -126,14 +127,13 @@ impl Stretch {
         Self { ray: place, start, end, zone, count, block, seen: u64::MAX, length, middle, origin, step }
     }
 
-    /// The stretch's blocks in the brick.
     #[inline(always)]
     pub(crate) fn blocks(&self, frame: &Frame<'_>, reach: Reach) -> Blocks {
         Blocks::new(self.origin, self.step, self.block, reach, frame.edge, frame.apron)
     }
 
-    /// Notes that a ray goes on to look for surfaces in these segments. If `has_invalid`, a ray that has skipped segments before them forgets its
-    /// rank, as voxels there may have had no value.
+    /// Records that a ray searches these segments for surfaces. If `has_invalid`, a ray that skipped segments before
+    /// them loses its rank, as voxels there may have had no value.
     #[inline(always)]
     pub(crate) fn reach(&self, ray: &mut Ray, segments: &Range<i32>, has_invalid: bool) {
         if has_invalid && ray.past.reached != self.start + ((segments.start as u32) << self.zone) {
@@ -155,7 +155,7 @@ impl Stretch {
             return None;
         }
         let from = seen.trailing_zeros();
-        // Blocks are looked at in eights: those past the last one are none.
+        // Blocks are examined in eights: those past the last one do not exist.
         if from as i32 * self.block >= self.count {
             return None;
         }
@@ -165,8 +165,9 @@ impl Stretch {
         Some(from as i32 * self.block..if last < self.count { last } else { self.count })
     }
 
-    /// The blocks, a bit for each, of which the macro-cells' ranges do not tell everything when whole segments count: those that may reach
-    /// out of the brick by more than half a voxel, and all blocks if a segment may pass through a whole macro-cell.
+    /// The blocks, a bit for each, not fully covered by the macro-cells' ranges when whole segments count: those that
+    /// may reach out of the brick by more than half a voxel, and all blocks if a segment may pass through a whole
+    /// macro-cell.
     #[inline(always)]
     pub(crate) fn uncovered(&self) -> u64 {
         let longest = longest(self.step);
@@ -179,8 +180,8 @@ impl Stretch {
         1 | 1 << ((self.count - 1) / self.block)
     }
 
-    /// The places along the stretch between which the brick can be sampled, in segments from the middle of the first. They are infinite where
-    /// segments are no longer than a voxel, as such segments never reach out of the brick.
+    /// The places along the stretch between which the brick can be sampled, in segments from the middle of the first.
+    /// Infinite if segments are no longer than a voxel, as they never reach out of the brick.
     #[inline(always)]
     pub(crate) fn sampleable(&self, padded: u32) -> [f32; 2] {
         let (mut low, mut high) = (f32::NEG_INFINITY, f32::INFINITY);
@@ -196,13 +197,12 @@ impl Stretch {
         [low, high]
     }
 
-    /// Unit distances of a whole segment.
     #[inline(always)]
     pub(crate) fn weight(&self, frame: &Frame<'_>) -> f32 {
         (self.length * frame.per_unit) as f32
     }
 
-    /// Places the samples of these segments in a chunk, or of as many of them as a chunk holds.
+    /// Places the samples of these segments in a chunk, or of as many of them as it holds.
     #[inline(always)]
     pub(crate) fn place_samples<const INVALID: bool>(
         &self,
@@ -238,7 +238,6 @@ impl Stretch {
     }
 }
 
-/// Voxels of a step along the axis with the most.
 #[inline(always)]
 fn longest(step: [f32; 3]) -> f32 {
     step[0].abs().max(step[1].abs()).max(step[2].abs())
@@ -250,7 +249,7 @@ mod tests {
 
     #[test]
     fn blocks_past_the_last_one_are_none() {
-        // Three blocks, of which the last has four segments.
+        // Three blocks; the last has four segments.
         let stretch = Stretch { count: 20, block: 8, ..Stretch::EMPTY };
         assert_eq!(stretch.next_seen(&mut 0b1010_1000), None);
         let mut seen = 0b1110_0110;

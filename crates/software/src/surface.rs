@@ -1,10 +1,10 @@
-//! One opaque isosurface: where a ray first passes the isovalue, and what it sees there. The rule is
+//! One opaque isosurface: a ray's first crossing of the isovalue, and the colour there. The rule is
 //! [`brickyard_volume::surface`]'s.
 //!
-//! The ends of segments are sampled in packets of eight, and the bits of which are inside, shifted by one, tell where the side
-//! changes. Only there the place is looked for, with a packet for each round, and lit, with a packet for the gradient.
-//! Blocks of macro-cells that are on one side are skipped: the side that the ray was on before is the one that it is on
-//! behind them. (Where voxels may have no value it is not: then the ray finds its side anew.)
+//! The ends of segments are sampled in packets of eight; their inside bits, shifted by one, reveal changes of side.
+//! Only there the crossing is located, with a packet for each round, and lit, with a packet for the gradient. Blocks of
+//! macro-cells on one side are skipped: the ray is on the same side before and behind them. (Not if voxels may have no
+//! value: then the ray determines its side anew.)
 
 use crate::frame::{Cell, Frame, INSIDE, OUTSIDE};
 use crate::macrocells::{Coverage, Mask, Reach};
@@ -18,24 +18,22 @@ use brickyard_volume::surface::{FLAT_SHARE, PARTS, ROUNDS};
 use glam::{Vec3, Vec4};
 use std::ops::Range;
 
-/// Where a path passes a surface.
+/// A path's crossing of a surface.
 #[derive(Clone, Copy)]
 pub(crate) struct Crossing {
-    /// The index of the surface.
     pub(crate) surface: usize,
-    /// The place along the path.
     pub(crate) along: f32,
-    /// Whether it is a cap, which stands on the cut by which the ray enters.
+    /// Whether it is a cap on the cut through which the ray enters.
     pub(crate) is_cap: bool,
 }
 
-/// Packets of ends that are sampled together: more wait less for one another, but more of them lie behind the surface.
+/// Packets of ends sampled together: more wait less for one another, but more of them lie behind the surface.
 const TOGETHER: usize = 2;
 
 const _: () = assert!(PARTS == LANES, "a round is a packet");
 
-/// The first isosurface that a ray meets, opaque. Before it, the ray's sum is the side that the ray is on, two unused numbers, and 1 for all
-/// of the light; behind it, the sum is the surface's colour and 0.
+/// A ray's first isosurface, opaque. Before it, the ray's sum is the ray's side, two unused numbers, and 1 for all of
+/// the light; behind it, the surface's colour and 0.
 pub(crate) struct Isosurface;
 
 impl Accumulate for Isosurface {
@@ -47,7 +45,7 @@ impl Accumulate for Isosurface {
     #[inline(always)]
     fn coverage(cell: &Cell<'_>, ray: &Ray) -> Coverage {
         match cell.mask {
-            // On the other side than the brick before: the surface is where they meet.
+            // On the other side than the previous brick: the surface is their common face.
             Mask::None if ray.sum.x * cell.side < 0.0 => Coverage::All,
             _ => cell.mask.coverage(),
         }
@@ -129,13 +127,13 @@ impl Accumulate for Isosurface {
     }
 
     fn seen(_: &Frame<'_>, sum: Vec4) -> Vec4 {
-        // Before the surface the sum holds something else.
+        // Before the surface the sum is no colour.
         if sum.w == 0.0 { sum } else { Vec4::W }
     }
 }
 
-/// The first of a packet of `count` ends (or more than fit) that is on another side than the one before it; before the first is
-/// `side`, which becomes that of the last. Those that weigh nothing are on no side.
+/// The first of a packet of `count` ends (or more than fit) on another side than the one before it; `side` is the one
+/// before the first, and becomes that of the last. Ends without weight are on no side.
 #[inline(always)]
 fn crossing(threshold: f32, side: &mut f32, code: &Packet, weight: &Packet, count: i32) -> Option<usize> {
     let (mut inside, mut known) = (0u32, 0u32);
@@ -152,17 +150,17 @@ fn crossing(threshold: f32, side: &mut f32, code: &Packet, weight: &Packet, coun
     (crossed != 0).then(|| crossed.trailing_zeros() as usize)
 }
 
-/// A ray's way through a brick, on which a surface is looked for. Places along it are counted in segments from the middle of the stretch's
-/// first.
+/// A ray's way through a brick, searched for a surface. Places along it are counted in segments from the middle of the
+/// stretch's first.
 pub(crate) struct Line<'a> {
     pub(crate) march: &'a March<'a>,
     pub(crate) stretch: &'a Stretch,
-    /// The surface's threshold in codes.
+    /// The surface's threshold, in codes.
     pub(crate) threshold: f32,
 }
 
 impl Line<'_> {
-    /// The side that a place is on; 0 if it has no value.
+    /// The side of a place; 0 if it has no value.
     #[inline(always)]
     fn side<C: Code, U: Unit, const INVALID: bool>(&self, along: f32) -> f32 {
         let (code, weight) = self.sample::<C, U, INVALID>(&[along; LANES]);
@@ -173,7 +171,7 @@ impl Line<'_> {
         }
     }
 
-    /// The place of the surface between the places `from` and `to`, of which `to` is behind and given with its code.
+    /// Locates the surface between the places `from` and `to`; `to` is behind it and given with its code.
     #[inline(always)]
     pub(crate) fn locate<C: Code, U: Unit, const INVALID: bool>(
         &self,
@@ -182,7 +180,7 @@ impl Line<'_> {
     ) -> f32 {
         let threshold = self.threshold;
         let is_inside = to_code >= threshold;
-        // Behind by nothing: the place behind is the surface, if the one in front turns out to have no value.
+        // The place behind is the surface, if the one in front turns out to have no value.
         let mut from_code = to_code;
         for _ in 0..ROUNDS {
             let part = (to - from) * (1.0 / PARTS as f32);
@@ -197,7 +195,7 @@ impl Line<'_> {
             }
             let first = past.trailing_zeros() as usize;
             if first == 0 {
-                // The brick before saw it on the other side here.
+                // The previous brick saw it on the other side here.
                 return from;
             }
             if first < LANES {
@@ -210,7 +208,7 @@ impl Line<'_> {
         if to_code == from_code { to } else { from + (to - from) * share.clamp(0.0, 1.0) }
     }
 
-    /// The colour of a cap on the cut by which the ray enters.
+    /// The colour of a cap on the cut through which the ray enters.
     #[inline(never)]
     fn cap(&self, ray: &Ray) -> Vec3 {
         let (_, direction) = self.march.world_ray(ray);
@@ -219,7 +217,6 @@ impl Line<'_> {
         Vec3::from(self.march.frame.settings.surfaces[0].color) * own as f32 + Vec3::splat(white as f32)
     }
 
-    /// The colour of the surface at a place.
     #[inline(always)]
     fn lit<C: Code, U: Unit, const INVALID: bool>(&self, ray: &Ray, along: f32) -> Vec3 {
         let March { frame, cell, brick } = self.march;
@@ -249,7 +246,7 @@ impl Line<'_> {
         Vec3::from(frame.settings.surfaces[0].color) * own as f32 + Vec3::splat(white as f32)
     }
 
-    /// The codes at these places; what has no value weighs nothing.
+    /// The codes at these places, and weights of 0 where values are missing.
     #[inline(always)]
     fn sample<C: Code, U: Unit, const INVALID: bool>(&self, along: &Packet) -> (Packet, Packet) {
         let (mut points, mut weight) = ([[0.0; LANES]; 3], [1.0; LANES]);

@@ -1,16 +1,15 @@
-//! The sampling lattice at hand for per-ray work: its zones, and the segment at a tick or a distance.
+//! The sampling lattice prepared for per-ray work: its zones, and the segment at a tick or a distance.
 
 use brickyard_volume::Lattice;
 use brickyard_volume::lattice::MAX_ZONES;
 
-/// A sampling lattice, prepared for work per ray.
 pub(crate) struct Ticks {
-    /// The world length of a tick, which is the lattice's finest step.
+    /// The world length of a tick: the lattice's finest step.
     pub(crate) step: f64,
     per_world: f64,
     /// One past the last zone is [`Lattice::NEVER`].
     starts: [u32; MAX_ZONES + 1],
-    /// The number of zones that rays can reach.
+    /// The number of zones within reach of rays.
     pub(crate) zones: usize,
 }
 
@@ -27,7 +26,7 @@ impl Ticks {
         if self.zones == 1 { 0 } else { self.search_zone(tick) }
     }
 
-    /// Not inlined: the compiler would compare all zones ahead of every loop that asks.
+    /// Not inlined: the compiler would compare all zones ahead of every calling loop.
     #[inline(never)]
     fn search_zone(&self, tick: u32) -> usize {
         let mut zone = 0;
@@ -37,7 +36,6 @@ impl Ticks {
         zone
     }
 
-    /// The first tick past the zone.
     #[inline(always)]
     pub(crate) fn zone_end(&self, zone: usize) -> u32 {
         self.starts[zone + 1]

@@ -1,5 +1,5 @@
-//! One tile of the picture, from its rays to its pixels: slab by slab where there are meshes, by one layer alone, several projected one by
-//! one, or several together.
+//! One tile of the picture, from its rays to its pixels: slab by slab if there are meshes, by a single layer, several
+//! projected one by one, or several together.
 
 use crate::compositing::JointMarch;
 use crate::frame::Frame;
@@ -11,21 +11,19 @@ use crate::tiles::{PIXELS, Tile, TilePixels, places};
 use brickyard_volume::{Blend, Combination, Picture};
 use glam::Vec4;
 
-/// Bytes that a drawing thread needs besides the frames.
+/// Bytes of a drawing thread besides the frames.
 pub(crate) const BYTES_PER_THREAD: u64 = (size_of::<Work>()
     + size_of::<Seen>()
     + size_of::<[Projections; PIXELS]>()
     + size_of::<TilePixels>()
     + size_of::<SampleChunk>()) as u64;
 
-/// All that the tiles of a picture share.
 pub(crate) struct Scene<'a> {
     frames: Vec<Frame<'a>>,
     meshes: Option<&'a MeshTree>,
     drawn: Drawn<'a>,
 }
 
-/// How the layers are drawn.
 enum Drawn<'a> {
     Single(MarchTile),
     Projected(Vec<MarchTile>),
@@ -33,8 +31,8 @@ enum Drawn<'a> {
 }
 
 impl<'a> Scene<'a> {
-    /// The scene of these layers' frames, or of an expression over the layers, with the tree over the frames' meshes if there are any. Unless
-    /// the scene is mixed, it draws the first frame alone.
+    /// The scene of these layers' frames, or of an expression over the layers. Unless the scene is mixed, it draws the
+    /// first frame alone.
     pub(crate) fn new(
         frames: Vec<Frame<'a>>,
         meshes: Option<&'a MeshTree>,
@@ -52,12 +50,11 @@ impl<'a> Scene<'a> {
         Self { frames, meshes, drawn }
     }
 
-    /// The frames of the scene's layers.
     pub(crate) fn frames(&self) -> &[Frame<'a>] {
         &self.frames
     }
 
-    /// Draws a tile: its pixels over the background. A call of its own, as [`Work::new`] is.
+    /// Draws a tile: its pixels over the background. A call of its own, like [`Work::new`].
     #[inline(never)]
     pub(crate) fn draw(&self, tile: &Tile, work: &mut Work) -> TilePixels {
         let settings = self.frames[0].settings;
@@ -86,7 +83,7 @@ impl<'a> Scene<'a> {
         pixels
     }
 
-    /// Takes the tile's rays through the layers, in a slab between two layers of meshes where there are some.
+    /// Takes the tile's rays through the layers, in a slab between two layers of meshes if any.
     fn march(&self, tile: &Tile, layers: Option<&MeshLayers>, work: &mut Work, seen: &mut Seen) {
         match &self.drawn {
             Drawn::Single(march) => march.march(&self.frames[0], tile, layers, work, seen),
@@ -96,7 +93,7 @@ impl<'a> Scene<'a> {
                 for (frame, march) in self.frames.iter().zip(marches) {
                     march.march(frame, tile, layers, work, seen);
                     let depth = if frame.opacity < 1.0 { -(1.0 - frame.opacity).log2() } else { OPAQUE };
-                    // What is seen of a projection is opaque, or nothing.
+                    // A projection's pixel is opaque, or nothing.
                     for i in places(tile).filter(|&i| seen[i].w < 1.0) {
                         match frame.blend {
                             Blend::Mix => shown[i].mix(seen[i], depth),

@@ -4,7 +4,6 @@ use crate::frame::Frame;
 use crate::packet::{LANES, Packet};
 use glam::Vec4;
 
-/// A frame's transfer table, for quick look-up.
 pub(crate) struct Entries<'a> {
     entries: &'a [[f32; 4]],
     /// The greatest position: short of the last entry, so that there is one to its right.
@@ -19,7 +18,6 @@ impl<'a> Entries<'a> {
         Self { entries, limit: ((entries.len() - 1) as i32 as f32).next_down() }
     }
 
-    /// The positions of a packet's codes in the table, in entries.
     #[inline(always)]
     pub(crate) fn positions(&self, frame: &Frame<'_>, code: &Packet) -> Packet {
         let mut position = [0.0f32; LANES];
@@ -32,7 +30,7 @@ impl<'a> Entries<'a> {
     /// The interpolated entry at a position in entries: the twin of [`brickyard_volume::TransferTable::lookup`].
     #[inline(always)]
     pub(crate) fn lookup(&self, position: f32) -> Vec4 {
-        // Written so that NaN, too, ends up inside.
+        // Written so that NaN ends up inside, too.
         let position = if position > 0.0 { position } else { 0.0 };
         let position = if position < self.limit { position } else { self.limit };
         // SAFETY: 0 <= position <= limit < 2^24.

@@ -1,5 +1,5 @@
-//! What is the CPU renderer's own: budgets that hold, and threads that do not show. What pictures show is in the conformance suite
-//! (`tests/conformance`).
+//! The CPU renderer's own properties: hard budgets, and pictures independent of threads. The conformance suite
+//! (`tests/conformance`) covers the pictures' contents.
 
 use brickyard_pager::{DrawCell, DrawList, Layer, PixelShare, Slot, VolumeNeeds};
 use brickyard_software::{SoftwareError, SoftwareOptions, SoftwareRenderer};
@@ -43,7 +43,7 @@ fn brick() -> Vec<u8> {
     along().flat_map(|z| along().flat_map(move |y| along().map(move |x| value([x, y, z])))).collect()
 }
 
-/// The picture and the marks of so many layers of one brick, of which each but the first is turned.
+/// The picture and the marks of `layers` layers of one brick, all turned but the first.
 fn draw(mode: Mode, layers: usize, threads: usize, size_px: [u32; 2]) -> (Picture, Option<Vec<f32>>) {
     let needs = vec![needs(EDGE, VoxelType::U8); layers];
     let pyramid = Pyramid::new(Extent::new(EDGE, EDGE, EDGE), [1.0; 3], EDGE);
@@ -101,7 +101,7 @@ fn the_picture_does_not_depend_on_threads() {
     }
 }
 
-/// Splits of a large picture wait one over the other on the stacks of many threads, which once overflowed.
+/// Splits of a large picture pile up on the stacks of many threads, which once overflowed.
 #[test]
 fn many_threads_draw_a_large_picture() {
     for layers in [1, 2] {
@@ -111,7 +111,7 @@ fn many_threads_draw_a_large_picture() {
     }
 }
 
-/// What does not belong to the renderer is an error, and the renderer goes on.
+/// Foreign inputs are errors, and the renderer goes on.
 #[test]
 fn what_does_not_belong_together_is_an_error() {
     let own = [needs(EDGE, VoxelType::U8)];

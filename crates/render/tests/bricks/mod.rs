@@ -1,5 +1,5 @@
-//! A volume of one level in padded bricks, to try what is the GPU renderer's own: what pictures show is in the conformance suite
-//! (`tests/conformance`).
+//! A volume of one level in padded bricks, for testing the GPU renderer's own properties: the conformance suite
+//! (`tests/conformance`) covers the pictures' contents.
 
 use brickyard_pager::{DrawCell, DrawList, Layer, PixelShare, Slot, VolumeNeeds};
 use brickyard_render::{Compositor, GpuError, GpuOptions, GpuRenderer};
@@ -28,7 +28,7 @@ impl Bricks {
         Self { pyramid, needs }
     }
 
-    /// A renderer of so many layers of it; `None`, said loudly, where there is no adapter at all.
+    /// A renderer of `layers` layers of it; `None`, with a loud message, without any adapter.
     pub(crate) fn renderer(&self, compositor: Compositor, layers: usize) -> Option<GpuRenderer> {
         let options = GpuOptions { compositor, ..Default::default() };
         match GpuRenderer::new(&options, &vec![self.needs; layers], MEMORY_BYTES, (64, 64)) {
@@ -41,7 +41,7 @@ impl Bricks {
         }
     }
 
-    /// A padded brick, the volume's faces replicated.
+    /// A padded brick, with the volume's faces replicated.
     fn padded(&self, index: BrickIndex) -> Vec<u8> {
         let along = |first: u32| (0..24).map(move |i| (first * 16 + i).saturating_sub(4).min(31) as f64);
         let mut codes = Vec::new();
@@ -55,7 +55,7 @@ impl Bricks {
         codes
     }
 
-    /// Uploads all bricks, and lists them back to front as [`rays`] see them.
+    /// Uploads all bricks, and lists them back to front for [`rays`].
     pub(crate) fn upload(&self, renderer: &mut GpuRenderer) -> DrawList {
         let mut cells = Vec::new();
         for (slot, rank) in (0..8).map(Slot).zip(0..) {
