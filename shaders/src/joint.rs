@@ -110,7 +110,7 @@ impl JointVariant {
             .text("asking", self.asking())
             .file("world", "axes")
             .file("pixel", "layer_medium")
-            .file("gradient", self.medium.gradient.file())
+            .file("gradient", crate::gradient_file(self.medium.gradient))
             .file("limits", if self.has_meshes { "limits_slab" } else { "limits_none" });
         match &self.expression {
             None => parts.file("part", "part_media").file("see", "see_media"),

@@ -28,10 +28,10 @@ const WITHOUT_DEFAULT: [&str; 20] = [
     "--volume",
 ];
 
-/// Returns every flag of every command, except help and version, with the command's name.
+/// Returns every shown flag of every command, except help and version, with the command's name.
 fn flags(command: &Command) -> Vec<(String, &Arg)> {
     let own = command.get_arguments().filter(|flag| !flag.is_positional());
-    let own = own.filter(|flag| !["help", "version"].contains(&flag.get_id().as_str()));
+    let own = own.filter(|flag| !flag.is_hide_set() && !["help", "version"].contains(&flag.get_id().as_str()));
     let own = own.map(|flag| (command.get_name().to_owned(), flag));
     own.chain(command.get_subcommands().flat_map(flags)).collect()
 }

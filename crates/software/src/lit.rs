@@ -4,8 +4,7 @@
 //! reached by light are lit.
 
 use crate::frame::Frame;
-use crate::modes::Dvr;
-use crate::packet::{CHUNK, LANES, PACKETS, Packet};
+use crate::packet::{LANES, PACKETS, Packet};
 use crate::ray::{FAINTEST, Ray};
 #[cfg(target_arch = "x86_64")]
 use crate::sample::Avx2;
@@ -14,7 +13,6 @@ use crate::shade::{Shade, Shaded};
 use crate::stretch::{March, Stretch};
 use brickyard_volume::{Filter, Method, Mode};
 use glam::Vec4;
-use std::ops::Range;
 
 /// Whether this file lights a frame's pictures.
 pub(crate) fn is_lit_plainly(frame: &Frame<'_>) -> bool {
@@ -24,31 +22,9 @@ pub(crate) fn is_lit_plainly(frame: &Frame<'_>) -> bool {
     frame.is_lit && is_plain && is_trilinear && frame.grid.is_none()
 }
 
-/// Adds some segments of a stretch to the ray's sum, or fewer if nothing behind those is visible.
-#[inline(always)]
-pub(crate) fn take<C: Code, U: Unit, const INVALID: bool>(
-    march: &March<'_>,
-    stretch: &Stretch,
-    ray: &mut Ray,
-    chunk: &mut SampleChunk,
-    segments: Range<i32>,
-) {
-    let March { frame, brick, .. } = march;
-    let mut done = segments.start;
-    while done < segments.end && ray.sum.w >= FAINTEST {
-        stretch.place_samples::<INVALID>(frame, ray, chunk, done..segments.end);
-        brick.read::<C, U, INVALID>(frame.reading, stretch.origin, stretch.step, chunk);
-        let shows = Dvr::classify::<C>(frame, chunk);
-        if shows != 0 {
-            ray.sum = see::<C, U, INVALID>(march, stretch, ray, chunk, shows);
-        }
-        done += CHUNK as i32;
-    }
-}
-
 /// Passes light through the visible packets of a chunk. Not inlined: it is large.
 #[inline(always)]
-fn see<C: Code, U: Unit, const INVALID: bool>(
+pub(crate) fn see<C: Code, U: Unit, const INVALID: bool>(
     march: &March<'_>,
     stretch: &Stretch,
     ray: &Ray,

@@ -137,7 +137,7 @@ impl Dvr {
     /// Computes into `entry` the colour gained and light passed by each of a chunk's samples. Returns the visible
     /// packets, a bit for each.
     #[inline(always)]
-    pub(crate) fn classify<C: Code>(frame: &Frame<'_>, chunk: &mut SampleChunk) -> u32 {
+    fn classify<C: Code>(frame: &Frame<'_>, chunk: &mut SampleChunk) -> u32 {
         let (packets, mut shows) = (chunk.packets.min(PACKETS), 0);
         if C::BYTES == 1
             && chunk.whole_steps > 0
@@ -206,9 +206,19 @@ impl Accumulate for Dvr {
         chunk: &mut SampleChunk,
         segments: Range<i32>,
     ) {
-        match march.frame.is_lit {
-            true => lit::take::<C, U, INVALID>(march, stretch, ray, chunk, segments),
-            false => add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments),
+        let March { frame, brick, .. } = march;
+        if !frame.is_lit {
+            return add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
+        }
+        let mut done = segments.start;
+        while done < segments.end && !Self::is_final(frame, ray.sum) {
+            stretch.place_samples::<INVALID>(frame, ray, chunk, done..segments.end);
+            brick.read::<C, U, INVALID>(frame.reading, stretch.origin, stretch.step, chunk);
+            let shows = Self::classify::<C>(frame, chunk);
+            if shows != 0 {
+                ray.sum = lit::see::<C, U, INVALID>(march, stretch, ray, chunk, shows);
+            }
+            done += CHUNK as i32;
         }
     }
 

@@ -263,7 +263,7 @@ mod tests {
                 ("convergence", Stereo { convergence: Some(bad), ..stereo }),
             ] {
                 let error = stereo.eyes(&camera, (8, 8)).unwrap_err().to_string();
-                assert!(error.starts_with(&format!("--{name} is {bad}:")), "{error}");
+                assert!(error.starts_with(&format!("stereo: {name} is {bad}:")), "{error}");
             }
         }
         for (layout, size) in [(StereoLayout::SideBySide, (9, 8)), (StereoLayout::TopBottom, (8, 9))] {
