@@ -823,7 +823,7 @@ fn bad_scenes_and_transfer_functions() {
             (&render("--slice w=3"), USAGE, &["w=3", "x, y, z, i, j, k"]),
             (&render("--slice axail=3"), USAGE, &["did you mean 'axial'?"]),
             (&render("--slice axial=3"), USAGE, &["--slice axial", "lies in a patient", "z=50% or k=INDEX"]),
-            (&render("--scene no-layers.json --slice k=3"), USAGE, &["--slice", "no first layer"]),
+            (&render("--scene no-layers.json --slice k=3"), USAGE, &["--slice", "voxels of the first layer"]),
             (&render("--slice k=900"), USAGE, &["--slice k=900", "expected 0 to "]),
             (&render("--view lefft"), USAGE, &["no view 'lefft', did you mean 'left'?"]),
             (&render("--view anterior"), USAGE, &["--view anterior", "lies in a patient", "+x, -y"]),
@@ -843,7 +843,7 @@ fn bad_scenes_and_transfer_functions() {
             (&render("--path half.json"), BAD_INPUT, &["half.json", "0.5", "u32"]),
             (&render("--path timed.json --time all"), USAGE, &["--time all", "timed.json", "camera 1 has time 1"]),
             (&render("--path up.json"), USAGE, &["up.json: camera 1 cannot be used", "up vector"]),
-            (&render("--path flat.path.json --frames 9"), USAGE, &["camera 0 does not lead", "orthographic"]),
+            (&render("--path flat.path.json --frames 9"), USAGE, &["camera 0 cannot be interpolated", "orthographic"]),
             (&render("--path timed.json --frames 0"), USAGE, &["--frames 0", "1000000"]),
         ],
     );

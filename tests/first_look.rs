@@ -128,7 +128,7 @@ fn what_shows_less_than_one_may_expect_says_why() {
         ("--mode isosurface --isovalue 7000", &["no surface of 7000", "values of ball are from", "picture is empty"]),
         ("--mode dvr --isovalue 7000", &["no surface of 7000"]),
         ("--transfer ct-bone", &["ct-bone is for Hounsfield units", "--transfer auto"]),
-        ("--transfer clear.json", &["picture is empty", "clear for all values", "--transfer auto"]),
+        ("--transfer clear.json", &["picture is empty", "transparent at all values", "--transfer auto"]),
         ("--eye 500,500,500 --target 900,900,900", &["picture is empty", "--eye and --target"]),
     ] {
         let line = format!("render ball.zarr -o o.png --overwrite --size 32x32 --backend cpu {flags}");
