@@ -230,7 +230,7 @@ fn what_is_not_a_finished_store() {
             ("unmarked.zarr", BAD_INPUT, &["unmarked.zarr", "not a brick store"]),
             ("unfinished.zarr", INCOMPLETE, &["unfinished.zarr", "incomplete", "12 %", "--resume to finish it"]),
             ("future.zarr", BAD_INPUT, &["future.zarr", "999", "not supported", "a later version of brickyard"]),
-            ("garbled.zarr", BAD_INPUT, &["garbled.zarr", "zarr.json", "put the file back"]),
+            ("garbled.zarr", BAD_INPUT, &["garbled.zarr", "zarr.json", "restore the file"]),
             ("reshaped.zarr", BAD_INPUT, &["reshaped.zarr", "expected", "found"]),
             ("foreign.zarr", BAD_INPUT, &["foreign.zarr", "not supported"]),
         ] {

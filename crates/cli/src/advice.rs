@@ -72,7 +72,7 @@ impl Advice for GpuError {
         match self {
             Self::NoAdapter { .. } => Some("or use --backend cpu"),
             Self::Budget { .. } => Some(MORE_GPU_MEMORY),
-            Self::Meshes { .. } | Self::Textures { .. } => Some("use --backend cpu"),
+            Self::Meshes { .. } | Self::Textures { .. } => Some("--backend cpu does that"),
             Self::OutOfMemory { .. } => Some("lower --gpu-memory"),
             _ => None,
         }

@@ -285,7 +285,10 @@ fn slices_of_one_series_are_no_steps() {
     for order in [None, Some(FileOrder::Given), Some(FileOrder::Natural)] {
         let options = OpenOptions { order, ..OpenOptions::default() };
         let message = order_steps(&[one.file(0), one.file(1)], &options).unwrap_err().to_string();
-        assert!(message.contains("IM1: is a slice of the same series as") && message.contains("its folder"), "{message}");
+        assert!(
+            message.contains("IM1: is a slice of the same series as") && message.contains("its folder"),
+            "{message}"
+        );
         // From one folder each, they are two volumes.
         assert!(order_steps(&[one.file(0), other.file(1)], &options).is_ok());
         let step = OpenOptions { is_step: true, ..options };

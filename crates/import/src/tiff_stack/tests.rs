@@ -504,7 +504,11 @@ fn pixels_and_directories_that_are_not_read_are_named() {
         (262, 77, "PhotometricInterpretation"),
         (339, 5, "complex numbers"),
         (339, 9, "samples of a non-standard format (9)"),
-        (278, 2, "number of strips, tiles or samples in its directory does not match its sizes (pages of several slices"),
+        (
+            278,
+            2,
+            "number of strips, tiles or samples in its directory does not match its sizes (pages of several slices",
+        ),
     ] {
         let message = refusal(&with_tag(tag, number).1, &options());
         assert!(message.contains("a.tif: ") && message.contains(words), "{message}");
