@@ -7,7 +7,6 @@ use eframe::egui::{Context, Event, Key, Modifiers, RawInput};
 /// Most waiting presses and keys. No user is as fast; from programs, ever later input would be worse than lost order.
 const MOST: usize = 64;
 
-<<<<<<< HEAD
 /// Seconds between two clicks that are one double click, as in egui.
 const DOUBLE_CLICK_S: f64 = 0.3;
 
@@ -15,8 +14,6 @@ const DOUBLE_CLICK_S: f64 = 0.3;
 const SLOWEST_S: f64 = 0.5;
 
 /// Input that waits for its frame.
-=======
->>>>>>> 583fdef439a1f48886cd5e732c39e5d928e9b538
 #[derive(Default)]
 pub(crate) struct InputOrder {
     waiting: Vec<Event>,
@@ -33,7 +30,6 @@ impl InputOrder {
         input.events = events;
     }
 
-<<<<<<< HEAD
     /// Lets double clicks take two frames longer. egui times a click by its frame, and a press and a release take a frame each.
     pub(crate) fn allow_slow_clicks(egui: &Context, input: &RawInput) {
         let frame_s = input.time.map_or(0.0, |now_s| now_s - egui.input(|last| last.time)).clamp(0.0, SLOWEST_S);
@@ -41,8 +37,6 @@ impl InputOrder {
     }
 
     /// Whether some input waits for the next frame.
-=======
->>>>>>> 583fdef439a1f48886cd5e732c39e5d928e9b538
     pub(crate) fn is_waiting(&self) -> bool {
         !self.waiting.is_empty()
     }
