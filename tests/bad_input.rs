@@ -480,6 +480,8 @@ fn times_and_steps_that_cannot_be() {
 #[test]
 fn requests_that_a_store_cannot_meet() {
     let sandbox = with_good_store();
+    sandbox.write("no-eyes.json", r#"{"stereo": {"layout": "anaglyph", "eye_separation": 0}}"#);
+    sandbox.write("behind.json", r#"{"stereo": {"layout": "anaglyph", "convergence": -4}}"#);
     check(
         &sandbox,
         &[
@@ -540,18 +542,14 @@ fn requests_that_a_store_cannot_meet() {
             ("render good.zarr -o o.png --fov 200", USAGE, &["200", "180"]),
             ("render good.zarr -o o.png --fov 30 --ortho 4", USAGE, &["--fov", "--ortho"]),
             ("render good.zarr -o o.png --stereo toe-in", USAGE, &["toe-in", "side-by-side"]),
-            ("render good.zarr -o o.png --eye-separation 3", USAGE, &["--eye-separation", "--stereo"]),
-            ("render good.zarr -o o.png --convergence 3", USAGE, &["--convergence", "--stereo"]),
             (
-                "render good.zarr -o o.png --stereo anaglyph --eye-separation 0",
+                "render good.zarr -o o.png --stereo anaglyph --eye-separation 3",
                 USAGE,
-                &["--eye-separation is 0", "positive"],
+                &["--eye-separation", "--scene", r#"{"stereo": {"layout": "anaglyph", "eye_separation": 3}}"#],
             ),
-            (
-                "render good.zarr -o o.png --stereo anaglyph --convergence -4",
-                USAGE,
-                &["--convergence is -4", "positive"],
-            ),
+            ("render good.zarr -o o.png --convergence 3", USAGE, &["--scene", r#""convergence": 3"#]),
+            ("render good.zarr -o o.png --scene no-eyes.json", USAGE, &["eye_separation is 0", "positive"]),
+            ("render good.zarr -o o.png --scene behind.json", USAGE, &["convergence is -4", "positive"]),
             (
                 "render good.zarr -o o.png --stereo side-by-side --size 63x48",
                 USAGE,
@@ -618,6 +616,8 @@ fn numbers_beyond_all_bounds() {
     let sandbox = with_good_store();
     let far = r#"{"eye": [2e9, 0, 0], "target": [20, 20, 20], "up": [0, 0, 1], "projection": {"perspective": {"fov_y_deg": 30}}}"#;
     sandbox.write("far.json", format!(r#"{{"camera": {far}}}"#));
+    sandbox.write("wide.json", r#"{"stereo": {"layout": "anaglyph", "eye_separation": 1e30}}"#);
+    sandbox.write("deep.json", r#"{"stereo": {"layout": "anaglyph", "convergence": 1e30}}"#);
     sandbox.write("path.json", format!("[{far}]"));
     sandbox.write("step.json", r#"{"step": 1e-30}"#);
     sandbox.write("far.txt", "1 0 0 1e30  0 1 0 0  0 0 1 0");
@@ -634,8 +634,8 @@ fn numbers_beyond_all_bounds() {
         ("--eye 2e9,0,0 --ortho 40", eye),
         ("--fov 1e-6", &["field of view of 1e-6", "from 0.001 to less than 180"]),
         ("--ortho 1e-9", &["1e-9 voxels high", "at least 0.001"]),
-        ("--stereo anaglyph --eye-separation 1e30", &["voxels away"]),
-        ("--stereo anaglyph --convergence 1e30", &["voxels away"]),
+        ("--scene wide.json", &["voxels away"]),
+        ("--scene deep.json", &["voxels away"]),
         ("--volume 0:matrix=far.txt", &["layer 0", "1e30 of its voxels away"]),
         ("--volume 0:matrix=large.txt", &["layer 0", "a voxel is 1e30 world units large"]),
     ];

@@ -21,7 +21,7 @@ const EXTENT: Extent = Extent::new(90, 77, 83);
 /// A colour that no picture has.
 const UNTOUCHED: [u8; 4] = [7, 77, 177, 77];
 
-/// What most of these tests draw on.
+/// Format of most textures here.
 const FORMAT: TextureFormat = TextureFormat::Rgba8Unorm;
 
 /// The whole of a texture of that format.
@@ -537,7 +537,7 @@ fn pixels_come_when_they_are_asked_for() {
     assert!(most(&rgb(&app.read(&texture)), &picture.rgb) <= 1);
 }
 
-/// What makes slots anew keeps the device, what is compiled for it, and what is decoded.
+/// New slots keep the device, its compiled pipelines, and decoded bricks.
 #[test]
 fn scenes_that_ask_for_more_stay_on_the_device() {
     let (Some(app), store) = (Application::new(), store()) else { return };
@@ -591,7 +591,7 @@ fn a_lost_device_is_the_applications_to_make_anew() {
     assert_eq!(anew.status.counters.decoded, settled.status.counters.decoded);
 }
 
-/// What goes wrong in a session's calls is their error, and not heard by the application's handler.
+/// Errors of a session's calls are returned, and never reach the application's handler.
 #[test]
 fn errors_are_the_calls_own() {
     let (Some(app), store) = (Application::new(), store()) else { return };

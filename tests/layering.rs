@@ -11,7 +11,7 @@ const ALLOWED: [(&str, &[&str]); 12] = [
     ("import", &["volume", "filemap"]),
     ("store", &["volume", "filemap", "import"]),
     ("pager", &["volume", "store"]),
-    ("shaders", &[]),
+    ("shaders", &["volume"]),
     ("render", &["volume", "pager", "shaders"]),
     ("software", &["volume", "pager"]),
     ("reference", &["volume"]),

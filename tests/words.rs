@@ -1,11 +1,12 @@
-//! Agreement of the words page and the code: the given names exist, and retired words are gone.
+//! Agreement of the words page and the code: the given names exist, and retired words are gone. Sentences are counted: clauses with *that* and
+//! *what* mark stilted English.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// All Rust and WGSL of the crates, shaders and whole-system tests.
 fn sources() -> Vec<(PathBuf, String)> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the workspace");
     let mut folders: Vec<PathBuf> = ["crates", "shaders", "tests", "benches"].map(|name| root.join(name)).into();
     let mut sources = Vec::new();
     while let Some(folder) = folders.pop() {
@@ -15,7 +16,7 @@ fn sources() -> Vec<(PathBuf, String)> {
                 folders.extend((!path.ends_with("target")).then_some(path));
             } else if path.extension().is_some_and(|kind| kind == "rs" || kind == "wgsl") {
                 let text = std::fs::read_to_string(&path).expect("source");
-                sources.push((path, text));
+                sources.push((path.strip_prefix(root).expect("within").to_owned(), text));
             }
         }
     }
@@ -70,4 +71,80 @@ fn says(line: &str, given_up: &str) -> bool {
     let said: Vec<&str> = lower.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty()).collect();
     let given_up: Vec<&str> = given_up.split(' ').collect();
     said.windows(given_up.len()).any(|window| window == given_up)
+}
+
+/// *that* and *what* allowed per 1,000 words. Well-written crates have 5 and 0.1.
+const MOST_THAT: f64 = 9.0;
+const MOST_WHAT: f64 = 1.5;
+
+/// Words of a text outside of code marks, and how many of them are *that* and *what*.
+fn count(text: &str) -> [usize; 3] {
+    let prose: String = text.split('`').step_by(2).collect();
+    let mut counts = [0; 3];
+    for word in words(&prose) {
+        counts[0] += 1;
+        counts[1] += usize::from(word.eq_ignore_ascii_case("that"));
+        counts[2] += usize::from(word.eq_ignore_ascii_case("what"));
+    }
+    counts
+}
+
+/// A remark on a text with these counts; `None` if its counts are within the limits.
+fn stilted(name: &str, [all, that, what]: [usize; 3]) -> Option<String> {
+    let per_1000 = |count: usize| 1e3 * count as f64 / all.max(1) as f64;
+    let (that, what) = (per_1000(that), per_1000(what));
+    (that > MOST_THAT || what > MOST_WHAT).then(|| format!("{name}: {that:.1} that, {what:.1} what per 1,000 words"))
+}
+
+/// Blocks of doc comments, without their code.
+fn doc_blocks(text: &str) -> Vec<String> {
+    let (mut blocks, mut is_code, mut is_open) = (Vec::<String>::new(), false, false);
+    for line in text.lines().map(str::trim_start) {
+        let doc = line.strip_prefix("///").or(line.strip_prefix("//!")).map(str::trim_start);
+        let Some(doc) = doc else {
+            (is_code, is_open) = (false, false);
+            continue;
+        };
+        is_code ^= doc.starts_with("```");
+        if !is_code && !doc.starts_with("```") {
+            match blocks.last_mut().filter(|_| is_open) {
+                Some(block) => block.extend([" ", doc]),
+                None => blocks.push(doc.to_owned()),
+            }
+            is_open = true;
+        }
+    }
+    blocks
+}
+
+#[test]
+fn doc_comments_open_with_a_noun_and_say_little_of_that_and_what() {
+    let (mut problems, mut by_crate) = (Vec::new(), BTreeMap::<PathBuf, [usize; 3]>::new());
+    for (path, text) in sources() {
+        let name: PathBuf = path.iter().take(if path.starts_with("crates") { 2 } else { 1 }).collect();
+        for block in doc_blocks(&text) {
+            let opens = block.split(' ').next().unwrap_or_default();
+            if ["What", "That"].contains(&opens) {
+                problems.push(format!("{}: {block}", path.display()));
+            }
+            let counts = by_crate.entry(name.clone()).or_default();
+            count(&block).iter().zip(counts).for_each(|(new, sum)| *sum += new);
+        }
+    }
+    assert!(by_crate.len() > 10, "{by_crate:?}");
+    problems.extend(by_crate.iter().filter_map(|(name, counts)| stilted(&name.to_string_lossy(), *counts)));
+    assert!(problems.is_empty(), "{problems:#?}");
+}
+
+#[test]
+fn the_guide_says_little_of_that_and_what() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/guide");
+    let mut problems = Vec::new();
+    for entry in std::fs::read_dir(folder).expect("the guide") {
+        let path = entry.expect("a page").path();
+        let text = std::fs::read_to_string(&path).expect("text");
+        let prose: String = text.split("```").step_by(2).collect();
+        problems.extend(stilted(&path.file_name().unwrap_or_default().to_string_lossy(), count(&prose)));
+    }
+    assert!(problems.is_empty(), "{problems:#?}");
 }

@@ -6,7 +6,9 @@
 //! calls.
 
 use crate::compose::Parts;
-use crate::{Curve, Filter, Light, Medium, Sampler, Surfaces, margin};
+use crate::{Medium, Sampler, Surfaces, margin};
+use brickyard_volume::sampling::Curve;
+use brickyard_volume::{Filter, LightingModel};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
@@ -113,7 +115,7 @@ impl JointVariant {
         match &self.expression {
             None => parts.file("part", "part_media").file("see", "see_media"),
             Some(expression) => {
-                let is_lit = self.medium.light != Light::Unlit;
+                let is_lit = self.medium.light != LightingModel::None;
                 let parts = parts.file("part", "part_value").file("see", "combine");
                 let parts = parts.file("value", if is_lit { "value_lit" } else { "value_unlit" });
                 parts.text("expression", expression.declarations(self.layers.len(), is_lit))
@@ -230,7 +232,7 @@ impl JointVariant {
     /// WGSL that sets the variables of the part `context` for a layer.
     fn settings(&self, layer: &LayerShader) -> String {
         let FirstPlaces { range, place, count } = layer.first;
-        let light = if layer.adds { Light::Unlit } else { self.medium.light };
+        let light = if layer.adds { LightingModel::None } else { self.medium.light };
         let flags = layer.flags();
         let flags: String = self.own_flags().map(|(bit, name)| format!("    {name} = {};\n", flags[bit])).collect();
         format!(
@@ -295,7 +297,7 @@ impl JointVariant {
                  read.are_valid[{i}] = has_value(way_#.value);\n    \
                  read.longest = max(read.longest, select(0.0, way_#.length, has_value(way_#.value)));\n"
             );
-            if self.medium.light != Light::Unlit {
+            if self.medium.light != LightingModel::None {
                 let _ = writeln!(lines, "    read.gradients[{i}] = way_#.gradient * {width:?}f;");
             }
             text.push_str(&self.of_layer(i, &lines));

@@ -88,8 +88,8 @@ pub struct FrameUniform {
     pub first_gradient: f32,
     /// Start of the entries over values and gradients, if any, in places (8 bytes) from the first of the layer's transfer table.
     pub grid_at: u32,
-    /// The first picture row of a dispatch of a compute shader, counted from the top.
-    pub first_row: u32,
+    /// The first pixel of a compute shader's dispatch: its column in the low 16 bits, its row from the top in the high ones.
+    pub first_px: u32,
     /// Adaptive sampling: the greatest difference between a part's two end values, as a share of the table, without splitting the part.
     pub adaptive_step: f32,
     /// 1 if the layer adds to others in projections, 0 if it mixes with them.

@@ -44,6 +44,8 @@ mod compose;
 mod joint;
 mod layout;
 
+use brickyard_volume::sampling::Curve;
+use brickyard_volume::{Filter, Gradient, LightingModel};
 use compose::Parts;
 pub use joint::{ExpressionShader, FirstPlaces, JointVariant, LayerShader};
 pub use layout::{CellBrick, CellInstance, FrameUniform, HALVES_X, LEAF, MeshLook, MeshVertex, NO_RANGES, RayBrick};
@@ -74,54 +76,6 @@ impl Gather {
     }
 }
 
-/// The field assumed by [`Gather::Composite`] along a segment.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Curve {
-    /// The value in the segment's middle, everywhere.
-    Middle,
-    /// A straight line between the values at the segment's ends.
-    Line,
-    /// A cubic curve through the values at the ends of the segment and of its neighbours.
-    Cubic,
-    /// The field itself, read in the middle of each part; more parts for a greater difference between the values at the segment's ends.
-    Field,
-}
-
-/// How colours are lit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Light {
-    /// No lighting: plain colours.
-    Unlit,
-    /// Phong's model: the reflection falls with the angle between the mirrored light and the eye.
-    Phong,
-    /// Blinn's model: the reflection falls with the angle between the normal and the half-way vector of light and eye.
-    BlinnPhong,
-    /// Tone shading: from warm where a place faces the light to cool where it is turned away.
-    Tone,
-}
-
-/// How the field is interpolated from voxels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Filter {
-    /// The value of the nearest voxel. Gradients are those of the trilinear field.
-    Nearest,
-    /// Linear between the eight voxels around a place.
-    Trilinear,
-    /// The cubic B-spline of the 64 voxels around a place.
-    Tricubic,
-}
-
-/// How the field's gradient is computed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Gradient {
-    /// Central differences of the filtered field, a voxel to each side: 6 samples.
-    Central,
-    /// The 3D Sobel operator on the filtered field's 26 neighbours.
-    Sobel,
-    /// Stored gradients, from a texture beside the atlas.
-    Stored,
-}
-
 /// Whether a composite shows isosurfaces, fog, or both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Surfaces {
@@ -144,7 +98,7 @@ pub struct Medium {
     /// segment. Unused by [`Curve::Middle`] and [`Curve::Field`].
     pub is_pre_integrated: bool,
     /// How the colours of fog and surfaces are lit. In unlit fog, surfaces are lit by Blinn's model.
-    pub light: Light,
+    pub light: LightingModel,
     /// How the field's gradient is computed.
     pub gradient: Gradient,
     /// Isosurfaces, fog, or both.
@@ -159,15 +113,15 @@ impl Medium {
         curve: Curve::Middle,
         parts: 1,
         is_pre_integrated: false,
-        light: Light::Unlit,
+        light: LightingModel::None,
         gradient: Gradient::Central,
         surfaces: Surfaces::None,
         has_grid: false,
     };
 
     /// How surfaces are lit: like the fog, or by Blinn's model if the fog is unlit.
-    fn surface_light(&self) -> Light {
-        if self.light == Light::Unlit { Light::BlinnPhong } else { self.light }
+    fn surface_light(&self) -> LightingModel {
+        if self.light == LightingModel::None { LightingModel::BlinnPhong } else { self.light }
     }
 
     fn constants(&self) -> String {
@@ -220,7 +174,7 @@ impl Variant {
 
     const fn is_plain(&self) -> bool {
         let Medium { curve, light, surfaces, has_grid, .. } = self.medium;
-        matches!((curve, light, surfaces), (Curve::Middle, Light::Unlit, Surfaces::None)) && !has_grid
+        matches!((curve, light, surfaces), (Curve::Middle, LightingModel::None, Surfaces::None)) && !has_grid
     }
 }
 
@@ -334,7 +288,7 @@ impl Variant {
             .file("boxes", boxes)
             .file("world", if self.is_placed { "axes" } else { "axes_own" })
             .file("limits", if self.has_meshes { "limits_slab" } else { "limits_none" })
-            .file("gradient", self.medium.gradient.file())
+            .file("gradient", gradient_file(self.medium.gradient))
             .file("pixel", pixel)
             .file("take", take)
     }
@@ -365,22 +319,12 @@ fn margin(filter: Filter) -> f32 {
     }
 }
 
-/// The reach of segments' boxes beyond them, in voxels of level 0.
-fn box_reach(filter: Filter) -> f32 {
-    match filter {
-        Filter::Nearest => 0.0,
-        Filter::Trilinear => 0.5,
-        Filter::Tricubic => 1.5,
-    }
-}
-
-impl Gradient {
-    fn file(self) -> &'static str {
-        match self {
-            Self::Central => "gradient_central",
-            Self::Sobel => "gradient_sobel",
-            Self::Stored => "gradient_stored",
-        }
+/// The file with a gradient's differences.
+fn gradient_file(gradient: Gradient) -> &'static str {
+    match gradient {
+        Gradient::Central => "gradient_central",
+        Gradient::Sobel => "gradient_sobel",
+        Gradient::Stored => "gradient_stored",
     }
 }
 
@@ -435,7 +379,7 @@ impl Sampler {
         format!(
             "//!import {nearest}\nconst BOX_REACH: f32 = {:?};\n\n\
              fn texel_value(texel: vec3f) -> f32 {{\n    return {nearest}(atlas_0, texel);\n}}\n",
-            box_reach(filter)
+            filter.farthest() as f32
         )
     }
 
@@ -550,7 +494,7 @@ mod tests {
     fn media() -> Vec<Medium> {
         let mut all = Vec::new();
         for curve in [Curve::Middle, Curve::Line, Curve::Cubic, Curve::Field] {
-            for light in [Light::Unlit, Light::Phong, Light::BlinnPhong, Light::Tone] {
+            for light in [LightingModel::None, LightingModel::Phong, LightingModel::BlinnPhong, LightingModel::Tone] {
                 for (is_pre_integrated, gradient) in [
                     (false, Gradient::Central),
                     (true, Gradient::Central),
@@ -662,26 +606,26 @@ mod tests {
 
     /// Shaders of the most layers, and of expressions over one, two and all layers; each behind a name for messages.
     fn joint_expressions() -> Vec<(String, String)> {
-        let of = |count: u32, expression: Option<(Light, ExpressionShader)>| {
-            let fog = Medium { curve: Curve::Cubic, light: Light::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN };
+        let of = |count: u32, expression: Option<(LightingModel, ExpressionShader)>| {
+            let fog = Medium { curve: Curve::Cubic, light: LightingModel::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN };
             let medium = expression.as_ref().map_or(fog, |(light, _)| Medium { light: *light, ..Medium::PLAIN });
             let layers = (0..count).map(|i| layer_shader(i, expression.is_none())).collect();
             let expression = expression.map(|(_, expression)| expression);
             let variant = JointVariant { medium, filter: Filter::Trilinear, has_meshes: false, layers, expression };
             (format!("raycast joint, {count} layers"), raycast_joint(&variant, Stage::Fragment, true))
         };
-        let expression = |light: Light, count: u32| {
+        let expression = |light: LightingModel, count: u32| {
             let expression = brickyard_volume::Expression::parse("sqrt(a * 2)", 1).unwrap();
             let wgsl = match light {
-                Light::Unlit => expression.wgsl(count as usize),
+                LightingModel::None => expression.wgsl(count as usize),
                 _ => expression.wgsl_with_gradient(count as usize),
             };
             let values = [(-1e-7f32).to_bits(), 1e20f32.to_bits()];
             Some((light, ExpressionShader { wgsl, first_place: 7, last_place: 65535, values }))
         };
         let most = brickyard_volume::MAX_VOLUMES as u32;
-        let (alone, all) = (expression(Light::Unlit, 1), expression(Light::Tone, most));
-        vec![of(most, None), of(1, alone), of(2, expression(Light::Phong, 2)), of(most, all)]
+        let (alone, all) = (expression(LightingModel::None, 1), expression(LightingModel::Tone, most));
+        vec![of(most, None), of(1, alone), of(2, expression(LightingModel::Phong, 2)), of(most, all)]
     }
 
     #[test]
@@ -693,7 +637,7 @@ mod tests {
     #[test]
     fn every_file_is_valid_by_itself() {
         use naga::valid::{Capabilities, ValidationFlags, Validator};
-        let lit = Medium { light: Light::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN };
+        let lit = Medium { light: LightingModel::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN };
         let single = [
             (plain(Gather::Composite, Medium::PLAIN), "sees_composite", "raycast_samples"),
             (plain(Gather::Composite, lit), "sees_surfaces", "raycast_medium"),
@@ -719,7 +663,7 @@ mod tests {
             companies.push(joint.parts().file("find", "find_cell"));
         }
         let read = brickyard_volume::Expression::parse("a", 1).unwrap();
-        for (light, wgsl) in [(Light::Unlit, read.wgsl(2)), (Light::Phong, read.wgsl_with_gradient(2))] {
+        for (light, wgsl) in [(LightingModel::None, read.wgsl(2)), (LightingModel::Phong, read.wgsl_with_gradient(2))] {
             let expression = Some(ExpressionShader { wgsl, first_place: 0, last_place: 1, values: [0, 0] });
             let joint = JointVariant { medium: Medium { light, ..Medium::PLAIN }, expression, ..joint.clone() };
             companies.push(joint.casting(COMPUTE, true));
@@ -733,16 +677,6 @@ mod tests {
             };
             let problems: Vec<_> = companies.iter().filter_map(|parts| check(parts).err()).collect();
             assert!(problems.len() < companies.len(), "{name}: {problems:#?}");
-        }
-    }
-
-    #[test]
-    fn boxes_reach_as_far_as_filters() {
-        use brickyard_volume::Filter as Twin;
-        for (filter, twin) in
-            [(Filter::Nearest, Twin::Nearest), (Filter::Trilinear, Twin::Trilinear), (Filter::Tricubic, Twin::Tricubic)]
-        {
-            assert_eq!(f64::from(box_reach(filter)), twin.farthest());
         }
     }
 
@@ -808,7 +742,7 @@ mod tests {
         let expected = offsets!(FrameUniform: eye step forward slack right half_width up half_height clip_x near clip_y
             pixel_share clip_w per_unit_distance extent last_code spacing orthographic texel invert background tree_depth
             size_px last_place sum_unit root_size macro_cells shown_low slot_edge shown_high lights surface_color
-            threshold lean jitter jitter_seed mesh_far gradient_edge first_gradient grid_at first_row adaptive_step adds
+            threshold lean jitter jitter_seed mesh_far gradient_edge first_gradient grid_at first_px adaptive_step adds
             opacity reach flat_depth grid thresholds
             surfaces light_places axes slopes zone_starts planes list_at flat spare first_slot per_slot farthest_slots gradient_scale
             plane_count jitter_phase slot_codes first_code last_entry counts_per_code caps threshold_code firsts);
@@ -836,7 +770,7 @@ mod tests {
     fn constants_are_those_of_the_shader() {
         assert_eq!(lighting::SPECULAR_POWER, 10, "the shaders multiply it out: `tenth_power`");
         let surface = plain(Gather::Isosurface, Medium::PLAIN);
-        let lit = plain(Gather::Composite, Medium { light: Light::Phong, ..Medium::PLAIN });
+        let lit = plain(Gather::Composite, Medium { light: LightingModel::Phong, ..Medium::PLAIN });
         let floats = Variant { is_float: true, has_invalid: true, ..lit };
         let foggy = plain(Gather::Composite, Medium { surfaces: Surfaces::InFog, ..Medium::PLAIN });
         let single = |value: f64| naga::Literal::F32(value as f32);
@@ -859,7 +793,7 @@ mod tests {
         let surface = parse("a surface", &raycast(&surface, COMPUTE, true));
         let expected = expected.map(|(name, value)| (&surface, name, value));
         let lit = parse("a lit composite", &raycast(&lit, COMPUTE, true));
-        let stored = Medium { light: Light::Phong, gradient: Gradient::Stored, ..Medium::PLAIN };
+        let stored = Medium { light: LightingModel::Phong, gradient: Gradient::Stored, ..Medium::PLAIN };
         let stored = parse("stored gradients", &raycast(&plain(Gather::Composite, stored), COMPUTE, true));
         let of_gradients = [("GRADIENT_SCALE", single(gradients::SCALE as f64))];
         let of_media = [

@@ -498,6 +498,7 @@ impl Session {
                 return Err(SessionError::Superseded);
             };
             fit.backend.draw_until(self.draw_until);
+            fit.backend.draw_within(frame.scene.layers[0].view.window);
             fit.backend.draw_on(self.painting.clone());
             match fit.draw(&frame.scene, tells) {
                 Ok(picture) => {

@@ -5,13 +5,13 @@ pub(crate) const OUTPUT: &str = "Output";
 /// The meaning of inputs.
 pub(crate) const INPUT: &str = "Input";
 /// Generated data.
-pub(crate) const MADE: &str = "What is made";
+pub(crate) const MADE: &str = "Made";
 /// The part of a store to read.
-pub(crate) const READ: &str = "What is read";
+pub(crate) const READ: &str = "Read";
 /// Measurements.
-pub(crate) const MEASURED: &str = "What is measured";
+pub(crate) const MEASURED: &str = "Measured";
 /// The visible part of the volumes.
-pub(crate) const PART: &str = "What is shown";
+pub(crate) const PART: &str = "Shown";
 pub(crate) const CAMERA: &str = "Camera";
 /// The look of volumes.
 pub(crate) const LOOK: &str = "Look";
@@ -22,11 +22,11 @@ pub(crate) const OVERLAYS: &str = "Overlays";
 #[cfg(feature = "viewer")]
 pub(crate) const WINDOW: &str = "Window";
 /// The backend and its limits.
-pub(crate) const DRAWING: &str = "Drawing, memory and time";
+pub(crate) const DRAWING: &str = "Drawing";
 /// Files without a header.
-pub(crate) const RAW: &str = "Raw input";
+pub(crate) const RAW: &str = "Raw";
 /// A store's layout.
 pub(crate) const STORE: &str = "Store";
 /// The work's limits and files.
 pub(crate) const WORK: &str = "Work";
-pub(crate) const ALL: &str = "All commands";
+pub(crate) const ALL: &str = "Everywhere";

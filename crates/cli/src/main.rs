@@ -15,6 +15,7 @@ mod examples;
 mod export;
 mod failure;
 mod heading;
+mod help;
 #[cfg(test)]
 mod help_tests;
 mod info;
@@ -129,6 +130,12 @@ fn main() -> ExitCode {
         // SAFETY: no other thread that could read the environment exists yet.
         unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     }
+    let words: Vec<_> = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+    match help::print(&words) {
+        Ok(true) => return ExitCode::SUCCESS,
+        Ok(false) => {}
+        Err(failure) => return failed(&failure),
+    }
     let arguments = Arguments::parse();
     if arguments.quiet {
         say::be_quiet();
@@ -139,12 +146,14 @@ fn main() -> ExitCode {
     }
     match run(arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => {
-            // Without a reader, the code still reports it.
-            say::error(format_args!("error: {}", failure.message));
-            ExitCode::from(failure.kind as u8)
-        }
+        Err(failure) => failed(&failure),
     }
+}
+
+fn failed(failure: &Failure) -> ExitCode {
+    // Without a reader, the code still reports it.
+    say::error(format_args!("error: {}", failure.message));
+    ExitCode::from(failure.kind as u8)
 }
 
 /// Makes writes past the limit of file sizes (`ulimit -f`) fail like on a full disk; otherwise the system's signal

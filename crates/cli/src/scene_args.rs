@@ -48,12 +48,12 @@ pub(crate) struct SceneArguments {
     /// Two eyes, as one picture of the same size
     #[arg(help_heading = heading::CAMERA, long, value_parser = STEREO_LAYOUTS, value_name = "LAYOUT")]
     stereo: Option<StereoLayout>,
-    /// Distance between the eyes, world units [default: 1/30 of the convergence distance]
-    #[arg(help_heading = heading::CAMERA, long, value_name = "W", allow_hyphen_values = true)]
-    eye_separation: Option<f64>,
-    /// Distance of objects that appear at the screen, world units [default: the target's]
-    #[arg(help_heading = heading::CAMERA, long, value_name = "W", allow_hyphen_values = true)]
-    convergence: Option<f64>,
+    /// Moved to the scene file
+    #[arg(long, hide = true, value_name = "W", allow_hyphen_values = true)]
+    eye_separation: Option<String>,
+    /// Moved to the scene file
+    #[arg(long, hide = true, value_name = "W", allow_hyphen_values = true)]
+    convergence: Option<String>,
     /// How samples become a pixel [default: dvr; average for slices]
     #[arg(help_heading = heading::LOOK, long, value_parser = MODES)]
     mode: Option<Mode>,
@@ -295,18 +295,16 @@ impl SceneArguments {
     }
 
     fn stereo(&self, from_file: Option<Stereo>) -> Result<Option<Stereo>, Failure> {
-        let mut stereo = from_file;
-        if let Some(layout) = self.stereo {
-            stereo = Some(Stereo { layout, ..stereo.unwrap_or(Stereo::new(layout)) });
+        let moved = [("eye_separation", &self.eye_separation), ("convergence", &self.convergence)];
+        let named = |layout: &StereoLayout| STEREO_LAYOUTS.0.iter().find(|(_, value, _)| value == layout);
+        let layout = self.stereo.as_ref().and_then(named).map_or("side-by-side", |(name, ..)| name);
+        for (field, value) in moved.into_iter().filter_map(|(field, value)| Some((field, value.as_ref()?))) {
+            let flag = field.replace('_', "-");
+            let line = format!(r#"{{"stereo": {{"layout": "{layout}", "{field}": {value}}}}}"#);
+            return Err(Failure::usage(format!("--{flag} is in the scene file now: give --scene FILE with {line}")));
         }
-        if let Some(stereo) = &mut stereo {
-            stereo.eye_separation = self.eye_separation.or(stereo.eye_separation);
-            stereo.convergence = self.convergence.or(stereo.convergence);
-        } else if self.eye_separation.is_some() || self.convergence.is_some() {
-            let problem = "--eye-separation and --convergence are for two eyes: add --stereo";
-            return Err(Failure::usage(problem));
-        }
-        Ok(stereo)
+        let flag = self.stereo.map(|layout| Stereo { layout, ..from_file.unwrap_or(Stereo::new(layout)) });
+        Ok(flag.or(from_file))
     }
 
     fn camera(&self, scene: &Scene, places: &[VolumePlace], size_px: (u32, u32)) -> Result<Camera, Failure> {

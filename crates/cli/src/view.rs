@@ -22,7 +22,7 @@ use brickyard::store::Kind;
 use brickyard::text_file::read_text;
 use brickyard_viewer::{Openings, Script, WindowOptions};
 use clap::parser::ValueSource;
-use clap::{ArgMatches, Args, Command, FromArgMatches, Id};
+use clap::{ArgMatches, Args, Command, FromArgMatches};
 use std::cell::Cell;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -78,42 +78,6 @@ pub(crate) struct ViewArguments {
     stats: Option<PathBuf>,
 }
 
-/// The flags without effect on the scene.
-const OTHER_FLAGS: [&str; 31] = [
-    "ViewArguments",
-    "InputArguments",
-    "stores",
-    "store",
-    "kind",
-    "size",
-    "backend",
-    "gpu_memory",
-    "host_memory",
-    "threads",
-    "verbose",
-    "quiet",
-    "fresh",
-    "script",
-    "screenshot",
-    "stats",
-    // Properties missing in files.
-    "shape",
-    "dtype",
-    "endian",
-    "offset",
-    "axes",
-    "times",
-    "channels",
-    "order",
-    "gaps",
-    "spacing",
-    "origin",
-    "unit",
-    "nodata",
-    "allow_lossy",
-    "scratch",
-];
-
 /// The arguments of `view`, and whether any of them affects the scene.
 pub(crate) struct ViewCommand {
     arguments: ViewArguments,
@@ -141,10 +105,11 @@ impl Args for ViewCommand {
     }
 }
 
-/// Whether any flag affects the scene. Such a window does not restore the last one.
+/// Whether any flag of the scene is given. Such a window does not restore the last one.
 fn has_scene(matches: &ArgMatches) -> bool {
-    let given = matches.ids().map(Id::as_str).filter(|id| matches.value_source(id) == Some(ValueSource::CommandLine));
-    given.into_iter().any(|id| !OTHER_FLAGS.contains(&id))
+    let flags = SamplingArguments::augment_args(SceneArguments::augment_args(Command::new("scene")));
+    let mut ids = flags.get_arguments().map(|flag| flag.get_id().as_str());
+    ids.any(|id| matches.value_source(id) == Some(ValueSource::CommandLine))
 }
 
 /// Runs `view`.

@@ -165,7 +165,7 @@ pub(crate) fn frame_uniform(
         gradient_edge: atlas.nodes.along() as f32,
         first_gradient: apron as f32 + atlas.nodes.first(),
         grid_at: table.grid_at,
-        first_row: 0,
+        first_px: 0,
         adaptive_step: frame.table.adaptive_step() as f32,
         adds: (blend == Blend::Add) as u32 as f32,
         opacity: opacity as f32,

@@ -19,7 +19,7 @@ use crate::transfer_table::{self, COMBINED, Places};
 use crate::variant::Shader;
 use brickyard_pager::{DrawList, Layer, Slot};
 use brickyard_shaders::{Seen, Shown};
-use brickyard_volume::{Blend, Combination, FrameSettings, Picture, Placement, Pyramid};
+use brickyard_volume::{Blend, Combination, FrameSettings, Picture, PixelRect, Placement, Pyramid};
 use std::ops::Range;
 use std::time::Instant;
 
@@ -29,7 +29,9 @@ pub struct Passes<'a> {
     renderer: &'a mut GpuRenderer,
     framed: Vec<Framed<'a>>,
     course: Course,
-    rows: Range<u32>,
+    /// The drawn pixels, and whether the picture begins with them.
+    rect: PixelRect,
+    is_first: bool,
     start: Instant,
     /// Number of the slab's lists drawn so far, and of the cells in each layer's last list.
     lists: u32,
@@ -76,7 +78,10 @@ impl GpuRenderer {
     ) -> Result<Passes<'a>, GpuError> {
         let draws: Vec<&DrawList> = layers.iter().map(|layer| layer.draw).collect();
         let mut passes = self.begin(layers.iter().map(Framed::of).collect(), combination, waits)?;
-        passes.rows = rows.unwrap_or(passes.rows.clone());
+        if let Some(rows) = rows {
+            passes.is_first = rows.start == 0;
+            (passes.rect.y0, passes.rect.y1) = (rows.start, rows.end);
+        }
         loop {
             passes.draw_all(&draws)?;
             if !passes.next_slab()? {
@@ -141,8 +146,8 @@ impl GpuRenderer {
         self.visibility = None;
         let next = self.first_peeled(framed[0].settings, waits)?;
         let cells = vec![0; framed.len()];
-        let rows = 0..framed[0].settings.rays.height;
-        Ok(Passes { renderer: self, framed, course, rows, start, lists: 0, cells, slabs: 0, next, waits })
+        let rect = self.window.filter(|_| waits).unwrap_or(framed[0].settings.rays.whole());
+        Ok(Passes { renderer: self, framed, course, rect, is_first: true, start, lists: 0, cells, slabs: 0, next, waits })
     }
 
     fn course(&self, framed: &[Framed<'_>], combination: Option<&Combination>) -> Result<Course, GpuError> {
@@ -336,8 +341,7 @@ impl Passes<'_> {
         let pipeline = self.resolve(seen, shown)?;
         let Some([mixed, emission]) = &targets.sums else { return Err(no_target()) };
         let bindings = shared.resolve_bindings(gpu, &layouts.resolve, &self.layer(projected.layer).parts, targets);
-        let Range { start, end } = self.rows.clone();
-        let is_begin = is_first && start == 0;
+        let is_begin = is_first && self.is_first;
         let load = if is_begin { wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT) } else { wgpu::LoadOp::Load };
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         {
@@ -346,7 +350,8 @@ impl Passes<'_> {
                 color_attachments: &[attachment(mixed, load), attachment(emission, load)],
                 ..Default::default()
             });
-            pass.set_scissor_rect(0, start, targets.width_px, end - start);
+            let PixelRect { x0, x1, y0, y1 } = self.rect;
+            pass.set_scissor_rect(x0, y0, x1 - x0, y1 - y0);
             draw_over_all(&mut pass, pipeline, &bindings);
         }
         gpu.queue.submit([encoder.finish()]);
@@ -360,8 +365,8 @@ impl Passes<'_> {
         Ok(Gathering {
             shared,
             target: &targets.gathered,
-            size_px: (targets.width_px, targets.height_px),
-            rows: self.rows.clone(),
+            rect: self.rect,
+            clears: self.is_first,
             limits: peeled.as_ref().filter(|_| self.has_meshes()).map(Peeled::limits),
             is_begin: self.slabs == 0 && i == 0,
             frame: self.frame_part(i),
@@ -434,12 +439,12 @@ impl Passes<'_> {
         }
         let mut encoder = self.renderer.gpu.device.create_command_encoder(&Default::default());
         self.resolve_all(&mut encoder)?;
-        let (marked, peeled) = (self.marked_cells(), self.peeled());
+        let (marked, peeled, rect) = (self.marked_cells(), self.peeled(), self.shown_rect());
         let GpuRenderer { gpu, shared, targets: Some(targets), meshes, march, answers, .. } = &mut *self.renderer
         else {
             return Err(no_target());
         };
-        let pixels = if wants_pixels { targets.copy_back(&mut encoder) } else { None };
+        let pixels = if wants_pixels { targets.copy_back(&mut encoder, rect.y0..rect.y1) } else { None };
         let sheet = answers.take_sheet();
         if let Some(sheet) = &sheet {
             shared.take_timestamps(&mut encoder, sheet);
@@ -456,27 +461,39 @@ impl Passes<'_> {
         }
         if let Some(sheet) = sheet {
             // The time between separately drawn rows is not theirs.
-            let is_timed = self.rows.start == 0;
+            let is_timed = self.is_first;
             answers.ask(Question { picture, marked, peeled, is_timed }, sheet);
         }
-        Ok(End { submission, reading: pixels.map(|buffer| targets.reading(buffer)), is_asked })
+        Ok(End { submission, reading: pixels.map(|buffer| targets.reading(buffer, rect.y0..rect.y1)), is_asked })
     }
 
     /// Queues the pass from the gathered samples, or from all slabs, to display colours.
     fn resolve_all(&self, encoder: &mut wgpu::CommandEncoder) -> Result<(), GpuError> {
         let GpuRenderer { shared, meshes, peeled, .. } = &*self.renderer;
-        let targets = self.targets()?;
+        let (targets, PixelRect { x0, x1, y0, y1 }) = (self.targets()?, self.shown_rect());
+        let cut = |pass: &mut wgpu::RenderPass<'_>| pass.set_scissor_rect(x0, y0, x1 - x0, y1 - y0);
         match (meshes, peeled) {
             (Some(meshes), Some(peeled)) if self.has_meshes() => {
-                shared.resolve(encoder, targets, |pass| meshes.show(pass, peeled));
+                shared.resolve(encoder, targets, |pass| {
+                    cut(pass);
+                    meshes.show(pass, peeled);
+                });
             }
             _ => {
                 let (pipeline, bindings) =
                     (self.resolve(self.course.seen(), Shown::Picture)?, self.resolve_bindings()?);
-                shared.resolve(encoder, targets, |pass| draw_over_all(pass, pipeline, &bindings));
+                shared.resolve(encoder, targets, |pass| {
+                    cut(pass);
+                    draw_over_all(pass, pipeline, &bindings);
+                });
             }
         }
         Ok(())
+    }
+
+    /// The pixels of the finished picture.
+    fn shown_rect(&self) -> PixelRect {
+        self.renderer.window.filter(|_| self.waits).unwrap_or(self.framed[0].settings.rays.whole())
     }
 
     /// The picture's layers and the number of marked cells of each, if cells are marked.

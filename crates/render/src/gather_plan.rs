@@ -11,7 +11,7 @@ use crate::layer::{GpuLayer, value_bits};
 use crate::pipelines::Wanted;
 use crate::pool::Pool;
 use crate::transfer_table::{COMBINED, last_place};
-use crate::variant::{Shader, filter_of, gather_of, medium_of, variant_of};
+use crate::variant::{Shader, gather_of, medium_of, variant_of};
 use brickyard_shaders::{ExpressionShader, Gather, JointVariant, Seen, Shown, Variant};
 use brickyard_volume::{Blend, Combination, Method, Mode};
 
@@ -177,7 +177,7 @@ fn joint(
             framed.iter().any(|framed| !framed.settings.surfaces.is_empty()),
             framed.iter().any(|framed| framed.settings.grid().is_some()),
         ),
-        filter: filter_of(settings.sampling),
+        filter: settings.sampling.filter,
         has_meshes: !settings.meshes.is_empty(),
         layers: framed.iter().map(shader).collect(),
         expression,

@@ -10,7 +10,7 @@ use crate::pipelines::{Pipeline, TEXELS_GROUP};
 use crate::pool::Pool;
 use crate::targets::Targets;
 use brickyard_shaders::{FrameUniform, WORKGROUP_PX, bindings};
-use std::ops::Range;
+use brickyard_volume::PixelRect;
 use wgpu::BindingResource;
 
 impl SharedBuffers {
@@ -141,8 +141,10 @@ pub(crate) struct Band {
 pub(crate) struct Gathering<'a> {
     pub(crate) shared: &'a SharedBuffers,
     pub(crate) target: &'a wgpu::TextureView,
-    pub(crate) size_px: (u32, u32),
-    pub(crate) rows: Range<u32>,
+    /// The drawn pixels.
+    pub(crate) rect: PixelRect,
+    /// Whether the first band clears the target.
+    pub(crate) clears: bool,
     /// The bind group that limits the march to a slab between meshes; `None` without meshes.
     pub(crate) limits: Option<&'a wgpu::BindGroup>,
     /// Whether this is the picture's first march, where its GPU time begins.
@@ -166,12 +168,12 @@ impl Gathering<'_> {
         bindings: &wgpu::BindGroup,
         layers: u32,
     ) -> Result<(), GpuError> {
-        let width = self.size_px.0;
-        let most = (PIXELS_PER_SUBMISSION / layers / width).max(1);
+        let PixelRect { x0, x1, .. } = self.rect;
+        let most = (PIXELS_PER_SUBMISSION / layers / (x1 - x0).max(1)).max(1);
         match pipeline {
             Pipeline::Render(pipeline) => self.by_rows(gpu, (most, 1), |band| {
                 self.draw(gpu, pipeline, bindings, band.is_first, |pass| {
-                    pass.set_scissor_rect(0, band.top, width, band.rows);
+                    pass.set_scissor_rect(x0, band.top, x1 - x0, band.rows);
                     pass.draw(0..3, 0..1);
                 })
             }),
@@ -193,7 +195,8 @@ impl Gathering<'_> {
         (most, unit): (u32, u32),
         mut submit: impl FnMut(Band) -> wgpu::SubmissionIndex,
     ) -> Result<(), GpuError> {
-        let (width, Range { start, end }) = (self.size_px.0, self.rows.clone());
+        let PixelRect { x0, x1, y0: start, y1: end } = self.rect;
+        let width = (x1 - x0).max(1);
         let is_whole = u64::from(self.pace.pixels(self.reads)) >= u64::from(width) * u64::from(end - start);
         let middle = if is_whole { start } else { start + (end - start) / 2 / unit * unit };
         let (mut above, mut below) = (middle, middle);
@@ -202,7 +205,7 @@ impl Gathering<'_> {
             let rows = (self.pace.pixels(self.reads) / width).min(most) / unit;
             let rows = (rows.max(1) * unit).min(if is_below { end - below } else { above - start });
             // Rows further down continue a picture already begun.
-            let is_first = start == 0 && (above, below) == (middle, middle);
+            let is_first = self.clears && (above, below) == (middle, middle);
             let top = if is_below { below } else { above - rows };
             self.pace.submitted(gpu, submit(Band { top, rows, is_first }), rows * width)?;
             if is_below { below += rows } else { above = top }
@@ -217,8 +220,9 @@ impl Gathering<'_> {
         bindings: &wgpu::BindGroup,
         band: &Band,
     ) -> wgpu::SubmissionIndex {
-        let at = self.frame.at + std::mem::offset_of!(FrameUniform, first_row) as u64;
-        gpu.queue.write_buffer(&self.shared.frame, at, bytemuck::bytes_of(&band.top));
+        let at = self.frame.at + std::mem::offset_of!(FrameUniform, first_px) as u64;
+        let PixelRect { x0, x1, .. } = self.rect;
+        gpu.queue.write_buffer(&self.shared.frame, at, bytemuck::bytes_of(&(x0 | band.top << 16)));
         let texels = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("texels"),
             layout: &pipeline.get_bind_group_layout(TEXELS_GROUP),
@@ -241,7 +245,7 @@ impl Gathering<'_> {
                 pass.set_bind_group(1, limits, &[]);
             }
             pass.set_bind_group(TEXELS_GROUP, &texels, &[]);
-            pass.dispatch_workgroups(self.size_px.0.div_ceil(WORKGROUP_PX), band.rows.div_ceil(WORKGROUP_PX), 1);
+            pass.dispatch_workgroups((x1 - x0).div_ceil(WORKGROUP_PX), band.rows.div_ceil(WORKGROUP_PX), 1);
         }
         gpu.queue.submit([encoder.finish()])
     }

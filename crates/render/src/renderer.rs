@@ -28,7 +28,7 @@ use crate::sorted::Sorted;
 use crate::targets::{Reading, Targets};
 use brickyard_pager::{Slot, VolumeNeeds, pools};
 use brickyard_shaders::Gather;
-use brickyard_volume::{MAX_VOLUMES, TransferTable};
+use brickyard_volume::{MAX_VOLUMES, PixelRect, TransferTable};
 use std::time::Instant;
 
 /// Set-up of the GPU backend.
@@ -71,6 +71,8 @@ pub struct GpuRenderer {
     /// Whether the targets came from another renderer, with its last shown picture.
     keeps_picture: bool,
     pub(crate) pace: Pace,
+    /// The drawn part of pictures that are waited for; `None` for all of it.
+    pub(crate) window: Option<PixelRect>,
     /// The meshes' buffers and pipelines; `None` without meshes.
     pub(crate) meshes: Option<Meshes>,
     /// The additional targets of pictures with meshes; `None` without.
@@ -304,6 +306,7 @@ impl GpuRenderer {
             targets: Some(targets),
             keeps_picture,
             pace: Pace::new(),
+            window: None,
             meshes,
             peeled,
             blit,
@@ -357,6 +360,11 @@ impl GpuRenderer {
         if self.pace.until() != until {
             self.pace.restart(until);
         }
+    }
+
+    /// Draws from now on only these pixels of rendered pictures; others may have any colour. `None` draws all.
+    pub fn draw_within(&mut self, window: Option<PixelRect>) {
+        self.window = window;
     }
 
     /// Whether the renderer shows the last picture of its predecessor on the device until it draws one of its own.

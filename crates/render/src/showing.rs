@@ -95,9 +95,10 @@ impl GpuRenderer {
             let Self { gpu, targets, reading, .. } = self;
             let Some(targets) = targets.as_mut().filter(|_| reading.is_none()) else { return Ok(false) };
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
-            let Some(buffer) = targets.copy_back(&mut encoder) else { return Ok(false) };
+            let rows = 0..targets.height_px;
+            let Some(buffer) = targets.copy_back(&mut encoder, rows.clone()) else { return Ok(false) };
             gpu.queue.submit([encoder.finish()]);
-            *reading = Some(targets.reading(buffer));
+            *reading = Some(targets.reading(buffer, rows));
             gpu.check().map(|()| true)
         })
     }

@@ -15,7 +15,7 @@ use crate::memory::CELLS_PER_SUBMISSION;
 use crate::pool::Pool;
 use brickyard_pager::{DrawCell, DrawList, PixelShare};
 use brickyard_shaders::{CellBrick, CellInstance, bindings};
-use brickyard_volume::Pyramid;
+use brickyard_volume::{PixelRect, Pyramid};
 use wgpu::BufferUsages;
 
 /// The buffers and bindings, with cells and bricks rewritten for every submission.
@@ -136,10 +136,10 @@ impl Sorted {
             let bricks = boxes.bricks.chunks(most * layers.max(1)).nth(chunk).unwrap_or(&[]);
             gpu.queue.write_buffer(&self.cells, 0, bytemuck::cast_slice(cells));
             gpu.queue.write_buffer(&self.bricks, 0, bytemuck::cast_slice(bricks));
-            let (width, height) = gathering.size_px;
-            gathering.by_rows(gpu, (height, 1), |band| {
+            let PixelRect { x0, x1, y0, y1 } = gathering.rect;
+            gathering.by_rows(gpu, (y1 - y0, 1), |band| {
                 gathering.draw(gpu, pipeline, bindings, is_first && chunk == 0 && band.is_first, |pass| {
-                    pass.set_scissor_rect(0, band.top, width, band.rows);
+                    pass.set_scissor_rect(x0, band.top, x1 - x0, band.rows);
                     pass.draw(0..14, 0..cells.len() as u32);
                 })
             })?;

@@ -9,6 +9,7 @@ use crate::memory::read_back_row_bytes;
 use crate::pipelines::{DISPLAY_FORMAT, gather_format};
 use brickyard_shaders::Gather;
 use brickyard_volume::Picture;
+use std::ops::Range;
 use wgpu::{Extent3d, TextureFormat, TextureUsages};
 
 #[derive(Debug)]
@@ -31,6 +32,8 @@ pub(crate) struct Reading {
     mapping: Mapping,
     width_px: u32,
     height_px: u32,
+    /// The rows on their way; others are black.
+    rows: Range<u32>,
 }
 
 impl Targets {
@@ -92,24 +95,30 @@ impl Targets {
         self.width_px <= width_px && self.height_px <= height_px
     }
 
-    /// Queues the copy of the display picture to a CPU-readable buffer, and returns the buffer. `None` while an earlier
+    /// Queues the copy of some rows of the display picture to a CPU-readable buffer, and returns the buffer. `None` while an earlier
     /// picture is on its way.
-    pub(crate) fn copy_back(&mut self, encoder: &mut wgpu::CommandEncoder) -> Option<wgpu::Buffer> {
+    pub(crate) fn copy_back(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        rows: Range<u32>,
+    ) -> Option<wgpu::Buffer> {
         let buffer = self.read_back.take()?;
         let layout = wgpu::TexelCopyBufferLayout {
             offset: 0,
             bytes_per_row: Some(read_back_row_bytes(self.width_px) as u32),
             rows_per_image: None,
         };
-        let size = Extent3d { width: self.width_px, height: self.height_px, depth_or_array_layers: 1 };
+        let size = Extent3d { width: self.width_px, height: rows.end - rows.start, depth_or_array_layers: 1 };
         let destination = wgpu::TexelCopyBufferInfo { buffer: &buffer, layout };
-        encoder.copy_texture_to_buffer(self.display.as_image_copy(), destination, size);
+        let origin = wgpu::Origin3d { y: rows.start, ..Default::default() };
+        let source = wgpu::TexelCopyTextureInfo { origin, ..self.display.as_image_copy() };
+        encoder.copy_texture_to_buffer(source, destination, size);
         Some(buffer)
     }
 
     /// Starts bringing a picture to the CPU. The last submission must be the one that copies the picture into `buffer`.
-    pub(crate) fn reading(&self, buffer: wgpu::Buffer) -> Reading {
-        Reading { mapping: Mapping::begin(buffer), width_px: self.width_px, height_px: self.height_px }
+    pub(crate) fn reading(&self, buffer: wgpu::Buffer, rows: Range<u32>) -> Reading {
+        Reading { mapping: Mapping::begin(buffer), width_px: self.width_px, height_px: self.height_px, rows }
     }
 
     /// Takes a picture that has reached the CPU, and keeps its buffer for the next one.
@@ -117,11 +126,14 @@ impl Targets {
     /// # Errors
     /// If the picture has not arrived yet, or the device is lost.
     pub(crate) fn take(&mut self, gpu: &Gpu, reading: Reading) -> Result<Picture, GpuError> {
-        let Reading { mapping, width_px, height_px } = reading;
-        let (rgb, buffer) = mapping.read(gpu, |rows| {
-            let rows = rows.chunks_exact(read_back_row_bytes(width_px) as usize);
-            let pixels = rows.flat_map(|row| row[..width_px as usize * 4].chunks_exact(4));
-            pixels.map(|p| [p[0], p[1], p[2]]).collect()
+        let Reading { mapping, width_px, height_px, rows } = reading;
+        let width = width_px as usize;
+        let mut rgb = vec![[0; 3]; width * height_px as usize];
+        let copied = &mut rgb[rows.start as usize * width..rows.end as usize * width];
+        let ((), buffer) = mapping.read(gpu, |bytes| {
+            let rows = bytes.chunks_exact(read_back_row_bytes(width_px) as usize);
+            let pixels = rows.flat_map(|row| row[..width * 4].chunks_exact(4));
+            copied.iter_mut().zip(pixels).for_each(|(to, p)| *to = [p[0], p[1], p[2]]);
         })?;
         if (width_px, height_px) == (self.width_px, self.height_px) {
             self.read_back = Some(buffer);

@@ -1,10 +1,8 @@
 //! The shaders needed for a frame: the settings fixed when a pipeline is made.
 
 use crate::frame::Framed;
-use brickyard_shaders::{Curve, Gather, JointVariant, Light, Medium, Surfaces, Variant};
-use brickyard_volume::{
-    Filter, FrameSettings, Gradient, Lighting, LightingModel, Mode, Sampling, SlotEncoding, SlotFormat, sampling,
-};
+use brickyard_shaders::{Gather, JointVariant, Medium, Surfaces, Variant};
+use brickyard_volume::{FrameSettings, Gradient, LightingModel, Mode, Sampling, SlotEncoding, SlotFormat};
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Shader {
@@ -35,53 +33,21 @@ pub(crate) fn gather_of(frame: &FrameSettings) -> Gather {
 /// isosurfaces; `has_grid`: whether transfer functions depend on gradients.
 pub(crate) fn medium_of(frame: &FrameSettings, sampling: Sampling, has_surfaces: bool, has_grid: bool) -> Medium {
     let method = sampling.method;
-    let curve = match method.curve() {
-        sampling::Curve::Middle => Curve::Middle,
-        sampling::Curve::Line => Curve::Line,
-        sampling::Curve::Cubic => Curve::Cubic,
-        sampling::Curve::Field => Curve::Field,
-    };
-    let light = light_of(&frame.lighting);
+    let (curve, light) = (method.curve(), frame.lighting.model);
     let surfaces = match frame.mode {
         Mode::Isosurface => Surfaces::Alone,
         _ if has_surfaces => Surfaces::InFog,
         _ => Surfaces::None,
     };
     // Without a use for gradients, all kinds of gradient share one variant.
-    let has_gradients = light != Light::Unlit || surfaces != Surfaces::None || has_grid;
-    let gradient = gradient_of(&frame.lighting, has_gradients);
+    let has_gradients = light != LightingModel::None || surfaces != Surfaces::None || has_grid;
+    let gradient = if has_gradients { frame.lighting.gradient } else { Gradient::Central };
     if surfaces == Surfaces::Alone {
         // Without fog, methods share one too.
         return Medium { light, gradient, surfaces, ..Medium::PLAIN };
     }
     let (parts, is_pre_integrated) = (sampling.parts(0.0) as u32, method.is_pre_integrated());
     Medium { curve, parts, is_pre_integrated, light, gradient, surfaces, has_grid }
-}
-
-fn light_of(lighting: &Lighting) -> Light {
-    match lighting.model {
-        LightingModel::None => Light::Unlit,
-        LightingModel::Phong => Light::Phong,
-        LightingModel::BlinnPhong => Light::BlinnPhong,
-        LightingModel::Tone => Light::Tone,
-    }
-}
-
-/// The gradient method; the same for all if unused.
-fn gradient_of(lighting: &Lighting, is_lit: bool) -> brickyard_shaders::Gradient {
-    match lighting.gradient {
-        Gradient::Sobel if is_lit => brickyard_shaders::Gradient::Sobel,
-        Gradient::Stored if is_lit => brickyard_shaders::Gradient::Stored,
-        _ => brickyard_shaders::Gradient::Central,
-    }
-}
-
-pub(crate) fn filter_of(sampling: Sampling) -> brickyard_shaders::Filter {
-    match sampling.filter {
-        Filter::Nearest => brickyard_shaders::Filter::Nearest,
-        Filter::Trilinear => brickyard_shaders::Filter::Trilinear,
-        Filter::Tricubic => brickyard_shaders::Filter::Tricubic,
-    }
 }
 
 pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
@@ -99,7 +65,7 @@ pub(crate) fn variant_of(framed: &Framed<'_>) -> Variant {
         is_labels,
         is_float: format == SlotFormat::F32,
         is_narrow: !frame.encoding.has_whole_table(),
-        filter: filter_of(frame.sampling),
+        filter: frame.sampling.filter,
         medium,
         has_meshes,
         is_placed: !frame.placement.is_identity(),

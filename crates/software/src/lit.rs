@@ -4,7 +4,7 @@
 //! reached by light are lit.
 
 use crate::frame::Frame;
-use crate::modes::{Accumulate, Dvr};
+use crate::modes::Dvr;
 use crate::packet::{CHUNK, LANES, PACKETS, Packet};
 use crate::ray::{FAINTEST, Ray};
 #[cfg(target_arch = "x86_64")]
@@ -16,9 +16,7 @@ use brickyard_volume::{Filter, Method, Mode};
 use glam::Vec4;
 use std::ops::Range;
 
-/// The mode of emission and absorption, lit: a ray's sum is premultiplied colour and transmittance.
-pub(crate) struct LitDvr;
-
+/// Whether this file lights a frame's pictures.
 pub(crate) fn is_lit_plainly(frame: &Frame<'_>) -> bool {
     let settings = frame.settings;
     let is_plain = settings.mode == Mode::Dvr && settings.method() == Method::Udvr && settings.surfaces.is_empty();
@@ -26,39 +24,25 @@ pub(crate) fn is_lit_plainly(frame: &Frame<'_>) -> bool {
     frame.is_lit && is_plain && is_trilinear && frame.grid.is_none()
 }
 
-impl Accumulate for LitDvr {
-    const START: Vec4 = Vec4::W;
-    const FRONT_TO_BACK: bool = true;
-    const OCCLUDES: bool = true;
-
-    #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
-        march: &March<'_>,
-        stretch: &Stretch,
-        ray: &mut Ray,
-        chunk: &mut SampleChunk,
-        segments: Range<i32>,
-    ) {
-        let March { frame, brick, .. } = march;
-        let mut done = segments.start;
-        while done < segments.end && ray.sum.w >= FAINTEST {
-            stretch.place_samples::<INVALID>(frame, ray, chunk, done..segments.end);
-            brick.read::<C, U, INVALID>(frame.reading, stretch.origin, stretch.step, chunk);
-            let shows = Dvr::classify::<C>(frame, chunk);
-            if shows != 0 {
-                ray.sum = see::<C, U, INVALID>(march, stretch, ray, chunk, shows);
-            }
-            done += CHUNK as i32;
+/// Adds some segments of a stretch to the ray's sum, or fewer if nothing behind those is visible.
+#[inline(always)]
+pub(crate) fn take<C: Code, U: Unit, const INVALID: bool>(
+    march: &March<'_>,
+    stretch: &Stretch,
+    ray: &mut Ray,
+    chunk: &mut SampleChunk,
+    segments: Range<i32>,
+) {
+    let March { frame, brick, .. } = march;
+    let mut done = segments.start;
+    while done < segments.end && ray.sum.w >= FAINTEST {
+        stretch.place_samples::<INVALID>(frame, ray, chunk, done..segments.end);
+        brick.read::<C, U, INVALID>(frame.reading, stretch.origin, stretch.step, chunk);
+        let shows = Dvr::classify::<C>(frame, chunk);
+        if shows != 0 {
+            ray.sum = see::<C, U, INVALID>(march, stretch, ray, chunk, shows);
         }
-    }
-
-    #[inline(always)]
-    fn is_final(_: &Frame<'_>, sum: Vec4) -> bool {
-        sum.w < FAINTEST
-    }
-
-    fn seen(_: &Frame<'_>, sum: Vec4) -> Vec4 {
-        sum
+        done += CHUNK as i32;
     }
 }
 

@@ -2,7 +2,7 @@
 //! sampling ([`Sampler`]) per code width as well.
 
 use crate::frame::{Cell, Frame};
-use crate::lit::{LitDvr, is_lit_plainly};
+use crate::lit::is_lit_plainly;
 use crate::macrocells::{Coverage, Reach};
 use crate::medium::Medium;
 use crate::meshes::MeshLayers;
@@ -62,8 +62,7 @@ pub(crate) fn for_frame(frame: &Frame<'_>) -> MarchTile {
             Mode::Isosurface if frame.is_one_opaque_surface => for_machine::<C, Isosurface, INVALID>(),
             Mode::Isosurface => for_machine::<C, Medium<true>, INVALID>(),
             Mode::Dvr if !frame.settings.surfaces.is_empty() => for_machine::<C, Medium<true>, INVALID>(),
-            Mode::Dvr if is_plain => for_machine::<C, Dvr, INVALID>(),
-            Mode::Dvr if is_lit_plainly(frame) => for_machine::<C, LitDvr, INVALID>(),
+            Mode::Dvr if is_plain || is_lit_plainly(frame) => for_machine::<C, Dvr, INVALID>(),
             Mode::Dvr if method.curve() == Curve::Middle => for_machine::<C, Medium<false>, INVALID>(),
             Mode::Dvr => for_machine::<C, Medium<true>, INVALID>(),
             Mode::Mip => for_machine::<C, Mip, INVALID>(),
@@ -417,9 +416,9 @@ mod tests {
         for model in [LightingModel::Phong, LightingModel::BlinnPhong, LightingModel::Tone] {
             for lights in [vec![], vec![DVec3::new(-9.0, 30.0, 4.0), DVec3::splat(40.0)]] {
                 let lighting = Lighting { model, lights, ..Lighting::default() };
-                same_when_lit::<Code8, LitDvr, false>(Mode::Dvr, &[], lighting.clone());
-                same_when_lit::<Code16, LitDvr, true>(Mode::Dvr, &[], lighting.clone());
-                same_when_lit::<Float32, LitDvr, true>(Mode::Dvr, &[], lighting);
+                same_when_lit::<Code8, Dvr, false>(Mode::Dvr, &[], lighting.clone());
+                same_when_lit::<Code16, Dvr, true>(Mode::Dvr, &[], lighting.clone());
+                same_when_lit::<Float32, Dvr, true>(Mode::Dvr, &[], lighting);
             }
         }
     }

@@ -5,6 +5,7 @@
 
 use crate::boxes::{Extreme, Segments};
 use crate::frame::{Cell, Frame};
+use crate::lit;
 use crate::macrocells::{Coverage, Reach};
 use crate::packet::{CHUNK, LANES, PACKETS, Packet, exp2, log2};
 use crate::ray::{FAINTEST, Ray};
@@ -100,7 +101,7 @@ fn add<C: Code, B: Sum, U: Unit, const INVALID: bool>(
     ray.sum = sum;
 }
 
-/// The mode of emission and absorption: a ray's sum is premultiplied colour and transmittance.
+/// The mode of emission and absorption, lit or not: a ray's sum is premultiplied colour and transmittance.
 pub(crate) struct Dvr;
 
 impl Dvr {
@@ -205,7 +206,10 @@ impl Accumulate for Dvr {
         chunk: &mut SampleChunk,
         segments: Range<i32>,
     ) {
-        add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
+        match march.frame.is_lit {
+            true => lit::take::<C, U, INVALID>(march, stretch, ray, chunk, segments),
+            false => add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments),
+        }
     }
 
     #[inline(always)]
@@ -242,17 +246,34 @@ impl Sum for Dvr {
     }
 }
 
-/// The mode of maximum projection: a ray's sum is the greatest code, negative before the first sample.
-pub(crate) struct Mip;
+/// The modes of maximum and minimum projection: a ray's sum is the most extreme code so far; before the first sample it is past all codes.
+pub(crate) struct Projection<const GREATEST: bool>;
 
-impl Accumulate for Mip {
-    const START: Vec4 = Vec4::NEG_ONE;
+pub(crate) type Mip = Projection<true>;
+pub(crate) type MinIp = Projection<false>;
+
+impl<const GREATEST: bool> Projection<GREATEST> {
+    /// Whether one code is more extreme than another.
+    #[inline(always)]
+    fn beats(code: f32, other: f32) -> bool {
+        if GREATEST { code > other } else { code < other }
+    }
+
+    #[inline(always)]
+    fn more_extreme(a: Vec4, b: Vec4) -> Vec4 {
+        if GREATEST { a.max(b) } else { a.min(b) }
+    }
+}
+
+impl<const GREATEST: bool> Accumulate for Projection<GREATEST> {
+    const START: Vec4 = if GREATEST { Vec4::NEG_ONE } else { Vec4::MAX };
     const FRONT_TO_BACK: bool = false;
 
     #[inline(always)]
     fn coverage(cell: &Cell<'_>, ray: &Ray) -> Coverage {
         let [low, high] = cell.whole;
-        if low > high || high <= ray.sum.x { Coverage::None } else { Coverage::Some }
+        let extreme = if GREATEST { high } else { low };
+        if low > high || !Self::beats(extreme, ray.sum.x) { Coverage::None } else { Coverage::Some }
     }
 
     #[inline(always)]
@@ -260,8 +281,8 @@ impl Accumulate for Mip {
         let mut bits = 0;
         for i in 0..LANES {
             // SAFETY: the caller's promise; there is an extreme for every box.
-            let greatest = unsafe { *cell.extremes.get_unchecked(boxes[i] as usize) };
-            bits |= ((greatest > sum.x) as u64) << i;
+            let extreme = unsafe { *cell.extremes.get_unchecked(boxes[i] as usize) };
+            bits |= (Self::beats(extreme, sum.x) as u64) << i;
         }
         bits
     }
@@ -279,92 +300,34 @@ impl Accumulate for Mip {
 
     #[inline(always)]
     fn is_final(frame: &Frame<'_>, sum: Vec4) -> bool {
-        sum.x >= frame.last_code
+        if GREATEST { sum.x >= frame.last_code } else { sum.x <= 0.0 }
     }
 
     fn seen(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
-        opaque(frame, (sum.x >= 0.0).then_some(sum.x))
+        let is_any = if GREATEST { sum.x >= 0.0 } else { sum.x < f32::MAX };
+        opaque(frame, is_any.then_some(sum.x))
     }
 }
 
-impl Sum for Mip {
-    const EXTREME: Option<Extreme> = Some(Extreme::Greatest);
+impl<const GREATEST: bool> Sum for Projection<GREATEST> {
+    const EXTREME: Option<Extreme> = Some(if GREATEST { Extreme::Greatest } else { Extreme::Least });
 
     #[inline(always)]
     fn add<C: Code>(frame: &Frame<'_>, mut sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
-        if frame.reading == Reading::Label {
+        // The greatest shown label; the least has no use.
+        if GREATEST && frame.reading == Reading::Label {
             leave_out_hidden(frame, chunk);
         }
         let mut best = Self::START;
         for p in 0..chunk.packets.min(PACKETS) {
             let (code, weight) = (quarters(&chunk.code[p]), quarters(&chunk.weight[p]));
             for q in 0..LANES / 4 {
-                best = best.max(Vec4::select(weight[q].cmpgt(Vec4::ZERO), shown(frame, code[q]), Self::START));
+                let known = Vec4::select(weight[q].cmpgt(Vec4::ZERO), shown(frame, code[q]), Self::START);
+                best = Self::more_extreme(best, known);
             }
         }
-        sum.x = sum.x.max(best.max_element());
-        sum
-    }
-}
-
-/// The mode of minimum projection: a ray's sum is the least code, more than any code before the first sample.
-pub(crate) struct MinIp;
-
-impl Accumulate for MinIp {
-    const START: Vec4 = Vec4::MAX;
-    const FRONT_TO_BACK: bool = false;
-
-    #[inline(always)]
-    fn coverage(cell: &Cell<'_>, ray: &Ray) -> Coverage {
-        let [low, high] = cell.whole;
-        if low > high || low >= ray.sum.x { Coverage::None } else { Coverage::Some }
-    }
-
-    #[inline(always)]
-    unsafe fn sees(cell: &Cell<'_>, boxes: &[i32; LANES], sum: Vec4) -> u64 {
-        let mut bits = 0;
-        for i in 0..LANES {
-            // SAFETY: the caller's promise; there is an extreme for every box.
-            let least = unsafe { *cell.extremes.get_unchecked(boxes[i] as usize) };
-            bits |= ((least < sum.x) as u64) << i;
-        }
-        bits
-    }
-
-    #[inline(always)]
-    fn take<C: Code, U: Unit, const INVALID: bool>(
-        march: &March<'_>,
-        stretch: &Stretch,
-        ray: &mut Ray,
-        chunk: &mut SampleChunk,
-        segments: Range<i32>,
-    ) {
-        add::<C, Self, U, INVALID>(march, stretch, ray, chunk, segments);
-    }
-
-    #[inline(always)]
-    fn is_final(_: &Frame<'_>, sum: Vec4) -> bool {
-        sum.x <= 0.0
-    }
-
-    fn seen(frame: &Frame<'_>, sum: Vec4) -> Vec4 {
-        opaque(frame, (sum.x < f32::MAX).then_some(sum.x))
-    }
-}
-
-impl Sum for MinIp {
-    const EXTREME: Option<Extreme> = Some(Extreme::Least);
-
-    #[inline(always)]
-    fn add<C: Code>(frame: &Frame<'_>, mut sum: Vec4, chunk: &mut SampleChunk) -> Vec4 {
-        let mut best = Self::START;
-        for p in 0..chunk.packets.min(PACKETS) {
-            let (code, weight) = (quarters(&chunk.code[p]), quarters(&chunk.weight[p]));
-            for q in 0..LANES / 4 {
-                best = best.min(Vec4::select(weight[q].cmpgt(Vec4::ZERO), shown(frame, code[q]), Self::START));
-            }
-        }
-        sum.x = sum.x.min(best.min_element());
+        let best = if GREATEST { best.max_element() } else { best.min_element() };
+        sum.x = if Self::beats(best, sum.x) { best } else { sum.x };
         sum
     }
 }

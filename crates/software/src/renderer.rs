@@ -10,7 +10,7 @@ use crate::tile::Scene;
 use crate::tiles::{self, Tile, TilePixels};
 use brickyard_pager::{BudgetRequest, Layer, Slot, VolumeNeeds, pools, share};
 use brickyard_volume::numbers::mebibytes;
-use brickyard_volume::{Clip, Combination, FrameSettings, Geometry, Method, Mode, Picture, Placement, Pyramid};
+use brickyard_volume::{Clip, Combination, FrameSettings, Geometry, Method, Mode, Picture, PixelRect, Placement, Pyramid};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -73,6 +73,8 @@ pub struct SoftwareRenderer {
     meshes: MeshTree,
     /// The deadline, if any.
     until: Option<Instant>,
+    /// The drawn part of the picture; `None` for all of it.
+    window: Option<PixelRect>,
     painting: Option<Arc<Painting>>,
     threads: rayon::ThreadPool,
 }
@@ -133,6 +135,7 @@ impl SoftwareRenderer {
             visibility: Vec::new(),
             meshes: MeshTree::default(),
             until: None,
+            window: None,
             painting: None,
             threads: threads.map_err(|source| SoftwareError::Threads { threads: options.threads, source })?,
         })
@@ -149,6 +152,11 @@ impl SoftwareRenderer {
     /// Sets a deadline: pictures unfinished at this time are given up; `None` gives none up.
     pub fn draw_until(&mut self, until: Option<Instant>) {
         self.until = until;
+    }
+
+    /// Draws from now on only these pixels, and others of their tiles; others are black. `None` draws all.
+    pub fn draw_within(&mut self, window: Option<PixelRect>) {
+        self.window = window;
     }
 
     /// Shows pictures on this painting from now on, while drawing them, and stops if it is abandoned; `None` shows
@@ -200,7 +208,8 @@ impl SoftwareRenderer {
             self.meshes = MeshTree::default();
             self.meshes = self.threads.install(|| MeshTree::new(&settings.meshes));
         }
-        let tiles: Vec<Tile> = tiles::tiles(size.0, size.1).collect();
+        let is_within = |tile: &Tile| self.window.is_none_or(|window| window.meets(tile));
+        let tiles: Vec<Tile> = tiles::tiles(size.0, size.1).filter(is_within).collect();
         let is_mixed = is_mixed(layers, combination);
         let meshes = (!settings.meshes.is_empty()).then_some(&self.meshes);
         let (drawn, visibility) = self.threads.install(|| {

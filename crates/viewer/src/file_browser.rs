@@ -145,7 +145,7 @@ impl FileBrowser {
         ui.horizontal(|ui| {
             let button = ui.add_enabled(self.refusal.is_none(), Button::new("Open this folder"));
             let refusal = self.refusal.as_deref().unwrap_or_default();
-            let button = button.on_hover_text("a folder of TIFF planes or DICOM slices");
+            let button = button.on_hover_text("a folder of TIFF planes, DICOM slices, or files of one time step each");
             if button.on_disabled_hover_text(refusal).clicked() {
                 chosen = Some(self.folder.clone());
             }

@@ -323,6 +323,13 @@ pub struct PixelRect {
     pub y1: u32,
 }
 
+impl PixelRect {
+    /// Whether the two share a pixel.
+    pub const fn meets(&self, other: &Self) -> bool {
+        self.x0 < other.x1 && other.x0 < self.x1 && self.y0 < other.y1 && other.y0 < self.y1
+    }
+}
+
 /// A view frustum of five planes `(normal, offset)`: left, right, top, bottom, and the one through the eye. Normals point inward: a point `p` is
 /// inside where `normal . p + offset >= 0` for all planes.
 #[derive(Clone, Copy, Debug)]

@@ -1,6 +1,6 @@
 //! Cut faces: where a ray enters a volume through a clip plane or a side of a clip box. The gradient there is the exposed field's, noise
-//! included, and not a surface's: lit by it, a cut through a scan is salt and pepper. So the cut's own normal lights the first voxel behind it,
-//! and gives way to the gradient over the next one. A volume's own faces are no cuts, and isosurfaces keep their gradients. Costs a few products
+//! included, and not a surface's: lit by it, a cut through a scan is salt and pepper. So the cut's own normal lights the first half of
+//! a voxel behind it, and gives way to the gradient over the next whole one. A volume's own faces are no cuts, and isosurfaces keep their gradients. Costs a few products
 //! per ray and plane. On a GPU `shaders/wgsl/shared/cut_face.wgsl` does the same.
 //!
 //! A cut opens isosurfaces; *caps* close them where rays enter. Where the first place behind the cut is past surfaces, the innermost of them

@@ -54,7 +54,7 @@ pub enum Method {
 }
 
 /// A method's model of the field along a segment.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Curve {
     /// The value in the segment's middle, everywhere.
     Middle,

@@ -55,9 +55,9 @@ pub struct Stereo {
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum StereoError {
     /// The eye separation or the convergence distance is not a positive, finite number.
-    #[error("--{name} is {value}: expected a positive length, in world units")]
+    #[error("stereo: {name} is {value}: expected a positive length, in world units")]
     Length {
-        /// The length's name: `eye-separation` or `convergence`.
+        /// The length's name: `eye_separation` or `convergence`.
         name: &'static str,
         /// The given length.
         value: f64,
@@ -99,7 +99,7 @@ impl Stereo {
         let to_target = (camera.target - camera.eye).length();
         let convergence = length("convergence", self.convergence.unwrap_or(to_target))?;
         let separation = self.eye_separation.unwrap_or(convergence * DEFAULT_SEPARATION);
-        let half = 0.5 * length("eye-separation", separation)?;
+        let half = 0.5 * length("eye_separation", separation)?;
         Ok([-half, half].map(|by| rays.from_aside(by, convergence)))
     }
 }
@@ -259,7 +259,7 @@ mod tests {
         let stereo = Stereo::new(StereoLayout::Anaglyph);
         for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             for (name, stereo) in [
-                ("eye-separation", Stereo { eye_separation: Some(bad), ..stereo }),
+                ("eye_separation", Stereo { eye_separation: Some(bad), ..stereo }),
                 ("convergence", Stereo { convergence: Some(bad), ..stereo }),
             ] {
                 let error = stereo.eyes(&camera, (8, 8)).unwrap_err().to_string();

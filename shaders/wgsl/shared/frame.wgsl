@@ -42,7 +42,7 @@ struct Frame {
     gradient_edge: f32,
     first_gradient: f32,
     grid_at: u32,
-    first_row: u32,
+    first_px: u32,
     adaptive_step: f32,
     // Of projections: 1 to add, 0 to mix; opacity, and the depth of a medium with this opacity.
     adds: f32,

@@ -2,9 +2,8 @@
 //! renderer. The whole picture is tried first; a part without room for its cut is quartered, down to single pixels. A
 //! tile's pixels are those of the whole picture: its rays are the same, and its cut is finer nowhere.
 //!
-//! Costs a frame of the whole picture's size for each tile, in which the rays of other tiles meet nothing. Two tiles'
-//! common bricks stay in their slots from one to the next, as room permits: tiles are neighbours in the order of a
-//! Z-curve.
+//! Only a tile's pixels are drawn; a GPU clears and reads back its rows besides. Two tiles' common
+//! bricks stay in their slots from one to the next, as room permits: tiles are neighbours in the order of a Z-curve.
 
 use crate::pictures::offline::{OfflineError, POLL, give_up_after, within};
 use crate::session::{Frame, ResolvedScene, Session};

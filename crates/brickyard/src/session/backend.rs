@@ -11,7 +11,7 @@ use brickyard_pager::{BrickSource, Layer, MOST_COMING, Upload, VolumeNeeds};
 #[cfg(feature = "gpu")]
 use brickyard_render::{GpuError, GpuPreference};
 use brickyard_software::{Painting, SoftwareOptions, SoftwareRenderer};
-use brickyard_volume::{Combination, Needs, Picture, SlotEncoding};
+use brickyard_volume::{Combination, Needs, Picture, PixelRect, SlotEncoding};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -42,6 +42,10 @@ impl Renderer for SoftwareRenderer {
 
     fn draw_until(&mut self, until: Option<Instant>) {
         self.draw_until(until);
+    }
+
+    fn draw_within(&mut self, window: Option<PixelRect>) {
+        self.draw_within(window);
     }
 
     fn draw_on(&mut self, painting: Option<Arc<Painting>>) {

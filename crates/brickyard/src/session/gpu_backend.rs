@@ -5,7 +5,7 @@ use crate::session::options::{CompositorChoice, SessionOptions};
 use crate::session::renderer::{BackendError, Pictures, Renderer};
 use brickyard_pager::{Layer, Upload, VolumeNeeds};
 use brickyard_render::{Compiled, Compositor, GpuError, GpuOptions, GpuPreference, GpuRenderer};
-use brickyard_volume::{Combination, Picture};
+use brickyard_volume::{Combination, Picture, PixelRect};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -113,6 +113,10 @@ impl Renderer for GpuRenderer {
 
     fn draw_until(&mut self, until: Option<Instant>) {
         self.draw_until(until);
+    }
+
+    fn draw_within(&mut self, window: Option<PixelRect>) {
+        self.draw_within(window);
     }
 
     fn keeps_picture(&self) -> bool {

@@ -4,7 +4,7 @@ use brickyard_pager::{Layer, Upload};
 #[cfg(feature = "gpu")]
 use brickyard_render::{Compiled, GpuError, GpuRenderer};
 use brickyard_software::{Painting, SoftwareError};
-use brickyard_volume::{Combination, Picture};
+use brickyard_volume::{Combination, Picture, PixelRect};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -113,6 +113,9 @@ pub trait Renderer: Send {
 
     /// Abandons later pictures that are not finished at this time; `None` abandons none.
     fn draw_until(&mut self, until: Option<Instant>);
+
+    /// Draws only these pixels of later pictures; others may have any colour. `None` draws all.
+    fn draw_within(&mut self, _window: Option<PixelRect>) {}
 
     /// Shows later pictures in progress on this painting, and stops if it is abandoned; `None` shows nothing. A backend
     /// that draws a picture in one go does neither.

@@ -20,11 +20,12 @@ const POINTER: [(&str, &str); 9] = [
 ];
 
 /// The pointer's gestures over a slice.
-const PLANES: [(&str, &str); 6] = [
+const PLANES: [(&str, &str); 7] = [
     ("drag", "move the point where the slices meet"),
     ("wheel", "next slice"),
     ("shift + drag, or middle button", "move"),
-    ("right button, ctrl + wheel, or pinch", "nearer, farther"),
+    ("ctrl + wheel, or pinch", "nearer, farther"),
+    ("right button", "change the values of black and white"),
     ("double click", "all of the slice"),
     ("alt + click on a label", "show it alone, or all again"),
 ];

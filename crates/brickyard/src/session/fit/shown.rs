@@ -14,7 +14,7 @@ use std::ops::Range;
 pub(crate) struct Shown {
     /// How many there were.
     pictures: u64,
-    /// Whether the eyes drawn so far of the present scene will be answered about.
+    /// Whether answers will come about all eyes of the present scene drawn so far.
     is_asked: bool,
     /// Pictures whose answers the pagers are to be told, the oldest first.
     asked: VecDeque<Asked>,
@@ -26,10 +26,10 @@ pub(crate) struct Shown {
     pub(crate) late_steps: usize,
 }
 
-/// What was asked about the picture of a scene, or its two.
+/// A question about the picture of a scene, or its two.
 struct Asked {
     pictures: Range<u64>,
-    /// Layer by layer what was drawn, and what was seen of it in the pictures answered about.
+    /// The drawn cells of each layer, and the light seen in them in the pictures answered so far.
     drawn: Vec<Option<DrawnCells>>,
     seen: Vec<Vec<f32>>,
 }
