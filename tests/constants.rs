@@ -63,7 +63,7 @@ fn the_one_value_has_few_digits() {
     let (code, _, said) = sandbox.run("render a.zarr -o o.png --size 20x20 --backend cpu");
     assert!(code == 0 && said.contains("every value of channel 0 is 0.1:"), "exit {code}: {said}");
     let (_, _, said) = sandbox.run("render a.zarr -o p.png --size 20x20 --backend cpu --slice z=2.3");
-    assert!(said.contains("it is at z = 2.3, and that reaches from -0.05 to 0.75"), "{said}");
+    assert!(said.contains("it is at z = 2.3, and the scene reaches from -0.05 to 0.75"), "{said}");
 }
 
 #[test]

@@ -351,7 +351,7 @@ fn the_command_shows_labels_and_says_what_is_wrong() {
         (vec![&*labels, "--show-labels", "2"], "no label 2, did you mean 1 or 3?: the store has labels from 0 to 255"),
         (vec![&*far, "--show-labels", "5000000000"], "no label 5000000000"),
         (vec![&*labels, "--show-labels", "3;4"], "whole numbers"),
-        (vec![&*image, "--show-labels", "3"], "has no labels: pack it as labels"),
+        (vec![&*image, "--show-labels", "3"], "has none: pack it as labels"),
         (vec![&*labels, "--window", "0,9"], "labels have no window"),
         (vec![&*labels, "--gamma", "0.5"], "labels have no gamma"),
         (vec![&*labels, "--mode", "isosurface", "--isovalue", "3"], "labels have no isosurfaces"),

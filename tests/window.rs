@@ -468,8 +468,8 @@ fn displays_that_cannot_show_a_window_are_said() {
     let usual = ["-screen", "0", "1400x900x24"];
     let displays: [(&[&str], &str); 3] = [
         (&["-screen", "0", "1400x900x16"], "does not draw on this display"),
-        (&[&usual[..], &["-extension", "RANDR"]].concat(), "this display or its driver lacks what a window needs"),
-        (&[&usual[..], &["-extension", "XFIXES"]].concat(), "this display or its driver lacks what a window needs"),
+        (&[&usual[..], &["-extension", "RANDR"]].concat(), "this display or its driver cannot show the window"),
+        (&[&usual[..], &["-extension", "XFIXES"]].concat(), "this display or its driver cannot show the window"),
     ];
     for (like, expected) in displays {
         let Some(display) = Display::start_with(like) else { return };

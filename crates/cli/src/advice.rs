@@ -72,7 +72,7 @@ impl Advice for GpuError {
         match self {
             Self::NoAdapter { .. } => Some("or use --backend cpu"),
             Self::Budget { .. } => Some(MORE_GPU_MEMORY),
-            Self::Meshes { .. } | Self::Textures { .. } => Some("that is --backend cpu"),
+            Self::Meshes { .. } | Self::Textures { .. } => Some("--backend cpu does that"),
             Self::OutOfMemory { .. } => Some("lower --gpu-memory"),
             _ => None,
         }
@@ -107,8 +107,8 @@ impl Advice for SessionError {
             Self::Pager(error) => error.advice(),
             Self::LostAgain { .. } => Some("try --backend cpu"),
             Self::NoOrder => Some("use --compositor raycast or compute"),
-            Self::Precision { backend: "a GPU", .. } => Some("draw it with --backend cpu"),
-            Self::Precision { .. } => Some("pack numbers that name things with --kind labels"),
+            Self::Precision { backend: "a GPU", .. } => Some("use --backend cpu"),
+            Self::Precision { .. } => Some("pack labels with --kind labels"),
             _ => None,
         }
     }

@@ -53,19 +53,19 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
     let AppendArguments { store, files, time, input, settings, limits } = arguments;
     if !time.is_empty() && time.len() != files.len() {
         let (given, files) = (counted(time.len() as u64, "time"), counted(files.len() as u64, "file"));
-        return Err(Failure::usage(format!("--time: expected one for each file, found {given} for {files}")));
+        return Err(Failure::usage(format!("--time: expected one time per file, found {given} for {files}")));
     }
     if let Some(odd) = time.iter().find(|time| !time.is_finite()) {
         return Err(Failure::usage(format!("--time {odd}: expected finite numbers")));
     }
     let input = OpenOptions { is_step: files.len() > 1, ..step_options(&store, &settings, input.options())? };
     if input.time_stamps.is_some() {
-        let problem = "--time-stamps is for pack; append takes the times of its files as --time TIME[,TIME...]";
+        let problem = "--time-stamps is for pack; give the times of appended files as --time TIME[,TIME...]";
         return Err(Failure::usage(problem));
     }
     if !time.is_empty() && input.time_step.is_some() && input.held_as.is_some() {
         let problem =
-            "--time-step with --time: steps of a store that is there are where --time says; leave --time-step out";
+            "--time-step with --time: the store exists and --time places its new steps; leave --time-step out";
         return Err(Failure::usage(problem));
     }
     let settings = Settings { store, settings, limits, interrupt: Interrupt::watch()? };
@@ -84,7 +84,7 @@ pub(crate) fn run(arguments: AppendArguments) -> Result<(), Failure> {
         let appended = source.and_then(|source| settings.append(appender, &*source, file, time.get(i).copied()));
         appender = Some(appended.inspect_err(|_| {
             if i > 0 {
-                say!("note: {i} of {} files are steps of the store now; go on with {}", files.len(), file.display());
+                say!("note: {i} of {} files were appended; go on with {}", files.len(), file.display());
             }
         })?);
     }
@@ -97,7 +97,7 @@ fn step_options(store: &Path, settings: &StoreSettings, options: OpenOptions) ->
     let known = opened.as_ref().map(Store::info);
     if let Some(value) = opened.as_ref().and_then(nodata_of).filter(|_| options.nodata == NoData::None) {
         let path = store.display();
-        let problem = format!("--nodata none: in {path} voxels of {value} have no data, in all steps: leave it out");
+        let problem = format!("--nodata none: in {path}, voxels of {value} hold no data in every step: leave it out");
         return Err(Failure::usage(problem));
     }
     let are_labels = settings.are_labels() || known.is_some_and(|info| info.kind == Kind::Labels);

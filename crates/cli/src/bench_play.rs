@@ -12,7 +12,7 @@ pub(super) struct PlayArguments {
     /// Requested steps per second of `play`
     #[arg(help_heading = heading::MEASURED, long, value_name = "R", default_value = "20", value_parser = values::positive, allow_negative_numbers = true)]
     rate: f64,
-    /// What gives way where `play` cannot hold the rate
+    /// Policy of `play` when it cannot hold the rate
     #[arg(help_heading = heading::MEASURED, long, value_parser = POLICIES, default_value = "hold-rate")]
     policy: Policy,
     /// Number of time steps of `play` and jumps of `scrub`, cyclic if the stores have fewer
@@ -24,13 +24,9 @@ pub(super) struct PlayArguments {
 }
 
 const POLICIES: Named<Policy> = Named(&[
-    ("hold-rate", Policy::HoldRate, "Steps come when they are due, as coarse as that takes"),
-    (
-        "hold-quality",
-        Policy::HoldQuality,
-        "Steps that are shown are whole at the level that the view wants; others are left out",
-    ),
-    ("every-step", Policy::EveryStep, "Every step is shown, whole, however long that takes"),
+    ("hold-rate", Policy::HoldRate, "Show every step on time, as coarse as necessary"),
+    ("hold-quality", Policy::HoldQuality, "Show only complete steps at the wanted level, and drop late ones"),
+    ("every-step", Policy::EveryStep, "Show every step, complete, however long it takes"),
 ]);
 
 impl PlayArguments {

@@ -74,7 +74,9 @@ impl CameraPath {
         for (i, camera) in self.cameras.iter().enumerate() {
             camera.rays(1, 1).map_err(|error| bad(i, format!("cannot be used: {error}")))?;
             if let Some(next) = self.cameras.get(i + 1).filter(|_| between) {
-                camera.between(next, 0.5).map_err(|error| bad(i, format!("does not lead to the next: {error}")))?;
+                camera
+                    .between(next, 0.5)
+                    .map_err(|error| bad(i, format!("cannot be interpolated to the next: {error}")))?;
             }
         }
         match self.steps.iter().find(|(_, step)| *step >= times) {
@@ -92,7 +94,7 @@ impl CameraPath {
     pub(super) fn check_alone(&self, asked: Option<&StepRange>) -> Result<(), Failure> {
         match (asked, self.steps.first()) {
             (Some(asked), Some((i, step))) => Err(Failure::usage(format!(
-                "--time {asked}: {} says the time steps, too (camera {i} has time {step}); leave either out",
+                "--time {asked}: {} gives time steps, too (camera {i} has time {step}); leave one of the two out",
                 self.file.display()
             ))),
             _ => Ok(()),

@@ -110,7 +110,7 @@ impl Value for [Bound; 2] {
             [Bound::Value(low), Bound::Value(high)] | [Bound::Percent(low), Bound::Percent(high)] if low >= high => {
                 let is_empty = low == high;
                 Err(if is_empty {
-                    format!("'{text}': the window is empty: expected two ends that differ, the lesser one first")
+                    format!("'{text}': the window is empty: expected two different ends, the lesser one first")
                 } else {
                     format!("'{text}': the window is upside down: expected the lesser end first")
                 })
@@ -166,7 +166,8 @@ impl ChannelArguments {
             let channels: u64 = volumes.iter().map(|volume| u64::from(volume.source.channels())).sum();
             if scene.layers.len() == MAX_VOLUMES && channels > MAX_VOLUMES as u64 {
                 say!(
-                    "note: a picture has at most {MAX_VOLUMES} layers, of {channels} channels: --channel chooses others"
+                    "note: a picture shows at most {MAX_VOLUMES} of the {channels} channels: choose others with \
+                     --channel"
                 );
             }
             return Ok(());
@@ -180,7 +181,7 @@ impl ChannelArguments {
         }
         match scene.layers.len() {
             count if count > MAX_VOLUMES => {
-                Err(Failure::usage(format!("--channel: {count} channels: a picture has at most {MAX_VOLUMES}")))
+                Err(Failure::usage(format!("--channel: {count} channels: a picture shows at most {MAX_VOLUMES}")))
             }
             _ => Ok(()),
         }
@@ -313,7 +314,8 @@ fn found_window(bounds: [Bound; 2], statistics: Option<&ChannelStatistics>, chan
     match bounds.map(value) {
         [Some(low), Some(high)] if low < high => Ok([low, high]),
         [Some(low), Some(high)] => Err(Failure::usage(format!(
-            "--window: of channel {channel} the lower end is {low} and the upper end {high}: give values, or percentiles further apart"
+            "--window: the lower end of channel {channel} is {low} and the upper end {high}: give values, or \
+             percentiles further apart"
         ))),
         _ => Err(Failure::usage(format!("--window: percentiles of channel {channel} are not known: give values"))),
     }

@@ -70,15 +70,16 @@ impl Destination {
     fn movie(arguments: &RenderArguments, path: &Path, count: usize) -> Result<Self, Failure> {
         if count == 1 {
             return Err(Failure::usage(format!(
-                "--movie {}: a movie of one picture; ask for several by --time all, --orbit 36 or --path path.json, or write a \
-                 picture with -o out.png",
+                "--movie {}: a movie of one picture; make several with --time all, --orbit 36 or --path path.json, or \
+                 write a picture with -o out.png",
                 path.display()
             )));
         }
         let movie = MovieFile::create(path, arguments.size, arguments.rate).map_err(movie_failure)?;
         if let Some((width, height)) = movie.padded_px() {
             say!(
-                "note: {}: its pictures are {width}x{height}, for it takes even sizes: the last column or row is there twice",
+                "note: {}: its pictures are {width}x{height}, as its format takes only even sizes: the last column or \
+                 row is repeated",
                 path.display()
             );
         }

@@ -64,8 +64,8 @@ pub(crate) struct InputArguments {
     /// value (DICOM's padding, GDAL's tag in TIFF) is data [default: the file's]
     #[arg(help_heading = heading::INPUT, long, value_name = "VALUE|none", value_parser = values::nodata, allow_hyphen_values = true)]
     nodata: Option<NoData>,
-    /// Accept 64-bit numbers that do not fit f32 or 32-bit integers exactly; losses are counted. Never of labels, which
-    /// would become others
+    /// Accept 64-bit numbers without an exact f32 or 32-bit integer; losses are counted. Never for labels, which would
+    /// become others
     #[arg(help_heading = heading::INPUT, long)]
     allow_lossy: bool,
     /// Folder for scratch files of inputs without random access [default: the system's for temporary files]

@@ -30,8 +30,8 @@ pub(crate) fn may_write(path: &Path, overwrite: bool) -> Result<(), Failure> {
     let Ok(found) = path.symlink_metadata() else { return Ok(()) };
     let is_no_file = path.metadata().is_ok_and(|found| !found.is_file());
     let (what, advice) = match (found.is_dir(), is_no_file, overwrite) {
-        (true, ..) => ("is a folder, and is left alone", "choose another name"),
-        (_, true, _) => ("is no file, and is not replaced by one", "choose another name"),
+        (true, ..) => ("is a folder, which is left alone", "choose another name"),
+        (_, true, _) => ("is not a regular file, and is never replaced", "choose another name"),
         (_, _, false) => ("exists already", "choose another name, or pass --overwrite to replace it"),
         (_, _, true) => return Ok(()),
     };
@@ -43,7 +43,7 @@ pub(crate) fn may_write(path: &Path, overwrite: bool) -> Result<(), Failure> {
 /// # Errors
 /// Exit code 2 if not.
 pub(crate) fn may_write_png(path: &Path, overwrite: bool) -> Result<(), Failure> {
-    may_write_as(&["png"], "pictures are written as PNG: give it a name that ends in .png", path, overwrite)
+    may_write_as(&["png"], "pictures are written as PNG: choose a name ending in .png", path, overwrite)
 }
 
 /// Checks whether an array may be written here: as [`may_write`], and it is a file of a supported type, in an existing
@@ -52,7 +52,7 @@ pub(crate) fn may_write_png(path: &Path, overwrite: bool) -> Result<(), Failure>
 /// # Errors
 /// Exit code 2 if not.
 pub(crate) fn may_write_array(path: &Path, overwrite: bool) -> Result<(), Failure> {
-    let advice = "arrays are written as .raw or .npy: give it a name that ends in one of these";
+    let advice = "arrays are written as .raw or .npy: choose a name ending in one of these";
     may_write_as(&["raw", "npy"], advice, path, overwrite)
 }
 
@@ -123,7 +123,7 @@ pub(crate) fn note_window(store: Option<&Arc<Store>>, channel: u32) {
     } else if low >= high {
         let (from, to) = shown_window((low, high));
         let [low, from, to] = [low, from, to].map(|value| significant(value, 7));
-        say!("note: {path}: every value of channel {channel} is {low}: its window is taken from {from} to {to}");
+        say!("note: {path}: every value of channel {channel} is {low}: its window is set from {from} to {to}");
     }
 }
 
@@ -134,7 +134,7 @@ pub(crate) fn report(stats: &RenderStats) {
             None => "the eye is inside a coarse brick".into(),
         };
         let flag = if stats.backend == "cpu" { "--cpu-memory" } else { "--gpu-memory" };
-        say!("memory bound: {found}; the picture is complete but coarser than asked for: raise {flag}");
+        say!("memory bound: {found}; the picture is complete but coarser than requested: raise {flag}");
     }
     if let Some(damage) = damage(stats) {
         say::error(format_args!("{damage}"));
@@ -145,11 +145,11 @@ pub(crate) fn report(stats: &RenderStats) {
 pub(super) fn damage(stats: &RenderStats) -> Option<String> {
     let what = match (stats.bricks.failed, stats.bricks.unreadable) {
         (0, 0) => return None,
-        (0, n) => format!("{} beside what is shown, or aprons, could not be read", counted(n, "brick")),
+        (0, n) => format!("{} outside the picture, or aprons, could not be read", counted(n, "brick")),
         (1, _) => "1 brick could not be read and is drawn from a coarser level".into(),
         (n, _) => format!("{n} bricks could not be read and are drawn from coarser levels"),
     };
-    Some(format!("{what}; run `brickyard verify` for the names"))
+    Some(format!("{what}; `brickyard verify` lists them"))
 }
 
 #[cfg(test)]

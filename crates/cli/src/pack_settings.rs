@@ -22,7 +22,7 @@ use std::time::Instant;
 /// The flags that determine a store's bytes.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct StoreSettings {
-    /// What the voxels mean; labels are never averaged [default: image]
+    /// Meaning of the voxels; labels are never averaged [default: image]
     #[arg(help_heading = heading::INPUT, long, value_parser = KINDS)]
     kind: Option<Kind>,
     /// Voxels along a brick's edge; a power of two [default: 64]
@@ -34,13 +34,13 @@ pub(crate) struct StoreSettings {
     /// zstd:LEVEL, shuffle-zstd:LEVEL or none [default: zstd:1 for 8-bit data, shuffle-zstd:1 for wider]
     #[arg(help_heading = heading::STORE, long)]
     codec: Option<Codec>,
-    /// How a level follows from the finer one: mean, max, min, mode or nearest; mean,max makes both, so maximum
+    /// Method of making a level from the finer one: mean, max, min, mode or nearest; mean,max makes both, so maximum
     /// projections lose nothing at any level, and mean,min does so for minima [default: mean,max for images, mode for
     /// labels]
     #[arg(help_heading = heading::STORE, long, value_name = "METHOD[,METHOD]")]
     downsample: Option<Reductions>,
-    /// Store each brick's apron too, 1 or 2 voxels wide (2 for tricubic samples): a tenth or a fifth more of disk, and
-    /// a view decodes no brick just for its neighbour's sake [default: none is stored]
+    /// Store each brick's apron too, 1 or 2 voxels wide (2 for tricubic samples): takes a tenth or a fifth more disk,
+    /// and views decode no brick only for its neighbours [default: none is stored]
     #[arg(help_heading = heading::STORE, long, value_name = "VOXELS", value_parser = clap::value_parser!(u32).range(1..=MAX_APRON as i64))]
     aprons: Option<u32>,
 }
@@ -107,11 +107,12 @@ impl StoreSettings {
         let downsample = self.downsample.unwrap_or(Reductions::default_for(kind));
         let averages = [Some(downsample.main()), downsample.second()].contains(&Some(Downsample::Mean));
         if kind == Kind::Labels && averages {
-            let problem = "--downsample mean: the mean of two labels is another label: mode, max, min and nearest are for --kind labels";
+            let problem = "--downsample mean: the mean of two labels is another label: use mode, max, min or nearest \
+                           with --kind labels";
             return Err(Failure::usage(problem));
         }
         if kind == Kind::Labels && voxel_type.is_float() {
-            say!("note: labels are whole numbers: what is not is shown as the nearest one");
+            say!("note: labels are whole numbers: other values are shown as the nearest label");
         }
         let defaults = PackOptions::new(voxel_type);
         Ok(PackOptions {
@@ -146,7 +147,7 @@ impl StoreSettings {
             .find_map(|(flag, given, found)| Some((flag, given.filter(|given| *given != found)?, found)))
         {
             Some((flag, given, found)) => Err(Failure::usage(format!(
-                "{flag} {given}: {} was packed with {found}, and stays so; leave {flag} out",
+                "{flag} {given}: {} was packed with {found}, which cannot change; leave {flag} out",
                 store.path().display()
             ))),
             None => Ok(()),
@@ -229,12 +230,16 @@ impl PackSettings {
     fn failure(&self, error: PackError, store: &Path) -> Failure {
         let PackError::Cancelled { done, total, .. } = error else { return store_errors::pack_failure(error) };
         let cure = match self.overwrite {
-            true => "with --resume in place of --overwrite the same command goes on, as it is it starts over",
-            false => "the same command with --resume goes on, with --overwrite it starts over",
+            true => "the same command with --resume instead of --overwrite goes on; with --overwrite it starts over",
+            false => "the same command with --resume goes on; with --overwrite it starts over",
         };
         Failure::new(
             ExitKind::Interrupted,
-            format!("{}: stopped; {done} of {} are whole and stay: {cure}", store.display(), counted(total, "shard")),
+            format!(
+                "{}: stopped; {done} of {} are complete and kept: {cure}",
+                store.display(),
+                counted(total, "shard")
+            ),
         )
     }
 }
@@ -275,7 +280,8 @@ fn of_small_shards(plan: &PackPlan, shard_times: u32) -> Option<String> {
     }
     let steps = (8 * SMALL_BYTES).div_ceil(shard_bytes.max(1)).min(plan.layout.times.into());
     Some(format!(
-        "{} of {} at most: --shard-time {steps} puts so many steps into one, which packs faster and makes fewer files, but then no step can be appended",
+        "{} of {} at most: --shard-time {steps} would put {steps} steps into each, which packs faster and makes fewer \
+         files, but no step could be appended then",
         counted(shards, "shard"),
         values::human_bytes(shard_bytes),
     ))

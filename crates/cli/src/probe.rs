@@ -25,7 +25,7 @@ use std::sync::Arc;
 pub(crate) struct ProbeArguments {
     /// The store
     store: PathBuf,
-    /// The place in the world: of a patient to the right, front and head in millimetres, else by spacing and origin
+    /// The place in the world: millimetres to the right, front and head of a patient, else by spacing and origin
     #[arg(value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     place: DVec3,
     /// The place is a voxel of level 0, counted from 0
@@ -219,6 +219,6 @@ fn look(arguments: &ProbeArguments, store: &Arc<Store>, time: u32) -> Result<Pro
         let (low, high) = volume.place().placement.world_box(volume.place().own_box);
         let [place, low, high] =
             [arguments.place, low, high].map(|p| p.to_array().map(|c| significant(c, 8)).join(","));
-        Failure::usage(format!("{place} is outside of the volume, which is in the box from {low} to {high}"))
+        Failure::usage(format!("{place} is outside of the volume, which extends from {low} to {high}"))
     })
 }

@@ -134,16 +134,14 @@ fn check(arguments: &QualityArguments, scene: &Scene) -> Result<(), Failure> {
         return Err(Failure::usage(problem));
     }
     if scene.stereo.is_some() {
-        return Err(Failure::usage("a survey is about one eye: leave --stereo out"));
+        return Err(Failure::usage("a survey takes pictures of one eye: leave --stereo out"));
     }
     if scene.expression.is_some() {
-        return Err(Failure::usage(
-            "a survey is about jittered layers, and expressions are not jittered: leave --expr out",
-        ));
+        return Err(Failure::usage("a survey jitters layers, and expressions are not jittered: leave --expr out"));
     }
     let mut methods = arguments.methods.iter().copied();
     if let Some(method) = methods.find(|&method| !scene.takes(method)) {
-        let problem = "is pre-integrated over values, and the transfer function is one of value and gradient";
+        let problem = "is pre-integrated over values, but the transfer function depends on value and gradient";
         return Err(Failure::usage(format!("--methods: {} {problem}", findings::name(method))));
     }
     if arguments.samples_per_voxel.windows(2).any(|pair| pair[0] >= pair[1]) {

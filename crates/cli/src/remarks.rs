@@ -27,7 +27,7 @@ pub(super) fn of_missing_isovalue(scene: &Scene, volumes: &[VolumeSource]) -> Op
     let first = scene.layers.first().filter(|_| is_missing)?;
     let volume = volumes.get(scene.store(0))?;
     let reach = reach(first.channel, volume);
-    Some(format!("--mode isosurface shows the surface of a value: give it by --isovalue; the values of {reach}"))
+    Some(format!("--mode isosurface shows the surface of one value: give it with --isovalue; the values of {reach}"))
 }
 
 /// Returns the cause of an empty picture, all of it `background`; `None` if it is not empty.
@@ -48,11 +48,12 @@ pub(super) fn of_empty(
         layer.style.isosurfaces.is_empty() && values.all(|value| layer.transfer.alpha(value) == 0.0)
     };
     let why = match () {
-        () if resolved.slice.is_some() || resolved.mode == Mode::Isosurface => "nothing of the volume is in it",
+        () if resolved.slice.is_some() || resolved.mode == Mode::Isosurface => "it shows no part of the volume",
         () if resolved.mode == Mode::Dvr && resolved.layers.iter().all(is_clear) => {
-            "the transfer function is clear for all values that there are; --transfer auto shows what is not background"
+            "the transfer function is transparent at all values of the volume; --transfer auto shows everything but \
+             the background"
         }
-        () => "nothing of the volume is in it; without --eye and --target the camera looks at all of it",
+        () => "it shows no part of the volume; without --eye and --target the camera looks at all of it",
     };
     Some(format!("the picture is empty: {why}"))
 }
@@ -61,8 +62,8 @@ pub(super) fn of_empty(
 pub(super) fn of_unfinished(adapter: &str, resolved: &ResolvedScene, volumes: &[VolumeSource]) -> Option<&'static str> {
     let may_be = adapter.contains("llvmpipe") && resolved.may_be_unfinished(volumes);
     may_be.then_some(
-        "llvmpipe ends rays after 65,535 rounds of a shader's loops, as some here may take: the volume behind is missing then; draw with --backend cpu, \
-         or with a longer --step",
+        "llvmpipe ends rays after 65,535 rounds of a shader's loops, and some rays here may be longer: the volume \
+         behind is missing then; draw with --backend cpu, or with a longer --step",
     )
 }
 
@@ -80,8 +81,8 @@ pub(super) fn of_extremes(scene: &ResolvedScene, found: &DoubtfulExtremes, volum
     let past_cuts = (!cut.is_empty()).then(|| {
         let are = if cut.len() == 1 { "is" } else { "are" };
         format!(
-            "{} {are} drawn at a coarse level, whose voxels at a cut hold the extremes of both sides: what lies up to one of them behind the cut may show; \
-             --level 0 cuts exactly",
+            "{} {are} drawn at a coarse level, whose voxels at a cut hold the extremes of both sides: values up to one \
+             voxel behind the cut may show; --level 0 cuts exactly",
             cut.join(" and ")
         )
     });
@@ -95,8 +96,8 @@ fn of_lost(mode: Mode, names: &[String]) -> Option<String> {
     };
     (!names.is_empty()).then(|| {
         format!(
-            "{} {} drawn at a coarse level, whose voxels are not the extremes of those in them: {specks}, or missing; --level 0 draws all voxels, and a \
-             store packed with --downsample {pyramids} loses none at any level",
+            "{} {} drawn at a coarse level, whose voxels lack the extremes of the finer ones: {specks}, or missing; \
+             --level 0 draws all voxels, and a store packed with --downsample {pyramids} loses none at any level",
             names.join(" and "),
             if names.len() == 1 { "is" } else { "are" },
         )
@@ -129,11 +130,16 @@ fn slice_outside(slice: Slice, scene: &Scene, volumes: &[VolumeSource]) -> Optio
             let (from, to) = (turned(from).min(turned(to)), turned(from).max(turned(to)));
             let axis = ["x", "y", "z"][a];
             let [at, from, to] = [turned(at), from, to].map(told);
-            format!("the slice lies outside of what there is: it is at {axis} = {at}, and that reaches from {from} to {to}")
+            format!(
+                "the slice lies outside of the scene: it is at {axis} = {at}, and the scene reaches from {from} to {to}"
+            )
         }
         None => {
             let [at, from, to] = [at, from, to].map(told);
-            format!("the slice lies outside of what there is: it is at {at} along its normal, and that reaches from {from} to {to}")
+            format!(
+                "the slice lies outside of the scene: it is at {at} along its normal, and the scene reaches from \
+                 {from} to {to}"
+            )
         }
     })
 }
@@ -161,7 +167,8 @@ fn preset_of_other_data(scene: &Scene, layer: usize, volumes: &[VolumeSource]) -
     (values(layer.channel, volume).0 > AIR).then(|| {
         let (preset, reach) = (&choice.preset, reach(layer.channel, volume));
         format!(
-            "{preset} is for Hounsfield units, in which air is -1000: the values of {reach}; --transfer auto is for any"
+            "{preset} is for Hounsfield units, in which air is -1000: the values of {reach}; --transfer auto fits any \
+             data"
         )
     })
 }

@@ -56,7 +56,7 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     let overlays = arguments.overlays();
     overlays.check(&scene, arguments.size).map_err(Failure::usage)?;
     if overlays.color_bar && color_bar::bars(&scene, &volumes).is_empty() {
-        say!("note: there is no colour bar: labels, and surfaces that were given a colour, have none");
+        say!("note: no colour bar: labels, and surfaces with a given colour, have none");
     }
     let views = Views::new(&arguments, scene, &volumes)?;
     let destination = Destination::new(&arguments, views.count())?;
@@ -73,7 +73,7 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     };
     match arguments.compositor() {
         None if arguments.exact => {
-            return Err(Failure::usage("the reference compositor leaves nothing out: leave --exact out"));
+            return Err(Failure::usage("the reference compositor is always exact: leave --exact out"));
         }
         Some(compositor) if arguments.exact => pictures.exact(compositor)?,
         None => pictures.reference()?,
@@ -84,7 +84,9 @@ pub(crate) fn run(arguments: RenderArguments) -> Result<(), Failure> {
     arguments.write_stats(&stats)?;
     match damage(&stats).filter(|_| arguments.strict) {
         // The bricks are reported already.
-        Some(_) => Err(Failure::new(ExitKind::VerificationFailed, "--strict: not all of what is shown could be read")),
+        Some(_) => {
+            Err(Failure::new(ExitKind::VerificationFailed, "--strict: some bricks of the pictures could not be read"))
+        }
         None => Ok(()),
     }
 }

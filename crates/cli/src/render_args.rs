@@ -24,8 +24,7 @@ pub(crate) struct RenderArguments {
     /// The store; or several, up to 32, in one picture, each in its own world or placed by --volume N:matrix=...
     #[arg(required = true)]
     pub(super) stores: Vec<PathBuf>,
-    /// Output PNG; several pictures are numbered: out_000.png, ... A single one can go to standard output, by the name
-    /// -
+    /// Output PNG; several pictures are numbered: out_000.png, ... - writes a single one to standard output
     #[arg(help_heading = heading::OUTPUT, short, long, value_name = "out.png", required_unless_present = "movie")]
     pub(super) output: Option<PathBuf>,
     /// Write the pictures into one movie instead: .gif (256 colours of each picture), .y4m (all pixels, uncompressed)
@@ -78,7 +77,7 @@ pub(crate) struct RenderArguments {
     /// Threads for decoding and for the CPU backend [default: all]
     #[arg(help_heading = heading::DRAWING, short = 'j', long, value_parser = values::threads)]
     pub(super) threads: Option<NonZeroUsize>,
-    /// Give up on a picture that has not settled, or is not drawn, after S seconds
+    /// Give up on a picture not settled or not drawn after S seconds
     #[arg(help_heading = heading::DRAWING, long, value_name = "S", default_value = "600", value_parser = values::positive)]
     pub(super) max_wait: f64,
     /// Write statistics (JSON); - is standard output

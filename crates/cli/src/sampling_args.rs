@@ -12,7 +12,7 @@ pub(crate) struct SamplingArguments {
     /// How `--mode dvr` samples and classifies a step of a ray [default: udvr]
     #[arg(help_heading = heading::SAMPLING, long, value_parser = METHODS)]
     method: Option<Method>,
-    /// How the field is made of voxels [default: trilinear]
+    /// Interpolation between voxels [default: trilinear]
     #[arg(help_heading = heading::SAMPLING, long, value_parser = FILTERS)]
     filter: Option<Filter>,
     /// Where rays are sampled: all at the same distances, or each shifted by a random number (white, or white:SEED) or
@@ -28,7 +28,7 @@ pub(crate) struct SamplingArguments {
     /// Level: auto, or a number (0 is the finest) [default: auto]
     #[arg(help_heading = heading::SAMPLING, long, value_parser = level)]
     level: Option<LevelPolicy>,
-    /// Pixels that a voxel may cover before a finer level is wanted [default: 1]
+    /// Pixels a voxel may cover before a finer level is used [default: 1]
     #[arg(help_heading = heading::SAMPLING, long, value_parser = values::positive)]
     pixel_error: Option<f64>,
 }
@@ -38,22 +38,22 @@ pub(crate) const METHODS: Named<Method> = Named(&[
     ("pdvr", Method::Pdvr, "Pre-integrated between the ends"),
     ("lvs", Method::Lvs, "Three virtual samples on a line between the ends"),
     ("cvs", Method::Cvs, "Three virtual samples on a cubic curve"),
-    ("asm", Method::Asm, "One to eight samples, as the ends differ"),
+    ("asm", Method::Asm, "One to eight samples, by the difference of the ends"),
     ("plvs", Method::Plvs, "As lvs, pre-integrated"),
     ("pcvs", Method::Pcvs, "As cvs, pre-integrated"),
 ]);
 
 pub(crate) const FILTERS: Named<Filter> = Named(&[
-    ("nearest", Filter::Nearest, "The value of the voxel that a place is in: voxels as they are"),
+    ("nearest", Filter::Nearest, "The value of the surrounding voxel: voxels as they are"),
     ("trilinear", Filter::Trilinear, "Linear between 8 voxels"),
-    ("tricubic", Filter::Tricubic, "Cubic B-spline of 64 voxels: smooth, and blurs"),
+    ("tricubic", Filter::Tricubic, "Cubic B-spline of 64 voxels: smooth, but blurs"),
 ]);
 
 pub(crate) const LIGHTINGS: Named<LightingModel> = Named(&[
     ("none", LightingModel::None, "Colours as they are"),
     ("phong", LightingModel::Phong, "Phong's reflection"),
     ("blinn-phong", LightingModel::BlinnPhong, "Blinn's"),
-    ("tone", LightingModel::Tone, "From cool to warm as a place turns to the light"),
+    ("tone", LightingModel::Tone, "From cool to warm with the angle to the light"),
 ]);
 
 fn level(text: &str) -> Result<LevelPolicy, String> {

@@ -29,11 +29,11 @@ pub(crate) struct SceneArguments {
     /// Scene file (JSON); flags override it
     #[arg(help_heading = heading::PART, long)]
     scene: Option<PathBuf>,
-    /// Camera position, world units [default: in view of all volumes, of a patient from the front, a little from aside
-    /// and above]
+    /// Camera position, world units [default: all volumes in view; a patient from the front, slightly from the side and
+    /// above]
     #[arg(help_heading = heading::CAMERA, long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     eye: Option<DVec3>,
-    /// Point that the camera looks at [default: the volume's centre, or the slice's]
+    /// Point the camera looks at [default: the volume's centre, or the slice's]
     #[arg(help_heading = heading::CAMERA, long, value_name = "X,Y,Z", value_parser = values::vec3, allow_hyphen_values = true)]
     target: Option<DVec3>,
     /// The picture's up direction [default: 0,0,1; 0,-1,0 for slices nearer to level than to upright]
@@ -42,7 +42,7 @@ pub(crate) struct SceneArguments {
     /// Vertical opening angle, degrees [default: 30]
     #[arg(help_heading = heading::CAMERA, long, value_name = "DEG", conflicts_with = "ortho")]
     fov: Option<f64>,
-    /// Orthographic view of this world height [default: a perspective view, but for slices]
+    /// Orthographic view of this world height [default: perspective, except for slices]
     #[arg(help_heading = heading::CAMERA, long, value_name = "HEIGHT")]
     ortho: Option<f64>,
     /// Two eyes, as one picture of the same size
@@ -67,11 +67,11 @@ pub(crate) struct SceneArguments {
     #[arg(help_heading = heading::LOOK, long, value_name = "MAGNITUDE:FACTOR,...", value_parser = values::gradient_opacity, allow_hyphen_values = true)]
     gradient_opacity: Option<GradientOpacity>,
     /// Look of layer N, counted from 0; the layers are the scene file's, or else one for each store; repeatable.
-    /// KEY=VALUE is one of: transfer=FILE|PRESET; window=LOW:HIGH, the values that a preset spans or the function is
-    /// moved to; color=R:G:B, from black to it over the window; gamma=G, the exponent of colours and opacities over the
-    /// window; show-labels=LABEL,...; opacity=0..1; blend=auto|mix|add|over; matrix=FILE or its 12 or 16 numbers row by
-    /// row, from the store's world to the scene's; isovalue=VALUE[,opacity=A][,color=R:G:B], an isosurface, up to eight
-    /// times; crop=X0:X1,Y0:Y1,Z0:Z1 in voxels; channel=C; visible=true|false
+    /// KEY=VALUE is one of: transfer=FILE|PRESET; window=LOW:HIGH, the values to which a preset or function is
+    /// stretched; color=R:G:B, from black to it over the window; gamma=G, the exponent of colours and opacities over
+    /// the window; show-labels=LABEL,...; opacity=0..1; blend=auto|mix|add|over; matrix=FILE or its 12 or 16 numbers
+    /// row by row, from the store's world to the scene's; isovalue=VALUE[,opacity=A][,color=R:G:B], an isosurface, up
+    /// to eight times; crop=X0:X1,Y0:Y1,Z0:Z1 in voxels; channel=C; visible=true|false
     #[arg(help_heading = heading::LOOK, long, value_name = "N:KEY=VALUE", value_parser = volume_setting, allow_hyphen_values = true)]
     volume: Vec<VolumeSetting>,
     /// Show one value computed from several layers, through one transfer function: `max(a, b * 0.5)`, where a is the
@@ -95,8 +95,7 @@ pub(crate) struct SceneArguments {
     /// Show only this box, world units
     #[arg(help_heading = heading::PART, long, value_name = "X0:X1,Y0:Y1,Z0:Z1", value_parser = values::corners, allow_hyphen_values = true)]
     clip: Option<[DVec3; 2]>,
-    /// Show only the side of this plane that its normal points to (a point and the normal, world units); up to six
-    /// times
+    /// Clip plane (a point and a normal, world units): shows only the side its normal points to; up to six times
     #[arg(help_heading = heading::PART, long, value_name = "X,Y,Z:NX,NY,NZ", value_parser = values::plane, allow_hyphen_values = true)]
     clip_plane: Vec<ClipPlane>,
     /// Cap isosurfaces where --clip, --clip-plane or a crop opens them, in the colour of the innermost; --caps=false
@@ -274,7 +273,7 @@ impl SceneArguments {
         match (&mut scene.slice, self.thickness) {
             (Some(slice), Some(thickness)) => slice.thickness = thickness,
             (None, Some(_)) => {
-                return Err(Failure::usage("--thickness is a slice's: add --slice, as in --slice z=12.5"));
+                return Err(Failure::usage("--thickness is for slices: add --slice, as in --slice z=12.5"));
             }
             (_, None) => {}
         }
@@ -284,7 +283,7 @@ impl SceneArguments {
     fn set_gradient_opacity(&self, scene: &mut Scene, volumes: &[VolumeSource]) -> Result<(), Failure> {
         let Some(GradientOpacity(points)) = &self.gradient_opacity else { return Ok(()) };
         if scene.expression.is_some() {
-            return Err(Failure::usage("--gradient-opacity: an expression is classified by its value alone"));
+            return Err(Failure::usage("--gradient-opacity: expressions are classified by value alone"));
         }
         for i in layers_of_kind(scene, volumes, false) {
             let Some(subject) = scene_file::subject(scene, i, volumes) else { continue };
@@ -341,7 +340,7 @@ fn transfer_help() -> String {
     let presets = TransferFunction::PRESETS.join(", ");
     format!(
         "Transfer function: a file (JSON; ParaView's colour maps, FILE#NAME for one of several; 3D Slicer's .vp and \
-         .vp.json), or one of {presets} [default: auto where there is no scene file and fog is shown, else gray]"
+         .vp.json), or one of {presets} [default: auto for fog without a scene file, else gray]"
     )
 }
 

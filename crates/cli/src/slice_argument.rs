@@ -118,7 +118,7 @@ fn across_voxels(
     let first = (!scene.layers.is_empty()).then(|| scene.store(0));
     let Some(volume) = first.and_then(|store| volumes.get(store)) else {
         return Err(Failure::usage(
-            "--slice: the scene has no first layer that shows a store, whose voxels it could count",
+            "--slice: indices count the voxels of the first layer's store, and the scene has none",
         ));
     };
     let voxels = volume.source.pyramid().levels()[0].extent.to_array()[axis];

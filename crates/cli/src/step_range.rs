@@ -35,10 +35,10 @@ impl FromStr for StepRange {
         };
         let (first, stride) = (first.unwrap_or(0), stride.unwrap_or(1));
         if stride == 0 {
-            return Err(format!("'{text}': a stride of 0 goes nowhere; expected {FORM}"));
+            return Err(format!("'{text}': a stride of 0; expected {FORM}"));
         }
         if end.is_some_and(|end| end <= first) {
-            return Err(format!("'{text}': holds no step; expected {FORM}"));
+            return Err(format!("'{text}': the range holds no step; expected {FORM}"));
         }
         Ok(Self::Some { first, end, stride })
     }
@@ -82,7 +82,7 @@ impl StepRange {
         let (first, end, stride) = self.within(times)?;
         let count = (end - first).div_ceil(stride);
         if count > MOST_STEPS {
-            let problem = format!("{count} steps, expected at most {MOST_STEPS}: take a part, as 0:{MOST_STEPS}");
+            let problem = format!("{count} steps, expected at most {MOST_STEPS}: take a part, as in 0:{MOST_STEPS}");
             return Err(Failure::usage(format!("--time {self}: {problem}")));
         }
         Ok((0..count).map(|i| first + i * stride).collect())

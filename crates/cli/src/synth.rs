@@ -20,8 +20,8 @@ use std::str::FromStr;
 /// `brickyard synth KIND --shape X,Y,Z OUT`
 #[derive(Args)]
 pub(crate) struct SynthArguments {
-    /// turbulence, marschner-lobb, spheres, ct, flow, sparse, ramp or constant; or reaction, a simulation that appends
-    /// each step to OUT.zarr as soon as it is computed
+    /// turbulence, marschner-lobb, spheres, ct, flow, sparse, ramp or constant; or reaction, a simulation with each
+    /// step appended to OUT.zarr as soon as it is computed
     #[arg(id = "generator", value_name = "KIND")]
     generator: Generator,
     /// The output: OUT.raw, or OUT.zarr for a store without a raw file in between
@@ -98,23 +98,23 @@ fn simulate(
         return Err(named("expected a name ending in .zarr: a simulation appends its steps to a store"));
     }
     if output.exists() {
-        return Err(named("exists; a simulation begins a store of its own"));
+        return Err(named("exists already; choose another name: a simulation makes a new store"));
     }
     let options = settings.options(voxel_type)?;
     if options.shard_times > 1 {
-        return Err(named("--shard-time: steps that are appended have shards of their own"));
+        return Err(named("--shard-time: a simulation appends its steps, each to shards of its own; leave it out"));
     }
     let needed_bytes = Reaction::bytes(shape, voxel_type);
     if needed_bytes > options.memory_bytes {
         let (needed, given) = (human_bytes(needed_bytes), human_bytes(options.memory_bytes));
-        return Err(named(&format!("--memory {given}: the simulation takes {needed}, besides what packing takes")));
+        return Err(named(&format!("--memory {given}: the simulation takes {needed}, besides packing; allow more")));
     }
     let mut reaction = Reaction::new(shape, seed);
     let threads = NonZeroUsize::new(options.threads).unwrap_or(NonZeroUsize::MIN);
     let progress = Progress::new(settings.progress(), "synth");
     let mut appender = None;
     for step in 0..steps {
-        let volume = reaction.step(voxel_type).ok_or_else(|| named("a simulation is of type u8, u16 or f32"))?;
+        let volume = reaction.step(voxel_type).ok_or_else(|| named("a simulation takes --dtype u8, u16 or f32"))?;
         let bytes = (volume.info().extent.volume() * voxel_type.bytes() as u64).max(1);
         appender = Some(join(appender, output, &volume, &options)?);
         progress.set(u64::from(step + 1) * bytes, u64::from(steps) * bytes);

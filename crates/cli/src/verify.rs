@@ -56,7 +56,7 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
             print_line(&problem.to_string())?;
         }
         for edit in &report.edits {
-            say!("note: {edit}, edited by another program: it is shown so");
+            say!("note: {edit}, edited by another program; the edited value is used");
         }
     }
     if !report.problems.is_empty() {
@@ -76,7 +76,7 @@ pub(crate) fn run(arguments: &VerifyArguments) -> Result<(), Failure> {
 fn summary(report: &VerifyReport) -> String {
     let found = problems(report);
     match report.is_cut_short {
-        true => format!("{found}; there are more, and the rest was not looked at"),
+        true => format!("{found}; there are more: the check stopped here"),
         false => found,
     }
 }

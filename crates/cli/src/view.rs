@@ -38,10 +38,10 @@ pub(crate) struct ViewArguments {
     stores: Vec<PathBuf>,
     #[command(flatten)]
     input: InputArguments,
-    /// Meaning of the voxels of files; labels are never averaged
+    /// Meaning of the files' voxels; labels are never averaged
     #[arg(help_heading = heading::INPUT, long, value_parser = KINDS, default_value = "image")]
     kind: Kind,
-    /// The store to pack a file into [default: one in the user's cache, which is found there the next time]
+    /// The store to pack a file into [default: one in the user's cache, reused the next time]
     #[arg(help_heading = heading::WORK, long, value_name = "STORE")]
     store: Option<PathBuf>,
     #[command(flatten)]
@@ -130,7 +130,7 @@ pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(
         _ => arguments.stores,
     };
     if paths.is_empty() && has_scene {
-        return Err(Failure::usage("these flags say how volumes are shown: name the volumes, too"));
+        return Err(Failure::usage("these flags describe how volumes are shown: name the volumes, too"));
     }
     // Previews are within the limit, and leave most of it.
     let preview_bytes =
@@ -183,7 +183,7 @@ pub(crate) fn run(ViewCommand { arguments, has_scene }: ViewCommand) -> Result<(
 fn named_volumes(file: &Path) -> Result<Vec<PathBuf>, Failure> {
     let volumes = brickyard_viewer::volumes_of(file).map_err(Failure::bad_input)?;
     if volumes.is_empty() {
-        return Err(Failure::usage(format!("{} names no volumes: name those that it is about", file.display())));
+        return Err(Failure::usage(format!("{} names no volumes: name them on the command line", file.display())));
     }
     Ok(volumes)
 }
@@ -191,7 +191,7 @@ fn named_volumes(file: &Path) -> Result<Vec<PathBuf>, Failure> {
 /// Opens stores, and the previews of files.
 fn opened(paths: Vec<PathBuf>, options: OpeningOptions) -> Result<Openings, Failure> {
     if options.store.is_some() && paths.len() != 1 {
-        return Err(Failure::usage("--store names the store of one file: open the others by themselves"));
+        return Err(Failure::usage("--store is the store of one file: open each file by itself"));
     }
     let mut openings = Openings::start(paths, options);
     let progress = Progress::new(ProgressStyleArgument::Auto, "preview");

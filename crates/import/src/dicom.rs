@@ -81,11 +81,11 @@ pub(crate) fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn So
         }
     }
     series.push(header);
-    let mut notes = vec![Note::new(format!("{} files of its series are read from its folder.", series.len()))];
+    let mut notes = vec![Note::new(format!("{} files of the series are read from its folder.", series.len()))];
     if let Some(first) = unread.first() {
         let files = counted(unread.len() as u64, "DICOM file");
         let do_not = if unread.len() == 1 { "does not" } else { "do not" };
-        let warning = format!("{files} beside it that cannot be read and {do_not} name its series: left out. {first}");
+        let warning = format!("{files} beside it cannot be read and {do_not} name a series: left out. {first}");
         notes.push(Note::warning(warning));
     }
     DicomSeries::new(series, options, notes).map(|s| Box::new(s) as _)
@@ -99,8 +99,9 @@ fn others_of_series(header: &Header, folder: &Path) -> Vec<Note> {
     let beside = files_in(folder).unwrap_or_default();
     let others = beside.iter().filter(is_other).filter(is_of_it).count() as u64;
     let files = counted(others, "file");
-    let note =
-        format!("{files} more of its series in its folder, left out: name the files, or the folder, for all frames.");
+    let note = format!(
+        "{files} more of its series in the folder, left out: name the files, or the folder, to read all frames."
+    );
     if others > 0 { vec![Note::warning(note)] } else { Vec::new() }
 }
 
@@ -182,7 +183,7 @@ fn is_image(header: &Header) -> bool {
 }
 
 fn check_is_image(header: &Header) -> Result<(), ImportError> {
-    let problem = "a DICOM file without an image: expected pixel data; name the files of a series of images";
+    let problem = "a DICOM file without an image: expected pixel data; name the files of an image series";
     is_image(header).then_some(()).ok_or_else(|| ImportError::invalid(&header.path, problem))
 }
 
@@ -250,7 +251,7 @@ impl DicomSeries {
         info.knows_nodata = options.nodata == NoData::OfFile;
         info.nodata = padding.or((missing > 0 && !voxel_type.is_float()).then_some(blank));
         if info.nodata.is_some() && missing > 0 && options.nodata != NoData::OfFile {
-            let problem = "`nodata` with `gaps`: missing slices hold no data, by a value that no other voxel has; give one of the two";
+            let problem = "`nodata` with `gaps`: missing slices get a no-data value of their own; give one of the two";
             return Err(ImportError::options(&paths[0], problem));
         }
         if let Some(mosaic) = files.iter().find_map(|(_, frames)| frames.mosaic) {
@@ -260,12 +261,12 @@ impl DicomSeries {
         if missing > 0 {
             let are = if missing == 1 { "is" } else { "are" };
             notes.push(Note::warning(format!(
-                "{} of {} {are} missing; there is no data in their places{}.",
+                "{} of {} {are} missing; their places hold no data{}.",
                 counted(missing as u64, "slice"),
                 places.len(),
                 info.nodata
                     .filter(|_| !voxel_type.is_float())
-                    .map_or(String::new(), |value| format!(", which voxels of {value} say"))
+                    .map_or(String::new(), |value| format!(", marked by the value {value}"))
             )));
         }
         notes.extend(placement.note);
@@ -299,7 +300,7 @@ fn check_sizes(files: &[(Header, Frames)]) -> Result<(), ImportError> {
     if let [most, other, ..] = kinds(files, |a, b| size(a) == size(b))[..] {
         let [a, b] = [other, most].map(|(i, count)| (size(&files[i]), count));
         let problem = format!(
-            "is {} x {} pixels, as {} files are; {} are {} x {}, such as {}. Give the files of one size",
+            "is {} x {} pixels, as {} files are; {} are {} x {}, such as {}. Name the files of one size",
             a.0.0,
             a.0.1,
             a.1,
@@ -323,7 +324,8 @@ fn check_frames(header: &Header, count: u64) -> Result<(), ImportError> {
         return Err(ImportError::unsupported_but(&header.path, feature, advice));
     }
     if placed > 0 && placed != count {
-        let problem = format!("declares {}, but places {placed}; write the file again", counted(count, "frame"));
+        let problem =
+            format!("declares {}, but gives positions for {placed}; write the file again", counted(count, "frame"));
         return Err(ImportError::invalid(&header.path, problem));
     }
     Ok(())
@@ -348,7 +350,8 @@ fn find_slice(
             )
         })
     };
-    let unplaced = "without it the slice has no place: convert the series with a program that knows it";
+    let unplaced =
+        "without it the slice has no position: export the series to TIFF or .npy, and pack that with `spacing`";
     let position = need(tags::IMAGE_POSITION_PATIENT, "ImagePositionPatient", 3, unplaced)?;
     let directions = need(tags::IMAGE_ORIENTATION_PATIENT, "ImageOrientationPatient", 6, unplaced)?;
     let vector = |n: &[f64]| DVec3::new(n[0], n[1], n[2]);
@@ -402,7 +405,10 @@ fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) ->
     let first = |tag, name: &str| match (header.numbers(frame, tag), header.written(frame, tag)) {
         (Some(numbers), _) => Ok(Some(numbers[0])),
         (None, Some(text)) => {
-            let problem = format!("{name} is '{text}', expected a finite number: what its values mean is not known");
+            let problem = format!(
+                "{name} is '{text}', expected a finite number: the meaning of its values is not known; write the file \
+                 again"
+            );
             Err(ImportError::invalid(&header.path, problem))
         }
         (None, None) => Ok(None),
@@ -413,7 +419,7 @@ fn meaning_of(header: &Header, frames: &Frames, frame: usize, nodata: NoData) ->
         return Err(ImportError::unsupported(&header.path, "a table of values (ModalityLUTSequence)"));
     }
     if slope == Some(0.0) {
-        let problem = "RescaleSlope is 0: every voxel would have one value; expected another slope, or none";
+        let problem = "RescaleSlope is 0: all voxels would have the same value; expected another slope, or none";
         return Err(ImportError::invalid(&header.path, problem));
     }
     // Some writers store it as unsigned, whatever the pixels are.
@@ -500,11 +506,11 @@ fn check_exact(
         return Ok(());
     };
     let what = match () {
-        () if options.are_labels => "labels of 32 bits that become f32, which would merge some,",
-        () if are_missing => "a series of 32 bits with missing slices, which would become f32,",
+        () if options.are_labels => "a series of 32-bit labels, some of which f32 would merge,",
+        () if are_missing => "a 32-bit series with missing slices, which would become f32,",
         () if !options.allow_lossy && slices.iter().all(|(_, meaning)| meaning.is_whole()) => {
-            let problem = "numbers of 32 bits of this series are in no integer type together, with what is padding, and f32 rounds them to 24 \
-                           bits; pass `allow_lossy` to have them rounded";
+            let problem = "no integer type holds all 32-bit numbers of this series and its padding, and f32 rounds to \
+                           24 bits; pass `allow_lossy` to accept rounding";
             return Err(ImportError::options(&header.path, problem));
         }
         () => return Ok(()),
@@ -541,16 +547,16 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxe
         )));
     }
     if voxel_type.is_float() && files.iter().any(|(_, frames)| frames.format.width == 4) {
-        notes.push(Note::warning("Numbers of 32 bits are rounded to 24 bits, which f32 has."));
+        notes.push(Note::warning("32-bit numbers are rounded to the 24 bits of f32."));
     }
     if let Some([least, greatest]) = slices.iter().find_map(|(_, m)| m.padding) {
         let what = match first.nodata(voxel_type) {
-            Some(value) => format!("become {value}, which stands for no data"),
+            Some(value) => format!("become {value}, which means no data"),
             None if voxel_type.is_float() => "become NaN".into(),
             None => "do not occur".into(),
         };
         let others = slices.iter().any(|(_, m)| m.padding.is_some_and(|padding| padding != [least, greatest]));
-        let others = if others { " (in some slices others)" } else { "" };
+        let others = if others { " (other values in some slices)" } else { "" };
         let note = format!("Stored values {least} to {greatest}{others} are padding: they {what}.");
         notes.push(Note::new(note));
     }
@@ -558,7 +564,9 @@ fn notes_on_values(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], voxe
         header.text(tags::PHOTOMETRIC_INTERPRETATION).is_some_and(|text| text == "MONOCHROME1")
     };
     if files.iter().any(inverted) {
-        notes.push(Note::new("Small values are meant to be shown bright (MONOCHROME1); they are kept as they are."));
+        notes.push(Note::new(
+            "Small values are meant to be shown bright (MONOCHROME1); the values are kept as they are.",
+        ));
     }
     notes
 }
@@ -574,7 +582,8 @@ fn note_on_padding(files: &[(Header, Frames)], slices: &[(Slice, Meaning)], noda
     let [least, greatest] = frames.format.limits();
     let name = header.path.file_name().unwrap_or_default().to_string_lossy();
     Some(Note::warning(format!(
-        "Pixels of {name} are {least} to {greatest}: {value}, which means padding there, is none of them, and no voxel is left out."
+        "The padding value {value} of {name} is outside of its pixels' range, {least} to {greatest}: no voxel is left \
+         out."
     )))
 }
 

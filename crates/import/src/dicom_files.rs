@@ -70,7 +70,8 @@ pub(crate) fn files_in(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
     }
     // It may be a slice of their series.
     if let Some(path) = unknown.filter(|_| !paths.is_empty()) {
-        let problem = "no DICOM file, though its name says so and others beside it are: fetch it again, or take it out of the folder";
+        let problem =
+            "not a DICOM file, unlike its name and the files beside it: fetch it again, or take it out of the folder";
         return Err(ImportError::invalid(&path, problem));
     }
     paths.sort();

@@ -54,7 +54,7 @@ pub(crate) fn check_pairs<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> R
             // A half may be repeated on purpose, as with `--order given`.
             Entry::Occupied(first) if FileId::of(first.get()) != FileId::of(path) => {
                 let problem = format!(
-                    "is half of an image, of which {} is the other: name one of the two, which opens both",
+                    "is half of the same image as {}: name one of the two, which opens both",
                     first.get().display()
                 );
                 return Err(ImportError::options(path, problem));
@@ -75,8 +75,8 @@ pub(crate) fn check_series<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> 
         match seen.entry((FileId::of_parent(path), series)) {
             Entry::Occupied(first) if FileId::of(first.get()) != FileId::of(path) => {
                 let problem = format!(
-                    "is a slice of the series that {} is of, and each stands for the whole series: name one file of a series, or its folder, \
-                     for each step",
+                    "is a slice of the same series as {}, and each stands for the whole series: name one file of a \
+                     series, or its folder, for each step",
                     first.get().display()
                 );
                 return Err(ImportError::options(path, problem));

@@ -26,7 +26,7 @@ pub enum ImportError {
         limit: &'static str,
     },
     /// Scratch space cannot be written.
-    #[error("{directory}: no scratch file can be written there: {error}; `scratch_dir` names another folder", directory = directory.display())]
+    #[error("{directory}: no scratch file can be written there: {error}; choose another folder with `scratch_dir`", directory = directory.display())]
     Scratch {
         /// Folder of scratch files.
         directory: PathBuf,
@@ -112,10 +112,11 @@ pub fn is_of_process(error: &std::io::Error) -> bool {
 pub fn limit_behind(error: &std::io::Error) -> Option<&'static str> {
     use rustix::io::Errno;
     match Errno::from_io_error(error)? {
-        Errno::MFILE => Some("the process has as many files open as it may, raise that with `ulimit -n`"),
-        Errno::NFILE => Some("the system has as many files open as it may, which is its setting fs.file-max"),
+        Errno::MFILE => Some("the process has reached its limit of open files, raise it with `ulimit -n`"),
+        Errno::NFILE => Some("the system has reached its limit of open files, its setting fs.file-max"),
         Errno::NOMEM => Some(
-            "the process has as much memory (`ulimit -v`) or as many files mapped (the system's setting vm.max_map_count) as it may",
+            "the process has reached its limit of memory (`ulimit -v`) or of mapped files (the system's setting \
+             vm.max_map_count)",
         ),
         _ => None,
     }

@@ -35,7 +35,7 @@ impl FileList {
         are_planes: bool,
     ) -> Result<Self, ImportError> {
         if told == Some(FileOrder::Given) {
-            let problem = "`order` given: the files of a folder or a pattern are in no given order; name the files";
+            let problem = "`order` given: a folder or a pattern gives no order; name the files";
             return Err(ImportError::options(folder, problem));
         }
         let list = ByNumbers::of(paths);
@@ -71,8 +71,8 @@ impl FileList {
         list.check(are_planes, "`order` given to keep the order of the files")?;
         let mut list = Self::from(list);
         if !is_natural {
-            list.note +=
-                " The files were given in alphabetical order, as shells expand a pattern; `order` given keeps that.";
+            list.note += " The files came in alphabetical order, as from a pattern expanded by the shell; `order` \
+                          given keeps it.";
         }
         Ok(list)
     }
@@ -123,8 +123,9 @@ impl ByNumbers {
         }
         let (first, last) = (name(&self.paths[0]), name(&self.paths[self.paths.len() - 1]));
         let problem = format!(
-            "nothing in the files' names counts them, and digits give another order than the alphabet, from {first} to {last}: pass `order` natural \
-             for that one, or name the files in their order, with `order` given"
+            "no number in the files' names counts them, and their order by digits, from {first} to {last}, differs \
+             from the alphabetical one: pass `order` natural for the order by digits, or name the files in their \
+             order, with `order` given"
         );
         Err(ImportError::options(&self.paths[0], problem))
     }
@@ -133,8 +134,8 @@ impl ByNumbers {
     fn check(&self, are_planes: bool, way_on: &str) -> Result<(), ImportError> {
         let problem = match &self.doubt {
             Some([before, after]) => Err(format!(
-                "the numbers in the files' names can be read in two ways: as decimal numbers {before} comes before {after}, digits by \
-                 themselves put it after it. Pass `order` natural for the former, or {way_on}",
+                "the numbers in the files' names can be read in two ways: as decimal numbers, {before} comes before \
+                 {after}; as separate whole numbers, after it. Pass `order` natural for decimal numbers, or {way_on}",
                 before = name(before),
                 after = name(after)
             )),
@@ -147,7 +148,7 @@ impl ByNumbers {
 impl From<ByNumbers> for FileList {
     fn from(list: ByNumbers) -> Self {
         let ends = [list.paths.first(), list.paths.last()].map(|path| path.map_or(String::new(), |path| name(path)));
-        let how = if list.is_by_values { ", of decimal numbers in their names" } else { "" };
+        let how = if list.is_by_values { ", by decimal numbers in their names" } else { "" };
         let note = format!("{} files in natural order{how}, from {} to {}.", list.paths.len(), ends[0], ends[1]);
         Self { paths: list.paths, note }
     }
@@ -337,7 +338,7 @@ mod tests {
         let folder = FileList::of_folder(Path::new("f"), &hexadecimal, None, false).err().unwrap().to_string();
         for message in [list, folder] {
             assert!(
-                message.contains("another order than the alphabet") && message.contains("`order` given"),
+                message.contains("differs from the alphabetical") && message.contains("`order` given"),
                 "{message}"
             );
         }

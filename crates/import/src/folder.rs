@@ -43,10 +43,10 @@ pub(crate) fn files_of(folder: &Path, options: &OpenOptions, read: &str) -> Resu
         [] => {
             foreign::refuse_folder(folder)?;
             let problem = match &folders_in(folder)?[..] {
-                [] => format!("a folder without files that are read; what is: {read}"),
-                [one] => format!("holds no file that is read, and the folder {one}: pass that"),
+                [] => format!("a folder without readable files; supported are: {read}"),
+                [one] => format!("holds no readable file, but the folder {one}: pass that"),
                 [first, .., last] => {
-                    format!("holds no file that is read, and folders, {first} to {last}: pass one of them")
+                    format!("holds no readable file, but folders, {first} to {last}: pass one of them")
                 }
             };
             Err(ImportError::invalid(folder, problem))
@@ -122,7 +122,7 @@ mod tests {
             (&["a.npy", "b.npy", "c.tif"][..], &none, "holds 1 TIFF and 2 .npy files"),
             (&["a.npy", "b.nii", "c.tif"], &none, "holds 1 TIFF, 1 .npy and 1 NIfTI files"),
             (&["a.npy", "b.raw"], &told, "holds 1 .npy and 1 raw files"),
-            (&["a.txt"], &none, "a folder without files that are read; what is: things"),
+            (&["a.txt"], &none, "a folder without readable files; supported are: things"),
         ] {
             let message = files(names, options).unwrap_err();
             assert!(message.contains(words), "{message}");

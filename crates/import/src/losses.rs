@@ -179,8 +179,8 @@ impl<'a> Losses<'a> {
     fn beside_nodata(&self, number: &dyn std::fmt::Debug, nodata: f64) -> ImportError {
         let (name, voxel_type) = (self.decode.element.name(), self.decode().voxel_type());
         let problem = format!(
-            "voxels are {name}, of which {number:?} cannot be held in {voxel_type} beside {nodata:?}, which means no data; write the file with \
-             values that {voxel_type} holds, or say with `nodata` which of its numbers means no data"
+            "voxels are {name}, of which {number:?} cannot be held in {voxel_type} beside {nodata:?}, which means no \
+             data; write the file with values within {voxel_type}, or choose another no-data value with `nodata`"
         );
         ImportError::options(self.path, problem)
     }
@@ -194,8 +194,8 @@ impl<'a> Losses<'a> {
         }
         if !self.allowed {
             let advice = match self.are_labels {
-                true => "and labels that are rounded or clamped become others: number them anew from 1, as fastremap.renumber(array) does in \
-                         Python, which also gives the table of old and new numbers"
+                true => "and rounded or clamped labels become others: number them anew from 1, as \
+                         fastremap.renumber(array) does in Python, which also gives the table of old and new numbers"
                     .into(),
                 false => format!("pass `allow_lossy` to have such values {}", self.what_becomes_of(fate)),
             };

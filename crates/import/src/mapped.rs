@@ -52,7 +52,7 @@ impl MappedFile {
         // A file cut short within a page reads as zeros to that page's end, without a fault.
         self.stamp.map_or(Ok(()), |stamp| stamp.check(&self.path))?;
         if self.map.lost() {
-            let error = std::io::Error::other("the file could be opened but not read; is its disk well?");
+            let error = std::io::Error::other("the file could be opened but not read; check its disk");
             return Err(ImportError::Io { path: self.path.clone(), error });
         }
         Ok(())

@@ -30,7 +30,7 @@ pub fn read_mesh(path: &Path) -> Result<Mesh, ImportError> {
         "obj" => obj::read,
         "gltf" | "glb" => gltf::read,
         _ => {
-            let problem = format!("'.{extension}' is no kind of mesh: expected .stl, .ply, .obj, .gltf or .glb");
+            let problem = format!("'.{extension}' is not a mesh format: expected .stl, .ply, .obj, .gltf or .glb");
             return Err(ImportError::invalid(path, problem));
         }
     };

@@ -555,7 +555,7 @@ mod tests {
         assert_eq!(crate::open(&paths, &options()).unwrap().info().times, 2);
         std::fs::write(&paths[1], step(1.1)).unwrap();
         let message = crate::open(&paths, &options()).err().unwrap().to_string();
-        assert!(message.contains("a2.nii: lies otherwise in the patient than"), "{message}");
+        assert!(message.contains("a2.nii: lies differently in the patient than"), "{message}");
         // Unless the user gives a position or spacing for all.
         let told = OpenOptions { origin: Some(DVec3::new(1.0, 10.5, 3.25)), ..options() };
         assert_eq!(crate::open(&paths, &told).unwrap().info().geometry.origin, told.origin.unwrap());
@@ -613,7 +613,7 @@ mod tests {
         assert!(refusal(plain(&[2, 2, 2, 2, 2, 2])).contains("sixth"));
         assert!(refusal(Written::new(&[2, 2, 2], 128, 24)).contains("RGB"));
         assert!(refusal(Written::new(&[2, 2, 2], 4, 8)).contains("bitpix says 8"));
-        assert!(refusal(Written { vox_offset: Some(-5), ..plain(&[2, 2, 2]) }).contains("start at byte -5"));
+        assert!(refusal(Written { vox_offset: Some(-5), ..plain(&[2, 2, 2]) }).contains("from byte -5 on"));
         let (_folder, path) = temp_file("a.hdr", &[&348i32.to_le_bytes()[..], &[0; 344]].concat());
         assert!(open(&path, &options()).err().unwrap().to_string().contains("ANALYZE"));
     }

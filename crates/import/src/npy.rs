@@ -65,7 +65,7 @@ fn arrange(shape: &[u64], axes: Option<&AxisOrder>) -> Result<(AxisOrder, Sizes)
     let usual = || AxisOrder::usual(shape.len());
     let Some(axes) = axes.cloned().or_else(usual) else {
         return Err(format!(
-            "shape {shape:?} has {} dimensions; say what they are with `axes`, slowest first, such as tzyx or czyx",
+            "shape {shape:?} has {} dimensions; name them with `axes`, slowest first, such as tzyx or czyx",
             shape.len()
         ));
     };
@@ -105,7 +105,9 @@ impl Header {
         };
         let length = length.map_err(|_| invalid("cut short inside the header"))?;
         if length > LONGEST_HEADER {
-            return Err(invalid(&format!("its header claims {length} bytes, more than any sound one")));
+            return Err(invalid(&format!(
+                "its header claims {length} bytes, more than any valid one; save the array again"
+            )));
         }
         let mut text = vec![0; length];
         file.read_exact(&mut text).map_err(|_| invalid("cut short inside the header"))?;
@@ -114,7 +116,7 @@ impl Header {
     }
 
     fn parse(text: &str, body_offset: u64, path: &Path) -> Result<Self, ImportError> {
-        let lacks = |key| ImportError::invalid(path, format!("header without a sound '{key}': {}", text.trim()));
+        let lacks = |key| ImportError::invalid(path, format!("header without a valid '{key}': {}", text.trim()));
         let descr = value_of(text, "descr").and_then(quoted);
         if descr.is_none() && value_of(text, "descr").is_some_and(|v| v.starts_with('[')) {
             return Err(ImportError::unsupported_but(path, "an array of records", PLAIN));

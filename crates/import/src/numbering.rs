@@ -81,7 +81,8 @@ fn are_powers(numbers: &[&Number]) -> bool {
 fn far_apart(numbers: &[&Number]) -> String {
     let [first, last] = [numbers[0], numbers[numbers.len() - 1]];
     format!(
-        "the numbers in the files' names go from {first} to {last}, and not evenly: pass `order` natural to take the files one after another"
+        "the numbers in the files' names go from {first} to {last} unevenly: pass `order` natural to take the files \
+         one after another"
     )
 }
 
@@ -140,8 +141,8 @@ impl Gap {
             false => format!(", without {}{more}", shown.join(", ")),
         };
         format!(
-            "the numbers in the files' names go from {} to {} in steps of {}{lack}: {after} follows {before}. Add what is missing, or \
-             pass `order` natural to take those that are there one after another",
+            "the numbers in the files' names go from {} to {} in steps of {}{lack}: {after} follows {before}. Add the \
+             missing files, or pass `order` natural to take the others one after another",
             count.show(count.values[0]),
             count.show(count.values[count.values.len() - 1]),
             count.show(self.step)
@@ -160,8 +161,8 @@ fn several_kinds(paths: &[PathBuf], names: &[Name], kinds: usize) -> String {
     }
     let more = if kinds > shown.len() { ", ..." } else { "" };
     format!(
-        "the files' names are of {kinds} kinds, such as {}{more}: name the files of one, or pass `order` natural to take all one after \
-         another",
+        "the files' names are of {kinds} kinds, such as {}{more}: name the files of one kind, or pass `order` natural \
+         to take all one after another",
         shown.join(", ")
     )
 }
@@ -180,8 +181,8 @@ fn several_counters(paths: &[PathBuf], first: &Name, counters: &[(usize, Vec<&Nu
     let as_axes = axes.map_or(String::new(), |axes| format!("pass `order` natural {axes} to read them so, or "));
     let [a, b] = [&paths[0], &paths[1]].map(|path| name(path));
     format!(
-        "the files' names hold more than one counter: {}, as in {a}, {b}; {as_axes}name the files of one, or pass `order` natural to \
-         take all one after another",
+        "the files' names hold more than one counter: {}, as in {a}, {b}; {as_axes}name the files of one volume, or \
+         pass `order` natural to take all one after another",
         found.join(" and ")
     )
 }
@@ -252,7 +253,7 @@ mod tests {
             (&["t_0.1.npy", "t_0.2.npy", "t_0.5.npy"][..], "go from 0.1 to 0.5 in steps of 0.1, without 0.3, 0.4"),
             (&["m_-3.npy", "m_-2.npy", "m_0.npy", "m_1.npy"], "from -3 to 1 in steps of 1, without -1"),
             (&["t_0.5.npy", "t_0.50.npy"], "same number"),
-            (&["e_1e-300.npy", "e_1e+00.npy", "e_1e+200.npy"], "and not evenly"),
+            (&["e_1e-300.npy", "e_1e+00.npy", "e_1e+200.npy"], "unevenly"),
         ] {
             let message = checked_as_values(names).unwrap_err();
             assert!(message.contains(words) && message.contains("`order` natural"), "{message}");

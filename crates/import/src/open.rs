@@ -86,12 +86,12 @@ pub fn open(inputs: &[PathBuf], options: &OpenOptions) -> Result<Box<dyn Source>
     let is_set = format == Format::Tiff && paths.len() > 1 && !is_told && tiff_stack::is_whole_set(&paths)?;
     let (paths, order_note) = match format {
         Format::Dicom if order.is_some() && !options.is_step => {
-            let problem = "`order`: DICOM slices are put in order by the places that they name";
+            let problem = "`order`: DICOM slices are ordered by their positions; leave it out";
             return Err(ImportError::options(&paths[0], problem));
         }
         Format::Dicom => (in_natural_order(&paths), None),
         _ if is_set => {
-            let note = format!("The {} files are one set: their planes are where its OME-XML says.", paths.len());
+            let note = format!("The {} files are one set: the OME-XML places their planes.", paths.len());
             (in_natural_order(&paths)[..1].to_vec(), Some(note))
         }
         _ if unordered || paths.len() > 1 => {
@@ -178,7 +178,7 @@ fn open_raw(path: &Path, options: &OpenOptions) -> Result<RawSource, ImportError
     let bytes = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
     let (Some(extent), Some(voxel_type)) = (options.shape, options.voxel_type) else {
         let problem =
-            format!("a raw file of {bytes} bytes does not say what it holds; pass `shape` X,Y,Z and `voxel_type`");
+            format!("a raw file of {bytes} bytes does not describe its voxels; pass `shape` X,Y,Z and `voxel_type`");
         return Err(ImportError::options(path, problem));
     };
     let layout = RawLayout {
@@ -245,7 +245,7 @@ fn format_of(path: &Path, options: &OpenOptions) -> Result<Format, ImportError> 
     if ends(&[".raw", ".bin", ".dat"]) {
         return Ok(Format::Raw);
     }
-    Err(ImportError::invalid(path, format!("not a format that is read; what is: {READ}")))
+    Err(ImportError::invalid(path, format!("not a supported format; supported are: {READ}")))
 }
 
 /// Refuses folders within a list, and files without random access.
@@ -255,12 +255,9 @@ fn check_kind(path: &Path) -> Result<(), ImportError> {
         kind if kind.is_file() => Ok(()),
         kind if kind.is_dir() => Err(ImportError::invalid(
             path,
-            "a folder beside other inputs: name its files, or pack one folder and append the others",
+            "a folder among other inputs: name its files, or pack one folder and append the others",
         )),
-        _ => Err(ImportError::invalid(
-            path,
-            "a pipe or a device, in which nothing can be sought; write it to a file first",
-        )),
+        _ => Err(ImportError::invalid(path, "a pipe or a device, without random access; write it to a file first")),
     }
 }
 
@@ -282,7 +279,7 @@ fn check_used(format: Format, path: &Path, options: &OpenOptions) -> Result<(), 
     let Some((name, _, _, of)) = said.into_iter().find(|(_, is_said, is_used, _)| *is_said && !is_used) else {
         return Ok(());
     };
-    let problem = format!("`{name}` is for {of}: {} has no use for it; leave it out", format.of_file());
+    let problem = format!("`{name}` is for {of}, not for {}; leave it out", format.of_file());
     Err(ImportError::options(path, problem))
 }
 
@@ -307,7 +304,7 @@ fn override_nodata(info: &mut SourceInfo, path: &Path, nodata: NoData) -> Result
             return Err(ImportError::options(path, problem));
         }
         NoData::Value(value) if info.voxel_type.is_float() && value != 0.0 && value as f32 == 0.0 => {
-            let problem = format!("`nodata` {value:e}: voxels are f32, which do not tell it from 0");
+            let problem = format!("`nodata` {value:e}: voxels are f32, in which it is 0");
             return Err(ImportError::options(path, problem));
         }
         NoData::Value(value) => {
@@ -397,7 +394,7 @@ mod tests {
             assert!(message.contains(&format!("`{name}` is for ")), "{message}");
         }
         let tiny = OpenOptions { nodata: NoData::Value(1e-300), ..plain.clone() };
-        assert!(refusal(&path, &tiny).contains("do not tell it from 0"));
+        assert!(refusal(&path, &tiny).contains("in which it is 0"));
         let least = OpenOptions { nodata: NoData::Value(-3.40282347e38), ..plain.clone() };
         assert_eq!(open(std::slice::from_ref(&path), &least).unwrap().info().nodata, Some(f64::from(f32::MIN)));
         assert!(refusal(&path, &OpenOptions { nodata: NoData::Value(-3.5e38), ..plain }).contains("expected one"));

@@ -56,7 +56,7 @@ fn nothing_fits(folder: &Path, pattern: &Path, mut others: Vec<String>) -> Strin
         true => "nothing".into(),
         false => format!("{}{more}", others[..others.len().min(MOST_SHOWN)].join(", ")),
     };
-    format!("no file fits this pattern: {} holds {there}", folder.display())
+    format!("no file matches this pattern: {} holds {there}", folder.display())
 }
 
 impl Pattern {
@@ -65,7 +65,7 @@ impl Pattern {
         let numbered = numbered(name)?;
         let is_wild = name.contains(['*', '?']);
         match (numbered, is_wild) {
-            (Some(_), true) => Err("is a pattern of two kinds: use * and ?, or one number as %04d".into()),
+            (Some(_), true) => Err("is a pattern of two kinds: use either * and ?, or one number as %04d".into()),
             (None, true) => Ok(Some(Self::Wild(name.chars().collect()))),
             (numbered, false) => Ok(numbered),
         }
@@ -114,7 +114,7 @@ fn numbered(name: &str) -> Result<Option<Pattern>, String> {
             continue;
         };
         if digits.is_some() {
-            return Err("counts two numbers: only one, that of the time step, can be counted".into());
+            return Err("holds two counters: expected one, for the time step".into());
         }
         let least = match (width.strip_prefix('0'), width.is_empty()) {
             (Some(width), _) => width.parse::<usize>().ok().filter(|width| (1..=18).contains(width)),
@@ -122,7 +122,7 @@ fn numbered(name: &str) -> Result<Option<Pattern>, String> {
             (None, false) => None,
         };
         digits =
-            Some(least.ok_or_else(|| format!("%{width}d: expected %d, or with a number of digits %01d to %018d"))?);
+            Some(least.ok_or_else(|| format!("%{width}d: expected %d, or %01d to %018d with a number of digits"))?);
         texts.push(String::new());
         rest = after;
     }
@@ -205,7 +205,7 @@ mod tests {
         for plain in ["a.npy", "100%.raw", "50%x", "%%d"] {
             assert_eq!(Pattern::of(plain), Ok(None), "{plain}");
         }
-        assert!(Pattern::of("s_%d_%d.raw").unwrap_err().contains("two numbers"));
+        assert!(Pattern::of("s_%d_%d.raw").unwrap_err().contains("two counters"));
         assert!(Pattern::of("s_%4d.raw").unwrap_err().contains("%4d: expected %d"));
         assert!(Pattern::of("s_%d_*.raw").unwrap_err().contains("two kinds"));
     }
@@ -227,7 +227,7 @@ mod tests {
         assert_eq!(found(".s_*"), [".s_3.npy"]);
         let message = expand(&folder.path().join("x_*.npy")).unwrap_err().to_string();
         assert!(
-            message.contains("no file fits") && message.contains("holds s_1.npy, s_2.npy, s_9.npy, ..."),
+            message.contains("no file matches") && message.contains("holds s_1.npy, s_2.npy, s_9.npy, ..."),
             "{message}"
         );
         assert!(expand(&folder.path().join("no/x_*.npy")).unwrap_err().to_string().contains("No such file"));

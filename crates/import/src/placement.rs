@@ -15,7 +15,7 @@ pub(crate) fn set_matrix(matrix: [[f64; 4]; 3], info: &mut SourceInfo, notes: &m
             info.orientation = Some(orientation);
         }
         Err(error) => notes.push(Note::warning(format!(
-            "The header's matrix says nothing of where the volume lies ({error}): the volume is shown along its own axes."
+            "The header's matrix gives no valid placement ({error}): the volume is shown along its own axes."
         ))),
     }
 }

@@ -258,7 +258,8 @@ fn check_letters(path: &Path, array: &ArrayLayout) -> Result<(), ImportError> {
     for (axis, letter) in [(Axis::Z, 'z'), (Axis::C, 'c'), (Axis::T, 't')] {
         let size = array.sizes.of(axis);
         if size > 1 && !array.axes.axes().contains(&axis) {
-            let problem = format!("axes '{}' have no '{letter}', but {size} along {letter} were given", array.axes);
+            let problem =
+                format!("axes '{}' have no '{letter}', but a size of {size} along {letter} was given", array.axes);
             return Err(ImportError::options(path, problem));
         }
     }

@@ -173,7 +173,7 @@ impl Series {
             && (found.extent, found.voxel_type, found.channels) == (known.extent, known.voxel_type, known.channels)
             && found.times == 1;
         if !is_same {
-            let problem = "changed since the series was opened; start over when nothing writes to it";
+            let problem = "changed since the series was opened; start over when no program writes to it";
             return Err(ImportError::invalid(&step.path, problem));
         }
         Ok(opened.into())
@@ -235,7 +235,7 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
     if step.nodata != first.nodata {
         let value = |info: &SourceInfo| info.nodata.map_or("no value".into(), |value| value.to_string());
         let problem = format!(
-            "says with {} that voxels hold no data, but {first_path} with {}; give one for all with `nodata`",
+            "marks voxels without data with {}, but {first_path} with {}; give one value for all with `nodata`",
             value(step),
             value(first)
         );
@@ -246,9 +246,8 @@ fn check_alike(step: &SourceInfo, path: &Path, first: &SourceInfo, paths: &[Path
         (own, other) => own == other,
     };
     if !lies_there {
-        let problem = format!(
-            "lies otherwise in the patient than {first_path}: register the steps to one place, or pack each by itself"
-        );
+        let problem =
+            format!("lies differently in the patient than {first_path}: register the steps, or pack each by itself");
         return Err(ImportError::invalid(path, problem));
     }
     Ok(())
@@ -260,7 +259,7 @@ fn check_unit(step: &SourceInfo, path: &Path, first: &SourceInfo, first_path: &P
     }
     let [own, other] = [step, first].map(|info| info.geometry.unit.clone().unwrap_or_else(|| "no unit".into()));
     let problem = format!(
-        "has lengths in {own}, but {} in {other}: write them in one unit, or give the one that holds for all with `unit`",
+        "has lengths in {own}, but {} in {other}: write them in one unit, or give the unit of all with `unit`",
         first_path.display()
     );
     Err(ImportError::options(path, problem))

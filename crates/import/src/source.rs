@@ -72,16 +72,16 @@ impl SourceInfo {
             let value = narrowed;
             self.nodata = Some(value);
             let what = if self.voxel_type.is_float() { "they become NaN" } else { "they are left out" };
-            let note = format!("Voxels of {value} hold no data, as the file says ({name}): {what}.");
+            let note = format!("Voxels of {value} hold no data, according to the file ({name}): {what}.");
             self.notes.push(Note::new(note));
         } else if value.is_finite() {
             let voxel_type = self.voxel_type;
             let what = match voxel_type.is_float() {
-                true => "f32 has none, and what is infinite has no data anyway".into(),
-                false => format!("no {voxel_type} voxel can be that"),
+                true => "f32 cannot hold it, and infinite values hold no data anyway".into(),
+                false => format!("no {voxel_type} voxel can have this value"),
             };
             let value = if value.abs() < 1e15 { value.to_string() } else { format!("{value:e}") };
-            let warning = format!("Voxels of {value} hold no data, as the file says ({name}): {what}.");
+            let warning = format!("Voxels of {value} hold no data, according to the file ({name}): {what}.");
             self.notes.push(Note::warning(warning));
         }
     }

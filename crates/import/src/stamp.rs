@@ -43,7 +43,7 @@ impl Stamp {
         };
         Err(ImportError::invalid(
             path,
-            format!("changed while it was read: {how}; start over when nothing writes to it"),
+            format!("changed while it was read: {how}; start over when no program writes to it"),
         ))
     }
 }

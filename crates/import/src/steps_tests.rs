@@ -123,7 +123,7 @@ fn a_missing_a_doubled_and_an_unlike_step_are_named() {
     assert_eq!(open(&[one.clone(), two, one], &given).unwrap().info().times, 3);
     let message = refusal(&[twice.path().join("t_%03d.npy")], &none);
     assert!(
-        message.contains("t_%03d.npy: no file fits this pattern") && message.contains("s_01.npy, s_1.npy"),
+        message.contains("t_%03d.npy: no file matches this pattern") && message.contains("s_01.npy, s_1.npy"),
         "{message}"
     );
 
@@ -186,7 +186,7 @@ fn the_halves_of_an_image_are_no_two_steps() {
         let files = files.map(at);
         let ways = [refusal(&files, options), order_steps(&files, options).unwrap_err().to_string()];
         for message in ways {
-            assert!(message.contains("half of an image") && message.contains("name one of the two"), "{message}");
+            assert!(message.contains("half of the same image") && message.contains("name one of the two"), "{message}");
         }
     }
     for files in [["p.hdr", "q.hdr"], ["p.img", "q.hdr"]] {

@@ -169,7 +169,10 @@ impl TiffStack {
             let mut tiff = idle.map_or_else(|| OpenTiff::open(&file.path), Ok)?;
             tiff.seek(place.page)?;
             if tiff.format()? != self.format {
-                let problem = format!("page {} is of another kind than when the file was opened", place.page + 1);
+                let problem = format!(
+                    "page {} has changed since the file was opened; start over when no program writes to it",
+                    place.page + 1
+                );
                 return Err(ImportError::invalid(&file.path, problem));
             }
             f(&mut tiff)?;

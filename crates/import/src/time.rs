@@ -12,7 +12,8 @@ const LONGEST_STAMPS: u64 = 256 << 20;
 /// Replaces the file's time step, unit and stamps with the user's.
 pub(crate) fn override_time(info: &mut SourceInfo, path: &Path, options: &OpenOptions) -> Result<(), ImportError> {
     if options.time_step.is_some() && options.time_stamps.is_some() {
-        let problem = "`time_step` and `time_stamps`: steps are evenly spaced, or each has a time of its own; give one of the two";
+        let problem = "`time_step` and `time_stamps`: steps are either evenly spaced or have times of their own; give \
+                       one of the two";
         return Err(ImportError::options(path, problem));
     }
     let known = info.time.take();
@@ -46,13 +47,14 @@ pub(crate) fn override_time(info: &mut SourceInfo, path: &Path, options: &OpenOp
 fn read_stamps(path: &Path, times: u32) -> Result<Vec<f64>, ImportError> {
     let bytes = std::fs::metadata(path).map_err(ImportError::io(path))?.len();
     if bytes > LONGEST_STAMPS {
-        let problem =
-            format!("a file of {bytes} bytes is no list of stamps: expected one number a line, as many as time steps");
+        let problem = format!(
+            "a file of {bytes} bytes is too long for a list of times: expected one number a line, as many as time steps"
+        );
         return Err(ImportError::invalid(path, problem));
     }
     let text = std::fs::read(path).map_err(ImportError::io(path))?;
     let text = String::from_utf8(text)
-        .map_err(|_| ImportError::invalid(path, "is no text: expected one number a line, as many as time steps"))?;
+        .map_err(|_| ImportError::invalid(path, "is not text: expected one number a line, as many as time steps"))?;
     let lines =
         (1..).zip(text.trim_start_matches('\u{feff}').lines().map(str::trim)).filter(|(_, line)| !line.is_empty());
     let stamps = lines.map(|(number, line)| {
@@ -131,7 +133,7 @@ mod tests {
         of_file(b"0\n1\n2,5\n3\n", &["line 3", "2,5"]);
         of_file(b"0\n1\ninf\n3\n", &["line 3", "inf"]);
         of_file(b"0\n2\n1\n3\n", &["ascending", "1 of step 2 after 2 of step 1"]);
-        of_file(b"\xff\xfe", &["is no text"]);
+        of_file(b"\xff\xfe", &["is not text"]);
         let (_folder, path) = temp_file("stamps", b"0\n1\n2\n3\n");
         let both = OpenOptions { time_step: Some(1.0), time_stamps: Some(path), ..none.clone() };
         assert!(refusal(&both).contains("`time_step` and `time_stamps`"));

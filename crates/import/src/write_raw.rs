@@ -26,7 +26,7 @@ pub fn write_raw(
     progress: &mut (dyn FnMut(u64, u64) + Send),
 ) -> Result<(), ImportError> {
     if !overwrite && path.exists() {
-        return Err(ImportError::options(path, "exists already; remove it or choose another name"));
+        return Err(ImportError::options(path, "exists already; choose another name, or remove it"));
     }
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let partial = temporary_in(folder).map_err(ImportError::io(folder))?;

@@ -38,7 +38,7 @@ pub enum ExactError {
     Budget(#[from] PagerError),
     /// The host budget cannot hold the list of cells to draw.
     #[error(
-        "an exact picture of this view takes more than {cells} bricks, as many as {host_bytes} bytes of host memory can list"
+        "an exact picture of this view takes more than {cells} bricks, the most in {host_bytes} bytes of host memory"
     )]
     TooManyCells {
         /// The number of cells that would fit.
@@ -47,7 +47,7 @@ pub enum ExactError {
         host_bytes: u64,
     },
     /// Neither a cell's brick nor any ancestor can be read.
-    #[error("nothing can stand in for a part of the picture: {0}")]
+    #[error("a part of the picture cannot be read at any level: {0}")]
     Unreadable(BrickError),
 }
 
@@ -271,7 +271,7 @@ impl Readers {
                         // A buffer from the channel has one holder, so the copy never happens.
                         read_nearest(&mut reader, &*source, cell, Arc::make_mut(&mut codes))
                     });
-                    let read = catch_unwind(read).unwrap_or_else(|_| Err(BrickError::of_panic(cell, "what reads it")));
+                    let read = catch_unwind(read).unwrap_or_else(|_| Err(BrickError::of_panic(cell, "the reader")));
                     if sender.send((at, read.map(|brick| StandIn { brick, codes }))).is_err() {
                         return;
                     }

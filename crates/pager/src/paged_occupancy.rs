@@ -105,7 +105,7 @@ impl PagedOccupancy {
         let content = match self.source.read_occupancy(page) {
             Ok(occupancy) => Content::Known(occupancy.into()),
             Err(error) => {
-                tracing::warn!(%error, "coarser bricks answer for what these can show");
+                tracing::warn!(%error, "the occupancy of coarser bricks stands in");
                 Content::Unreadable { is_passing: error.is_passing }
             }
         };

@@ -126,7 +126,7 @@ impl CoreHashes {
 
     fn read(&self, page: PageId) -> Option<Arc<[u128]>> {
         let read = self.source.read_hashes(page);
-        read.inspect_err(|error| tracing::debug!(%error, "bricks are taken for changed")).ok().map(Arc::from)
+        read.inspect_err(|error| tracing::debug!(%error, "all bricks count as changed")).ok().map(Arc::from)
     }
 }
 

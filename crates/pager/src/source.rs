@@ -18,7 +18,7 @@ pub struct BrickError {
 impl BrickError {
     /// Error for a brick on which `who` panicked; the panic has been printed.
     pub(crate) fn of_panic(id: BrickId, who: &str) -> Self {
-        Self { id, reason: format!("{who} panicked"), is_passing: false }
+        Self { id, reason: format!("{who} panicked; please report this"), is_passing: false }
     }
 }
 

@@ -51,7 +51,7 @@ impl BrickSource for Store {
 
     fn occupancy(&self, id: BrickId) -> Occupancy {
         self.occupancy(id).unwrap_or_else(|error| {
-            tracing::warn!(%error, "a brick may show anything");
+            tracing::warn!(%error, "the brick counts as visible");
             Occupancy::ALL
         })
     }

@@ -185,7 +185,7 @@ impl Shared {
     fn work(&self, mut reader: PaddedReader, sender: &Sender<Arrival>, advise: impl Fn(&[BrickId])) {
         while let Some(Job { id, mut buffer, advise: batch }) = self.take() {
             let read = AssertUnwindSafe(|| self.read(&mut reader, id, &mut buffer, batch, &advise));
-            let panicked = |_| Err(Failure { error: BrickError::of_panic(id, "what reads it"), again: None });
+            let panicked = |_| Err(Failure { error: BrickError::of_panic(id, "the reader"), again: None });
             let result = match catch_unwind(read).unwrap_or_else(panicked) {
                 Ok(Found::Held(content)) => {
                     self.give_back(buffer);

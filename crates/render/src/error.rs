@@ -13,7 +13,7 @@ pub enum GpuError {
         seen: String,
     },
     /// The adapter provides no device, or one with too low limits.
-    #[error("{adapter} gives no device: {reason}")]
+    #[error("{adapter} provides no device: {reason}")]
     Device {
         /// The adapter's name.
         adapter: String,
@@ -39,7 +39,7 @@ pub enum GpuError {
     },
     /// The meshes take a larger buffer than shaders can see.
     #[error(
-        "the meshes take {bytes} bytes, and a shader sees {limit_bytes} here: leave out some of their vertices, or draw on the CPU"
+        "the meshes take {bytes} bytes, of at most {limit_bytes} for shaders here: simplify them, or draw on the CPU"
     )]
     Meshes {
         /// The largest buffer of the meshes, of vertices or of triangles, bytes.
@@ -49,7 +49,8 @@ pub enum GpuError {
     },
     /// The picture's volumes need more textures than a shader can see.
     #[error(
-        "the {volumes} volumes of one picture need {needed} textures, and this GPU's shaders see {limit}: show fewer, or draw on the CPU"
+        "the {volumes} volumes of one picture need {needed} textures, of at most {limit} on this GPU: show fewer, or \
+         draw on the CPU"
     )]
     Textures {
         /// Number of volumes in the picture.
@@ -61,9 +62,7 @@ pub enum GpuError {
         limit: u32,
     },
     /// A volume has 16-bit labels, and the device's filterable textures have fewer bits.
-    #[error(
-        "this GPU has no textures of 16 bits, without which labels of more than 8 bits are not told apart: draw on the CPU"
-    )]
+    #[error("this GPU has no 16-bit textures, which labels of more than 8 bits need: draw on the CPU")]
     Labels,
     /// The picture exceeds the adapter's textures or this renderer's maximum size.
     #[error("a picture of {width_px}x{height_px} pixels is too large: at most {limit_width_px}x{limit_height_px} here")]

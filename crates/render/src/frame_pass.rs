@@ -432,7 +432,7 @@ impl Passes<'_> {
     /// If the device fails, or slabs have not been drawn.
     pub(crate) fn end(&mut self, picture: u64, wants_pixels: bool) -> Result<End, GpuError> {
         if self.next_slab()? {
-            return Err(GpuError::Mismatch("the picture has slabs that were not drawn".into()));
+            return Err(GpuError::Mismatch("the picture has undrawn slabs".into()));
         }
         if self.next == Next::Picture {
             self.draw_nothing()?;

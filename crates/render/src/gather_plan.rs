@@ -76,7 +76,7 @@ impl Course {
             [first, others @ ..]
                 if compositor == Compositor::Sorted && !others.iter().all(|other| other.shares_cells_with(first)) =>
             {
-                let problem = "`sorted` has no order for cells of layers that do not share a grid, a place and a cut";
+                let problem = "`sorted` cannot order the cells of layers of different grids, places or cuts";
                 Err(GpuError::Mismatch(problem.into()))
             }
             all => {

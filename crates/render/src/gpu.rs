@@ -194,7 +194,7 @@ impl Gpu {
         let filters = [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::OutOfMemory];
         let scopes = filters.map(|filter| self.device.push_error_scope(filter));
         // If this thread died, others would wait for it in vain.
-        let made = catch_unwind(AssertUnwindSafe(make)).map_err(|_| "the driver gave it up".to_string());
+        let made = catch_unwind(AssertUnwindSafe(make)).map_err(|_| "the driver gave up".to_string());
         let errors: Vec<_> = scopes.into_iter().rev().filter_map(|scope| pollster::block_on(scope.pop())).collect();
         match errors.first() {
             Some(error) => Err(GpuError::Refused(error.to_string())),
@@ -254,7 +254,7 @@ impl Gpu {
             // A busy device is not lost.
             Ok(Ok(_) | Err(wgpu::PollError::Timeout)) => return Ok(()),
             Ok(Err(error)) => error.to_string(),
-            Err(_) => "the driver gave it up".to_string(),
+            Err(_) => "the driver gave up".to_string(),
         };
         let lost = GpuError::DeviceLost(lost);
         self.fault.set(lost.clone());

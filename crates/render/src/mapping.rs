@@ -33,7 +33,7 @@ impl Mapping {
                 Ok(Ok(())) => self.is_there = true,
                 Ok(Err(error)) => return Err(gpu.lost(&error)),
                 Err(TryRecvError::Empty) => {}
-                Err(TryRecvError::Disconnected) => return Err(gpu.lost(&"a buffer that was asked for never came")),
+                Err(TryRecvError::Disconnected) => return Err(gpu.lost(&"a requested buffer never arrived")),
             }
         }
         Ok(self.is_there)
@@ -45,7 +45,7 @@ impl Mapping {
     /// If the buffer is not mapped yet, or the device is lost.
     pub(crate) fn read<T>(mut self, gpu: &Gpu, read: impl FnOnce(&[u8]) -> T) -> Result<(T, wgpu::Buffer), GpuError> {
         if !self.is_there(gpu)? {
-            return Err(GpuError::Refused("a buffer is not there after the work before it".into()));
+            return Err(GpuError::Refused("a buffer is not mapped after the work before it".into()));
         }
         let bytes = self.buffer.get_mapped_range(..).map_err(|error| gpu.lost(&error))?;
         let found = read(&bytes);

@@ -328,7 +328,7 @@ impl GpuRenderer {
     /// As [`GpuRenderer::new`], and if the device is an application's. The renderer stays lost then.
     pub fn renew(&mut self) -> Result<(), GpuError> {
         if self.gpu.is_lent {
-            return Err(self.gpu.lost(&"it is the application's to make anew"));
+            return Err(self.gpu.lost(&"the application must create it anew"));
         }
         // The old device's memory must be freed before the new one's is allocated.
         self.gpu.destroy();

@@ -249,7 +249,7 @@ impl Appender {
         check_nodata(source.info(), &store, left_out(&passed.channels).1 - nodata)?;
         self.commit(&next, &before, &passed.channels)?;
         for group in stale_groups(&self.dir) {
-            let what = "has gathered this store's metadata, which do not know the step: gather them anew";
+            let what = "holds a copy of this store's metadata without the new step: consolidate it anew";
             progress.warn(&format!("{}: {what} (zarr.consolidate_metadata)", group.display()));
         }
         let after = left_out(&passed.channels);
@@ -305,7 +305,7 @@ impl Appender {
             return check_counts(store, &counts, &kept).map(|()| kept).map_err(|error| AppendError::from(error).into());
         }
         if store.times() > 1 {
-            let what = "keeps no counts of its values yet: they are counted once, in all of its steps";
+            let what = "has no counts of its values yet: the values of all steps are counted once";
             progress.warn(&format!("{}: {what}", self.dir.display()));
         }
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.options.threads).build();
@@ -433,7 +433,7 @@ impl Appender {
     /// Refuses a store with steps appended by another program, which would be deleted.
     fn refuse_foreign_steps(&self, store: &Store) -> Result<(), OpenError> {
         let Some((path, found)) = foreign_steps(store)? else { return Ok(()) };
-        let expected = format!("{}, as the root document counts: {FOREIGN_STEPS}", self.times);
+        let expected = format!("{}, as in the root document: {FOREIGN_STEPS}", self.times);
         Err(OpenError::invalid(&path, "shape[0]", expected, found))
     }
 

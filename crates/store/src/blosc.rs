@@ -149,7 +149,7 @@ fn decode_streams(
 ) -> Result<(), CodecError> {
     let stream_bytes = out.len() / streams;
     if stream_bytes * streams != out.len() {
-        return Err(malformed("block is not a whole number of streams"));
+        return Err(malformed("block does not divide into streams"));
     }
     for part in out.chunks_mut(stream_bytes.max(1)) {
         let length = read_u32(body, at).ok_or_else(|| malformed("stream length outside the container"))?;

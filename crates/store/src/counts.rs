@@ -71,7 +71,7 @@ impl Counts {
 
     /// The remedy for damaged counts.
     pub(crate) fn cure(&self) -> String {
-        format!("delete {}, and all steps are counted anew", self.dir.display())
+        format!("delete {} to have all steps counted anew", self.dir.display())
     }
 
     /// Reads the counts of the first `times` steps, if the store has any.

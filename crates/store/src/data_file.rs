@@ -16,7 +16,7 @@ pub(crate) fn open_at(dir: impl AsFd, path: &Path) -> std::io::Result<File> {
     let flags = OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK;
     let file = File::from(rustix::io::retry_on_intr(|| openat(&dir, path, flags, Mode::empty()))?);
     let kind = file.metadata()?.file_type();
-    if kind.is_file() || kind.is_dir() { Ok(file) } else { Err(Error::other("is no file of data")) }
+    if kind.is_file() || kind.is_dir() { Ok(file) } else { Err(Error::other("is not a regular file")) }
 }
 
 /// Reads a file of at most `most` bytes; fails if it is longer.
@@ -24,7 +24,7 @@ pub(crate) fn read_at_most(file: std::io::Result<File>, most: u64) -> std::io::R
     let mut bytes = Vec::new();
     file?.take(most + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most {
-        return Err(std::io::Error::other(format!("larger than the {most} bytes that it can have")));
+        return Err(std::io::Error::other(format!("larger than its limit of {most} bytes")));
     }
     Ok(bytes)
 }

@@ -97,7 +97,9 @@ impl std::str::FromStr for Reductions {
         let Some((main, second)) = s.split_once(',') else { return Ok(s.parse::<Downsample>()?.into()) };
         let (main, second) = (main.parse()?, second.parse()?);
         if main == second {
-            return Err(format!("'{s}' is one downsampling twice: expected one, or two that differ, e.g. mean,max"));
+            return Err(format!(
+                "'{s}' names one downsampling twice: expected one, or two different ones, e.g. mean,max"
+            ));
         }
         Ok(Self { main, second: Some(second) })
     }

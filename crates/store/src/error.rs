@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 /// A write inside a store by an outsider.
 #[derive(Debug, thiserror::Error)]
-#[error("{path}: lies inside of the store {store}, which is left alone; choose a place outside of it", path = path.display(), store = store.display())]
+#[error("{path}: lies inside the store {store}, which is left alone; choose a place outside of it", path = path.display(), store = store.display())]
 pub struct InsideStore {
     /// The refused output path.
     pub path: PathBuf,
@@ -27,11 +27,11 @@ pub enum OpenError {
         path: PathBuf,
     },
     /// The path is, or would be, part of a store.
-    #[error("{path}: {what} of {store}: give {store}", path = path.display(), store = store.display())]
+    #[error("{path}: {what} of {store}: pass {store}", path = path.display(), store = store.display())]
     Inside {
         /// The path to open.
         path: PathBuf,
-        /// A description of the path, such as `this is level 0`.
+        /// A description of the path, such as `is level 0`.
         what: String,
         /// The store around the path.
         store: PathBuf,
@@ -60,8 +60,8 @@ pub enum OpenError {
     },
     /// A store in an older, no longer readable format.
     #[error(
-        "{store}: is a store of format {version}, and this program reads format {now}; pack it anew from its source ({source_name}), \
-         with `overwrite`",
+        "{store}: has store format {version}, and this program reads format {now}; pack it anew from its source \
+         ({source_name}), with `overwrite`",
         store = store.display(), now = crate::version::FORMAT_VERSION
     )]
     OldFormat {
@@ -74,7 +74,7 @@ pub enum OpenError {
     },
     /// No pyramid of the store uses the requested method.
     #[error(
-        "{path}: no level is made by {asked}, only by {found}; pack it with `downsample` {main},{asked}",
+        "{path}: no level is made by {asked}, only by {found}; pack it anew with `downsample` {main},{asked}",
         path = path.display(), asked = asked.name(), main = found.main().name()
     )]
     NoReduction {
@@ -134,15 +134,15 @@ impl OpenError {
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// A shard file of the packed store is missing.
-    #[error("{path}: missing shard (the store was packed with it); pack again or restore the file", path = path.display())]
+    #[error("{path}: missing shard; restore the file, or pack the store again", path = path.display())]
     MissingShard {
         /// The path of the missing shard.
         path: PathBuf,
     },
     /// The shard file differs from the packed one.
     #[error(
-        "{path}: {what}: expected {expected}, found {found} (rewritten or truncated by another tool); pack again or restore \
-         the file",
+        "{path}: {what}: expected {expected}, found {found} (rewritten or truncated by another program); restore the \
+         file, or pack the store again",
         path = path.display()
     )]
     Rewritten {
@@ -300,7 +300,7 @@ pub enum ExportError {
     #[error(transparent)]
     Inside(#[from] InsideStore),
     /// The output's extension belongs to no supported format.
-    #[error("{path}: cannot export to this extension; supported: .raw, .npy", path = path.display())]
+    #[error("{path}: cannot export to this extension; choose a name ending in .raw or .npy", path = path.display())]
     Extension {
         /// The output's path.
         path: PathBuf,

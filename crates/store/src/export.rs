@@ -104,7 +104,7 @@ pub fn export(
     let io = |error| ExportError::Io { path: output.into(), error };
     let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if std::fs::metadata(output).is_ok_and(|found| !found.is_file()) {
-        return Err(io(std::io::Error::other("is no file, and is not replaced by one")));
+        return Err(io(std::io::Error::other("is not a regular file, and is never replaced")));
     }
     let mut file = temporary_in(folder).map_err(io)?;
     file.write_all(&header).map_err(io)?;
@@ -450,7 +450,7 @@ mod tests {
             export(&store, &out.path().join(name), &request, go_on).unwrap_err().to_string()
         };
         let request = ExportRequest::default();
-        assert!(attempt("a.tif", request).contains(".raw, .npy"));
+        assert!(attempt("a.tif", request).contains(".raw or .npy"));
         assert!(attempt("a.raw", ExportRequest { level: Level(9), ..request }).contains("expected 0 to 3"));
         assert!(attempt("a.raw", ExportRequest { time: ExportTime::Step(1), ..request }).contains("time step 1"));
         assert!(attempt("a.raw", ExportRequest { channel: 1, ..request }).contains("channel 1"));

@@ -93,7 +93,7 @@ mod tests {
         let path = dir.path().join("zarr.json");
         rustix::fs::mkfifoat(CWD, &path, Mode::from_raw_mode(0o600)).unwrap();
         let message = Store::open(dir.path()).err().unwrap().to_string();
-        assert!(message.contains("zarr.json") && message.contains("is no file of data"), "{message}");
+        assert!(message.contains("zarr.json") && message.contains("is not a regular file"), "{message}");
     }
 
     #[test]

@@ -65,10 +65,10 @@ fn what(path: &Path, store: &Path) -> String {
     let first = names.next().unwrap_or_default();
     let is_level = first.chars().all(|c| c.is_ascii_digit()) && store.join(&*first).is_dir();
     match (path.exists(), is_level, names.next()) {
-        (true, true, None) => format!("this is level {first}"),
-        (true, true, Some(_)) => format!("this is a part of level {first}"),
-        (true, false, _) => "this is a part".into(),
-        (false, ..) => "there is no such part".into(),
+        (true, true, None) => format!("is level {first}"),
+        (true, true, Some(_)) => format!("is a part of level {first}"),
+        (true, false, _) => "is a part".into(),
+        (false, ..) => "is no part".into(),
     }
 }
 
@@ -87,11 +87,11 @@ mod tests {
         for (part, words) in [
             ("0", "this is level 0 of"),
             ("1/", "this is level 1 of"),
-            ("0/zarr.json", "this is a part of level 0 of"),
-            ("0/.brickyard/ranges", "this is a part of level 0 of"),
-            ("zarr.json", "this is a part of"),
-            ("s0", "there is no such part of"),
-            ("99", "there is no such part of"),
+            ("0/zarr.json", "is a part of level 0 of"),
+            ("0/.brickyard/ranges", "is a part of level 0 of"),
+            ("zarr.json", "is a part of"),
+            ("s0", "is no part of"),
+            ("99", "is no part of"),
         ] {
             let path = store.join(part);
             let message = Store::open(&path).err().unwrap().to_string();

@@ -23,7 +23,7 @@ pub(crate) fn parse_json(path: &Path, text: &[u8]) -> Result<Value, OpenError> {
 
 /// A description of text of the wrong form, to follow "found".
 pub(crate) fn not_json(error: &serde_json::Error) -> String {
-    format!("what cannot be read ({}); put the file back, or pack again", error.to_string().replace('`', "'"))
+    format!("unreadable text ({}); restore the file, or pack the store again", error.to_string().replace('`', "'"))
 }
 
 /// Whether a JSON text has more than `most` values: each is preceded by one of these characters, outside strings.

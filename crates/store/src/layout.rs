@@ -67,7 +67,7 @@ pub(crate) fn check_size(extent: Extent, times: u32, channels: u32) -> Result<()
     let voxels = extent.checked_volume().and_then(|v| v.checked_mul(times as u64)?.checked_mul(channels as u64));
     match voxels {
         Some(voxels) if (1..=i64::MAX as u64).contains(&voxels) => Ok(()),
-        _ => Err(("shape", "fewer than 2^63 voxels, and some".into())),
+        _ => Err(("shape", "at least one voxel, and fewer than 2^63".into())),
     }
 }
 
@@ -75,14 +75,11 @@ pub(crate) fn check_size(extent: Extent, times: u32, channels: u32) -> Result<()
 pub(crate) fn check_shard_bricks(layout: &Layout) -> Result<(), Unfit> {
     let bricks = layout.shard_bricks(Level(0)).volume();
     if bricks > MAX_SHARD_BRICKS {
-        return Err((
-            "shard",
-            format!("an edge with which a shard has at most {MAX_SHARD_BRICKS} bricks, not {bricks}"),
-        ));
+        return Err(("shard", format!("an edge of at most {MAX_SHARD_BRICKS} bricks a shard, not {bricks}")));
     }
     if bricks.saturating_mul(layout.shard_times.into()) > MAX_SHARD_BRICKS {
         let most = MAX_SHARD_BRICKS / bricks;
-        return Err(("shard_times", format!("at most {most}, as shards have {bricks} bricks of each time step")));
+        return Err(("shard_times", format!("at most {most}, as a shard has {bricks} bricks of each time step")));
     }
     Ok(())
 }
@@ -387,8 +384,8 @@ mod tests {
         let in_shards_of = |extent| Layout::new(Pyramid::new(extent, [1.0; 3], 8), 1, 1, 8192);
         assert_eq!(check_shard_bricks(&in_shards_of(Extent::new(1024, 1024, 1024))), Ok(()));
         let (field, expected) = check_shard_bricks(&in_shards_of(Extent::new(1024, 1024, 1025))).unwrap_err();
-        assert!(field == "shard" && expected.contains("at most 2097152 bricks, not 2113536"), "{expected}");
-        assert!(check_shard_bricks(&of(2)).unwrap_err().1.contains("at most 1, as shards have 2097152 bricks"));
+        assert!(field == "shard" && expected.contains("at most 2097152 bricks a shard, not 2113536"), "{expected}");
+        assert!(check_shard_bricks(&of(2)).unwrap_err().1.contains("at most 1, as a shard has 2097152 bricks"));
     }
 
     #[test]

@@ -267,7 +267,7 @@ impl StoreInfo {
         if let Some(nodata) =
             self.nodata.filter(|&nodata| self.voxel_type.is_float() || !self.voxel_type.holds(nodata as f64))
         {
-            return invalid("nodata", &format!("an integer that {} voxels hold", self.voxel_type), nodata.to_string());
+            return invalid("nodata", &format!("an integer within {}", self.voxel_type), nodata.to_string());
         }
         if let Some(blanked) = self.blanked.filter(|&blanked| !self.voxel_type.is_float() || !blanked.is_finite()) {
             return invalid("blanked", "a finite number, in a store of floats", blanked.to_string());
@@ -496,8 +496,7 @@ pub(crate) fn check_array(path: &Path, expected: &Value, found: &Value, steps: S
         // 0 and 0.0 are the same fill value.
         let same = want == have || (want.as_f64().is_some() && want.as_f64() == have.as_f64());
         if !(same || field == "shape" && steps.allow(want, have)) {
-            let or_more =
-                if field == "shape" && steps == Steps::AtLeast { ", or more in its first number" } else { "" };
+            let or_more = if field == "shape" && steps == Steps::AtLeast { ", or a greater first number" } else { "" };
             return Err(OpenError::invalid(path, field, format!("{want}{or_more}"), have));
         }
     }
@@ -505,7 +504,8 @@ pub(crate) fn check_array(path: &Path, expected: &Value, found: &Value, steps: S
 }
 
 /// The remedy for a store written by another program.
-pub(crate) const OTHERS_STORE: &str = "export it to .npy, .raw, NIfTI or TIFF with what wrote it, and pack that";
+pub(crate) const OTHERS_STORE: &str =
+    "export it to .npy, .raw, NIfTI or TIFF with the program that wrote it, and pack that";
 
 /// Reads settings and statistics from the root document.
 pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenError> {
@@ -524,7 +524,7 @@ pub(crate) fn parse_info(path: &Path, root: &Value) -> Result<StoreInfo, OpenErr
         }
         _ => {
             let feature = format!("store format version {} (this program reads {FORMAT_VERSION})", ours["version"]);
-            let advice = "a later version of brickyard reads it";
+            let advice = "open it with a later version of brickyard";
             return Err(OpenError::Unsupported { path: path.into(), feature, advice });
         }
     }
@@ -584,11 +584,11 @@ fn committed_times(
 ) -> Result<u32, OpenError> {
     let Some(times) = info.times else { return Ok(times_of_level) };
     if axes[0] != "t" || times == 0 {
-        let expected = if times == 0 { "at least 1" } else { "none where there is no axis t" };
+        let expected = if times == 0 { "at least 1" } else { "none without an axis t" };
         return Err(OpenError::invalid(root_path, "attributes.brickyard.times", expected, times));
     }
     if times_of_level < times {
-        let expected = format!("at least {times} time steps, as attributes.brickyard.times of the root document says");
+        let expected = format!("at least {times} time steps, by attributes.brickyard.times of the root document");
         return Err(OpenError::invalid(level_path, "shape", expected, times_of_level));
     }
     Ok(times)
@@ -672,7 +672,7 @@ pub(crate) fn parse_label_colors(root: &Value) -> Vec<LabelColor> {
 pub(crate) fn parse_placement(path: &Path, info: &StoreInfo, geometry: &Geometry) -> Result<Placement, OpenError> {
     let Some(orientation) = &info.orientation else { return Ok(Placement::default()) };
     let field = "attributes.brickyard.orientation";
-    let bad = |error| OpenError::invalid(path, field, "a map that can be inverted, together with the spacing", error);
+    let bad = |error| OpenError::invalid(path, field, "an invertible map, together with the spacing", error);
     orientation.placement(geometry).map_err(bad)
 }
 

@@ -224,7 +224,8 @@ pub enum PackError {
     #[error(transparent)]
     Inside(#[from] InsideStore),
     /// The output exists, but is nothing replaceable by packing.
-    #[error("{path}: is neither a brick store nor an unfinished pack, and is left alone; choose another name or remove it", path = path.display())]
+    #[error("{path}: is neither a brick store nor an unfinished pack, and is left alone; choose another name, or \
+             remove it", path = path.display())]
     NotOurs {
         /// The output's path.
         path: PathBuf,
@@ -251,7 +252,7 @@ pub enum PackError {
     },
     /// The name `STORE.packing`, needed to replace a finished store, is taken.
     #[error(
-        "{path}: is in the way: {store} is replaced by way of that name; move it away, or choose another output",
+        "{path}: is in the way: replacing {store} needs this name; move it away, or choose another output",
         path = path.display(), store = store.display()
     )]
     InTheWay {
@@ -262,7 +263,7 @@ pub enum PackError {
     },
     /// Another pack is running on the same output.
     #[error(
-        "{store}: another pack is at work there{}; wait for it or stop it",
+        "{store}: another process packs into it{}; wait for it, or stop it",
         holder.as_ref().map_or(String::new(), |holder| format!(" ({holder})")), store = store.display()
     )]
     Busy {
@@ -273,8 +274,8 @@ pub enum PackError {
     },
     /// The file system does not lock files, so a concurrent pack would go unnoticed.
     #[error(
-        "{path}: {error}: this file system does not lock files, so another pack into the same store would not be noticed; pack \
-         to a local disk or to NFS and move the store from there",
+        "{path}: {error}: this file system cannot lock files, so another pack into the same store would go unnoticed; \
+         pack to a local disk or to NFS, and move the store from there",
         path = path.display()
     )]
     NoLock {
@@ -295,7 +296,7 @@ pub enum PackError {
         total: u64,
     },
     /// The source failed midway. Finished shards stay.
-    #[error("{error}; {done} of {total} shards of {store} are finished: mend the input and run again with `resume`", store = store.display())]
+    #[error("{error}; {done} of {total} shards of {store} are finished: correct the input and run again with `resume`", store = store.display())]
     Source {
         /// The source's error.
         #[source]
@@ -328,7 +329,7 @@ pub enum PackError {
         needed_bytes: u64,
     },
     /// Freshly written data are unreadable.
-    #[error("{error}; this pack has just written it: see to the disk of {store} and start over with `overwrite`", store = store.display())]
+    #[error("{error}; this pack has just written it: check the disk of {store} and start over with `overwrite`", store = store.display())]
     ReadBack {
         /// The read error.
         #[source]
@@ -429,7 +430,7 @@ pub(crate) fn pack_on(
     tell(source.info(), progress);
     warn_of_space(&output.dir, &plan, progress);
     if disk::may_be_local(&output.dir) {
-        let what = "its file system may keep locks on this machine only: see that no other machine packs into it";
+        let what = "its file system may lock files on this machine only: let no other machine pack into it";
         progress.warn(&format!("{}: {what}", output.dir.display()));
     }
     progress.planned(&plan);

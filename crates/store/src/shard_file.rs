@@ -74,7 +74,7 @@ impl ShardFile {
         let checked = ShardIndex::new(&shard.index, file_bytes, bricks, cap);
         let checked = checked.and_then(|index| index.check().map(|()| index.crc()));
         if shard.lost() {
-            return Err(io(std::io::Error::other("its index could not be read; is its disk well?")));
+            return Err(io(std::io::Error::other("its index could not be read; check its disk")));
         }
         let crc = checked.map_err(|error| ReadError::CorruptIndex { path: path.into(), error })?;
         if crc as u64 != fingerprint.index_crc {
@@ -130,7 +130,7 @@ impl ShardFile {
             Ok(found) if found != expected => ReadError::Rewritten { path, what: "bytes", expected, found },
             _ if self.lost() => {
                 let error =
-                    std::io::Error::other(format!("{id}: the file could be opened but not read; is its disk well?"));
+                    std::io::Error::other(format!("{id}: the file could be opened but not read; check its disk"));
                 ReadError::Io { path, error }
             }
             _ => ReadError::CorruptBrick { path, id, error },

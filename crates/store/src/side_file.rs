@@ -62,7 +62,7 @@ pub(crate) fn read(
             let index = ShardIndex::new(&index, file_bytes, slots, most);
             let index = index.and_then(|index| index.check().map(|()| index));
             let range = index.and_then(|index| index.range(slot)).map_err(|error| corrupt(error.to_string()))?;
-            let range = range.ok_or_else(|| corrupt(format!("it has no page {slot}")))?;
+            let range = range.ok_or_else(|| corrupt(format!("it lacks page {slot}")))?;
             let mut encoded = vec![0; range.length as usize];
             file.read_exact_at(&mut encoded, range.offset).map_err(io)?;
             encoded

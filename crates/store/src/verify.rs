@@ -317,7 +317,7 @@ impl<'a> Verifier<'a> {
         let path = chunks.path(id);
         match chunks.shard(id) {
             Ok(None) if chunks.has_file(id) => {
-                let what = "file of a shard that was packed without one (all fill value)".into();
+                let what = "unexpected file: the shard was packed without one (all fill value)".into();
                 Some(VerifyProblem { brick: None, path, what })
             }
             Ok(None) => None,
@@ -325,7 +325,7 @@ impl<'a> Verifier<'a> {
                 let brick = |slot| chunks.layout().brick_at(id, slot).map_or("one outside".into(), |id| id.to_string());
                 // The index was checked on opening the shard.
                 let (a, b) = shard.overlap().ok()??;
-                let what = format!("bricks {} and {} have some bytes in common, but not all", brick(a), brick(b));
+                let what = format!("bricks {} and {} overlap partly", brick(a), brick(b));
                 Some(VerifyProblem { brick: None, path, what })
             }
             Err(error) => self.unread(error),
@@ -577,7 +577,7 @@ impl<'a> Verifier<'a> {
                 let parent = self.pyramid().parent(id.level, index).unwrap_or(index);
                 let parent = BrickId { level: Level(id.level.0 + 1), index: parent, ..id };
                 let (method, count) = (store.downsample().name(), region.extent().volume());
-                let what = format!("{wrong} of {count} voxels are not the {method} of those of brick {id}");
+                let what = format!("{wrong} of {count} voxels differ from the {method} of brick {id}");
                 problems.push(VerifyProblem { brick: Some(parent), path: shard_path(store, parent), what });
             }
         }
@@ -613,7 +613,7 @@ impl<'a> Verifier<'a> {
         let places = apron.slabs().into_iter().flat_map(|slab| bricks_of(slab, 1));
         let found = places.zip(buffers.apron.chunks_exact(size_of::<T>()));
         let wrong = found.filter(|(at, voxel)| !is_right(at.to_array(), voxel)).count();
-        let what = format!("{wrong} of the apron's {} voxels are not those around the core", apron.voxels());
+        let what = format!("{wrong} of the apron's {} voxels differ from those around the core", apron.voxels());
         (wrong > 0).then(|| VerifyProblem { brick: Some(id), path: apron_path(block.store, id), what })
     }
 
@@ -686,10 +686,7 @@ fn check_counts(store: &Store, totals: &[ChannelTotals]) -> Option<VerifyProblem
     match counts.read(store.folder(), times, store.channels(), store.voxel_type()) {
         Ok(Some(kept)) => {
             let wrong = kept.iter().zip(totals).position(|(kept, counted)| !kept.is_near(counted))?;
-            problem(
-                counts.dir(times).join(wrong.to_string()),
-                "these are not the counts of the channel's values".into(),
-            )
+            problem(counts.dir(times).join(wrong.to_string()), "the counts differ from the channel's values".into())
         }
         // Another append may have replaced them.
         Ok(None) | Err(_) if store.newer().is_ok_and(|newer| newer.is_some()) => None,

@@ -34,7 +34,7 @@ fn best(
     let mut ranked: Vec<_> = adapters.iter().filter(has_name).collect();
     if let Some(name) = name.filter(|_| ranked.is_empty()) {
         let there: Vec<_> = adapters.iter().map(called).collect();
-        return Err(format!("WGPU_ADAPTER_NAME is {name}, and there is only {}", listed(&there)));
+        return Err(format!("WGPU_ADAPTER_NAME is {name}, but the adapters are: {}", listed(&there)));
     }
     ranked.sort_by_key(|adapter| rank(adapter.get_info().device_type, is_software, is_low));
     let mut obstacles = Vec::new();
@@ -71,7 +71,7 @@ fn obstacle(adapter: &Adapter, surface: Option<&Surface<'_>>) -> Option<String> 
         return Some("does not draw on this display".into());
     }
     match pollster::block_on(adapter.request_device(&Gpu::required(adapter))) {
-        Err(error) => Some(format!("gives no device: {error}")),
+        Err(error) => Some(format!("provides no device: {error}")),
         Ok((device, queue)) => Gpu::from_device(adapter, device, queue).err().map(|error| error.to_string()),
     }
 }

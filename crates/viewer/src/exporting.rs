@@ -31,16 +31,15 @@ impl Part {
     /// If no layer is visible, its volume is no store yet, or the boxes leave nothing of it.
     pub(crate) fn of(scene: &Scene, volumes: &[VolumeSource]) -> Result<Self, String> {
         let layer = first_shown(scene).ok_or("no layer is shown")?;
-        let volume = volumes.get(scene.store(layer)).ok_or("the layer's volume is not there")?;
-        let grid = Grid::of(scene, volumes).ok_or("the layer has no place")?;
-        let store =
-            volume.store().ok_or("voxels are exported from a store, and this volume is not packed yet")?.clone();
+        let volume = volumes.get(scene.store(layer)).ok_or("the layer's volume is missing")?;
+        let grid = Grid::of(scene, volumes).ok_or("the layer has no valid placement")?;
+        let store = volume.store().ok_or("voxels are exported from a store: wait until this volume is packed")?.clone();
         let crop = scene.layers[layer].crop;
         let region = scene.clip.map(|clip| voxels_around(&grid, clip)).into_iter().chain(crop);
         let everything = VoxelBox::new([0; 3], grid.extent);
         let region = region.fold(everything, |region, corners| region.intersect(touched(corners, grid.extent)));
         if region.is_empty() {
-            return Err("the clip box and the crop leave nothing of the first layer that is shown".into());
+            return Err("the first visible layer has no voxels within clip box and crop".into());
         }
         let step = VolumeSource::timeline(volumes, scene).step_of(scene.store(layer), scene.time);
         let (time, channel) = (ExportTime::Step(step), scene.layers[layer].channel);
@@ -150,7 +149,7 @@ mod tests {
         scene.layers[0].crop = Some([DVec3::new(0.0, 8.5, 2.0), DVec3::new(30.0, 12.0, 5.0)]);
         assert_eq!(region(&scene, &volume), Ok(VoxelBox::new([3, 8, 2], [4, 12, 5])));
         scene.clip = clip([40.0; 3], [50.0; 3]);
-        assert!(region(&scene, &volume).unwrap_err().contains("leave nothing"));
+        assert!(region(&scene, &volume).unwrap_err().contains("no voxels within"));
     }
 
     #[test]
@@ -175,7 +174,7 @@ mod tests {
     #[test]
     fn what_cannot_be_exported_is_said() {
         let preview = crate::nothing::volume();
-        assert!(region(&Scene::default(), &preview).unwrap_err().contains("not packed yet"));
+        assert!(region(&Scene::default(), &preview).unwrap_err().contains("until this volume is packed"));
         let mut scene = Scene::default();
         scene.layers[0].visible = false;
         assert!(region(&scene, &preview).unwrap_err().contains("no layer is shown"));

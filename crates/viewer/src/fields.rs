@@ -60,7 +60,7 @@ pub(crate) fn set(document: &mut Value, path: &str, value: Value) -> Result<(), 
                 let item = name.parse().ok().and_then(|index: usize| items.get_mut(index));
                 item.ok_or_else(|| format!("{} has no '{name}': it has {count} entries, from 0", above()))?
             }
-            _ => return Err(format!("{} has no '{name}': it is no object", above())),
+            _ => return Err(format!("{} has no '{name}': it is not an object", above())),
         };
     }
     *place = value;
@@ -92,7 +92,7 @@ mod tests {
         let mut error = |path: &str| set(&mut document, path, json!(1)).unwrap_err();
         assert!(error("lightning.model").contains("did you mean 'lighting'?"));
         assert!(error("layers.3.gamma").contains("1 entries"));
-        assert!(error("step.size").contains("no object"));
+        assert!(error("step.size").contains("not an object"));
         assert_eq!(set(&mut document, "lighting.model", json!("phong")), Ok(()));
         assert_eq!(document["lighting"]["model"], "phong");
     }

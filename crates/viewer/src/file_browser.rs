@@ -126,7 +126,7 @@ impl FileBrowser {
                     ui.weak(if entries.is_empty() {
                         "an empty folder"
                     } else {
-                        "none of such a name; see \"all files\""
+                        "no such file here; see \"all files\""
                     });
                 }
                 for (place, entry) in shown.indices.iter().map(|&i| &entries[i]).enumerate() {
@@ -173,7 +173,7 @@ impl FileBrowser {
             if field.changed() {
                 self.marked = 0;
             }
-            let hint = "also those whose names are of no format that is read; a file of numbers may have any name";
+            let hint = "shows files with any name, such as raw files of numbers";
             ui.checkbox(&mut self.has_all, "all files").on_hover_text(hint);
         });
         let entries = self.entries.as_deref().unwrap_or_default();

@@ -117,7 +117,7 @@ fn switches() -> Vec<Shortcut> {
         switch(none, Key::A, "axes", "window.overlays.axes", |state| !state.window.overlays.axes),
         switch(none, Key::T, "ticks", "window.overlays.ticks", |state| !state.window.overlays.ticks),
         switch(none, Key::Backslash, "diagnostics", "window.diagnostics", |state| !state.window.diagnostics),
-        switch(none, Key::F10, "the pictures alone, or panels around them", "window.panels", |state| {
+        switch(none, Key::F10, "panels around the pictures, or the pictures alone", "window.panels", |state| {
             !state.window.panels
         }),
         switch(none, Key::F11, "the whole screen", "window.fullscreen", |state| !state.window.fullscreen),

@@ -133,7 +133,7 @@ fn first_state(
     };
     let (restored, problem) = match restored {
         Ok(restored) => (restored, None),
-        Err(problem) => (None, Some(format!("the window is not as it was left: {problem}"))),
+        Err(problem) => (None, Some(format!("the last window could not be restored: {problem}"))),
     };
     let window = options.scene_file.as_deref().map_or(Ok(None), keeping::read)?.map(|state| state.window);
     let mut state = restored.unwrap_or_else(|| State {

@@ -42,7 +42,7 @@ pub(crate) fn moved(
         Command::Zoom { factor, at: Some([right, down]) } => {
             let (width, height) = size_px;
             let place_px = [right * f64::from(width), down * f64::from(height)];
-            let towards = point_at_target(&camera, size_px, place_px).ok_or("there is no such place")?;
+            let towards = point_at_target(&camera, size_px, place_px).ok_or("the place is outside of the view")?;
             zoomed(&camera, towards, *factor)
         }
         Command::Parallel(is_parallel) => with_parallel_rays(&camera, *is_parallel),

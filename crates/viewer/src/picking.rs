@@ -96,7 +96,7 @@ fn start() -> (Sender<Question>, Receiver<Option<Picked>>) {
 /// The pick at a place. The picture reports unreadable bricks; here they yield nothing.
 fn look(picker: &mut Picker, place: &Place, volumes: &[VolumeSource]) -> Option<Picked> {
     let pick = picker.pick(&place.scene, volumes, place.place_px);
-    let pick = pick.inspect_err(|error| tracing::debug!("nothing is picked: {error}")).ok()??;
+    let pick = pick.inspect_err(|error| tracing::debug!("nothing can be picked: {error}")).ok()??;
     let first = pick.values.first();
     let label = first.and_then(|values| {
         let channel = place.scene.layers.iter().find(|layer| layer.place == values.layer)?.view.channel as usize;

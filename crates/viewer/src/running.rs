@@ -99,8 +99,8 @@ pub(crate) fn run(window: &mut Window, size: [f32; 2]) -> Result<(), WindowError
         next = losses.note(Instant::now());
         if next == Next::End {
             return Err(WindowError(format!(
-                "the GPU was lost {} times within seconds: {}: `brickyard doctor` says what this machine can do, and `brickyard render --backend cpu` draws \
-                 without a GPU",
+                "the GPU was lost {} times within seconds: {}: `brickyard doctor` reports this machine's abilities, \
+                 and `brickyard render --backend cpu` draws without a GPU",
                 losses.in_a_row, left.reason
             )));
         }
@@ -125,7 +125,7 @@ fn show(window: &mut Window, viewport: ViewportBuilder, lost: Option<Handover>, 
             creation.egui_ctx.memory_mut(|memory| *memory = left.memory);
             shown.take_up(match is_on_cpu {
                 false => "the GPU was lost and has been opened again",
-                true => "the GPU was lost again and again: the CPU draws the volumes now",
+                true => "the GPU was lost repeatedly: the CPU draws the volumes now",
             });
         }
         own(|| shown.draw_on(device, is_on_cpu))?;
@@ -136,7 +136,8 @@ fn show(window: &mut Window, viewport: ViewportBuilder, lost: Option<Handover>, 
         Err(panic) => {
             let what = if window.has_begun() { "the window cannot go on" } else { "cannot open a window" };
             Err(format!(
-                "{what}: {panic}: this display or its driver lacks what a window needs; `brickyard render` writes pictures without one"
+                "{what}: {panic}: this display or its driver cannot show the window; `brickyard render` writes \
+                 pictures without one"
             ))
         }
     }
@@ -146,7 +147,8 @@ fn show(window: &mut Window, viewport: ViewportBuilder, lost: Option<Handover>, 
 fn refusal(error: &eframe::Error) -> String {
     if let eframe::Error::Wgpu(WgpuError::CustomNativeAdapterSelectionError(reason)) = error {
         return format!(
-            "cannot open a window: {reason}: `brickyard doctor` says what there is; mesa's software Vulkan (lavapipe) draws on every display of 24 bits a pixel"
+            "cannot open a window: {reason}: `brickyard doctor` lists the adapters; mesa's software Vulkan (lavapipe) \
+             draws on every display of 24 bits a pixel"
         );
     }
     let hint = match error {
@@ -156,7 +158,7 @@ fn refusal(error: &eframe::Error) -> String {
         eframe::Error::Wgpu(_) => {
             "no Vulkan, Metal or DirectX 12 draws on this display; mesa's software Vulkan (lavapipe) will do"
         }
-        eframe::Error::AppCreation(_) => "`brickyard doctor` says what this machine can do",
+        eframe::Error::AppCreation(_) => "`brickyard doctor` reports this machine's abilities",
     };
     // The text before the reason names files of the window system's crates, which helps nobody.
     let error = error.to_string();

@@ -293,7 +293,7 @@ impl Window {
             Command::Export(path) => self.export(path)?,
             _ => {
                 let camera = moved(command, &self.state.scene, &self.places(), self.volume_view.size_px)?;
-                let camera = camera.ok_or("this window cannot do that")?;
+                let camera = camera.ok_or("this command has no effect here")?;
                 let scene = Scene { camera: Some(camera), ..self.state.scene.clone() };
                 self.check(&scene)?;
                 self.state.scene = scene;
@@ -541,7 +541,7 @@ impl Window {
         self.problem.take_if(|_| is_put_away);
         if is_given_up && let Some(path) = self.views.main.give_up_capture() {
             let is_it = |command: &Command| matches!(command, Command::SavePicture(file, _) if *file == path);
-            self.say_stopped(is_it, format!("{} was not written: it was stopped", path.display()));
+            self.say_stopped(is_it, format!("{} was not written: saving was stopped", path.display()));
         }
     }
 

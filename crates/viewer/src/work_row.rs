@@ -22,7 +22,7 @@ pub(crate) fn show_share(ui: &mut Ui, (what, path): (&str, &Path), share: f64) -
 pub(crate) fn show_waiting(ui: &mut Ui, path: &Path) -> bool {
     ui.horizontal(|ui| {
         let is_stopped = ui.button("Stop").clicked();
-        ui.add(Label::new(format!("another program packs {}", name(path))).truncate());
+        ui.add(Label::new(format!("another program is packing {}", name(path))).truncate());
         is_stopped
     })
     .inner

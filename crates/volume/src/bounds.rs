@@ -50,7 +50,8 @@ pub enum ReachError {
     Origin(f64),
     /// The eye is too far from the volume.
     #[error(
-        "the camera's eye is {} voxels away from the volume: expected at most {}; bring it nearer, with a wider field of view",
+        "the camera's eye is {} voxels away from the volume: expected at most {}; move it nearer, with a wider field \
+         of view",
         significant(*.voxels, 3), significant(*.most, 3)
     )]
     Eye {
@@ -67,8 +68,8 @@ pub enum ReachError {
     Height(f64),
     /// A ray takes too many steps; the number is their count.
     #[error(
-        "rays take {} steps from the camera's eye to the volume's far end: expected at most {MOST_STEPS}; take longer steps, or bring the \
-         eye nearer", significant(*.0, 3)
+        "rays take {} steps from the camera's eye to the volume's far end: expected at most {MOST_STEPS}; take longer \
+         steps, or move the eye nearer", significant(*.0, 3)
     )]
     Steps(f64),
 }

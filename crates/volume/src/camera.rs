@@ -52,7 +52,7 @@ pub enum CameraError {
         target: DVec3,
     },
     /// The up vector is zero or along the view direction.
-    #[error("the camera's up vector {0} is zero or along the view direction")]
+    #[error("the camera's up vector {0} is zero or along the view direction: choose another")]
     Up(DVec3),
     /// The projection's opening angle or height is out of range; the text names it.
     #[error("{0}")]
@@ -131,7 +131,7 @@ impl Camera {
             }
             _ => {
                 return Err(CameraError::Projection(
-                    "nothing is between a perspective and an orthographic view".into(),
+                    "a perspective and an orthographic view cannot be mixed: give all cameras one kind".into(),
                 ));
             }
         };

@@ -66,7 +66,7 @@ pub enum ClipError {
     #[error("{0} clip planes: expected at most {MAX_CLIP_PLANES}")]
     Planes(usize),
     /// The slice's thickness is negative or not finite.
-    #[error("the slice's thickness is {0}: expected a positive number, or 0 for as thin as can be")]
+    #[error("the slice's thickness is {0}: expected a positive number, or 0 for the thinnest slice")]
     Thickness(f64),
     /// The mode, named by the text, cannot show a slice, as it does not give one value per pixel.
     #[error("a slice shows one value per pixel, which mode {0} does not have: expected average, mip or minip")]

@@ -31,7 +31,7 @@ pub struct Mesh {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MeshError {
     /// There is no triangle.
-    #[error("there is no triangle in it: expected at least one")]
+    #[error("it has no triangles: expected at least one")]
     Empty,
     /// A triangle refers to a missing vertex.
     #[error("triangle {triangle} names vertex {index}, but there are {vertices}, numbered from 0")]
@@ -211,12 +211,12 @@ pub enum MeshLookError {
         opacity: f64,
     },
     /// The mesh's file, at this path, has not been read.
-    #[error("the mesh {} has not been read: put what is in the file into MeshLook::mesh", .0.display())]
+    #[error("the mesh {} has not been read: set MeshLook::mesh to the file's mesh", .0.display())]
     NotRead(PathBuf),
     /// The mesh is translucent in a projection, which shows one value of the whole ray without an order of depth.
     #[error(
-        "the mesh {} has opacity {opacity}, and a projection shows one value of the whole ray, not what is in front of what: \
-         make the mesh opaque, or choose the mode dvr or isosurface", path.display()
+        "the mesh {} has opacity {opacity}, and a projection shows one value of the whole ray, without depth: make the \
+         mesh opaque, or choose the mode dvr or isosurface", path.display()
     )]
     Projection {
         /// The mesh's file.

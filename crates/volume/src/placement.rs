@@ -34,23 +34,22 @@ pub enum PlacementError {
         found: String,
     },
     /// The matrix has a number that is NaN or infinite.
-    #[error("the matrix has {0} in it: expected finite numbers")]
+    #[error("the matrix holds {0}: expected finite numbers")]
     NotFinite(f64),
     /// The matrix's last row makes the map a projective one.
     #[error("the matrix's last row is {0:?}: expected 0, 0, 0, 1")]
     LastRow([f64; 4]),
     /// The matrix is singular: volumes would become planes, lines or points.
     #[error(
-        "the matrix is singular (its determinant is {determinant}): a volume would be flat, expected one that can be inverted"
+        "the matrix is singular (its determinant is {determinant}): it would make a volume flat, expected an \
+         invertible one"
     )]
     Singular {
         /// The matrix's determinant.
         determinant: f64,
     },
     /// The matrix is nearly singular: volumes would become almost flat. The number is the ratio of its greatest to its least stretch.
-    #[error(
-        "the matrix stretches one direction {0:.1e} times as much as another: expected at most {MAX_CONDITION:.0e}"
-    )]
+    #[error("the matrix stretches directions unevenly, by a factor of {0:.1e}: expected at most {MAX_CONDITION:.0e}")]
     Condition(f64),
     /// The text has a word that is not a number.
     #[error("'{0}' is not a number: expected the 12 or 16 numbers of a matrix, row by row")]

@@ -59,10 +59,10 @@ pub enum SceneError {
     #[error(transparent)]
     Mesh(#[from] MeshLookError),
     /// The sampling method is for [`Mode::Dvr`] alone, and the scene has another mode.
-    #[error("the sampling method {0:?} is for direct volume rendering: leave it out, or use mode dvr")]
+    #[error("the sampling method {0:?} is for mode dvr: leave it out, or choose that mode")]
     Method(Method),
     /// The lighting model is for [`Mode::Dvr`] and [`Mode::Isosurface`], and the scene's mode is a projection.
-    #[error("the lighting {0:?} is for direct volume rendering and isosurfaces: leave it out, or use mode dvr")]
+    #[error("the lighting {0:?} is for modes dvr and isosurface: leave it out, or choose one of them")]
     Lighting(LightingModel),
     /// The number of virtual samples of a segment is out of range.
     #[error("{0} virtual samples: expected 1 to {MOST_VIRTUAL_SAMPLES}")]
@@ -77,9 +77,7 @@ pub enum SceneError {
     #[error("a light without lighting: leave it out, or add lighting, as in blinn-phong")]
     Unlit,
     /// The mode is [`Mode::Isosurface`], and no visible layer has an isosurface.
-    #[error(
-        "mode isosurface needs the value whose surface it shows: give a visible layer an isovalue, in stored units"
-    )]
+    #[error("mode isosurface shows the surface of one value: give a visible layer an isovalue, in stored units")]
     NoSurface,
     /// The expression's text is no expression over the scene's layers.
     #[error("expression: {0}")]
@@ -92,20 +90,20 @@ pub enum SceneError {
     ExpressionOfHidden(usize),
     /// A layer, with this index, has a style of its own, unused by an expression.
     #[error(
-        "expression: layer {0} has a style of its own, and the expression's value has the expression's: leave the layer's transfer, window, \
-         color, gamma, opacity, blend and isosurfaces out"
+        "expression: layer {0} has a style, and only the expression's own style is used: leave the layer's transfer, \
+         window, color, gamma, opacity, blend and isosurfaces out"
     )]
     ExpressionStyle(usize),
     /// There is an expression, and the mode is not [`Mode::Dvr`].
-    #[error("expression: its value is shown in mode dvr, not {0:?}: leave one of both out")]
+    #[error("expression: its value is shown in mode dvr, not {0:?}: leave one of the two out")]
     ExpressionMode(Mode),
     /// There is an expression, and the sampling method is not [`Method::Udvr`].
-    #[error("expression: its value is sampled by method udvr, not {0:?}: leave one of both out")]
+    #[error("expression: its value is sampled by method udvr, not {0:?}: leave one of the two out")]
     ExpressionMethod(Method),
     /// The expression has a transfer function of value and gradient.
     #[error(
-        "expression: the transfer function is one of value and gradient, and an expression is classified by value alone: leave its \
-         gradient_opacity and regions out"
+        "expression: the transfer function depends on value and gradient, but expressions are classified by value \
+         alone: leave its gradient_opacity and regions out"
     )]
     ExpressionByGradient,
     /// The expression's transfer function is invalid.
@@ -170,26 +168,24 @@ pub enum LayerError {
     )]
     Flat(f64),
     /// The layer has a style for labels, and its store's values are measurements.
-    #[error(
-        "the layer says which labels it shows, and the store has no labels: pack it as labels, or leave the labels out"
-    )]
+    #[error("the layer selects labels, but the store has none: pack it as labels, or leave the selection out")]
     NoLabels,
     /// The layer has a style part, named here, unfit for labels: they have no order, and nothing lies between two of them.
-    #[error("labels have no {0}: leave it out; they have a color, an opacity, and a choice of those that are shown")]
+    #[error("labels have no {0}: leave it out; they have a color, an opacity and a selection")]
     OfLabels(&'static str),
     /// The layer's labels are further apart than 16 bits reach and have codes by their looks, but a transfer function of their numbers or an
     /// expression reads them.
     #[error(
-        "its labels are too far apart for a picture that computes with their numbers: leave the transfer function or expression out"
+        "its labels are too far apart to compute with their numbers: leave the transfer function or expression out"
     )]
     HashedLabels,
     /// The layer's labels are further apart than 16 bits reach and have codes by their looks, and too many have looks of their own.
-    #[error("more than {most} labels have looks of their own: show fewer, or give fewer colors", most = LabelCodes::MOST)]
+    #[error("more than {most} labels have their own colors: show fewer, or give fewer colors", most = LabelCodes::MOST)]
     ManyLabels,
     /// The sampling method pre-integrates over values, and the layer has a transfer function of value and gradient.
     #[error(
-        "the sampling method {0:?} integrates over values, and the transfer function is one of value and gradient: use method udvr, lvs, \
-         cvs or asm"
+        "the sampling method {0:?} integrates over values, but the transfer function depends on value and gradient: \
+         use method udvr, lvs, cvs or asm"
     )]
     Integrated(Method),
     /// The layer has an isosurface, with this isovalue, and the scene's mode is a projection.

@@ -17,7 +17,7 @@ pub struct PixelSamples(u8);
 
 /// The number of samples is not 1, 2, 4, 8 or 16.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("expected 1, 2, 4, 8 or 16 samples of a pixel")]
+#[error("expected 1, 2, 4, 8 or 16 samples a pixel")]
 pub struct PixelSamplesError;
 
 /// One of the samples of every pixel.

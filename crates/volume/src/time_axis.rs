@@ -104,7 +104,7 @@ impl TimeAxis {
         }
         let last = self.start + self.step * f64::from(times.saturating_sub(1));
         if !last.is_finite() {
-            return problem("step", "one by which all steps have finite times".into(), self.step.to_string());
+            return problem("step", "a step with finite times for all steps".into(), self.step.to_string());
         }
         if self.stamps.is_empty() {
             return Ok(());

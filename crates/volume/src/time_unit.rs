@@ -40,7 +40,7 @@ pub fn time_unit(text: &str) -> Result<&'static str, String> {
     UNITS.iter().find(is_it).map(|(name, _)| *name).ok_or_else(|| {
         let some: Vec<String> =
             UNITS[..SHOWN].iter().map(|(name, symbols)| format!("{name} ({})", symbols[0])).collect();
-        format!("'{text}' is no unit of time: expected one such as {}", some.join(", "))
+        format!("'{text}' is not a unit of time: expected one such as {}", some.join(", "))
     })
 }
 

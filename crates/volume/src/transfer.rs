@@ -122,7 +122,7 @@ pub enum TransferError {
         problem: String,
     },
     /// The transfer function's file, at this path, has not been read.
-    #[error("the transfer function {} has not been read: put what is in the file into TransferFile::function", .0.display())]
+    #[error("the transfer function {} has not been read: set TransferFile::function to the file's function", .0.display())]
     NotRead(PathBuf),
     /// `unit_distance` is not a positive number.
     #[error("'unit_distance' is {0}: expected a positive number of world units")]

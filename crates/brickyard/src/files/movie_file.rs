@@ -53,7 +53,7 @@ impl MovieFormat {
 #[derive(Debug, thiserror::Error)]
 pub enum MovieError {
     /// The file's name has no known format: another name helps.
-    #[error("{path}: expected a movie's name, which ends in .gif, .y4m or .mp4", path = .0.display())]
+    #[error("{path}: expected a movie's name, ending in .gif, .y4m or .mp4", path = .0.display())]
     Format(PathBuf),
     /// The format cannot hold such pictures, or not at this rate; the text names a format, size or rate that helps.
     #[error("{path}: {problem}", path = path.display())]
@@ -65,7 +65,8 @@ pub enum MovieError {
     },
     /// The format's program does not start: install it, or choose another format.
     #[error(
-        "{path}: .mp4 is written by the program ffmpeg, which does not start: {source}; install it (it is looked for in PATH), or write .gif or .y4m",
+        "{path}: .mp4 is written by the program ffmpeg, which does not start: {source}; install it in PATH, or write \
+         .gif or .y4m",
         path = path.display()
     )]
     NoFfmpeg {

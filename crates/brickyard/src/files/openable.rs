@@ -125,13 +125,13 @@ mod tests {
         assert!(problem(&raw).contains("pass `shape`"), "{}", problem(&raw));
         let text = folder.path().join("notes.txt");
         std::fs::write(&text, "not a volume").unwrap();
-        assert!(problem(&text).contains("not a format that is read"), "{}", problem(&text));
+        assert!(problem(&text).contains("not a supported format"), "{}", problem(&text));
         // A folder's raw files are its time steps.
         assert!(problem(folder.path()).contains("pass `shape`"), "{}", problem(folder.path()));
         std::fs::remove_file(&raw).unwrap();
         assert!(problem(folder.path()).contains("a.zarr: pass that"), "{}", problem(folder.path()));
         let empty = tempfile::tempdir().unwrap();
-        assert!(problem(empty.path()).contains("without files that are read"), "{}", problem(empty.path()));
+        assert!(problem(empty.path()).contains("without readable files"), "{}", problem(empty.path()));
         assert!(problem(&folder.path().join("gone")).contains("No such file"));
         // A killed pack has a journal and no root document.
         std::fs::rename(store.join("zarr.json"), store.join(JOURNAL_NAME)).unwrap();

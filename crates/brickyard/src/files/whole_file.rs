@@ -20,7 +20,7 @@ impl WholeFile {
     /// If the path has no file name, something other than a file is there, or no file can be created in its folder.
     pub(crate) fn create(path: &Path) -> io::Result<Self> {
         if std::fs::metadata(path).is_ok_and(|found| !found.is_file()) {
-            return Err(io::Error::other("is no file, and is not replaced by one"));
+            return Err(io::Error::other("is not a regular file, and is never replaced"));
         }
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let name = path.file_name().ok_or_else(|| io::Error::other("not a file name"))?;
@@ -101,7 +101,7 @@ mod tests {
         assert_eq!(std::fs::read(&path).unwrap(), b"third");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left behind");
         assert!(WholeFile::create(Path::new("/")).is_err());
-        assert!(WholeFile::create(Path::new("/dev/null")).is_err_and(|error| error.to_string().contains("is no file")));
+        assert!(WholeFile::create(Path::new("/dev/null")).is_err_and(|error| error.to_string().contains("is not a regular file")));
     }
 
     /// Links under foreseeable names have no effect, and the file has the permissions of any new one.

@@ -20,11 +20,11 @@ use std::time::{Duration, Instant};
 pub enum ExactPictureError {
     /// The options choose the CPU backend, or rays. Neither keeps a picture between passes from back to front.
     #[error(
-        "a picture drawn in passes from back to front takes a GPU (a software one will do) and the sorted compositor"
+        "a picture drawn in passes from back to front needs a GPU (a software one will do) and the sorted compositor"
     )]
     Way,
     /// The scene is not a single layer in its own world.
-    #[error("passes draw one volume in its own world")]
+    #[error("passes draw a single volume in its own world")]
     Mixed,
     /// There is no GPU, it has too little memory, or its device was lost.
     #[error(transparent)]
@@ -132,7 +132,7 @@ impl ExactRenderer {
         for _ in 0..MAX_LOSSES {
             match self.try_scene(scene, begun, max_wait, stats) {
                 Err(ExactPictureError::Backend(error)) if error.is_loss() => {
-                    tracing::warn!("{error}; it is started anew");
+                    tracing::warn!("{error}; the device is opened again");
                     stats.device_losses += 1;
                     self.renderer.renew()?;
                     self.renderer.draw_until(begun.checked_add(max_wait));

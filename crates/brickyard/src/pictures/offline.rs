@@ -15,7 +15,7 @@ pub enum OfflineError {
     #[error(transparent)]
     Session(#[from] SessionError),
     /// Not even the bricks behind one pixel fit at once.
-    #[error("the bricks that the pixel in column {x} of row {y} wants do not fit at once: there are {slots} slots")]
+    #[error("the bricks of the pixel in column {x} of row {y} do not fit at once: there are {slots} slots")]
     Pixel {
         /// Column of the pixel, from 0.
         x: u32,
@@ -31,7 +31,7 @@ pub enum OfflineError {
         waited_s: f64,
     },
     /// The view has not settled in time.
-    #[error("the picture has not settled after {waited_s:.1} s: {resident} of {wanted} bricks are there")]
+    #[error("the picture has not settled after {waited_s:.1} s: {resident} of {wanted} bricks are resident")]
     NotSettled {
         /// Seconds waited.
         waited_s: f64,

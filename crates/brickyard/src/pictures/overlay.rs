@@ -95,12 +95,10 @@ pub enum OverlayError {
         height: u32,
     },
     /// The text has a character missing in the fonts.
-    #[error(
-        "there is no letter for '{0}' in the fonts that come with the program, which are for Latin, Greek and Cyrillic"
-    )]
+    #[error("the program's fonts (Latin, Greek and Cyrillic) have no letter for '{0}': leave it out")]
     Letter(char),
     /// Overlays are valid for one eye alone.
-    #[error("scale bar, colour bar, axes and label are for pictures of one eye: leave stereo out")]
+    #[error("scale bar, colour bar, axes and label are for pictures of one eye: leave them or stereo out")]
     Stereo,
     /// The camera is invalid.
     #[error(transparent)]

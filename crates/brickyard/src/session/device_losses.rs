@@ -27,7 +27,7 @@ impl Losses {
         if self.in_a_row > MAX_IN_A_ROW {
             return Err(SessionError::LostAgain { times: self.in_a_row, last: error });
         }
-        tracing::warn!("{error}; it is started anew");
+        tracing::warn!("{error}; the device is opened again");
         Ok(())
     }
 

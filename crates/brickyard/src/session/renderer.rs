@@ -17,7 +17,7 @@ pub enum BackendError {
     Gpu(#[from] GpuError),
     /// The library was built without the GPU backend.
     #[cfg(not(feature = "gpu"))]
-    #[error("a GPU was asked for, and this build has no GPU backend (the feature `gpu`)")]
+    #[error("this build has no GPU backend (the feature `gpu`): choose the CPU")]
     NoGpu,
     /// An error of the CPU backend.
     #[error(transparent)]

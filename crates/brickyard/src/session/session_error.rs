@@ -16,10 +16,10 @@ pub enum SessionError {
     #[error(transparent)]
     Pager(#[from] PagerError),
     /// Part of the view can be drawn from no level at all.
-    #[error("nothing can stand in for a part of the picture: {0}")]
+    #[error("a part of the picture cannot be read at any level: {0}")]
     Unreadable(BrickError),
     /// The device was lost repeatedly, without a picture in between.
-    #[error("no picture came through before the GPU was lost {times} times: {last}")]
+    #[error("the GPU was lost {times} times before a picture was finished: {last}")]
     LostAgain {
         /// Number of losses in a row.
         times: u32,
@@ -39,7 +39,7 @@ pub enum SessionError {
     #[error(transparent)]
     Open(#[from] OpenError),
     /// The backend's numbers have too few bits for the scene's expression.
-    #[error("the expression needs more than {backend} has: {error}")]
+    #[error("the expression needs more precision than {backend} has: {error}")]
     Precision {
         /// The backend's name.
         backend: &'static str,
@@ -47,10 +47,10 @@ pub enum SessionError {
         error: PrecisionError,
     },
     /// The frame is not the last step's: its bricks may have lost their slots to others.
-    #[error("the frame was superseded by a later step: draw what the last step returned")]
+    #[error("the frame was superseded by a later step: draw the frame of the last step")]
     Superseded,
     /// The session does not draw on an application's device, so it cannot draw on the application's textures.
-    #[error("the session does not draw on a device of the application's: make it with `Session::on_gpu`")]
+    #[error("the session does not draw on the application's device: make it with `Session::on_gpu`")]
     NoDevice,
     /// The operating system provided no thread to draw on.
     #[error("cannot start a thread to draw on: {0}")]
@@ -58,7 +58,8 @@ pub enum SessionError {
     /// The compositor is `sorted`, and the layers differ in grid, place or voxel size: their cells have no common order
     /// from back to front.
     #[error(
-        "the sorted compositor has no order for the cells of layers that differ in grid, place or voxel size; raycast and compute have"
+        "the sorted compositor cannot order the cells of layers of different grids, places or voxel sizes; raycast and \
+         compute can"
     )]
     NoOrder,
 }

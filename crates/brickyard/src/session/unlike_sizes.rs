@@ -133,7 +133,8 @@ impl std::fmt::Display for UnlikeSizes {
                 let times = significant(times, 5);
                 return write!(
                     f,
-                    "lengths of {one} are in {a} and those of {other} in {b}, and numbers count alike, so {other} is drawn {times} times too {size}"
+                    "lengths of {one} are in {a} and those of {other} in {b}, but units are not converted, so {other} \
+                     is drawn {times} times too {size}"
                 );
             }
             Cause::Voxels { spacings, extent } => (spacings, extent),
@@ -142,8 +143,8 @@ impl std::fmt::Display for UnlikeSizes {
         let [a, b] = spacings.map(|spacing| spacing.to_array().map(|size| significant(size, 5)).join(" x "));
         write!(
             f,
-            "{one} and {other} both have {x} x {y} x {z} voxels, but those of {one} are {a} large and those of {other} {b}, so they are drawn at \
-             unlike sizes"
+            "{one} and {other} both have {x} x {y} x {z} voxels, but those of {one} are {a} large and those of {other} \
+             {b}, so they are drawn at different sizes"
         )
     }
 }
@@ -214,8 +215,8 @@ mod tests {
         let found = unlike_sizes(&scene, &volumes).expect("ct and mask");
         assert_eq!(
             found.to_string(),
-            "ct and mask both have 16 x 24 x 32 voxels, but those of ct are 0.5 x 0.5 x 2 large and those of mask 1 x 1 x 1, so they are \
-             drawn at unlike sizes"
+            "ct and mask both have 16 x 24 x 32 voxels, but those of ct are 0.5 x 0.5 x 2 large and those of mask 1 x \
+             1 x 1, so they are drawn at different sizes"
         );
         assert_eq!(found.layer, 1);
         assert_eq!(found.numbers().map(|row| row.join(" ")), ["0.5 0 0 0.5", "0 0.5 0 1", "0 0 2 -3"]);

@@ -49,7 +49,7 @@ pub enum OpeningError {
     #[error(transparent)]
     Preview(#[from] PreviewError),
     /// The store has no given place, and the user has no folder for caches.
-    #[error("there is no folder for the store: name a place for it, or set HOME")]
+    #[error("no folder for the store: name a place for it, or set HOME")]
     NoPlace,
     /// The store could not be created. The picture stays as it is.
     #[error(transparent)]

@@ -276,7 +276,7 @@ fn fragment_places(path: &Path, count: u64, start: u64) -> Result<Vec<Vec<(u64, 
     let (offsets, _) = offsets.as_chunks::<4>();
     if offsets.len() as u64 != count {
         let problem = format!(
-            "has {} in {}, and a table of {}: which fragment is of which frame is not known",
+            "has {} in {}, and a table of {}: fragments cannot be assigned to frames; write it again",
             counted(count, "frame"),
             counted(fragments.len() as u64, "fragment"),
             counted(offsets.len() as u64, "offset")

@@ -388,7 +388,7 @@ impl Header {
             _ => false,
         };
         if is_needed {
-            let feature = format!("a sequence of unknown representation (UN) that says what frames are, {tag},");
+            let feature = format!("a description of frames in a sequence of unknown representation (UN), {tag},");
             return Err(ImportError::unsupported_but(&self.path, feature, "write it again, as dcmconv +uc does"));
         }
         self.enter(parents, tag);
@@ -574,7 +574,7 @@ impl<'a> Elements<'a> {
                 LazyDataToken::SequenceEnd if !self.sequences.is_empty() => {
                     self.sequences.pop();
                 }
-                _ => return Err(damaged(self.path, self.position, &"an end without a begin")),
+                _ => return Err(damaged(self.path, self.position, &"an end without a beginning")),
             }
         }
     }

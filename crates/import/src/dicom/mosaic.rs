@@ -40,21 +40,20 @@ impl Mosaic {
             return Ok(None);
         }
         let path = header.path.as_path();
-        let csa = header.csa().ok_or_else(|| lacking(path, "the scanner's own header (CSA) is missing"))?;
+        let csa = header.csa().ok_or_else(|| lacking(path, "the scanner's own header (CSA)"))?;
         let values = |name: &str| csa_numbers(csa, name);
         let slices = values("NumberOfImagesInMosaic").and_then(|numbers| numbers.first().copied());
         let slices = slices.filter(|n| n.fract() == 0.0 && (1.0..=f64::from(MOST_TILES)).contains(n));
         let Some(slices) = slices.map(|n| n as u32) else {
-            return Err(lacking(path, "the scanner's own header (CSA) has no number of slices"));
+            return Err(lacking(path, "a number of slices in the scanner's own header (CSA)"));
         };
         if let Some(other) = header.private_mosaic_slices().filter(|other| *other != slices) {
-            let problem = format!(
-                "is a mosaic of {slices} slices by one of its elements, and of {other} by another; write it again"
-            );
+            let problem =
+                format!("is a mosaic of {slices} slices by one element, and of {other} by another; write it again");
             return Err(ImportError::invalid(path, problem));
         }
         let Some(&[x, y, z]) = values("SliceNormalVector").as_deref().and_then(|numbers| numbers.first_chunk()) else {
-            return Err(lacking(path, "the scanner's own header (CSA) has no direction of slices"));
+            return Err(lacking(path, "a direction of slices in the scanner's own header (CSA)"));
         };
         // Without a square root, so exact.
         let across = (1..=slices).find(|n| n * n >= slices).unwrap_or(1);
@@ -62,7 +61,8 @@ impl Mosaic {
         let [rows, columns] = [size(tags::ROWS), size(tags::COLUMNS)];
         if rows < across || columns < across || !rows.is_multiple_of(across) || !columns.is_multiple_of(across) {
             let problem = format!(
-                "is a mosaic of {}, so {across} x {across} places, but {columns} x {rows} pixels do not divide into these",
+                "is a mosaic of {}, so of {across} x {across} tiles, but {columns} x {rows} pixels do not divide into \
+                 these",
                 counted(slices.into(), "slice")
             );
             return Err(ImportError::invalid(path, problem));
@@ -90,8 +90,8 @@ impl Mosaic {
         let is_upright = (normal - upright * sign).length() < NORMAL_TOLERANCE;
         if !is_upright {
             let problem = format!(
-                "is a mosaic whose slices follow along {normal} (SliceNormalVector), which is not perpendicular to rows and columns \
-                 (ImageOrientationPatient)"
+                "is a mosaic with slices along {normal} (SliceNormalVector), which is not perpendicular to rows and \
+                 columns (ImageOrientationPatient)"
             );
             return Err(ImportError::invalid(path, problem));
         }
@@ -111,7 +111,7 @@ impl Mosaic {
 }
 
 fn lacking(path: &Path, what: &str) -> ImportError {
-    let feature = format!("a mosaic (many slices in one picture, as Siemens' MR scanners write it) of which {what}");
+    let feature = format!("a mosaic (many slices in one picture, as written by Siemens MR scanners) without {what}");
     ImportError::unsupported_but(path, feature, "convert its series with dcm2niix, and give the .nii file")
 }
 

@@ -73,7 +73,7 @@ fn a_mosaic_is_taken_apart_into_its_slices() {
         let rows = [[-0.5, 0.0, 0.0, 98.0], [0.0, -0.75, 0.0, 47.75], [0.0, 0.0, 2.5, 0.0]];
         assert_eq!(info.orientation.unwrap().rows(), rows);
         assert!(info.notes.iter().any(|note| note.contains("7 slices side by side")), "{:?}", info.notes);
-        folder.refused(&["lies where", "14 slices at 7 positions", "one time step"]);
+        folder.refused(&["has the position of", "14 slices at 7 positions", "one time step"]);
     }
     // Slices against the normal of rows and columns: the last one is lowest.
     let (_folder, source) = Folder::opened([mosaic(Some(with_normal("-1.0")))]);
@@ -92,12 +92,12 @@ fn a_mosaic_is_taken_apart_into_its_slices() {
 fn a_mosaic_whose_header_is_not_enough_is_refused_by_name() {
     let normal: (&str, &[&str]) = ("SliceNormalVector", &["0", "0", "1"]);
     for (header, word) in [
-        (None, "CSA) is missing"),
-        (Some(csa(&[("NumberOfImagesInMosaic", &["7"])])), "no direction of slices"),
-        (Some(csa(&[normal])), "no number of slices"),
-        (Some(csa(&[("NumberOfImagesInMosaic", &["0"]), normal])), "no number of slices"),
-        (Some(b"SV10".to_vec()), "no number of slices"),
-        (Some(csa(&[("NumberOfImagesInMosaic", &["7"]), normal])[..250].to_vec()), "no number of slices"),
+        (None, "without the scanner's own header (CSA) is not"),
+        (Some(csa(&[("NumberOfImagesInMosaic", &["7"])])), "without a direction of slices"),
+        (Some(csa(&[normal])), "without a number of slices"),
+        (Some(csa(&[("NumberOfImagesInMosaic", &["0"]), normal])), "without a number of slices"),
+        (Some(b"SV10".to_vec()), "without a number of slices"),
+        (Some(csa(&[("NumberOfImagesInMosaic", &["7"]), normal])[..250].to_vec()), "without a number of slices"),
     ] {
         Folder::of([mosaic(header)]).refused(&["a mosaic", word, "dcm2niix"]);
     }
@@ -105,7 +105,7 @@ fn a_mosaic_whose_header_is_not_enough_is_refused_by_name() {
         let header = csa(&[("NumberOfImagesInMosaic", &[count]), ("SliceNormalVector", vector)]);
         Folder::of([mosaic(Some(header))]).refused(words);
     };
-    refused("8", &["0", "0", "1"], &["8 slices by one of its elements, and of 7 by another"]);
+    refused("8", &["0", "0", "1"], &["8 slices by one element, and of 7 by another"]);
     refused("7", &["0", "1", "0"], &["not perpendicular"]);
     refused("7", &["0", "0", "0"], &["not perpendicular"]);
     let mut odd = mosaic(Some(csa(&[("NumberOfImagesInMosaic", &["7"]), normal])));

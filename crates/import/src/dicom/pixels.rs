@@ -29,7 +29,10 @@ impl PixelFormat {
         let path = header.path.as_path();
         let need = |tag, name: &str| {
             header.number(tag).ok_or_else(|| {
-                ImportError::invalid(path, format!("{name} {tag} is missing: how its pixels are stored is not known"))
+                ImportError::invalid(
+                    path,
+                    format!("{name} {tag} is missing: the layout of its pixels is not known; write the file again"),
+                )
             })
         };
         let samples = header.number(tags::SAMPLES_PER_PIXEL).unwrap_or(1.0);
@@ -38,7 +41,7 @@ impl PixelFormat {
             let feature = format!(
                 "a colour image ({photometric}, {samples} samples a pixel; expected MONOCHROME1 or MONOCHROME2 with 1)"
             );
-            let advice = "export one gray image of it to TIFF or .npy, and pack that";
+            let advice = "export it as a gray image to TIFF or .npy, and pack that";
             return Err(ImportError::unsupported_but(path, feature, advice));
         }
         let [rows, columns] = [need(tags::ROWS, "Rows")?, need(tags::COLUMNS, "Columns")?];

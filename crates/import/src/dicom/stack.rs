@@ -155,8 +155,8 @@ fn check_directions(slices: &[Slice], names: &Names) -> Result<(), ImportError> 
     if let [most, other, ..] = kinds(slices, parallel)[..] {
         let show = |s: &Slice| format!("{} {}", show(s.along_row), show(s.along_column));
         let problem = format!(
-            "looks along {} (ImageOrientationPatient), as {} slices do; {} look along {}, such as {}. Slices of one volume are \
-             parallel: give the files of one direction (localizers often lie among a series)",
+            "looks along {} (ImageOrientationPatient), as {} slices do; {} look along {}, such as {}. Slices of one \
+             volume are parallel: name the files of one direction (a series often includes localizers)",
             show(&slices[other.0]),
             other.1,
             most.1,
@@ -170,7 +170,7 @@ fn check_directions(slices: &[Slice], names: &Names) -> Result<(), ImportError> 
     if let [most, other, ..] = kinds(slices, same_pixels)[..] {
         let show = |s: &Slice| format!("{} x {} mm", s.pixel_mm[0], s.pixel_mm[1]);
         let problem = format!(
-            "has pixels of {}, as {} slices do; {} have pixels of {}, such as {}. Give the files of one size",
+            "has pixels of {}, as {} slices do; {} have pixels of {}, such as {}. Name the files of one size",
             show(&slices[other.0]),
             other.1,
             most.1,
@@ -218,14 +218,14 @@ fn along(gaps: &[f64], slices: &[Slice], normal: DVec3, names: &Names, asked: Sp
             let moved = |i: usize| (mm * i as f64 - place(i)).abs();
             let worst = (0..slices.len()).max_by(|&a, &b| moved(a).total_cmp(&moved(b))).unwrap_or(0);
             Ok(even(Some(Note::warning(format!(
-                "{apart} by their positions, and taken as {mm} mm apart, as `spacing` says: {} is {:.4} mm from where its position says. \
-                 Where slices are missing, `gaps` blank leaves their places.",
+                "{apart} by their positions, and taken as {mm} mm apart, by `spacing`: {} is {:.4} mm from its \
+                 position. If slices are missing, `gaps` blank leaves their places blank.",
                 names.of(&slices[worst]),
                 moved(worst)
             )))))
         }
         _ if is_rounding(gaps, rounding, mean) => Ok(even(Some(Note::new(format!(
-            "{apart}, which the few decimals of their positions explain: {mean:.4} mm is taken for all."
+            "{apart}, which the rounding of their positions explains: {mean:.4} mm is taken for all."
         ))))),
         Spacing::WithGaps => with_gaps(gaps, steps).ok_or_else(|| uneven(gaps, steps, slices, names)),
         Spacing::Even => Err(uneven(gaps, steps, slices, names)),
@@ -242,7 +242,8 @@ fn check_doubles(gaps: &[f64], typical: f64, slices: &[Slice], names: &Names) ->
     let Some(at) = gaps.iter().position(is_double) else { return Ok(()) };
     let (a, b) = (&slices[at], &slices[at + 1]);
     let problem = format!(
-        "lies where {} lies, at {}: {} slices at {} positions; give the files of one time step, echo or phase only, each once",
+        "has the position of {}, {}: {} slices at {} positions; name the files of one time step, echo or phase only, \
+         each once",
         names.of(a),
         show(b.position),
         slices.len(),
@@ -296,10 +297,13 @@ fn uneven(gaps: &[f64], steps: Steps, slices: &[Slice], names: &Names) -> Import
         Some(_) if with_gaps(gaps, steps).is_some() => {
             "add the missing files, or pass `gaps` blank to leave their places without data".into()
         }
-        Some(_) => "add the missing files, or give those of an even part".into(),
+        Some(_) => "add the missing files, or name those of an evenly spaced part".into(),
         None => {
             let ([x, y], mean) = (slices[0].pixel_mm, gaps.iter().sum::<f64>() / gaps.len() as f64);
-            format!("pass `spacing` {x},{y},{} to take the slices as even, which moves some of them", round(mean))
+            format!(
+                "pass `spacing` {x},{y},{} to take the slices as evenly spaced, which moves some of them",
+                round(mean)
+            )
         }
     };
     let problem = format!(

@@ -285,7 +285,10 @@ fn slices_of_one_series_are_no_steps() {
     for order in [None, Some(FileOrder::Given), Some(FileOrder::Natural)] {
         let options = OpenOptions { order, ..OpenOptions::default() };
         let message = order_steps(&[one.file(0), one.file(1)], &options).unwrap_err().to_string();
-        assert!(message.contains("IM1: is a slice of the series that") && message.contains("its folder"), "{message}");
+        assert!(
+            message.contains("IM1: is a slice of the same series as") && message.contains("its folder"),
+            "{message}"
+        );
         // From one folder each, they are two volumes.
         assert!(order_steps(&[one.file(0), other.file(1)], &options).is_ok());
         let step = OpenOptions { is_step: true, ..options };
@@ -419,14 +422,14 @@ fn numbers_of_32_bits_are_not_rounded_without_a_word() {
         assert!(message.contains("32 bits") && message.contains("`allow_lossy`"), "{message}");
         let options = OpenOptions { allow_lossy: true, ..OpenOptions::default() };
         let source = open(&[folder.0.path().to_owned()], &options).unwrap();
-        assert!(source.info().notes.iter().any(|note| note.contains("rounded to 24 bits")));
-        assert!(is_warned(&said(&source.info().notes), "rounded to 24 bits"));
+        assert!(source.info().notes.iter().any(|note| note.contains("rounded to the 24 bits")));
+        assert!(is_warned(&said(&source.info().notes), "rounded to the 24 bits"));
     }
     // Numbers scaled by a fraction are not whole anyway, which is reported.
     let mut scaled = slice(0.0, 0, 16_777_217);
     scaled.text(tags::RESCALE_SLOPE, VR::DS, "0.5");
     let (_folder, source) = Folder::opened([scaled]);
-    assert!(source.info().notes.iter().any(|note| note.contains("rounded to 24 bits")));
+    assert!(source.info().notes.iter().any(|note| note.contains("rounded to the 24 bits")));
 }
 
 /// A text of megabytes counts as missing: thousands of headers stay small.
@@ -449,7 +452,7 @@ fn padding_that_one_integer_cannot_stand_for_is_nan() {
     let found = voxels(&*source);
     // Padding is reported by its first value.
     assert_eq!((source.info().voxel_type, source.info().nodata), (VoxelType::F32, Some(11.0)));
-    assert!(source.info().notes.iter().any(|note| note.contains("11 to 11 (in some slices others)")));
+    assert!(source.info().notes.iter().any(|note| note.contains("11 to 11 (other values in some slices)")));
     let is_padding = |i: usize| [11, 14].contains(&i);
     assert!((0..24).all(|i| found[i].is_nan() == is_padding(i)) && found[13] == 11.0, "{found:?}");
     // The user's value replaces it.
@@ -517,7 +520,7 @@ fn stacks_that_are_not_a_volume_are_refused_with_numbers() {
     ]);
     Folder::of([0.0, 2.0, 4.3, 6.2].map(at)).refused(&["not evenly spaced", "2.3000", "`spacing`"]);
     Folder::of([0.0, 2.0, 2.0, 4.0].map(at)).refused(&[
-        "IM2: lies where",
+        "IM2: has the position of",
         "IM1",
         "4 slices at 3 positions",
         "one time step",
@@ -614,8 +617,8 @@ fn told_spacings_settle_gaps_and_missing_pixel_sizes() {
     assert!(notes.contains("2.0000 to 6.0000 mm apart by their positions, and taken as 2 mm apart"), "{notes}");
     assert!(is_warned(&notes, "taken as 2 mm apart"), "{notes}");
     // The third and the fourth, 2 and 3 steps up, are 8 and 10 mm up.
-    assert!(notes.contains("4.0000 mm from where its position says") && notes.contains("`gaps` blank"), "{notes}");
-    assert!(is_warned(&notes, "4.0000 mm from where its position says"), "{notes}");
+    assert!(notes.contains("4.0000 mm from its position") && notes.contains("`gaps` blank"), "{notes}");
+    assert!(is_warned(&notes, "4.0000 mm from its position"), "{notes}");
     // Even positions cause no note, whatever the spacing.
     let even = open_with(&Folder::of(shuffled()), &told);
     assert!(!said(&even.unwrap().info().notes).contains("apart"));
@@ -913,7 +916,7 @@ fn enhanced_files_place_and_rescale_every_frame() {
     assert!(is_warned(&notes, "1 file more of its series"), "{notes}");
     let mut unplaced = enhanced();
     unplaced.text(tags::NUMBER_OF_FRAMES, VR::IS, "1");
-    Folder::of([unplaced]).refused(&["declares 1 frame, but places 2"]);
+    Folder::of([unplaced]).refused(&["declares 1 frame, but gives positions for 2"]);
 }
 
 #[test]
@@ -1017,7 +1020,7 @@ fn files_without_a_preamble_are_read() {
     let folder = Folder::of((0..3).map(|i| Written::slice(5.0 * f64::from(i), 0)));
     for bytes in [&b""[..], &[0; 200]] {
         std::fs::write(folder.0.path().join("IM3.dcm"), bytes).unwrap();
-        folder.refused(&["IM3.dcm: no DICOM file, though its name says so"]);
+        folder.refused(&["IM3.dcm: not a DICOM file, unlike its name"]);
     }
     // Packed pixels do not reveal their packing.
     let folder = Folder::of([]);

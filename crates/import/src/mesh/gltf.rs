@@ -37,7 +37,7 @@ pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Parts, ImportError> {
     }
     let buffers = buffers(path, &document, blob)?;
     let scene = document.default_scene().or_else(|| document.scenes().next());
-    let Some(scene) = scene else { return Err(bad("there is no scene in it".into())) };
+    let Some(scene) = scene else { return Err(bad("the file has no scene".into())) };
     let nodes = placed_nodes(&document, scene.nodes().collect()).map_err(bad)?;
     check_size(&nodes, &buffers).map_err(bad)?;
     let mut parts = Parts::default();
@@ -139,7 +139,7 @@ fn check_size(nodes: &[(Node<'_>, DMat4)], buffers: &[Vec<u8>]) -> Result<(), St
     let most = MOST_PLACED_BYTES.max(own.saturating_mul(MOST_COPIES));
     if needed > most {
         return Err(format!(
-            "with all its copies the mesh would take {} MiB, more than {}: save it with fewer nodes that show the same mesh",
+            "with all its copies the mesh would take {} MiB, more than {}: save it with fewer nodes of the same mesh",
             needed >> 20,
             most >> 20
         ));
@@ -166,7 +166,7 @@ fn buffers(path: &Path, document: &Document, mut blob: Option<Vec<u8>>) -> Resul
                     })?;
                     // Otherwise a file could be read over and over.
                     if named.contains(&beside) {
-                        return Err(bad(format!("it is at {shown}, as one before it: expected a file of its own")));
+                        return Err(bad(format!("it is at {shown}, as one before it: expected a file for each")));
                     }
                     let bytes = super::read_file(&beside)?;
                     named.push(beside);
@@ -274,7 +274,7 @@ fn check(
         return Err(format!("{name} holds {shape:?} of {kind:?}: expected {shapes:?} of {kinds:?}"));
     }
     if accessor.sparse().is_some() {
-        return Err(format!("{name} is sparse, which is not supported: save the mesh without"));
+        return Err(format!("{name} is sparse, which is not supported: save the mesh without sparse accessors"));
     }
     let Some(view) = accessor.view() else { return Err(format!("{name} has no data")) };
     let size = accessor.size() as u64;
@@ -286,7 +286,7 @@ fn check(
     let is_inside = end.is_some_and(|end| end <= view.length() as u64) && end_of_view.is_some_and(|end| end <= there);
     match is_inside && stride >= size {
         true => Ok(()),
-        false => Err(format!("{name} of {} values reaches out of its buffer, or is empty", accessor.count())),
+        false => Err(format!("{name} of {} values reaches past its buffer, or is empty", accessor.count())),
     }
 }
 

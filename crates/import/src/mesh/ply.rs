@@ -37,7 +37,7 @@ pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Parts, ImportError> {
     }
     for (name, properties) in [("vertex", &["x", "y", "z"][..]), ("face", &[])] {
         let Some(element) = header.elements.get(name) else {
-            let problem = format!("there is no element '{name}' in it: expected vertices and the faces between them");
+            let problem = format!("the file has no element '{name}': expected vertices and faces");
             return Err(ImportError::invalid(path, problem));
         };
         if let Some(missing) = properties.iter().find(|&&p| !element.properties.contains_key(p)) {

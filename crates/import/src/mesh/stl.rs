@@ -24,7 +24,7 @@ pub(super) fn read(path: &Path, mut bytes: Vec<u8>) -> Result<Parts, ImportError
         Some(len) if len < bytes.len() as u64 => {}
         Some(len) => {
             let (triangles, found) = ((len - HEADER as u64) / TRIANGLE as u64, bytes.len());
-            let problem = format!("{triangles} triangles should take {len} bytes, and it has {found}: it is cut short");
+            let problem = format!("{triangles} triangles take {len} bytes, and the file has {found}: it is cut short");
             return Err(ImportError::invalid(path, problem));
         }
         None => {

@@ -241,9 +241,9 @@ fn bad_indices_and_numbers_are_named() {
 #[test]
 fn what_gltf_says_of_its_buffers_is_checked() {
     let spoil = |from: &str, to: &str| refusal("a.glb", glb(|json| json.replace(from, to)));
-    assert!(spoil(r#""count": 12"#, r#""count": 13"#).contains("accessor 1 of 13 values reaches out"));
+    assert!(spoil(r#""count": 12"#, r#""count": 13"#).contains("accessor 1 of 13 values reaches past"));
     assert!(spoil(r#""count": 4"#, r#""count": 0"#).contains("a.glb"));
-    assert!(spoil(r#""byteOffset": 48"#, r#""byteOffset": 49"#).contains("reaches out"));
+    assert!(spoil(r#""byteOffset": 48"#, r#""byteOffset": 49"#).contains("reaches past"));
     assert!(spoil("5123", "5126").contains("expected [Scalar]"));
     assert!(spoil(r#""mesh": 0"#, r#""mesh": 0, "children": [0]"#).contains("two nodes"));
     assert!(spoil(r#""mesh": 0"#, r#""mesh": 7"#).contains("expected a glTF file"));

@@ -70,7 +70,7 @@ impl Header {
         raw.checked(fields.endian, single_file, needed as u64).map_err(|refusal| match refusal {
             Refusal::Invalid(problem) => ImportError::invalid(path, problem),
             Refusal::Unsupported(feature) => {
-                let advice = "write it as volumes of plain numbers in up to five dimensions (nibabel, fslsplit)";
+                let advice = "write it again as plain numbers in up to five dimensions (nibabel, fslsplit)";
                 ImportError::unsupported_but(path, feature, advice)
             }
         })
@@ -193,8 +193,8 @@ impl RawHeader {
         }
         if !(slope.is_finite() && intercept.is_finite()) {
             return Err(Refusal::Invalid(format!(
-                "its scl_slope is {slope} and its scl_inter {intercept}: what its values mean is not known; expected finite \
-                 numbers, or a slope of 0 for none: write the header again"
+                "its scl_slope is {slope} and its scl_inter {intercept}: expected finite numbers, or a slope of 0 for \
+                 no scaling; write the header again"
             )));
         }
         Ok(Some(Scale { slope, intercept, to: VoxelType::F32 }))
@@ -209,9 +209,7 @@ impl RawHeader {
         }
         let sound = offset.fract() == 0.0 && offset >= if single_file { header_bytes as f64 } else { 0.0 };
         if !sound || offset > i64::MAX as f64 / 2.0 {
-            return Err(Refusal::Invalid(format!(
-                "claims that voxels start at byte {offset}; expected {least} or more"
-            )));
+            return Err(Refusal::Invalid(format!("declares voxels from byte {offset} on; expected {least} or more")));
         }
         Ok(offset as u64)
     }

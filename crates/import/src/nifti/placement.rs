@@ -20,7 +20,7 @@ pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Note
     info.calibrated = sound == [true; 3];
     if !info.calibrated {
         notes.push(Note::warning(format!(
-            "Voxel sizes {sizes:?} in the header are not all positive; 1 is taken for those that are not."
+            "Voxel sizes {sizes:?} in the header must be positive; 1 is taken for invalid ones."
         )));
     }
     info.geometry.unit = match header.space_unit {
@@ -37,7 +37,8 @@ pub(super) fn place(header: &Header, info: &mut SourceInfo, notes: &mut Vec<Note
         if info.calibrated && (length - spacing[a]).abs() > SPACING_TOLERANCE * spacing[a] {
             let axis = ['x', 'y', 'z'][a];
             notes.push(Note::warning(format!(
-                "The header disagrees with itself: voxel size along {axis} is {} by pixdim, {length} by its matrix; pixdim is the spacing, and pictures go by the matrix.",
+                "The header disagrees with itself: voxel size along {axis} is {} by pixdim, {length} by its matrix; \
+                 pixdim is taken as the spacing, and pictures use the matrix.",
                 spacing[a]
             )));
         }
@@ -55,7 +56,7 @@ pub(super) fn set_time(header: &Header, info: &mut SourceInfo, notes: &mut Vec<N
         16 => Some("millisecond"),
         24 => Some("microsecond"),
         _ => {
-            let note = "The fourth axis is none of time, by the header (xyzt_units): its steps are numbered.";
+            let note = "The fourth axis is not time, by the header (xyzt_units): its steps are numbered.";
             notes.push(Note::new(note));
             return;
         }

@@ -65,7 +65,7 @@ impl Calibration {
     /// Returns the scale of stored numbers to values (`None` if they are equal), and a note for the user, if any.
     pub(super) fn scale(&self, element: Element, samples: u16) -> (Option<Scale>, Option<Note>) {
         let kept = |why: &str| {
-            let warning = format!("ImageJ's calibration of values, {why}: they are kept as stored.");
+            let warning = format!("ImageJ's calibration of values, {why}: values are kept as stored.");
             (None, Some(Note::warning(warning)))
         };
         let (c0, c1) = match self {

@@ -118,8 +118,8 @@ impl Declared {
         let stored = [format.width, format.height];
         if let Some([x, y]) = self.plane.filter(|plane| *plane != stored && *plane != format.shown_size()) {
             return Err(format!(
-                "its description tells of planes of {x}x{y} pixels, but its pages have {}x{}, so it is that of another image; \
-                 pass `axes` zyx to take the pages as they are",
+                "its description has planes of {x}x{y} pixels, but its pages have {}x{}, so it belongs to another \
+                 image; pass `axes` zyx to take the pages as they are",
                 stored[0], stored[1]
             ));
         }
@@ -208,8 +208,8 @@ impl Description {
             if z.is_none() && info.extent.z > 1 {
                 let unit = self.unit.map(|unit| format!(" {unit}")).unwrap_or_default();
                 info.notes.push(Note::warning(format!(
-                    "The file says how large pixels are, not how far planes lie apart: {x}{unit} is taken along z, as along x; \
-                     `spacing` gives another."
+                    "The file gives the size of pixels, but not the distance of planes: {x}{unit} is taken along z, as \
+                     along x; `spacing` gives another."
                 )));
             }
         }

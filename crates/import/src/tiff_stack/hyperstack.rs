@@ -78,7 +78,8 @@ fn in_unit_of_x(description: &mut Description, unit: Option<&str>, others: [Opti
     {
         let (other, unit) = (other.unwrap_or_default(), unit.unwrap_or("none"));
         description.notes.push(Note::warning(format!(
-            "Lengths along {axis} are in '{other}', those along x in '{unit}': they are left out; `spacing` gives them."
+            "Lengths along {axis} are in '{other}', those along x in '{unit}': the former are left out; `spacing` \
+             gives them."
         )));
     }
 }

@@ -5,7 +5,7 @@ pub(super) fn kind_not_read(jpeg: &[u8]) -> Option<&'static str> {
     match frame_marker(jpeg)? {
         0xc0..=0xc2 => None,
         0xc3 => Some("lossless"),
-        0xc9.. => Some("with arithmetic coding"),
+        0xc9.. => Some("arithmetic-coded"),
         _ => Some("hierarchical"),
     }
 }

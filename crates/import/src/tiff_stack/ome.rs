@@ -107,7 +107,7 @@ pub(super) fn read(text: impl BufRead) -> Result<Option<Description>, Failure> {
             Event::Text(text) => walk.text(&text)?,
             Event::CData(text) => walk.text(&text)?,
             Event::Eof if walk.open.is_empty() => return Ok(None),
-            Event::Eof => return meaning("ends inside of an element: it was cut short"),
+            Event::Eof => return meaning("ends inside an element: it was cut short"),
             // A document's own entities are not expanded: an attribute with one is not well-formed.
             Event::Comment(_) | Event::Decl(_) | Event::PI(_) | Event::GeneralRef(_) | Event::DocType(_) => {}
         }
@@ -309,7 +309,7 @@ impl Walk {
     fn channel(&mut self, tag: &BytesStart) -> Result<Element, Failure> {
         let samples = number::<u32>(tag, "SamplesPerPixel")?.unwrap_or(1);
         if *self.samples.get_or_insert(samples) != samples {
-            return meaning("has channels of unlike SamplesPerPixel");
+            return meaning("has channels of different SamplesPerPixel");
         }
         let name = attribute(tag, "Name")?.map(|name| name.trim().to_owned()).filter(|name| !name.is_empty());
         // Red, green, blue and opacity, a byte each, as one signed number.
@@ -350,18 +350,20 @@ impl Walk {
         if self.images > 1 {
             let [first, last] = &self.image_names;
             let problem = format!(
-                "its OME-XML tells of {} images, {first} to {last}, and a store holds one: write one to a file of its own \
-                 (bfconvert -series NUMBER), or pass `axes` zyx to take all pages as one stack",
+                "its OME-XML describes {} images, {first} to {last}, and a store holds one: write one to a file of its \
+                 own (bfconvert -series NUMBER), or pass `axes` zyx to take all pages as one stack",
                 self.images
             );
             return Ok(Description::unreadable(problem));
         }
         let Some(pixels) = self.pixels.take() else {
-            let note = "The OME-XML description tells of no pixels; pages are taken along z.";
+            let note = "The OME-XML description has no Pixels; pages are taken along z.";
             return Ok(Description { notes: vec![Note::warning(note)], ..Description::default() });
         };
         if self.has_binary_data && pixels.tiff_data.is_empty() {
-            return meaning("holds the pixels itself (BinData), which is not read: write it as OME-TIFF (bfconvert)");
+            return meaning(
+                "holds the pixels itself (BinData), which is not supported: write it as OME-TIFF (bfconvert)",
+            );
         }
         let times = pixels.sizes[0];
         let mut description = Description {

@@ -54,7 +54,8 @@ pub(super) fn open_companion(
     is_alone: bool,
 ) -> Result<Box<dyn Source>, ImportError> {
     if options.axes.is_some() {
-        let problem = "is the companion of OME-TIFF files, and says itself where their planes lie: leave `axes` out, or name the files";
+        let problem =
+            "is the companion of OME-TIFF files, and places their planes itself: leave `axes` out, or name the files";
         return Err(ImportError::options(path, problem));
     }
     let mut description = read_companion(path)?;
@@ -114,7 +115,7 @@ impl Opening<'_> {
                 let set = Set::find(&companion, theirs.as_deref(), has_pages, &pixels.parts)?;
                 let own = set.paths.iter().position(|part| same_file(part, path));
                 let Some(own) = own else {
-                    let problem = format!("is BinaryOnly, and {} tells of no pages in it", companion.display());
+                    let problem = format!("is BinaryOnly, and {} describes no pages in it", companion.display());
                     return Err(ImportError::invalid(path, problem));
                 };
                 check_uuid(&companion, path, set.uuids[own].as_deref(), ome.uuid.as_deref())?;
@@ -136,8 +137,8 @@ impl Opening<'_> {
         let path = self.path;
         if set.paths.len() > 1 && !self.is_alone {
             let problem = format!(
-                "is one of a set of {} that its OME-XML describes, and other files are given beside it: pack it alone, which opens \
-                 the set, or pass `axes` zyx to take the pages of each file as they are",
+                "is one of a set of {} in its OME-XML, but other files are given, too: pack it alone, which opens the \
+                 set, or pass `axes` zyx to take the pages of each file as they are",
                 counted(set.paths.len() as u64, "file")
             );
             return Err(ImportError::invalid(path, problem));
@@ -172,11 +173,11 @@ impl Opening<'_> {
             stack.info.identity += &identity("; described by", &[with_xml])?;
         }
         if set.paths.len() > 1 {
-            let note = format!("The planes are those of a set of {} files, as OME-XML says.", set.paths.len());
+            let note = format!("The planes come from a set of {} files, listed in OME-XML.", set.paths.len());
             stack.info.notes.push(Note::new(note));
         }
         if spare > 0 {
-            let warning = format!("{} of no plane that the OME-XML tells of, and left out.", is_or_are(spare));
+            let warning = format!("{} of no plane in the OME-XML, and left out.", is_or_are(spare));
             stack.info.notes.push(Note::warning(warning));
         }
         Ok(Box::new(stack))

@@ -61,13 +61,13 @@ impl Mapping<'_> {
     fn take(&mut self, data: TiffData) -> Result<(), String> {
         let file = match data.part {
             Some(part) => self.files.of_part[part as usize],
-            None => self.files.own.ok_or("its OME-XML has TiffData that names no file (UUID FileName)")?,
+            None => self.files.own.ok_or("its OME-XML has TiffData without a file name (UUID FileName)")?,
         };
         let pages = self.files.pages[file as usize];
         let limits = [self.sizes.times, self.sizes.channels, self.sizes.extent.z];
         let plane = Plane(data.first);
         if data.first.iter().zip(limits).any(|(&i, limit)| i >= limit) {
-            return Err(format!("its OME-XML (TiffData) tells of {plane}, which its sizes do not have"));
+            return Err(format!("its OME-XML (TiffData) names {plane}, which is outside of its sizes"));
         }
         let ifd = data.ifd.unwrap_or(0);
         let count = match data.count {
@@ -79,7 +79,8 @@ impl Mapping<'_> {
         for i in 0..count {
             let page = ifd.checked_add(i).filter(|&page| page < pages).ok_or_else(|| {
                 format!(
-                    "its OME-XML (TiffData) tells of directory {} of {}, which has {pages} (0 to {}); fetch the file again",
+                    "its OME-XML (TiffData) names directory {} of {}, which has {pages} (0 to {}); fetch the file \
+                     again",
                     ifd as u64 + i as u64,
                     self.files.names[file as usize],
                     pages.saturating_sub(1)
@@ -87,7 +88,7 @@ impl Mapping<'_> {
             })?;
             let index = start + i as u64;
             if index >= self.places.len() as u64 {
-                return Err(too_few_or_many(self.sizes, start + count as u64, "its TiffData elements tell of"));
+                return Err(too_few_or_many(self.sizes, start + count as u64, "its TiffData elements name"));
             }
             let plane = self.plane_at(index);
             let place = &mut self.places[plane.index(self.sizes) as usize];

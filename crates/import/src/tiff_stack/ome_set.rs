@@ -39,7 +39,7 @@ pub(super) fn read_companion(path: &Path) -> Result<Description, ImportError> {
     }
     match ome::read(BufReader::new(file.take(LONGEST_DESCRIPTION))) {
         Ok(Some(description)) => Ok(description),
-        Ok(None) => Err(ImportError::invalid(path, "is called a companion of OME-TIFF files, but is no OME-XML")),
+        Ok(None) => Err(ImportError::invalid(path, "is named as a companion of OME-TIFF files, but is not OME-XML")),
         Err(Failure::Disk(error)) => Err(ImportError::io(path)(error)),
         Err(Failure::Meaning(problem)) => Err(ImportError::invalid(path, format!("its OME-XML {problem}"))),
     }
@@ -105,10 +105,9 @@ impl Set {
             let is_own = has_pages && uuid.is_some_and(|own| same_uuid(own, &part.uuid));
             let found = match &part.name {
                 _ if is_own => path.to_owned(),
-                Some(name) => beside(path, name, "its OME-XML tells of pages in")?,
+                Some(name) => beside(path, name, "its OME-XML places pages in")?,
                 None => {
-                    let problem =
-                        format!("its OME-XML tells of pages in a file of UUID '{}', but not of its name", part.uuid);
+                    let problem = format!("its OME-XML places pages in a file of UUID '{}' without a name", part.uuid);
                     return Err(ImportError::invalid(path, problem));
                 }
             };
@@ -123,7 +122,7 @@ impl Set {
                 let expected = said.get_or_insert_with(|| part.uuid.clone());
                 if !same_uuid(expected, &part.uuid) {
                     let problem = format!(
-                        "is meant by {} under two UUIDs, '{expected}' and '{}': the file that is there is not both",
+                        "has two UUIDs in the OME-XML of {}, '{expected}' and '{}'; write the set again",
                         path.display(),
                         part.uuid
                     );
@@ -146,7 +145,8 @@ pub(super) fn check_uuid(
     match expected.zip(found) {
         Some((expected, found)) if !same_uuid(expected, found) => {
             let problem = format!(
-                "is another file than {} means: its UUID is '{found}', expected '{expected}'; put the files of one set together",
+                "is not the file named by {}: its UUID is '{found}', expected '{expected}'; put the files of one set \
+                 together",
                 naming.display()
             );
             Err(ImportError::invalid(path, problem))
@@ -189,7 +189,7 @@ fn beside(path: &Path, name: &str, what: &str) -> Result<PathBuf, ImportError> {
         return Err(outside());
     }
     if !real.is_file() {
-        return Err(missing("it is no file".into()));
+        return Err(missing("it is not a file".into()));
     }
     Ok(found)
 }

@@ -119,7 +119,7 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
         match &first {
             Some((_, expected)) if description.calibration != expected.calibration => {
                 let problem = format!(
-                    "its values are calibrated (ImageJ's c0, c1, cf) in another way than those of {}; calibrate all alike",
+                    "its values are calibrated (ImageJ's c0, c1, cf) unlike those of {}; calibrate all alike",
                     paths[0].display()
                 );
                 return Err(ImportError::invalid(path, problem));
@@ -127,7 +127,8 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
             Some((_, expected)) if description.nodata != expected.nodata && options.nodata == NoData::OfFile => {
                 let value = |nodata: Option<f64>| nodata.map_or("no value".into(), |value| value.to_string());
                 let problem = format!(
-                    "says with {} that pixels hold no data (GDAL_NODATA), but {} with {}; give one for all with `nodata`",
+                    "marks pixels without data with {} (GDAL_NODATA), but {} with {}; give one value for all with \
+                     `nodata`",
                     value(description.nodata),
                     paths[0].display(),
                     value(expected.nodata)
@@ -146,10 +147,8 @@ pub(crate) fn open_planes(paths: &[PathBuf], options: &OpenOptions) -> Result<Bo
         return Err(ImportError::options(Path::new(""), "no TIFF file given"));
     };
     if with_copies > 0 {
-        let note = format!(
-            "Pages that are smaller copies or masks of others are left out, in {}.",
-            counted(with_copies, "file")
-        );
+        let note =
+            format!("Pages with smaller copies or masks of others are left out, in {}.", counted(with_copies, "file"));
         description.notes.push(Note::new(note));
     }
     // A stack's shape in a single plane's file is that of the stack it was cut from.
@@ -167,8 +166,8 @@ fn check_is_no_part(path: &Path, description: &Description) -> Result<(), Import
         OmeSays::Pixels(pixels) => pixels.parts.len() > 1,
         OmeSays::Elsewhere { .. } => true,
     });
-    let problem = "is one of a set of files that OME-XML describes, but not just the files of the set are given: name all of them, or one, \
-                   or pass `axes` zyx to take the page of each file as a slice";
+    let problem = "is one of a set of files in its OME-XML, but the given files are not the set: name all files of the \
+                   set, or one, or pass `axes` zyx to take the page of each file as a slice";
     if is_part { Err(ImportError::invalid(path, problem)) } else { Ok(()) }
 }
 
@@ -195,7 +194,7 @@ fn check_scale(
         of.spacing.map_or("no size".into(), |Spacing { x, y, .. }| format!("{x} x {y}{unit}"))
     };
     let problem = format!(
-        "says that its pixels have {}, but {} says {}; give `spacing` and `unit` for all",
+        "has pixels of {}, but {} has pixels of {}; give `spacing` and `unit` for all",
         describe(description),
         first_path.display(),
         describe(first)
@@ -214,8 +213,8 @@ fn open_contiguous(
 ) -> Result<Box<dyn Source>, ImportError> {
     if let Some(images) = declared.images.filter(|images| u64::from(*images) != declared.planes()) {
         let problem = format!(
-            "its description has {images} images, but channels, slices and frames that make {}; pass `axes` zyx to take only the page that its \
-             directory has",
+            "its description has {images} images, but its channels, slices and frames make {}; pass `axes` zyx to take \
+             only the page in its directory",
             declared.planes()
         );
         return Err(ImportError::invalid(path, problem));
@@ -243,8 +242,8 @@ fn open_contiguous(
     let found = file.len() as u64;
     if found < expected {
         let problem = format!(
-            "its description declares {} planes of {format}, so at least {expected} bytes are expected; found {found} ({} missing); \
-             pass `axes` zyx to take only the page it has",
+            "its description declares {} planes of {format}, so at least {expected} bytes are expected; found {found} \
+             ({} missing); pass `axes` zyx to take its one page",
             declared.planes(),
             expected - found
         );

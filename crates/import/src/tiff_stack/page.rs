@@ -230,7 +230,10 @@ impl OpenTiff {
         self.check_depth()?;
         let stored = tag(&mut self.decoder, Tag::SamplesPerPixel)?.unwrap_or(1);
         if stored != color.num_samples() {
-            let feature = format!("a page of {stored} samples a pixel, of which {} are known", color.num_samples());
+            let feature = format!(
+                "a page of {stored} samples a pixel, of which only {} have a known meaning,",
+                color.num_samples()
+            );
             let advice = "write it again with one sample a pixel, or as red, green and blue";
             return Err(ImportError::unsupported_but(&path, feature, advice));
         }
@@ -339,8 +342,8 @@ impl OpenTiff {
                         || end > self.stamp.bytes() && offset.saturating_add(needed) <= self.stamp.bytes())
                 {
                     let problem = format!(
-                        "strip or tile {i} of page {number} is not compressed, and its pixels take {needed} bytes, but its directory \
-                         says {count}; tiffcp writes another"
+                        "strip or tile {i} of page {number} is not compressed, and its pixels take {needed} bytes, but \
+                         its directory has {count}; tiffcp writes the file anew"
                     );
                     return Err(ImportError::invalid(path, problem));
                 }
@@ -368,7 +371,7 @@ impl OpenTiff {
         let Some(kind) = jpeg::kind_not_read(&head) else { return Ok(()) };
         let advice =
             "write it again with another compression: none, LZW, Deflate, PackBits, Zstandard, or the usual JPEG";
-        Err(ImportError::unsupported_but(path, format!("JPEG that is {kind}"), advice))
+        Err(ImportError::unsupported_but(path, format!("{kind} JPEG"), advice))
     }
 
     /// Strips or tiles of a page of uncompressed pixels.
@@ -400,12 +403,12 @@ impl OpenTiff {
         let (offsets, counts) =
             (numbers(Tag::StripOffsets).map_err(refuse)?, numbers(Tag::StripByteCounts).map_err(refuse)?);
         let (Some(&start), 1, true) = (offsets.first(), compression, format.turn.is_none()) else {
-            let feature = "a stack in one directory that is compressed, tiled or of another Orientation than 1";
+            let feature = "a compressed or tiled stack in one directory, or one of another Orientation than 1,";
             return Err(ImportError::unsupported(path, feature));
         };
         let ends = offsets.iter().zip(&counts).map(|(offset, count)| offset.saturating_add(*count));
         if offsets.iter().skip(1).zip(ends).any(|(next, end)| *next != end) {
-            let feature = "a stack in one directory whose strips do not follow one another";
+            let feature = "a stack in one directory with gaps between its strips";
             return Err(ImportError::unsupported_but(path, feature, "write it again with a directory for each plane"));
         }
         Ok((start, self.endian()))
@@ -494,7 +497,7 @@ impl OpenTiff {
         let Packing::Lzw { offsets, counts, predictor } = packing else { return Ok(()) };
         let place = offsets.get(index as usize).zip(counts.get(index as usize));
         let place = place.filter(|(at, count)| at.checked_add(**count).is_some_and(|end| end <= stamp.bytes()));
-        let Some((&at, &count)) = place else { return Err(damaged(path, "its place is not in the file".into())) };
+        let Some((&at, &count)) = place else { return Err(damaged(path, "it lies outside of the file".into())) };
         let samples = if format.planar { 1 } else { format.samples as usize };
         let width = format.element.bytes();
         let row = u128::from(chunk_width) * (samples * width) as u128;

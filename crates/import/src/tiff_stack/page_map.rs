@@ -176,7 +176,7 @@ pub(super) fn too_few_or_many(sizes: Sizes, pages: u64, holders: &str) -> String
 /// Page axes and sizes by the caller's axes: the one missing size follows from the number of pages.
 fn as_told(axes: &AxisOrder, pages: u32, options: &OpenOptions) -> Result<(Vec<Axis>, Sizes), String> {
     let [page_axes @ .., Axis::Y, Axis::X] = axes.axes() else {
-        return Err(format!("axes '{axes}' do not end in yx, the order within a TIFF page"));
+        return Err(format!("axes '{axes}' do not end in yx, the order of pixels in a TIFF page"));
     };
     let given = |axis| match axis {
         Axis::T => options.times,
@@ -193,7 +193,7 @@ fn as_told(axes: &AxisOrder, pages: u32, options: &OpenOptions) -> Result<(Vec<A
         [] | [_] => return Err(format!("{pages} pages do not divide into axes '{axes}' of the given sizes")),
         _ => {
             return Err(format!(
-                "axes '{axes}' leave several sizes open for {pages} pages; give `channels` and `times` as well"
+                "axes '{axes}' leave several sizes of {pages} pages open; give `channels` and `times`, too"
             ));
         }
     }

@@ -24,7 +24,8 @@ impl PageTags {
         if let Some(nodata) = self.nodata.filter(|nodata| Some(*nodata) != first.nodata) {
             let first = first.nodata.map_or("no value".into(), |value| value.to_string());
             let problem = format!(
-                "page {page} says with {nodata} that pixels hold no data (GDAL_NODATA), but page 1 with {first}; give one for all with `nodata`"
+                "page {page} marks pixels without data with {nodata} (GDAL_NODATA), but page 1 with {first}; give one \
+                 value for all with `nodata`"
             );
             return Err(ImportError::options(path, problem));
         }

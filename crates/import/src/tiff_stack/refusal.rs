@@ -30,19 +30,20 @@ pub(super) fn refusal(path: &Path, what: &str, error: TiffError) -> ImportError 
             ImportError::unsupported_but(path, format!("{what}: {}", feature_of(e)), advice)
         }
         TiffError::FormatError(TiffFormatError::InconsistentSizesEncountered) => invalid(
-            "its directory has another number of strips, tiles or samples than follows from its sizes (a page of several slices, by ImageDepth, \
-             is not read: write a page for each); tiffcp may write it anew",
+            "the number of strips, tiles or samples in its directory does not match its sizes (pages of several \
+             slices, by ImageDepth, are not supported: write a page for each); tiffcp may write it anew",
         ),
         TiffError::FormatError(TiffFormatError::StripTileTagConflict) => invalid(
-            "its directory lacks the places or the lengths of strips or tiles, or has those of both; tiffcp may write it anew",
+            "its directory lacks the offsets or the lengths of strips or tiles, or has both strips and tiles; tiffcp \
+             may write it anew",
         ),
         TiffError::FormatError(TiffFormatError::CycleInOffsets) => {
-            invalid("a directory names one before it as the next; `tiffcp IN,0 OUT` writes the first page anew")
+            invalid("its directories form a loop; `tiffcp IN,0 OUT` writes the first page anew")
         }
         TiffError::IoError(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => invalid("the file is cut short"),
         // The system's report of a seek to before the start or past all numbers.
         TiffError::IoError(e) if e.kind() == std::io::ErrorKind::InvalidInput => {
-            invalid("it names a place that no file has, so its directory is damaged")
+            invalid("it has an impossible offset, so its directory is damaged; fetch the file again")
         }
         TiffError::IoError(e) => ImportError::io(path)(e),
         e => invalid(&e.to_string()),
@@ -95,18 +96,16 @@ fn feature_of(error: TiffUnsupportedError) -> String {
         TiffUnsupportedError::InterpretationWithBits(kind, bits) => {
             format!("{kind:?} of {} samples a pixel, {} bits each,", bits.len(), bits.first().unwrap_or(&0))
         }
-        TiffUnsupportedError::UnknownInterpretation => {
-            "a PhotometricInterpretation that is missing or not the standard's".into()
-        }
+        TiffUnsupportedError::UnknownInterpretation => "a missing or non-standard PhotometricInterpretation".into(),
         // The library calls them samples a pixel.
         TiffUnsupportedError::UnsupportedSampleDepth(bits) => format!("numbers of {bits} bits"),
         TiffUnsupportedError::UnsupportedSampleFormat(formats) => match formats[..] {
             [SampleFormat::Unknown(5 | 6), ..] => "complex numbers".into(),
-            [SampleFormat::Unknown(format), ..] => format!("samples of a format ({format}) that is not the standard's"),
-            _ => "samples of unlike formats".into(),
+            [SampleFormat::Unknown(format), ..] => format!("samples of a non-standard format ({format})"),
+            _ => "samples of different formats".into(),
         },
-        TiffUnsupportedError::InconsistentBitsPerSample(bits) => format!("samples of unlike widths ({bits:?} bits)"),
-        TiffUnsupportedError::ChromaSubsampling => "YCbCr with fewer samples of colour than of brightness".into(),
+        TiffUnsupportedError::InconsistentBitsPerSample(bits) => format!("samples of different widths ({bits:?} bits)"),
+        TiffUnsupportedError::ChromaSubsampling => "YCbCr with chroma subsampling".into(),
         other => other.to_string().trim_end_matches(" is unsupported").to_owned(),
     }
 }

@@ -33,7 +33,8 @@ pub(super) fn read(text: &str, format: &PageFormat, tags: &ScaleTags) -> Descrip
         Ok(read) => read,
         Err(problem) => {
             return Description::unreadable(format!(
-                "its description (tifffile's) {problem}; pass `axes` (with `channels` and `times`) to say what pages are, such as zyx"
+                "its description (tifffile's) {problem}; pass `axes` (with `channels` and `times`) to order its pages, \
+                 such as zyx"
             ));
         }
     };
@@ -74,7 +75,8 @@ fn place(description: &mut Description, values: &Value, tags: &ScaleTags) {
             }
             if let (None, Some(depth), Some((_, of_pixels))) = (unit, depth, tags.per_unit()) {
                 description.notes.push(Note::warning(format!(
-                    "The description's spacing of {depth} has no unit, and the pixels' is {of_pixels}: the distance of slices is left out; pass `spacing` and `unit`."
+                    "The description's spacing of {depth} has no unit, and that of pixels is {of_pixels}: the distance \
+                     of slices is left out; pass `spacing` and `unit`."
                 )));
                 return;
             }
@@ -113,15 +115,15 @@ fn parsed(text: &str) -> Result<Array, String> {
         let shape = shape.map_err(|_| format!("has the shape '{}'", list.chars().take(60).collect::<String>()))?;
         return Ok(Array { shape, axes: None, truncated: false, values: Value::Null });
     }
-    let values: Value = serde_json::from_str(text).map_err(|error| format!("is no JSON ({error})"))?;
+    let values: Value = serde_json::from_str(text).map_err(|error| format!("is not JSON ({error})"))?;
     let size = |size: &Value| size.as_u64().and_then(|size| u32::try_from(size).ok());
     let shape = values.get("shape").and_then(Value::as_array).and_then(|sizes| sizes.iter().map(size).collect());
-    let shape: Vec<u32> = shape.ok_or("has a shape that is no list of sizes")?;
+    let shape: Vec<u32> = shape.ok_or("has a shape other than a list of sizes")?;
     let axes = match values.get("axes") {
         None | Some(Value::Null) => None,
         Some(Value::String(axes)) if axes.is_empty() => None,
         Some(Value::String(axes)) => Some(axes.to_ascii_uppercase()),
-        Some(_) => return Err("has axes that are no text".into()),
+        Some(_) => return Err("has axes other than text".into()),
     };
     let truncated = values.get("truncated").and_then(Value::as_bool).unwrap_or(false);
     Ok(Array { shape, axes, truncated, values })
@@ -154,7 +156,7 @@ impl Array {
                     note = (letter == 'I').then(|| Note::new(sequence));
                     Axis::Z
                 }
-                _ => return Err(format!("does not say what is along every axis of the shape {}", self.words())),
+                _ => return Err(format!("does not name every axis of the shape {}", self.words())),
             };
             if declared.page_axes.contains(&axis) {
                 return Err(format!("has two axes along {axis:?} in the shape {}", self.words()));
@@ -175,7 +177,7 @@ impl Array {
         if axes.chars().count() != self.shape.len() {
             return Err(format!("has {} axes '{axes}' for the shape {:?}", axes.chars().count(), self.shape));
         }
-        let unfit = || format!("tells of the shape {}, of which pages of {format} are no part", self.words());
+        let unfit = || format!("has the shape {}, which pages of {format} do not fit", self.words());
         let samples = format.samples as u32;
         let y_x = [('X', format.width), ('Y', format.height)];
         let of_page: Vec<(&[char], u32)> = match (samples, format.planar) {
@@ -208,7 +210,7 @@ impl Array {
                 rest.pop();
             }
             if rest.pop() != Some(size) {
-                return Err(format!("tells of the shape {:?}, of which pages of {format} are no part", self.shape));
+                return Err(format!("has the shape {:?}, which pages of {format} do not fit", self.shape));
             }
         }
         Ok(rest.into_iter().filter(|size| *size > 1).map(|size| (UNSAID, size)).collect())
@@ -291,19 +293,19 @@ mod tests {
     #[test]
     fn what_cannot_be_followed_is_told() {
         for (text, words) in [
-            (r#"{"shape": [3, 4, 7, 9]}"#, "along every axis of the shape [3, 4, 7, 9] without axes"),
+            (r#"{"shape": [3, 4, 7, 9]}"#, "name every axis of the shape [3, 4, 7, 9] without axes"),
             (r#"{"shape": [3, 4, 7, 9], "axes": "IZYX"}"#, "of the axes 'IZYX'"),
             (r#"{"shape": [3, 7, 9], "axes": "AYX"}"#, "of the axes 'AYX'"),
             (r#"{"shape": [3, 4, 7, 9], "axes": "ZZYX"}"#, "two axes along Z"),
             (r#"{"shape": [3, 4, 7, 9], "axes": "CSYX"}"#, "two axes along C"),
-            (r#"{"shape": [3, 7, 9], "axes": "ZXY"}"#, "no part"),
-            (r#"{"shape": [3, 7, 8], "axes": "ZYX"}"#, "no part"),
-            (r#"{"shape": [3, 7, 8]}"#, "no part"),
+            (r#"{"shape": [3, 7, 9], "axes": "ZXY"}"#, "do not fit"),
+            (r#"{"shape": [3, 7, 8], "axes": "ZYX"}"#, "do not fit"),
+            (r#"{"shape": [3, 7, 8]}"#, "do not fit"),
             (r#"{"shape": [3, 7, 9], "axes": "YX"}"#, "2 axes"),
             (r#"{"shape": [0, 7, 9]}"#, "no pixels"),
-            (r#"{"shape": [-1, 7, 9]}"#, "no list of sizes"),
-            (r#"{"shape": 5}"#, "no list of sizes"),
-            (r#"{"shape": [5, 7, 9]"#, "no JSON"),
+            (r#"{"shape": [-1, 7, 9]}"#, "other than a list of sizes"),
+            (r#"{"shape": 5}"#, "other than a list of sizes"),
+            (r#"{"shape": [5, 7, 9]"#, "not JSON"),
             ("shape=(5, x)", "has the shape"),
         ] {
             let problem = gray(text).problem.unwrap_or_else(|| panic!("{text}"));

@@ -41,7 +41,7 @@ impl ScaleTags {
         }
         if let Some(spacing) = self.model_spacing() {
             description.spacing = Some(spacing);
-            let place = "Pixels are as large as GeoTIFF says; where they lie on the ground is not kept";
+            let place = "The pixel size is GeoTIFF's; the position on the ground is not kept";
             let (unit, note) = match (self.geo_key(MODEL_TYPE), self.geo_key(LINEAR_UNITS)) {
                 (Some(GEOGRAPHIC), _) => (None, format!("{place}. They are measured in degrees.")),
                 (Some(PROJECTED), Some(METRE)) => (Some("meter"), format!("{place}.")),
@@ -52,7 +52,8 @@ impl ScaleTags {
         } else if let Some(([x, y], unit)) = self.per_unit().filter(|_| !description.ignores_resolution) {
             if let Some(dots) = self.default_per_inch() {
                 let note = format!(
-                    "{dots} pixels per inch are a screen's or a printer's, not the data's: no spacing is taken."
+                    "{dots} pixels per inch is the resolution of a screen or printer, not of the data: no spacing is \
+                     taken."
                 );
                 description.notes.push(Note::new(note));
                 return;

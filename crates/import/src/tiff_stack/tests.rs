@@ -489,7 +489,7 @@ fn packings_that_cannot_be_read_are_refused_at_opening() {
     let four = Field { sizes: [7, 5, 2, 4, 1], ..field };
     let extra = Layout { samples: 4, photometric: 2, tags: vec![(338, 0)], ..Layout::default() };
     let message = refusal(&written(four, "zc", &extra), &options());
-    assert!(message.contains("4 samples a pixel, of which 3 are known"), "{message}");
+    assert!(message.contains("4 samples a pixel, of which only 3 have a known meaning"), "{message}");
     let floats = Layout { tags: vec![(317, 3)], lzw: Some(1), ..Layout::default() };
     assert!(refusal(&written(field, "z", &floats), &options()).contains("predictor of integers"));
     let signed = Layout { photometric: 0, ..Layout::default() };
@@ -503,8 +503,12 @@ fn pixels_and_directories_that_are_not_read_are_named() {
         (258, 24, "write its pixels again as numbers of 8, 16, 32 or 64 bits"),
         (262, 77, "PhotometricInterpretation"),
         (339, 5, "complex numbers"),
-        (339, 9, "samples of a format (9) that is not the standard's"),
-        (278, 2, "another number of strips, tiles or samples than follows from its sizes (a page of several slices"),
+        (339, 9, "samples of a non-standard format (9)"),
+        (
+            278,
+            2,
+            "number of strips, tiles or samples in its directory does not match its sizes (pages of several slices",
+        ),
     ] {
         let message = refusal(&with_tag(tag, number).1, &options());
         assert!(message.contains("a.tif: ") && message.contains(words), "{message}");
@@ -519,14 +523,14 @@ fn pixels_and_directories_that_are_not_read_are_named() {
     // Another tag in place of the strips' lengths.
     bytes[at] = 24;
     let message = refusal(&bytes, &options());
-    assert!(message.contains("lacks the places or the lengths of strips") && message.contains("tiffcp"), "{message}");
+    assert!(message.contains("lacks the offsets or the lengths of strips") && message.contains("tiffcp"), "{message}");
     // A directory that links to itself.
     let (_, mut bytes) = with_tag(259, 1);
     let directory: [u8; 4] = bytes[4..8].try_into().unwrap();
     let link = bytes.len() - 4;
     bytes[link..].copy_from_slice(&directory);
     let message = refusal(&bytes, &options());
-    assert!(message.contains("names one before it as the next; `tiffcp IN,0 OUT`"), "{message}");
+    assert!(message.contains("its directories form a loop; `tiffcp IN,0 OUT`"), "{message}");
 }
 
 #[test]
@@ -550,13 +554,13 @@ fn damaged_data_are_told_from_damaged_directories() {
 
 #[test]
 fn jpeg_that_is_not_read_is_no_damage() {
-    for (marker, kind) in [(0xc3, "lossless"), (0xc9, "with arithmetic coding"), (0xc5, "hierarchical")] {
+    for (marker, kind) in [(0xc3, "lossless"), (0xc9, "arithmetic-coded"), (0xc5, "hierarchical")] {
         let (_, mut bytes) = with_tag(259, 7);
         // The strip begins behind the file's header. Tables and a note come before the frame.
         let head = [0xff, 0xd8, 0xff, 0xff, 0xe0, 0, 4, 1, 2, 0xff, 0xc4, 0, 2, 0xff, marker, 0, 2];
         bytes[8..8 + head.len()].copy_from_slice(&head);
         let message = refusal(&bytes, &options());
-        assert!(message.contains(&format!("JPEG that is {kind} is not supported; write it again")), "{message}");
+        assert!(message.contains(&format!("{kind} JPEG is not supported; write it again")), "{message}");
     }
 }
 
@@ -821,7 +825,7 @@ fn planes_that_disagree_name_the_odd_one() {
     let message = opened(folder.path()).err().unwrap().to_string();
     assert!(message.contains("s2.tif") && message.contains("several planes"), "{message}");
     let empty = tempfile::tempdir().unwrap();
-    assert!(opened(empty.path()).err().unwrap().to_string().contains("without files that are read"));
+    assert!(opened(empty.path()).err().unwrap().to_string().contains("without readable files"));
 }
 
 #[test]

@@ -55,8 +55,8 @@ impl OpenTiff {
                 description = stack;
             } else if let Some(name) = self.other_description()? {
                 description.problem = Some(format!(
-                    "has pages in an order that {name} describes, which is not read: write it as OME-TIFF (bfconvert), or pass `axes` \
-                     (with `channels` and `times`) to say what pages are"
+                    "has pages in the order of {name}, which is not supported: write it as OME-TIFF (bfconvert), or \
+                     pass `axes` (with `channels` and `times`) to order its pages"
                 ));
             }
         }
@@ -73,16 +73,15 @@ impl OpenTiff {
             [spacing.x, spacing.y] = format.turn.meant([spacing.x, spacing.y]);
         }
         if format.is_palette {
-            let note =
-                "Pixels are indices into a palette of colours: the indices are read, and the colours are left out.";
+            let note = "Pixels are indices into a palette of colours: the indices are read, without the colours.";
             description.notes.push(Note::new(note));
         }
         if format.white_is_zero {
-            let note = "Small values are meant to be shown bright (white is zero); they are kept as they are.";
+            let note = "Small values are meant to be shown bright (white is zero); the values are kept as they are.";
             description.notes.push(Note::new(note));
         }
         if !format.turn.is_none() {
-            let note = "Rows and columns are put in order as the file's Orientation says.";
+            let note = "Rows and columns are ordered by the file's Orientation.";
             description.notes.push(Note::new(note));
         }
         Ok(description)

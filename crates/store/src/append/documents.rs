@@ -32,7 +32,7 @@ pub(super) fn array_dirs(store: &Store) -> Vec<PathBuf> {
 }
 
 /// A description of steps unknown to a store, with the remedy.
-pub(crate) const FOREIGN_STEPS: &str = "another program has appended steps; pack them anew, or take them back";
+pub(crate) const FOREIGN_STEPS: &str = "another program has appended steps; pack the store anew, or remove these steps";
 
 /// The finest level's document and number of steps, if another program has appended there. A commit first writes its
 /// counts and all new documents under temporary names, and lengthens the finest level last: a longer one without these

@@ -30,7 +30,8 @@ pub enum AppendError {
     },
     /// The first step of a store was begun from another input, or with other settings.
     #[error(
-        "{store}: its first step was begun otherwise: {difference}; append that one again to end it, or remove {store} to start over",
+        "{store}: its first step was begun differently: {difference}; append that step again to finish it, or remove \
+         {store} to start over",
         store = store.display()
     )]
     Begun {
@@ -41,7 +42,7 @@ pub enum AppendError {
     },
     /// The store has a single volume, and no time axis for more.
     #[error(
-        "{store}: has no axis of time, so no step can be appended; pack its first step anew, with `time_step`", store = store.display()
+        "{store}: has no time axis, so no step can be appended; pack its first step anew, with `time_step`", store = store.display()
     )]
     NoTime {
         /// The store.
@@ -65,7 +66,7 @@ pub enum AppendError {
     },
     /// The step's volume differs from that of the store's steps.
     #[error(
-        "step {step}: its {what} is {found}, but that of {steps} of {store} is {expected}", store = store.display(),
+        "step {step}: its {what} is {found}, but in {steps} of {store} it is {expected}", store = store.display(),
         steps = if *step == 1 { "step 0".to_owned() } else { format!("steps 0 to {}", step - 1) }
     )]
     Mismatch {
@@ -102,7 +103,7 @@ pub enum AppendError {
         times: u32,
     },
     /// The source failed midway.
-    #[error("{error}; {store} has {}: mend the input and append it again", steps(*times), store = store.display())]
+    #[error("{error}; {store} has {}: correct the input and append it again", steps(*times), store = store.display())]
     Source {
         /// The source's error.
         #[source]

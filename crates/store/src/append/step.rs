@@ -45,8 +45,8 @@ pub(super) fn check_nodata(step: &SourceInfo, store: &Store, count: u64) -> Resu
                 store: store.path().into(),
                 step: store.times(),
                 what: "value for no data",
-                found: format!("{} of {value}, which are data there", counted(count, "voxel")),
-                expected: format!("{value} for no data alone; pack all steps at once into another store"),
+                found: format!("{} of {value}, which is data there", counted(count, "voxel")),
+                expected: format!("{value}, which is never data; pack all steps at once into another store"),
             })
         }
         _ => Ok(()),
@@ -102,7 +102,7 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
     if ours.clone().zip(theirs.clone()).any(differ) {
         let found = in_a_row(theirs);
         let expected = format!("{} (write the step with these channels, in this order)", in_a_row(ours));
-        return differs("row of channels", found, expected);
+        return differs("list of channels", found, expected);
     }
     let nodata = store_nodata(store);
     // If the source declares a no-data value, this one only means that some floats are left out, as they are here.
@@ -110,9 +110,10 @@ fn check(step: &SourceInfo, store: &Store) -> Result<(), AppendError> {
     if let Some(found) = step.nodata.filter(|found| Some(*found) != nodata && !is_left_out) {
         let none = match step.knows_nodata {
             true => {
-                "none, as all steps so far are data; pass `nodata` none if it is data here, too, or pack all steps at once into another store"
+                "none, as it is data in all steps so far; pass `nodata` none if it is data here, too, or pack all \
+                 steps at once into another store"
             }
-            false => "none; pass `nodata` none to take it as a number",
+            false => "none; pass `nodata` none to take it as data",
         };
         let expected = nodata.map_or(none.into(), |ours| ours.to_string());
         return differs("value for no data", found.to_string(), expected);
@@ -136,7 +137,7 @@ pub(super) fn next_axis(
     let Some(axis) = store.time_axis() else {
         return match stamp.or(said.map(|said| said.start)) {
             None => Ok(None),
-            Some(stamp) => time("none, as the store knows none of its steps' times".into(), stamp.to_string()),
+            Some(stamp) => time("none, as the store has no times of its steps".into(), stamp.to_string()),
         };
     };
     if let Some(unit) = said.and_then(|said| said.unit.as_ref()).filter(|unit| Some(*unit) != axis.unit.as_ref()) {
@@ -150,7 +151,7 @@ pub(super) fn next_axis(
             return time("one, as the steps are not evenly spaced".into(), "none".into());
         }
         (None, Some(said)) if (said.step - axis.step).abs() > TOLERANCE * axis.step => {
-            return time(format!("steps that are {} apart", axis.in_words(axis.step)), axis.in_words(said.step));
+            return time(format!("steps {} apart", axis.in_words(axis.step)), axis.in_words(said.step));
         }
         (None, _) => axis.at(times),
     };
@@ -159,7 +160,10 @@ pub(super) fn next_axis(
         Err(problem) => return time(problem.expected, problem.found),
     };
     if next.stamps.len() > MAX_STAMPS {
-        return time(format!("even steps, or at most {MAX_STAMPS} that are not"), next.stamps.len().to_string());
+        return time(
+            format!("evenly spaced steps, or at most {MAX_STAMPS} unevenly spaced ones"),
+            next.stamps.len().to_string(),
+        );
     }
     Ok(Some(next))
 }

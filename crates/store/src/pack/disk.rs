@@ -100,7 +100,7 @@ impl Disk {
             match std::fs::symlink_metadata(self.at(&at)) {
                 Ok(found) if found.is_symlink() => {
                     let what =
-                        "is a symbolic link: nothing is written or deleted through one; move it out of the store";
+                        "is a symbolic link, and nothing is written or deleted through links; move it out of the store";
                     return Err(io::Error::other(format!("{} {what}", at.display())));
                 }
                 Ok(_) => {}

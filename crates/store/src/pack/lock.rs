@@ -125,7 +125,7 @@ impl DirLock {
         };
         // A hard-linked file would be overwritten under its other name.
         if file.metadata().is_ok_and(|found| found.nlink() > 1) {
-            let error = io::Error::other("has other names, as hard links have: delete this one, which is a lock's");
+            let error = io::Error::other("is a hard link to another file: delete this one, which is only a lock");
             return Err(PackError::Io { path, error });
         }
         disk.meanwhile("the lock file is open");
@@ -213,7 +213,7 @@ mod tests {
         std::fs::write(&other, "precious").unwrap();
         std::fs::hard_link(&other, store.join(LOCK_NAME)).unwrap();
         let message = DirLock::take(&Disk::default(), &store).err().unwrap().to_string();
-        assert!(message.contains(LOCK_NAME) && message.contains("hard links"), "{message}");
+        assert!(message.contains(LOCK_NAME) && message.contains("a hard link"), "{message}");
         assert_eq!(std::fs::read(&other).unwrap(), b"precious");
     }
 }

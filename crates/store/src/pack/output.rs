@@ -186,7 +186,7 @@ fn decide(disk: &Disk, store: &Path, exists: Exists, settings: &Value) -> Result
         (Exists::Resume, _) if is_pending => (Step::Resume, true),
         (Exists::Resume, Found::Store(theirs)) if theirs == fingerprint(settings) => return Ok(None),
         (Exists::Resume, _) => {
-            return Err(mismatch("it is finished, and was packed from other data or with other settings"));
+            return Err(mismatch("it is finished, from other data or with other settings"));
         }
         (Exists::Overwrite, Found::Unfinished { is_whole: true, .. }) => (Step::Tidy, false),
         (Exists::Overwrite, Found::Unfinished { .. }) => (Step::Again, false),

@@ -228,21 +228,21 @@ fn check_input(info: &SourceInfo) -> Result<(), PackError> {
         return unfit("origin is", found, "finite numbers", "give it with `origin` X,Y,Z");
     }
     if let Some(nodata) = info.nodata.filter(|&nodata| !info.voxel_type.holds(nodata)) {
-        let expected = format!("a value that {} voxels hold", info.voxel_type);
-        return unfit("value for no data is", nodata.to_string(), &expected, "give another with `nodata`");
+        let expected = format!("a value within {}", info.voxel_type);
+        return unfit("value for no data is", nodata.to_string(), &expected, "choose another with `nodata`");
     }
     let stamps = info.time.as_ref().map_or(0, |axis| axis.stamps.len());
     if stamps > MAX_STAMPS {
         let expected = format!("at most {MAX_STAMPS}");
-        return unfit("times of steps are", stamps.to_string(), &expected, "give an even step with `time_step`");
+        return unfit("times of steps are", stamps.to_string(), &expected, "give evenly spaced steps with `time_step`");
     }
     if let Some(Err(problem)) = info.time.as_ref().map(|axis| axis.check(info.times)) {
         let found = format!("{}: {}", problem.field, problem.found);
         return unfit("time axis has", found, &problem.expected, "give another with `time_step` or `time_stamps`");
     }
     if let Some(Err(error)) = info.orientation.map(|orientation| orientation.placement(&info.geometry)) {
-        let expected = "one that fits the voxel spacing";
-        return unfit("orientation has", error.to_string(), expected, "mend its header, or give `spacing` X,Y,Z");
+        let expected = "a valid one for the voxel spacing";
+        return unfit("orientation has", error.to_string(), expected, "correct its header, or give `spacing` X,Y,Z");
     }
     Ok(())
 }

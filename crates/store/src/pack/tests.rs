@@ -455,7 +455,7 @@ fn another_value_for_no_data_is_another_pack() {
         assert!(matches!(with(other), Err(PackError::Mismatch { .. })), "{other:?}");
     }
     let refused = with(Some(256.0)).unwrap_err().to_string();
-    assert!(refused.contains("256: expected a value that u8 voxels hold"), "{refused}");
+    assert!(refused.contains("256: expected a value within u8"), "{refused}");
 }
 
 #[test]
@@ -551,7 +551,7 @@ fn damaged_and_wrong_aprons_are_found() {
     }
     let found = problems();
     let wrong =
-        |p: &String| p.contains("1/.brickyard/max/.brickyard/aprons/c/0/0/0/0") && p.contains("are not those around");
+        |p: &String| p.contains("1/.brickyard/max/.brickyard/aprons/c/0/0/0/0") && p.contains("differ from those around");
     assert!(!found.is_empty() && found.iter().all(wrong), "{found:#?}");
 }
 

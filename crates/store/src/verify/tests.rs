@@ -142,7 +142,7 @@ fn damaged_and_missing_shards_are_named_once() {
     std::fs::write(dir.path().join("0/c/0/0/0"), "stray").unwrap();
     let found = problems(dir.path());
     assert_eq!(found.len(), 3, "{found:#?}");
-    assert!(found[0].contains("0/c/0/0/0: file of a shard that was packed without one"), "{}", found[0]);
+    assert!(found[0].contains("0/c/0/0/0: unexpected file: the shard was packed without one"), "{}", found[0]);
     assert!(found[1].contains("0/c/0/1/1: damaged shard index"), "{}", found[1]);
     assert!(found[2].contains("0/c/1/0/1: missing shard"), "{}", found[2]);
 }

@@ -12,7 +12,7 @@ const COLUMNS: u32 = 64;
 
 /// Hints on presets.
 const HINTS: [(&str, &str); 14] = [
-    ("auto", "what is not background, for fog in the light"),
+    ("auto", "for lit fog: everything but the background"),
     ("gray", "black to white"),
     ("viridis", "even steps of brightness, also for colour-blind eyes"),
     ("magma", "even steps of brightness: black, purple, pale yellow"),

@@ -97,10 +97,10 @@ impl Description {
     /// Shows the form, for a file whose size is known once chosen.
     pub(crate) fn show(&mut self, ui: &mut Ui, bytes: Option<u64>) {
         let hint =
-            "whole numbers that name things, as of a segmentation: they are never averaged, and have a colour each";
+            "whole numbers as names of things, from a segmentation: each has a colour, and they are never averaged";
         row(ui, "values", hint, |ui, _| ui.checkbox(&mut self.labels, "the voxels are labels").on_hover_text(hint));
         self.size_of_voxels(ui);
-        let hint = "letters of the axes of an array, slowest first, such as tzyx; empty: as usual, or as in the file";
+        let hint = "axis letters of an array, slowest first, such as tzyx; empty: the file's, or the usual ones";
         row(ui, "axes", hint, |ui, label| {
             ui.add(TextEdit::singleline(&mut self.axes).desired_width(70.0)).labelled_by(label).on_hover_text(hint);
             for axes in ["tzyx", "czyx", "zyxc"] {
@@ -109,10 +109,10 @@ impl Description {
                 }
             }
         });
-        let hint = "64-bit numbers that no voxel holds as they are become the nearest that one holds";
+        let hint = "64-bit numbers become the nearest number that a voxel can hold";
         row(ui, "numbers", hint, |ui, _| ui.checkbox(&mut self.allow_lossy, "may be rounded").on_hover_text(hint));
         ui.separator();
-        ui.weak("Of a raw file, which says nothing of itself:");
+        ui.weak("For a raw file, which has no header:");
         self.raw(ui);
         if let Some(bytes) = bytes {
             self.suggestions(ui, bytes);
@@ -120,7 +120,7 @@ impl Description {
     }
 
     fn size_of_voxels(&mut self, ui: &mut Ui) {
-        let hint = "the distance between centres of voxels along x, y and z, where the file is wrong or says none";
+        let hint = "the distance between voxel centres along x, y and z, if the file's is wrong or missing";
         row(ui, "voxel size", hint, |ui, label| {
             let mut is_own = self.spacing.is_some();
             if ui.checkbox(&mut is_own, "").labelled_by(label).on_hover_text(hint).changed() {
@@ -138,7 +138,7 @@ impl Description {
     }
 
     fn raw(&mut self, ui: &mut Ui) {
-        row(ui, "voxels", "how many there are along x, y and z", |ui, label| {
+        row(ui, "voxels", "the number of voxels along x, y and z", |ui, label| {
             for count in &mut self.shape {
                 ui.add(DragValue::new(count)).labelled_by(label);
             }
@@ -148,7 +148,7 @@ impl Description {
         if let Some(chosen) = menu(ui, "type", "the type of a voxel", (self.voxel_type, &choices), |_| None) {
             self.voxel_type = chosen;
         }
-        row(ui, "bytes", "how the file is laid out", |ui, label| {
+        row(ui, "bytes", "layout of the file", |ui, label| {
             ui.add(DragValue::new(&mut self.offset).suffix(" before the voxels")).labelled_by(label);
             ui.checkbox(&mut self.big_endian, "big-endian");
         });
@@ -164,7 +164,10 @@ impl Description {
     /// Shows shapes that fit a file's size, for a click.
     fn suggestions(&mut self, ui: &mut Ui, bytes: u64) {
         let fits = self.fits(bytes);
-        ui.label(format!("The file has {bytes} bytes{}", if fits.is_empty() { "." } else { ", as these have:" }));
+        ui.label(format!(
+            "The file has {bytes} bytes{}",
+            if fits.is_empty() { "." } else { ", which fits these shapes:" }
+        ));
         ui.horizontal_wrapped(|ui| {
             for ([x, y, z], voxel_type) in fits {
                 if ui.small_button(format!("{x} x {y} x {z} {}", voxel_type.name())).clicked() {

@@ -78,14 +78,14 @@ fn bricks(ui: &mut Ui, canvas: &Canvas) {
         false => format!("unbounded (the eye is inside), {} px wanted", status.pixel_error),
     };
     let rows = [
-        ("wanted, there, failed", format!("{}, {}, {}", status.wanted, status.resident, status.failed)),
+        ("wanted, resident, failed", format!("{}, {}, {}", status.wanted, status.resident, status.failed)),
         ("picture at its level", format!("{:.1} %", 100.0 * status.completeness)),
         ("largest voxel", error),
         ("slots", canvas.slots().to_string()),
         ("read, decoded", format!("{}, {}", mib(counters.bytes_read), mib(counters.bytes_decoded))),
         ("uploaded", format!("{}: {} bricks", mib(counters.bytes_uploaded), counters.uploaded)),
-        ("of these again, ahead", format!("{}, {}", counters.reuploaded, counters.uploaded_ahead)),
-        ("the same as in another step", format!("{} bricks", counters.shared)),
+        ("uploaded again, ahead", format!("{}, {}", counters.reuploaded, counters.uploaded_ahead)),
+        ("shared with another step", format!("{} bricks", counters.shared)),
         ("could not be read", counters.failed.to_string()),
     ];
     Grid::new("bricks").num_columns(2).show(ui, |ui| {

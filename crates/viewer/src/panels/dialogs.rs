@@ -19,7 +19,7 @@ const VOXELS_FILE: &str = "brickyard.npy";
 /// Most pixels of a picture along an axis.
 const MOST_PX: u32 = 16384;
 
-const FILE_HINT: &str = "in the folder that the window was opened from, if it names none";
+const FILE_HINT: &str = "a name without a folder is in the folder where the window was opened";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DialogKind {
@@ -87,7 +87,7 @@ impl Dialog {
         let title = match self.kind {
             DialogKind::Open => "Open",
             DialogKind::Add => "Add",
-            DialogKind::Describe(_) => "What is in this file?",
+            DialogKind::Describe(_) => "Describe this file",
             DialogKind::SavePicture => "Save picture",
             DialogKind::SaveScene => "Save scene",
             DialogKind::Export => "Export voxels",
@@ -117,7 +117,7 @@ impl Dialog {
     fn choose(&mut self, ui: &mut Ui, placing: Placing) -> Option<Command> {
         let path = self.browser.show(ui);
         let hint = "voxel size, labels, the axes of an array, the shape of a raw file";
-        group(ui, "what the file does not say", hint, |ui| self.description.show(ui, None));
+        group(ui, "missing from the file", hint, |ui| self.description.show(ui, None));
         let path = path?;
         Some(match (self.description == Description::default(), placing) {
             (true, Placing::Instead) => Command::Open(vec![path]),
@@ -148,14 +148,14 @@ impl Dialog {
                 ui.add(DragValue::new(side).range(1..=MOST_PX).suffix(" px")).labelled_by(label);
             }
             for factor in [1, 2, 4] {
-                let hint = "as it is shown, so many times as large";
+                let hint = "the size on screen, or twice or four times that";
                 if ui.button(format!("{factor}x")).on_hover_text(hint).clicked() {
                     *width = (factor * shown_width).clamp(1, MOST_PX);
                     *height = (factor * shown_height).clamp(1, MOST_PX);
                 }
             }
         });
-        row(ui, "over it", "what is drawn over the picture, as the window shows it", |ui, _| {
+        row(ui, "over it", "overlays drawn on the picture, as in the window", |ui, _| {
             ui.horizontal_wrapped(|ui| {
                 let marks = self.marks.each();
                 for (_, name, is_drawn) in marks.into_iter().filter(|(mark, ..)| is_patient || *mark != "letters") {
@@ -171,19 +171,19 @@ impl Dialog {
     fn save(&mut self, ui: &mut Ui, name: &str) -> Option<PathBuf> {
         let (path, is_entered) = self.file(ui);
         if path.exists() {
-            ui.colored_label(ui.visuals().warn_fg_color, "There is such a file: it will be replaced.");
+            ui.colored_label(ui.visuals().warn_fg_color, "This file exists: it will be replaced.");
         }
         let is_clicked = ui.add_enabled(!self.path.is_empty(), Button::new(name)).clicked();
         (is_clicked || is_entered && !self.path.is_empty()).then_some(path)
     }
 
     fn export(&mut self, ui: &mut Ui, part: Result<Part, String>) -> Option<Command> {
-        ui.label("What the clip box and the crop leave of the first layer that is shown, as it is stored.");
+        ui.label("Stored voxels of the first visible layer, within clip box and crop.");
         let (path, is_entered) = self.file(ui);
         let problem = match &part {
             Err(problem) => Some(problem.as_str()),
-            Ok(_) if !has_format(&path) => Some("the name ends in .npy (NumPy's) or .raw (voxels alone)"),
-            Ok(_) if path.exists() => Some("there is such a file: choose another name"),
+            Ok(_) if !has_format(&path) => Some("choose a name ending in .npy (NumPy) or .raw (voxels alone)"),
+            Ok(_) if path.exists() => Some("this file exists: choose another name"),
             Ok(_) => None,
         };
         if let Ok(part) = &part {
@@ -319,7 +319,7 @@ mod tests {
         let mut with_store = harness(DialogKind::Export, folder.path(), scene, volumes);
         with_store.run();
         assert!(with_store.query_by_label_contains("6 x 17 x 5 voxels, u16").is_some());
-        for (name, problem) in [("a.tif", "ends in .npy"), ("there.raw", "choose another name")] {
+        for (name, problem) in [("a.tif", "ending in .npy"), ("there.raw", "choose another name")] {
             std::fs::write(folder.path().join("there.raw"), "mine").unwrap();
             with_store.state_mut().dialog.path = folder.path().join(name).display().to_string();
             with_store.run();
@@ -334,6 +334,6 @@ mod tests {
         let mut of_preview =
             harness(DialogKind::Export, folder.path(), Scene::default(), vec![crate::nothing::volume()]);
         of_preview.run();
-        assert!(of_preview.query_by_label_contains("not packed yet").is_some());
+        assert!(of_preview.query_by_label_contains("until this volume is packed").is_some());
     }
 }

@@ -8,12 +8,12 @@ const MARGIN: f32 = 8.0;
 
 /// The pointer's gestures over the scene's picture.
 const POINTER: [(&str, &str); 9] = [
-    ("drag", "turn around what is under the pointer"),
+    ("drag", "turn around the point under the pointer"),
     ("shift + drag, or middle button", "move"),
     ("ctrl + drag", "roll"),
     ("right button, up and down", "nearer, farther"),
     ("wheel or pinch", "nearer, farther, at the pointer"),
-    ("double click", "look at what is there, or at everything"),
+    ("double click", "look at the thing there, or at everything"),
     ("alt + click on a label", "show it alone, or all again"),
     ("drag a handle of the clip box", "move a face of it"),
     ("drag the dot of a clip plane, the tip of its arrow", "move the plane, turn it"),
@@ -21,11 +21,11 @@ const POINTER: [(&str, &str); 9] = [
 
 /// The pointer's gestures over a slice.
 const PLANES: [(&str, &str); 7] = [
-    ("drag", "move the point in which the slices meet"),
+    ("drag", "move the point where the slices meet"),
     ("wheel", "next slice"),
     ("shift + drag, or middle button", "move"),
     ("ctrl + wheel, or pinch", "nearer, farther"),
-    ("right button", "the values that are black and white"),
+    ("right button", "change the values of black and white"),
     ("double click", "all of the slice"),
     ("alt + click on a label", "show it alone, or all again"),
 ];

@@ -73,7 +73,7 @@ fn line(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize, 
             menu.response.accessible_name(format!("more of {name}")).on_hover_text("copy, move, remove");
             let is_solo = scene.layers[layer].visible && shown(scene) == 1 && scene.layers.len() > 1;
             let solo = ui.add(Button::selectable(is_solo, "S")).accessible_name(format!("{name} alone"));
-            if solo.on_hover_text("shows this layer alone; once more shows all").clicked() {
+            if solo.on_hover_text("shows this layer alone; again: all layers").clicked() {
                 change = Some(Change::Solo);
             }
             let volume = volumes.get(scene.store(layer));
@@ -97,7 +97,7 @@ fn must_stay(scene: &Scene, layer: usize) -> Option<&'static str> {
         return Some("the expression reads this layer");
     }
     let is_last = scene.layers[layer].visible && shown(scene) == 1;
-    is_last.then_some("the only layer that is shown: show another one first")
+    is_last.then_some("the only visible layer: show another one first")
 }
 
 /// Number of visible layers.
@@ -154,7 +154,7 @@ fn swatch(ui: &mut Ui, layer: &mut SceneLayer, volume: Option<&VolumeSource>, na
     let last = function.and_then(|function| function.color.last().copied()).unwrap_or([1.0; 4]);
     let mut shown = layer.color.unwrap_or([last[1], last[2], last[3]]);
     let button = color(ui, &mut shown).accessible_name(format!("colour of {name}"));
-    let hint = "one colour for the layer, from black over its window; opened, the layer has colour maps, too";
+    let hint = "one colour for the layer, from black over its window; expand the layer for colour maps";
     if button.on_hover_text(hint).changed() {
         layer.color = Some(shown);
     }
@@ -162,9 +162,9 @@ fn swatch(ui: &mut Ui, layer: &mut SceneLayer, volume: Option<&VolumeSource>, na
 
 fn menu(ui: &mut Ui, scene: &Scene, layer: usize) -> Option<Change> {
     let count = scene.layers.len();
-    let names = "the expression names layers by their places: clear it first";
+    let names = "the expression names layers by position: clear it first";
     let expression = scene.expression.as_ref().map(|_| names);
-    let end = |is_end: bool| is_end.then_some("it is at the end of the list");
+    let end = |is_end: bool| is_end.then_some("already at the end of the list");
     let full = (count >= MAX_VOLUMES).then_some("a scene has at most 32 layers");
     let entries = [
         ("duplicate", Change::Duplicate, expression.or(full)),
@@ -192,11 +192,11 @@ fn body(
     saved: &mut Vec<SavedFunction>,
 ) {
     let Some(volume) = volumes.get(scene.store(layer)) else {
-        ui.label("its volume is not there");
+        ui.label("its volume is missing");
         return;
     };
     if scene.expression.is_some() {
-        ui.label(RichText::new("The expression's colours are shown in the place of the layer's own.").weak());
+        ui.label(RichText::new("The expression's colours replace the layer's own.").weak());
     } else if volume.source.is_labels() {
         labels::show(ui, &mut scene.layers[layer], volume, picked);
         style::opacity_and_blend(ui, &mut scene.layers[layer]);

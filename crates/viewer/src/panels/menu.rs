@@ -51,7 +51,7 @@ pub(crate) fn show(ui: &mut Ui, state: &mut State, subject: Subject<'_>, command
         ui.menu_button("Window", |ui| window(ui, state, budgets));
         ui.separator();
         for (tool, name, effect) in [
-            (Tool::Turn, "turn", "dragging turns the view around what is under the pointer".into()),
+            (Tool::Turn, "turn", "dragging turns the view around the point under the pointer".into()),
             (
                 Tool::Fly,
                 "fly",
@@ -70,7 +70,7 @@ pub(crate) fn show(ui: &mut Ui, state: &mut State, subject: Subject<'_>, command
             ui.selectable_value(&mut state.window.tool, tool, name).on_hover_text(effect);
         }
         ui.separator();
-        let hint = switch(ui, "all keys, and what the pointer does", "these keys");
+        let hint = switch(ui, "all keys and pointer actions", "these keys");
         ui.toggle_value(&mut state.window.help, "help").on_hover_text(hint);
     });
 }
@@ -80,7 +80,7 @@ fn files(ui: &mut Ui, subject: Subject<'_>, commands: &mut Vec<Command>) {
     if ui.button("Open...").clicked() {
         *wanted = Some(DialogKind::Open);
     }
-    let hint = "volumes and meshes, beside those that are shown; files that are dropped with Shift held are added, too";
+    let hint = "volumes and meshes, in addition to the present ones; dropping files with Shift held adds them, too";
     if ui.add_enabled(has_volumes, Button::new("Add...")).on_hover_text(hint).clicked() {
         *wanted = Some(DialogKind::Add);
     }
@@ -166,8 +166,9 @@ fn window(ui: &mut Ui, state: &mut State, budgets: Budgets) {
         window.budgets_mib = Some(edited);
     }
     ui.separator();
-    let panels = switch(ui, "panels", "the pictures alone, or panels around them");
-    ui.checkbox(&mut window.panels, panels).on_hover_text("without them the pictures alone; F10 brings them back");
+    let panels = switch(ui, "panels", "panels around the pictures, or the pictures alone");
+    ui.checkbox(&mut window.panels, panels)
+        .on_hover_text("panels around the pictures; F10 hides them and brings them back");
     let fullscreen = switch(ui, "the whole screen", "the whole screen");
     ui.checkbox(&mut window.fullscreen, fullscreen);
     let diagnostics = switch(ui, "diagnostics", "diagnostics");

@@ -22,13 +22,13 @@ const WORDS_WIDTH: f32 = 230.0;
 const ENDINGS: Choices<'_, Ending> = &[
     (Ending::Loop, "loop", "the first step follows the last"),
     (Ending::Bounce, "bounce", "to and fro"),
-    (Ending::Stop, "stop at the end", "it stops at the last step"),
+    (Ending::Stop, "stop at the end", "stops at the last step"),
 ];
 
 const POLICIES: Choices<'_, Policy> = &[
-    (Policy::HoldRate, "hold the rate", "steps come when they are due, as coarse as that takes"),
-    (Policy::HoldQuality, "hold the quality", "steps are whole, and some are left out"),
-    (Policy::EveryStep, "every step", "every step is shown, whole, however long that takes"),
+    (Policy::HoldRate, "hold the rate", "every step on time, as coarse as necessary"),
+    (Policy::HoldQuality, "hold the quality", "only complete steps; late ones are dropped"),
+    (Policy::EveryStep, "every step", "every step, complete, however long it takes"),
 ];
 
 /// The row's data.
@@ -60,7 +60,7 @@ pub(crate) fn show(ui: &mut Ui, (time, play): (&mut u32, &mut Play), steps: &Ste
         }
         let stays = MenuConfig::new().close_behavior(PopupCloseBehavior::CloseOnClickOutside);
         let (button, _) = MenuButton::new("how").config(stays).ui(ui, |ui| how(ui, play));
-        button.on_hover_text("how fast, in which order, and what gives way");
+        button.on_hover_text("rate, order, and policy if the rate cannot be held");
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             let words = |ui: &mut Ui| ui.label(words(steps.seen.unwrap_or(*time), steps));
             ui.allocate_ui_with_layout(vec2(WORDS_WIDTH, height), Layout::left_to_right(Align::Center), words);
@@ -82,7 +82,7 @@ fn how(ui: &mut Ui, play: &mut Play) {
         ui.radio_value(&mut play.policy, *policy, *name).on_hover_text(*hint);
     }
     ui.separator();
-    let hint = "the values of the voxel under the pointer at all steps; while it plays, of the last one before";
+    let hint = "values of the voxel under the pointer at all steps; during playback, of the last such voxel";
     switch(ui, "curve", hint, &mut play.curve);
 }
 
@@ -138,7 +138,7 @@ fn bar(ui: &mut Ui, time: &mut u32, height: f32, steps: &Steps<'_>) -> Response 
         value: Some(value),
         ..WidgetInfo::labeled(eframe::egui::Role::Slider, true, "time steps")
     });
-    response.on_hover_text("drag to jump; what comes next is marked as it gets ready")
+    response.on_hover_text("drag to jump; coming steps are marked as they get ready")
 }
 
 /// Draws a line for each channel of a curve, the first in the text colour. Lines break at steps without a value.

@@ -28,7 +28,7 @@ pub(crate) fn dragged([low, high]: [f64; 2], right: f64, down: f64) -> [f64; 2] 
 
 /// Shows the window of the slices, disabled without them, so that nothing moves when they come and go.
 pub(crate) fn show(ui: &mut Ui, window: &mut WindowState, scene: &Scene, volumes: &[VolumeSource]) {
-    group(ui, "three slices", "which values are black and white in the slices beside the volume", |ui| {
+    group(ui, "three slices", "the values of black and white in the slices beside the volume", |ui| {
         let are_shown = window.layout == Layout::Planes;
         let slices = ui.add_enabled_ui(are_shown, |ui| window_of(ui, &mut window.planes, scene, volumes));
         slices.response.on_disabled_hover_text("three slices are not shown (P)");
@@ -37,11 +37,12 @@ pub(crate) fn show(ui: &mut Ui, window: &mut WindowState, scene: &Scene, volumes
 
 fn window_of(ui: &mut Ui, planes: &mut Planes, scene: &Scene, volumes: &[VolumeSource]) {
     let Some(window) = shown_window(planes, scene, volumes) else {
-        ui.weak("The first layer that is shown has no window.");
+        ui.weak("The first visible layer has no window.");
         return;
     };
     let [low, high] = window;
-    let hint = "the values that are black and white in the slices, of the first layer that is shown; dragged there with the right button, too";
+    let hint = "the values of black and white in the slices, of the first visible layer; or drag in a slice with the \
+                right button";
     let typed = row(ui, "window", hint, |ui, label| {
         let width = 0.5 * (ui.available_width() - ui.spacing().item_spacing.x);
         let (mut typed, any) = (window, f64::NEG_INFINITY..=f64::INFINITY);
@@ -56,7 +57,7 @@ fn window_of(ui: &mut Ui, planes: &mut Planes, scene: &Scene, volumes: &[VolumeS
     row(ui, "", "", |ui, _| {
         ui.horizontal_wrapped(|ui| {
             ui.spacing_mut().item_spacing.x = 4.0;
-            if ui.small_button("as the layer").on_hover_text("slices have the layer's window").clicked() {
+            if ui.small_button("as the layer").on_hover_text("the layer's window for slices, too").clicked() {
                 planes.window = None;
             }
             for (name, window) in TOMOGRAPHY.into_iter().filter(|_| is_tomography(scene, volumes)) {

@@ -18,11 +18,12 @@ const DISMISS: f32 = 70.0;
 const GAP: f32 = 16.0;
 
 /// Warnings about projections.
-const LOST: &str = "This projection is drawn at a coarse level, whose voxels are not the extremes of those in them: specks may be fainter than they are, or missing. \
-                    Level 0 (View: level) draws all voxels, and a store packed with --downsample mean,max (or mean,min) loses none at any level.";
+const LOST: &str = "This projection is drawn at a coarse level, whose voxels lack the extremes of the finer ones: \
+                    specks may be fainter than they are, or missing. Level 0 (View: level) draws all voxels, and a \
+                    store packed with --downsample mean,max (or mean,min) loses none at any level.";
 
-const PAST_CUTS: &str = "This projection is drawn at a coarse level. Its voxels at a cut hold the extremes of both sides: what lies up to one of them behind the cut may \
-                         show. Level 0 (View: level) cuts exactly.";
+const PAST_CUTS: &str = "This projection is drawn at a coarse level. Its voxels at a cut hold the extremes of both \
+                         sides: values up to one voxel behind the cut may show. Level 0 (View: level) cuts exactly.";
 
 /// The texts on the line's left.
 #[derive(Clone, Copy, Debug, Default)]
@@ -71,7 +72,7 @@ fn left(ui: &mut Ui, said: &Said<'_>) -> Outcome {
 /// Shows a problem, truncated to one line or wrapped. Returns whether it was dismissed.
 pub(crate) fn problem(ui: &mut Ui, problem: &str, wrap: TextWrapMode) -> bool {
     ui.horizontal(|ui| {
-        let is_put_away = ui.small_button("dismiss").on_hover_text("says this no more").clicked();
+        let is_put_away = ui.small_button("dismiss").on_hover_text("hides this message").clicked();
         let text = RichText::new(one_line(problem)).color(problem_color(ui.visuals()));
         ui.add(Label::new(text).wrap_mode(wrap)).on_hover_text(problem);
         is_put_away
@@ -121,7 +122,7 @@ fn progress(ui: &mut Ui, views: &Views) {
     }
     if !doubtful.past_cuts.is_empty() {
         ui.separator();
-        ui.label("shows a little of what is cut away").on_hover_text(PAST_CUTS);
+        ui.label("cuts are not exact").on_hover_text(PAST_CUTS);
     }
     ui.separator();
 }

@@ -18,7 +18,7 @@ use points::{add_point, move_point, remove_point, simplified};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-const HINT: &str = "which opacity and which colour each value has";
+const HINT: &str = "opacity and colour of each value";
 
 /// Most colour points edited directly; a longer table is reduced to a few of the same look.
 const FEW_COLORS: usize = 24;
@@ -139,7 +139,7 @@ fn selected(
     let span = ends[1] - ends[0];
     let limits = ([f64::NEG_INFINITY, f64::INFINITY], least(ends));
     let any = f64::NEG_INFINITY..=f64::INFINITY;
-    row(ui, "point", "the point that was clicked: its value, and its opacity or colour", |ui, label| {
+    row(ui, "point", "the clicked point: its value, and its opacity or colour", |ui, label| {
         let gone = match *selected {
             Some(Point::Opacity(i)) if i < function.opacity.len() => {
                 let mut value = function.opacity[i][0];
@@ -183,7 +183,7 @@ fn removes(ui: &mut Ui, can: bool) -> bool {
 /// Shows a function's settings besides its curve.
 fn extras(ui: &mut Ui, function: &mut TransferFunction, volume: &VolumeSource, state: &mut State) {
     let unit = brickyard::overlay::unit(std::slice::from_ref(volume), volume.place().is_anatomical);
-    let hint = "the distance in the world over which the opacity is collected: a longer one makes everything thinner";
+    let hint = "the world distance over which the opacity accumulates: a longer one makes everything more transparent";
     row(ui, "per length", hint, |ui, label| {
         let span = function.unit_distance;
         let range = f64::MIN_POSITIVE..=f64::INFINITY;
@@ -198,9 +198,9 @@ fn extras(ui: &mut Ui, function: &mut TransferFunction, volume: &VolumeSource, s
     }
     ui.horizontal_wrapped(|ui| {
         let (factors, regions) = (function.gradient_opacity.len(), function.regions.len());
-        let text = format!("It depends on the gradient, too: {factors} points and {regions} regions.");
+        let text = format!("Also depends on the gradient: {factors} points and {regions} regions.");
         ui.label(RichText::new(text).weak());
-        if ui.small_button("leave out").on_hover_text("what is left depends on the value alone").clicked() {
+        if ui.small_button("leave out").on_hover_text("removes the dependence on the gradient").clicked() {
             function.gradient_opacity.clear();
             function.regions.clear();
         }
@@ -217,7 +217,7 @@ fn files(
     row(
         ui,
         "file",
-        "a path; of brickyard's own JSON, ParaView's colour maps, or 3D Slicer's volume properties",
+        "path of a file in brickyard's own JSON, or of ParaView's colour maps, or of 3D Slicer's volume properties",
         |ui, label| {
             ui.add(TextEdit::singleline(&mut state.path).desired_width(f32::INFINITY)).labelled_by(label);
         },
@@ -225,7 +225,7 @@ fn files(
     row(ui, "", "", |ui, _| {
         let has_path = !state.path.trim().is_empty();
         let path = PathBuf::from(state.path.trim());
-        if ui.add_enabled(has_path, Button::new("load").small()).on_hover_text("takes the file's function").clicked() {
+        if ui.add_enabled(has_path, Button::new("load").small()).on_hover_text("loads the file's function").clicked() {
             state.message = load(layer, volume, &path);
             state.selected = None;
         }

@@ -21,11 +21,11 @@ use glam::DVec3;
 
 /// The modes, their names in commands, and their meanings.
 const MODES: [(Mode, &str, &str); 5] = [
-    (Mode::Dvr, "dvr", "direct volume rendering: fog that glows and hides what is behind it"),
+    (Mode::Dvr, "dvr", "direct volume rendering: glowing fog, which hides things behind it"),
     (Mode::Mip, "mip", "maximum intensity projection: the greatest value along each ray"),
     (Mode::MinIp, "minip", "minimum intensity projection: the least value along each ray (airways)"),
     (Mode::Average, "average", "the mean value along each ray, as in an X-ray picture"),
-    (Mode::Isosurface, "isosurface", "surfaces where the volume has one value, and nothing else"),
+    (Mode::Isosurface, "isosurface", "only surfaces of one value"),
 ];
 
 /// The visible world.
@@ -120,18 +120,18 @@ fn modes(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
 fn sides(ui: &mut Ui, scene: &Scene, world: &World<'_>, commands: &mut Vec<Command>) {
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
-        ui.label("from").on_hover_text("the side from which the scene is looked at");
+        ui.label("from").on_hover_text("the side from which the scene is seen");
         for (name, view) in world.sides() {
             if ui.small_button(name).clicked() {
                 commands.push(Command::View(view));
             }
         }
-        if ui.small_button("fit").on_hover_text("shows everything, from the direction of now").clicked() {
+        if ui.small_button("fit").on_hover_text("shows everything, from the present direction").clicked() {
             commands.push(Command::Fit);
         }
         let camera = scene.camera.map(|camera| camera.projection);
         let mut is_parallel = matches!(camera, Some(Projection::Orthographic { .. }));
-        let hint = "parallel rays show equal lengths alike, near and far; without it there is perspective";
+        let hint = "parallel rays: equal lengths look equal, near and far; off: perspective";
         if ui.checkbox(&mut is_parallel, "parallel rays").on_hover_text(hint).changed() {
             commands.push(Command::Parallel(is_parallel));
         }

@@ -89,7 +89,7 @@ impl Window {
             return Ok(());
         }
         if self.openings.are_none() {
-            return Err("a mesh is shown beside volumes: open one first".into());
+            return Err("a mesh is shown beside volumes: open a volume first".into());
         }
         let mut meshes = self.state.scene.meshes.clone();
         meshes.extend(paths.iter().map(MeshLook::new));
@@ -207,7 +207,7 @@ impl Window {
     /// Starts exporting the visible voxels of the first visible layer.
     pub(super) fn export(&mut self, path: &Path) -> Result<(), String> {
         if self.exporting.is_some() {
-            return Err("another export is under way".into());
+            return Err("another export is still running".into());
         }
         let part = Part::of(&self.state.scene, self.views.volumes())?;
         self.exporting = Some(Exporting::start(part, path));

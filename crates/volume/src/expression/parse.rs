@@ -133,7 +133,7 @@ impl Parser<'_> {
     fn expression(&mut self, loosest: u8) -> Operand {
         self.depth += 1;
         if self.depth > MAX_DEPTH {
-            return Err(self.error(self.at, format!("parts stand in one another more than {MAX_DEPTH} deep here")));
+            return Err(self.error(self.at, format!("more than {MAX_DEPTH} nested parts here")));
         }
         let mut left = self.operand()?;
         loop {

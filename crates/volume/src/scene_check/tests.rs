@@ -78,7 +78,7 @@ fn impossible() -> Vec<(&'static str, &'static str, Scene)> {
             expression(r#""expression": {"text": "a", "transfer": {"preset": "fir"}}"#),
         ),
         ("Store", "layer 1: store 3 does not exist: there are 3", layer(r#"{"source": 3}"#)),
-        ("NoLabels", "the store has no labels", layer(r#"{"show_labels": [3]}"#)),
+        ("NoLabels", "the store has none", layer(r#"{"show_labels": [3]}"#)),
         ("OfLabels", "labels have no window", layer(r#"{"source": 2, "window": [0, 9]}"#)),
         ("Store", "layer 3: store 3", Scene { layers: vec![SceneLayer::default(); 4], ..default() }),
         ("Channel", "channel 1 does not exist: the store has 1", layer(r#"{"channel": 1}"#)),

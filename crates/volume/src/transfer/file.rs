@@ -35,7 +35,7 @@ pub fn read(text: &str, name: Option<&str>, subject: &Subject) -> Result<Importe
 }
 
 fn unknown_name(name: &str) -> TransferError {
-    let known = "functions have no names in a file of this form: leave '#' and the name out".to_string();
+    let known = "a file of this format holds no names: leave '#' and the name out".to_string();
     TransferError::UnknownName { name: name.to_string(), hint: String::new(), known }
 }
 

@@ -87,7 +87,7 @@ fn choose<'a>(maps: &'a [Value], name: Option<&str>, remarks: &mut Vec<String>) 
             if maps.len() > 1 {
                 let (count, title) = (maps.len(), title(first));
                 remarks.push(format!(
-                    "{title} is the first of {count} colour maps: '#' and a name behind the file's take another"
+                    "{title} is the first of {count} colour maps: append '#' and a name to the file's for another"
                 ));
             }
             Ok(first)
@@ -121,7 +121,7 @@ fn color_space(map: &ColorMap, remarks: &mut Vec<String>) -> Result<ColorSpace, 
         "step" => ColorSpace::Step,
         "lab/ciede2000" | "prolab" => {
             remarks.push(format!(
-                "colours between its points are found in CIELAB, not in {name}: they may differ a little"
+                "colours between its points are interpolated in CIELAB, not in {name}: they may differ slightly"
             ));
             ColorSpace::Lab
         }
@@ -213,7 +213,7 @@ mod tests {
         let maps = r#"[{"Name": "A", "RGBPoints": [2, 1, 0, 0]}, {"Name": "Blue", "RGBPoints": [2, 0, 0, 1]}]"#;
         let first = imported(maps);
         assert_eq!(first.transfer.color, [[2.0, 1.0, 0.0, 0.0]]);
-        assert_eq!(first.remarks, ["'A' is the first of 2 colour maps: '#' and a name behind the file's take another"]);
+        assert_eq!(first.remarks, ["'A' is the first of 2 colour maps: append '#' and a name to the file's for another"]);
         let blue = read(maps, Some("Blue"), &SUBJECT).unwrap();
         assert_eq!((blue.transfer.color, blue.remarks.len()), (vec![[2.0, 0.0, 0.0, 1.0]], 0));
         assert_eq!(bad(maps, Some("blu")), "no transfer function 'blu', did you mean 'Blue'?: there are A, Blue");

@@ -58,17 +58,20 @@ pub(super) fn read_text(text: &str, subject: &Subject) -> Result<Imported, Trans
 fn text_points<const N: usize>(list: &'static str, line: Option<&str>) -> Result<Vec<[f64; N]>, TransferError> {
     let mut words = line.unwrap_or_default().split_whitespace();
     let Some(count) = words.next() else {
-        return Err(foreign(format!("{list}: found nothing, expected a count and as many numbers")));
+        return Err(foreign(format!("{list}: found nothing, expected a count and that many numbers")));
     };
-    let count: usize =
-        count.parse().map_err(|_| foreign(format!("{list}: found '{count}', expected how many numbers follow")))?;
+    let count: usize = count
+        .parse()
+        .map_err(|_| foreign(format!("{list}: found '{count}', expected the count of the following numbers")))?;
     let number =
         |word: &str| word.parse::<f64>().map_err(|_| foreign(format!("{list}: found '{word}', expected a number")));
     let numbers = words.map(number).collect::<Result<Vec<f64>, _>>()?;
     let (points, rest) = numbers.as_chunks::<N>();
     if numbers.len() != count || !rest.is_empty() {
         let found = numbers.len();
-        return Err(foreign(format!("{list}: found {found} numbers, expected {count} as it says, a multiple of {N}")));
+        return Err(foreign(format!(
+            "{list}: found {found} numbers, expected {count} by its count, a multiple of {N}"
+        )));
     }
     check_points(list, points)?;
     Ok(points.to_vec())
@@ -262,9 +265,9 @@ mod tests {
     fn damaged_files_name_the_place() {
         let text = |from: &str, to: &str| bad(&TEXT.replacen(from, to, 1));
         assert!(text("0.9", "bright").contains("line 3 (diffuse): found 'bright', expected a number"));
-        assert!(text("8 -3024", "x -3024").contains("scalar opacity (line 7): found 'x', expected how many"));
+        assert!(text("8 -3024", "x -3024").contains("scalar opacity (line 7): found 'x', expected the count"));
         assert!(text("8 -3024", "10 -3024").contains("found 8 numbers, expected 10"));
-        assert!(text("8 -3024 0", "7 -3024").contains("found 7 numbers, expected 7 as it says, a multiple of 2"));
+        assert!(text("8 -3024 0", "7 -3024").contains("found 7 numbers, expected 7 by its count, a multiple of 2"));
         assert!(text("4 0 1 255 1", "").contains("gradient opacity (line 8): found nothing"));
         assert!(text("0.715686", "1.715686").contains("'scalar opacity (line 7)' point 2: [1.715686] is outside 0..1"));
         assert!(text("641.385", "nan").contains("'scalar opacity (line 7)' point 2: not a finite number"));

@@ -92,7 +92,7 @@ impl Ffmpeg {
             command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().map_err(missing)?;
         let said = child.stderr.take().map(|stderr| std::thread::spawn(move || last_of(stderr)));
         let mut ffmpeg = Self { child, pictures: None, said };
-        let stdin = ffmpeg.child.stdin.take().ok_or_else(|| missing(io::Error::other("it takes no input")))?;
+        let stdin = ffmpeg.child.stdin.take().ok_or_else(|| missing(io::Error::other("it accepts no input")))?;
         match Y4mMovie::new(BufWriter::new(stdin), size_px, rate) {
             Ok(pictures) => ffmpeg.pictures = Some(pictures),
             Err(source) => return Err(MovieError::Write { path: file.path().into(), source }),

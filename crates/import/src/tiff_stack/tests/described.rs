@@ -248,7 +248,7 @@ fn planes_of_another_scale_or_unit_are_refused() {
         [Layout::default(), geo(30.0)],
     ] {
         let message = opened(layouts.clone(), &options()).unwrap_err();
-        assert!(message.contains("s1.tif: says that its pixels have") && message.contains("`spacing`"), "{message}");
+        assert!(message.contains("s1.tif: has pixels of") && message.contains("`spacing`"), "{message}");
         let told = OpenOptions { spacing: Some(DVec3::splat(2.0)), unit: Some("micrometer".into()), ..options() };
         assert_eq!(opened(layouts, &told).unwrap().spacing, DVec3::splat(2.0));
     }

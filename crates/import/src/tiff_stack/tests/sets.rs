@@ -79,9 +79,9 @@ fn planes_without_a_page_or_with_two_are_named() {
     let far = each(&|plane| data(plane, page(plane) + 40, None));
     assert!(why(&file(&far)).contains("directory 40 of a.tif, which has 12 (0 to 11)"), "{}", why(&file(&far)));
     let beyond = each(&|[t, c, z]| data([t, c, z + 1], page([t, c, z]), None));
-    assert!(why(&file(&beyond)).contains("slice 3, which its sizes do not have"), "{}", why(&file(&beyond)));
+    assert!(why(&file(&beyond)).contains("slice 3, which is outside of its sizes"), "{}", why(&file(&beyond)));
     let long = xml(OWN, "XYZCT", "<TiffData IFD='0' FirstT='1' PlaneCount='9'/>");
-    assert!(why(&file(&long)).contains("tell of 15 pages"), "{}", why(&file(&long)));
+    assert!(why(&file(&long)).contains("name 15 pages"), "{}", why(&file(&long)));
     let few = xml(OWN, "XYZCT", "<TiffData/>").replace("SizeT=\"2\"", "SizeT=\"1\"");
     assert!(why(&file(&few)).contains("declares 6 planes"), "{}", why(&file(&few)));
     let wide = xml(OWN, "XYZCT", "<TiffData/>").replace("SizeX=\"7\"", "SizeX=\"8\"");
@@ -213,7 +213,7 @@ fn a_file_of_another_set_is_not_taken() {
     let folder = two_files(|uuid, _| xml(uuid, "XYZCT", &in_two("a-second.ome.tif", "urn:uuid:other")));
     let message = opened(&folder.path().join("first.ome.tif")).err().unwrap().to_string();
     assert!(
-        message.contains("a-second.ome.tif: is another file than") && message.contains("expected 'urn:uuid:other'"),
+        message.contains("a-second.ome.tif: is not the file named by") && message.contains("expected 'urn:uuid:other'"),
         "{message}"
     );
 }
@@ -239,7 +239,7 @@ fn names_do_not_lead_out_of_the_folder() {
     let folder = two_files(|uuid, _| xml(uuid, "XYZCT", &in_two("below", OTHER)));
     std::fs::create_dir(folder.path().join("below")).unwrap();
     let message = opened(&folder.path().join("first.ome.tif")).err().unwrap().to_string();
-    assert!(message.contains("it is no file"), "{message}");
+    assert!(message.contains("it is not a file"), "{message}");
 }
 
 #[test]
@@ -261,13 +261,13 @@ fn a_companion_describes_files_that_have_pixels_only() {
     assert_eq!(open(&paths[..1], &told).unwrap().info().extent.z, 6);
     assert!(open(&paths[2..], &told).err().unwrap().to_string().contains("leave `axes` out"));
     for (text, words) in [
-        (companion.replace(THEIRS, "urn:x"), "is another file than"),
+        (companion.replace(THEIRS, "urn:x"), "is not the file named by"),
         (binary_only(THEIRS, OWN), "is BinaryOnly, too"),
         (
             xml(THEIRS, "XYZCT", &planes().map(|p| data(p, 0, Some(("a-second.ome.tif", OTHER)))).collect::<String>()),
             "no pages in it",
         ),
-        (xml(THEIRS, "XYZCT", "<TiffData/>"), "tells of no pages in it"),
+        (xml(THEIRS, "XYZCT", "<TiffData/>"), "describes no pages in it"),
         ("<svg/>".into(), "no OME-XML"),
         (companion[..200].into(), "cut short"),
     ] {
@@ -282,7 +282,7 @@ fn a_companion_describes_files_that_have_pixels_only() {
     std::fs::write(&paths[2], strange).unwrap();
     for path in &paths {
         let message = opened(path).err().unwrap().to_string();
-        assert!(message.contains("a-second.ome.tif: is another file than"), "{message}");
+        assert!(message.contains("a-second.ome.tif: is not the file named by"), "{message}");
     }
 }
 

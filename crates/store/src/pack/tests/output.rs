@@ -156,7 +156,7 @@ fn who_packs_is_named_until_it_ends() {
     for exists in [Exists::Refuse, Exists::Resume, Exists::Overwrite] {
         let error = pack(&source(), &store, &variant(0, exists), &()).unwrap_err();
         let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
-        let named = format!("another pack is at work there (process {} on {host})", std::process::id());
+        let named = format!("another process packs into it (process {} on {host})", std::process::id());
         assert!(is_me(&error) && error.to_string().contains(&named), "{error}");
     }
     drop(held);

@@ -8,7 +8,7 @@ use brickyard::volume::{Placement, Scene, SceneLayer};
 use eframe::egui::{Label, Ui};
 use glam::DVec3;
 
-const HINT: &str = "which part of which volume the layer shows, and where it stands";
+const HINT: &str = "volume, channel, visible part and placement of the layer";
 
 pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize) {
     group(ui, "data", HINT, |ui| {
@@ -26,7 +26,7 @@ fn source(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], layer: usize
     let names: Vec<String> = volumes.iter().enumerate().map(name).collect();
     let choices: Vec<_> = names.iter().enumerate().map(|(i, name)| (i, &**name, "")).collect();
     let barred = |store| reason(scene, volumes, |scene| show_store(scene, volumes, layer, store));
-    let chosen = menu(ui, "volume", "the volume that the layer shows", (scene.store(layer), &choices), barred);
+    let chosen = menu(ui, "volume", "the layer's volume", (scene.store(layer), &choices), barred);
     if let Some(store) = chosen {
         show_store(scene, volumes, layer, store);
     }
@@ -52,7 +52,7 @@ fn voxels(ui: &mut Ui, volume: &VolumeSource) {
     let size = geometry.spacing / DVec3::from_array(stride);
     let [x, y, z] = size.to_array().map(|length| significant(length, 4));
     let text = format!("{x} x {y} x {z} {}", geometry.unit.as_deref().unwrap_or("(no unit)"));
-    let hint = "said by the file, or when it was opened: Open..., what the file does not say";
+    let hint = "from the file, or set when it was opened (Open..., missing from the file)";
     row(ui, "voxel size", hint, |ui, _| ui.add(Label::new(text).truncate()).on_hover_text(hint));
 }
 
@@ -65,7 +65,7 @@ fn channel(ui: &mut Ui, scene: &mut Scene, volume: &VolumeSource, layer: usize) 
     let names: Vec<String> = (0..volume.source.channels()).map(name).collect();
     let choices: Vec<_> = (0..).zip(&names).map(|(channel, name)| (channel, &**name, "")).collect();
     let shown = scene.layers[layer].channel;
-    let hint = "the channel of the volume that the layer shows, from 0";
+    let hint = "the channel of the layer's volume, from 0";
     if let Some(channel) = menu(ui, "channel", hint, (shown, &choices), |_| None) {
         scene.layers[layer].channel = channel;
     }
@@ -75,7 +75,7 @@ fn channel(ui: &mut Ui, scene: &mut Scene, volume: &VolumeSource, layer: usize) 
 fn crop(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     let extent = DVec3::from_array(volume.source.pyramid().levels()[0].extent.to_array().map(f64::from));
     let mut is_on = layer.crop.is_some();
-    let hint = "shows, and reads, a box of the volume alone; in voxels of its finest level";
+    let hint = "shows (and reads) only a box of the volume; in voxels of its finest level";
     if switch(ui, "crop", hint, &mut is_on).changed() {
         layer.crop = is_on.then_some([DVec3::ZERO, extent]);
     }
@@ -95,7 +95,7 @@ fn placement(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     vector(
         ui,
         "moved by",
-        "how far the layer is moved from where its store says it is, in world units",
+        "offset of the layer from its store's own place, in world units",
         &mut moved,
         (high - low).length(),
     );
@@ -108,9 +108,9 @@ fn placement(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     row(
         ui,
         "matrix",
-        "from the volume's own world to the scene's, row by row, as registration programs write it",
+        "from the volume's own world to the scene's, row by row, as from registration programs",
         |ui, _| {
-            if ui.small_button("reset").on_hover_text("where the store says").clicked() {
+            if ui.small_button("reset").on_hover_text("back to the store's own place").clicked() {
                 *placement = Placement::default();
             }
         },

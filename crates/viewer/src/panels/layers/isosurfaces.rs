@@ -7,7 +7,7 @@ use brickyard::volume::surface::MAX_SURFACES;
 use brickyard::volume::{Isosurface, Mode, Scene};
 use eframe::egui::{Button, Ui};
 
-const HINT: &str = "surfaces where the volume has one value: alone in mode isosurface, and within the fog in mode dvr";
+const HINT: &str = "surfaces of one value: alone in mode isosurface, and within the fog in mode dvr";
 
 pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, layer: usize, volume: &VolumeSource) {
     group(ui, "isosurfaces", HINT, |ui| {
@@ -29,14 +29,8 @@ pub(crate) fn show(ui: &mut Ui, scene: &mut Scene, layer: usize, volume: &Volume
                     // Two surfaces in one place would be indistinguishable.
                     surfaces[i].value = before;
                 }
-                slider(
-                    ui,
-                    "opacity",
-                    "the share of the light that it takes",
-                    &mut surfaces[i].opacity,
-                    (0.0..=1.0, ""),
-                );
-                row(ui, "colour", "of its own, or the transfer function's at the value", |ui, label| {
+                slider(ui, "opacity", "the share of light it absorbs", &mut surfaces[i].opacity, (0.0..=1.0, ""));
+                row(ui, "colour", "its own colour, or the transfer function's at the value", |ui, label| {
                     let color = seen.as_ref().map_or([1.0; 3], |function| function.rgb(before));
                     own_color(ui, &mut surfaces[i].color, color, label);
                     let remove = ui.add_enabled(!(is_only && keep_last), Button::new("remove").small());

@@ -17,7 +17,7 @@ pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, p
         if ui.radio(is_all, "all").on_hover_text("all but the background").clicked() {
             layer.show_labels = None;
         }
-        if ui.radio(!is_all, "some").on_hover_text("those of a list").clicked() && is_all {
+        if ui.radio(!is_all, "some").on_hover_text("only those of a list").clicked() && is_all {
             layer.show_labels = Some(picked.into_iter().collect());
         }
     });
@@ -36,7 +36,7 @@ pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, p
 fn picking(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, picked: Option<i64>) {
     let picked = picked.filter(|label| *label != BACKGROUND);
     let words = picked.map_or_else(|| "none".into(), |label| label.to_string());
-    row(ui, "picked", "the label under the pointer, or the last one that was there", |ui, _| {
+    row(ui, "picked", "the label under the pointer, or the last one there", |ui, _| {
         ui.label(RichText::new(words).monospace());
         let isolate = ui.add_enabled(picked.is_some(), Button::new("isolate").small());
         if isolate.on_hover_text("shows this label alone").clicked() {
@@ -46,7 +46,7 @@ fn picking(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, picked: O
         let can_hide = matches!(without, Some(Some(_)));
         let hide = ui.add_enabled(can_hide, Button::new("hide").small()).on_hover_text("shows all others");
         let reason = match without {
-            Some(None) => "there are too many labels to name all others: type the list of those to show",
+            Some(None) => "too many labels to list all others: type the list of labels to show",
             _ => "point at a label in a slice first",
         };
         if hide.on_disabled_hover_text(reason).clicked() {
@@ -84,7 +84,7 @@ fn colors(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource, picked: Op
         }
     });
     let has_own = layer.transfer.is_some();
-    if has_own && ui.small_button("own colours for all").on_hover_text("takes back all changes of colours").clicked() {
+    if has_own && ui.small_button("own colours for all").on_hover_text("resets all colours").clicked() {
         layer.transfer = None;
     }
 }

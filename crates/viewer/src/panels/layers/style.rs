@@ -13,13 +13,13 @@ pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
     window(ui, layer, volume);
     match volume.function(layer) {
         Ok(function) => {
-            row(ui, "colours", "the colour map, and the opacities that come with it", |ui, label| {
+            row(ui, "colours", "the colour map with its opacities", |ui, label| {
                 if let Some(chosen) = color_map::menu(ui, layer.transfer.as_ref(), &function, label) {
                     // A tint would hide the new choice.
                     (layer.transfer, layer.color) = (chosen, None);
                 }
             });
-            row(ui, "tint", "one colour in the place of the map's: from black to it over the window", |ui, label| {
+            row(ui, "tint", "one colour instead of the map: from black to it over the window", |ui, label| {
                 let last = function.color.last().map_or([1.0; 3], |point| [point[1], point[2], point[3]]);
                 own_color(ui, &mut layer.color, last, label);
             });
@@ -31,7 +31,7 @@ pub(crate) fn show(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
             }
         }
     }
-    let hint = "the power by which colours and opacities are bent over the window: less than 1 shows more of the lesser values";
+    let hint = "exponent of colours and opacities over the window: less than 1 shows more of the lesser values";
     log_slider(ui, "gamma", hint, &mut layer.gamma, (GAMMAS, ""));
 }
 
@@ -39,12 +39,12 @@ pub(super) fn opacity_and_blend(ui: &mut Ui, layer: &mut SceneLayer) {
     let hint = "factor of all opacities of the layer, 0 to 1";
     slider(ui, "opacity", hint, &mut layer.opacity, (0.0..=1.0, ""));
     let blends = [
-        (None, "auto", "as the mode has it: in projections and slices channels add and labels lie over; else all mix"),
-        (Some(Blend::Mix), "mix", "a medium in the same place as the others: it hides what is behind it"),
-        (Some(Blend::Add), "add", "light alone: its colours are added, and it hides nothing (fluorescence)"),
+        (None, "auto", "by mode: in projections and slices channels add and labels lie over; else all mix"),
+        (Some(Blend::Mix), "mix", "as a medium in the same place as the others: hides things behind it"),
+        (Some(Blend::Add), "add", "as light alone: its colours are added, and it hides nothing (fluorescence)"),
         (Some(Blend::Over), "over", "in projections and slices on top of the others (labels over an image)"),
     ];
-    let hint = "how the layer joins others in the same place";
+    let hint = "blending with other layers in the same place";
     if let Some(blend) = menu(ui, "blend", hint, (layer.blend, &blends), |_| None) {
         layer.blend = blend;
     }
@@ -68,7 +68,7 @@ fn window(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
         let dragged = statistics.and_then(|channel| histogram::show(ui, &channel.histogram, shown));
         let (least, greatest) = volume.source.channel_range(layer.channel);
         let span = (greatest - least).max(high - low);
-        let hint = "the values that are shown as the first and as the last colour, in stored units";
+        let hint = "the values of the first and the last colour, in stored units";
         let typed = row(ui, "window", hint, |ui, label| {
             let width = 0.5 * (ui.available_width() - ui.spacing().item_spacing.x);
             let mut typed = shown;
@@ -82,9 +82,7 @@ fn window(ui: &mut Ui, layer: &mut SceneLayer, volume: &VolumeSource) {
         }
         presets(ui, layer, statistics, (least, greatest));
     });
-    drawn
-        .response
-        .on_disabled_hover_text("all points of the transfer function have one value: there is nothing to move");
+    drawn.response.on_disabled_hover_text("all points of the transfer function have the same value: no window to set");
 }
 
 /// Shows buttons for common windows.
@@ -92,7 +90,7 @@ fn presets(ui: &mut Ui, layer: &mut SceneLayer, statistics: Option<&ChannelStati
     row(ui, "", "", |ui, _| {
         ui.spacing_mut().item_spacing.x = 4.0;
         let own = match layer.transfer.as_ref().is_none_or(TransferChoice::spans_window) {
-            true => "the window that the file or its metadata give",
+            true => "the window of the file or its metadata",
             false => "the transfer function's own values",
         };
         if ui.small_button("auto").on_hover_text(own).clicked() {

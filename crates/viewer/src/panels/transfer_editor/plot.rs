@@ -16,7 +16,7 @@ const REACH: f32 = 8.0;
 const MARGIN: f32 = 6.0;
 
 const HINT: &str = "drag a point; double click, or click on the curve, to add one; right click to remove it\n\
-                    arrow keys move the point that was clicked, Delete removes it";
+                    arrow keys move the clicked point, Delete removes it";
 
 /// The dragged point, and its offset from the pointer.
 #[derive(Clone, Copy)]

@@ -6,15 +6,15 @@ use brickyard::volume::{Projection, Scene};
 use eframe::egui::Ui;
 
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
-    group(ui, "camera", "where the camera is, in numbers", |ui| {
+    group(ui, "camera", "position and direction of the camera, in numbers", |ui| {
         let Some(before) = scene.camera else {
             ui.label("It looks at everything.");
             return;
         };
         let mut camera = before;
-        vector(ui, "eye", "where the camera is, in world units", &mut camera.eye, world.size());
-        vector(ui, "target", "what it looks at, in world units", &mut camera.target, world.size());
-        vector(ui, "up", "what is up in the picture: a direction of any length", &mut camera.up, 2.0);
+        vector(ui, "eye", "position of the camera, in world units", &mut camera.eye, world.size());
+        vector(ui, "target", "the point it looks at, in world units", &mut camera.target, world.size());
+        vector(ui, "up", "the direction upwards in the picture, of any length", &mut camera.up, 2.0);
         match &mut camera.projection {
             Projection::Perspective { fov_y_deg } => {
                 row(ui, "angle", "from the picture's lower edge to its upper one", |ui, label| {

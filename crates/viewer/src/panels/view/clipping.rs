@@ -9,14 +9,14 @@ use glam::DVec3;
 const FULL: &str = "a scene has at most 6 clip planes";
 
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
-    group(ui, "clip box", "shows, and reads, the inside of a box alone", |ui| clip_box(ui, &mut scene.clip, world));
-    group(ui, "clip planes", "cuts away what is on the outer side of planes", |ui| {
+    group(ui, "clip box", "shows (and reads) only the inside of a box", |ui| clip_box(ui, &mut scene.clip, world));
+    group(ui, "clip planes", "cut away everything on the outer side of planes", |ui| {
         planes(ui, &mut scene.clip_planes, world);
     });
     if scene.layers.iter().any(|layer| !layer.isosurfaces.is_empty()) {
-        group(ui, "caps", "of isosurfaces that clip box, planes and crops open", |ui| {
+        group(ui, "caps", "close isosurfaces opened by clip box, planes and crops", |ui| {
             let mut is_on = scene.has_caps();
-            let hint = "closes them, in the colour of the innermost; left alone, in mode isosurface and not in fog";
+            let hint = "caps in the colour of the innermost surface; by default in mode isosurface, but not in fog";
             if switch(ui, "caps", hint, &mut is_on).changed() {
                 scene.caps = Some(is_on);
             }
@@ -35,7 +35,7 @@ fn clip_box(ui: &mut Ui, clip: &mut Option<[DVec3; 2]>, world: &World<'_>) {
         let whole = world.low[axis]..=world.high[axis];
         let least = 1e-3 * (world.high[axis] - world.low[axis]);
         let ends = [&mut low.as_mut()[axis], &mut high.as_mut()[axis]];
-        range(ui, &format!("{name} ({unit})"), "from where to where something is shown", ends, (whole, least));
+        range(ui, &format!("{name} ({unit})"), "the visible range", ends, (whole, least));
     }
     if ui.small_button("reset").on_hover_text("the box around everything").clicked() {
         *clip = Some([world.low, world.high]);
@@ -47,7 +47,7 @@ fn planes(ui: &mut Ui, planes: &mut Vec<ClipPlane>, world: &World<'_>) {
     let mut removed = None;
     for (i, plane) in planes.iter_mut().enumerate() {
         ui.push_id(i, |ui| {
-            row(ui, &format!("plane {}", i + 1), "what is on the side of its normal is shown", |ui, _| {
+            row(ui, &format!("plane {}", i + 1), "shows the side its normal points to", |ui, _| {
                 if ui.small_button("flip").on_hover_text("shows the other side").clicked() {
                     plane.normal = -plane.normal;
                 }
@@ -57,7 +57,7 @@ fn planes(ui: &mut Ui, planes: &mut Vec<ClipPlane>, world: &World<'_>) {
             });
             position(ui, plane, world);
             let before = plane.normal;
-            vector(ui, "normal", "towards what is shown; of any length", &mut plane.normal, 2.0);
+            vector(ui, "normal", "towards the visible side; of any length", &mut plane.normal, 2.0);
             if plane.normalized().is_err() {
                 plane.normal = before;
             }
@@ -75,7 +75,7 @@ fn adding(ui: &mut Ui, planes: &mut Vec<ClipPlane>, world: &World<'_>) {
     let can_add = planes.len() < MAX_CLIP_PLANES;
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 3.0;
-        ui.label("add").on_hover_text("a plane across the middle; the side that its name points to stays");
+        ui.label("add").on_hover_text("a plane across the middle; the named side stays");
         for (name, side) in world.sides() {
             let add = ui.add_enabled(can_add, Button::new(name).small()).on_disabled_hover_text(FULL);
             if let Some((normal, _)) = side.direction(world.is_anatomical).filter(|_| add.clicked()) {

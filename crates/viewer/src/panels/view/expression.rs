@@ -29,7 +29,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
         names(ui, scene, volumes);
         transfer(ui, scene, volumes);
         if scene.expression.is_none() {
-            let note = "It is shown in mode dvr, and takes the layers' own colours and opacities away.";
+            let note = "It is shown in mode dvr, and replaces the layers' own colours and opacities.";
             ui.label(RichText::new(note).weak());
         } else if ui.small_button("clear").on_hover_text("shows the layers again").clicked() {
             set_expression(scene, volumes, None);
@@ -63,7 +63,7 @@ fn transfer(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
     let window = parsed.window(subjects.iter().map(|subject| subject.window));
     let (Some(look), Some(first)) = (&mut scene.expression, subjects.first()) else { return };
     let Ok(function) = look.function(&Subject { is_labels: false, ..first.in_window(window) }) else { return };
-    row(ui, "colours", "how the expression's values look, over all that they can be", |ui, label| {
+    row(ui, "colours", "colours and opacities of the expression, over its range of values", |ui, label| {
         if let Some(chosen) = color_map::menu(ui, look.transfer.as_ref(), &function, label) {
             look.transfer = chosen;
         }

@@ -10,7 +10,7 @@ use brickyard::volume::{Gradient, LightingModel, Scene};
 use eframe::egui::{Button, Ui};
 
 const MODELS: [(LightingModel, &str, &str); 4] = [
-    (LightingModel::None, "unlit", "colours as they are; surfaces are lit all the same"),
+    (LightingModel::None, "unlit", "plain colours; surfaces are still lit"),
     (LightingModel::Phong, "Phong", "highlights fall with the angle between the mirrored light and the eye"),
     (LightingModel::BlinnPhong, "Blinn-Phong", "softer highlights, by the half-way vector of light and eye"),
     (LightingModel::Tone, "tone", "from warm where a place faces the light to cool where it is turned away (Gooch)"),
@@ -29,7 +29,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], wor
         if let Some(model) = menu(ui, "model", hint, (scene.lighting.model, &MODELS), barred) {
             set_light(scene, model);
         }
-        let hint = "how the direction in which values change is found";
+        let hint = "method of finding the direction in which values change";
         if let Some(gradient) = menu(ui, "gradient", hint, (scene.lighting.gradient, &GRADIENTS), |_| None) {
             scene.lighting.gradient = gradient;
         }
@@ -64,7 +64,7 @@ fn lights(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], world: &Worl
         ui.label("One light is at the eye.");
     }
     let add = ui.add_enabled(barred.is_none(), Button::new("add a light"));
-    let add = add.on_hover_text("where the eye is now; it stays there");
+    let add = add.on_hover_text("adds a light at the eye's present position");
     if add.on_disabled_hover_text(barred.unwrap_or_default()).clicked() {
         lights.push(eye);
     }

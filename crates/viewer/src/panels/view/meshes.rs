@@ -8,7 +8,7 @@ use eframe::egui::{RichText, Ui};
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene) {
     group(ui, "meshes", "surfaces of triangles from files, in the scene's world", |ui| {
         if scene.meshes.is_empty() {
-            ui.label(RichText::new("There are none: File, Add... shows some.").weak());
+            ui.label(RichText::new("There are none: add some with File, Add...").weak());
         }
         let is_projection = scene.mode.is_projection();
         let mut removed = None;
@@ -33,14 +33,12 @@ fn one(ui: &mut Ui, mesh: &mut MeshLook, is_projection: bool) -> bool {
         mesh.opacity = f64::from(u8::from(is_visible));
     }
     let shown = ui.add_enabled_ui(!is_projection, |ui| {
-        slider(ui, "opacity", "0 is not there, 1 hides what is behind it", &mut mesh.opacity, (0.0..=1.0, ""));
+        slider(ui, "opacity", "0 is invisible, 1 hides things behind it", &mut mesh.opacity, (0.0..=1.0, ""));
     });
-    shown
-        .response
-        .on_disabled_hover_text("a projection does not say what is in front of what: choose mode dvr or isosurface");
-    row(ui, "colour", "of its own, or the file's", |ui, label| {
+    shown.response.on_disabled_hover_text("a projection has no depth: choose mode dvr or isosurface");
+    row(ui, "colour", "its own colour, or the file's", |ui, label| {
         own_color(ui, &mut mesh.color, PLAIN_COLOR, label);
-        ui.checkbox(&mut mesh.lit, "lit").on_hover_text("lit from the eye; if not, the colour is shown as it is");
+        ui.checkbox(&mut mesh.lit, "lit").on_hover_text("lit from the eye; off: the plain colour");
         ui.small_button("remove").clicked()
     })
 }

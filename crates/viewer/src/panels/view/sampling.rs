@@ -16,7 +16,7 @@ const METHODS: [(Method, &str, &str); 7] = [
     ),
     (Method::Lvs, "virtual, linear", "virtual samples on a straight line between the ends of a step (LVS)"),
     (Method::Cvs, "virtual, cubic", "virtual samples on a cubic curve through neighbouring steps (CVS)"),
-    (Method::Asm, "adaptive", "as many samples as the difference of the values asks for (ASM)"),
+    (Method::Asm, "adaptive", "more samples for a greater difference of values (ASM)"),
     (Method::Plvs, "pre-integrated, linear", "pre-integrated parts on a straight line (PLVS)"),
     (Method::Pcvs, "pre-integrated, cubic", "pre-integrated parts on a cubic curve: the best, and the slowest (PCVS)"),
 ];
@@ -31,31 +31,31 @@ const SAMPLES: [(usize, &str, &str); 5] = [
     (2, "2", "edges of three shades"),
     (4, "4", "edges of five shades"),
     (8, "8", "edges of nine shades"),
-    (16, "16", "as smooth as can be told"),
+    (16, "16", "as smooth as the eye can see"),
 ];
 
 /// Kinds of jitter without their seeds.
 const JITTERS: [(u8, &str, &str); 3] = [
     (0, "none", "all rays are sampled at the same distances: coarse steps show as rings"),
-    (1, "white noise", "each ray begins elsewhere: rings become noise"),
-    (2, "blue noise", "neighbouring rays begin far apart: noise that the eye averages"),
+    (1, "white noise", "each ray begins at a random distance: rings become noise"),
+    (2, "blue noise", "neighbouring rays begin far apart: fine noise, averaged by the eye"),
 ];
 
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
-    group(ui, "sampling", "how rays are sampled, and how fine the data are: quality against speed", |ui| {
+    group(ui, "sampling", "samples along rays, and level of the data: quality against speed", |ui| {
         let barred = |method| reason(scene, volumes, |scene| scene.sampling.method = method);
-        let hint = "how the fog of each step along a ray is found";
+        let hint = "evaluation of the fog in each step along a ray";
         if let Some(method) = menu(ui, "method", hint, (scene.sampling.method, &METHODS), barred) {
             scene.sampling.method = method;
         }
         if scene.sampling.method.has_virtual_samples() {
             let mut samples = u32::from(scene.sampling.virtual_samples);
-            let hint = "virtual samples of each step: they cost no reading of voxels";
+            let hint = "virtual samples of each step: they read no voxels";
             count(ui, "virtual", hint, &mut samples, 1..=u32::from(MOST_VIRTUAL_SAMPLES));
             scene.sampling.virtual_samples = samples as u8;
         }
         if let Some(filter) =
-            menu(ui, "filter", "how values between voxels are found", (scene.sampling.filter, &FILTERS), |_| None)
+            menu(ui, "filter", "interpolation between voxels", (scene.sampling.filter, &FILTERS), |_| None)
         {
             scene.sampling.filter = filter;
         }
@@ -78,7 +78,7 @@ fn jitter(ui: &mut Ui, jitter: &mut Jitter) {
         Jitter::White(seed) => (1, seed),
         Jitter::Blue => (2, 0),
     };
-    let hint = "whether each ray's first step is shortened by a share of its own";
+    let hint = "shifts the samples of each ray by a share of a step";
     match menu(ui, "jitter", hint, (kind, &JITTERS), |_| None) {
         Some(0) => *jitter = Jitter::None,
         Some(1) => *jitter = Jitter::White(seed),
@@ -86,7 +86,7 @@ fn jitter(ui: &mut Ui, jitter: &mut Jitter) {
         None => {}
     }
     if let Jitter::White(seed) = jitter {
-        count(ui, "seed", "another number is other noise", seed, 0..=999);
+        count(ui, "seed", "each number gives different noise", seed, 0..=999);
     }
 }
 
@@ -97,12 +97,12 @@ fn level(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
         level => level.to_string(),
     });
     let names: Vec<String> = locked.collect();
-    let auto = (LevelPolicy::Auto, "auto", "brick by brick as fine as the pixel error asks for");
+    let auto = (LevelPolicy::Auto, "auto", "as fine as the pixel error requires, brick by brick");
     let locked = (0u8..)
         .zip(&names)
-        .map(|(level, name)| (LevelPolicy::Locked(level), &**name, "this level everywhere, as far as memory goes"));
+        .map(|(level, name)| (LevelPolicy::Locked(level), &**name, "this level everywhere, as far as memory allows"));
     let choices: Vec<_> = [auto].into_iter().chain(locked).collect();
-    let hint = "which level of the data's pyramid is shown; each is half as fine as the one before";
+    let hint = "the level of the data's pyramid; each is half as fine as the one before";
     if let Some(level) = menu(ui, "level", hint, (scene.level, &choices), |_| None) {
         scene.level = level;
     }

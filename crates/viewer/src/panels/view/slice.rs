@@ -23,7 +23,7 @@ const WORLD_CUTS: [(Cut, &str, &str); 5] = [
     (Cut::Across(0), "x", "across the x axis"),
     (Cut::Across(1), "y", "across the y axis"),
     (Cut::Across(2), "z", "across the z axis: as images are stored"),
-    (Cut::Oblique, "oblique", "by a normal of any direction; at first across the view"),
+    (Cut::Oblique, "oblique", "along any normal; at first across the view"),
 ];
 
 const PATIENT_CUTS: [(Cut, &str, &str); 5] = [
@@ -31,7 +31,7 @@ const PATIENT_CUTS: [(Cut, &str, &str); 5] = [
     (Cut::Across(2), "axial", "across the body, seen from the feet"),
     (Cut::Across(1), "coronal", "front and back apart, seen from the front"),
     (Cut::Across(0), "sagittal", "left and right apart, seen from the left"),
-    (Cut::Oblique, "oblique", "by a normal of any direction; at first across the view"),
+    (Cut::Oblique, "oblique", "along any normal; at first across the view"),
 ];
 
 const PROJECTIONS: [(Mode, &str, &str); 3] = [
@@ -41,12 +41,12 @@ const PROJECTIONS: [(Mode, &str, &str); 3] = [
 ];
 
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], world: &World<'_>) {
-    group(ui, "slice", "a plane through everything, or a slab about it", |ui| {
+    group(ui, "slice", "a plane through everything, or a slab around it", |ui| {
         let cuts = if world.is_anatomical { &PATIENT_CUTS } else { &WORLD_CUTS };
         let no_expression =
             scene.expression.is_some().then(|| "an expression is shown in mode dvr alone: clear it first".to_string());
         let shown = cut(scene.slice.as_ref());
-        if let Some(cut) = menu(ui, "cut", "how the slice lies", (shown, cuts), |_| no_expression.clone()) {
+        if let Some(cut) = menu(ui, "cut", "orientation of the slice", (shown, cuts), |_| no_expression.clone()) {
             choose(scene, volumes, world, cut);
         }
         let Some(mut slice) = scene.slice else { return };
@@ -54,17 +54,17 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource], wor
         if cut(Some(&slice)) == Cut::Oblique {
             vector(ui, "normal", "towards the viewer; of any length", &mut slice.normal, 2.0);
         }
-        row(ui, "thickness", "from one side of the slab to the other; 0 is as thin as can be", |ui, label| {
+        row(ui, "thickness", "thickness of the slab; 0 is the thinnest slice", |ui, label| {
             let range = 0.0..=world.size();
             number(ui, &mut slice.thickness, range, world.size(), (64.0, world.unit)).labelled_by(label);
-            if ui.small_button("look at it").on_hover_text("looks at the slice from straight above").clicked() {
+            if ui.small_button("look at it").on_hover_text("looks straight at the slice").clicked() {
                 look_at(scene, volumes, slice);
             }
         });
         if slice.check().is_ok() && scene.slice.is_some() {
             scene.slice = Some(slice);
         }
-        let hint = "which of the values across the slab is shown";
+        let hint = "the value shown of those across the slab";
         if let Some(mode) = menu(ui, "shows", hint, (scene.mode, &PROJECTIONS), |_| None) {
             set_mode(scene, volumes, mode);
         }
@@ -128,7 +128,7 @@ fn position(ui: &mut Ui, slice: &mut Slice, scene: &Scene, volumes: &[VolumeSour
     }
     let Some(voxels) = Voxels::new(scene, volumes, slice.point, along) else { return };
     let mut index = voxels.place.floor().clamp(0.0, f64::from(voxels.count - 1)) as u32;
-    let hint = format!("which of the {} voxels along the axis the slice passes through, from 0", voxels.count);
+    let hint = format!("the voxel along the axis, of {}, from 0", voxels.count);
     if count(ui, "voxel", &hint, &mut index, 0..=voxels.count - 1).changed() {
         slice.point += along * ((f64::from(index) + 0.5 - voxels.place) / voxels.per_length);
     }

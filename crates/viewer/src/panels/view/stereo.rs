@@ -14,9 +14,9 @@ const LAYOUTS: [(Option<StereoLayout>, &str, &str); 5] = [
 ];
 
 pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
-    group(ui, "stereo", "two eyes, whose pictures are shown together", |ui| {
+    group(ui, "stereo", "pictures of two eyes, shown together", |ui| {
         let shown = scene.stereo.map(|stereo| stereo.layout);
-        if let Some(layout) = menu(ui, "layout", "how the two pictures become one", (shown, &LAYOUTS), |_| None) {
+        if let Some(layout) = menu(ui, "layout", "arrangement of the two pictures", (shown, &LAYOUTS), |_| None) {
             scene.stereo = match (layout, scene.stereo) {
                 (Some(layout), Some(stereo)) => Some(Stereo { layout, ..stereo }),
                 (layout, _) => layout.map(Stereo::new),
@@ -27,7 +27,7 @@ pub(super) fn show(ui: &mut Ui, scene: &mut Scene, world: &World<'_>) {
             let screen = stereo.convergence.unwrap_or(distance);
             let hint = "distance between the eyes; auto is a thirtieth of the distance to the screen";
             auto(ui, "eyes apart", hint, &mut stereo.eye_separation, (screen / 30.0, world.unit));
-            let hint = "how far away things seem to be at the screen; auto is the distance of what is looked at";
+            let hint = "the distance of things that appear at the screen; auto is the distance of the camera's target";
             auto(ui, "screen at", hint, &mut stereo.convergence, (distance, world.unit));
         }
     });
