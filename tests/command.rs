@@ -195,7 +195,7 @@ fn a_pack_that_is_stopped_goes_on_to_the_same_store() {
         let has_shards = || journal(made_in).is_ok_and(|text| text.lines().count() > 3);
         let (code, said) = stopped(&sandbox, &format!("{PACK}{flags}"), has_shards);
         assert_eq!(code, Some(130), "{said}");
-        for words in ["b.zarr: stopped; ", " of 332 shards are whole", "--resume"] {
+        for words in ["b.zarr: stopped; ", " of 332 shards are complete", "--resume"] {
             assert!(said.contains(words), "{words:?} is not in: {said}");
         }
         let lines = journal(made_in).expect("an unfinished pack");

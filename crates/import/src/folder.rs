@@ -129,7 +129,7 @@ mod tests {
         }
         let folder = tempfile::tempdir().unwrap();
         for (name, words) in
-            [("b", "no file that is read, and the folder b: pass that"), ("a", "and folders, a to b: pass one of them")]
+            [("b", "no readable file, but the folder b: pass that"), ("a", "but folders, a to b: pass one of them")]
         {
             std::fs::create_dir(folder.path().join(name)).unwrap();
             let message = files_of(folder.path(), &none, "things").unwrap_err().to_string();

@@ -85,8 +85,8 @@ mod tests {
         std::fs::create_dir(&store).unwrap();
         TestStore::default().write(&store, bumps);
         for (part, words) in [
-            ("0", "this is level 0 of"),
-            ("1/", "this is level 1 of"),
+            ("0", "is level 0 of"),
+            ("1/", "is level 1 of"),
             ("0/zarr.json", "is a part of level 0 of"),
             ("0/.brickyard/ranges", "is a part of level 0 of"),
             ("zarr.json", "is a part of"),

@@ -105,7 +105,7 @@ mod tests {
         }
         let once = [page(1), page(2), page(3)].iter().map(|page| encode(page).len()).sum::<usize>();
         assert_eq!(file.len(), once + index_bytes(5));
-        assert!(page_of(&file, 4).unwrap_err().to_string().contains("has no page 4"));
+        assert!(page_of(&file, 4).unwrap_err().to_string().contains("lacks page 4"));
         // No damaged byte yields a wrong page, and a damaged index fails all pages.
         for at in 0..file.len() {
             let mut damaged = file.clone();

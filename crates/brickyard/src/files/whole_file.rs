@@ -101,7 +101,10 @@ mod tests {
         assert_eq!(std::fs::read(&path).unwrap(), b"third");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left behind");
         assert!(WholeFile::create(Path::new("/")).is_err());
-        assert!(WholeFile::create(Path::new("/dev/null")).is_err_and(|error| error.to_string().contains("is not a regular file")));
+        assert!(
+            WholeFile::create(Path::new("/dev/null"))
+                .is_err_and(|error| error.to_string().contains("is not a regular file"))
+        );
     }
 
     /// Links under foreseeable names have no effect, and the file has the permissions of any new one.

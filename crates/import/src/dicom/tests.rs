@@ -419,7 +419,7 @@ fn numbers_of_32_bits_are_not_rounded_without_a_word() {
     for other in [slice(1.0, 1, 5), padded] {
         let folder = Folder::of([slice(0.0, 0, 16_777_217), other]);
         let message = folder.open().err().unwrap().to_string();
-        assert!(message.contains("32 bits") && message.contains("`allow_lossy`"), "{message}");
+        assert!(message.contains("32-bit numbers") && message.contains("`allow_lossy`"), "{message}");
         let options = OpenOptions { allow_lossy: true, ..OpenOptions::default() };
         let source = open(&[folder.0.path().to_owned()], &options).unwrap();
         assert!(source.info().notes.iter().any(|note| note.contains("rounded to the 24 bits")));

@@ -794,7 +794,7 @@ fn channels_in_another_order_are_refused() {
     };
     let mut appender = Appender::create(&dir.path().join("t.zarr"), &step("GFP"), None, &byte_options(), &()).unwrap();
     let message = appender.append(&step("DAPI"), None, &()).unwrap_err().to_string();
-    assert!(message.contains("row of channels is DAPI"), "{message}");
+    assert!(message.contains("list of channels is DAPI"), "{message}");
     appender.append(&step("GFP"), None, &()).unwrap();
 }
 

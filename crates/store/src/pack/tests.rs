@@ -550,8 +550,9 @@ fn damaged_and_wrong_aprons_are_found() {
         std::fs::copy(aprons("1"), aprons("1/.brickyard/max")).unwrap();
     }
     let found = problems();
-    let wrong =
-        |p: &String| p.contains("1/.brickyard/max/.brickyard/aprons/c/0/0/0/0") && p.contains("differ from those around");
+    let wrong = |p: &String| {
+        p.contains("1/.brickyard/max/.brickyard/aprons/c/0/0/0/0") && p.contains("differ from those around")
+    };
     assert!(!found.is_empty() && found.iter().all(wrong), "{found:#?}");
 }
 
@@ -825,7 +826,7 @@ fn damage_to_either_pyramid_is_found_once() {
         std::fs::copy(store.join("1").join(file), store.join("1/.brickyard/max").join(file)).unwrap();
     }
     let found = problems();
-    let wrong = |p: &String| p.contains("1/.brickyard/max/c/0/0/0") && p.contains("are not the max");
+    let wrong = |p: &String| p.contains("1/.brickyard/max/c/0/0/0") && p.contains("differ from the max");
     assert!(found.iter().any(wrong) && found.iter().all(|p| p.contains("/.brickyard/max/")), "{found:#?}");
 }
 

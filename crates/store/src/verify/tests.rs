@@ -167,7 +167,7 @@ fn wrong_voxels_with_right_checksums_are_found() {
     edit_page(&array, array.page_at(Level(1), 0), |bytes| bytes.copy_from_slice(bytemuck::bytes_of(&fingerprint)));
     let found = problems(dir.path());
     assert!(
-        found.iter().any(|p| p.contains("level 1 brick (0,0,0): ") && p.contains("are not the mean")),
+        found.iter().any(|p| p.contains("level 1 brick (0,0,0): ") && p.contains("differ from the mean")),
         "{found:#?}"
     );
 }

@@ -40,13 +40,13 @@ impl Operand {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum PrecisionError {
     /// Some results are too great.
-    #[error("a part of it may reach {0:e}, and the single precision of a GPU ends at 3.4e38")]
+    #[error("a part of it may reach {0:e}, and single precision ends at 3.4e38")]
     TooGreat(f64),
     /// Some results are too small.
-    #[error("a part of it is {0:e} at most, and the single precision of a GPU begins at 1.2e-38")]
+    #[error("a part of it is {0:e} at most, and single precision begins at 1.2e-38")]
     TooSmall(f64),
     /// Neighbouring values coincide.
-    #[error("it reads whole numbers up to {0}, and a GPU cannot tell neighbours beyond 16777216 apart")]
+    #[error("it reads whole numbers up to {0}, and single precision cannot tell neighbours beyond 16777216 apart")]
     Whole(f64),
 }
 

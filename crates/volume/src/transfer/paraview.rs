@@ -213,7 +213,10 @@ mod tests {
         let maps = r#"[{"Name": "A", "RGBPoints": [2, 1, 0, 0]}, {"Name": "Blue", "RGBPoints": [2, 0, 0, 1]}]"#;
         let first = imported(maps);
         assert_eq!(first.transfer.color, [[2.0, 1.0, 0.0, 0.0]]);
-        assert_eq!(first.remarks, ["'A' is the first of 2 colour maps: append '#' and a name to the file's for another"]);
+        assert_eq!(
+            first.remarks,
+            ["'A' is the first of 2 colour maps: append '#' and a name to the file's for another"]
+        );
         let blue = read(maps, Some("Blue"), &SUBJECT).unwrap();
         assert_eq!((blue.transfer.color, blue.remarks.len()), (vec![[2.0, 0.0, 0.0, 1.0]], 0));
         assert_eq!(bad(maps, Some("blu")), "no transfer function 'blu', did you mean 'Blue'?: there are A, Blue");
