@@ -607,7 +607,8 @@ mod tests {
     /// Shaders of the most layers, and of expressions over one, two and all layers; each behind a name for messages.
     fn joint_expressions() -> Vec<(String, String)> {
         let of = |count: u32, expression: Option<(LightingModel, ExpressionShader)>| {
-            let fog = Medium { curve: Curve::Cubic, light: LightingModel::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN };
+            let fog =
+                Medium { curve: Curve::Cubic, light: LightingModel::Phong, surfaces: Surfaces::InFog, ..Medium::PLAIN };
             let medium = expression.as_ref().map_or(fog, |(light, _)| Medium { light: *light, ..Medium::PLAIN });
             let layers = (0..count).map(|i| layer_shader(i, expression.is_none())).collect();
             let expression = expression.map(|(_, expression)| expression);

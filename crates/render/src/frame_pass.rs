@@ -147,7 +147,19 @@ impl GpuRenderer {
         let next = self.first_peeled(framed[0].settings, waits)?;
         let cells = vec![0; framed.len()];
         let rect = self.window.filter(|_| waits).unwrap_or(framed[0].settings.rays.whole());
-        Ok(Passes { renderer: self, framed, course, rect, is_first: true, start, lists: 0, cells, slabs: 0, next, waits })
+        Ok(Passes {
+            renderer: self,
+            framed,
+            course,
+            rect,
+            is_first: true,
+            start,
+            lists: 0,
+            cells,
+            slabs: 0,
+            next,
+            waits,
+        })
     }
 
     fn course(&self, framed: &[Framed<'_>], combination: Option<&Combination>) -> Result<Course, GpuError> {

@@ -97,11 +97,7 @@ impl Targets {
 
     /// Queues the copy of some rows of the display picture to a CPU-readable buffer, and returns the buffer. `None` while an earlier
     /// picture is on its way.
-    pub(crate) fn copy_back(
-        &mut self,
-        encoder: &mut wgpu::CommandEncoder,
-        rows: Range<u32>,
-    ) -> Option<wgpu::Buffer> {
+    pub(crate) fn copy_back(&mut self, encoder: &mut wgpu::CommandEncoder, rows: Range<u32>) -> Option<wgpu::Buffer> {
         let buffer = self.read_back.take()?;
         let layout = wgpu::TexelCopyBufferLayout {
             offset: 0,

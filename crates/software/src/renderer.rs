@@ -10,7 +10,9 @@ use crate::tile::Scene;
 use crate::tiles::{self, Tile, TilePixels};
 use brickyard_pager::{BudgetRequest, Layer, Slot, VolumeNeeds, pools, share};
 use brickyard_volume::numbers::mebibytes;
-use brickyard_volume::{Clip, Combination, FrameSettings, Geometry, Method, Mode, Picture, PixelRect, Placement, Pyramid};
+use brickyard_volume::{
+    Clip, Combination, FrameSettings, Geometry, Method, Mode, Picture, PixelRect, Placement, Pyramid,
+};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
