@@ -19,11 +19,11 @@ const GAP: f32 = 16.0;
 
 /// Warnings about projections.
 const LOST: &str = "This projection is drawn at a coarse level, whose voxels lack the extremes of the finer ones: \
-                    specks may be fainter than they are, or missing. Level 0 (View: level) draws all voxels, and a \
+                    specks may be fainter than they are, or missing. Level 0 (sampling: level) draws all voxels, and a \
                     store packed with --downsample mean,max (or mean,min) loses none at any level.";
 
 const PAST_CUTS: &str = "This projection is drawn at a coarse level. Its voxels at a cut hold the extremes of both \
-                         sides: values up to one voxel behind the cut may show. Level 0 (View: level) cuts exactly.";
+                         sides: values up to one voxel behind the cut may show. Level 0 (sampling: level) cuts exactly.";
 
 /// The texts on the line's left.
 #[derive(Clone, Copy, Debug, Default)]
