@@ -96,7 +96,7 @@ mod tests {
             let path = store.join(part);
             let message = Store::open(&path).err().unwrap().to_string();
             let (path, store) = (path.display(), store.display());
-            assert_eq!(message, format!("{path}: {words} {store}: give {store}"));
+            assert_eq!(message, format!("{path}: {words} {store}: pass {store}"));
         }
         for (name, is_outside) in [("0/a.npy", false), ("a.zarr", false), ("", true)] {
             assert_eq!(check_outside(&store.join(name)).is_ok(), is_outside, "{name}");

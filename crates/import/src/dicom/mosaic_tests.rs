@@ -110,7 +110,7 @@ fn a_mosaic_whose_header_is_not_enough_is_refused_by_name() {
     refused("7", &["0", "0", "0"], &["not perpendicular"]);
     let mut odd = mosaic(Some(csa(&[("NumberOfImagesInMosaic", &["7"]), normal])));
     odd.number(tags::COLUMNS, 11).number(tags::ROWS, 9);
-    Folder::of([odd]).refused(&["3 x 3 places", "11 x 9 pixels do not divide"]);
+    Folder::of([odd]).refused(&["3 x 3 tiles", "11 x 9 pixels do not divide"]);
     let mut thin = mosaic(Some(csa(&[("NumberOfImagesInMosaic", &["7"]), normal])));
     thin.0.remove_element(tags::SPACING_BETWEEN_SLICES);
     Folder::of([thin]).refused(&["SpacingBetweenSlices", "`spacing`"]);

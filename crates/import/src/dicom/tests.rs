@@ -379,7 +379,9 @@ fn padding_that_no_pixel_can_have_is_said() {
     let mut slice = Written::slice(0.0, 0);
     slice.number(tags::PIXEL_PADDING_VALUE, 63536);
     let (folder, source) = Folder::opened([slice]);
-    let is_said = |source: &dyn Source| source.info().notes.iter().any(|note| note.contains("0 to 4095: 63536"));
+    let is_said = |source: &dyn Source| {
+        source.info().notes.iter().any(|note| note.contains("63536") && note.contains("0 to 4095"))
+    };
     assert!(source.info().nodata.is_none() && is_said(&*source), "{:?}", source.info().notes);
     let options = OpenOptions { nodata: NoData::None, ..OpenOptions::default() };
     assert!(!is_said(&*open(&[folder.0.path().to_owned()], &options).unwrap()));

@@ -44,7 +44,7 @@ pub(super) fn unpack(packed: &[u8], out: &mut [u8]) -> Result<(), String> {
         match result.status {
             Ok(LzwStatus::Ok) if !stuck => {}
             _ if to >= out.len() => {}
-            Ok(_) => return Err(format!("its {} packed bytes hold {to} of {} bytes", out.len(), packed.len())),
+            Ok(_) => return Err(format!("its {} packed bytes hold {to} of {} bytes", packed.len(), out.len())),
             Err(error) => return Err(format!("{error}, after {to} of {} bytes", out.len())),
         }
     }

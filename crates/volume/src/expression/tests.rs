@@ -86,8 +86,8 @@ fn errors_point_at_the_place() {
     assert_eq!(shown, "expected a number, a volume, a function or '(', found '*'\n  max(a, *b)\n         ^");
     let deep = "(".repeat(5000);
     assert!(error(&deep).problem.contains("characters"));
-    assert!(error(&"(".repeat(1000)).problem.contains("deep"));
-    assert!(error(&"-".repeat(1000)).problem.contains("deep"));
+    assert!(error(&"(".repeat(1000)).problem.contains("nested"));
+    assert!(error(&"-".repeat(1000)).problem.contains("nested"));
     let long = vec!["a"; 100].join("+");
     assert!(error(&long).problem.contains("more than 128 operations"));
 }

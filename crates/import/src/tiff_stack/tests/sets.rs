@@ -268,7 +268,7 @@ fn a_companion_describes_files_that_have_pixels_only() {
             "no pages in it",
         ),
         (xml(THEIRS, "XYZCT", "<TiffData/>"), "describes no pages in it"),
-        ("<svg/>".into(), "no OME-XML"),
+        ("<svg/>".into(), "is not OME-XML"),
         (companion[..200].into(), "cut short"),
     ] {
         std::fs::write(&paths[2], text).unwrap();
