@@ -648,7 +648,7 @@ fn missing_and_wrong_elements_are_named() {
     };
     changed(&|s| s.text(tags::IMAGE_POSITION_PATIENT, VR::DS, "1\\2")).refused(&["found [1.0, 2.0]"]);
     changed(&|s| s.number(tags::SAMPLES_PER_PIXEL, 3).text(tags::PHOTOMETRIC_INTERPRETATION, VR::CS, "RGB"))
-        .refused(&["colour image (RGB, 3 samples", "not supported"]);
+        .refused(&["colour image (RGB, 3 samples", "not supported", "export it as a gray image"]);
     changed(&|s| s.number(tags::BITS_ALLOCATED, 1)).refused(&["1 bits a pixel"]);
     changed(&|s| s.number(tags::BITS_STORED, 17)).refused(&["BitsStored 17"]);
     changed(&|s| s.text(tags::RESCALE_SLOPE, VR::DS, "0")).refused(&["RescaleSlope is 0"]);
@@ -897,6 +897,22 @@ fn slice_of_another_series() -> Written {
     let mut slice = Written::slice(0.0, 0);
     slice.text(tags::SERIES_INSTANCE_UID, VR::UI, "1.2.9");
     slice
+}
+
+#[test]
+fn several_deflated_frames_and_unknown_syntaxes_name_a_way_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("enhanced.dcm");
+    let refusal = || open(std::slice::from_ref(&path), &OpenOptions::default()).err().unwrap().to_string();
+    enhanced().save_deflated(&path);
+    assert!(refusal().contains("a deflated file of several frames") && refusal().contains("dcmconv"), "{}", refusal());
+    enhanced().save(&path, uids::EXPLICIT_VR_LITTLE_ENDIAN);
+    let mut bytes = std::fs::read(&path).unwrap();
+    let uid = uids::EXPLICIT_VR_LITTLE_ENDIAN.as_bytes();
+    let at = bytes.windows(uid.len()).position(|window| window == uid).expect("the syntax");
+    bytes[at + uid.len() - 1] = b'9';
+    std::fs::write(&path, bytes).unwrap();
+    assert!(refusal().contains("unknown (1.2.840.10008.1.2.9)"), "{}", refusal());
 }
 
 #[test]

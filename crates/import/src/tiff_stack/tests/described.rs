@@ -1,7 +1,7 @@
 //! Single files are read as described: tifffile's axes, MetaMorph's planes, scales of tags, Orientation, GDAL's value.
 
 use super::*;
-use crate::testing::said;
+use crate::testing::{is_warned, said};
 
 fn field(z: u32, c: u32, t: u32) -> Field {
     Field { sizes: [7, 5, z, c, t], voxel_type: VoxelType::U16 }
@@ -474,5 +474,19 @@ proptest! {
             let mut out = vec![0; region.extent().volume() as usize * source.info().voxel_type.bytes()];
             let _ = source.read_box(0, 0, region, &mut out);
         }
+    }
+}
+
+#[test]
+fn losses_of_a_description_are_warnings() {
+    let pixels =
+        "<Pixels DimensionOrder='XYZCT' SizeX='7' SizeY='5' SizeZ='4' SizeC='1' SizeT='1'><TiffData/></Pixels>";
+    let modulo = "<A><Modulo><ModuloAlongZ Type='angle' Start='0' End='1'/></Modulo></A>";
+    for (text, words) in [
+        (format!("<OME><Image>{pixels}</Image>{modulo}</OME>"), "splits an axis once more (Modulo)"),
+        ("<OME><Image/></OME>".into(), "has no Pixels"),
+    ] {
+        let said = notes(&*read(field(4, 1, 1), "z", &described(&text)).1);
+        assert!(is_warned(&said, words), "{words}: {said}");
     }
 }
