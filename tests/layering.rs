@@ -79,7 +79,7 @@ fn crates_of_others_are_counted() {
         "--package brickyard-cli",
     ]
     .map(count);
-    let said = format!("builds {cpu} crates of others, with the feature `gpu` {gpu}; the command builds {command}");
+    let said = format!("builds {cpu} third-party crates, with the feature `gpu` {gpu}; the command builds {command}");
     let readme = std::fs::read_to_string(format!("{root}/README.md")).expect("it is there");
     assert!(readme.contains(&said), "the README should say: {said}");
 }

@@ -328,9 +328,9 @@ impl Session {
         self.step_coarse(scene, size_px, 0.0)
     }
 
-    /// Takes a step like [`Session::step`], towards bricks `level_bias` levels coarser than the scene's: for a frame of
-    /// fewer pixels, which looks the same with them, draws several times faster, and lacks few bricks. Its view never
-    /// counts as settled: [`Session::step`] continues towards that.
+    /// Like [`Session::step`], with bricks `level_bias` levels coarser than the scene asks for. Suits pictures of fewer
+    /// pixels: they look the same, draw several times faster, and wait for fewer bricks. Never reports the view as
+    /// settled.
     ///
     /// # Errors
     /// Those of [`Session::step`].

@@ -74,6 +74,7 @@ const COLORS: [(&str, [f64; 3]); 9] = [
     ("orange", [1.0, 0.5, 0.0]),
 ];
 
+/// The value of a channel flag.
 trait Value: Sized {
     fn read(text: &str) -> Result<Self, String>;
 }

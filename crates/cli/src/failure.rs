@@ -21,6 +21,7 @@ pub(crate) enum ExitKind {
     Interrupted = 130,
 }
 
+/// A message for the user, with its exit code.
 #[derive(Debug)]
 pub(crate) struct Failure {
     /// The process's exit code.

@@ -6,6 +6,7 @@ use brickyard::text_file::read_text;
 use brickyard::volume::{Blend, Placement, PlacementError, Scene, SceneLayer, TransferChoice, TransferFile, counted};
 use std::path::Path;
 
+/// One setting of one layer.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct VolumeSetting {
     layer: usize,

@@ -92,6 +92,7 @@ impl std::fmt::Display for AxisOrder {
     }
 }
 
+/// Sizes of an array along its five axes, in voxels, channels and time steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Sizes {
     pub(crate) extent: Extent,

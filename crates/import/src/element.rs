@@ -128,6 +128,7 @@ pub(crate) fn smallest_type(least: f64, greatest: f64) -> VoxelType {
     [U8, I8, U16, I16, U32, I32].into_iter().find(holds).unwrap_or(F32)
 }
 
+/// Conversion of a stored number to a voxel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Decode {
     pub(crate) element: Element,

@@ -19,6 +19,7 @@ pub(crate) enum Reading {
     Values,
 }
 
+/// A number in a file name.
 #[derive(Clone, Debug)]
 pub(crate) struct Number {
     is_negative: bool,

@@ -78,6 +78,7 @@ impl FileList {
     }
 }
 
+/// Files ordered by the numbers in their names.
 struct ByNumbers {
     paths: Vec<PathBuf>,
     reading: Reading,

@@ -32,6 +32,7 @@ pub(crate) struct Losses<'a> {
     has_great: bool,
 }
 
+/// The effect of a conversion on a number.
 #[derive(Clone, Copy, PartialEq)]
 enum Fate {
     Kept,

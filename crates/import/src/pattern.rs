@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 /// Most files listed in a message.
 const MOST_SHOWN: usize = 3;
 
+/// A file-name pattern with `*` and numbers.
 #[derive(Debug, PartialEq)]
 enum Pattern {
     /// With `*` for any text and `?` for any one character.

@@ -45,6 +45,7 @@ impl StepFile {
     }
 }
 
+/// Opens a step's file.
 type Open = dyn Fn(&Path) -> Result<Box<dyn Source>, ImportError> + Send + Sync;
 
 /// A time series: files of one time step each, with the same extent, voxel type, channels and spacing.
@@ -68,6 +69,7 @@ struct Step {
     identity: Range<usize>,
 }
 
+/// A recently read step, with its open file.
 struct Recent {
     time: u32,
     /// `None` until it is open. The opening thread holds the lock, so others wait instead of opening it too.

@@ -224,6 +224,7 @@ impl RowField for Constant {
     }
 }
 
+/// The stored units.
 #[derive(Clone, Copy)]
 enum Units {
     U8,

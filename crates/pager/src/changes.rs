@@ -3,6 +3,7 @@
 use crate::goal::{Goal, VolumeBrick};
 use rustc_hash::FxHashMap;
 
+/// Times of the last arrival, departure or failure of a brick, by volume and time step.
 #[derive(Default)]
 pub(crate) struct Changes {
     /// Number of changes so far.

@@ -140,6 +140,7 @@ struct Run {
     trial: Trial,
 }
 
+/// A coming place on the path through the time steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Coming {
     place: u64,

@@ -121,6 +121,7 @@ impl View {
     }
 }
 
+/// The frusta of a view's one or two eyes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frusta(Frustum, Option<Frustum>);
 

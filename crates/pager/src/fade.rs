@@ -20,6 +20,7 @@ pub(crate) struct Fading {
     pub(crate) share: u8,
 }
 
+/// A volume's bricks that fade in.
 pub(crate) struct Fades {
     time: Option<Duration>,
     now: Duration,

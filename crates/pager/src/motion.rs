@@ -17,6 +17,7 @@ const REST: Duration = Duration::from_millis(1000);
 /// Largest extrapolated turn, in radians; beyond it a camera is thrown about rather than turned.
 const MOST_TURN: f64 = 1.0;
 
+/// Cameras of the last frames, for foreseeing the next ones.
 #[derive(Debug, Default)]
 pub(crate) struct Motion {
     /// Oldest first.

@@ -7,6 +7,7 @@ use crate::layout::Layout;
 use brickyard_volume::{BrickIndex, Extent};
 use std::ops::Range;
 
+/// A part of a padded brick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Part {
     /// Along each axis: 0 for the neighbour before, 1 for the brick itself, 2 for the neighbour after.

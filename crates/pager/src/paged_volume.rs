@@ -20,6 +20,7 @@ use brickyard_volume::BrickId;
 use crossbeam_channel::Select;
 use std::sync::Arc;
 
+/// A paged volume: source, RAM cache, workers, and the bricks of its last frame.
 pub(crate) struct PagedVolume {
     pub(crate) source: Arc<dyn BrickSource>,
     /// Bytes read by the source before.

@@ -21,6 +21,7 @@ use crate::visibility;
 use brickyard_volume::{BrickId, BrickIndex, Pyramid};
 use std::cmp::Reverse;
 
+/// A brick's state, as planning sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum State {
     Absent,

@@ -30,6 +30,7 @@ use std::time::Duration;
 /// Longest wait of a frame for its own view's cut.
 const PATIENCE: Duration = Duration::from_millis(1);
 
+/// Input of the planner's thread: the views to cut.
 #[derive(Clone)]
 pub(crate) struct Job {
     pub(crate) views: Vec<View>,

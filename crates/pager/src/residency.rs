@@ -52,6 +52,7 @@ pub(crate) struct Arrival {
     pub(crate) result: Result<Arrived, Failure>,
 }
 
+/// The way in which a brick arrived.
 #[derive(Clone, Debug)]
 pub(crate) enum Arrived {
     /// The content is `None` if unknown.
@@ -138,11 +139,13 @@ pub(crate) struct Residency {
     pub(crate) shared: u64,
 }
 
+/// A read brick waiting for a slot.
 struct Staged {
     codes: Arc<[u8]>,
     content: Option<Content>,
 }
 
+/// A volume's staged, failed and fading bricks.
 struct Bricks {
     staged: BTreeMap<BrickId, Staged>,
     failed: FxHashMap<BrickId, BrickError>,

@@ -15,6 +15,7 @@ pub(crate) const TRIES: usize = 5;
 /// Delay in milliseconds before the next try, after each failed one.
 const DELAYS_MS: [u64; TRIES] = [20, 80, 320, 1000, 1000];
 
+/// The reason a brick is missing, and the time of the next try.
 #[derive(Clone, Debug)]
 pub(crate) struct Failure {
     pub(crate) error: BrickError,
@@ -22,6 +23,7 @@ pub(crate) struct Failure {
     pub(crate) again: Option<Instant>,
 }
 
+/// The unreadable bricks of one source.
 #[derive(Default)]
 pub(crate) struct Failures {
     bricks: FxHashMap<BrickId, Tried>,

@@ -20,6 +20,7 @@ struct Entry {
     tier: Tier,
 }
 
+/// State of a used slot: the number of bricks sharing it, and their content.
 #[derive(Default)]
 struct Holding {
     bricks: u32,

@@ -47,6 +47,7 @@ fn only(mut cuts: Vec<Cut>) -> Cut {
     cuts.swap_remove(0)
 }
 
+/// A volume to cut.
 #[derive(Clone, Copy)]
 pub(crate) struct Subject<'a> {
     pub(crate) source: &'a dyn BrickSource,
@@ -67,7 +68,7 @@ impl Subject<'_> {
     }
 }
 
-/// Index of the first volume sharing each volume's tree, possibly itself.
+/// For each volume, the index of the first one that shares its tree; its own if none before does.
 pub(crate) fn firsts<T>(volumes: &[T], share: impl Fn(&T, &T) -> bool) -> Vec<usize> {
     let first = |volume| volumes.iter().position(|other| share(other, volume));
     // Each shares its own.

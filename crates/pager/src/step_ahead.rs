@@ -8,6 +8,7 @@ use crate::cut::Cut;
 use crate::goal::{Goal, VolumeBrick};
 use crate::status::Readiness;
 
+/// Progress of a coming time step.
 pub(crate) struct StepAhead {
     /// Validity of this state: the step's cuts, and the last change of their bricks.
     cuts: Vec<Cut>,

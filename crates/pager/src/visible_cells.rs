@@ -35,6 +35,7 @@ pub(crate) struct Ranked {
     pub(crate) rank: u32,
 }
 
+/// A viewed volume: its cut and its view.
 #[derive(Clone, Copy)]
 struct Looked<'a> {
     source: &'a dyn BrickSource,

@@ -69,6 +69,7 @@ struct Job {
     advise: Vec<BrickId>,
 }
 
+/// A brick read by a worker, or its failure.
 enum Found {
     /// A slot holds the same content.
     Held(Content),

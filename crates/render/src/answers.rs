@@ -49,6 +49,7 @@ pub(crate) struct Said {
     pub(crate) marks: Vec<u32>,
 }
 
+/// Sheets for the GPU's answers, free and in flight.
 #[derive(Debug)]
 pub(crate) struct Answers {
     free: Vec<wgpu::Buffer>,

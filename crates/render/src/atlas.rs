@@ -82,6 +82,7 @@ pub(crate) fn slot_bytes(slot_edge: u32, format: TextureFormat, gradients: Gradi
     (slot_edge as u64).pow(3) * texel_bytes(format) + gradients.bytes() as u64
 }
 
+/// The atlas texture, with that of stored gradients if there is one.
 #[derive(Debug)]
 pub(crate) struct Atlas {
     pub(crate) plan: AtlasPlan,

@@ -25,6 +25,7 @@ pub struct Target<'a> {
     pub area_px: Option<[u32; 4]>,
 }
 
+/// Puts pictures on an application's textures: pipelines, and the left eye's picture.
 #[derive(Debug)]
 pub(crate) struct Blit {
     layout: wgpu::BindGroupLayout,

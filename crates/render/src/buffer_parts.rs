@@ -31,6 +31,7 @@ impl Part {
     }
 }
 
+/// A layer's parts of the shared buffers.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Parts {
     pub(crate) frame: Part,

@@ -14,6 +14,7 @@ use brickyard_volume::{
 };
 use glam::{DMat3, DVec2, DVec3};
 
+/// A frame's transfer table in the buffer.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct TableInUse {
     /// The value of 1 in the low word of a running integral.

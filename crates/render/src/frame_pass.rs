@@ -557,6 +557,7 @@ impl Passes<'_> {
     }
 }
 
+/// A submitted picture.
 pub(crate) struct End {
     submission: wgpu::SubmissionIndex,
     reading: Option<Reading>,

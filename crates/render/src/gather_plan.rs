@@ -26,6 +26,7 @@ pub(crate) enum Course {
     Joint(Shader),
 }
 
+/// One of several projections: how to gather and join it.
 #[derive(Clone, Debug)]
 pub(crate) struct Projected {
     /// Index among the picture's layers.

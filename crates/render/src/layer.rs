@@ -16,6 +16,7 @@ use brickyard_volume::{Blend, OpaqueCodes, SlotEncoding, SlotFormat, TransferTab
 use std::sync::Arc;
 use wgpu::TextureFormat;
 
+/// A layer of a renderer: its needs, pool, and parts of the shared buffers.
 #[derive(Debug)]
 pub(crate) struct GpuLayer {
     pub(crate) needs: VolumeNeeds,

@@ -6,6 +6,7 @@ use crate::pool::Pool;
 use brickyard_shaders::bindings;
 use wgpu::{BindingType, ShaderStages, TextureViewDimension};
 
+/// Bind group layouts shared by all variants.
 #[derive(Clone, Debug)]
 pub(crate) struct Layouts {
     /// Whether each pool in a march through all layers holds 32-bit floats, and whether stored gradients are bound.

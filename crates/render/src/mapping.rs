@@ -5,6 +5,7 @@ use crate::gpu::Gpu;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use wgpu::{BufferAsyncError, MapMode};
 
+/// A buffer on its way to being mapped.
 #[derive(Debug)]
 pub(crate) struct Mapping {
     buffer: wgpu::Buffer,

@@ -131,6 +131,7 @@ fn sampler(gpu: &Gpu) -> wgpu::Sampler {
 /// Pixels per submission of rays: even a slow GPU then takes well under a second, and no watchdog sees a hang.
 const PIXELS_PER_SUBMISSION: u32 = 1 << 18;
 
+/// Rows drawn by one submission.
 pub(crate) struct Band {
     pub(crate) top: u32,
     pub(crate) rows: u32,
@@ -138,6 +139,7 @@ pub(crate) struct Band {
     pub(crate) is_first: bool,
 }
 
+/// Target of a march, and the part of the picture it draws.
 pub(crate) struct Gathering<'a> {
     pub(crate) shared: &'a SharedBuffers,
     pub(crate) target: &'a wgpu::TextureView,

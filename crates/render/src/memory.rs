@@ -24,6 +24,7 @@ pub(crate) const COUNTS_BYTES: u64 = MOST_LAYERS as u64 * 8;
 /// Fewest slots for a layer: with fewer than two, a picture cannot be refined at all.
 pub(crate) const MIN_SLOTS: u32 = 2;
 
+/// Division of the GPU memory budget.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MemoryPlan {
     pub(crate) pools: Vec<PoolPlan>,
@@ -37,6 +38,7 @@ pub(crate) struct MemoryPlan {
     pub(crate) fixed_bytes: u64,
 }
 
+/// A pool's share of the GPU memory budget.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct PoolPlan {
     pub(crate) atlas: AtlasPlan,
@@ -83,6 +85,7 @@ pub(crate) fn opaque_bytes(codes: SlotFormat) -> u64 {
     OpaqueCodes::most(codes) as u64 * 4
 }
 
+/// Input of a memory plan.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MemoryNeeds<'a> {
     pub(crate) formats: GpuFormats,
@@ -109,6 +112,7 @@ const GAP_BYTES: u64 = 4 * PART_BYTES;
 /// Alignment of the parts of shared buffers, bytes.
 pub(crate) const PART_BYTES: u64 = 256;
 
+/// A pool's demand for memory.
 struct Ask {
     slot_edge: u32,
     slot_bytes: u64,

@@ -34,6 +34,7 @@ const COUNT_BYTES: u64 = 8;
 /// Expected layers of the first picture drawn without waiting.
 const FIRST_EXPECTED: u32 = 4;
 
+/// Meshes on the GPU, and the pipelines that peel their layers.
 #[derive(Debug)]
 pub(crate) struct Meshes {
     vertices: wgpu::Buffer,
@@ -66,6 +67,7 @@ pub(crate) struct Meshes {
     geometry: Option<Geometry>,
 }
 
+/// A mesh in the buffers.
 #[derive(Debug)]
 struct Held {
     mesh: Arc<Mesh>,

@@ -22,6 +22,7 @@ pub(crate) struct Pipelines {
     thread: Option<JoinHandle<()>>,
 }
 
+/// Pipelines requested from the compiling thread.
 #[derive(Debug, Default)]
 struct Requests {
     list: Mutex<List>,

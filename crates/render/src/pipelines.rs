@@ -37,6 +37,7 @@ fn texel_format(format: TextureFormat) -> &'static str {
 /// The bind group with the texture written by compute shaders.
 pub(crate) const TEXELS_GROUP: u32 = 2;
 
+/// A pipeline needed by a picture.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Wanted {
     /// A march, which gathers samples.
@@ -45,6 +46,7 @@ pub(crate) enum Wanted {
     Resolve(Seen, Shown),
 }
 
+/// A compiled pipeline.
 #[derive(Debug)]
 pub(crate) enum Pipeline {
     Render(wgpu::RenderPipeline),

@@ -16,6 +16,7 @@ use brickyard_pager::{DrawList, Slot, VolumeNeeds};
 use brickyard_volume::macrocells::{self, per_axis};
 use brickyard_volume::{MacroCells, OpaqueCodes, SlotFormat};
 
+/// A pool of slots of one size and format on the GPU, for bricks of several layers.
 #[derive(Debug)]
 pub(crate) struct Pool {
     /// The needs of one of its layers: all have such bricks.

@@ -21,6 +21,7 @@ use brickyard_shaders::{FrameUniform, RayBrick, bindings};
 use brickyard_volume::macrocells;
 use wgpu::BufferUsages;
 
+/// Buffers and bindings of the compositors `raycast` and `compute`.
 #[derive(Debug)]
 pub(crate) struct Raycast {
     pub(crate) buffers: RayBuffers,

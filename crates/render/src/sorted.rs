@@ -27,6 +27,7 @@ pub(crate) struct Sorted {
     pub(crate) joint: wgpu::BindGroup,
 }
 
+/// A layer's draw list, its pyramid, and the pool with its bricks.
 pub(crate) type Drawn<'a> = (&'a DrawList, &'a Pyramid, &'a Pool);
 
 /// The boxes to draw, back to front, and for each box the bricks of the layers in it.

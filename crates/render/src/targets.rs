@@ -12,6 +12,7 @@ use brickyard_volume::Picture;
 use std::ops::Range;
 use wgpu::{Extent3d, TextureFormat, TextureUsages};
 
+/// Targets of pictures of one size: gathered samples, display picture, read-back buffer.
 #[derive(Debug)]
 pub(crate) struct Targets {
     pub(crate) gather: Gather,
@@ -27,6 +28,7 @@ pub(crate) struct Targets {
     read_back: Option<wgpu::Buffer>,
 }
 
+/// A picture on its way to the CPU.
 #[derive(Debug)]
 pub(crate) struct Reading {
     mapping: Mapping,

@@ -6,6 +6,7 @@ use brickyard_volume::compositing::OPAQUE;
 use brickyard_volume::jitter::{self, BLUE_EDGE};
 use brickyard_volume::{Mode, Needs, SlotFormat, TransferGrid, TransferTable};
 
+/// Contents of a table's places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Places {
     /// Media: a colour of 32 bits, and a depth for an exponential.
@@ -92,6 +93,7 @@ impl TableCapacity {
     }
 }
 
+/// Words of a transfer table's buffer.
 #[derive(Debug)]
 pub(crate) struct Words {
     /// The words of the buffer in pairs: places; for each entry the low and high word of each running integral; unused

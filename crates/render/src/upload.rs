@@ -24,6 +24,7 @@ pub(crate) fn staging_bytes(slot_edge: u32, format: TextureFormat, gradients: Gr
     cube(slot_edge as u64, texel_bytes(format)) + cube(gradients.along() as u64, NODE_BYTES as u64)
 }
 
+/// Bricks submitted together.
 #[derive(Debug)]
 struct Batch {
     bricks: u64,
@@ -31,6 +32,7 @@ struct Batch {
     is_done: Arc<AtomicBool>,
 }
 
+/// Uploads bricks into an atlas, in batches.
 #[derive(Debug)]
 pub(crate) struct Uploader {
     codes: SlotFormat,

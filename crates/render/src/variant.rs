@@ -4,6 +4,7 @@ use crate::frame::Framed;
 use brickyard_shaders::{Gather, JointVariant, Medium, Surfaces, Variant};
 use brickyard_volume::{FrameSettings, Gradient, LightingModel, Mode, Sampling, SlotEncoding, SlotFormat};
 
+/// A march's shader variant: for one layer, or for several together.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Shader {
     Single(Variant),

@@ -29,13 +29,16 @@ const SIDE_BY_SIDE: usize = 4;
 pub(crate) const BYTES_PER_THREAD: usize = SIDE_BY_SIDE * size_of::<Walk>();
 pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize = SIDE_BY_SIDE * size_of::<u64>() + size_of::<Part<'_, '_>>();
 
+/// Drawing of several layers of plain fog with a common cut.
 pub(crate) struct Channels {
     takes: Vec<Take>,
     march: March,
 }
 
+/// Adds a layer's samples of some packets of a chunk.
 type Take = fn(&Part<'_, '_>, u32, &mut SampleChunk, &mut Media);
 
+/// Takes rays to the ends of their runs through a cell.
 type March = fn(&[Part<'_, '_>], &mut [Walk], &mut [Ray; PIXELS]);
 
 /// A layer's part of a cell of the shared cut.
@@ -48,11 +51,13 @@ pub(crate) struct Part<'a, 'f> {
     share: f32,
 }
 
+/// Rays side by side through a cell, collected so far.
 pub(crate) struct Walks {
     walks: Vec<Walk>,
     count: usize,
 }
 
+/// One ray's walk through a cell.
 struct Walk {
     /// The ray's place in its tile, its pixel, and one past the last tick.
     place: usize,

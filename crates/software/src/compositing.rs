@@ -23,6 +23,7 @@ use crate::tiles::{PIXELS, Tile, place, places};
 use brickyard_volume::{Combination, CutFace};
 use glam::{DVec3, Vec4};
 
+/// Drawing of a frame's layers together, ray by ray or cell by cell.
 pub(crate) struct JointMarch<'a> {
     gathers: Vec<Gather>,
     see: See,
@@ -51,6 +52,7 @@ impl Shared {
     }
 }
 
+/// Consecutive segments of a ray in one cell.
 #[derive(Clone, Copy)]
 pub(crate) struct Run {
     cell: u32,
@@ -68,12 +70,14 @@ const _: () = assert!(size_of::<Shared>() <= BYTES_PER_CELL_AND_THREAD);
 pub(crate) const BYTES_PER_LAYER_AND_THREAD: usize =
     size_of::<Way>() + size_of::<[Past; PIXELS]>() + channels::BYTES_PER_LAYER_AND_THREAD;
 
+/// A cell entered within a chunk: its layer, its place, and the segment.
 struct Entry {
     layer: usize,
     cell: u32,
     segment: usize,
 }
 
+/// A thread's working memory.
 struct Work {
     /// Where any layer is shown along the ray, from and to.
     stretch: [f64; 2],

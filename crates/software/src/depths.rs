@@ -18,6 +18,7 @@ use glam::Vec4;
 const SHARE: f32 = 1.0 / 1024.0;
 const LEAST: f32 = 1e-6;
 
+/// A layer's medium by code, for layers drawn together.
 pub(crate) struct DepthTable {
     blend: Blend,
     entries: Box<[Vec4]>,

@@ -29,6 +29,7 @@ pub(crate) const INSIDE: f32 = 1.0;
 /// The side of a surface with codes below the threshold.
 pub(crate) const OUTSIDE: f32 = -1.0;
 
+/// A layer's frame while it is drawn, shared by all tiles.
 pub(crate) struct Frame<'a> {
     pub(crate) settings: &'a FrameSettings,
     pub(crate) ticks: Ticks,
@@ -130,6 +131,7 @@ impl Cell<'_> {
     }
 }
 
+/// A padded brick in a slot, with its macro-cells.
 #[derive(Debug)]
 pub(crate) struct Resident {
     /// The padded brick: voxels, and gradients behind them.

@@ -24,6 +24,7 @@ use brickyard_volume::{Method, Mode, SlotFormat};
 use glam::{DVec3, Vec4};
 use std::ops::Range;
 
+/// A ray's way through one layer's cells.
 pub(crate) struct Way {
     pub(crate) layer: usize,
     pub(crate) ray: Ray,
@@ -101,6 +102,7 @@ impl Way {
 /// segment.
 pub(crate) type Gather = fn(&Frame<'_>, &Cell<'_>, &mut Way, Range<u32>, usize, &mut SampleChunk, &mut Media);
 
+/// The use made of samples.
 trait Look {
     /// Whether segments are examined from end to end.
     const ENDS: bool;

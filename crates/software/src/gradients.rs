@@ -9,6 +9,7 @@ use brickyard_volume::GradientNodes;
 use brickyard_volume::gradients::{NODE_BYTES, decode, from_half};
 use glam::Vec3;
 
+/// Gradient nodes of one brick, for interpolation.
 #[derive(Clone, Copy)]
 pub(crate) struct Gradients<'a> {
     nodes: &'a [[u8; NODE_BYTES]],

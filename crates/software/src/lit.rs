@@ -22,7 +22,7 @@ pub(crate) fn is_lit_plainly(frame: &Frame<'_>) -> bool {
     frame.is_lit && is_plain && is_trilinear && frame.grid.is_none()
 }
 
-/// Passes light through the visible packets of a chunk. Not inlined: it is large.
+/// Passes light through the visible packets of a chunk. A call of its own on each vector unit: it is large.
 #[inline(always)]
 pub(crate) fn see<C: Code, U: Unit, const INVALID: bool>(
     march: &March<'_>,

@@ -43,6 +43,7 @@ pub(crate) fn over_boxes<T: Copy>(
     from.into()
 }
 
+/// The visible part of a brick: none, some or all.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Coverage {
     None,
@@ -51,6 +52,7 @@ pub(crate) enum Coverage {
     All,
 }
 
+/// The visible macro-cells of a brick.
 pub(crate) enum Mask {
     None,
     All,

@@ -24,6 +24,7 @@ use std::ops::Range;
 /// The result of a tile's rays: premultiplied colour and transmitted light.
 pub(crate) type Seen = [Vec4; PIXELS];
 
+/// Takes a tile's rays through one volume's layer, between layers of meshes if any.
 type MarchRays = fn(Sampler, &Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, &mut Seen);
 
 /// The sampling of a cell's brick: two functions of one code width.
@@ -31,9 +32,11 @@ type MarchRays = fn(Sampler, &Frame<'_>, &Tile, Option<&MeshLayers>, &mut Work, 
 struct Sampler {
     /// The cell and its brick, checked against the code width.
     through: for<'a> fn(&'a Frame<'a>, &'a Cell<'a>) -> March<'a>,
+    /// Adds some segments of a stretch through such a cell to the ray's sum.
     take: fn(&March<'_>, &Stretch, &mut Ray, &mut SampleChunk, Range<i32>),
 }
 
+/// The loop and the sampler for one volume's layer.
 pub(crate) struct MarchTile {
     march: MarchRays,
     sampler: Sampler,
@@ -149,6 +152,7 @@ fn march<B: Accumulate>(
     }
 }
 
+/// A thread's working memory for a tile.
 pub(crate) struct Work {
     pub(crate) rays: [Ray; PIXELS],
     chunk: SampleChunk,

@@ -10,6 +10,7 @@ use std::ops::Range;
 /// Places of a chunk, and of a packet that begins with its last one.
 const PLACES: usize = CHUNK + LANES;
 
+/// Media of a chunk of segments, of all layers, with working memory.
 pub(crate) struct Media {
     /// The joint media of each segment. They transmit `exp(-depth)` of the light.
     pub(crate) mixed: [Mixed; PLACES],
@@ -32,12 +33,14 @@ pub(crate) struct Media {
     pub(crate) found: Option<Found>,
 }
 
+/// Pieces and surfaces of a chunk's segments.
 #[derive(Default)]
 pub(crate) struct Found {
     pub(crate) pieces: Vec<Piece>,
     pub(crate) surfaces: Vec<Met>,
 }
 
+/// One layer's medium in a piece of a segment, between two distances.
 pub(crate) struct Piece {
     pub(crate) segment: usize,
     pub(crate) alone: LayerMedium,

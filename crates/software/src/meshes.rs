@@ -27,6 +27,7 @@ pub(crate) fn bytes(room: MeshCapacity) -> u64 {
 
 pub(crate) const BYTES_PER_THREAD: u64 = size_of::<MeshLayers>() as u64;
 
+/// Tree of boxes over the triangles of a frame's meshes.
 #[derive(Debug, Default)]
 pub(crate) struct MeshTree {
     held: Vec<Held>,
@@ -36,6 +37,7 @@ pub(crate) struct MeshTree {
     nodes: Vec<Node>,
 }
 
+/// A mesh, and the number of its first triangle.
 #[derive(Debug)]
 struct Held {
     mesh: Arc<Mesh>,
@@ -190,6 +192,7 @@ impl Beam {
     }
 }
 
+/// The next mesh layer of a ray; none without a number.
 #[derive(Clone, Copy, Debug)]
 struct Found {
     t: f64,

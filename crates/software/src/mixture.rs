@@ -91,6 +91,7 @@ impl LayerMedium {
     }
 }
 
+/// A chunk's segments as one layer shows them alone.
 pub(crate) struct LayerMediumChunk {
     pub(crate) blend: Blend,
     /// The place in the chunk of the stretch's first segment.
@@ -160,6 +161,7 @@ impl Projections {
 /// Shallower media transmit light by the first four terms of the series: the next one is 1e-7.
 const THIN: f32 = 1.0 / 16.0;
 
+/// Working memory for light passing the media of a chunk, front to back.
 pub(crate) struct Passage {
     media: [Vec4; CHUNK],
     depth: [f32; CHUNK],

@@ -256,7 +256,8 @@ impl Sum for Dvr {
     }
 }
 
-/// The modes of maximum and minimum projection: a ray's sum is the most extreme code so far; before the first sample it is past all codes.
+/// Maximum and minimum projection: a ray's sum is the most extreme code so far. It begins beyond every code, so that
+/// any sample beats it.
 pub(crate) struct Projection<const GREATEST: bool>;
 
 pub(crate) type Mip = Projection<true>;

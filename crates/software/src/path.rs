@@ -52,6 +52,7 @@ pub(crate) struct Path<'a> {
     has_gradients: bool,
 }
 
+/// A packet of samples along a path.
 #[derive(Clone, Copy)]
 pub(crate) struct Samples {
     along: Packet,
@@ -604,6 +605,7 @@ fn known<T: Copy>([a, b]: [Option<T>; 2]) -> [Option<T>; 2] {
     [a.or(b), b.or(a)]
 }
 
+/// A visible medium.
 struct Shown {
     color: Vec3,
     depth: f64,

@@ -20,6 +20,7 @@ use std::ops::Range;
 /// Packets of ends sampled together.
 const TOGETHER: usize = 2;
 
+/// A ray's way along a stretch of a brick, piece by piece.
 pub(crate) struct Pieces<'a> {
     march: &'a March<'a>,
     stretch: &'a Stretch,

@@ -18,6 +18,7 @@ pub(crate) const FAINTEST: f32 = 1.0 / 4096.0;
 /// The rank of a place without a value.
 pub(crate) const NO_RANK: i32 = -1;
 
+/// A ray on its way through the cells.
 #[derive(Clone, Copy)]
 pub(crate) struct Ray {
     pub(crate) origin: [f64; 3],

@@ -5,6 +5,7 @@ use crate::packet::{LANES, PACKETS, Packet};
 use crate::sample::{Brick, Code, SampleChunk, Unit};
 use brickyard_volume::{Filter, FrameSettings};
 
+/// The kind of sample taken of a padded brick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Reading {
     /// The code of the voxel around the place: a label.

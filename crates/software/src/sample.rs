@@ -241,6 +241,7 @@ impl Unit for Avx2 {
     const AVX2: bool = true;
 }
 
+/// The voxel grid of padded bricks of one size.
 #[derive(Clone, Copy)]
 pub(crate) struct Grid {
     padded: usize,
@@ -297,6 +298,7 @@ impl Grid {
     }
 }
 
+/// A padded brick, ready to sample.
 #[derive(Clone, Copy)]
 pub(crate) struct Brick<'a> {
     codes: &'a [u8],

@@ -9,6 +9,7 @@ use brickyard_volume::surface::FLAT_SHARE;
 use brickyard_volume::{CutFace, Lighting, LightingModel};
 use glam::{DVec3, Mat3, Vec3, Vec4};
 
+/// Lighting of a layer's places along one ray.
 pub(crate) struct Shade<'a> {
     lighting: &'a Lighting,
     /// Maps differences of codes across two voxels to the scene's gradient, of any length.

@@ -33,6 +33,7 @@ struct Zone {
     visible: [i32; 2],
 }
 
+/// Effect of one whole step through the medium in one zone, by code.
 #[derive(Clone, Copy)]
 pub(crate) struct StepTable<'a> {
     entries: &'a [Vec4; ENTRIES],

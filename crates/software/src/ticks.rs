@@ -3,6 +3,7 @@
 use brickyard_volume::Lattice;
 use brickyard_volume::lattice::MAX_ZONES;
 
+/// A sampling lattice, prepared for work per ray.
 pub(crate) struct Ticks {
     /// The world length of a tick: the lattice's finest step.
     pub(crate) step: f64,

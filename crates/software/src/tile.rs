@@ -18,12 +18,14 @@ pub(crate) const BYTES_PER_THREAD: u64 = (size_of::<Work>()
     + size_of::<TilePixels>()
     + size_of::<SampleChunk>()) as u64;
 
+/// The scene as shared by all tiles of a picture.
 pub(crate) struct Scene<'a> {
     frames: Vec<Frame<'a>>,
     meshes: Option<&'a MeshTree>,
     drawn: Drawn<'a>,
 }
 
+/// How the layers are drawn: alone, projected one by one, or together.
 enum Drawn<'a> {
     Single(MarchTile),
     Projected(Vec<MarchTile>),

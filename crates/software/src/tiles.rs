@@ -8,6 +8,7 @@ pub(crate) const TILE_PX: u32 = 16;
 
 pub(crate) const PIXELS: usize = (TILE_PX * TILE_PX) as usize;
 
+/// A tile's place on the picture.
 pub(crate) type Tile = brickyard_volume::PixelRect;
 
 /// A tile's pixels in rows of [`TILE_PX`], even where the picture ends within the tile.

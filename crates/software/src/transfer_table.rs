@@ -4,6 +4,7 @@ use crate::frame::Frame;
 use crate::packet::{LANES, Packet};
 use glam::Vec4;
 
+/// A frame's transfer table, for quick look-up.
 pub(crate) struct Entries<'a> {
     entries: &'a [[f32; 4]],
     /// The greatest position: short of the last entry, so that there is one to its right.

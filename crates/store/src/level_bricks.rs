@@ -146,6 +146,7 @@ mod tests {
     use brickyard_import::{ImportError, Source, SourceInfo};
     use brickyard_volume::{BrickId, Geometry};
 
+    /// A volume in memory.
     struct Voxels {
         info: SourceInfo,
         bytes: Vec<u8>,

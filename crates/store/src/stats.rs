@@ -263,6 +263,7 @@ impl Counter {
     }
 }
 
+/// Counts of 16-bit words.
 pub(crate) struct WordTable {
     counts: Box<[u32; WORDS]>,
     /// Single bytes, from rows of an odd number of 8-bit voxels.

@@ -201,6 +201,7 @@ struct Block<'a> {
     core: VoxelBox,
 }
 
+/// One thread's buffers.
 struct Buffers<T> {
     workspace: Workspace<T>,
     /// The block with its surroundings.

@@ -58,6 +58,7 @@ pub(crate) const STREAMING_STEP: Duration = Duration::from_millis(8);
 /// Delays of the first and of later progress updates for pictures beside the window. Each costs them a frame: a picture of 0.2 s gets none.
 const DRAWING_STEPS: [Duration; 2] = [Duration::from_millis(200), Duration::from_millis(500)];
 
+/// A session, and the texture with its picture.
 pub(crate) struct Canvas {
     /// The session at home, as always on a GPU; `None` while away on the CPU.
     engine: Option<Box<Engine>>,
@@ -136,6 +137,7 @@ pub(crate) struct Answer {
     pub(crate) is_first: bool,
 }
 
+/// Times of a frame's parts.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct FrameTimes {
     /// Streaming: receiving bricks, planning, uploading.

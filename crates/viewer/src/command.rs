@@ -71,6 +71,7 @@ pub(crate) enum Placing {
     Beside,
 }
 
+/// Form of a saved picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct PictureForm {
     /// Width and height; `None` is the shown size.

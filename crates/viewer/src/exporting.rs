@@ -14,6 +14,7 @@ use std::sync::Arc;
 /// Distance from a border between voxels, in voxels, within which a face lies on it: the world rounds faces.
 const SNAP: f64 = 1e-6;
 
+/// The reason an export failed.
 type Failed = background::BackgroundError<ExportError>;
 
 /// The visible part of a store.

@@ -12,6 +12,7 @@ use std::time::Duration;
 /// Interval between polls of the check on the folder.
 const CHECK_STEP: Duration = Duration::from_millis(50);
 
+/// A folder and its entries.
 pub(crate) struct FileBrowser {
     folder: PathBuf,
     /// Folders first, each by name; or the error of reading the folder.
@@ -186,6 +187,7 @@ impl FileBrowser {
     }
 }
 
+/// The listed entries.
 struct Listed {
     indices: Vec<usize>,
     /// Whether the mark has moved.

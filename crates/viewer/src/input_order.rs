@@ -50,6 +50,7 @@ fn is_typed(event: &Event) -> bool {
     matches!(event, Event::Key { pressed: true, .. } | Event::Text(_) | Event::Paste(_) | Event::Ime(_))
 }
 
+/// Summary of a part's events.
 #[derive(Default)]
 struct Part {
     has_motion: bool,

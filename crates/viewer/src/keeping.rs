@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 /// Delay from the last change to writing.
 const AFTER: Duration = Duration::from_secs(2);
 
+/// Keeps a state in a file.
 pub(crate) struct Keeper {
     /// The file; `None` keeps nothing.
     path: Option<PathBuf>,

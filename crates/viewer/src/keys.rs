@@ -16,6 +16,7 @@ const MOVING_KEYS: [Key; 6] = [Key::ArrowLeft, Key::ArrowRight, Key::ArrowUp, Ke
 /// A key's command in a window of some state; `None` without an effect.
 type Effect = dyn Fn(&State) -> Option<Command>;
 
+/// A key and its command.
 pub(crate) struct Shortcut {
     /// The key with its modifiers.
     pub(crate) keys: KeyboardShortcut,

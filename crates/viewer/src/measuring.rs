@@ -8,6 +8,7 @@ use brickyard::volume::{Scene, Slice, ViewRays};
 use glam::DVec3;
 use serde_json::json;
 
+/// A distance measurement in progress.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Measuring {
     from: Option<DVec3>,

@@ -24,6 +24,7 @@ struct Item {
     volume: Option<VolumeSource>,
 }
 
+/// Changes of the volumes since the last look.
 #[derive(Debug, Default)]
 pub(crate) struct Changes {
     /// Whether a volume was replaced: a preview by a store, or nothing by a first picture.

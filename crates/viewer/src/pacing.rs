@@ -24,6 +24,7 @@ struct Drawn {
 /// Number of times between frames kept: the least is free of waits for the display or the user.
 const TIMES_BETWEEN: usize = 8;
 
+/// Times of a window's frames.
 pub(crate) struct Pacing {
     opened: Instant,
     /// End of the last frame's work, if the next one was to follow at once.

@@ -11,6 +11,7 @@ use glam::DVec3;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
+/// The pick under the pointer, in words.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Picked {
     /// The visible world point, and its values.
@@ -23,6 +24,7 @@ pub(crate) struct Picked {
 /// Most characters of a name.
 const LONGEST: usize = 16;
 
+/// A place on a picture.
 #[derive(Clone)]
 struct Place {
     scene: Arc<ResolvedScene>,
@@ -38,6 +40,7 @@ impl PartialEq for Place {
 /// A request to the thread: a place of a scene's picture, and the scene's volumes.
 type Question = (Place, Vec<VolumeSource>, egui::Context);
 
+/// Looks up picks on a thread; keeps the latest.
 #[derive(Default)]
 pub(crate) struct Picking {
     /// Channels to the thread and back; `None` before the first request.

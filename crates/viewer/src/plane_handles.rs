@@ -11,6 +11,7 @@ use glam::DVec3;
 /// Length of normals, as a share of the box's diagonal.
 const LENGTH: f64 = 0.15;
 
+/// A handle of a clip plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct PlaneHandle {
     /// Index of the plane in the scene.

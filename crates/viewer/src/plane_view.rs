@@ -21,6 +21,7 @@ use serde_json::json;
 /// Motion of two fingers for one slice, in points.
 const POINTS_A_SLICE: f32 = 24.0;
 
+/// A slice in the window.
 #[derive(Default)]
 pub(crate) struct PlaneView {
     picking: Picking,

@@ -3,6 +3,7 @@
 use brickyard::pager;
 use serde::{Deserialize, Serialize};
 
+/// Settings of playback in a window.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Play {

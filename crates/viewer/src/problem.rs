@@ -1,5 +1,6 @@
 //! The last problem, shown until it is over, another message replaces it, or the user dismisses it.
 
+/// A failure to report, and its subject.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Problem {
     pub(crate) text: String,

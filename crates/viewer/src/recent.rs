@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 /// Most paths kept.
 const MOST: usize = 20;
 
+/// The stores, files and folders opened last.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Recent {
     /// The file of the list; `None` keeps nothing.

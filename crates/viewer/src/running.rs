@@ -37,6 +37,7 @@ enum Next {
     End,
 }
 
+/// Device losses so far.
 #[derive(Default)]
 struct Losses {
     in_a_row: u32,

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 
+/// Requested screenshots.
 pub(crate) struct Screenshots {
     /// The files of those still to arrive.
     awaited: Vec<PathBuf>,
@@ -14,6 +15,7 @@ pub(crate) struct Screenshots {
     receiver: Receiver<Screenshot>,
 }
 
+/// The window's pixels, and the file for them.
 struct Screenshot {
     path: PathBuf,
     image: Arc<ColorImage>,

@@ -15,6 +15,7 @@ pub struct Script {
     begun: Vec<Line>,
 }
 
+/// A command of a script.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Line {
     /// The line's number, from 1; 0 for commands from elsewhere.
@@ -32,6 +33,7 @@ impl Line {
     }
 }
 
+/// When a command is played.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum When {
     /// This long after the window's first frame, and after the lines before.

@@ -45,6 +45,7 @@ fn locked(curve: &Shared) -> MutexGuard<'_, ValueCurve> {
 /// A request to the thread: the curve to write, and its volume.
 type Question = (Shared, VolumeSource, egui::Context);
 
+/// Reads the values of one voxel after another over time.
 #[derive(Default)]
 pub(crate) struct CurveReader {
     thread: Option<Sender<Question>>,

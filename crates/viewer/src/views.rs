@@ -11,6 +11,7 @@ use std::time::Duration;
 /// Share of the window's memory for each of three slices, in percent: a slice meets few bricks.
 const PLANE_PERCENT: u64 = 12;
 
+/// The pictures of a window.
 pub(crate) struct Views {
     volumes: Vec<VolumeSource>,
     options: SessionOptions,

@@ -62,12 +62,14 @@ enum Hold {
     Plane(PlaneHandle),
 }
 
+/// The scene's picture in the window.
 #[derive(Default)]
 pub(crate) struct VolumeView {
     /// The picture's size in the last frame.
     pub(crate) size_px: (u32, u32),
     hold: Option<Hold>,
     picking: Picking,
+    /// The pick under the pointer; `None` while it is elsewhere.
     pub(crate) picked: Option<Picked>,
 }
 

@@ -69,6 +69,7 @@ const MOST_OF_WIDTH: f32 = 2.0 / 3.0;
 /// Space between the pictures of a window, in points.
 const GAP: f32 = 3.0;
 
+/// The window: its document, its pictures, and everything beside them.
 pub(crate) struct Window {
     state: State,
     history: History,
@@ -392,6 +393,7 @@ impl Window {
         self.volume_view.picked.as_ref().and_then(|picked| picked.label)
     }
 
+    /// The pick under the pointer, in any of the window's pictures.
     fn picked(&self) -> Option<&Picked> {
         let planes = self.plane_views.iter().filter(|_| !self.views.planes.is_empty());
         let pictures = planes.map(|view| &view.picked).chain([&self.volume_view.picked]);

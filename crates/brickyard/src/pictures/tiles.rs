@@ -43,6 +43,7 @@ pub fn render_exact(
     Ok(picture)
 }
 
+/// An exact picture in the making.
 struct Exact<'a> {
     session: &'a mut Session,
     max_wait: Duration,

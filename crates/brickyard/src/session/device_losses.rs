@@ -6,6 +6,7 @@ use crate::session::session_error::SessionError;
 /// Losses in a row, without a picture between them, before giving up.
 const MAX_IN_A_ROW: u32 = 3;
 
+/// Counter of lost GPU devices.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Losses {
     total: u32,

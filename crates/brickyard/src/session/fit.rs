@@ -37,6 +37,7 @@ const LIVE_FADE: Duration = Duration::from_millis(200);
 /// fit now and then, not in every frame.
 const LIVE_SIZE_PX: u32 = 256;
 
+/// A scene's demand for slots, tables and targets.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Demand {
     /// The layers, in the order of their places.
@@ -77,6 +78,7 @@ impl Demand {
     }
 }
 
+/// One layer of a demand.
 #[derive(Clone, Debug, PartialEq)]
 struct DemandLayer {
     /// The layer's place in scenes.
@@ -123,6 +125,7 @@ struct Pool {
     is_settled: bool,
 }
 
+/// A backend with the pagers of its pools of slots.
 pub(crate) struct Fit {
     pub(crate) demand: Demand,
     layers: Vec<FitLayer>,

@@ -462,6 +462,7 @@ fn lattice(shown: &[ShownLayer<'_>], scene: &Scene, rays: &ViewRays) -> Lattice 
     }
 }
 
+/// A visible layer of a scene.
 struct ShownLayer<'a> {
     place: usize,
     store: usize,

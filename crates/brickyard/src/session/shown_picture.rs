@@ -4,6 +4,7 @@
 use crate::session::frame::Frame;
 use brickyard_volume::Picture;
 
+/// The picture shown last.
 pub(crate) struct ShownPicture {
     frame: Frame,
     /// `None` where they are in a texture of the device.

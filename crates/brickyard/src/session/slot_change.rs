@@ -20,6 +20,7 @@ pub(crate) struct SlotChange {
     before: Option<Shot>,
 }
 
+/// A postponed change of slots.
 struct PutOff {
     /// Places and windows of the layers with a need for other slots.
     asked: Vec<(usize, Option<Window>)>,

@@ -144,6 +144,7 @@ impl<T, E> Drop for Background<T, E> {
 /// Number of running jobs in this process, and the signal of its decrease.
 static RUNNING: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
+/// Work under way on its thread.
 struct Running;
 
 impl Running {
@@ -229,6 +230,7 @@ pub fn check_folder(folder: PathBuf) -> Background<(), ImportError> {
 /// Interval of checking whether another pack into the same store has ended.
 const BUSY_STEP: Duration = Duration::from_millis(300);
 
+/// A meter in the form a pack reports to.
 struct PackMeter<'a> {
     meter: &'a Meter,
     voxel_bytes: u64,

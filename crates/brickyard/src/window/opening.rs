@@ -127,6 +127,7 @@ enum Work {
     Nothing,
 }
 
+/// The kind of thing at a path.
 enum Found {
     Store(Box<VolumeSource>),
     Files(Files),

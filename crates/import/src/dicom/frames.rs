@@ -25,6 +25,7 @@ const ABSURD_RATIO: u64 = 1 << 16;
 const JPEG_PIXEL_BYTES: u64 = 8;
 const JPEG_2000_PIXEL_BYTES: u64 = 20;
 
+/// The encoding of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Packing {
     Native(Endian),

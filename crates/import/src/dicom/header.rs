@@ -108,6 +108,7 @@ pub(super) struct Header {
     pub(super) pixels: Option<PixelElement>,
 }
 
+/// The element with the pixels.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PixelElement {
     pub(super) tag: Tag,

@@ -11,6 +11,7 @@ use std::path::Path;
 /// coefficients have a few bits more than pixels.
 pub(super) const MOST_JPEG_2000_BITS: u32 = 16;
 
+/// The stored form of a pixel's number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PixelFormat {
     pub(super) columns: u32,

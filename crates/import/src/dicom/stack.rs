@@ -41,6 +41,7 @@ pub(super) struct Slice {
     pub(super) step_mm: Option<(f64, &'static str)>,
 }
 
+/// A stack's place in the world.
 #[derive(Debug)]
 pub(super) struct Placement {
     pub(super) spacing: DVec3,
@@ -62,6 +63,7 @@ pub(super) enum Spacing {
     WithGaps,
 }
 
+/// Slices sorted along z.
 struct Along {
     spacing: f64,
     levels: Vec<u32>,

@@ -171,6 +171,7 @@ impl PropertyAccess for Face {
     }
 }
 
+/// An ignored element.
 struct Skipped;
 
 impl PropertyAccess for Skipped {

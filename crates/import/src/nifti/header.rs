@@ -87,6 +87,7 @@ enum Refusal {
     Unsupported(String),
 }
 
+/// Header fields as stored in the file.
 struct RawHeader {
     dim: [i64; 8],
     datatype: i16,

@@ -18,6 +18,7 @@ const AMPLITUDE: f64 = 3.2;
 /// Amplitude of an octave over that of the next coarser one: 2^-0.8.
 const PERSISTENCE: f64 = 0.574_349_177_498_517_4;
 
+/// The noise field of a seed.
 pub(super) struct Turbulence {
     /// Random nodes in -1..1, x fastest.
     lattice: Vec<f32>,

@@ -29,6 +29,7 @@ const OPTICAL_DENSITY: usize = 21;
 /// Added by ImageJ to signed 16-bit numbers before calibration.
 const SIGNED_OFFSET: f64 = 32768.0;
 
+/// ImageJ's calibration: values of stored numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Calibration {
     Line {

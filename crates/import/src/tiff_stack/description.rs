@@ -18,6 +18,7 @@ use crate::step_time::StepTime;
 use brickyard_volume::{ChannelLook, Extent, TimeAxis, VoxelType, time_unit};
 use glam::DVec3;
 
+/// Everything a TIFF file declares beside its pixels.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Description {
     pub(super) declared: Option<Declared>,
@@ -68,6 +69,7 @@ pub(super) struct Spacing {
     pub(super) z: Option<f64>,
 }
 
+/// The arrangement of pages declared by a description.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Declared {
     /// Axes from page to page (t, c, z), slowest first.

@@ -28,6 +28,7 @@ const MOST_PARTS: usize = 1 << 17;
 /// Most channels with looks.
 const MOST_LOOKS: usize = 4096;
 
+/// The `Pixels` element of an image.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Pixels {
     /// Axes from plane to plane, slowest first.
@@ -148,6 +149,7 @@ enum Element {
     Other,
 }
 
+/// State of a walk through OME-XML.
 #[derive(Default)]
 struct Walk {
     has_begun: bool,

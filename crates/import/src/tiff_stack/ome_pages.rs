@@ -4,6 +4,7 @@ use super::ome::{Pixels, TiffData};
 use super::page_map::{PageMap, PageOrder, Place, planes_of, too_few_or_many};
 use crate::axes::{Axis, Sizes};
 
+/// The files with the mapped pages.
 pub(super) struct Files<'a> {
     /// Number of pages of each file.
     pub(super) pages: &'a [u32],

@@ -15,6 +15,7 @@ pub(super) struct Place {
     pub(super) page: u32,
 }
 
+/// Map from planes to pages of files.
 #[derive(Debug, PartialEq)]
 pub(super) struct PageMap {
     /// Sizes in pages: samples within a page are not counted as channels. Those along x and y are a page's.

@@ -100,6 +100,7 @@ fn text_of<'a>(values: &'a Value, key: &str) -> Option<&'a str> {
     values.get(key)?.as_str().map(str::trim).filter(|text| !text.is_empty())
 }
 
+/// An array as described by tifffile.
 struct Array {
     shape: Vec<u32>,
     axes: Option<String>,

@@ -19,6 +19,7 @@ const PROJECTED: u16 = 1;
 const GEOGRAPHIC: u16 = 2;
 const METRE: u16 = 9001;
 
+/// A page's tags about the size of its pixels.
 #[derive(Debug, Default)]
 pub(super) struct ScaleTags {
     /// Pixels per unit along x and y (XResolution, YResolution).

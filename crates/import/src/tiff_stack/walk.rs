@@ -82,6 +82,7 @@ pub(super) struct Walked {
     pub(super) thumbnails: Thumbnails,
 }
 
+/// The pages of a file to examine.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Pages {
     All,

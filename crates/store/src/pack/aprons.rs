@@ -34,6 +34,7 @@ use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::Arc;
 
+/// Constants of the pass over aprons.
 pub(crate) struct ApronPass<'a> {
     pub(crate) store: &'a Path,
     pub(crate) voxel_type: VoxelType,
@@ -44,6 +45,7 @@ pub(crate) struct ApronPass<'a> {
     pub(crate) progress: &'a dyn Progress,
 }
 
+/// Progress of the pass.
 #[derive(Default)]
 struct Made {
     shards: u64,
@@ -80,6 +82,7 @@ impl ApronPass<'_> {
     }
 }
 
+/// The pass over one stage.
 struct StagePass<'a> {
     pass: &'a ApronPass<'a>,
     /// The output of the first pass.

@@ -18,6 +18,7 @@ pub(crate) const fn run_length(edge: usize, voxel_bytes: usize) -> usize {
     if run > 1 { run } else { 1 }
 }
 
+/// One thread's buffers for bricks of one edge length.
 pub(crate) struct Workspace<T> {
     edge: usize,
     /// The value marking voxels without data.

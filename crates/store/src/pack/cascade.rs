@@ -79,6 +79,7 @@ impl Reached {
     }
 }
 
+/// The writer's progress.
 #[derive(Default)]
 struct Written {
     bytes: u64,
@@ -86,6 +87,7 @@ struct Written {
     voxels: u64,
 }
 
+/// Constants of a pass.
 pub(crate) struct Pass<'a> {
     pub(crate) source: &'a dyn Source,
     pub(crate) store: &'a Path,
@@ -118,11 +120,13 @@ enum Settle {
 /// Most shards and pages waiting for the settler: some 2 MiB.
 const MOST_UNSETTLED: usize = 32;
 
+/// One thread's state.
 struct Worker<T> {
     workspace: Workspace<T>,
     scratch: Scratch,
 }
 
+/// State shared by the workers.
 struct Shared<'a, T> {
     pass: &'a Pass<'a>,
     /// The source's no-data value of floats, to become NaN.

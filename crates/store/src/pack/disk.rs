@@ -25,6 +25,7 @@ pub(crate) struct DiskError {
 
 type Result<T> = std::result::Result<T, DiskError>;
 
+/// The file system as packing sees it.
 #[derive(Default)]
 pub(crate) struct Disk {
     pub(crate) home: OnceLock<Home>,

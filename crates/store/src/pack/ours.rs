@@ -55,6 +55,7 @@ pub(crate) fn is_number(name: &str) -> bool {
     name.parse::<u32>().is_ok_and(|n| n.to_string() == name)
 }
 
+/// The kind of a folder's entry.
 enum Entry {
     File,
     Folder(Folder),

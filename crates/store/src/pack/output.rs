@@ -58,6 +58,7 @@ enum Found {
     Other,
 }
 
+/// An action on the output's directories.
 #[derive(Clone, Copy, PartialEq)]
 enum Step {
     /// Report an unfinished pack.

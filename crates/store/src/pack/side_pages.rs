@@ -24,6 +24,7 @@ pub(crate) struct BrickPages<'a, T> {
     fill_hash: u128,
 }
 
+/// The pages of one stage.
 struct StagePages<T> {
     ranges: SideArray,
     hashes: SideArray,

@@ -47,6 +47,7 @@ pub(super) fn go_on(
     }
 }
 
+/// A final picture to save, with its frame.
 pub(crate) struct Captured {
     pub(crate) path: PathBuf,
     pub(crate) picture: Picture,

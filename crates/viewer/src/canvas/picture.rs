@@ -4,6 +4,7 @@ use brickyard::frame_governor::{Change, Quality, QualityControl};
 use brickyard::session::Frame;
 use brickyard::volume::Scene;
 
+/// The wanted picture: scene, size and quality.
 #[derive(Clone)]
 pub(super) struct Wanted {
     pub(super) scene: Scene,
@@ -59,6 +60,7 @@ impl Shown {
     }
 }
 
+/// Chooses the quality of pictures.
 pub(super) struct Choice<'a> {
     pub(super) control: &'a mut QualityControl,
     /// Whether a moving view is drawn coarser, and a resting one refined step by step.

@@ -21,6 +21,7 @@ const MOST_GROWTH: f64 = 4.0;
 /// Least rows in a part.
 const LEAST: u32 = 8;
 
+/// Pace of a picture drawn in parts.
 pub(super) struct RowPace {
     height: u32,
     begun: Instant,

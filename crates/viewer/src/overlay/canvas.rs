@@ -5,6 +5,7 @@ use brickyard::overlay::canvas::{Area, Canvas, Pen};
 use eframe::egui::{Align, Align2, Color32, FontId, Mesh, Pos2, Rect, Shape, Stroke, StrokeKind, pos2};
 use glam::{Vec2, vec2};
 
+/// Canvas over a picture in the window.
 pub(crate) struct WindowCanvas<'a>(pub(crate) &'a Lens);
 
 impl WindowCanvas<'_> {

@@ -21,6 +21,7 @@ const MOST_PX: u32 = 16384;
 
 const FILE_HINT: &str = "a name without a folder is in the folder where the window was opened";
 
+/// A dialog's purpose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DialogKind {
     /// Volumes to show instead of others.
@@ -34,6 +35,7 @@ pub(crate) enum DialogKind {
     Export,
 }
 
+/// An open dialog.
 pub(crate) struct Dialog {
     kind: DialogKind,
     browser: FileBrowser,
@@ -228,6 +230,7 @@ mod tests {
     use egui_kittest::kittest::Queryable;
     use glam::DVec3;
 
+    /// A dialog, and its result.
     struct Shown {
         dialog: Dialog,
         stays: bool,

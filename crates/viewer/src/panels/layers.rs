@@ -16,6 +16,7 @@ use eframe::egui::{
     Align, Button, Id, Label, Layout, Rect, Response, RichText, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
+/// The unfolded layers.
 #[derive(Clone, Default)]
 struct Open(Vec<bool>);
 

@@ -37,6 +37,7 @@ fn font_of(text: &str) -> &'static FontRef<'static> {
 /// present in most volumes, is fainter than this; a line fades out towards it.
 const HAZE: f32 = 16.0;
 
+/// A picture to draw on.
 pub(crate) struct PictureCanvas<'a> {
     picture: &'a mut Picture,
     /// Distance of each pixel from the background before any drawing, in codes of its farthest colour; 0 where no

@@ -6,6 +6,7 @@ use brickyard_volume::BrickId;
 use lru::LruCache;
 use std::sync::{Arc, Weak};
 
+/// Decoded cores of some volumes' bricks, in one time step.
 pub(super) struct Cores {
     most_bytes: u64,
     bytes: u64,

@@ -12,6 +12,7 @@ use std::sync::Arc;
 /// Approximate limit of bricks on a ray's whole way through one layer: beyond it, a coarser level is taken.
 const MOST_BRICKS: f64 = 16.0;
 
+/// A ray's way through one layer.
 pub(super) struct Way<'a> {
     pub(super) layer: &'a ResolvedLayer,
     pub(super) settings: &'a FrameSettings,
@@ -118,6 +119,7 @@ fn box_stretch(origin: DVec3, direction: DVec3, (low, high): (DVec3, DVec3)) -> 
     (from, to)
 }
 
+/// One level of a way's volume, read along the ray.
 pub(super) struct Reader<'w, 'a> {
     way: &'w Way<'a>,
     level: Level,
