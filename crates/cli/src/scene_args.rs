@@ -298,7 +298,7 @@ impl SceneArguments {
         let moved = [("eye_separation", &self.eye_separation), ("convergence", &self.convergence)];
         let named = |layout: &StereoLayout| STEREO_LAYOUTS.0.iter().find(|(_, value, _)| value == layout);
         let layout = self.stereo.as_ref().and_then(named).map_or("side-by-side", |(name, ..)| name);
-        for (field, value) in moved.into_iter().filter_map(|(field, value)| Some((field, value.as_ref()?))) {
+        if let Some((field, value)) = moved.into_iter().find_map(|(field, value)| Some((field, value.as_ref()?))) {
             let flag = field.replace('_', "-");
             let line = format!(r#"{{"stereo": {{"layout": "{layout}", "{field}": {value}}}}}"#);
             return Err(Failure::usage(format!("--{flag} is in the scene file now: give --scene FILE with {line}")));
