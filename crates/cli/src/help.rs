@@ -185,7 +185,7 @@ mod tests {
     fn flags_shown_first_are_there() {
         let root = built();
         let of_any = |id: &&str| root.get_subcommands().any(|c| c.get_arguments().any(|flag| flag.get_id() == *id));
-        assert!(FIRST.iter().all(|id| of_any(&id)));
+        assert!(FIRST.iter().all(of_any));
     }
 
     #[test]
