@@ -173,7 +173,7 @@ impl Session {
     /// missing transfer tables.
     ///
     /// # Errors
-    /// Those of [`resolve`]; and if the compositor has no order for the scene's layers.
+    /// The errors of [`resolve`], and an error if the compositor has no order for the scene's layers.
     pub fn resolve(&self, scene: &Scene, size_px: (u32, u32)) -> Result<ResolvedScene, SessionError> {
         self.resolve_for(scene, size_px, KeptSlots::replaceable)
     }
@@ -333,7 +333,7 @@ impl Session {
     /// settled.
     ///
     /// # Errors
-    /// Those of [`Session::step`].
+    /// The errors of [`Session::step`].
     pub fn step_coarse(&mut self, scene: &Scene, size_px: (u32, u32), level_bias: f64) -> Result<Frame, SessionError> {
         self.suit(scene)?;
         let shot = Shot { scene: scene.clone(), size_px };
@@ -379,7 +379,7 @@ impl Session {
     /// session the frame's scene is at the shown time step; during playback this is not the requested one.
     ///
     /// # Errors
-    /// Those of [`Session::step`].
+    /// The errors of [`Session::step`].
     pub fn step_resolved(&mut self, scene: &ResolvedScene) -> Result<Frame, SessionError> {
         self.step_biased(scene, 0.0)
     }
@@ -518,7 +518,7 @@ impl Session {
     /// painting, and abandon it there.
     ///
     /// # Errors
-    /// Those of [`Session::draw`], and if the picture was abandoned.
+    /// The errors of [`Session::draw`], and an error if the picture was abandoned.
     pub fn paint(&mut self, frame: &Frame, painting: &Arc<Painting>) -> Result<Picture, SessionError> {
         self.painting = Some(painting.clone());
         let drawn = self.draw(frame);

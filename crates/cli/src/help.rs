@@ -44,6 +44,10 @@ const ALL: &str = "all";
 /// # Errors
 /// Exit code 2 for an unknown topic, 1 if standard output cannot be written.
 pub(crate) fn print(arguments: &[String]) -> Result<bool, Failure> {
+    // Building all commands takes longer than this look.
+    if !arguments.iter().any(|word| ["-h", "--help", "help"].contains(&word.as_str())) {
+        return Ok(false);
+    }
     let mut root = Arguments::command();
     root.build();
     let Some((name, topic)) = asked(&root, arguments) else { return Ok(false) };

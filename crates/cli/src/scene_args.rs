@@ -195,7 +195,7 @@ impl SceneArguments {
     /// Returns [`Self::scene`] for a single time step.
     ///
     /// # Errors
-    /// Those of [`Self::scene`]; and exit code 2 if the flags give several steps.
+    /// The errors of [`Self::scene`]; and exit code 2 if the flags give several steps.
     pub(crate) fn scene_of_one_step(&self, volumes: &[VolumeSource], size_px: (u32, u32)) -> Result<Scene, Failure> {
         match &self.time {
             None | Some(StepRange::One(_)) => self.scene(volumes, size_px),

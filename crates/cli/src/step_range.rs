@@ -77,7 +77,7 @@ impl StepRange {
     /// Returns the steps, in a store of `times` steps.
     ///
     /// # Errors
-    /// Those of [`StepRange::within`], and more than [`MOST_STEPS`] steps.
+    /// The errors of [`StepRange::within`], and an error for more than [`MOST_STEPS`] steps.
     pub(crate) fn steps(&self, times: u32) -> Result<Vec<u32>, Failure> {
         let (first, end, stride) = self.within(times)?;
         let count = (end - first).div_ceil(stride);

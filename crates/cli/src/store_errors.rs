@@ -19,7 +19,7 @@ pub(crate) fn open(path: &Path) -> Result<Store, Failure> {
 /// Opens finished stores as volumes.
 ///
 /// # Errors
-/// Those of [`open`].
+/// The errors of [`open`].
 pub(crate) fn open_volumes<P: AsRef<Path>>(paths: &[P]) -> Result<Vec<VolumeSource>, Failure> {
     paths.iter().map(|path| Ok(VolumeSource::of_store(&Arc::new(open(path.as_ref())?)))).collect()
 }

@@ -77,7 +77,7 @@ impl Views {
     /// The first scene.
     ///
     /// # Errors
-    /// Those of [`Views::scene`].
+    /// The errors of [`Views::scene`].
     pub(super) fn first(&self) -> Result<Scene, Failure> {
         self.scene(0)
     }

@@ -258,12 +258,12 @@ impl Sum for Dvr {
 
 /// Maximum and minimum projection: a ray's sum is the most extreme code so far. It begins beyond every code, so that
 /// any sample beats it.
-pub(crate) struct Projection<const GREATEST: bool>;
+pub(crate) struct ExtremeProjection<const GREATEST: bool>;
 
-pub(crate) type Mip = Projection<true>;
-pub(crate) type MinIp = Projection<false>;
+pub(crate) type Mip = ExtremeProjection<true>;
+pub(crate) type MinIp = ExtremeProjection<false>;
 
-impl<const GREATEST: bool> Projection<GREATEST> {
+impl<const GREATEST: bool> ExtremeProjection<GREATEST> {
     /// Whether one code is more extreme than another.
     #[inline(always)]
     fn beats(code: f32, other: f32) -> bool {
@@ -276,7 +276,7 @@ impl<const GREATEST: bool> Projection<GREATEST> {
     }
 }
 
-impl<const GREATEST: bool> Accumulate for Projection<GREATEST> {
+impl<const GREATEST: bool> Accumulate for ExtremeProjection<GREATEST> {
     const START: Vec4 = if GREATEST { Vec4::NEG_ONE } else { Vec4::MAX };
     const FRONT_TO_BACK: bool = false;
 
@@ -320,7 +320,7 @@ impl<const GREATEST: bool> Accumulate for Projection<GREATEST> {
     }
 }
 
-impl<const GREATEST: bool> Sum for Projection<GREATEST> {
+impl<const GREATEST: bool> Sum for ExtremeProjection<GREATEST> {
     const EXTREME: Option<Extreme> = Some(if GREATEST { Extreme::Greatest } else { Extreme::Least });
 
     #[inline(always)]

@@ -2,13 +2,10 @@
 //! keys before buttons, and sends text to the field Tab moves on to. So a frame gets the longest prefix of the input that egui reads in order; the
 //! rest waits for the next frame.
 
-use eframe::egui::{Context, Event, Key, Modifiers, RawInput};
+use eframe::egui::{Context, Event, InputOptions, Key, Modifiers, RawInput};
 
 /// Most waiting presses and keys. No user is as fast; from programs, ever later input would be worse than lost order.
 const MOST: usize = 64;
-
-/// Seconds between two clicks that are one double click, as in egui.
-const DOUBLE_CLICK_S: f64 = 0.3;
 
 /// The slowest frame, in seconds, that double clicks allow for.
 const SLOWEST_S: f64 = 0.5;
@@ -33,7 +30,8 @@ impl InputOrder {
     /// Lets double clicks take two frames longer. egui times a click by its frame, and a press and a release take a frame each.
     pub(crate) fn allow_slow_clicks(egui: &Context, input: &RawInput) {
         let frame_s = input.time.map_or(0.0, |now_s| now_s - egui.input(|last| last.time)).clamp(0.0, SLOWEST_S);
-        egui.options_mut(|options| options.input_options.max_double_click_delay = DOUBLE_CLICK_S + 2.0 * frame_s);
+        let delay_s = InputOptions::default().max_double_click_delay + 2.0 * frame_s;
+        egui.options_mut(|options| options.input_options.max_double_click_delay = delay_s);
     }
 
     /// Whether some input waits for the next frame.

@@ -50,7 +50,7 @@ pub fn render_reference(
 /// Renders a scene like [`render_reference`], and gives up after `max_wait`.
 ///
 /// # Errors
-/// Those of [`render_reference`], and if the picture is not finished in time.
+/// The errors of [`render_reference`], and an error if the picture is not finished in time.
 pub fn render_reference_within(
     stores: &[&Store],
     scene: &ResolvedScene,

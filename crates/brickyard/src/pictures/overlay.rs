@@ -130,7 +130,7 @@ impl Overlays {
     /// one.
     ///
     /// # Errors
-    /// Those of [`Overlays::check`]; and if the camera is invalid. The picture is then unchanged.
+    /// The errors of [`Overlays::check`], and an error if the camera is invalid. The picture is then unchanged.
     pub fn draw(&self, picture: &mut Picture, scene: &Scene, volumes: &[VolumeSource]) -> Result<(), OverlayError> {
         let size_px = (picture.width, picture.height);
         self.check(scene, size_px)?;

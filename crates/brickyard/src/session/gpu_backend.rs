@@ -27,7 +27,7 @@ pub(crate) fn open(
 /// Creates a GPU renderer like [`open`].
 ///
 /// # Errors
-/// Those of [`open`].
+/// The errors of [`open`].
 pub(crate) fn open_gpu(
     preference: GpuPreference,
     device: &mut Device,

@@ -115,7 +115,7 @@ pub trait Renderer: Send {
     fn draw_until(&mut self, until: Option<Instant>);
 
     /// Draws only these pixels of later pictures; others may have any colour. `None` draws all.
-    fn draw_within(&mut self, _window: Option<PixelRect>) {}
+    fn draw_within(&mut self, window: Option<PixelRect>);
 
     /// Shows later pictures in progress on this painting, and stops if it is abandoned; `None` shows nothing. A backend
     /// that draws a picture in one go does neither.

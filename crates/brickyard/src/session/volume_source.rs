@@ -170,7 +170,7 @@ impl VolumeSource {
     /// Returns this volume with the pyramid for a mode.
     ///
     /// # Errors
-    /// Those of [`VolumeSource::for_mode`].
+    /// The errors of [`VolumeSource::for_mode`].
     pub fn suited(self, mode: Mode) -> Result<Self, OpenError> {
         Ok(self.for_mode(mode)?.unwrap_or(self))
     }
@@ -228,7 +228,7 @@ impl VolumeSource {
     /// in their store's metadata.
     ///
     /// # Errors
-    /// Those of [`SceneLayer::function`].
+    /// The errors of [`SceneLayer::function`].
     pub fn function(&self, layer: &SceneLayer) -> Result<TransferFunction, LayerError> {
         let mut function = layer.function(&self.subject(layer.channel))?;
         let own = self.store.as_ref().map_or(&[][..], |store| store.label_colors());
