@@ -5,7 +5,7 @@ use brickyard::doubtful_extremes::DoubtfulExtremes;
 use brickyard::session::{ResolvedLayer, ResolvedScene, VolumeSource};
 use brickyard::unlike_sizes::unlike_sizes;
 use brickyard::volume::numbers::{significant, within_span};
-use brickyard::volume::{Mode, Picture, Scene, Slice, TransferChoice, box_corners};
+use brickyard::volume::{Extreme, Mode, Picture, Scene, Slice, TransferChoice, box_corners};
 
 /// Returns the remarks on a scene before it is drawn.
 pub(super) fn of_scene(scene: &Scene, volumes: &[VolumeSource]) -> Vec<String> {
@@ -90,8 +90,8 @@ pub(super) fn of_extremes(scene: &ResolvedScene, found: &DoubtfulExtremes, volum
 }
 
 fn of_lost(mode: Mode, names: &[String]) -> Option<String> {
-    let (specks, pyramids) = match mode {
-        Mode::MinIp => ("dark specks may be brighter than they are", "mean,min"),
+    let (specks, pyramids) = match mode.extreme() {
+        Some(Extreme::Least) => ("dark specks may be brighter than they are", "mean,min"),
         _ => ("bright specks may be darker than they are", "mean,max"),
     };
     (!names.is_empty()).then(|| {

@@ -122,13 +122,15 @@ pub(crate) struct SceneArguments {
     mesh: Vec<MeshLook>,
 }
 
-const MODES: Named<Mode> = Named(&[
-    ("dvr", Mode::Dvr, "Direct volume rendering"),
-    ("mip", Mode::Mip, "Maximum intensity projection"),
-    ("minip", Mode::MinIp, "Minimum intensity projection"),
-    ("average", Mode::Average, "Mean along the ray"),
-    ("isosurface", Mode::Isosurface, "The surface of one value, opaque, lit from the eye"),
-]);
+const MODES: Named<Mode> = Named(&{
+    let mut modes = [("", Mode::Dvr, ""); Mode::ALL.len()];
+    let mut i = 0;
+    while i < modes.len() {
+        modes[i] = (Mode::ALL[i].name(), Mode::ALL[i], Mode::ALL[i].meaning());
+        i += 1;
+    }
+    modes
+});
 
 const GRADIENTS: Named<Gradient> = Named(&[
     ("central", Gradient::Central, "Differences of two samples along each axis"),
@@ -221,7 +223,7 @@ impl SceneArguments {
     /// Sets the properties common to all layers of a scene.
     fn set_picture(&self, scene: &mut Scene) -> Result<(), Failure> {
         scene.stereo = self.stereo(scene.stereo)?;
-        if self.slice.is_some() && matches!(scene.mode, Mode::Dvr | Mode::Isosurface) {
+        if self.slice.is_some() && !scene.mode.is_projection() {
             scene.mode = Mode::Average;
         }
         scene.mode = self.mode.unwrap_or(scene.mode);
@@ -247,7 +249,7 @@ impl SceneArguments {
         scene.expression = self.expr.clone().map(SceneExpression::from).or(scene.expression.take());
         // A projection's flag removes the file's surfaces with its mode; given ones must suit.
         let is_of_file = self.mode.is_none() && self.slice.is_none();
-        let has_no_surfaces = !is_of_file && !matches!(scene.mode, Mode::Dvr | Mode::Isosurface);
+        let has_no_surfaces = !is_of_file && scene.mode.is_projection();
         let measured = layers_of_kind(scene, volumes, false);
         for &i in &measured {
             if has_no_surfaces || !self.isovalue.is_empty() {

@@ -4,16 +4,16 @@ use crate::layer::{Piece, Way, segments};
 use crate::surface::Crossings;
 use brickyard_volume::compositing::JointMedium;
 use brickyard_volume::surface::sort_met;
-use brickyard_volume::{Blend, Combination, MAX_VOLUMES, Mode, Segment};
+use brickyard_volume::{Blend, Combination, MAX_VOLUMES, Segment};
 use glam::DVec3;
 
 /// The colour of a ray between two distances: the layers there, over the colour `behind`.
 pub(crate) fn slab(ways: &[Way<'_>], combination: Option<&Combination>, limits: [f64; 2], behind: DVec3) -> DVec3 {
     let Some(way) = ways.first() else { return behind };
-    let (seen, left) = match (way.frame.settings.mode, combination) {
-        (Mode::Mip | Mode::MinIp | Mode::Average, _) => projections(ways, limits),
-        (Mode::Dvr | Mode::Isosurface, None) => media(ways, limits),
-        (Mode::Dvr | Mode::Isosurface, Some(combination)) => combined(combination, ways, limits),
+    let (seen, left) = match combination {
+        _ if way.frame.settings.mode.is_projection() => projections(ways, limits),
+        None => media(ways, limits),
+        Some(combination) => combined(combination, ways, limits),
     };
     seen + behind * left
 }
@@ -111,8 +111,8 @@ mod tests {
     use crate::tests::{camera, cube, settings};
     use crate::{ReferenceVolume, one_level, pixel};
     use brickyard_volume::{
-        Camera, Clip, FrameSettings, Geometry, Jitter, Lighting, LightingModel, Method, Placement, Projection, Ray,
-        Sampling, Surface, TransferFunction, VolumeFrame, surface,
+        Camera, Clip, FrameSettings, Geometry, Jitter, Lighting, LightingModel, Method, Mode, Placement, Projection,
+        Ray, Sampling, Surface, TransferFunction, VolumeFrame, surface,
     };
 
     fn fog(rgb: [f64; 3], alpha: f64, unit_distance: f64) -> TransferFunction {

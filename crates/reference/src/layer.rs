@@ -6,7 +6,7 @@ use crate::path::Path;
 use crate::surface::{Crossing, Crossings};
 use brickyard_volume::compositing::LayerMedium;
 use brickyard_volume::surface::Meeting;
-use brickyard_volume::{Blend, Lighting, LightingModel, Mode, Ray, Segment, VolumeFrame, extremes, surface};
+use brickyard_volume::{Blend, Extreme, Lighting, LightingModel, Mode, Ray, Segment, VolumeFrame, extremes, surface};
 use glam::DVec3;
 
 /// A ray's way through one layer.
@@ -145,7 +145,7 @@ impl<'a> Way<'a> {
         let Some(reach) = field.frame.box_reach(field.level.factor) else { return self.middle(segment) };
         let way = self.path.direction * part.length() / DVec3::from_array(field.level.factor.map(f64::from));
         let touched = field.level.touched(self.path.at(part.middle()), extremes::half_box(way.to_array(), reach));
-        let is_least = field.frame.mode == Mode::MinIp;
+        let is_least = field.frame.mode.extreme() == Some(Extreme::Least);
         Some((part, touched.reduce(if is_least { f64::min } else { f64::max })?))
     }
 

@@ -9,8 +9,8 @@ use brickyard_volume::lighting::MAX_LIGHTS;
 use brickyard_volume::macrocells::per_axis;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    Blend, Clip, ClipPlane, Filter, FrameSettings, Gradient, Jitter, Level, LightingModel, MAX_PLANES, Mode, Pyramid,
-    VoxelBox,
+    Blend, Clip, ClipPlane, Extreme, Filter, FrameSettings, Gradient, Jitter, Level, LightingModel, MAX_PLANES, Mode,
+    Pyramid, VoxelBox,
 };
 use glam::{DMat3, DVec2, DVec3};
 
@@ -225,10 +225,7 @@ fn grid(frame: &FrameSettings) -> [f32; 4] {
 
 /// 1 if shaders flip values within their range, so that the least becomes the greatest; else 0.
 fn least_is_greatest(mode: Mode) -> f32 {
-    match mode {
-        Mode::MinIp => 1.0,
-        Mode::Dvr | Mode::Mip | Mode::Average | Mode::Isosurface => 0.0,
-    }
+    if mode.extreme() == Some(Extreme::Least) { 1.0 } else { 0.0 }
 }
 
 /// The lights' positions relative to the volume's corner, in the scene's world.

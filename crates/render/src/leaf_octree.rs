@@ -25,10 +25,7 @@ pub(crate) struct Visibility<'a> {
 impl Visibility<'_> {
     /// Whether the brick deserves a leaf.
     fn any(&self, [low, high]: [u16; 2]) -> bool {
-        match self.mode {
-            Mode::Dvr | Mode::Isosurface => true,
-            Mode::Mip | Mode::MinIp | Mode::Average => low <= high,
-        }
+        !self.mode.is_projection() || low <= high
     }
 
     /// Whether no macro-cell of a brick with these codes is worth skipping.
@@ -38,8 +35,8 @@ impl Visibility<'_> {
             Mode::Isosurface => false,
             _ if !self.skips_empty => true,
             Mode::Dvr => self.opaque.all(range),
-            Mode::Mip | Mode::MinIp => false,
-            Mode::Average => !self.has_invalid,
+            _ if self.mode.extreme().is_some() => false,
+            _ => !self.has_invalid,
         }
     }
 }

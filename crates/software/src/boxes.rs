@@ -6,19 +6,12 @@
 
 use crate::packet::{LANES, PACKETS, Packet};
 use crate::sample::{Brick, Code, SampleChunk, Unit};
+use brickyard_volume::Extreme;
 
-#[derive(Clone, Copy)]
-pub(crate) enum Extreme {
-    Greatest,
-    Least,
-}
-
-impl Extreme {
-    const fn sign(self) -> f32 {
-        match self {
-            Self::Greatest => 1.0,
-            Self::Least => -1.0,
-        }
+const fn sign(extreme: Extreme) -> f32 {
+    match extreme {
+        Extreme::Greatest => 1.0,
+        Extreme::Least => -1.0,
     }
 }
 
@@ -86,7 +79,7 @@ impl Brick<'_> {
         segments: &Segments,
         chunk: &mut SampleChunk,
     ) {
-        let sign = extreme.sign();
+        let sign = sign(extreme);
         for p in 0..chunk.packets.min(PACKETS) {
             let touched = self.touched(segments, &chunk.along[p], &chunk.weight[p]);
             let mut most = 0;

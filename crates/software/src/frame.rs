@@ -14,7 +14,7 @@ use brickyard_volume::macrocells::{MacroCells, OpaqueCodes};
 use brickyard_volume::slot_encoding::ANYTHING;
 use brickyard_volume::surface::MAX_SURFACES;
 use brickyard_volume::{
-    Blend, Clip, Extent, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, PixelRect,
+    Blend, Clip, Extent, Extreme, FrameSettings, Geometry, GradientNodes, Integrals, Lighting, Mode, Needs, PixelRect,
     Placement, Pyramid, TransferGrid, ViewRays, VolumeFrame, VoxelBox, surface,
 };
 use glam::{DVec3, Mat3};
@@ -182,10 +182,10 @@ impl<'a> Frame<'a> {
         let near_first = list.cells.par_iter().enumerate().rev();
         let cell = |(i, c): (usize, &DrawCell)| Cell::new(settings, pyramid, i, c, apron, &shows, brick(c.slot));
         let mut cells: Vec<Cell<'_>> = near_first.filter_map(cell).collect();
-        match settings.mode {
-            Mode::Mip => cells.sort_by_key(|cell| Reverse(cell.brick.cells.whole()[1])),
-            Mode::MinIp => cells.sort_by_key(|cell| cell.brick.cells.whole()[0]),
-            Mode::Dvr | Mode::Average | Mode::Isosurface => {}
+        match settings.mode.extreme() {
+            Some(Extreme::Greatest) => cells.sort_by_key(|cell| Reverse(cell.brick.cells.whole()[1])),
+            Some(Extreme::Least) => cells.sort_by_key(|cell| cell.brick.cells.whole()[0]),
+            None => {}
         }
         let first = entries.iter().position(|e| e[3] > 0.0);
         let last = entries.iter().rposition(|e| e[3] > 0.0);
@@ -325,7 +325,7 @@ impl Shows {
             Mode::Dvr => Self::Layers(thresholds, Some(OpaqueCodes::new(&settings.table))),
             Mode::Isosurface if is_one_opaque_surface => Self::Surface(thresholds[0]),
             Mode::Isosurface => Self::Layers(thresholds, None),
-            Mode::Mip | Mode::MinIp | Mode::Average => Self::All,
+            _ => Self::All,
         }
     }
 
@@ -387,10 +387,10 @@ impl Shows {
 
 fn extremes(settings: &FrameSettings, cells: &MacroCells, edge: usize) -> Box<[f32]> {
     let ranges = cells.ranges().iter().map(|range| counted(settings, *range));
-    match settings.mode {
-        Mode::Mip => over_boxes(ranges.map(|range| range[1]), edge, f32::max),
-        Mode::MinIp => over_boxes(ranges.map(|range| range[0]), edge, f32::min),
-        Mode::Dvr | Mode::Average | Mode::Isosurface => Box::default(),
+    match settings.mode.extreme() {
+        Some(Extreme::Greatest) => over_boxes(ranges.map(|range| range[1]), edge, f32::max),
+        Some(Extreme::Least) => over_boxes(ranges.map(|range| range[0]), edge, f32::min),
+        None => Box::default(),
     }
 }
 

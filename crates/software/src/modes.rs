@@ -3,7 +3,7 @@
 //! A sample's weight is its segment's length in unit distances; missing samples have weight 0. As in `sample`,
 //! everything is inlined and free of closures.
 
-use crate::boxes::{Extreme, Segments};
+use crate::boxes::Segments;
 use crate::frame::{Cell, Frame};
 use crate::lit;
 use crate::macrocells::{Coverage, Reach};
@@ -14,6 +14,7 @@ use crate::sample::{Code, SampleChunk, Unit};
 use crate::steps::StepTable;
 use crate::stretch::{March, Stretch};
 use crate::transfer_table::Entries;
+use brickyard_volume::Extreme;
 use glam::{Vec4, Vec4Swizzles};
 use std::ops::Range;
 

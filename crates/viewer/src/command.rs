@@ -2,7 +2,7 @@
 
 use crate::marks::Marks;
 use crate::panels::description::Description;
-use brickyard::volume::{Mode, Viewpoint};
+use brickyard::volume::Viewpoint;
 use glam::DVec3;
 use serde_json::{Map, Value};
 use std::fmt;
@@ -197,16 +197,6 @@ fn description(text: &str) -> Option<(PathBuf, Description)> {
     let mut object: Map<String, Value> = serde_json::from_str(text).ok()?;
     let path = PathBuf::from(object.remove("path")?.as_str()?);
     Some((path, serde_json::from_value(object.into()).ok()?))
-}
-
-pub(crate) fn mode_name(mode: Mode) -> &'static str {
-    match mode {
-        Mode::Dvr => "dvr",
-        Mode::Mip => "mip",
-        Mode::MinIp => "minip",
-        Mode::Average => "average",
-        Mode::Isosurface => "isosurface",
-    }
 }
 
 impl fmt::Display for Command {

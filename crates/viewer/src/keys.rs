@@ -1,6 +1,6 @@
 //! The keys, in one list shared by the window and its help.
 
-use crate::command::{Command, mode_name};
+use crate::command::Command;
 use crate::state::{Layout, State, Tool};
 use brickyard::volume::{Mode, Projection};
 use eframe::egui::{self, Event, Key, KeyboardShortcut, Modifiers};
@@ -132,7 +132,7 @@ fn looks() -> Vec<Shortcut> {
     let modes = digits
         .into_iter()
         .zip(Mode::ALL)
-        .map(|(key, mode)| plain(Modifiers::ALT, key, mode_name(mode), Command::set("mode", mode_name(mode))));
+        .map(|(key, mode)| plain(Modifiers::ALT, key, mode.name(), Command::set("mode", mode.name())));
     let layers = digits.into_iter().enumerate().map(|(layer, key)| {
         shortcut(Modifiers::NONE, key, &format!("layer {} shown or hidden", layer + 1), move |state| {
             let is_visible = state.scene.layers.get(layer)?.visible;

@@ -7,6 +7,7 @@
 
 use crate::geometry::Geometry;
 use crate::lattice::Lattice;
+use crate::mode::Mode;
 use crate::placement::Placement;
 use crate::ray::Ray;
 use crate::space::Extent;
@@ -68,9 +69,9 @@ pub enum ClipError {
     /// The slice's thickness is negative or not finite.
     #[error("the slice's thickness is {0}: expected a positive number, or 0 for the thinnest slice")]
     Thickness(f64),
-    /// The mode, named by the text, cannot show a slice, as it does not give one value per pixel.
-    #[error("a slice shows one value per pixel, which mode {0} does not have: expected average, mip or minip")]
-    SliceMode(&'static str),
+    /// The mode cannot show a slice, as it does not give one value per pixel.
+    #[error("a slice shows one value per pixel, which mode {} does not have: expected average, mip or minip", .0.name())]
+    SliceMode(Mode),
 }
 
 /// The shown part of space: the inside of a box, on the inner sides of all planes.

@@ -80,7 +80,7 @@ pub use layer::SceneLayer;
 pub use lighting::{Gradient, Lighting, LightingModel};
 pub use macrocells::{MacroCells, OpaqueCodes};
 pub use mesh::{Layer, Mesh, MeshCapacity, MeshError, MeshLook, MeshLookError, ShownMesh};
-pub use mode::Mode;
+pub use mode::{Extreme, Mode};
 pub use occupancy::{Occupancy, OccupancyBins};
 pub use orientation::{Orientation, Side};
 pub use page::{PAGE_EDGE_BRICKS, PageId, Paging};

@@ -234,8 +234,8 @@ impl Needs {
         let along = match mode {
             Mode::Dvr if has_surfaces => sampling.method.reach().max(Method::Lvs.reach()),
             Mode::Dvr => sampling.method.reach(),
-            Mode::Mip | Mode::MinIp | Mode::Average => 0.0,
             Mode::Isosurface => Method::Lvs.reach(),
+            _ => 0.0,
         };
         let has_grid = has_grid && mode == Mode::Dvr;
         let is_fog_lit = mode == Mode::Dvr && lighting.model != LightingModel::None;

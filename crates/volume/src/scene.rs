@@ -286,8 +286,7 @@ impl Scene {
         let mut shown = Vec::new();
         for look in &self.meshes {
             let mesh = look.shown()?;
-            let has_order = matches!(self.mode, Mode::Dvr | Mode::Isosurface);
-            if mesh.opacity > 0.0 && mesh.opacity < 1.0 && !has_order {
+            if mesh.opacity > 0.0 && mesh.opacity < 1.0 && self.mode.is_projection() {
                 return Err(MeshLookError::Projection { path: look.path.clone(), opacity: mesh.opacity });
             }
             shown.push(mesh);

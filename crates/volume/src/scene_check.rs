@@ -136,7 +136,7 @@ impl Scene {
     fn check_surfaces(&self, surfaces: &[Isosurface]) -> Result<(), LayerError> {
         for (i, &Isosurface { value, color, opacity }) in surfaces.iter().enumerate() {
             let bad_color = color.filter(|color| !is_color(color));
-            if !matches!(self.mode, Mode::Dvr | Mode::Isosurface) {
+            if self.mode.is_projection() {
                 return Err(LayerError::SurfaceMode(value));
             } else if surfaces.len() > MAX_SURFACES {
                 return Err(LayerError::Surfaces(surfaces.len()));
@@ -178,7 +178,7 @@ impl Scene {
 
     fn check_lighting(&self) -> Result<(), SceneError> {
         let Lighting { model, ref lights, .. } = self.lighting;
-        if model != LightingModel::None && !matches!(self.mode, Mode::Dvr | Mode::Isosurface) {
+        if model != LightingModel::None && self.mode.is_projection() {
             return Err(SceneError::Lighting(model));
         }
         if lights.len() > MAX_LIGHTS {
@@ -199,11 +199,7 @@ impl Scene {
         }
         Clip::new(self.clip, &self.clip_planes)?;
         let Some(slice) = &self.slice else { return Ok(()) };
-        match self.mode {
-            Mode::Average | Mode::Mip | Mode::MinIp => slice.check(),
-            Mode::Dvr => Err(ClipError::SliceMode("dvr")),
-            Mode::Isosurface => Err(ClipError::SliceMode("isosurface")),
-        }
+        if self.mode.is_projection() { slice.check() } else { Err(ClipError::SliceMode(self.mode)) }
     }
 }
 

@@ -7,7 +7,7 @@ use crate::session::Session;
 use crate::session::resolve::{ResolvedLayer, ResolvedScene};
 use crate::session::volume_source::VolumeSource;
 use brickyard_pager::{Cut, DrawList};
-use brickyard_volume::{Level, Mode};
+use brickyard_volume::Level;
 
 /// Layers with doubtful projections, by their indices in the scene.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -34,7 +34,7 @@ impl ResolvedScene {
         let mut found = DoubtfulExtremes::default();
         for layer in &self.layers {
             let settings = &layer.frames[0].settings;
-            if !matches!(settings.mode, Mode::Mip | Mode::MinIp) || settings.encoding.is_labels {
+            if settings.mode.extreme().is_none() || settings.encoding.is_labels {
                 continue;
             }
             let has_all = volumes[layer.volume].stride() == [1; 3];

@@ -608,7 +608,7 @@ fn bins_seen(
     let fog = match mode {
         Mode::Dvr => Some(bins.opaque(transfer, slack)),
         Mode::Isosurface => Some(Occupancy::NONE),
-        Mode::Mip | Mode::MinIp | Mode::Average => None,
+        _ => None,
     };
     let inside = surfaces.first().map(|first| bins.mask(first.threshold - slack, f64::INFINITY));
     (fog.map(|fog| passed.fold(fog, Occupancy::union)), inside.unwrap_or(Occupancy::NONE))

@@ -4,7 +4,7 @@
 
 use crate::session::resolve::{ResolvedLayer, ResolvedScene};
 use crate::session::volume_source::VolumeSource;
-use brickyard_volume::{FrameSettings, Gradient, LightingModel, Mode, box_corners};
+use brickyard_volume::{FrameSettings, Gradient, LightingModel, box_corners};
 
 /// Rounds after which llvmpipe ends the loops of a shader's run.
 const MOST_ROUNDS: usize = 65_535;
@@ -37,7 +37,7 @@ fn most_samples(layer: &ResolvedLayer, volumes: &[VolumeSource]) -> usize {
 
 /// Returns the most loop rounds for a sample, and for the way to it from the previous one.
 fn rounds_of_sample(settings: &FrameSettings) -> usize {
-    let is_composed = matches!(settings.mode, Mode::Dvr | Mode::Isosurface);
+    let is_composed = !settings.mode.is_projection();
     let is_lit = is_composed && settings.lighting.model != LightingModel::None;
     let has_gradient = is_lit || settings.grid().is_some();
     let gradient = if has_gradient && settings.lighting.gradient == Gradient::Sobel { SOBEL_ROUNDS } else { 0 };

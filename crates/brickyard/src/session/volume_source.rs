@@ -7,8 +7,8 @@ use brickyard_volume::channel::default_color;
 use brickyard_volume::layer::label_codes;
 use brickyard_volume::scene::VolumePlace;
 use brickyard_volume::{
-    Extent, LabelCodes, LayerError, Mode, Orientation, Placement, PlacementError, Scene, SceneLayer, SlotEncoding,
-    StoreCounts, Subject, TimeAxis, Timeline, TransferFunction, VolumeTime,
+    Extent, Extreme, LabelCodes, LayerError, Mode, Orientation, Placement, PlacementError, Scene, SceneLayer,
+    SlotEncoding, StoreCounts, Subject, TimeAxis, Timeline, TransferFunction, VolumeTime,
 };
 use std::path::Path;
 use std::sync::Arc;
@@ -39,11 +39,10 @@ pub struct VolumeSource {
 
 /// Returns the reduction that keeps the extremes projected by a mode; `None` if the mode projects none.
 fn extreme_of(mode: Mode) -> Option<Downsample> {
-    match mode {
-        Mode::Mip => Some(Downsample::Max),
-        Mode::MinIp => Some(Downsample::Min),
-        Mode::Dvr | Mode::Average | Mode::Isosurface => None,
-    }
+    mode.extreme().map(|extreme| match extreme {
+        Extreme::Greatest => Downsample::Max,
+        Extreme::Least => Downsample::Min,
+    })
 }
 
 impl VolumeSource {

@@ -103,7 +103,7 @@ impl Picker {
         let hit = match first.frames[0].settings.mode {
             _ if scene.slice.is_some() => self.flat(scene, &ways, volumes, &ray)?,
             Mode::Dvr | Mode::Isosurface => march::seen_through(&ways, scene.combination.as_ref(), &mut self.cores)?,
-            _ if scene.mode == Mode::Average => self.flat(scene, &ways, volumes, &ray)?,
+            _ if scene.mode.extreme().is_none() => self.flat(scene, &ways, volumes, &ray)?,
             _ => brightest(&ways, march::extremes(&ways, &mut self.cores)?),
         };
         hit.map(|hit| self.picked(&ways, volumes, &ray, hit)).transpose()

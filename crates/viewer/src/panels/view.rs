@@ -19,15 +19,6 @@ use brickyard::volume::{Mode, Projection, Scene, Viewpoint};
 use eframe::egui::{Button, Ui};
 use glam::DVec3;
 
-/// The modes, their names in commands, and their meanings.
-const MODES: [(Mode, &str, &str); 5] = [
-    (Mode::Dvr, "dvr", "direct volume rendering: glowing fog, which hides things behind it"),
-    (Mode::Mip, "mip", "maximum intensity projection: the greatest value along each ray"),
-    (Mode::MinIp, "minip", "minimum intensity projection: the least value along each ray (airways)"),
-    (Mode::Average, "average", "the mean value along each ray, as in an X-ray picture"),
-    (Mode::Isosurface, "isosurface", "only surfaces of one value"),
-];
-
 /// The visible world.
 struct World<'a> {
     /// Its least and greatest corner.
@@ -101,11 +92,11 @@ fn modes(ui: &mut Ui, scene: &mut Scene, volumes: &[VolumeSource]) {
     let mut chosen = None;
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
-        for (mode, name, hint) in MODES {
+        for mode in Mode::ALL {
             let is_shown = scene.mode == mode;
             let barred = if is_shown { None } else { reason(scene, volumes, |scene| set_mode(scene, volumes, mode)) };
-            let button = ui.add_enabled(barred.is_none(), Button::selectable(is_shown, name));
-            let button = button.on_hover_text(hint);
+            let button = ui.add_enabled(barred.is_none(), Button::selectable(is_shown, mode.name()));
+            let button = button.on_hover_text(mode.meaning());
             if button.on_disabled_hover_text(barred.unwrap_or_default()).clicked() && !is_shown {
                 chosen = Some(mode);
             }

@@ -4,7 +4,7 @@
 use super::cores::Cores;
 use super::way::{Reader, Way};
 use brickyard_pager::BrickError;
-use brickyard_volume::{Combination, Level, MAX_VOLUMES, Mode, Surface, surface};
+use brickyard_volume::{Combination, Extreme, Level, MAX_VOLUMES, Mode, Surface, surface};
 
 /// Samples per voxel of a level, along the ray's fastest axis.
 const SAMPLES: f64 = 2.0;
@@ -236,7 +236,7 @@ pub(super) fn extremes(ways: &[Way<'_>], cores: &mut Cores) -> Result<Vec<(Hit, 
 /// Returns the extreme of a search's only way.
 fn extreme(search: &Search<'_, '_>, cores: &mut Cores) -> Result<Option<(f64, f64)>, BrickError> {
     let (way, mut reader) = (&search.ways[0], search.readers().remove(0));
-    let is_least = way.settings.mode == Mode::MinIp;
+    let is_least = way.settings.mode.extreme() == Some(Extreme::Least);
     let mut best: Option<(f64, f64)> = None;
     for [start, end] in search.segments() {
         let t = 0.5 * (start + end);
