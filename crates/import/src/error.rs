@@ -140,4 +140,13 @@ mod tests {
         }
         assert!(!message(rustix::io::Errno::NOENT.raw_os_error()).contains("nothing is wrong"));
     }
+
+    #[test]
+    fn temporary_files_are_not_named() {
+        let missing = Path::new("no such folder");
+        let error = tempfile::Builder::new().prefix("scratch-").tempfile_in(missing).unwrap_err();
+        assert!(error.to_string().contains("scratch-"), "{error}");
+        let message = ImportError::scratch(missing)(error).to_string();
+        assert!(message.contains("no such folder") && !message.contains("scratch-"), "{message}");
+    }
 }

@@ -109,6 +109,12 @@ fn metamorphs_planes_lie_behind_the_first() {
     let source = opened(&path).unwrap();
     assert_eq!((source.info().times, source.info().extent.z), (3, 1));
     assert_eq!(source.info().time.as_ref().map(|axis| axis.step), Some(1.0));
+    // Times that go back are none, and a warning says so.
+    let (_folder, path) = temp_file("a.stk", &metamorph(&[(0, 2007), (0, 1007), (0, 7)]));
+    let source = opened(&path).unwrap();
+    assert_eq!((source.info().times, source.info().time.is_none()), (3, true));
+    let said = said(&source.info().notes);
+    assert!(is_warned(&said, "MetaMorph's times are left out"), "{said}");
     let short = metamorph(&[(5, 7); 4]);
     let at = short.windows(2).rposition(|w| w == 33629u16.to_le_bytes()).unwrap();
     let mut more = short.clone();
