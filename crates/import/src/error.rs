@@ -73,9 +73,12 @@ impl ImportError {
 
     /// Wraps an I/O error with the folder of scratch files, for `map_err`.
     pub(crate) fn scratch(directory: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
-        move |error| match limit_behind(&error) {
-            Some(limit) => Self::Limit { path: directory.to_owned(), error, limit },
-            None => Self::Scratch { directory: directory.to_owned(), error: without_path(error) },
+        move |error| {
+            let error = without_path(error);
+            match limit_behind(&error) {
+                Some(limit) => Self::Limit { path: directory.to_owned(), error, limit },
+                None => Self::Scratch { directory: directory.to_owned(), error },
+            }
         }
     }
 
@@ -96,11 +99,11 @@ impl ImportError {
     }
 }
 
-/// Returns the system's own error, without the name of a temporary file unknown to the user.
+/// Returns the system's own error, without the name of a temporary file unknown to the user: `tempfile` keeps only its words.
 pub fn without_path(error: std::io::Error) -> std::io::Error {
-    let inner =
-        error.get_ref().and_then(|named| named.source()).and_then(|inner| inner.downcast_ref::<std::io::Error>());
-    inner.and_then(std::io::Error::raw_os_error).map_or(error, std::io::Error::from_raw_os_error)
+    let told = error.get_ref().map(ToString::to_string).unwrap_or_default();
+    let code = told.split_once("(os error ").and_then(|(_, rest)| rest.split_once(')')?.0.parse().ok());
+    code.map_or(error, std::io::Error::from_raw_os_error)
 }
 
 /// Whether an error is about the process's permissions or limits rather than the file.

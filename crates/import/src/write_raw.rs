@@ -1,7 +1,7 @@
 //! Raw file writer: all threads make pieces, and write each at its offset as soon as it is done. The file takes its
 //! name only when complete.
 
-use crate::error::ImportError;
+use crate::error::{ImportError, without_path};
 use crate::source::{Access, Source};
 use brickyard_volume::{Extent, VoxelBox};
 use std::fs::File;
@@ -73,7 +73,7 @@ fn temporary_in(folder: &Path) -> std::io::Result<tempfile::NamedTempFile> {
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    builder.tempfile_in(folder)
+    builder.tempfile_in(folder).map_err(without_path)
 }
 
 struct Sink<'a> {
