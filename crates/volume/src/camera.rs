@@ -1,5 +1,6 @@
 //! The camera: its place, the ray of every pixel, the world size of a pixel, and the frustum.
 
+use crate::ensure::ensure;
 use crate::geometry::box_corners;
 use crate::numbers::exact;
 use crate::placement::Placement;
@@ -130,9 +131,8 @@ impl Camera {
                 Projection::Orthographic { height: mix(from, to) }
             }
             _ => {
-                return Err(CameraError::Projection(
-                    "a perspective and an orthographic view cannot be mixed: give all cameras one kind".into(),
-                ));
+                let problem = "a perspective and an orthographic view cannot be mixed: give all cameras one kind";
+                return Err(CameraError::Projection(problem.into()));
             }
         };
         let turn = self.turn()?.slerp(other.turn()?, t);
@@ -153,9 +153,7 @@ impl Camera {
     /// If the picture has no pixel, eye and target give no direction, up is zero or along the view, or the projection's angle or height is out of
     /// range.
     pub fn rays(&self, width: u32, height: u32) -> Result<ViewRays, CameraError> {
-        if width == 0 || height == 0 {
-            return Err(CameraError::Size(width, height));
-        }
+        ensure(width > 0 && height > 0, || CameraError::Size(width, height))?;
         let forward = (self.target - self.eye).try_normalize();
         let forward = forward.filter(|_| self.eye.is_finite() && self.target.is_finite());
         let forward = forward.ok_or(CameraError::NoDirection { eye: self.eye, target: self.target })?;
@@ -169,15 +167,14 @@ impl Camera {
             }
             Projection::Orthographic { height } if height > 0.0 && height.is_finite() => height * 0.5,
             Projection::Perspective { fov_y_deg } => {
-                return Err(CameraError::Projection(format!(
-                    "a field of view of {}: expected degrees, from {LEAST_FOV_DEG} to less than 180",
-                    exact(fov_y_deg, false)
-                )));
+                let fov = exact(fov_y_deg, false);
+                let problem =
+                    format!("a field of view of {fov}: expected degrees, from {LEAST_FOV_DEG} to less than 180");
+                return Err(CameraError::Projection(problem));
             }
             Projection::Orthographic { height } => {
-                return Err(CameraError::Projection(format!(
-                    "an orthographic height of {height}: expected a positive one"
-                )));
+                let problem = format!("an orthographic height of {height}: expected a positive one");
+                return Err(CameraError::Projection(problem));
             }
         };
         let half_width = half_height * width as f64 / height as f64;

@@ -144,9 +144,7 @@ impl Window {
             is_by_gradient: transfer.is_by_gradient(),
         })
     }
-}
 
-impl Window {
     /// Values of an f32 slots' transfer table: the function's, since surfaces are found in the field itself, unless isovalues lie beyond the slots
     /// about them.
     fn of_table(&self) -> [f64; 2] {

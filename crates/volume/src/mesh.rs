@@ -7,6 +7,7 @@
 //!
 //! Nothing clips a mesh: box, planes and slices are cuts of the volume. Both sides of a triangle are shown, lit from the eye.
 
+use crate::ensure::ensure;
 use crate::lighting::headlight;
 use crate::ray::Ray;
 use glam::DVec3;
@@ -81,16 +82,11 @@ impl Mesh {
         colors: Vec<[u8; 3]>,
     ) -> Result<Self, MeshError> {
         let vertices = positions.len();
-        if triangles.is_empty() {
-            return Err(MeshError::Empty);
-        }
-        if vertices.saturating_add(triangles.len()) >= 1 << 31 {
-            return Err(MeshError::TooLarge(vertices.saturating_add(triangles.len())));
-        }
+        let numbers = vertices.saturating_add(triangles.len());
+        ensure(!triangles.is_empty(), || MeshError::Empty)?;
+        ensure(numbers < 1 << 31, || MeshError::TooLarge(numbers))?;
         for (what, found) in [("normals", normals.len()), ("colours", colors.len())] {
-            if found != 0 && found != vertices {
-                return Err(MeshError::Count { what, found, vertices });
-            }
+            ensure(found == 0 || found == vertices, || MeshError::Count { what, found, vertices })?;
         }
         for (what, all) in [("position", &positions), ("normal", &normals)] {
             if let Some(vertex) = all.iter().position(|v| v.iter().any(|x| !x.is_finite())) {
@@ -135,8 +131,8 @@ impl Mesh {
 
     /// Size in memory, in bytes.
     pub fn bytes(&self) -> u64 {
-        let vertex = |bytes: usize, len: usize| (bytes * len) as u64;
-        vertex(12, self.positions.len() + self.triangles.len() + self.normals.len()) + vertex(3, self.colors.len())
+        let triples = self.positions.len() + self.triangles.len() + self.normals.len();
+        (12 * triples + 3 * self.colors.len()) as u64
     }
 }
 
@@ -180,14 +176,13 @@ impl MeshLook {
     /// If the colour or the opacity is not in 0..=1, or the file has not been read.
     pub fn shown(&self) -> Result<ShownMesh, MeshLookError> {
         let path = || self.path.clone();
-        if let Some(color) = self.color.filter(|c| !c.iter().all(|v| (0.0..=1.0).contains(v))) {
+        let &Self { color, opacity, lit, .. } = self;
+        if let Some(color) = color.filter(|c| !c.iter().all(|v| (0.0..=1.0).contains(v))) {
             return Err(MeshLookError::Color { path: path(), color });
         }
-        if !(0.0..=1.0).contains(&self.opacity) {
-            return Err(MeshLookError::Opacity { path: path(), opacity: self.opacity });
-        }
+        ensure((0.0..=1.0).contains(&opacity), || MeshLookError::Opacity { path: path(), opacity })?;
         let mesh = self.mesh.clone().ok_or_else(|| MeshLookError::NotRead(path()))?;
-        Ok(ShownMesh { mesh, color: self.color, opacity: self.opacity, lit: self.lit })
+        Ok(ShownMesh { mesh, color, opacity, lit })
     }
 }
 

@@ -5,6 +5,7 @@
 //! from the eye in the scene's world, and the direction loses its unit length. So all volumes of a scene share one sampling lattice,
 //! whatever their maps, and boxes of voxels stay boxes.
 
+use crate::ensure::ensure;
 use crate::geometry::{Geometry, box_corners};
 use crate::ray::Ray;
 use crate::space::Extent;
@@ -74,19 +75,14 @@ impl Placement {
             return Err(PlacementError::NotFinite(bad));
         }
         let determinant = world_from_volume.matrix3.determinant();
+        let singular = || PlacementError::Singular { determinant };
         let volume_from_world = world_from_volume.inverse();
-        if determinant == 0.0 || !volume_from_world.is_finite() {
-            return Err(PlacementError::Singular { determinant });
-        }
+        ensure(determinant != 0.0 && volume_from_world.is_finite(), singular)?;
         let greatest = greatest_stretch(world_from_volume.matrix3);
         let least = 1.0 / greatest_stretch(volume_from_world.matrix3);
         let condition = greatest / least;
-        if !(greatest.is_finite() && condition.is_finite() && least > 0.0) {
-            return Err(PlacementError::Singular { determinant });
-        }
-        if condition > MAX_CONDITION {
-            return Err(PlacementError::Condition(condition));
-        }
+        ensure(greatest.is_finite() && condition.is_finite() && least > 0.0, singular)?;
+        ensure(condition <= MAX_CONDITION, || PlacementError::Condition(condition))?;
         Ok(Self { world_from_volume, volume_from_world, least_stretch: least, greatest_stretch: greatest })
     }
 
@@ -117,9 +113,7 @@ impl Placement {
         let number = |word: &str| word.parse::<f64>().map_err(|_| PlacementError::Word(word.to_string()));
         let numbers = words.map(number).collect::<Result<Vec<f64>, _>>()?;
         let (rows, rest) = numbers.as_chunks::<4>();
-        if !rest.is_empty() {
-            return Err(PlacementError::Shape { found: format!("{} numbers", numbers.len()) });
-        }
+        ensure(rest.is_empty(), || PlacementError::Shape { found: format!("{} numbers", numbers.len()) })?;
         Self::from_rows(rows)
     }
 
