@@ -73,12 +73,8 @@ impl Combination {
         };
         let is_shown = |edge: usize| edge > 0 && parts[edge - 1] || edge < PARTS && parts[edge];
         let point = |edge: usize| [low + width * edge as f64, is_shown(edge) as u8 as f64];
-        TransferFunction {
-            color: vec![[0.0, 1.0, 1.0, 1.0]],
-            opacity: if has_parts { (0..=PARTS).map(point).collect() } else { vec![[0.0, 1.0]] },
-            unit_distance: self.transfer.unit_distance,
-            ..TransferFunction::default()
-        }
+        let opacity = if has_parts { (0..=PARTS).map(point).collect() } else { vec![[0.0, 1.0]] };
+        TransferFunction::new(vec![[0.0, 1.0, 1.0, 1.0]], opacity, self.transfer.unit_distance)
     }
 
     /// Whether the expression may show anything with a volume's values in one part of its window, widened by one part to each side: by more

@@ -64,8 +64,7 @@ pub struct TransferFunction {
 impl Default for TransferFunction {
     /// White and clear everywhere.
     fn default() -> Self {
-        let (color, opacity) = (vec![[0.0, 1.0, 1.0, 1.0]], vec![[0.0, 0.0]]);
-        Self { color, opacity, unit_distance: unit(), gradient_opacity: Vec::new(), regions: Vec::new(), labels: None }
+        Self::new(vec![[0.0, 1.0, 1.0, 1.0]], vec![[0.0, 0.0]], unit())
     }
 }
 
@@ -151,6 +150,11 @@ pub enum TransferError {
 }
 
 impl TransferFunction {
+    /// Creates a function of the value alone from the points of its lists, without labels.
+    pub fn new(color: Vec<[f64; 4]>, opacity: Vec<[f64; 2]>, unit_distance: f64) -> Self {
+        Self { color, opacity, unit_distance, gradient_opacity: Vec::new(), regions: Vec::new(), labels: None }
+    }
+
     /// Checks that lists are sorted, finite and in range, those of colour and opacity not empty, and `unit_distance` positive.
     ///
     /// # Errors

@@ -53,8 +53,7 @@ impl TransferGrid {
         let factors: Vec<f64> = (0..COLUMNS).map(|column| transfer.factor(axes.gradient(column))).collect();
         let mut entries = Vec::with_capacity(axes.rows * COLUMNS);
         let values = axes.values(transfer);
-        for value in &values {
-            let value = *value;
+        for &value in &values {
             let ([r, g, b], alpha) = (transfer.rgb(value), transfer.alpha(value));
             entries.extend(factors.iter().map(|factor| [r, g, b, alpha * factor].map(|v| v as f32)));
         }
@@ -107,11 +106,8 @@ impl TransferGrid {
 
     /// Iterates over this many entries' greatest opacity, whatever the gradient, among values within one entry.
     pub(crate) fn most(&self, entries: usize, entries_per_code: usize) -> impl Iterator<Item = f32> {
-        let most: Vec<f32> = self
-            .entries
-            .chunks_exact(COLUMNS)
-            .map(|row| row.iter().map(|entry| entry[3]).fold(0.0, f32::max))
-            .collect();
+        let greatest = |row: &[[f32; 4]]| row.iter().map(|entry| entry[3]).fold(0.0, f32::max);
+        let most: Vec<f32> = self.entries.chunks_exact(COLUMNS).map(greatest).collect();
         let (first, per_code, last) = (self.first_code, self.rows_per_code, most.len() - 1);
         (0..entries).map(move |entry| {
             let position = |entry: f32| ((entry / entries_per_code as f32 - first) * per_code).clamp(0.0, last as f32);
