@@ -5,6 +5,7 @@ use crate::geometry::box_corners;
 use crate::numbers::exact;
 use crate::placement::Placement;
 use crate::ray::Ray;
+use Projection::{Orthographic, Perspective};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -87,7 +88,7 @@ impl Camera {
         let radius = (high - low).length() * 0.5;
         let fov_y_deg = 30.0f64;
         let distance = radius / (fov_y_deg * 0.5).to_radians().sin();
-        Self { eye: centre + from * distance, target: centre, up, projection: Projection::Perspective { fov_y_deg } }
+        Self { eye: centre + from * distance, target: centre, up, projection: Perspective { fov_y_deg } }
     }
 
     /// Moves a perspective camera along its view until the box just fits into a picture of this size, with a margin; other cameras are unchanged. A
@@ -97,7 +98,7 @@ impl Camera {
         /// Share of the picture for the box, along each side.
         const FILLED: f64 = 0.94;
         let (width, height) = size_px;
-        let (Projection::Perspective { .. }, Ok(rays)) = (self.projection, self.rays(width.min(height), height)) else {
+        let (Perspective { .. }, Ok(rays)) = (self.projection, self.rays(width.min(height), height)) else {
             return *self;
         };
         let needed = box_corners(world_box).into_iter().map(|corner| {
@@ -124,12 +125,10 @@ impl Camera {
     pub fn between(&self, other: &Self, t: f64) -> Result<Self, CameraError> {
         let mix = |from: f64, to: f64| from * (to / from).powf(t);
         let projection = match (self.projection, other.projection) {
-            (Projection::Perspective { fov_y_deg: from }, Projection::Perspective { fov_y_deg: to }) => {
-                Projection::Perspective { fov_y_deg: mix(from, to) }
+            (Perspective { fov_y_deg: from }, Perspective { fov_y_deg: to }) => {
+                Perspective { fov_y_deg: mix(from, to) }
             }
-            (Projection::Orthographic { height: from }, Projection::Orthographic { height: to }) => {
-                Projection::Orthographic { height: mix(from, to) }
-            }
+            (Orthographic { height: from }, Orthographic { height: to }) => Orthographic { height: mix(from, to) },
             _ => {
                 let problem = "a perspective and an orthographic view cannot be mixed: give all cameras one kind";
                 return Err(CameraError::Projection(problem.into()));
@@ -162,23 +161,21 @@ impl Camera {
         let right = right.try_normalize().filter(|_| right.length() > 1e-6).ok_or(CameraError::Up(self.up))?;
         let up = right.cross(forward);
         let half_height = match self.projection {
-            Projection::Perspective { fov_y_deg } if (LEAST_FOV_DEG..180.0).contains(&fov_y_deg) => {
-                (fov_y_deg * 0.5).to_radians().tan()
-            }
-            Projection::Orthographic { height } if height > 0.0 && height.is_finite() => height * 0.5,
-            Projection::Perspective { fov_y_deg } => {
+            Perspective { fov_y_deg: deg } if (LEAST_FOV_DEG..180.0).contains(&deg) => (deg * 0.5).to_radians().tan(),
+            Orthographic { height } if height > 0.0 && height.is_finite() => height * 0.5,
+            Perspective { fov_y_deg } => {
                 let fov = exact(fov_y_deg, false);
                 let problem =
                     format!("a field of view of {fov}: expected degrees, from {LEAST_FOV_DEG} to less than 180");
                 return Err(CameraError::Projection(problem));
             }
-            Projection::Orthographic { height } => {
+            Orthographic { height } => {
                 let problem = format!("an orthographic height of {height}: expected a positive one");
                 return Err(CameraError::Projection(problem));
             }
         };
         let half_width = half_height * width as f64 / height as f64;
-        let orthographic = matches!(self.projection, Projection::Orthographic { .. });
+        let orthographic = matches!(self.projection, Orthographic { .. });
         Ok(ViewRays {
             eye: self.eye,
             forward,

@@ -192,10 +192,8 @@ impl SlotEncoding {
         let is_narrow = width < few || 2.0 * width < self.spread_codes || is_thin;
         let first = (low.floor() - 1.0).clamp(0.0, most - 1.0);
         let last = (high.ceil() + 1.0).clamp(first + 1.0, most);
-        match is_narrow && !self.is_labels {
-            true => Self { table_codes: [first as u16, last as u16], ..self },
-            false => self,
-        }
+        let table_codes = if is_narrow && !self.is_labels { [first as u16, last as u16] } else { self.table_codes };
+        Self { table_codes, ..self }
     }
 
     /// Encodes a channel for an expression, which may transform values in any way: f32 slots for 32-bit types. If all of a channel's integers are

@@ -143,7 +143,6 @@ pub struct MeshLook {
     /// The mesh's file.
     pub path: PathBuf,
     /// Colour of the mesh, display-referred, in 0..=1; `None` is the file's, or [`PLAIN_COLOR`].
-    #[serde(default)]
     pub color: Option<[f64; 3]>,
     /// Opacity of the mesh, from 0 (not there) to 1 (opaque).
     #[serde(default = "opaque")]

@@ -101,7 +101,6 @@ pub struct SceneExpression {
     /// The expression's text; `a` is the value of the first layer.
     pub text: String,
     /// The look of the expression's values; `None` is a gray ramp over their possible range.
-    #[serde(default)]
     pub transfer: Option<TransferChoice>,
 }
 

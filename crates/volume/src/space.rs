@@ -23,7 +23,7 @@ impl std::fmt::Display for Level {
 }
 
 macro_rules! xyz {
-    ($(#[$doc:meta])* $name:ident) => {
+    ($($(#[$doc:meta])* $name:ident)*) => {$(
         $(#[$doc])*
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
         pub struct $name {
@@ -56,21 +56,17 @@ macro_rules! xyz {
                 write!(f, "{},{},{}", self.x, self.y, self.z)
             }
         }
-    };
+    )*};
 }
 
-xyz!(
+xyz! {
     /// Counts along each axis (of voxels, or of bricks in a grid).
     Extent
-);
-xyz!(
     /// The position of a voxel in some level.
     VoxelIndex
-);
-xyz!(
     /// The position of a brick in some level's brick grid.
     BrickIndex
-);
+}
 
 impl Extent {
     /// The number of voxels (or bricks). The product must not overflow: callers reject such extents with

@@ -44,10 +44,8 @@ pub struct Stereo {
     /// Layout of the two eyes' pictures.
     pub layout: StereoLayout,
     /// World distance between the eyes; `None` is a thirtieth of the convergence distance.
-    #[serde(default)]
     pub eye_separation: Option<f64>,
     /// World distance of the screen along the view; `None` is the distance of the camera's target.
-    #[serde(default)]
     pub convergence: Option<f64>,
 }
 

@@ -62,7 +62,6 @@ pub struct Isosurface {
     /// The isovalue: the value of the field on the surface, in stored units.
     pub value: f64,
     /// Colour of the surface, in 0..=1; `None` is the transfer function's colour at the isovalue.
-    #[serde(default)]
     pub color: Option<[f64; 3]>,
     /// Opacity of the surface: the absorbed share of light, 0 to 1.
     #[serde(default = "opaque")]
