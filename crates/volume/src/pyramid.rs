@@ -147,9 +147,8 @@ impl Pyramid {
     /// Iterates over the positions of a brick's core voxels in its level, `[x, y, z]`, in the order of a core's bytes: x fastest, including
     /// positions past the level's end.
     pub fn core_voxels(&self, index: BrickIndex) -> impl Iterator<Item = [u32; 3]> + use<> {
-        let (edge, first) = (self.edge, index.to_array().map(|i| i * self.edge));
-        let axis = move |a: usize| first[a]..first[a] + edge;
-        axis(2).flat_map(move |z| axis(1).flat_map(move |y| axis(0).map(move |x| [x, y, z])))
+        let first = index.to_array().map(|i| i * self.edge);
+        VoxelBox::new(first, first.map(|n| n + self.edge)).voxels()
     }
 
     /// The brick's core in its own level's voxels, clipped to the level.

@@ -124,6 +124,13 @@ impl VoxelBox {
         self.extent().volume() == 0
     }
 
+    /// Iterates over the voxels `[x, y, z]` of the box in memory order: x fastest.
+    pub fn voxels(self) -> impl Iterator<Item = [u32; 3]> {
+        let Self { min, max } = self;
+        let rows = (min.z..max.z).flat_map(move |z| (min.y..max.y).map(move |y| (y, z)));
+        rows.flat_map(move |(y, z)| (min.x..max.x).map(move |x| [x, y, z]))
+    }
+
     /// The voxels in both boxes.
     pub fn intersect(self, other: VoxelBox) -> VoxelBox {
         let pick = |a: VoxelIndex, b: VoxelIndex, f: fn(u32, u32) -> u32| {
