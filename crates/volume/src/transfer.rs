@@ -219,8 +219,8 @@ impl TransferFunction {
     /// Straight colour, and opacity over `unit_distance`, at a value and a gradient magnitude: `[r, g, b, alpha]`. The media of the
     /// value and of all regions are in the same place: their extinctions add, and their colours mix by extinction.
     pub fn at(&self, value: f64, gradient: f64) -> [f64; 4] {
-        let [r, g, b] = self.rgb(value);
-        let alpha = self.alpha(value) * self.factor(gradient);
+        let [r, g, b, alpha] = self.rgba(value);
+        let alpha = alpha * self.factor(gradient);
         mix([r, g, b, alpha], self.regions.iter().map(|region| (region.color, region.alpha(value, gradient))))
     }
 
@@ -230,6 +230,12 @@ impl TransferFunction {
             return 0.0;
         }
         interpolate(&self.opacity, value)[1]
+    }
+
+    /// Straight colour, and opacity over `unit_distance`, at a value, without gradient factor and regions: `[r, g, b, alpha]`.
+    pub fn rgba(&self, value: f64) -> [f64; 4] {
+        let [r, g, b] = self.rgb(value);
+        [r, g, b, self.alpha(value)]
     }
 
     /// The greatest opacity over the closed interval `[low, high]` (which may be infinite), whatever the gradient. Regions in the
