@@ -198,19 +198,13 @@ impl Clip {
         side(self.low) || side(self.high) || self.planes.iter().any(is_cut)
     }
 
-    /// Whether the clip may cut a segment of a ray from the scene's `eye` with its middle in the box from `low` to `high`. The segment belongs to the
+    /// Whether the clip may cut a segment of a ray from the scene's `eye` with its middle in the box `own`. The segment belongs to the
     /// box even if the clip misses the box itself. `placement` belongs to the clip's world.
-    pub fn cuts_segments(
-        &self,
-        (low, high): (DVec3, DVec3),
-        lattice: &Lattice,
-        placement: &Placement,
-        eye: DVec3,
-    ) -> bool {
-        let (nearest, farthest) = placement.world_box((low, high));
+    pub fn cuts_segments(&self, own: (DVec3, DVec3), lattice: &Lattice, placement: &Placement, eye: DVec3) -> bool {
+        let (nearest, farthest) = placement.world_box(own);
         let (_, least_stretch) = placement.stretches();
         let reach = lattice.reach((eye - nearest).abs().max((eye - farthest).abs()).length()) / least_stretch;
-        self.cuts_box(low - reach, high + reach)
+        self.cuts_box(own.0 - reach, own.1 + reach)
     }
 
     /// Shortens a ray's stretch `(from, to)` to the inner sides of all planes, ignoring the clip box; an empty stretch ends where it begins, or

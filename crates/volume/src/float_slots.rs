@@ -203,19 +203,14 @@ impl SlotEncoding {
             return self.with_table_over_codes(Window::of(window));
         }
         let window = self.widened(window);
-        let base = self.base_of_all();
+        let nearest = 0.0f64.clamp(self.low, self.high).round();
+        let base = if nearest.abs() > GREATEST_WHOLE && self.voxel_type != VoxelType::F32 { nearest } else { 0.0 };
         let holds_all = |floats: &FloatSlots| floats.base == base && floats.limits == ALL;
         let is_it = |floats: &FloatSlots| holds_all(floats) && floats.suffice(VoxelType::F32, window, self.spread());
         let anew = || FloatSlots { base, limits: ALL, ..FloatSlots::about(VoxelType::F32, window, self.spread()) };
         let floats = kept.floats.filter(is_it).unwrap_or_else(anew);
         let width = code_width((self.low - base).abs().max((self.high - base).abs()));
         self.over(floats, 0.0, width)
-    }
-
-    /// The base of slots for all values of a channel.
-    fn base_of_all(&self) -> f64 {
-        let nearest = 0.0f64.clamp(self.low, self.high).round();
-        if nearest.abs() > GREATEST_WHOLE && self.voxel_type != VoxelType::F32 { nearest } else { 0.0 }
     }
 
     /// The channel's values as renderers read them from these slots for an expression: as f32 if `are_single`, or as distances from a base.

@@ -31,30 +31,27 @@ impl VoxelType {
         with_voxel_type!(self, T => size_of::<T>())
     }
 
+    /// This project's name and Zarr's.
+    const fn names(self) -> (&'static str, &'static str) {
+        match self {
+            Self::U8 => ("u8", "uint8"),
+            Self::I8 => ("i8", "int8"),
+            Self::U16 => ("u16", "uint16"),
+            Self::I16 => ("i16", "int16"),
+            Self::U32 => ("u32", "uint32"),
+            Self::I32 => ("i32", "int32"),
+            Self::F32 => ("f32", "float32"),
+        }
+    }
+
     /// The name on the command line and in `--json`: `u8`, `i16`, `f32`, ...
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::U8 => "u8",
-            Self::I8 => "i8",
-            Self::U16 => "u16",
-            Self::I16 => "i16",
-            Self::U32 => "u32",
-            Self::I32 => "i32",
-            Self::F32 => "f32",
-        }
+        self.names().0
     }
 
     /// The Zarr v3 `data_type` name.
     pub const fn zarr_name(self) -> &'static str {
-        match self {
-            Self::U8 => "uint8",
-            Self::I8 => "int8",
-            Self::U16 => "uint16",
-            Self::I16 => "int16",
-            Self::U32 => "uint32",
-            Self::I32 => "int32",
-            Self::F32 => "float32",
-        }
+        self.names().1
     }
 
     /// The type of this Zarr v3 name, if it is one of the seven.
