@@ -118,7 +118,12 @@ pub fn fly(stores: &[&Path], plan: &FlightPlan<'_>, options: &SessionOptions) ->
         seed: plan.seed,
     };
     let mut watch = Watch::new(session, options, plan.frame_goal);
-    let (mut frame, first_picture_ms) = watch.first_picture(&first, started)?;
+    let mut frame = watch.step(&first)?;
+    frame = watch.wait(frame, |status| status.covered)?;
+    // Until then nothing counts as uncovered.
+    watch.uncovered = 0;
+    watch.drawing.draw(&mut watch.session, &frame)?;
+    let first_picture_ms = ms(started);
     frame = watch.settle(frame)?;
     let settled_ms = ms(started);
     let before = frame.status.counters;
@@ -205,15 +210,6 @@ impl<'a> Watch<'a> {
         self.gpu_bytes_peak = self.gpu_bytes_peak.max(gpu_bytes);
         self.anonymous_peak = self.anonymous_peak.max(ProcessMemory::now().anonymous_bytes);
         Ok(frame)
-    }
-
-    /// Draws as soon as everything is covered. Earlier frames do not count as uncovered.
-    fn first_picture(&mut self, scene: &ResolvedScene, started: Instant) -> Result<(Frame, f64), FlightError> {
-        let first = self.step(scene)?;
-        let frame = self.wait(first, |status| status.covered)?;
-        self.uncovered = 0;
-        self.drawing.draw(&mut self.session, &frame)?;
-        Ok((frame, ms(started)))
     }
 
     fn settle(&mut self, frame: Frame) -> Result<Frame, FlightError> {
