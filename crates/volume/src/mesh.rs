@@ -280,30 +280,25 @@ pub struct Layer {
 /// ray through the common edge of two triangles, on two sides of it, meets just one of them.
 pub fn hit(corners: [DVec3; 3], ray: &Ray) -> Option<(f64, [f64; 3])> {
     let [a, b, c] = corners.map(|corner| corner - ray.origin);
-    let [of_a, of_b, of_c] = [(b, c), (c, a), (a, b)].map(|(from, to)| side(from, to, ray.direction));
-    if of_a.is_positive != of_b.is_positive || of_b.is_positive != of_c.is_positive {
+    let sides = [(b, c), (c, a), (a, b)].map(|(from, to)| side(from, to, ray.direction));
+    let [(of_a, is_past_a), (of_b, is_past_b), (of_c, is_past_c)] = sides;
+    if is_past_a != is_past_b || is_past_b != is_past_c {
         return None;
     }
-    let sum = of_a.height + of_b.height + of_c.height;
-    let weights = [of_a, of_b, of_c].map(|side| side.height / sum);
+    let sum = of_a + of_b + of_c;
+    let weights = [of_a, of_b, of_c].map(|height| height / sum);
     let t = (a * weights[0] + b * weights[1] + c * weights[2]).dot(ray.direction);
     // A triangle without area has a sum of 0, and no distance.
     (t > 0.0 && t.is_finite()).then_some((t, weights))
 }
 
-/// The side of an edge on which a ray from the origin passes, and its distance, times the triangle's size.
-#[derive(Clone, Copy)]
-struct Side {
-    height: f64,
-    is_positive: bool,
-}
-
-/// Computed in the same order for both directions of an edge, so both of its triangles get the same number but for the sign.
-fn side(from: DVec3, to: DVec3, direction: DVec3) -> Side {
+/// The distance of a ray from the origin to an edge, times the triangle's size, and whether it passes on the positive side. Computed
+/// in the same order for both directions of an edge, so both of its triangles get the same number but for the sign.
+fn side(from: DVec3, to: DVec3, direction: DVec3) -> (f64, bool) {
     let is_turned = from.to_array() > to.to_array();
     let (low, high) = if is_turned { (to, from) } else { (from, to) };
     let height = direction.dot(low.cross(high));
-    Side { height: if is_turned { -height } else { height }, is_positive: (height >= 0.0) != is_turned }
+    (if is_turned { -height } else { height }, (height >= 0.0) != is_turned)
 }
 
 /// The total size of meshes, for which a renderer makes room.

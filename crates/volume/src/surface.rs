@@ -111,11 +111,8 @@ pub fn rank(surfaces: &[Surface], value: f64) -> usize {
 
 /// The lighting of surfaces in a scene: the fog's, or the Blinn-Phong model if fog is unlit.
 pub fn lighting(lighting: &Lighting) -> Lighting {
-    let model = match lighting.model {
-        LightingModel::None => LightingModel::BlinnPhong,
-        model => model,
-    };
-    Lighting { model, ..lighting.clone() }
+    let is_unlit = lighting.model == LightingModel::None;
+    Lighting { model: if is_unlit { LightingModel::BlinnPhong } else { lighting.model }, ..lighting.clone() }
 }
 
 /// Number of equal parts per round of the search for a crossing, in each of [`ROUNDS`] rounds.
