@@ -161,19 +161,17 @@ impl Camera {
         let right = right.try_normalize().filter(|_| right.length() > 1e-6).ok_or(CameraError::Up(self.up))?;
         let up = right.cross(forward);
         let half_height = match self.projection {
-            Perspective { fov_y_deg: deg } if (LEAST_FOV_DEG..180.0).contains(&deg) => (deg * 0.5).to_radians().tan(),
-            Orthographic { height } if height > 0.0 && height.is_finite() => height * 0.5,
+            Perspective { fov_y_deg } if (LEAST_FOV_DEG..180.0).contains(&fov_y_deg) => {
+                Ok((fov_y_deg * 0.5).to_radians().tan())
+            }
+            Orthographic { height } if height > 0.0 && height.is_finite() => Ok(height * 0.5),
             Perspective { fov_y_deg } => {
                 let fov = exact(fov_y_deg, false);
-                let problem =
-                    format!("a field of view of {fov}: expected degrees, from {LEAST_FOV_DEG} to less than 180");
-                return Err(CameraError::Projection(problem));
+                Err(format!("a field of view of {fov}: expected degrees, from {LEAST_FOV_DEG} to less than 180"))
             }
-            Orthographic { height } => {
-                let problem = format!("an orthographic height of {height}: expected a positive one");
-                return Err(CameraError::Projection(problem));
-            }
+            Orthographic { height } => Err(format!("an orthographic height of {height}: expected a positive one")),
         };
+        let half_height = half_height.map_err(CameraError::Projection)?;
         let half_width = half_height * width as f64 / height as f64;
         let orthographic = matches!(self.projection, Orthographic { .. });
         Ok(ViewRays {

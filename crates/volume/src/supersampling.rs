@@ -12,7 +12,7 @@ use std::str::FromStr;
 
 /// Number of samples of a pixel: 1, 2, 4, 8 or 16.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "u32")]
+#[serde(try_from = "u32", into = "u32")]
 pub struct PixelSamples(u8);
 
 /// The number of samples is not 1, 2, 4, 8 or 16.
@@ -105,6 +105,12 @@ impl TryFrom<u32> for PixelSamples {
             1 | 2 | 4 | 8 | 16 => Ok(Self(count as u8)),
             _ => Err(PixelSamplesError),
         }
+    }
+}
+
+impl From<PixelSamples> for u32 {
+    fn from(samples: PixelSamples) -> Self {
+        samples.0.into()
     }
 }
 
